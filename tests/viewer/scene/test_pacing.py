@@ -1,54 +1,120 @@
-"""Which frames draw the surfaces anew while a match runs."""
+"""Which frames draw the surfaces anew while a match runs, and which are antialiased."""
 
 from types import SimpleNamespace
 
 import pytest
 
-from abfm_viewer.scene.pacing import Pacing
+from abfm_viewer.scene import pacing
+from abfm_viewer.scene.pacing import STILL, Pacing, Resting
+
+FAST, SLOW, STUCK = 0.005, 0.1, 1.0
 
 
 @pytest.fixture
-def session():
+def paced():
     solver = SimpleNamespace(running=True, started=1)
-    return SimpleNamespace(solver=solver, dragging=False, view=SimpleNamespace(animate=False))
+    session = SimpleNamespace(solver=solver, dragging=False, view=SimpleNamespace(animate=False))
+    paced = Pacing(session)
+    paced.redraw_seconds = 0.1
+    return paced
 
 
-def drawn(pacing: Pacing, frames: int) -> list[int]:
+def drawn(paced, frames):
     """The frames in which a run of ever new pictures draws the advected surface."""
     found = []
     for frame in range(frames):
-        if not pacing.waits("advected", is_first=True):
-            pacing.count(is_new=True, is_texture=False)
+        if not paced.waits("advected", is_first=True):
+            paced.count(is_new=True, is_texture=False)
             found.append(frame)
     return found
 
 
-def test_a_machine_that_draws_slowly_shows_the_start_at_once_and_then_a_picture_now_and_then(
-    session,
-):
-    pacing = Pacing(session)
-    pacing.redraw_seconds = 0.1
-    frames = drawn(pacing, 100)
+def test_a_machine_that_draws_slowly_shows_the_start_at_once_and_then_a_picture_now_and_then(paced):
+    frames = drawn(paced, 100)
     assert frames[:3] == [0, 1, 2]
     assert 5 <= len(frames) <= 8
 
 
-def test_the_field_of_a_run_waits_until_its_first_pictures_are_drawn(session):
-    pacing = Pacing(session)
-    pacing.redraw_seconds = 0.1
-    assert pacing.begins
-    drawn(pacing, 3)
-    assert pacing.begins
-    drawn(pacing, 40)
-    assert not pacing.begins
-    session.solver.started += 1
-    assert pacing.begins
-    session.solver.running = False
-    assert not pacing.begins
+def test_the_field_of_a_run_waits_until_its_first_pictures_are_drawn(paced):
+    solver = paced._session.solver
+    assert paced.begins
+    drawn(paced, 3)
+    assert paced.begins
+    drawn(paced, 40)
+    assert not paced.begins
+    solver.started += 1
+    assert paced.begins
+    solver.running = False
+    assert not paced.begins
 
 
-def test_where_surfaces_are_drawn_within_a_frame_nothing_waits(session):
-    pacing = Pacing(session)
-    pacing.redraw_seconds = 0.01
-    assert not pacing.begins
-    assert drawn(pacing, 10) == list(range(10))
+def test_where_surfaces_are_drawn_within_a_frame_nothing_waits(paced):
+    paced.redraw_seconds = 0.01
+    assert not paced.begins
+    assert drawn(paced, 10) == list(range(10))
+
+
+@pytest.fixture
+def window(monkeypatch):
+    """A window whose clock we turn; `samples` are those that polyscope was told, in their order."""
+    session = SimpleNamespace(
+        solver=SimpleNamespace(running=False), player=SimpleNamespace(playing=False)
+    )
+    found = SimpleNamespace(session=session, samples=[], time=0.0, size=(1280, 800))
+    fake = SimpleNamespace(set_SSAA_factor=found.samples.append, get_window_size=lambda: found.size)
+    monkeypatch.setattr(pacing, "ps", fake)
+    found.resting = Resting(session, True, now=lambda: found.time)
+
+    def frame(after, moves=False, seconds=FAST):
+        found.time += after
+        found.resting.update(moves, seconds)
+        return found.samples
+
+    found.frame = frame
+    return found
+
+
+def test_one_frame_is_drawn_anew_when_nothing_moved_for_a_while(window):
+    assert window.frame(0.9 * STILL) == []
+    assert window.frame(0.2 * STILL) == [3]
+    for _ in range(5):
+        window.frame(STILL)
+    assert window.samples == [3]
+
+
+def test_a_motion_ends_it_at_once_and_the_wait_begins_again(window):
+    window.frame(2 * STILL)
+    assert window.frame(0, moves=True) == [3, 1]
+    assert window.frame(0.9 * STILL) == [3, 1]
+    assert window.frame(0.2 * STILL) == [3, 1, 3]
+
+
+@pytest.mark.parametrize(("what", "state"), [("solver", "running"), ("player", "playing")])
+def test_it_never_happens_during_a_run_nor_while_time_moves(window, what, state):
+    setattr(getattr(window.session, what), state, True)
+    for _ in range(5):
+        window.frame(STILL)
+    assert window.samples == []
+
+
+@pytest.mark.parametrize(
+    ("seconds", "size", "expected"),
+    [
+        (FAST, (1280, 800), [3]),
+        (SLOW, (1280, 800), [2]),
+        (STUCK, (1280, 800), []),
+        (FAST, (3840, 2160), [2]),
+    ],
+)
+def test_fewer_samples_where_drawing_takes_long_and_in_large_windows(
+    window, seconds, size, expected
+):
+    window.size = size
+    assert window.frame(2 * STILL, seconds=seconds) == expected
+
+
+def test_off_the_screen_nothing_rests(window):
+    hidden = Resting(window.session, False, now=lambda: window.time)
+    window.time = 10 * STILL
+    hidden.update(False, FAST)
+    assert window.samples == []

@@ -1,11 +1,10 @@
-"""Ribbons lie on the surface, say which way a line goes, and follow a function's values."""
-
-from __future__ import annotations
+"""Arrows, lines and isolines lie on the surface, say which way they go, and how fast."""
 
 import numpy as np
 import pytest
 
 from abfm import TriangleMesh
+from abfm.calculus import face_areas
 from abfm.flow import flow_lines
 from abfm.maps import SurfacePoints
 from abfm_viewer.scene import ribbons
@@ -18,12 +17,10 @@ HALF = 0.004
 
 def around(duration=1.0):
     """A flow line of a rotation about the z axis."""
-    velocity = np.cross([0, 0, 1.0], SPHERE.vertices[SPHERE.faces].mean(axis=1))
-    face = int(
-        np.argmin(np.abs(SPHERE.vertices[SPHERE.faces].mean(axis=1) - [1, 0, 0]).sum(axis=1))
-    )
-    start = SurfacePoints(SPHERE, np.array([face]), np.full((1, 3), 1 / 3))
-    return flow_lines(SPHERE, velocity, start, duration)[0]
+    centers = SPHERE.vertices[SPHERE.faces].mean(axis=1)
+    face = np.argmin(np.abs(centers - [1, 0, 0]).sum(axis=1), keepdims=True)
+    start = SurfacePoints(SPHERE, face, np.full((1, 3), 1 / 3))
+    return flow_lines(SPHERE, np.cross([0, 0, 1.0], centers), start, duration)[0]
 
 
 def angles(places):
@@ -69,9 +66,8 @@ def test_a_line_has_heads_along_it():
     course = ribbons.course_of(SPHERE, around(3.0))
     vertices, faces = ribbons.line_ribbons([course], HALF)
     assert faces.max() == len(vertices) - 1
-    off = np.abs(
-        vertices[:, 2] - np.interp(angles(vertices), angles(course.places), course.places[:, 2])
-    )
+    height = np.interp(angles(vertices), angles(course.places), course.places[:, 2])
+    off = np.abs(vertices[:, 2] - height)
     wide = np.sort(angles(vertices[off > 1.5 * HALF]))
     heads = 1 + (np.diff(wide) > 0.1).sum()
     assert heads == pytest.approx(course.lengths[-1] / 0.16, abs=1)
@@ -101,11 +97,69 @@ def test_lines_lie_outside_a_surface_that_is_inside_out():
     inside_out = TriangleMesh(SPHERE.vertices, SPHERE.faces[:, ::-1])
     course = ribbons.course_through(inside_out, SPHERE.vertices[[0, 20, 40]])
     assert (course.normals * course.places).sum(axis=1).min() > 0
-    levels = [0.0, 0.5]
-    found, expected = (
-        ribbons.isoline_ribbons(mesh, mesh.vertices[:, 2], levels, HALF)[0]
-        for mesh in (inside_out, SPHERE)
-    )
-    assert np.linalg.norm(found, axis=1).min() == pytest.approx(
-        np.linalg.norm(expected, axis=1).min()
-    )
+    lowest = [
+        np.linalg.norm(ribbons.isoline_ribbons(mesh, z, [0.0, 0.5], HALF)[0], axis=1).min()
+        for mesh, z in ((inside_out, inside_out.vertices[:, 2]), (SPHERE, SPHERE.vertices[:, 2]))
+    ]
+    assert lowest[0] == pytest.approx(lowest[1])
+
+
+COARSE = icosphere(3)
+ROTATION = np.cross([0, 0, 1.0], COARSE.vertices[COARSE.faces].mean(axis=1))
+
+
+def lengths(velocity):
+    """Of the arrows of a field, where the fast ones are to be 0.1 long."""
+    courses = ribbons.arrow_courses(COARSE, velocity, 0.1, 0.5)
+    return np.array([course.lengths[-1] for course in courses])
+
+
+def test_faces_are_spread_and_the_largest_of_their_places():
+    faces = [ribbons.evenly_spread(COARSE, density) for density in (0.0, 0.5, 1.0)]
+    assert len(faces[0]) < len(faces[1]) < len(faces[2])
+    for chosen in faces:
+        assert len(np.unique(chosen)) == len(chosen)
+        assert face_areas(COARSE)[chosen].mean() >= face_areas(COARSE).mean()
+
+
+def test_arrows_go_with_the_field_and_stay_on_the_surface():
+    for course in ribbons.arrow_courses(COARSE, ROTATION, 0.1, 0.5):
+        places = COARSE.length_scale * course.places
+        assert np.linalg.norm(places, axis=1).max() <= 1 + 1e-9
+        assert np.linalg.norm(places, axis=1).min() > 0.98
+        turned = np.unwrap(np.arctan2(places[:, 1], places[:, 0]))
+        assert (np.diff(turned) >= -1e-9).all()
+        np.testing.assert_allclose(places[:, 2], places[0, 2], atol=0.03)
+
+
+def test_the_fast_ones_have_the_full_length_and_one_outlier_leaves_them_that():
+    velocity = ROTATION.copy()
+    assert lengths(velocity).max() == pytest.approx(0.1, rel=0.05)
+    velocity[ribbons.evenly_spread(COARSE, 0.5)[3]] *= 1e6
+    assert np.sort(lengths(velocity))[-2] == pytest.approx(0.1, rel=0.1)
+    assert lengths(velocity).max() < 0.13
+    np.testing.assert_allclose(lengths(1e-100 * velocity), lengths(velocity), rtol=1e-6)
+
+
+def test_a_field_that_moves_nothing_but_one_face_has_one_arrow_in_it():
+    velocity = np.zeros((len(COARSE.faces), 3))
+    hidden = np.setdiff1d(np.arange(len(COARSE.faces)), ribbons.evenly_spread(COARSE, 0.5))[0]
+    a, b, _ = COARSE.vertices[COARSE.faces[hidden]]
+    velocity[hidden] = 1e-100 * (b - a)
+    assert len(lengths(velocity)) == 1
+    assert 0 < lengths(velocity)[0] <= 0.1
+    assert len(lengths(0 * velocity)) == 0
+
+
+def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge():
+    courses = ribbons.arrow_courses(COARSE, ROTATION, 0.1, 0.5)
+    levels = np.linspace(-0.5, 0.5, 5)
+    for vertices, faces in (
+        ribbons.arrow_ribbons(courses, 0.005),
+        ribbons.line_ribbons(courses, 0.005),
+        ribbons.isoline_ribbons(COARSE, COARSE.vertices[:, 2], levels, 0.005),
+    ):
+        a, b, c = np.moveaxis(vertices[faces], 1, 0)
+        outwards = (np.cross(b - a, c - a) * (a + b + c)).sum(axis=1)
+        assert (outwards > 0).sum() > 0.8 * len(faces)  # tips and corners have no area
+        assert (outwards >= -1e-15).all()

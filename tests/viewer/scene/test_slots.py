@@ -1,25 +1,36 @@
-"""Slots fill their part of the window, apart and all alike, whatever the layout."""
+"""Slots fill their part of the window, whatever the layout, and the mouse turns what is in them."""
 
-from __future__ import annotations
-
+from dataclasses import replace
 from itertools import combinations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from abfm_viewer.scene.slots import fitting, slots
+from abfm import load_mesh
+from abfm.assets import asset_path
+from abfm_viewer.document.document import LAYOUTS, Front, Look, triple
+from abfm_viewer.scene import opengl
+from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.scene import Scene
+from abfm_viewer.scene.slots import Fit, fitting, slots
+from abfm_viewer.session.session import Session
+from abfm_viewer.shown.shown import Shown
+from abfm_viewer.window.areas import areas
+from tests.shapes import ellipsoid
 
-NAMES = tuple("abcdef")
+POINTS = ellipsoid(3, 1.0, 0.7, 0.4).vertices + np.array([0.3, -0.2, 0.1])
+FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+NAMES = ("source", "advected", "target")
+PLACES = slots(NAMES, (0, 0, 900, 500), (2.0, 1.4), "row", 20.0)
+WINDOW = (1280, 800)
+in_slot = st.tuples(st.floats(310, 590), st.floats(30, 490))
 
 
 def made(count, rect, shape=(1.0, 1.0), layout="automatic", name_height=20.0):
-    return slots(NAMES[:count], rect, shape, layout, name_height)
-
-
-def whole(slot):
-    """A slot with its name."""
-    return (slot.name[0], slot.name[1], slot.rect[2], slot.rect[3])
+    return slots("abcdef"[:count], rect, shape, layout, name_height)
 
 
 @given(
@@ -32,15 +43,15 @@ def whole(slot):
 def test_slots_are_inside_and_apart_and_of_one_size(count, width, height, shape, layout):
     rect = (10.0, 30.0, 10 + width, 30 + height)
     found = list(made(count, rect, shape, layout).values())
-    for slot in found:
-        left, top, right, bottom = whole(slot)
+    whole = [(*slot.name[:2], *slot.rect[2:]) for slot in found]  # with their names
+    for slot, (left, top, right, bottom) in zip(found, whole, strict=True):
         assert left >= rect[0] - 1e-6
         assert top >= rect[1] - 1e-6
         assert right <= rect[2] + 1e-6
         assert bottom <= rect[3] + 1e-6
         assert slot.half == pytest.approx(found[0].half)
         assert min(slot.half) > 0
-    for one, other in combinations(map(whole, found), 2):
+    for one, other in combinations(whole, 2):
         across = min(one[2], other[2]) - max(one[0], other[0])
         down = min(one[3], other[3]) - max(one[1], other[1])
         assert min(across, down) <= 1e-6
@@ -58,33 +69,35 @@ def test_in_a_low_slot_the_name_stands_beside_the_surface():
         assert slot.name[3] == slot.rect[1]
 
 
-def columns(found):
-    return len({slot.rect[0] for slot in found.values()})
-
-
-def test_six_surfaces_fill_the_window_in_rows_that_its_shape_asks_for():
-    assert columns(made(6, (0, 0, 900, 600))) == 3
-    assert columns(made(6, (0, 0, 600, 900))) == 2
-    assert columns(made(6, (0, 0, 3000, 300))) == 6
-    assert columns(made(6, (0, 0, 300, 3000))) == 1
-    six = made(6, (0, 0, 900, 600))
-    assert (
-        sum((slot.rect[2] - slot.rect[0]) * (slot.rect[3] - slot.name[1]) for slot in six.values())
-        == 900 * 600
-    )
+@pytest.mark.parametrize(
+    ("size", "layout", "columns"),
+    [
+        ((900, 600), "automatic", 3),
+        ((600, 900), "automatic", 2),
+        ((3000, 300), "automatic", 6),
+        ((300, 3000), "automatic", 1),
+        ((900, 600), "row", 6),
+        ((900, 600), "column", 1),
+    ],
+)
+def test_six_surfaces_fill_the_window_in_rows_that_its_shape_or_the_layout_asks_for(
+    size, layout, columns
+):
+    found = made(6, (0, 0, *size), layout=layout).values()
+    assert len({slot.rect[0] for slot in found}) == columns
+    filled = [(slot.rect[2] - slot.name[0]) * (slot.rect[3] - slot.name[1]) for slot in found]
+    assert sum(filled) == pytest.approx(size[0] * size[1])
 
 
 @pytest.mark.parametrize("shape", [(1.0, 1.0), (0.45, 1.0), (3.0, 1.0)])
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 6])
 @pytest.mark.parametrize("size", [(620, 480), (900, 600), (1780, 1260), (500, 900)])
 def test_an_automatic_layout_makes_surfaces_nearly_as_large_as_can_be(shape, count, size):
-    def scale(**options):
-        return fitting(
-            next(iter(made(count, (0, 0, *size), shape, **options).values())).half, shape
-        )
-
-    others = max(scale(layout="row"), scale(layout="column"))
-    assert scale(layout="automatic") > 0.8 * others
+    automatic, row, column = (
+        fitting(made(count, (0, 0, *size), shape, layout)["a"].half, shape)
+        for layout in ("automatic", "row", "column")
+    )
+    assert automatic > 0.8 * max(row, column)
 
 
 def test_a_last_row_with_fewer_surfaces_stands_in_the_middle():
@@ -92,7 +105,242 @@ def test_a_last_row_with_fewer_surfaces_stands_in_the_middle():
     assert [slot.rect[0] for slot in found.values()] == pytest.approx([0, 300, 600, 150, 450])
 
 
-def test_a_row_and_a_column_are_what_they_are_called():
-    rect = (0, 0, 900, 600)
-    assert columns(made(6, rect, layout="row")) == 6
-    assert columns(made(6, rect, layout="column")) == 1
+def front(rotation):
+    return Front(triple(rotation[2]), triple(rotation[1]))
+
+
+def view(zoom=1.0, target=None, rotation=None, places=PLACES):
+    seen_from = FRONT if rotation is None else front(rotation)
+    return Fit(POINTS, FRONT).view(places, seen_from, zoom, target)
+
+
+def rotations(count):
+    return Rotation.random(count, np.random.default_rng(count)).as_matrix()
+
+
+def again(seen):
+    """The view that the mouse asks for, as it is drawn next."""
+    return view(seen.zoom, seen.target, seen.rotation)
+
+
+def point_at(seen, name, place):
+    """The point of a surface that a place shows, as deep as its middle."""
+    middle = seen.slots[name].middle
+    x, y = (place[0] - middle[0]) / seen.scale, (middle[1] - place[1]) / seen.scale
+    return seen.target + np.array([x, y, 0.0]) @ seen.rotation
+
+
+def test_every_surface_fits_its_slot_from_every_side_and_fills_it_from_the_front():
+    for rotation in rotations(100):
+        seen = view(rotation=rotation)
+        for name, slot in PLACES.items():
+            x, y, _ = seen.projected(name, POINTS).T
+            left, top, right, bottom = slot.rect
+            assert left < x.min() <= x.max() < right
+            assert top < y.min() <= y.max() < bottom
+    x, y, _ = view().projected("source", POINTS).T
+    half = PLACES["source"].half
+    assert max(np.ptp(x) / (2 * half[0]), np.ptp(y) / (2 * half[1])) == pytest.approx(1)
+
+
+TURNED = Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix()
+
+
+def test_all_surfaces_look_alike():
+    seen = view(2.0, np.array([0.5, 0, 0]), TURNED)
+    places = [seen.projected(name, POINTS) - [*PLACES[name].middle, 0] for name in NAMES]
+    np.testing.assert_allclose(places[0], places[1], atol=1e-9)
+    np.testing.assert_allclose(places[0], places[2], atol=1e-9)
+
+
+def test_the_matrix_puts_points_where_they_are_projected():
+    seen = view(1.7, np.array([0.5, 0.1, 0]), TURNED)
+    matrix = seen.matrix("advected", WINDOW)
+    there = POINTS @ matrix[:3, :3].T + matrix[:3, 3]
+    x, y, depth = seen.projected("advected", POINTS).T
+    np.testing.assert_allclose(seen.scale * there[:, 0] + WINDOW[0] / 2, x)
+    np.testing.assert_allclose(WINDOW[1] / 2 - seen.scale * there[:, 1], y)
+    np.testing.assert_allclose(there[:, 2], -depth)
+
+
+@given(place=in_slot, factor=st.floats(1.0, 8.0))
+def test_what_is_under_the_mouse_stays_there_when_it_comes_nearer(place, factor):
+    seen = view(1.3, np.array([0.1, 0, 0.05]))
+    nearer, point = again(seen.zoomed("advected", place, factor)), point_at(seen, "advected", place)
+    np.testing.assert_allclose(nearer.projected("advected", point)[0, :2], place)
+
+
+@given(place=in_slot, factor=st.floats(1.1, 8.0))
+def test_going_back_is_the_same_way(place, factor):
+    seen = view()
+    nearer = again(seen.zoomed("advected", place, factor))
+    half_way = again(nearer.zoomed("advected", (0, 0), 0.97))
+    point = point_at(nearer, "advected", place)
+    np.testing.assert_allclose(half_way.projected("advected", point)[0, :2], place, atol=1e-6)
+    back = nearer.zoomed("source", (0, 0), 1 / factor)
+    assert back.zoom == pytest.approx(1)
+    np.testing.assert_allclose(back.target, seen.home, atol=1e-9)
+
+
+@given(delta=st.tuples(st.floats(-60, 60), st.floats(-60, 60)))
+def test_surfaces_move_with_the_mouse(delta):
+    seen = view(2.0)
+    moved = again(seen.moved(delta)).projected("target", POINTS) - seen.projected("target", POINTS)
+    np.testing.assert_allclose(moved, np.broadcast_to([*delta, 0], moved.shape), atol=1e-9)
+
+
+def test_surfaces_cannot_be_lost():
+    seen = view()
+    for _ in range(50):
+        seen = again(seen.moved((500.0, -300.0)))
+    assert np.linalg.norm(seen.target - seen.home) <= seen.radius * (1 + 1e-9)
+
+
+@given(start=in_slot, end=in_slot)
+def test_the_ball_turns_with_the_mouse(start, end):
+    seen = view()
+    rotation = seen.turned("advected", start, end).rotation
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(rotation) == pytest.approx(1)
+    first, last = (seen._on_ball("advected", place) for place in (start, end))
+    np.testing.assert_allclose(rotation @ seen.rotation.T @ first, last, atol=1e-9)
+
+
+def test_a_mouse_that_stays_turns_nothing():
+    seen = view()
+    assert seen.turned("source", (100, 100), (100, 100)) is seen
+
+
+@given(
+    deltas=st.lists(st.tuples(st.floats(-400, 400), st.floats(-400, 400)), max_size=5),
+    zoom=st.floats(0.5, 8.0),
+)
+def test_a_turntable_stays_upright(deltas, zoom):
+    seen = view(zoom)
+    for delta in deltas:
+        seen = again(seen.orbited(delta))
+        across, up, _ = seen.rotation @ seen.upright
+        assert abs(across) < 1e-9
+        assert up > -1e-9
+        np.testing.assert_allclose(seen.rotation @ seen.rotation.T, np.eye(3), atol=1e-12)
+
+
+@pytest.mark.parametrize("delta", [(9.0, 0.0), (0.0, 9.0), (-9.0, 0.0), (0.0, -9.0)])
+def test_what_faces_the_viewer_goes_where_the_turntable_is_dragged(delta):
+    seen = view()
+    point = seen.target + 0.1 * seen.rotation[2]
+    after = again(seen.orbited(delta)).projected("source", point)
+    moved = (after - seen.projected("source", point))[0, :2]
+    assert moved @ delta > 0.99 * np.linalg.norm(moved) * 9
+
+
+def test_the_surface_under_the_mouse_is_the_nearest_slot():
+    seen = view()
+    assert seen.slot_at((450, 5)) == "advected"
+    assert seen.slot_at((-20, 900)) == "source"
+    assert seen.slot_at((890, 250)) == "target"
+
+
+@pytest.mark.parametrize("zoom", [0.3, 1.0, 5.0])
+def test_names_are_close_above_their_surfaces_and_in_their_slots(zoom):
+    for rotation in rotations(20):
+        seen = view(zoom=zoom, rotation=rotation)
+        for name, slot in PLACES.items():
+            left, top, right, bottom = seen.label(name)
+            highest = float(seen.projected(name, POINTS)[:, 1].min())
+            assert (left, right, bottom - top) == (*slot.name[::2], slot.name[3] - slot.name[1])
+            assert bottom == pytest.approx(max(highest, slot.rect[1]))
+
+
+@pytest.mark.parametrize("away", [-5e3, 5e3])
+def test_a_name_stays_in_its_slot_when_its_surface_leaves_it(away):
+    gone = view(zoom=0.5, target=view(zoom=0.5).target + np.array([0.0, away, 0.0]))
+    for name, slot in PLACES.items():
+        _, top, _, bottom = gone.label(name)
+        assert slot.name[1] <= top < bottom <= slot.rect[3]
+
+
+def test_a_name_beside_its_surface_stays_there_when_that_fills_the_slot():
+    low = slots(NAMES, (0, 0, 900, 150), (2.0, 1.4), "column", 20.0)
+    seen = view(9.0, places=low)
+    assert seen.is_beside
+    assert all(seen.label(name) == slot.name for name, slot in low.items())
+
+
+def test_a_name_beside_its_surface_ends_where_that_begins_from_its_widest_side():
+    low = slots(NAMES, (0, 0, 2000, 150), (2.0, 1.4), "column", 20.0)
+    for rotation in rotations(20):
+        turned = view(rotation=rotation, places=low)
+        for name, slot in low.items():
+            begins = slot.middle[0] - turned.scale * turned.radius
+            left, top, right, bottom = turned.label(name)
+            assert (left, top, bottom) == (slot.name[0], slot.name[1], slot.name[3])
+            assert right == pytest.approx(begins)
+            assert turned.projected(name, POINTS)[:, 0].min() >= begins - 1e-9
+
+
+def test_lines_are_between_slots_and_only_where_surfaces_reach_them():
+    assert view().borders() == view(zoom=0.5).borders() == []
+    upright = [((x, 0.0), (x, 500.0)) for x in (300.0, 600.0)]
+    assert view(zoom=2.0).borders() == upright
+    five = slots("abcde", (0, 0, 900, 600), (1.0, 1.0), "automatic", 20.0)
+    lines = view(2.0, places=five).borders()
+    across = [(start, end) for start, end in lines if start[1] == end[1]]
+    assert across == [((0.0, 300.0), (900.0, 300.0))]
+    down = sorted(start[0] for start, end in lines if start[0] == end[0])
+    assert down == [150, 300, 450, 600, 750]
+    assert view(2.0, places={"a": five["a"]}).borders() == []
+
+
+def test_a_fit_is_the_same_whatever_was_looked_at_before():
+    fit, sides = Fit(POINTS, FRONT), [front(rotation) for rotation in rotations(3)]
+    for side in (sides[0], sides[1], sides[1], FRONT, sides[2], sides[0]):
+        fits = fit, Fit(POINTS, FRONT)
+        seen, alone = (one.view(PLACES, side, 1.0, None) for one in fits)
+        assert (seen.scale, seen.above) == (alone.scale, alone.above)
+        np.testing.assert_array_equal(seen.rotation, side.axes)
+
+
+MENU, NAME, BARS = 20.0, 24.0, 56.0  # heights at a scale of 1, about those of the window
+SMALLER = 8  # so many times, as drawing takes as long as there are pixels
+
+
+@pytest.fixture
+def scene():
+    """Plain bodies in slots, without a window."""
+    opengl.start(opengl.OFFSCREEN, 64, 64)
+    session = Session(load_mesh(asset_path("human_A.off")), "body", at_once=True)
+    session.editor.amend(surfaces=session.document.facing(FRONT).surfaces)
+    shown = Shown(session)
+    yield Scene(shown)
+    opengl.clear()
+    shown.close()
+    session.close()
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+@pytest.mark.parametrize("size", [(1000, 700), (1280, 800), (2560, 1440)])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_surfaces_lie_in_their_slots_from_every_side_and_however_near(scene, layout, size, scale):
+    """By pixels, in the free part of the window."""
+    session, six = scene._session, layout == "automatic"
+    view = replace(session.view, layout=layout, blend=six, transport=six, error=six, look=None)
+    session.editor.amend(view=view)
+    rect = tuple(end / SMALLER for end in areas(size, MENU * scale, scale).scene)
+    scene.name_height, scene.room_below = NAME * scale / SMALLER, BARS * scale / SMALLER
+    ps.set_window_size(*(length // SMALLER for length in size))
+    for rotation in rotations(25):
+        session.editor.amend(view=replace(view, look=Look(front(rotation))))
+        scene.update(rect)
+        pixels = ps.screenshot_to_buffer(transparent_bg=False)[..., :3].astype(int)
+        drawn = np.abs(pixels - pixels[0, 0]).max(axis=-1) > 3
+        for slot in scene.view.slots.values():
+            left, top, right, bottom = np.round(slot.rect).astype(int)
+            inside = drawn[top:bottom, left:right]
+            assert inside.any()
+            inside[:] = False
+        assert not drawn.any()
+    end = rect[3] - scene.room_below + 1e-6
+    for slot in scene.view.slots.values():
+        assert rect[0] <= slot.rect[0] < slot.rect[2] <= rect[2]
+        assert rect[1] <= slot.name[1] <= slot.rect[1] < slot.rect[3] <= end

@@ -1,0 +1,235 @@
+"""How meshes are drawn: alike in any units and places, with sharp creases, by fitting cameras."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+import abfm
+from abfm import TriangleMesh, load_mesh
+from abfm.assets import asset_path
+from abfm_viewer.automation.driver import Driver
+from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.document.document import Channel, Document, Front, Surface
+from abfm_viewer.files.project import save_project
+from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
+from abfm_viewer.pictures.sheets import match_picture
+from abfm_viewer.scene.camera import fitted
+from abfm_viewer.scene.surfaces import Viewport, back_faces, drawn_mesh, edge_width
+from tests.shapes import disc, ellipsoid, icosphere, open_cylinder, torus
+
+EGG = ellipsoid(3, 1.0, 0.7, 0.55)
+CHANNEL = Channel("gaussian:vertex=5,width=0.15", "gaussian:vertex=60,width=0.15")
+PLACES = [(1e-40, 0.0), (1e-8, 0.0), (1e40, 0.0), (1.0, 1e6), (1e-3, -1e4)]
+
+
+def moved(scale, offset):
+    return TriangleMesh(scale * EGG.vertices + offset * np.array([1.0, -2.0, 0.5]), EGG.faces)
+
+
+def document(mesh):
+    f, g = (abfm.function(mesh, CHANNEL.spec(side)) for side in ("source", "target"))
+    result = abfm.match(mesh, f, g, abfm.Parameters(iterations=8))
+    return Document(
+        (Surface(mesh, "egg"),), (CHANNEL,), parameters=result.parameters, result=result, time=1.0
+    )
+
+
+def pictures(document):
+    options = PictureOptions(color_bar=False)
+    with DocumentRenderer(document, {}, (480, 300), options) as renderer:
+        drawn = renderer.picture(1.0, 30.0), match_picture(document.result, size=(700, 200))
+        return [np.asarray(picture).astype(int) for picture in drawn]
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return pictures(document(EGG))
+
+
+def test_units_and_back():
+    viewport = Viewport(moved(1e-3, 5.0))
+    points = np.random.default_rng(0).normal(size=(4, 3))
+    np.testing.assert_allclose(viewport.undrawn(viewport.drawn(points)), points, atol=1e-12)
+    drawn = viewport.drawn(moved(1e-3, 5.0).vertices)
+    np.testing.assert_allclose(drawn.min(axis=0), -drawn.max(axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize(("scale", "offset"), PLACES)
+def test_pictures_are_the_same(plain, scale, offset):
+    for there, here in zip(pictures(document(moved(scale, offset))), plain, strict=True):
+        assert abs(there - here).mean() < 0.5
+
+
+@pytest.mark.parametrize(("scale", "offset"), PLACES[2:4])
+def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
+    """Arrows and a flow line are drawn, a vertex is picked where it is seen, and a moved camera
+    is kept.
+    """
+    save_project(tmp_path / "egg.abfm", document(moved(scale, offset)), {})
+    with Driver(str(tmp_path / "egg.abfm"), size=(640, 480)) as gui:
+        gui.session.editor.set_view("look", arrows=True)
+        scene, surface = gui.window.scene, gui.session.surface()
+        vertices = surface.mesh.vertices
+        vertex = int(np.argmax(vertices @ surface.front.direction))
+        point = scene.nearest("advected", vertices[vertex]).point
+        gui.session.editor.add_point("lines", point)
+        shown = gui.window.shown
+        gui.wait(lambda _: not shown.busy and not shown.quantities.busy)
+        gui.frames(3)
+        assert {surface for surface, *_ in scene.overlays.structures()} == {"advected"}
+        x, y, _ = scene.projected("source", vertices[vertex])[0]
+        hit = scene.pick((x, y))
+        assert hit is not None
+        assert hit.surface == "source"
+        assert np.linalg.norm(vertices[hit.vertex] - vertices[vertex]) <= 0.4 * scale
+        assert gui.session.view.look is None
+        gui.input.drag((x, y), (x + 30, y + 10))
+        look = gui.session.view.look
+        assert look is not None
+        gui.frames(5)
+        assert gui.session.view.look is look
+
+
+@given(faces=st.integers(4, 10**7), scale=st.floats(1, 10_000), more=st.floats(1, 100))
+def test_a_wireframe_is_never_wider_from_farther_or_where_faces_are_smaller(faces, scale, more):
+    assert 0 < edge_width(faces, scale) <= edge_width(faces, more * scale) <= 1
+    assert edge_width(round(more * faces), scale) <= edge_width(faces, scale)
+
+
+def test_the_same_edges_in_pixels_have_the_same_width():
+    assert edge_width(4 * 500, 200.0) == pytest.approx(edge_width(500, 100.0))
+    assert edge_width(500, 5000.0) == 1
+
+
+def test_what_is_in_front_is_drawn_also_where_a_closed_surface_is_inside_out():
+    sphere = icosphere(2)
+    assert back_faces(sphere) == "cull"
+    assert back_faces(TriangleMesh(sphere.vertices, sphere.faces[:, ::-1])) == "identical"
+    assert back_faces(disc(3)) == "identical"
+
+
+@pytest.mark.parametrize("mesh", [icosphere(3), open_cylinder(40, 6)])
+def test_a_smooth_mesh_is_drawn_as_it_is(mesh):
+    drawn = drawn_mesh(mesh)
+    np.testing.assert_array_equal(drawn.origin, np.arange(len(mesh.vertices)))
+    np.testing.assert_array_equal(drawn.faces, mesh.faces)
+    assert drawn_mesh(mesh) is drawn
+
+
+def test_a_cube_has_six_sides():
+    shape = trimesh.creation.box().subdivide().subdivide()
+    mesh = TriangleMesh(shape.vertices, shape.faces)
+    drawn = drawn_mesh(mesh)
+    np.testing.assert_array_equal(drawn.origin[drawn.faces], mesh.faces)
+    # 3 at corners, 2 on edges, 1 inside sides
+    sides = (np.abs(np.abs(mesh.vertices) - 0.5) < 1e-9).sum(axis=1)
+    np.testing.assert_array_equal(np.bincount(drawn.origin), sides)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    normals = np.cross(b - a, c - a)
+    for vertex in range(len(drawn.origin)):
+        around = normals[(drawn.faces == vertex).any(axis=1)]
+        assert np.linalg.matrix_rank(around, tol=1e-6) == 1
+    np.testing.assert_array_equal(drawn.values(mesh.vertices), mesh.vertices[drawn.origin])
+    np.testing.assert_array_equal(drawn_mesh(icosphere(1)).values(np.arange(42)), np.arange(42))
+
+
+def test_the_bends_of_a_coarse_body_are_no_creases():
+    body = load_mesh(asset_path("human_A.off"))
+    assert len(drawn_mesh(body).origin) == len(body.vertices)
+    part = load_mesh(asset_path("fandisk.off"))
+    assert len(part.vertices) < len(drawn_mesh(part).origin) < 1.2 * len(part.vertices)
+
+
+def sheet(n, height):
+    """A square from -1 to 1 of n x n cells, at a height over x and y."""
+    x, y = np.meshgrid(np.linspace(-1, 1, n + 1), np.linspace(-1, 1, n + 1), indexing="ij")
+    a = np.add.outer(np.arange(n) * (n + 1), np.arange(n)).ravel()
+    b, c, d = a + n + 1, a + n + 2, a + 1
+    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return TriangleMesh(np.stack([x, y, height(x, y)], axis=-1).reshape(-1, 3), faces)
+
+
+def test_a_crease_that_ends_on_a_smooth_surface_splits_nothing_at_its_end():
+    # a valley that begins in the middle
+    mesh = sheet(20, lambda x, y: np.maximum(x, 0) ** 2 * np.abs(y) * 2)
+    twice = np.flatnonzero(np.bincount(drawn_mesh(mesh).origin) > 1)
+    assert len(twice) > 3
+    np.testing.assert_allclose(mesh.vertices[twice, 1], 0, atol=1e-12)
+    assert mesh.vertices[twice, 0].min() > 0
+
+
+@pytest.mark.parametrize("degrees", [15, 30, 60])
+def test_on_a_part_that_is_made_of_planes_half_sharp_edges_are_creases_too(degrees):
+    mesh = sheet(8, lambda x, y: np.tan(np.radians(degrees)) * np.maximum(x, 0))
+    split = np.flatnonzero(np.bincount(drawn_mesh(mesh).origin) > 1)
+    expected = np.flatnonzero(mesh.vertices[:, 0] == 0) if degrees > 20 else []
+    np.testing.assert_array_equal(split, expected)
+
+
+def bump(mesh, place):
+    """A function that is 1 at a place and falls fast away from it."""
+    return np.exp(-20 * ((mesh.vertices - place) ** 2).sum(axis=1))
+
+
+def test_a_view_shows_both_functions():
+    sphere = icosphere(3)
+    for places in ([[1, 0, 0], [0, 0, 1]], [[-1, 0, 0], [0, 0, -1]], [[0, 0, 1], [0, 0, 1]]):
+        front = best_front(sphere, *(bump(sphere, place) for place in places))
+        assert min(np.array(places) @ front.direction) > 0.5
+
+
+def test_a_surface_that_is_inside_out_is_seen_like_any_other():
+    sphere = icosphere(3)
+    inside_out = TriangleMesh(sphere.vertices, sphere.faces[:, ::-1])
+    functions = [bump(sphere, [1, 0, 0]), bump(sphere, [0, 0, 1])]
+    assert best_front(inside_out, *functions) == best_front(sphere, *functions)
+
+
+def test_a_view_without_functions_shows_the_broad_side():
+    assert abs(best_front(ellipsoid(3, 2, 1, 0.3)).direction[2]) > 0.95
+
+
+def test_a_closed_surface_without_functions_is_seen_from_its_face():
+    """As much of it is seen from behind; where right and left show alike, it is always the same."""
+    body = load_mesh(asset_path("human_A.off"))
+    front = best_front(body)
+    assert front.direction[2] > 0.9
+    for turned in np.diag([-1.0, 1.0, -1.0]), np.diag([-1.0, 1.0, 1.0]):
+        faces = body.faces if np.linalg.det(turned) > 0 else body.faces[:, ::-1]
+        assert best_front(TriangleMesh(1e3 * body.vertices @ turned, faces)).direction[2] > 0.9
+    shuffled = body.faces[np.random.default_rng(0).permutation(len(body.faces))]
+    assert best_front(TriangleMesh(1e3 * body.vertices, shuffled)) == front
+
+
+def test_what_lies_flat_is_seen_from_above():
+    standing = torus(24, 12, r=0.2)
+    lying = TriangleMesh(standing.vertices[:, [0, 2, 1]], standing.faces[:, [0, 2, 1]])
+    functions = [lying.vertices[:, 0], lying.vertices[:, 2]]
+    assert best_front(lying, *functions).direction[1] > 0.8
+    assert abs(best_front(standing, *functions).direction[1]) < 0.5
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z"])
+def test_up_stays_up(up):
+    mesh = ellipsoid(2, 1, 1.2, 0.8)
+    front = best_front(mesh, bump(mesh, [0, 0, 0.8]), up=up)
+    assert front.up["xyz".index(up)] > 0.85
+    assert np.dot(front.up, front.direction) == pytest.approx(0, abs=1e-12)
+    assert np.linalg.norm([front.up, front.direction], axis=1) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("aspect", [None, 0.4, 3.0])
+def test_the_camera_sees_everything_and_wastes_nothing(aspect):
+    vertices = ellipsoid(3, 2, 1, 0.3).vertices + np.array([5, -3, 1])
+    front = Front((0.6, 0.0, 0.8), (0.0, 1.0, 0.0))
+    camera = fitted(vertices, front, aspect, angle=18.0, margin=0.0)
+    backward = np.subtract(camera.position, camera.target)
+    np.testing.assert_allclose(backward / np.linalg.norm(backward), front.direction)
+    # on a picture whose half height is 1
+    x, y, z = camera.front.axes @ (vertices - camera.position).T
+    x, y = np.abs([x, y]) / -z / np.tan(np.radians(camera.angle / 2))
+    assert max(x.max() / camera.aspect, y.max()) == pytest.approx(1)
+    if aspect is None:
+        assert min(x.max() / camera.aspect, y.max()) > 0.8
