@@ -1,37 +1,18 @@
 """What surfaces show, decided without drawing."""
 
-from __future__ import annotations
-
-import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from abfm import TriangleMesh
+from abfm import TriangleMesh, baselines
 from abfm.baselines import linear_blend, optimal_transport
 from abfm_viewer.document.document import COLORINGS
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.field_quantities import Field
 from abfm_viewer.shown.paint import Painter, _most
 from abfm_viewer.shown.shown import Shown
-from tests.viewer.sessions import SPHERE, opened, until
-
-
-@pytest.fixture(scope="module")
-def matched():
-    session = opened()
-    session.match()
-    until(lambda: session.solver.finished, session)
-    shown = Shown(session)
-    yield shown
-    shown.close()
-    session.close()
-
-
-@pytest.fixture
-def shown(matched):
-    return matched
+from tests.viewer.sessions import SPHERE, until
 
 
 @pytest.fixture
@@ -39,16 +20,13 @@ def painter(shown):
     return Painter(shown)
 
 
-@pytest.fixture
-def session(shown):
-    matched, document = shown.session, shown.session.document
-    yield matched
-    matched.editor.amend(**vars(document))
-    until(lambda: not matched.obstacle, matched)
-
-
 def show(session, **values):
     session.editor.amend(view=replace(session.view, **values))
+
+
+def set_source(session, spec):
+    session.editor.set_spec("source", spec)
+    until(lambda: not session.obstacle, session)
 
 
 @pytest.mark.parametrize(
@@ -82,10 +60,9 @@ def test_all_functions_share_one_range_and_one_bar(session, painter):
     assert {(paint.colors.low, paint.colors.high) for paint in paints} == {(0.0, high)}
 
 
-def test_a_signed_function_has_a_range_with_zero_in_the_middle(session, shown):
-    session.editor.set_spec("source", "eigenfunction:2")
-    until(lambda: not session.obstacle, session)
-    colors = Painter(shown).paint("source").colors
+def test_a_signed_function_has_a_range_with_zero_in_the_middle(session, painter):
+    set_source(session, "eigenfunction:2")
+    colors = painter.paint("source").colors
     assert colors.low == -colors.high < 0
 
 
@@ -141,18 +118,12 @@ def test_optimal_transport_follows_the_time_and_ends_at_tau(session, shown, pain
 
 
 def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(
-    session, monkeypatch, shown, painter
+    session, held, shown, painter
 ):
     show(session, transport=True)
     session.editor.amend(time=0.0)
     before = settled_transport(shown, painter)
-    go_on = threading.Event()
-
-    def late(*inputs, **options):
-        go_on.wait(30)
-        return optimal_transport(*inputs, **options)
-
-    monkeypatch.setattr("abfm.baselines.optimal_transport", late)
+    _, go_on = held(baselines, "optimal_transport")
     session.editor.amend(time=0.5 * session.parameters.tau)
     meanwhile = painter.paint("optimal transport")
     assert meanwhile.values is before.values
@@ -164,8 +135,7 @@ def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(
 
 def test_negative_functions_have_no_optimal_transport_and_say_why(session, shown, painter):
     show(session, transport=True)
-    session.editor.set_spec("source", "eigenfunction:2")
-    until(lambda: not session.obstacle, session)
+    set_source(session, "eigenfunction:2")
     bare = settled_transport(shown, painter)
     assert bare.title == "optimal transport: no values"
     assert np.ptp(bare.values) == 0
@@ -212,13 +182,10 @@ def test_a_side_without_values_shows_none_and_the_other_one_stays(session, paint
 def test_speed_is_in_units_of_the_mesh(session, painter):
     """So that graphics cards can draw it, however large or small the mesh's numbers are."""
     show(session, coloring="speed")
-    found = []
-    until(
-        lambda: found.append(painter.paint("advected")) or found[-1].kind == "face values", session
-    )
-    speed = np.linalg.norm(session.result.velocity[0], axis=1)
-    np.testing.assert_allclose(found[-1].values, speed / SPHERE.length_scale)
-    assert found[-1].colors.high == found[-1].values.max()
+    until(lambda: painter.paint("advected").kind == "face values", session)
+    found, speed = painter.paint("advected"), np.linalg.norm(session.result.velocity[0], axis=1)
+    np.testing.assert_allclose(found.values, speed / SPHERE.length_scale)
+    assert found.colors.high == found.values.max()
 
 
 @pytest.mark.parametrize("scale", [1e40, 1e-30])
@@ -272,11 +239,8 @@ def test_what_optimal_transport_leaves_out_is_told(session, shown, painter):
     show(session, transport=True)
     assert settled_transport(shown, painter).title == "optimal transport"
     assert shown.mass_transport.note == ""
-    session.editor.set_spec(
-        "source", "gaussian:x=1,y=0,z=0,width=0.15 + gaussian:x=-1,y=0,z=0,width=0.15,height=-0.005"
-    )
-    until(lambda: not session.obstacle, session)
+    gaussians = "gaussian:x=1,y=0,z=0,width=0.15 + gaussian:x=-1,y=0,z=0,width=0.15,height=-0.005"
+    set_source(session, gaussians)
     assert settled_transport(shown, painter).values.min() >= 0
-    assert (
-        shown.mass_transport.note == "optimal transport takes values below 0, down to -0.005, as 0"
-    )
+    told = "optimal transport takes values below 0, down to -0.005, as 0"
+    assert shown.mass_transport.note == told

@@ -1,48 +1,156 @@
-"""The flow that is shown of a session, and what it carries, at every time and during a run."""
+"""The flow that is shown, and functions carried along it, at every time and during a run."""
 
-from __future__ import annotations
-
-import threading
-import time
+from dataclasses import dataclass
+from time import sleep
 
 import numpy as np
 import pytest
 
+import abfm
+from abfm import AdvectionError
+from abfm_viewer.computing.background import Jobs
 from abfm_viewer.shown.paint import Painter
-from abfm_viewer.shown.shown import Shown
-from abfm_viewer.shown.shown_flow import FlowState
-from tests.viewer.sessions import matched, solving, until
+from abfm_viewer.shown.shown_flow import Carried, FlowState, span
+from tests.viewer.sessions import PAIR, QUICK, SPHERE, matched, opened, solving, until
+
+
+@pytest.fixture(scope="module")
+def match():
+    source, target = (abfm.function(SPHERE, spec) for spec in (PAIR.source, PAIR.target))
+    return abfm.match(SPHERE, source, target, QUICK)
 
 
 @pytest.fixture
-def watched():
-    """What pictures show of a session."""
-    made = []
-
-    def watch(session):
-        made.append(Shown(session))
-        return made[-1]
-
-    yield watch
-    for shown in made:
-        shown.close()
+def source(match):
+    return match.source[:, 0]
 
 
-def test_after_a_match_its_end_is_shown(session, watched):
-    shown = watched(matched(session))
+@pytest.fixture
+def state(match):
+    return FlowState(SPHERE, match.velocity, match.parameters)
+
+
+@pytest.fixture
+def jobs():
+    jobs = Jobs()
+    yield jobs
+    jobs.close()
+
+
+@pytest.fixture
+def carried(jobs):
+    return Carried(jobs)
+
+
+@dataclass(frozen=True, eq=False)
+class Limited(FlowState):
+    """A flow that cannot be followed beyond some time."""
+
+    end: float = 1.0
+
+    def carry(self, function, times):
+        if times.max() > self.end:
+            raise AdvectionError("the flow overflows")
+        return super().carry(function, times)
+
+
+def distance(a, b):
+    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+def test_a_span_has_the_exact_function_at_tau_and_hardly_another_between(match, state, source):
+    over = span(state, source)
+    assert over.note == ""
+    assert (over.times[0], over.times[-1]) == (0, 2)
+    for time, tolerance in ((0.0, 1e-7), (1.0, 1e-6), (2.0, 1e-6), (0.517, 2e-3), (1.813, 2e-3)):
+        assert distance(over.at(time), match.advect(time)) < tolerance
+
+
+def test_several_columns_are_carried_at_once(match, state):
+    over = span(state, SPHERE.vertices)
+    assert over.frames.shape == (len(over.times), len(SPHERE.vertices), 3)
+    assert distance(over.at(1.0), match.push(SPHERE.vertices, 1.0)) < 1e-6
+
+
+def test_where_the_flow_overflows_beyond_tau_the_span_ends_there(match, source):
+    over = span(Limited(SPHERE, match.velocity, match.parameters), source)
+    assert over.times[-1] == 1
+    assert over.note == "not beyond τ: the flow overflows"
+    np.testing.assert_array_equal(over.at(1.7), over.at(1.0))  # the last one known
+
+
+def test_a_flow_that_is_too_fast_for_any_time_is_an_error_and_no_end(match, source, carried, jobs):
+    state = Limited(SPHERE, match.velocity, match.parameters, end=0.0)
+    assert carried.at(state, source, 0.5, settled=True) is None
+    until(lambda: not jobs.busy)
+    assert carried.error == "the flow overflows"
+    assert carried.at(state, source, 0.5, settled=True) is None
+
+
+def test_at_time_0_the_function_is_there_at_once(source, state, carried, jobs):
+    assert carried.at(state, source, 0.0, settled=True) is source
+    assert not jobs.busy
+
+
+def test_scrubbing_shows_blends_and_a_settled_time_is_exact(
+    match, state, source, carried, jobs, held
+):
+    _, may_end = held(FlowState, "carry")
+    assert carried.at(state, source, 0.3, settled=False) is None
+    may_end.set()
+    until(lambda: not jobs.busy)
+    assert distance(carried.at(state, source, 0.3, settled=False), match.advect(0.3)) < 2e-3
+    carried.at(state, source, 0.3, settled=True)
+    until(lambda: not jobs.busy)
+    assert distance(carried.at(state, source, 0.3, settled=True), match.advect(0.3)) < 1e-12
+
+
+def test_while_a_new_flow_is_followed_the_old_one_is_shown(match, state, source, carried, jobs):
+    carried.at(state, source, 0.5, settled=False)
+    until(lambda: not jobs.busy)
+    faster = FlowState(SPHERE, 1.1 * match.velocity, match.parameters, final=False)
+    assert distance(carried.at(faster, source, 0.5, settled=False), match.advect(0.5)) < 2e-3
+    until(lambda: not jobs.busy)
+    assert distance(carried.at(faster, source, 0.5, settled=False), match.advect(0.55)) < 5e-3
+    # of another shape: nothing to show
+    assert carried.at(faster, SPHERE.vertices, 0.5, settled=False) is None
+
+
+def test_a_field_is_computed_when_it_is_first_needed():
+    asked, x = [], SPHERE.vertices[:, 0]
+
+    def velocity():
+        asked.append(1)
+        return np.zeros((1, len(SPHERE.faces), 3))
+
+    flow = FlowState(SPHERE, velocity, QUICK)
+    assert asked == []
+    np.testing.assert_allclose(flow.carry(x, np.array([1.0]))[0], x)
+    assert flow.velocity is flow.velocity
+    assert asked == [1]
+
+
+def settle(shown, of_flow=lambda flow: flow.advected()):
+    """Wait until nothing better is to come, and return what there is."""
+    flow = shown.flow
+    until(lambda: (of_flow(flow), flow.settled and not flow.busy)[1], shown.session)
+    return of_flow(flow)
+
+
+def carry(shown, time):
+    return shown.flow.state.carry(shown.session.values("source"), np.array([time]))[0]
+
+
+def test_after_a_match_its_end_is_shown(session, shown):
     np.testing.assert_array_equal(shown.flow.advected(), session.result.advected[:, 0])
 
 
-def test_an_outdated_end_is_not_shown_but_what_the_flow_makes_of_the_source_now(session, watched):
-    shown = watched(matched(session))
+def test_an_outdated_end_is_not_shown_but_what_the_flow_makes_of_the_source_now(session, shown):
     session.editor.set_spec("source", "coordinate:x")
     until(lambda: not session.obstacle, session)
-    time.sleep(0.2)
-    until(lambda: (shown.flow.advected(), shown.flow.settled and not shown.flow.busy)[1], session)
-    expected = shown.flow.state.carry(session.values("source"), np.array([session.parameters.tau]))[
-        0
-    ]
-    np.testing.assert_allclose(shown.flow.advected(), expected, atol=1e-12)
+    sleep(0.2)
+    expected = carry(shown, session.parameters.tau)
+    np.testing.assert_allclose(settle(shown), expected, atol=1e-12)
 
 
 def test_a_channel_that_the_run_does_not_have_is_carried_by_its_field(endless, watched):
@@ -50,19 +158,18 @@ def test_a_channel_that_the_run_does_not_have_is_carried_by_its_field(endless, w
     solving(endless)
     endless.solver.follow = False
     endless.solver.pause()
-    time.sleep(0.1)
+    sleep(0.1)
     endless.editor.duplicate_channel()
     assert endless.document.channel == 1
-    until(lambda: (shown.flow.advected(), shown.flow.settled and not shown.flow.busy)[1], endless)
-    iterate = endless.solver.snapshot.shown
-    np.testing.assert_allclose(shown.flow.advected(), iterate.advected[:, 0], atol=1e-6)
+    advected, iterate = settle(shown), endless.solver.snapshot.shown
+    np.testing.assert_allclose(advected, iterate.advected[:, 0], atol=1e-6)
 
 
 def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(endless, watched):
     shown = watched(endless)
     solving(endless)
     endless.solver.pause()
-    time.sleep(0.1)
+    sleep(0.1)
     iterate = endless.solver.snapshot.shown
     np.testing.assert_array_equal(shown.flow.advected(), iterate.advected[:, 0])
     assert not shown.flow.state.final
@@ -70,8 +177,7 @@ def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(
     endless.set_time(0.5)
     until(lambda: (shown.flow.advected(), not shown.flow.busy)[1], endless)
     early = shown.flow.advected()
-    expected = shown.flow.state.carry(endless.values("source"), np.array([0.5]))[0]
-    assert np.linalg.norm(early - expected) < 5e-3 * np.linalg.norm(expected)
+    assert distance(early, carry(shown, 0.5)) < 5e-3
 
     endless.solver.resume()
     until(lambda: endless.solver.snapshot.iteration.iteration > iterate.iteration + 30, endless)
@@ -79,9 +185,7 @@ def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(
     until(lambda: not np.allclose(shown.flow.advected(), early, atol=1e-4), endless)
 
 
-def test_after_another_tau_the_shown_time_keeps_its_place_in_the_flow(session, watched):
-    shown = watched(session)
-    matched(session)
+def test_after_another_tau_the_shown_time_keeps_its_place_in_the_flow(session, shown):
     session.set_time(0.5)
     session.editor.set_parameter(tau=2.0)
     assert (session.time, session.document.end) == (1.0, 4.0)
@@ -89,27 +193,27 @@ def test_after_another_tau_the_shown_time_keeps_its_place_in_the_flow(session, w
     assert session.outdated
 
 
-def test_a_settled_time_is_exact(session, watched):
-    shown = watched(session)
-    matched(session)
-    session.set_time(0.3)
-    time.sleep(0.2)
-    until(lambda: shown.flow.advected() is not None and not shown.flow.busy, session)
-    until(lambda: (shown.flow.advected(), not shown.busy)[1], session)
-    exact = session.result.advect(0.3)[:, 0]
-    np.testing.assert_allclose(shown.flow.advected(), exact, atol=1e-12)
+def test_a_settled_time_is_exact_also_where_the_flow_was_watched_before_its_match(watched):
+    session = opened()
+    try:
+        shown = watched(session)
+        matched(session)
+        session.set_time(0.3)
+        sleep(0.2)
+        until(lambda: shown.flow.advected() is not None and not shown.flow.busy, session)
+        until(lambda: (shown.flow.advected(), not shown.busy)[1], session)
+        exact = session.result.advect(0.3)[:, 0]
+        np.testing.assert_allclose(shown.flow.advected(), exact, atol=1e-12)
+    finally:
+        session.close()
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0, 1.7])
-def test_what_does_not_change_stays_the_same_array(session, share, watched):
+def test_what_does_not_change_stays_the_same_array(session, share, shown):
     """By which the surfaces know that there is nothing to draw again."""
-    shown = watched(session)
-    matched(session)
     session.set_time(share * session.parameters.tau)
-    until(lambda: (shown.flow.advected(), shown.flow.settled and not shown.flow.busy)[1], session)
-    assert shown.flow.advected() is shown.flow.advected()
-    until(lambda: shown.flow.coordinates() is not None and not shown.flow.busy, session)
-    assert shown.flow.coordinates() is shown.flow.coordinates()
+    assert settle(shown) is shown.flow.advected()
+    assert settle(shown, lambda flow: flow.coordinates()) is shown.flow.coordinates()
 
 
 def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endless, watched):
@@ -123,26 +227,21 @@ def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endles
     assert shown.flow.advected() is shown.flow.advected()
 
 
-def test_a_surface_says_so_while_it_shows_another_time_than_the_others(
-    session, watched, monkeypatch
-):
-    go, carry = threading.Event(), FlowState.carry
-    monkeypatch.setattr(FlowState, "carry", lambda *given: go.wait(30) and carry(*given))
-    shown = watched(matched(session))
+def test_a_surface_says_so_while_it_shows_another_time_than_the_others(session, shown, held):
+    _, may_end = held(FlowState, "carry")
     painter = Painter(shown)
     session.editor.set_view("see more", blend=True, error=True)
     session.set_time(0.5)
     titles = [painter.paint(name).title for name in ("advected", "error", "linear blend")]
     assert titles == ["advected: computing", "error: computing", "linear blend"]
     assert not shown.is_ready
-    go.set()
+    may_end.set()
     until(lambda: painter.paint("advected").title == "advected", session)
     assert painter.paint("error").title == "error"
     assert shown.is_ready
 
 
-def test_what_is_played_is_known_before_the_time_moves(session, watched):
-    shown = watched(matched(session))
+def test_what_is_played_is_known_before_the_time_moves(session, shown):
     session.set_time(0.0)
     assert not shown.is_ready  # it is asked for at time 0, too
     until(lambda: shown.is_ready, session)

@@ -1,0 +1,63 @@
+"""What tests of what is shown share: a session after its match, which each leaves as it was."""
+
+import threading
+
+import pytest
+
+from abfm_viewer.shown.shown import Shown
+from tests.viewer.sessions import matched, opened, until
+
+
+@pytest.fixture(scope="module")
+def of_the_module():
+    session = matched(opened())
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def session(of_the_module):
+    document = of_the_module.document
+    yield of_the_module
+    of_the_module.editor.amend(**vars(document))
+    until(lambda: not of_the_module.obstacle, of_the_module)
+
+
+@pytest.fixture
+def watched():
+    """What pictures show of a session."""
+    made = []
+
+    def watch(session):
+        made.append(Shown(session))
+        return made[-1]
+
+    yield watch
+    for shown in made:
+        shown.close()
+
+
+@pytest.fixture
+def shown(session, watched):
+    return watched(session)
+
+
+@pytest.fixture
+def held(monkeypatch):
+    """Hold a function of a module up where a condition of its arguments holds: events that say
+    that it has begun, and that it may end.
+    """
+
+    def hold(module, name, condition=lambda *_: True):
+        begun, may_end, compute = threading.Event(), threading.Event(), getattr(module, name)
+
+        def wait_and_compute(*arguments, **options):
+            if condition(*arguments):
+                begun.set()
+                assert may_end.wait(30)
+            return compute(*arguments, **options)
+
+        monkeypatch.setattr(module, name, wait_and_compute)
+        return begun, may_end
+
+    return hold
