@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import error_line, same
+from abfm_viewer.computing.background import THREADS, error_line, same
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.files.project import save_project
@@ -42,7 +42,6 @@ class Autosave:
         self._last = clock()
         self._state: object = None
         self._has_copy = False
-        self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
         with suppress(OSError):  # what an earlier process with this one's number left
             self.path.replace(
@@ -76,7 +75,7 @@ class Autosave:
         self._last = self._clock()
         if not same(state, self._state):
             self._state, self._has_copy = state, True
-            self._future = self._writer.submit(self._write, state, content, origin)
+            self._future = THREADS.submit(self._write, state, content, origin)
         else:
             with suppress(OSError):
                 os.utime(self.path)  # the heartbeat that `recoverable` looks for
@@ -98,7 +97,7 @@ class Autosave:
             self.path.unlink()
 
     def close(self) -> None:
-        self._writer.shutdown()
+        wait([self._future] if self._future else [])
 
     def _write(self, state: object, content: Callable[[], Content], origin: Origin | None) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
