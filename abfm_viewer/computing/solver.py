@@ -69,6 +69,7 @@ class Snapshot:
 
 State = Enum("State", "IDLE RUNNING PAUSED ENDING ENDED FAILED")
 """Of a run, which ends while it is cancelled, and has ended when `Solver.collect` has seen that."""
+_GOES_ON = (State.RUNNING, State.PAUSED)  # neither cancelled nor closed, which its thread outlives
 
 
 class Course:
@@ -150,23 +151,16 @@ class Solver:
         self.started = 0  # how many runs there were
         self._course = Course()
         self._apart = MatchApart()
+        self.prepare = self._apart.prepare
         self._lock = threading.Lock()
-
-    def prepare(self, mesh: TriangleMesh, parameters: Parameters) -> None:
-        self._apart.prepare(mesh, parameters)
 
     @property
     def running(self) -> bool:
-        return self.state in (State.RUNNING, State.PAUSED, State.ENDING)
+        return self.state in (*_GOES_ON, State.ENDING)
 
     @property
     def paused(self) -> bool:
         return self.state is State.PAUSED
-
-    @property
-    def _goes_on(self) -> bool:
-        """Whether the run was neither cancelled nor closed, which its thread may outlive."""
-        return self.state in (State.RUNNING, State.PAUSED)
 
     @property
     def finished(self) -> bool:
@@ -317,14 +311,14 @@ class Solver:
             self._since_restart = 0
             if self.state is State.PAUSED:
                 self._control.pause()
-            return problem if self._goes_on or self._result is None else None
+            return problem if self.state in _GOES_ON or self._result is None else None
 
     def _solve(
         self, spec: ProblemSpec, functions: Functions, start: FloatArray | None
     ) -> abfm.Match:
         problem = spec.problem(functions)
         with self._lock:
-            if not self._goes_on:
+            if self.state not in _GOES_ON:
                 self._control.cancel()
 
         def solve(problem: abfm.Problem) -> abfm.Match:

@@ -13,7 +13,7 @@ from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers import progress
 from abfm.workers.progress import said
-from abfm_viewer.computing.background import Jobs, Latest, same
+from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
 from abfm_viewer.document.document import Channel, Document, Identity, Side, Surface, View
@@ -186,12 +186,8 @@ class Session:
 
     @property
     def snapshot(self) -> Snapshot | None:
-        return self.solver.snapshot if self._is_of_run else None
-
-    @property
-    def _is_of_run(self) -> bool:
-        """Return whether it is this document, in whatever state, whose run began last."""
-        return self._run_began.identity is self.document.identity
+        is_of_run = self._run_began.identity is self.document.identity
+        return self.solver.snapshot if is_of_run else None
 
     def match(self, goes_on: bool | None = None) -> None:
         """Start a run, unless one is under way; if there is nothing to match yet, say why.
@@ -270,7 +266,7 @@ class Session:
         """Keep of other documents only what undo, unsaved work and a run that ends still need."""
         run = self._run_began if self.solver.running else self.document
         now = (self.document.identity, run.identity, self.editor.moves)
-        if same(now, self._needed):
+        if now == self._needed:
             return
         self._needed = now
         in_history = self.editor.documents
@@ -297,7 +293,8 @@ class Session:
             return
         match, run, _ = ended
         self.notices.mend(RUN)
-        failed, replaced = self.solver.failed, not self._is_of_run
+        failed = self.solver.failed
+        replaced = self._run_began.identity is not self.document.identity
         document = self._run_began if replaced else self.document
         self._run_began = self.document
         runs = document.runs if run is None else (*document.runs, run)

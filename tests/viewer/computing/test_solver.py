@@ -57,8 +57,16 @@ def ended(solver):
     return result, run
 
 
-def kill(solver):
+def cancelled(solver):
+    solver.cancel()
+    return ended(solver)
+
+
+def killed(solver):
     os.kill(process_of(solver).pid, signal.SIGKILL)
+    left = ended(solver)
+    assert solver.failed
+    return left
 
 
 def process_of(solver):
@@ -182,8 +190,7 @@ def test_the_fields_of_an_iterate_come_when_they_are_asked_for_and_are_known_for
     shown = running.snapshot.shown
     again = replace(shown, look=replace(shown.look, picture=None))
     carries(shown, functions)
-    running.cancel()
-    ended(running)
+    cancelled(running)
     for _ in range(2):
         running.start(problem(), functions)
         ended(running)
@@ -222,8 +229,7 @@ def test_a_run_that_is_cancelled_while_it_starts_ends_after_its_first_evaluation
     solver.start(problem(ENDLESS), functions)
     if paused:
         solver.pause()
-    solver.cancel()
-    result, run = ended(solver)
+    result, run = cancelled(solver)
     assert result.stop_reason == "cancelled"
     assert len(run.stages) >= 1
 
@@ -237,8 +243,7 @@ def test_a_run_follows_another_problem_from_the_field_that_was_there(running):
     first = running.snapshot
     assert first.shown.iteration <= first.iteration.iteration
     until(lambda: rows(running) > 60)
-    running.cancel()
-    result, run = ended(running)
+    result, run = cancelled(running)
     [restart] = run.restarts
     assert 40 < restart < len(run.energies) == len(run.stages)
     regularity = run.energies[:, 1]
@@ -253,8 +258,7 @@ def test_restarts_in_a_row_leave_each_problem_some_iterations(running):
         running.follow_problem(problem(replace(ENDLESS, sigma=1e-3 * (1 + number / 100))))
         time.sleep(0.01)
     until(lambda: running.snapshot.problem is running.problem)
-    running.cancel()
-    _, run = ended(running)
+    _, run = cancelled(running)
     restarts = np.array([0, *run.restarts])
     assert len(restarts) > 2
     assert np.diff(restarts).min() >= 3
@@ -320,15 +324,12 @@ def test_a_restart_that_cannot_be_solved_keeps_the_result_so_far(running):
 def test_a_process_that_is_killed_fails_its_run_and_the_next_run_has_another(running, functions):
     shown = running.snapshot.shown
     found, _ = running.unfinished(running.snapshot, functions)
-    kill(running)
-    result, run = ended(running)
-    assert running.failed
+    result, run = killed(running)
     assert "match again" in running.reason
     np.testing.assert_array_equal(result.velocity, found.velocity)  # what was asked for is kept
     assert len(run.stages) >= len(found.energy_history)
     running.start(problem(ENDLESS), functions)
-    kill(running)
-    result, _ = ended(running)
+    result, _ = killed(running)
     assert result is None  # that of an earlier run is not this one's
     same_run(running, SPHERE, QUICK)
     with pytest.raises(AbfmError, match="match again"):
@@ -347,9 +348,8 @@ def keeping(solver, functions, monkeypatch):
 def test_a_killed_process_leaves_the_field_that_came_over(keeping, functions):
     solver = keeping
     course, kept = solver._course, solver._course.newest
-    kill(solver)
-    result, run = ended(solver)
-    assert (solver.failed, "\n" in solver.reason) == (True, False)
+    result, run = killed(solver)
+    assert "\n" not in solver.reason
     assert result.velocity.any()
     if course.newest is kept:  # else another one came just before
         np.testing.assert_array_equal(result.velocity, kept.iteration.velocity)
@@ -361,9 +361,7 @@ def test_a_run_that_is_killed_after_a_change_leaves_what_was_found_since_or_befo
     changed = problem(replace(ENDLESS, beta=1e-4))
     keeping.follow_problem(changed)
     until(lambda: keeping.snapshot.problem is changed)
-    kill(keeping)
-    result, _ = ended(keeping)
-    assert keeping.failed
+    result, _ = killed(keeping)
     assert result.velocity.any()
 
 

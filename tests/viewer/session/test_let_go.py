@@ -16,7 +16,7 @@ from abfm_viewer.session.session import Session
 from tests.mesh_writers import off_text
 from tests.processes import children
 from tests.shapes import icosphere
-from tests.viewer.sessions import PAIR, end_run, matched, opened, solving, until
+from tests.viewer.sessions import matched, until
 
 PAIRS = Channel("coordinate:x", "coordinate:y")
 
@@ -141,20 +141,6 @@ def test_only_the_mesh_at_work_has_a_process_that_evaluates(session, monkeypatch
     before = children()
     show(session, *(f"mesh {number}" for number in range(3)))
     until(lambda: len(children() - before) == 1, session)
-
-
-def test_a_run_that_ends_after_its_mesh_was_left_keeps_its_functions():
-    session = opened(Parameters(iterations=100_000, tolerance=0), PAIR)
-    first = session.surface().mesh
-    solving(session)
-    session.set_mesh(icosphere(1), "second")
-    end_run(session)
-    session.update()
-    [left] = session.saves.unsaved_documents
-    assert left.surface().mesh is first
-    assert left.result is not None
-    assert not session.notices.cards
-    session.close()
 
 
 def test_values_from_files_stay_with_a_mesh_that_was_left(session, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from abfm import Parameters
 from abfm.matching import Remedy
 from abfm_viewer.computing.match_apart import MatchApart
-from abfm_viewer.document.document import Channel, Document, Surface, View
+from abfm_viewer.document.document import Channel, View
 from abfm_viewer.files.origin import Origin
 from abfm_viewer.session.session import Session
 from tests.shapes import torus
@@ -35,8 +35,7 @@ def asked(monkeypatch):
     return asked
 
 
-def test_coarse_meshes_are_made_ahead_once_for_a_mesh_and_a_number_of_levels(asked):
-    session = opened()
+def test_coarse_meshes_are_made_ahead_once_for_a_mesh_and_a_number_of_levels(asked, session):
     until(lambda: asked, session)
     for changes in ({"sigma": 0.1}, {"levels": 2}):
         session.editor.set_parameter(**changes)
@@ -45,17 +44,13 @@ def test_coarse_meshes_are_made_ahead_once_for_a_mesh_and_a_number_of_levels(ask
             session.update()
             until(lambda: not session._coarse_meshes.busy)
     assert asked == [(SPHERE, 0), (SPHERE, 2)]
-    session.close()
-
-
-def test_pictures_off_the_screen_need_no_coarse_meshes(asked):
-    session = Session(SPHERE, "sphere", at_once=True)
-    session.restore(Document((Surface(SPHERE, "sphere"),), channels=(PAIR,)), {}, None)
-    session.update()
-    assert not session.obstacle
-    session.update()
-    assert asked == []
-    session.close()
+    off_the_screen = Session(SPHERE, "sphere", at_once=True)  # where none are needed
+    off_the_screen.editor.amend(channels=(PAIR,))
+    for _ in range(2):
+        off_the_screen.update()
+        assert not off_the_screen.obstacle
+    assert len(asked) == 2
+    off_the_screen.close()
 
 
 def test_a_warm_start_goes_on_with_another_number_of_fields_and_another_tau(session):
@@ -107,12 +102,16 @@ def test_alpha_is_followed_when_the_mouse_lets_go_and_a_gaussian_while_it_is_dra
     assert endless.active == PAIR  # one step
 
 
-def test_the_result_for_a_mesh_that_was_replaced_is_dropped(endless):
+def test_the_result_for_a_mesh_that_was_replaced_is_unsaved_work_and_not_shown(endless):
     solving(endless)
     endless.set_mesh(TORUS, "torus")
-    until(lambda: not endless.solver.running, endless)
+    end_run(endless)
     until(lambda: not endless.obstacle, endless)
     assert (endless.result, endless.document.runs, endless.solver.finished) == (None, (), False)
+    [left] = endless.saves.unsaved_documents
+    assert left.surface().mesh is SPHERE
+    assert left.result is not None
+    assert not endless.notices.cards
     endless.undo()
     endless.update()
     assert endless.surface().mesh is SPHERE
@@ -244,18 +243,18 @@ def test_it_waits_for_what_it_would_show_and_saved_work_stays_saved(flowing, tmp
     assert not flowing.saves.unsaved
 
 
-@pytest.mark.parametrize("touch", ["time", "play", "undo", "match", "switch"])
-def test_what_the_user_does_stops_it(flowing, touch):
+def test_what_the_user_does_stops_it(flowing):
     matched(flowing)
-    do = {
-        "time": lambda: flowing.set_time(0.5),
-        "play": flowing.player.toggle,
-        "undo": flowing.undo,
-        "match": flowing.match,
-        "switch": flowing.switch_flow_after_match,
-    }
-    do[touch]()
-    assert not flowing.player.playing
+    for do in (
+        lambda: flowing.set_time(0.5),
+        flowing.player.toggle,
+        flowing.switch_flow_after_match,
+        flowing.undo,
+        flowing.match,
+    ):
+        flowing.player.play_once()
+        do()
+        assert not flowing.player.playing
 
 
 def test_a_cancelled_run_shows_what_it_has(endless):
