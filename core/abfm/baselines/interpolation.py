@@ -29,15 +29,7 @@ _LONGEST = 1e100  # times tau, of a blend
 
 
 def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> FloatArray:
-    """Return ``(1 - t / tau) f + (t / tau) g``, in the shape of ``f`` and ``g``.
-
-    Raises
-    ------
-    FunctionError
-        If the functions are no arrays of finite numbers of one shape.
-    ParameterError
-        If a time is no finite number, or ``tau`` is not positive.
-    """
+    """Return ``(1 - t / tau) f + (t / tau) g``; AbfmError if an array or a time does not fit."""
     finite = is_finite_number(t) and is_finite_number(tau)
     if not (finite and tau > 0 and abs(float(t)) < _LONGEST * float(tau)):
         raise ParameterError(
@@ -59,18 +51,9 @@ class HeatKernel:
     """Heat flow on a surface: a positive symmetric smoothing that keeps the integral.
 
     Implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation. L has the cotangent weights
-    of the edges, without the negative ones: every entry of the kernel is positive on every mesh,
-    and small ones are exact to rounding, which optimal transport over long distances needs. Each
-    step's tail decays like ``exp(-d / sqrt(s))``, so several steps are needed for one like a
-    Gaussian's: up to distances of about ``sqrt(2 steps) width``.
-
-    Parameters
-    ----------
-    mesh : TriangleMesh
-    width : float
-        Standard deviation of the flat kernel along an axis, as a fraction of sqrt(area).
-    steps : int
-        Implicit Euler steps; ParameterError if a number is out of range.
+    of the edges, without the negative ones: every entry is positive on every mesh, and exact to
+    rounding. Each step's tail decays like ``exp(-d / sqrt(s))``: several steps are like a
+    Gaussian up to distances of about ``sqrt(2 steps) width``, a fraction of sqrt(area).
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:
@@ -103,27 +86,23 @@ def optimal_transport(
     steps: int = 16,
     sharpen: bool = False,
 ) -> FloatArray:
-    """Return the entropic displacement interpolation of two non-negative functions: their mass
-    takes the shortest ways.
+    """Return the entropic displacement interpolation of two non-negative functions.
 
     At time t the Wasserstein barycentre with weights 1 - t and t of both functions scaled to mass
     1, times ``(1 - t) mass(f) + t mass(g)``. All of it is blurred: at times 0 and 1 by the kernel,
-    between them somewhat more. A smaller blur makes it sharper, but only down to a limit that the
-    mesh sets: heat that spreads from vertex to vertex sees squared distances only where ``blur^2``
-    is not far below the product of distance and edge length. Beyond, mass still goes from f to g,
-    but lingers near both and hurries in the middle.
+    between them somewhat more. A smaller blur is sharper, but where ``blur^2`` is far below the
+    product of distance and edge length, mass lingers near both ends and hurries in the middle.
 
     Parameters
     ----------
     f, g : (V,) arrays
-        Not negative, with a positive integral each. Values below zero by at most 1% of the largest
-        one, as rounding and advection leave them, count as 0.
+        With a positive integral each; values below zero by at most 1% of the largest count as 0.
     times : float or (T,) array
         From 0 (f) to 1 (g).
     blur : float
-        Standard deviation of the heat kernel, as a fraction of sqrt(area).
+        Standard deviation of the `HeatKernel`, as a fraction of sqrt(area).
     steps : int
-        Implicit Euler steps of the heat flow (see `HeatKernel`).
+        Implicit Euler steps of the heat flow.
     sharpen : bool
         Keep the entropy of the interpolation below the larger one of f and g (algorithm 3).
 
@@ -133,10 +112,8 @@ def optimal_transport(
 
     Raises
     ------
-    FunctionError
-        If a function has values further below zero or no mass, or does not fit the mesh.
-    ParameterError
-        If a time, blur or steps is out of range, or heat does not reach across the mesh.
+    AbfmError
+        If a function or number does not fit, or heat does not reach across the mesh.
     """
     moments = np.atleast_1d(real_numbers(times, "times", ParameterError))
     if moments.ndim != 1 or not ((moments >= 0) & (moments <= 1)).all():

@@ -49,14 +49,10 @@ class ReducedMatch:
 
 class ReducedEnergy:
     """``1/2 <a, (id + alpha Lambda) a> + ||exp(-tau D(a)) C_start - C_target||^2 / (2 sigma^2)``
-    and its gradient.
+    and its gradient, with eigenfields of the Hodge Laplacian and their eigenvalues ``Lambda``.
 
-    The first term is the norm of `abfm.MatchingEnergy` on the basis: the fields are orthonormal
-    eigenfields of the Hodge Laplacian, ``Lambda`` their eigenvalues.
-
-    Start and target (k, m) are functional maps to the mesh, in its first k eigenfunctions; of the
-    parameters ``tau``, ``alpha`` and ``sigma`` are read; so many fields are gradients, and as many
-    rotated ones. ParameterError if they do not fit; FunctionError without so many eigenfunctions.
+    Start and target (k, m) are functional maps to the mesh, in its first k eigenfunctions; so many
+    fields are gradients, and as many rotated ones. AbfmError if they do not fit.
     """
 
     def __init__(
@@ -118,10 +114,9 @@ def reduced_match(energy: ReducedEnergy) -> ReducedMatch:
 
 def hodge_basis(mesh: TriangleMesh, count: int) -> tuple[FloatArray, FloatArray]:
     """Return eigenvalues (2 count,) of the Hodge Laplacian and frame coefficients (2F, 2 count) of
-    gradients, then rotated gradients, of the first eigenfunctions but the constant.
+    gradients, then rotated gradients, of the first eigenfunctions but the constant, of norm 1.
 
-    They have norm 1 in L2. On a boundary the rotated ones are of functions that vanish there, so
-    that no field has flux through it. All are orthogonal, up to rounding on closed surfaces.
+    On a boundary the rotated ones are of functions that vanish there: no field has flux through it.
     """
     values, functions = (part[..., 1:] for part in eigenbasis(mesh, count + 1))
     gradients = gradient(mesh) @ functions / np.sqrt(values)

@@ -16,28 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import AbfmError, ParameterError, ResultError, one_line
 from abfm.flow.flow import Flow
-from abfm.io.results import (
-    LARGEST,
-    MATCH_ENTRIES,
-    MEND,
-    MESH_ENTRIES,
-    PROBLEM_ENTRIES,
-    load_arrays,
-    mesh_arrays,
-    mesh_of,
-    save_arrays,
-)
+from abfm.io import results
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
-from abfm.matching.judging.verdict import (
-    Kind,
-    Outcome,
-    Remedy,
-    Verdict,
-    advice,
-    confirmed_mismatch,
-    kind_of,
-)
+from abfm.matching.judging import verdict as verdicts
+from abfm.matching.judging.verdict import Remedy, Verdict
 from abfm.matching.judging.verification import Verification, estimate, verify
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.problem import Problem, problem_of
@@ -137,7 +120,7 @@ class Match:
     @property
     def confirmed_mismatch(self) -> float:
         """What is surely left: the mismatch, or half of that by flow lines if it is more."""
-        return confirmed_mismatch(self.mismatch, self.verified_mismatch)
+        return verdicts.confirmed_mismatch(self.mismatch, self.verified_mismatch)
 
     @cached_property
     def initial_mismatch(self) -> float:
@@ -146,25 +129,20 @@ class Match:
         return functions.relative_mismatch(functions.source)
 
     def advect(self, t: ArrayLike) -> FloatArray:
-        """The source carried to time ``t``, in the shape it was given; beyond tau the flow goes on.
-
-        An array of times (T,) gives (T, ...), much faster than one by one.
-        """
+        """The source carried to time ``t``, in the shape it was given; times as in `push`."""
         return self.push(self.source if self.channels_given else self.source[:, 0], t)
 
     def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
-        """Any function (V,) or (V, C) carried along the same flow to time ``t``; a negative time
-        undoes the flow.
+        """Any function (V,) or (V, C) carried along the same flow to time ``t``, beyond tau, too.
 
-        Linearised steps are undone by the same steps with the sign changed, in reverse order, which
-        is not an exact inverse. An array of times (T,) gives (T, ...).
+        A negative time undoes the flow; linearised steps are undone by the same ones with the sign
+        changed, in reverse order, which is not an exact inverse. An array of times (T,) gives
+        (T, ...), much faster than one by one.
 
         Raises
         ------
-        FunctionError
-            If ``h`` does not fit the mesh.
-        AdvectionError
-            If the flow overflows or is too long.
+        AbfmError
+            If ``h`` does not fit the mesh, or the flow overflows or is too long.
         """
         return self.flow.push(h, t)
 
@@ -190,14 +168,8 @@ class Match:
         return verify(self.problem, self.velocity, subdivided)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a result file (``.npz``, no pickles), whole or not at all.
-
-        Raises
-        ------
-        ResultError
-            If it cannot be written.
-        """
-        save_arrays(path, mesh_arrays(self.mesh) | match_arrays(self))
+        """Write a result file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        results.save_arrays(path, results.mesh_arrays(self.mesh) | match_arrays(self))
 
 
 @overload
@@ -241,7 +213,7 @@ def match(
     problem : Problem
         Or, as a short form, what `Problem` takes: ``match(mesh, f, g, parameters, ...)``.
     on_iteration : callable, optional
-        Called after every iteration, in this thread.
+        Called with an `Iteration` after every iteration, in this thread.
     control : Control, optional
         To pause, resume or cancel from elsewhere.
 
@@ -259,10 +231,8 @@ def match(
     >>> mesh = abfm.load_mesh(asset_path("human_A.off"))
     >>> f, g = (abfm.function(mesh, f"gaussian:vertex={i},width=0.2") for i in (394, 14))
     >>> found = abfm.match(mesh, f, g)
-    >>> found.verdict.kind
-    'matched'
-    >>> found.advect(1.0).shape == f.shape
-    True
+    >>> found.verdict.kind, found.advect(1.0).shape == f.shape
+    ('matched', True)
     """
     the_problem = _problem_of(*problem, **given)
     energy = MatchingEnergy(the_problem)
@@ -287,7 +257,7 @@ def match(
             reason = StopReason.CANCELLED
     history, stages = np.array(record.history), np.array(record.stage_of)
     last = history[stages == stages[-1], 0]
-    outcome = Outcome(advected, mismatch, reason, verified, folded, last, solver.unmatched)
+    outcome = verdicts.Outcome(advected, mismatch, reason, verified, folded, last, solver.unmatched)
     return Match(
         problem=the_problem.starting_from(None),
         velocity=velocity * energy.length_scale,
@@ -298,7 +268,7 @@ def match(
         verified_mismatch=verified,
         folded=folded,
         stop_reason=reason,
-        verdict=advice(energy.functions, outcome, energy.parameters),
+        verdict=verdicts.advice(energy.functions, outcome, energy.parameters),
     )
 
 
@@ -320,7 +290,7 @@ def _problem_of(*problem: Any, **given: Any) -> Problem:
 def match_arrays(match: Match) -> dict[str, Any]:
     """Return what files hold of a match besides its mesh; what is not known is left out."""
     verdict = match.verdict
-    parts = {name: getattr(match, name) for name in MATCH_ENTRIES if name != "remedies"}
+    parts = {name: getattr(match, name) for name in results.MATCH_ENTRIES if name != "remedies"}
     parts["parameters"] = json.dumps(match.parameters.to_dict())
     parts["verdict"] = verdict.kind, verdict.reason, verdict.advice
     if verdict.remedies:
@@ -338,63 +308,50 @@ def match_of(
     parameters: Parameters,
     verdict: Verdict | None,
 ) -> Match:
-    """The match that `match_arrays` was given; files from before there were verdicts have None.
-
-    Raises
-    ------
-    ValueError
-        If there are more or fewer fields than segments, they are faster than any match finds, or
-        mask or weights are 0.
-    """
-    given = {name: arrays[name] for name in arrays.keys() & PROBLEM_ENTRIES.keys()}
+    """Return the match that `match_arrays` was given; ValueError if its fields do not fit."""
+    given = {name: arrays[name] for name in arrays.keys() & results.PROBLEM_ENTRIES.keys()}
     parts: dict[str, Any] = {"verified_mismatch": math.nan, "folded": math.nan}
     parts |= {
         name: array if array.ndim else array.item()
         for name, array in arrays.items()
-        if name not in PROBLEM_ENTRIES
+        if name not in results.PROBLEM_ENTRIES
     }
     if parameters.segments != len(parts["velocity"]):
         raise ValueError(
             f"{len(parts['velocity'])} fields, but parameters say {parameters.segments}"
         )
     fastest = np.abs(parts["velocity"]).max()
-    if fastest > LARGEST * mesh.length_scale:
+    if fastest > results.LARGEST * mesh.length_scale:
         raise ValueError(
-            f"velocity has the value {fastest:.3g}; expected up to {LARGEST:g} length scales of "
-            "the mesh"
+            f"velocity has the value {fastest:.3g}; expected up to {results.LARGEST:g} length "
+            "scales of the mesh"
         )
     reason = StopReason.of_file(parts["stop_reason"])
     if verdict is None:
-        kind = kind_of(confirmed_mismatch(parts["mismatch"], parts["verified_mismatch"]))
-        verdict = Verdict(kind, reason, "")
+        left = verdicts.confirmed_mismatch(parts["mismatch"], parts["verified_mismatch"])
+        verdict = Verdict(verdicts.kind_of(left), reason, "")
     problem = problem_of(mesh, given, parameters)
     return Match(problem=problem, **parts | {"stop_reason": reason, "verdict": verdict})
 
 
 def load_match(path: str | os.PathLike[str]) -> Match:
-    """Read a result file that `Match.save` wrote.
-
-    Raises
-    ------
-    ResultError
-        If the file is missing, damaged, or not a result.
-    """
-    arrays = load_arrays(path)
+    """Read a file that `Match.save` wrote; ResultError if it is missing, damaged, or no result."""
+    arrays = results.load_arrays(path)
     try:
-        mesh = mesh_of({name: arrays.pop(name) for name in MESH_ENTRIES})
+        mesh = results.mesh_of({name: arrays.pop(name) for name in results.MESH_ENTRIES})
         parameters = Parameters.from_dict(from_json(str(arrays["parameters"])))
         remedies = _remedies(str(arrays.pop("remedies", "[]")))
         verdict = _verdict(arrays["verdict"], remedies) if "verdict" in arrays else None
         return match_of(mesh, arrays, parameters, verdict)
     except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {MEND}") from error
+        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
 
 
 def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:
     kind, reason, advised = texts.tolist()
-    if kind not in get_args(Kind):
+    if kind not in get_args(verdicts.Kind):
         raise ValueError(
-            f"the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(Kind))}"
+            f"the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(verdicts.Kind))}"
         )
     return Verdict(kind, reason, advised, remedies)
 

@@ -14,15 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import MeshError, ParameterError, ResultError, brief, one_line
-from abfm.io.results import (
-    MEND,
-    MESH_ENTRIES,
-    PROBLEM,
-    load_arrays,
-    mesh_arrays,
-    mesh_of,
-    save_arrays,
-)
+from abfm.io import results
 from abfm.matching.terms.data_term import DataTerm, Restriction
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
@@ -168,7 +160,7 @@ class Problem:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return all that it is made of: what files hold, and what the digest is of."""
         parameters = json.dumps(self.parameters.to_dict(), sort_keys=True)
-        parts: dict[str, Any] = mesh_arrays(self.mesh)
+        parts: dict[str, Any] = results.mesh_arrays(self.mesh)
         for index, term in enumerate(self.terms):
             for name, array in term.arrays().items():
                 parts[f"{name} of term {index}" if name in parts else name] = array
@@ -178,14 +170,8 @@ class Problem:
         return {name: np.asarray(part) for name, part in parts.items()}
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a problem file (``.npz``, no pickles), whole or not at all.
-
-        Raises
-        ------
-        ResultError
-            If it cannot be written.
-        """
-        save_arrays(path, self.arrays(), PROBLEM)
+        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        results.save_arrays(path, self.arrays(), results.PROBLEM)
 
     def __repr__(self) -> str:
         return f"Problem({self.mesh!r}, channels={len(self.functions.source)})"
@@ -215,20 +201,14 @@ class Problem:
 
 
 def load_problem(path: str | os.PathLike[str]) -> Problem:
-    """Read a problem file that `Problem.save` wrote.
-
-    Raises
-    ------
-    ResultError
-        If the file is missing, damaged, or not a problem.
-    """
-    arrays = load_arrays(path, PROBLEM)
+    """Read a file of `Problem.save`; ResultError if it is missing, damaged, or no problem."""
+    arrays = results.load_arrays(path, results.PROBLEM)
     try:
-        mesh = mesh_of({name: arrays.pop(name) for name in MESH_ENTRIES})
+        mesh = results.mesh_of({name: arrays.pop(name) for name in results.MESH_ENTRIES})
         parameters = Parameters.from_dict(from_json(str(arrays.pop("parameters"))))
         return problem_of(mesh, arrays, parameters)
     except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {MEND}") from error
+        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
 
 
 def problem_of(

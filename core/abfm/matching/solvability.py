@@ -45,9 +45,7 @@ def within_range(functions: FunctionTerm) -> FloatArray:
 
 
 def range_bound(functions: FunctionTerm) -> float:
-    """Return the least relative mismatch that any flow can leave; 0 if the source has all values.
-
-    What a flow carries has only values of the source, so
+    """Return the least relative mismatch that any flow can leave; 0 if the source has all values:
     ``|f_tau - g| >= |clip(g, min f, max f) - g|`` everywhere.
     """
     return functions.relative_mismatch(within_range(functions))
@@ -70,10 +68,8 @@ def target_is_constant(functions: FunctionTerm) -> bool:
 
 
 def distance(functions: FunctionTerm) -> float:
-    """Return how far the source has to go straight through space, in sqrt(area): between the
-    centres of what it has too much and too little of.
-
-    Of the channel where it is most; 0 where nothing is too much, or nothing too little.
+    """Return how far the source has to go straight through space, in sqrt(area), in the channel
+    where it is most: between the centres of what it has too much and too little of, or 0.
     """
     excess = (functions.source - functions.target)[_counting(functions)] * functions.areas
     more, less = np.maximum(excess, 0), np.maximum(-excess, 0)
@@ -91,8 +87,7 @@ def squeezed(functions: FunctionTerm, advected: FloatArray) -> bool:
     """Tell whether the flow gained more by shrinking the source, to half or less, than by moving.
 
     With ``a`` the advected source (C, V), and all less their means, ``|a - g|^2`` falls by
-    ``|f|^2 - |a|^2``, which is shrinking, and by ``2 <a - f, g>``, which is moving to where the
-    target is. A target that is smaller than the source may be met by the first.
+    ``|f|^2 - |a|^2``, which is shrinking, and by ``2 <a - f, g>``, which is moving.
     """
     size = min(functions.deviation(functions.source), functions.deviation(functions.target)) ** 2
     left = functions.deviation(advected) ** 2
@@ -119,15 +114,7 @@ def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
     Half the function's range over its change along an edge: over that which the function exceeds on
     a quarter of its variation ``int |grad f|^2``. That makes it the width over the edge length, to
     within 15 percent, of a Gaussian ``exp(-r^2 / (2 width^2))`` on an even mesh, if it is at least
-    one edge wide. A jump spans half an edge. In the plane a narrow bump varies as much as a wide
-    one of the same height, so that it is not overlooked beside that; bumps that are much lower do
-    not count. Only changes along edges matter: adding constants, scaling the function and scaling
-    the mesh change nothing.
-
-    Raises
-    ------
-    FunctionError
-        If ``f`` does not fit the mesh.
+    one edge wide. A jump spans half an edge. Bumps that are much lower than others do not count.
     """
     return min(_of_channel(mesh, channel) for channel in channels(mesh, f, "f"))
 
@@ -180,9 +167,7 @@ class Extrema(NamedTuple):
 def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
     """Persistence above 0 of each peak of a function (V,), largest first; for pits give ``-f``.
 
-    The first is that of the highest peak, the range ``max f - min f``. A plateau is one peak. A
-    constant has none. The boundary is like the rest of the surface: a function that rises up to it
-    has a peak there.
+    The first is the range; a plateau, also at the boundary, is one peak; a constant has none.
     """
     if not np.ptp(f) > _ROUNDING * np.abs(f).max():
         return np.empty(0)
@@ -195,18 +180,14 @@ def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
 
 
 def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
-    """Number of peaks and pits of a function (V,) whose persistence is at least a share, 0 to 1,
-    of its range; of a constant 0 and 0.
-    """
+    """Count peaks and pits of a function (V,) that stand out by a share of its range."""
     return _count(_both(mesh, f), share * float(np.ptp(f)))
 
 
 def peaks_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> tuple[Extrema, Extrema] | None:
-    """Peaks and pits of two functions (V,) where they differ beyond doubt, else None.
-
-    Beyond doubt: one has more that stand out by 0.3 of the larger range than the other has by 0.1
-    of it. Then every flow leaves a difference of at least 0.1 of that range somewhere. The numbers
-    returned are those by 0.2, and differ too.
+    """Peaks and pits of two functions (V,), by 0.2 of the larger range, where they differ beyond
+    doubt: one has more by 0.3 of it than the other by 0.1. Then every flow leaves a difference of
+    at least 0.1 of that range somewhere.
     """
     scale = float(max(np.ptp(f), np.ptp(g)))
     one, other = _both(mesh, f), _both(mesh, g)
@@ -218,10 +199,7 @@ def peaks_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> tuple[Extre
 
 
 def different_peaks(functions: FunctionTerm) -> tuple[int, Extrema, Extrema] | None:
-    """Return the first channel that counts where `peaks_apart` finds a difference, with its counts.
-
-    None where there is none, or where a mask leaves vertices out, which may hide peaks.
-    """
+    """First channel where `peaks_apart` finds a difference; a mask may hide peaks: None."""
     if (functions.areas > 0).all():
         for channel in _counting(functions):
             f, g = functions.source[channel], functions.target[channel]
@@ -243,9 +221,8 @@ def _count(persistences: tuple[FloatArray, FloatArray], least: float) -> Extrema
 def _deaths(edges: IndexArray, rank: IndexArray) -> IndexArray:
     """Rank at which the peak at each rank meets a higher one, (V,); rank 0 is the highest vertex.
 
-    A vertex that is no peak meets a higher one at its own rank; the highest peak lasts to the end.
-    Edges (E, 2) are looked at in the order of their lower ends; components of what is above are
-    kept by their highest ranks. SciPy's components of a graph would not tell when they meet.
+    A vertex that is no peak meets one at its own rank; the highest peak lasts to the end.
+    Components of what is above are kept by their highest ranks, by the order of lower ends.
     """
     size = rank.size
     starts = np.zeros(size + 1, dtype=np.int64)

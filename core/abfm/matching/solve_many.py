@@ -43,20 +43,13 @@ class Report:
 
 
 class Monitor:
-    """Watches what `solve_many` does, and stops it.
-
-    Problems of processes and machines that do not see this one's temporary folder report nothing,
-    and are not stopped once they have begun.
+    """Watches what `solve_many` does, and stops it, if the problems see this temporary folder.
 
     Parameters
     ----------
     on_report : callable, optional
-        Called with a `Report` in the thread that iterates, for each problem a few times a second.
-
-    Attributes
-    ----------
-    reports : dict of int to Report
-        The latest one of each problem.
+        Called with a `Report` in the thread that iterates, for each problem a few times a second;
+        ``reports`` has the latest one of each problem by its index.
     """
 
     def __init__(self, on_report: Callable[[Report], object] = lambda report: None) -> None:

@@ -1,12 +1,7 @@
-"""Matching over long ways and over several meshes: what is found, what comes back, and what does
-not matter.
-"""
-
-from __future__ import annotations
+"""Matching over long ways and over several meshes."""
 
 import threading
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,13 +10,11 @@ from scipy.spatial.transform import Rotation
 import abfm
 from abfm.assets import asset_path
 from abfm.calculus.vector_fields import to_frame
-from abfm.matching.match import Iteration, Match
-from abfm.matching.objective.matching_energy import Evaluation, Objective
+from abfm.matching.objective.matching_energy import Objective
 from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.solving.levels import Level
 from abfm.mesh import TriangleMesh
 from abfm.parameters import PAPER, Parameters
-from abfm.types import FloatArray
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.surfaces import moved, relative_error, renumbered
 from tests.shapes import hemisphere, icosphere
@@ -30,13 +23,13 @@ SPHERE, SMALL = icosphere(4), icosphere(3)
 QUICK = Parameters(iterations=60)
 
 
-def at(degrees: float, mesh: TriangleMesh = SPHERE, width: float = 0.1) -> FloatArray:
+def at(degrees, mesh=SPHERE, width=0.1):
     """A Gaussian on a unit sphere, so far from the pole."""
     angle = np.deg2rad(degrees)
     return bump(mesh, [0, np.sin(angle), np.cos(angle)], width)
 
 
-def same_result(one: Match, other: Match) -> bool:
+def same_result(one, other):
     return all(
         np.array_equal(getattr(one, name), getattr(other, name))
         for name in (
@@ -52,7 +45,7 @@ def same_result(one: Match, other: Match) -> bool:
 
 
 @pytest.mark.parametrize("degrees", [90, 135])
-def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degrees: float) -> None:
+def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degrees):
     f, g = at(0, width=0.05), at(degrees, width=0.05)
     far, blind = (
         abfm.match(SPHERE, f, g, Parameters(iterations=150, reach=reach)) for reach in (1.0, 0.0)
@@ -64,7 +57,7 @@ def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degr
     assert "squeezed" in blind.verdict.reason
 
 
-def test_a_far_target_on_a_body() -> None:
+def test_a_far_target_on_a_body():
     mesh = abfm.load_mesh(asset_path("human_A.off"))
     f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.08") for vertex in (7, 300))
     far, blind = (
@@ -76,10 +69,8 @@ def test_a_far_target_on_a_body() -> None:
     assert abfm.match(mesh, f, g).mismatch < 0.05
 
 
-def test_the_field_that_is_found_carries_as_a_rotation_does() -> None:
-    """What lies between pole and target goes along: a third bump, which the match has never
-    seen, moves that way.
-    """
+def test_the_field_that_is_found_carries_as_a_rotation_does():
+    """What lies between pole and target goes along."""
     match = abfm.match(SMALL, at(0, SMALL, 0.2), at(60, SMALL, 0.2), QUICK)
     for t in (0.5, 1.0):
         arrived = match.push(at(0, SMALL, 0.2), t)
@@ -89,8 +80,8 @@ def test_the_field_that_is_found_carries_as_a_rotation_does() -> None:
 
 
 @pytest.mark.parametrize("levels", [2, 3])
-def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels: int) -> None:
-    seen: list[Iteration] = []
+def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels):
+    seen = []
     p = replace(QUICK, levels=levels)
     match = abfm.match(SPHERE, at(0), at(80), p, on_iteration=seen.append)
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
@@ -114,7 +105,7 @@ def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels: int) -> Non
 
 @pytest.mark.parametrize("iterations", [0, 1, 2, 7])
 @pytest.mark.parametrize("changes", [{}, {"levels": 3}, PAPER, {"cooling_stages": 1}])
-def test_few_iterations_are_not_exceeded(iterations: int, changes: dict[str, Any]) -> None:
+def test_few_iterations_are_not_exceeded(iterations, changes):
     p = Parameters(**changes, iterations=iterations)
     match = abfm.match(SMALL, at(0, SMALL), at(50, SMALL), p)
     assert 1 <= len(match.energy_history) <= iterations + 1
@@ -125,14 +116,14 @@ def test_few_iterations_are_not_exceeded(iterations: int, changes: dict[str, Any
         assert match.mismatch < relative_error(SMALL, at(0, SMALL), at(50, SMALL)) * (1 + 1e-9)
 
 
-def test_linearised_steps_over_several_meshes() -> None:
+def test_linearised_steps_over_several_meshes():
     p = Parameters(iterations=40, levels=2, method="linearised", segments=8)
     match = abfm.match(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2), p)
     assert match.velocity.shape == (8, len(SMALL.faces), 3)
     assert match.mismatch < 0.4 * relative_error(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2))
 
 
-def test_a_mask_comes_to_coarser_meshes() -> None:
+def test_a_mask_comes_to_coarser_meshes():
     """Where it is zero the target may be anything, on all of them."""
     seen = SPHERE.vertices[:, 0] > -0.3
     f, g = at(0), at(60)
@@ -148,10 +139,10 @@ class TestCancel:
     """Wherever it happens, what comes back is on the mesh itself."""
 
     @pytest.mark.parametrize("iteration", [0, 3, 20])
-    def test_on_a_coarse_mesh(self, iteration: int) -> None:
+    def test_on_a_coarse_mesh(self, iteration):
         control, seen = abfm.Control(), []
 
-        def stop(one: Iteration) -> None:
+        def stop(one):
             seen.append(one)
             if one.iteration == iteration:
                 control.cancel()
@@ -167,19 +158,19 @@ class TestCancel:
         np.testing.assert_array_equal(match.velocity, seen[-1].velocity)
 
     @pytest.mark.parametrize("calming", [True, False])
-    def test_between_two_meshes(self, calming: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_between_two_meshes(self, calming, monkeypatch):
         """While fields are brought to the finer mesh, and before the first evaluation there."""
         control, seen = abfm.Control(), []
         evaluate, to_finer = Objective.evaluate, Level.fields_to_finer
 
-        def overflowing(objective: Objective, fields: FloatArray) -> Evaluation:
+        def overflowing(objective, fields):
             found = evaluate(objective, fields)
             if found.advected.shape[1] < len(SPHERE.vertices) or control.cancelled:
                 return found
             control.cancel()
             return replace(found, advected=np.full_like(found.advected, np.nan))
 
-        def cancelling(level: Level, fields: FloatArray) -> FloatArray:
+        def cancelling(level, fields):
             control.cancel()
             return to_finer(level, fields)
 
@@ -199,11 +190,11 @@ class TestCancel:
         assert {one.level for one in seen} == {0}
         assert match.velocity.any()
 
-    def test_in_a_second_try_keeps_the_first_where_that_is_better(self) -> None:
+    def test_in_a_second_try_keeps_the_first_where_that_is_better(self):
         p = Parameters(iterations=60, reach=0.5, levels=1, stage_iterations=6, alpha=0.003)
         control, seen = abfm.Control(), []
 
-        def stop(one: Iteration) -> None:
+        def stop(one):
             seen.append(one)
             if one.stage == 2:
                 control.cancel()
@@ -217,15 +208,15 @@ class TestCancel:
         assert match.mismatch == first[-1].mismatch
         np.testing.assert_array_equal(match.velocity, first[-1].velocity)
 
-    def test_from_another_thread_also_while_paused(self) -> None:
+    def test_from_another_thread_also_while_paused(self):
         control, reached, results = abfm.Control(), threading.Event(), []
 
-        def hold(one: Iteration) -> None:
+        def hold(one):
             if one.iteration == 4:
                 control.pause()
                 reached.set()
 
-        def solve() -> None:
+        def solve():
             p = replace(QUICK, levels=2)
             results.append(abfm.match(SPHERE, at(0), at(80), p, on_iteration=hold, control=control))
 
@@ -243,11 +234,11 @@ class TestCancel:
 class TestStart:
     """Near the target it is gone on from; far from it the way is looked for again."""
 
-    def test_near(self) -> None:
+    def test_near(self):
         p = replace(QUICK, levels=2, balance=0)
         angle = np.deg2rad(60)
         field = rotation_field(SPHERE, [-angle, 0, 0])
-        seen: list[Iteration] = []
+        seen = []
         match = abfm.match(SPHERE, at(0), at(60), p, start=field, on_iteration=seen.append)
         assert {one.level for one in seen} == {0}
         assert {one.levels for one in seen} == {1}
@@ -255,10 +246,10 @@ class TestStart:
         assert seen[0].sigma == p.sigma
         assert match.mismatch <= seen[0].mismatch
 
-    def test_far(self) -> None:
+    def test_far(self):
         p = replace(QUICK, levels=2)
         field = rotation_field(SPHERE, [np.deg2rad(60), 0, 0])
-        seen: list[Iteration] = []
+        seen = []
         match = abfm.match(SPHERE, at(0), at(60), p, start=field, on_iteration=seen.append)
         assert {one.level for one in seen} == {0, 1}
         assert seen[0].reach == p.reach
@@ -267,7 +258,7 @@ class TestStart:
         assert match.mismatch < 0.15
 
     @pytest.mark.parametrize("levels", [1, 2])
-    def test_one_whose_flow_is_worse_than_none_is_as_good_as_none(self, levels: int) -> None:
+    def test_one_whose_flow_is_worse_than_none_is_as_good_as_none(self, levels):
         """Noise so fast that the discrete flow grows beyond bounds."""
         p = replace(QUICK, iterations=20, levels=levels)
         noise = 30 * np.random.default_rng(0).normal(size=(len(SMALL.faces), 3))
@@ -281,13 +272,13 @@ class TestStart:
         )
         assert kept.velocity.any()  # where nothing is searched, it is what was given
 
-    def test_without_reach_any_start_is_gone_on_from(self) -> None:
+    def test_without_reach_any_start_is_gone_on_from(self):
         p = replace(QUICK, iterations=3, reach=0, levels=2)
-        seen: list[Iteration] = []
+        seen = []
         abfm.match(SPHERE, at(0), at(60), p, start=wavy_field(SPHERE, 1), on_iteration=seen.append)
         assert {one.vertices for one in seen} == {len(SPHERE.vertices)}
 
-    def test_one_too_fast_for_flow_lines_is_gone_on_from_all_the_same(self) -> None:
+    def test_one_too_fast_for_flow_lines_is_gone_on_from_all_the_same(self):
         match = abfm.match(
             SMALL,
             at(0, SMALL),
@@ -314,7 +305,7 @@ def test_beside_a_needle_nothing_is_found_that_is_worse_than_not_moving(tip, sta
         assert match.mismatch <= max(match.initial_mismatch, kept.mismatch)
 
 
-def test_same_bits_with_other_work_beside_it() -> None:
+def test_same_bits_with_other_work_beside_it():
     """On the same coarser meshes, too."""
     p = replace(QUICK, levels=2)
     alone = abfm.match(SPHERE, at(0), at(70), p)
@@ -330,7 +321,7 @@ def test_same_bits_with_other_work_beside_it() -> None:
     assert same_result(alone, beside)
 
 
-def test_units_place_rotation_and_numbering_hardly_matter() -> None:
+def test_units_place_rotation_and_numbering_hardly_matter():
     """Iterates drift apart from rounding on; what is reached does not."""
     mesh = abfm.load_mesh(asset_path("eight.off"))
     f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.2") for vertex in (7, 60))
@@ -350,7 +341,7 @@ def test_units_place_rotation_and_numbering_hardly_matter() -> None:
 
 
 @pytest.mark.parametrize("mesh", [SMALL, hemisphere(12)], ids=["closed", "boundary"])
-def test_flow_lines_at_once_are_those_of_the_verification(mesh: TriangleMesh) -> None:
+def test_flow_lines_at_once_are_those_of_the_verification(mesh):
     f = np.stack([bump(mesh, mesh.vertices[i], 0.25) for i in (5, 40)], axis=1)
     g = np.stack([bump(mesh, mesh.vertices[i], 0.25) for i in (20, 70)], axis=1)
     mask = np.linspace(0, 1, len(mesh.vertices))
@@ -367,9 +358,9 @@ class TestThePaper:
     order.
     """
 
-    def test_stages(self) -> None:
+    def test_stages(self):
         p = Parameters(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=40)
-        seen: list[Iteration] = []
+        seen = []
         match = abfm.match(
             SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2), p, on_iteration=seen.append
         )
@@ -384,10 +375,8 @@ class TestThePaper:
             assert (np.diff(match.energy_history[match.stages == stage, 0]) <= 0).all()
         assert match.mismatch < 0.05
 
-    def test_what_came_after_it_is_left_out(self) -> None:
-        """With one stage nothing but L-BFGS is left, with the same iterates whatever sigma's
-        unit.
-        """
+    def test_what_came_after_it_is_left_out(self):
+        """With one stage nothing but L-BFGS is left."""
         f, g = at(0, SMALL, 0.2), at(40, SMALL, 0.2)
         absolute = Parameters(**PAPER, sigma=0.05, cooling_stages=1, iterations=15)
         size = abfm.MatchingEnergy(SMALL, f, g, absolute).functions.function_size
@@ -396,7 +385,7 @@ class TestThePaper:
         np.testing.assert_allclose(one.energy_history, other.energy_history, rtol=1e-6)
 
 
-def test_in_the_end_energies_rise_only_where_the_target_is_moved() -> None:
+def test_in_the_end_energies_rise_only_where_the_target_is_moved():
     """Rounds of at most eight iterations weigh flow lines against the discrete advection."""
     mesh = hemisphere(12)
     f, g = bump(mesh, mesh.vertices[0], 0.15), bump(mesh, mesh.vertices[90], 0.15)
@@ -413,10 +402,10 @@ def test_in_the_end_energies_rise_only_where_the_target_is_moved() -> None:
     assert with_lines.mismatch < 0.06
 
 
-def test_what_flow_lines_gain_with_vertices_held_together_stays_on_the_mesh_itself() -> None:
+def test_what_flow_lines_gain_with_vertices_held_together_stays_on_the_mesh_itself():
     mesh = abfm.load_mesh(asset_path("human_A.off"))
     f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.2") for vertex in (500, 520))
-    seen: list[Iteration] = []
+    seen = []
     with_lines = abfm.match(mesh, f, g, on_iteration=seen.append)
     without = abfm.match(mesh, f, g, Parameters(balance=0.0))
     assert seen[-1].level == seen[0].levels - 1 == 1

@@ -79,9 +79,7 @@ def test_round_trip_and_unknown_names():
 
 
 def test_what_was_written_before_there_was_more_than_the_papers_energy_means_it():
-    """A dictionary that names nothing of what is new; one that names any of it is of today, with
-    today's defaults.
-    """
+    """A dictionary that names nothing of what is new."""
     old = {"tau": 2.0, "alpha": 0.02, "sigma": 1e-3, "iterations": 150}
     assert abfm.Parameters.from_dict(old) == abfm.Parameters(**old, **PAPER)
     assert abfm.Parameters.from_dict({}) == abfm.Parameters(**PAPER)

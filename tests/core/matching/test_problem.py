@@ -1,12 +1,8 @@
 """A problem is a value: checked once, the same after every journey, named by its content."""
 
-from __future__ import annotations
-
 import pickle
 import subprocess
 import sys
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,35 +18,35 @@ from tests.shapes import icosphere
 SPHERE = icosphere(2)
 F, G, H = (bump(SPHERE, SPHERE.vertices[vertex], 0.3) for vertex in (0, 30, 60))
 P = abfm.Parameters(iterations=5)
-GIVEN: dict[str, Any] = {
+GIVEN = {
     "mask": np.abs(SPHERE.vertices[:, 0]),
     "weights": [1.0, 0.5],
     "start": 0.01 * wavy_field(SPHERE, 0),
 }
 
 
-def problem(**changes: Any) -> abfm.Problem:
+def problem(**changes):
     """With everything that a problem may have."""
     channels = [np.stack(pair, axis=1) for pair in ((F, G), (G, F))]
     return abfm.Problem(SPHERE, *channels, P, **GIVEN | changes)
 
 
 @pytest.fixture(params=["whole", "plain"])
-def made(request: pytest.FixtureRequest) -> abfm.Problem:
+def made(request):
     return problem() if request.param == "whole" else abfm.Problem(SPHERE, F, G)
 
 
-def test_the_short_form_of_match_is_the_same() -> None:
+def test_the_short_form_of_match_is_the_same():
     one, other = abfm.match(problem()), abfm.match(SPHERE, *parts(problem()), P, **GIVEN)
     assert np.array_equal(one.velocity, other.velocity)
     assert one.problem.digest == other.problem.digest == problem(start=None).digest
 
 
-def parts(made: abfm.Problem) -> tuple[Any, Any]:
+def parts(made):
     return made.source, made.target
 
 
-def test_it_comes_back_from_a_file(made: abfm.Problem, tmp_path: Path) -> None:
+def test_it_comes_back_from_a_file(made, tmp_path):
     made.save(tmp_path / "p.npz")
     loaded = abfm.load_problem(tmp_path / "p.npz")
     assert loaded.digest == made.digest
@@ -60,7 +56,7 @@ def test_it_comes_back_from_a_file(made: abfm.Problem, tmp_path: Path) -> None:
         assert np.array_equal(loaded.arrays()[name], array), name
 
 
-def test_it_comes_back_from_another_process(made: abfm.Problem) -> None:
+def test_it_comes_back_from_another_process(made):
     copy = pickle.loads(pickle.dumps(made))
     assert copy.digest == made.digest
     assert copy.functions.mesh is copy.mesh.normalized()
@@ -68,7 +64,7 @@ def test_it_comes_back_from_another_process(made: abfm.Problem) -> None:
     assert np.array_equal(found[0].velocity, found[1].velocity)
 
 
-def test_its_digest_is_the_same_in_every_process(tmp_path: Path) -> None:
+def test_its_digest_is_the_same_in_every_process(tmp_path):
     problem().save(tmp_path / "p.npz")
     code = "import abfm, sys; print(abfm.load_problem(sys.argv[1]).digest)"
     done = subprocess.run(
@@ -81,7 +77,7 @@ def test_its_digest_is_the_same_in_every_process(tmp_path: Path) -> None:
     assert len(problem().digest) == 64
 
 
-def test_its_digest_tells_all_that_it_is_made_of() -> None:
+def test_its_digest_tells_all_that_it_is_made_of():
     others = [
         problem(mask=None),
         problem(weights=[1.0, 0.6]),
@@ -97,7 +93,7 @@ def test_its_digest_tells_all_that_it_is_made_of() -> None:
     assert len(digests) == len(others) + 1
 
 
-def test_terms_with_arrays_of_the_same_name_are_told_apart(tmp_path: Path) -> None:
+def test_terms_with_arrays_of_the_same_name_are_told_apart(tmp_path):
     other, same = (FunctionTerm(SPHERE.normalized(), H, g) for g in (F, G))
     made = [abfm.Problem(SPHERE, F, G, terms=[term]) for term in (other, same)]
     made += [abfm.Problem(SPHERE, G, F, terms=[other]), abfm.Problem(SPHERE, H, F)]
@@ -107,7 +103,7 @@ def test_terms_with_arrays_of_the_same_name_are_told_apart(tmp_path: Path) -> No
 
 
 @given(st.floats(-1e6, 1e6))
-def test_it_does_not_change_with_what_it_was_given(value: float) -> None:
+def test_it_does_not_change_with_what_it_was_given(value):
     f, mask = F.copy(), np.ones(len(F))
     start = np.zeros((1, len(SPHERE.faces), 3))
     made = abfm.Problem(SPHERE, f, G, mask=mask, start=start)
@@ -116,9 +112,9 @@ def test_it_does_not_change_with_what_it_was_given(value: float) -> None:
     assert made._with().digest == before
 
 
-def test_it_cannot_be_changed() -> None:
+def test_it_cannot_be_changed():
     with pytest.raises(AttributeError, match="does not change"):
-        problem().parameters = P  # type: ignore[misc]
+        problem().parameters = P
     made = abfm.Problem(SPHERE, F, G, mask=np.ones(len(F)), start=np.zeros((len(SPHERE.faces), 3)))
     for array in (made.source, made.target, made.mask, made.weights, made.start):
         assert array is not None
@@ -126,7 +122,7 @@ def test_it_cannot_be_changed() -> None:
             array[0] = 2
 
 
-def test_it_and_its_match_are_written_in_few_words() -> None:
+def test_it_and_its_match_are_written_in_few_words():
     assert repr(problem()).startswith("Problem(TriangleMesh(")
     found = repr(abfm.match(problem()))
     assert "mismatch=" in found
@@ -147,21 +143,21 @@ def test_it_and_its_match_are_written_in_few_words() -> None:
         ({"start": np.full((len(SPHERE.faces), 3), np.inf)}, "not finite"),
     ],
 )
-def test_what_does_not_fit_is_refused_at_once(changes: dict[str, Any], words: str) -> None:
+def test_what_does_not_fit_is_refused_at_once(changes, words):
     with pytest.raises(AbfmError, match=words):
         abfm.Problem(**{"mesh": SPHERE, "f": F, "g": G} | changes)
 
 
-def test_match_takes_a_problem_or_what_makes_one() -> None:
+def test_match_takes_a_problem_or_what_makes_one():
     with pytest.raises(AbfmError, match="takes a Problem"):
-        abfm.match(SPHERE)  # type: ignore[call-overload]
+        abfm.match(SPHERE)
     with pytest.raises(AbfmError, match="takes a Problem alone"):
-        abfm.match(problem(), P)  # type: ignore[call-overload]
+        abfm.match(problem(), P)
     with pytest.raises(AbfmError, match="takes a Problem alone"):
-        abfm.match(problem(), mask=np.ones(len(F)))  # type: ignore[call-overload]
+        abfm.match(problem(), mask=np.ones(len(F)))
 
 
-def test_a_file_that_is_no_problem_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_no_problem_is_refused(tmp_path):
     abfm.match(SPHERE, F, G, P).save(tmp_path / "m.npz")
     assert abfm.load_problem(tmp_path / "m.npz").channels_given is False  # a result holds one
     np.savez(tmp_path / "other.npz", source=F)

@@ -1,14 +1,8 @@
-"""Matches on disk: what is known of one comes back, and files of before are read as what they
-were.
-"""
-
-from __future__ import annotations
+"""Matches on disk: what is known of one comes back."""
 
 import json
 import pickle
 from dataclasses import asdict, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +10,6 @@ import pytest
 import abfm
 from abfm.errors import ResultError
 from abfm.matching import Remedy
-from abfm.matching.match import Match
 from abfm.parameters import PAPER, Parameters
 from tests.core.fields import bump
 from tests.shapes import icosphere
@@ -25,12 +18,12 @@ MESH = icosphere(2)
 
 
 @pytest.fixture(scope="module")
-def match() -> Match:
+def match():
     f, g = bump(MESH, [0, 0, 1], 0.2), bump(MESH, [0, 0.8, 0.6], 0.2)
     return abfm.match(MESH, f, g, Parameters(iterations=8, levels=2, segments=2))
 
 
-def rewritten(path: Path, **changes: Any) -> Path:
+def rewritten(path, **changes):
     """The file with some entries changed, or left out where None."""
     with np.load(path) as archive:
         entries = {**archive, **changes}
@@ -38,7 +31,7 @@ def rewritten(path: Path, **changes: Any) -> Path:
     return path
 
 
-def test_everything_comes_back(match: Match, tmp_path: Path) -> None:
+def test_everything_comes_back(match, tmp_path):
     match.save(tmp_path / "match.npz")
     loaded = abfm.load_match(tmp_path / "match.npz")
     assert np.isfinite([match.verified_mismatch, match.folded]).all()
@@ -61,7 +54,7 @@ def test_everything_comes_back(match: Match, tmp_path: Path) -> None:
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "match.npz").read_bytes()
 
 
-def test_a_match_goes_to_another_process_without_what_was_computed_from_it(match: Match) -> None:
+def test_a_match_goes_to_another_process_without_what_was_computed_from_it(match):
     abfm.matching.prepare(match.mesh, abfm.Parameters(levels=2))  # keeps a coarser mesh and a lock
     there = match.advect([-0.5, 0.5, 1.0])
     sent = pickle.dumps(match)
@@ -71,7 +64,7 @@ def test_a_match_goes_to_another_process_without_what_was_computed_from_it(match
     assert not came.mesh.vertices.flags.writeable
 
 
-def test_what_is_not_known_stays_unknown(tmp_path: Path) -> None:
+def test_what_is_not_known_stays_unknown(tmp_path):
     control = abfm.Control()
     control.cancel(briefly=True)
     f = bump(MESH, [0, 0, 1], 0.2)
@@ -86,8 +79,8 @@ def test_what_is_not_known_stays_unknown(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("mismatch", "kind"), [(0.03, "matched"), (0.4, "not reached")])
 def test_a_file_without_the_new_entries_is_one_of_the_papers_energy(
-    match: Match, tmp_path: Path, mismatch: float, kind: str
-) -> None:
+    match, tmp_path, mismatch, kind
+):
     match.save(tmp_path / "match.npz")
     former = {
         name: value for name, value in match.parameters.to_dict().items() if name not in PAPER
@@ -110,7 +103,7 @@ def test_a_file_without_the_new_entries_is_one_of_the_papers_energy(
     assert again.energy_history[-1, 0] <= again.energy_history[0, 0]
 
 
-def test_remedies_come_back_and_files_without_them_have_none(match: Match, tmp_path: Path) -> None:
+def test_remedies_come_back_and_files_without_them_have_none(match, tmp_path):
     remedies = (
         Remedy("Continue", "go on", {}, True),
         Remedy("Match closer", "smaller", {"sigma": 0.5, "order": 1}),
@@ -138,15 +131,13 @@ def test_remedies_come_back_and_files_without_them_have_none(match: Match, tmp_p
         ),
     ],
 )
-def test_damaged_remedies_are_refused_in_words(
-    match: Match, tmp_path: Path, text: str, words: str
-) -> None:
+def test_damaged_remedies_are_refused_in_words(match, tmp_path, text, words):
     match.save(tmp_path / "match.npz")
     with pytest.raises(ResultError, match=words):
         abfm.load_match(rewritten(tmp_path / "match.npz", remedies=np.array(text)))
 
 
-def test_an_entry_whose_name_is_no_text_is_told_in_words(match: Match, tmp_path: Path) -> None:
+def test_an_entry_whose_name_is_no_text_is_told_in_words(match, tmp_path):
     match.save(tmp_path / "match.npz")
     content = bytearray((tmp_path / "match.npz").read_bytes())
     content[7] |= 8  # the name of the first entry is UTF-8
@@ -156,7 +147,7 @@ def test_an_entry_whose_name_is_no_text_is_told_in_words(match: Match, tmp_path:
         abfm.load_match(tmp_path / "match.npz")
 
 
-def test_a_verdict_of_another_kind_is_refused_in_words(match: Match, tmp_path: Path) -> None:
+def test_a_verdict_of_another_kind_is_refused_in_words(match, tmp_path):
     match.save(tmp_path / "match.npz")
     strange = rewritten(tmp_path / "match.npz", verdict=np.array(["perhaps", "why", "what"]))
     with pytest.raises(

@@ -1,7 +1,5 @@
 """Many problems on an executor: as one after the other, in their order, and stopped when asked."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal
@@ -10,7 +8,6 @@ import threading
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +26,7 @@ ENDLESS = Parameters(
 )
 
 
-def problem(index: int, parameters: Parameters = QUICK, mesh=SPHERE) -> Problem:
+def problem(index, parameters=QUICK, mesh=SPHERE):
     f, g = (bump(mesh, mesh.vertices[vertex], 0.4) for vertex in (index, index + 30))
     return Problem(mesh, f, g, parameters)
 
@@ -37,7 +34,7 @@ def problem(index: int, parameters: Parameters = QUICK, mesh=SPHERE) -> Problem:
 @pytest.fixture(scope="module", params=["threads", "processes"])
 def executor(request):
     if request.param == "threads":
-        made: Executor = ThreadPoolExecutor(2)
+        made = ThreadPoolExecutor(2)
     else:
         made = ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
     with made:
@@ -65,7 +62,7 @@ def test_all_tell_what_they_have_come_to_and_end_with_their_best_when_stopped(ex
     monitor = Monitor()
     matches = solve_many([problem(index, ENDLESS) for index in range(4)], executor, monitor=monitor)
 
-    def stop() -> None:
+    def stop():
         end = time.monotonic() + 60
         while not {0, 1} <= {k for k, told in monitor.reports.items() if told.iteration > 3}:
             assert time.monotonic() < end
@@ -100,12 +97,12 @@ def test_an_error_comes_in_the_place_of_its_problem(executor):
 class Elsewhere(Executor):
     """Runs a task as on a machine that does not see this one's files and has no mesh yet."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         self.folder = folder
-        self.sizes: list[int] = []
+        self.sizes = []
 
     def submit(self, function, task, /):
-        future: Future = Future()
+        future = Future()
         hidden = task._replace(folder=self.folder / "not here")
         _meshes.here.clear()
         _meshes._kept.clear()
@@ -129,7 +126,7 @@ def test_a_process_reads_a_mesh_once(monkeypatch):
 
     class Here(Executor):
         def submit(self, function, task, /):
-            future: Future = Future()
+            future = Future()
             _meshes.here.clear()
             future.set_result(function(task))
             return future

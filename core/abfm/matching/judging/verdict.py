@@ -48,9 +48,7 @@ _COURSE = (
 
 
 def confirmed_mismatch(mismatch: float, verified: float) -> float:
-    """Return the least mismatch that the discrete flow and flow lines (NaN if unknown) both
-    confirm: what is surely left.
-    """
+    """Return what is surely left, by the discrete flow and by flow lines (NaN if unknown)."""
     return mismatch if math.isnan(verified) else max(mismatch, verified / CONFIRMED)
 
 
@@ -65,21 +63,8 @@ def kind_of(confirmed: float) -> Kind:
 class Remedy:
     """A run that is likely to come closer.
 
-    Attributes
-    ----------
-    label : str
-        In a word or two.
-    words : str
-        The same as advice, without a full stop.
-    parameters : dict
-        Those that change, with their new values.
-    goes_on : bool
-        Whether it starts from the field of the match, not from none.
-
-    Raises
-    ------
-    ParameterError
-        If a parameter is unknown, or its value refused.
+    Its ``words`` are the ``label`` as advice, its ``parameters`` those that change, checked; if it
+    ``goes_on`` it starts from the field of the match, not from none.
     """
 
     label: str
@@ -128,22 +113,17 @@ class Outcome:
 
 
 def advice(functions: FunctionTerm, outcome: Outcome, parameters: Parameters) -> Verdict:
-    """Say what a match came to, why, and what to do; numbers that are advised start from the
-    parameters it had.
+    """Say what a match came to, why, and what to do.
 
-    What no flow can do comes first, whatever the discrete flow has made of it; then whether flow
-    lines confirm the mismatch; then its size; and where it is large, the most telling cause.
+    What no flow can do comes first; then whether flow lines confirm the mismatch; then its size;
+    and where it is large, the most telling cause.
     """
     case = _Case(functions, outcome, parameters)
     return case.impossible() or case.unconfirmed() or case.by_size() or case.not_reached()
 
 
 class Remedies:
-    """Makes remedies of a match: numbers start from the parameters it had, and the last sigma.
-
-    Time has no remedy of its own: with ``w = tau v`` the energy is ``1/tau`` times that of
-    ``tau = 1`` with ``sigma / sqrt(tau)``, so that a larger tau is a smaller sigma.
-    """
+    """Makes remedies of a match: numbers start from the parameters it had, and the last sigma."""
 
     def __init__(self, functions: FunctionTerm, parameters: Parameters, unmatched: float) -> None:
         self._functions, self._parameters = functions, parameters
@@ -186,9 +166,7 @@ class Remedies:
         return Remedy("Reach further", words, changed)
 
     def truer(self) -> Remedy | None:
-        """Return what makes flow lines confirm more: parameters that stray go back to the defaults.
-        None where none does.
-        """
+        """Return what makes flow lines confirm more: what strays goes back to the defaults."""
         p = self._parameters
         if self.too_far:
             return self.further()
@@ -257,9 +235,7 @@ class _Case:
         return solvability.squeezed(self.functions, self.outcome.advected)
 
     def impossible(self) -> Verdict | None:
-        """Values that the source lacks, or cannot lose; functions that were alike from the start
-        are no such case.
-        """
+        """Values that the source lacks, or cannot lose, unless both were alike from the start."""
         if max(self.first, self.outcome.mismatch) <= MATCHED:
             return None
         flat = solvability.source_is_constant(self.functions)
@@ -423,9 +399,7 @@ class _Case:
         return f"it stopped after the {self.parameters.iterations} iterations it was given"
 
     def _truer(self, or_smoother: bool = False) -> list[Remedy]:
-        """Return what makes a match hold that flow lines do not confirm; where they refute it, even
-        more than the defaults.
-        """
+        """Return what makes flow lines confirm a match, where they refute it beyond defaults."""
         if truer := self.remedies.truer():
             return [truer]
         return [self.remedies.smoother()] if or_smoother and self.remedies.is_carried else []

@@ -41,14 +41,11 @@ class Verification:
     flow_lines : float
         ``||f o phi^-1 - g|| / ||g||`` in L2 with phi the flow of the continuous fields to tau.
     subdivided : float
-        The same by the matrix exponential of the continuous fields on the midpoint subdivision,
-        with f and g interpolated; inf where it overflows or would take very long, NaN where it was
-        not asked.
+        The same by the exponential of the continuous fields on the midpoint subdivision; inf where
+        it overflows or would take very long, NaN where it was not asked.
     folded, overturned : float
         Shares of the faces that the inverse flow folds, and whose carried vertices alone look
-        turned over. The first is small even for rough fields, as the flow of a continuous field
-        tears nothing; the second is several percent where a smooth flow stretches much, tens of
-        percent where the field is noise.
+        turned over: tens of percent where the field is noise.
     resolution : float
         How many edges the narrow features of both functions span, mask or not.
     """
@@ -66,10 +63,7 @@ class Verification:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the two witnesses differ by more than a factor of 2 and more than 0.05.
-
-        Then the fields or the functions are too rough for this mesh: no number can be relied on.
-        """
+        """Whether the witnesses differ by more than a factor of 2 and 0.05, as fields are rough."""
         least, most = sorted((self.flow_lines, self.subdivided))  # comparisons with NaN are False
         return bool(most - least > _APART and most > _TIMES * least)
 
@@ -90,31 +84,25 @@ class Verification:
 
 
 def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Verification:
-    """Ask independent witnesses whether fields carry a source to a target.
+    """Ask independent witnesses whether fields carry a source to a target, not only their scheme.
 
-    A search among all fields of a mesh also finds those that its scheme carries better than their
-    flow does. Flow lines of the continuous field lead from each vertex back to where its value
-    comes from: they have no dispersion, and their error falls with the square of the edge length.
-    The exponential of the continuous field on the midpoint subdivision shares the scheme's
-    dispersion, a quarter of it, but not the mesh. Where both agree the mismatch is that of the
-    field, whatever the discrete one was.
+    Flow lines have no dispersion, and their error falls with the square of the edge length; on the
+    midpoint subdivision the scheme's dispersion is a quarter. Where both agree the mismatch is that
+    of the field.
 
     Parameters
     ----------
     problem : Problem
         Its functions, mask and weights, tau and the method.
     velocity : (N, F, 3) or (F, 3) array
-        Tangent fields in a row, each for ``tau / N``, in the mesh's length unit per unit of time,
-        such as ``match.velocity``.
+        Tangent fields, each for ``tau / N``, in the mesh's length unit, such as ``match.velocity``.
     subdivided : bool
-        Whether to ask on the subdivided mesh, which takes most of the time. Above
-        `SUBDIVIDED_LIMIT` vertices it is not asked.
+        Whether to ask on the subdivided mesh, up to `SUBDIVIDED_LIMIT` vertices: most of the time.
 
     Raises
     ------
     AbfmError
-        If an array does not fit, or the fields lead over too many faces, see
-        `abfm.flow.ContinuousFlow`.
+        If an array does not fit, or the fields lead over too many faces.
     """
     mesh, p = problem.mesh, problem.parameters
     functions, fields = problem.functions.on(mesh), fields_in_a_row(mesh, velocity)
@@ -127,10 +115,7 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
 
 
 def estimate(energy: MatchingEnergy, fields: FloatArray) -> tuple[float, float]:
-    """Return `Verification.flow_lines` and `folded` of fields (N, F, 3) on the energy's mesh.
-
-    On meshes of more than `FEW` vertices so many, those of evenly chosen faces, stand for all.
-    """
+    """Return `flow_lines` and `folded` of fields (N, F, 3); above `FEW` vertices by so many."""
     mesh, faces = energy.mesh, np.arange(len(energy.mesh.faces))
     if len(mesh.vertices) > FEW:
         faces = np.linspace(0, len(faces) - 1, FEW // 2).astype(np.int64)

@@ -36,11 +36,8 @@ class Adjoint:
 
 @dataclass(frozen=True, eq=False)
 class Bracket:
-    """The paper's derivative (Eq. 9, and section 7), through the Lie bracket.
-
-    For one field ``-(dt / (k+1)) sum_s exp(s dt / k ad_v)^T sum_r D̄_{f_(r-1)}^T
-    exp(-(n - r) dt D_v)^T mu``, with ``dt = t / n``; for ``n = 1`` Eq. 9,
-    ``-(t / (k+1)) sum_s exp(s t / k ad_v)^T D̄_f^T exp(-t D_v)^T mu``.
+    """The paper's derivative (Eq. 9, and section 7): with ``dt = t / n``, for one field
+    ``-(dt / (k+1)) sum_s exp(s dt / k ad_v)^T sum_r D̄_{f_(r-1)}^T exp(-(n - r) dt D_v)^T mu``.
     """
 
     mesh: TriangleMesh

@@ -87,21 +87,13 @@ class MatchingEnergy:
     """Regularity of the fields plus mismatch of what they carry, with exact or paper's gradient.
 
     ``E(v) = dtau/2 sum_j v_j^T G_F D_alpha v_j + 1/(2 sigma^2) sum_c w_c dg_c^T G_V C_beta dg_c``
-    with ``dg = f_tau - g`` (Eq. 6); the mesh is scaled to unit area. A norm of second order has
-    ``D_alpha^2``, a sigma that is relative is multiplied by `function_size`, and early stages
-    measure ``dg`` with a `reach`. Each such choice is an `objective`.
+    with ``dg = f_tau - g`` (Eq. 6), on ``mesh``, scaled to unit area by ``length_scale``.
+    A norm of second order has ``D_alpha^2``, and a relative sigma the unit of the functions.
 
     Parameters
     ----------
     problem : Problem
         Or what `Problem` takes: mesh, f, g, parameters and, by name, mask and weights.
-
-    Attributes
-    ----------
-    mesh : TriangleMesh
-        That of unit area.
-    length_scale : float
-        Of the mesh as it was given: what one length of `mesh` is there.
     """
 
     def __init__(self, problem: Problem | TriangleMesh, *functions: Any, **given: Any) -> None:
@@ -142,8 +134,8 @@ class MatchingEnergy:
     ) -> Objective:
         """Return what is minimised with a sigma, and an alpha in place of the parameters'.
 
-        A ``reach`` is that of the data terms; an ``offset`` (C, V) is what they may leave;
-        ``tolerance`` truncates the advection, and the gradient is that of the truncated sum.
+        A ``reach`` is that of the data terms, an ``offset`` (C, V) what they may leave; a tolerance
+        truncates the advection, and the gradient is that of the truncated sum.
         """
         missed = self.measure(reach).value_and_residual
         return Objective(
@@ -166,10 +158,7 @@ class MatchingEnergy:
         return energy
 
     def regularizer(self, alpha: float | None = None) -> Regularizer:
-        """Return the norm of fields, with the parameters' alpha or another one.
-
-        Of others the latest is kept: on a large mesh each has factors of hundreds of megabytes.
-        """
+        """Return the norm of fields with an alpha; of others than the parameters' one is kept."""
         known, usual = self._regularizers, self.parameters.alpha
         alpha = usual if alpha is None else alpha
         if alpha not in known:

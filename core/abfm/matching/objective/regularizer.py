@@ -33,10 +33,7 @@ _LEAST_SHARE = 1e-13
 
 
 class Regularizer:
-    """``R = G_F D_alpha^order`` on frame coefficients (F, 2): apply, and apply the inverse.
-
-    ``alpha``, in units of the mesh's area, is not negative; order 1 is the paper's norm.
-    """
+    """``R = G_F D_alpha^order`` on coefficients (F, 2) and its inverse; order 1 is the paper's."""
 
     def __init__(self, mesh: TriangleMesh, alpha: float, order: int = 1) -> None:
         self.alpha, self.order = alpha, order

@@ -42,9 +42,7 @@ class Confirmation(NamedTuple):
         return self.mismatch < (1 - _PAYING) * before.mismatch
 
     def is_as_low(self, before: Confirmation) -> bool:
-        """Tell whether the energy is about as low as before: what two searches come to is the
-        least.
-        """
+        """Tell whether the energy is about as low: what two searches come to is the least."""
         return self.energy < (1 + _ALIKE) * before.energy
 
     def equals(self, before: Confirmation) -> bool:
@@ -53,9 +51,7 @@ class Confirmation(NamedTuple):
 
 
 def is_walked(energy: MatchingEnergy) -> bool:
-    """Tell whether flow lines are asked: not on large meshes, nor for linearised steps, which are
-    no flow.
-    """
+    """Tell whether flow lines are asked: not on large meshes, nor for linearised steps."""
     return len(energy.mesh.vertices) <= _MOST_WALKS and energy.parameters.method != "linearised"
 
 
@@ -65,9 +61,7 @@ def is_resolved(energy: MatchingEnergy) -> bool:
 
 
 def by_flow_lines(energy: MatchingEnergy, x: FloatArray) -> FloatArray:
-    """Return the source carried along the continuous fields, (C, V); ParameterError if they lead
-    over too many faces.
-    """
+    """Return the source (C, V) carried along the continuous fields; ParameterError if too fast."""
     fields = to_ambient(energy.mesh, x)
     flow = ContinuousFlow(energy.mesh, fields, energy.parameters.tau)
     return np.ascontiguousarray(flow.origins().pull_back(energy.terms.carried.T).T)

@@ -49,9 +49,8 @@ class Progress:
 class Incumbent:
     """What is known to be best while something is tried out, on the same level.
 
-    If anything ends the trial early, be it cancelled, out of memory or a fault, the descent is back
-    at the incumbent, or stays with what the trial has found if that leaves less than ``mismatch``:
-    0 where the trial has to come to its end to be trusted. The incumbent may be replaced meanwhile.
+    If anything ends the trial early, the descent is back at the incumbent, or stays with what the
+    trial has found if that leaves at most ``mismatch``: 0 where only its end is to be trusted.
     """
 
     def __init__(self, descent: Descent, progress: Progress, mismatch: float = 0.0) -> None:
@@ -74,12 +73,8 @@ class Incumbent:
 class Descent:
     """Runs stages; what is to come of them is for the caller to say.
 
-    Attributes
-    ----------
-    levels : list of Level
-        At first those with the mesh itself.
-    progress : Progress
-        May be set to what it was before, on the same level, or to ``Progress()`` to begin anew.
+    The progress may be set to what it was before, on the same level, or to ``Progress()`` to begin
+    anew; the levels are at first those with the mesh itself.
     """
 
     def __init__(self, energy: MatchingEnergy, record: Record) -> None:
@@ -130,10 +125,7 @@ class Descent:
     def minimise(
         self, stage: Stage, start: FloatArray | Evaluation, offset: FloatArray | None = None
     ) -> Evaluation:
-        """Run a stage to its end.
-
-        Only stages without an offset (C, V), which may be left, come into the record's schedule.
-        """
+        """Run a stage to its end; an offset (C, V) may be left, and leaves it off the record."""
         if offset is None:
             self._record.schedule.append(stage)
         search = self._search(stage, offset)
@@ -171,14 +163,11 @@ class Descent:
         return None if stage.pays(energies) else StopReason.NO_PROGRESS
 
     def balance(self, stage: Stage) -> Evaluation:
-        """Weigh flow lines against the discrete advection; the best round stays, and why the match
-        ended before stays the reason.
+        """Weigh flow lines against the discrete advection; the best round and the reason stay.
 
-        The scheme disperses, and flow lines of a field made continuous are off by a little too:
-        neither is the flow. With ``g + b (f_tau - f o phi)`` as target a perfect match has
-        ``(1 - b) f_tau + b (f o phi) = g``, so that both share what divides them. No derivative of
-        flow lines is needed. After a round that costs the discrete mismatch more than it may, or
-        gains nothing, the share is halved.
+        Neither is the flow. With ``g + b (f_tau - f o phi)`` as target a perfect match has
+        ``(1 - b) f_tau + b (f o phi) = g``, so that both share what divides them. After a round
+        that costs the discrete mismatch too much, or gains nothing, the share is halved.
         """
         energy = self.levels[stage.level].energy
         if not is_walked(energy):
@@ -219,9 +208,7 @@ class Descent:
         return self.best
 
     def _arrive(self, stage: Stage, best: Evaluation) -> None:
-        """Take fields as the best on a stage's level; where a level begins they are an iterate
-        of their own.
-        """
+        """Take fields as the best on a stage's level, and as an iterate where a level begins."""
         self.progress = replace(self.progress, best=best)
         if stage.level != self.level:  # not before: until then what is known is on the coarser mesh
             self.level, self.progress = stage.level, replace(self.progress, learned=None)
@@ -275,11 +262,9 @@ def calmed(
 ) -> Point:
     """Smooth fields (N, F, 2) from a coarser mesh as little as keeps their discrete flow calm.
 
-    Where the normal parts of a field jump over edges the discrete flow grows, on meshes of thin
-    triangles beyond bounds. Smoothing on the scale of an edge, by the norm of first order, takes
-    most of the jumps away. Returns what ``evaluate`` gives, beside the relative mismatch on this
-    mesh, of fields that leave about as much as on the coarser one, or else of the best of those
-    tried; of zero where no flow stays finite.
+    It grows where normal parts of a field jump over edges, most of which smoothing on the scale of
+    an edge takes away. Returns what ``evaluate`` gives, beside the relative mismatch, of fields
+    that leave about as much as before, or of the best ones tried; of zero where none is finite.
     """
     area = 1 / len(mesh.vertices)
     calm, least = None, np.inf

@@ -39,11 +39,10 @@ _INTERVAL = 0.05  # seconds between two tests of whether to go on waiting
 
 
 class Transfer:
-    """Between a coarse and a fine mesh of one surface, in the same units.
+    """Between a coarse and a fine mesh of one surface, in the same units, by closest points.
 
-    Functions are interpolated from the coarse to the fine mesh and averaged the other way. Fields
-    are made continuous on the mesh that they come from, read at the points closest to the vertices,
-    and turned with the surface's normal onto the faces between them.
+    Functions are interpolated from coarse to fine and averaged the other way. Fields are made
+    continuous, read at the points closest to the vertices, and turned onto the faces between them.
     """
 
     def __init__(self, coarse: TriangleMesh, fine: TriangleMesh) -> None:
@@ -97,9 +96,7 @@ class Transfer:
 
 
 def _read(field: FloatArray, points: PointMap) -> FloatArray:
-    """Read the continuous field of the codomain at the images of the domain's vertices, turned onto
-    the domain's faces.
-    """
+    """Read the codomain's continuous field at the domain's vertices, turned onto its faces."""
     mesh, other = points.codomain, points.domain
     vectors = (corner_vectors(mesh, field)[points.faces] * points.barycentric).sum(axis=1)
     frames = face_frames(mesh)[points.faces]
@@ -118,10 +115,8 @@ def turn_onto_faces(
     face_normals: FloatArray,
     frames: FloatArray,
 ) -> FloatArray:
-    """Return means of vectors (V, 3) at corners of faces, as coefficients (F, 2) in their frames.
-
-    Each is rotated as the shortest rotation takes the unit normal (V, 3) that belongs to it to that
-    of the face.
+    """Return means of vectors (V, 3) at corners of faces, as coefficients (F, 2) in their frames,
+    each rotated as the shortest rotation takes its unit normal (V, 3) to that of the face.
     """
     out = np.zeros((faces.shape[0], 2))
     for f in range(faces.shape[0]):
@@ -140,9 +135,7 @@ def turn_onto_faces(
 
 
 class Level:
-    """The energy on one mesh, and the transfer to the next finer one; None where that is the same
-    mesh, and this ``cheaper``, with clusters of vertices.
-    """
+    """The energy on one mesh, and what brings to the next, unless this is the same, but cheaper."""
 
     def __init__(
         self,
@@ -171,12 +164,7 @@ class Level:
         return functions if self._to_finer is None else self._to_finer.function_to_fine(functions)
 
     def affordable(self, iterations: int, x: FloatArray) -> int:
-        """Return how many of so many iterations to spend, from frame coefficients (N, F, 2) on.
-
-        Where thin triangles set the cost it can be fifty times what it is with clusters of their
-        vertices, where these iterations have been made already. What is spent is what they would
-        cost there.
-        """
+        """Return how many iterations to spend: as many as cost what these do with clusters."""
         if self._cheaper is None:
             return iterations
         share = _COST * (self._cheaper.flow(x).exponent / max(self.energy.flow(x).exponent, 1e-300))
@@ -209,12 +197,7 @@ def levels(finest: list[Level]) -> list[Level]:
 
 
 def on_the_mesh(finest: MatchingEnergy) -> list[Level]:
-    """Return the levels with the mesh of ``finest``: where thin triangles cost too much, first
-    with clusters of their vertices.
-
-    The bracket gradient and linearised steps have no clusters, nor has a match on one level by
-    choice.
-    """
+    """Return the levels with the finest mesh: first with clusters, where they are cheaper."""
     p = finest.parameters
     chosen = p.levels == 1 or p.gradient != "adjoint" or p.method != "nonlinear"
     if chosen or vertex_clusters(finest.mesh) is None:
@@ -235,9 +218,7 @@ def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
 
 
 def _coarser(fine: TriangleMesh, count: int, ahead: bool = False) -> Transfer | None:
-    """Return the transfer from the coarser mesh of so many vertices, if there is one; ahead of its
-    use all of it.
-    """
+    """Return the transfer from the coarser mesh of so many vertices, if there is one."""
     with _making(fine):
         coarse = coarsened(fine, count)
         transfer = None if coarse is None else _transfer(fine, coarse)

@@ -52,10 +52,7 @@ class StopReason(StrEnum):
 
 
 def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int) -> str | None:
-    """Say what looks wrong while a match runs, in one line without a full stop; None if nothing.
-
-    A source (C, V) that vanishes may come back in a later stage, but mostly does not.
-    """
+    """Say what looks wrong while a match runs, in one line without a full stop; None if nothing."""
     if functions.relative_mismatch(advected) <= NEARLY:
         return None
     if vanished(functions, advected):
@@ -150,9 +147,7 @@ class CallerError(Exception):
 
 
 class Record:
-    """What a match has done: energy, regularity and mismatch of every iterate, the stage of each,
-    and the stages that were begun; reports every iterate.
-    """
+    """What a match has done: energy, regularity, mismatch and stage of each iterate."""
 
     def __init__(self, on_iteration: Callable[[Iteration], None] | None) -> None:
         self.history: list[tuple[float, float, float]] = []

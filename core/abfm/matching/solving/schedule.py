@@ -51,10 +51,7 @@ class Stage:
     paying: float = _PAYING
 
     def continues(self, before: "Stage") -> bool:
-        """Tell whether what a stage before has learned of its energy serves this one.
-
-        Fixed stages learn anew where sigma is another one, which in the long run leads further.
-        """
+        """Tell whether what the stage before learned serves; if fixed not with another sigma."""
         same = (before.level, before.reach, before.alpha) == (self.level, self.reach, self.alpha)
         return same and not (self.fixed and before.sigma != self.sigma)
 
@@ -74,10 +71,9 @@ class Attempt(NamedTuple):
 def search(p: Parameters, levels: int, clustered: bool = False) -> list[Attempt]:
     """Attempts to find the target on the coarsest level, made until it is found.
 
-    Each begins with the norm that reaches far and ends with that of the parameters. The first one
-    has their alpha, and what is not surely found by it is looked for by fields that may be less
-    smooth. Without reach there is one attempt, the paper's: every sigma but the last. ``levels``
-    and ``clustered`` are those of `finish`.
+    Each begins with the norm that reaches far and ends with that of the parameters, the first one
+    with their alpha, others with less. Without reach there is one, the paper's: all sigmas but the
+    last. ``levels`` and ``clustered`` are those of `finish`.
     """
     meshes = levels - clustered
     fixed, sigmas = _is_fixed(p, meshes), p.stage_sigmas()
@@ -98,11 +94,7 @@ def search(p: Parameters, levels: int, clustered: bool = False) -> list[Attempt]
 
 
 def gradual(p: Parameters, levels: int, clustered: bool = False) -> list[Stage]:
-    """List the second attempt of `search` from a larger sigma on, where a field is smooth before it
-    follows details.
-
-    It ends with the same sigma, so that both compare. None without reach, and with fixed stages.
-    """
+    """List the second attempt of `search` from larger sigmas on, to the same one; [] if fixed."""
     if not p.reach or p.stage_iterations or p.cooling_stages == 1:
         return []
     first = search(p, levels, clustered)[0].stages
@@ -121,13 +113,11 @@ class Found(NamedTuple):
 
 
 def finish(p: Parameters, levels: int, found: Found, clustered: bool = False) -> list[Stage]:
-    """List what follows once the target is found: the other sigmas, the finer meshes, flow lines,
-    the mesh as it is.
+    """List what follows once the target is found: other sigmas, finer meshes, flow lines.
 
-    With a fixed number of iterations per stage, and without reach on one mesh, as in the paper,
-    stages go on to the end of their iterations; else they end when they stop paying, or are close.
-    ``clustered`` says whether the last level but one has the mesh itself already, with clusters of
-    vertices: it takes the place of the last one, where only what then misses the target goes on.
+    Without reach on one mesh, as in the paper, stages go on to the end of their iterations, which
+    may be fixed; else until they stop paying, or are close. If ``clustered`` the last level but one
+    is the mesh itself with clusters of vertices; on the last only what misses the target goes on.
     """
     meshes = levels - clustered
     fixed = _is_fixed(p, meshes)
@@ -173,9 +163,7 @@ def finish(p: Parameters, levels: int, found: Found, clustered: bool = False) ->
 
 
 def _closing(last: Stage, p: Parameters) -> list[Stage]:
-    """List smaller alphas and sigmas for what is not matched with the last ones, down to those
-    below the parameters'.
-    """
+    """List smaller alphas and sigmas for what is not matched with the last ones."""
     if last.fixed:
         return []
     closing = replace(

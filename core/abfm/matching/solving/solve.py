@@ -79,9 +79,7 @@ class Solver:
             self._finish(self._find(start), warm=False)
 
     def _start(self) -> FloatArray | None:
-        """Return the given fields (M, F, 3) as frame coefficients (N, F, 2): averages over, or
-        repeated in, the N segments of the parameters.
-        """
+        """Return the given fields as frame coefficients (N, F, 2), averaged over the N segments."""
         start, wanted = self.energy.problem.start, self.energy.parameters.segments
         if start is None:
             return None
@@ -112,9 +110,7 @@ class Solver:
         return False
 
     def _find(self, start: FloatArray | None) -> FloatArray:
-        """Return fields on the coarsest mesh that lead at least near the target, or the best that
-        were found.
-        """
+        """Return the fields on the coarsest mesh that lead to the target, or the best ones."""
         descent, p = self._descent, self.energy.parameters
         coarsest = descent.levels[0].energy
         at_rest = coarsest.relative_mismatch(coarsest.terms.carried)
@@ -145,9 +141,7 @@ class Solver:
         return self._more_gradually(kept).x if kept is not None and least <= REACHED else best
 
     def _more_gradually(self, usual: Evaluation) -> Evaluation:
-        """Return what was found, or what a more gradual search finds where flow lines do not
-        confirm that and do this.
-        """
+        """Return what was found, or what a gradual search finds if only this is confirmed."""
         descent, p = self._descent, self.energy.parameters
         coarsest = descent.levels[0].energy
         stages = gradual(p, len(descent.levels), self._clustered)
@@ -172,9 +166,7 @@ class Solver:
         return descent.best
 
     def _finish(self, x: FloatArray, warm: bool) -> None:
-        """Come close on all meshes; those between are left out where what is found holds on the
-        mesh itself.
-        """
+        """Come close on all meshes, or not on those between where the mesh itself is as close."""
         count = len(self._descent.levels)
         found = Found(warm, 0.0 if np.isnan(self.unmatched) else self.unmatched, self._alpha)
         plan = finish(self.energy.parameters, count, found, self._clustered)
@@ -205,8 +197,8 @@ class Solver:
     def _confirming(self, stage: Stage, start: FloatArray | Evaluation, is_end: bool) -> Evaluation:
         """Run a stage where sigma was raised.
 
-        What closing stages find stays where flow lines leave less, or where it matches and they
-        leave about as much; else it is undone once it matches or the last one ends.
+        What closing stages find stays where flow lines leave less, or it matches and they leave
+        about as much; else it is undone once it matches or the last one ends.
         """
         descent, (before, progress) = self._descent, self._confirmed
         energy, is_closing = descent.levels[stage.level].energy, stage.needed_above > 0
@@ -225,9 +217,7 @@ class Solver:
         return descent.best
 
     def _ahead(self, x: FloatArray, stage: Stage) -> Evaluation | None:
-        """Return fields of the coarsest mesh on that of a stage, where they leave little more than
-        they did.
-        """
+        """Evaluate fields of the coarsest mesh on that of a stage; None if they leave much more."""
         descent = self._descent
         checkpoint()
         for level in descent.levels[: stage.level]:
@@ -237,9 +227,7 @@ class Solver:
         return found if left <= descent.mismatch + _MORE else None
 
     def _on_the_mesh(self) -> Carried:
-        """Return the best fields on the mesh itself, and the source carried by them: never worse
-        than what does not move.
-        """
+        """Return the best fields on the mesh itself: never worse than what does not move."""
         descent, mismatch = self._descent, self.energy.relative_mismatch
         if descent.progress.best is None:
             return self._at_rest[0]

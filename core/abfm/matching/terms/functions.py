@@ -37,27 +37,11 @@ _MOSTLY_CONSTANT = 0.05  # the same of one whose mismatch is told relative to wh
 
 
 class FunctionTerm:
-    """A source f and a target g, (V,) or (V, C), on a mesh of unit area.
+    """A source f and a target g, (V,) or (V, C), on a mesh of unit area; AbfmError if they misfit.
 
-    A mask is (V,), of the vertices of the mesh or of its file, and may hide where values of the
-    source come from; weights are (C,).
-
-    Attributes
-    ----------
-    source, target : (C, V) arrays
-    areas : (V,) array
-        Those of the vertices times the mask.
-    function_size : float
-        The larger of the two functions' deviations from their means, in L2 with mask and weights,
-        all channels together; 1 where both are constant.
-
-    Raises
-    ------
-    FunctionError
-        If a function does not fit the mesh, or they have not as many channels.
-    ParameterError
-        If mask or weights do not fit, a value is negative or not finite, or all are zero or beyond
-        1e-30 to 1e30.
+    A mask is (V,), of the vertices of the mesh or of its file; weights are (C,). ``source`` and
+    ``target`` are (C, V), ``areas`` those of the vertices times the mask. ``function_size`` is the
+    larger deviation of both from their means, in L2 over all channels; 1 where both are constant.
     """
 
     def __init__(
@@ -117,11 +101,10 @@ class FunctionTerm:
         return self.relative_size(carried - self.target)
 
     def relative_size(self, difference: FloatArray) -> float:
-        """Return ``||d|| / ||g||`` in L2 over all channels (C, V), with mask and weights.
+        """Return ``||d|| / ||g||`` in L2 over all channels (C, V), or over ``||f||`` where g is 0.
 
-        Relative to the source where the target is 0. Functions that are mostly a constant would
-        always be matched: where both deviate from their means by little of that norm the larger
-        deviation takes its place, unless both are constants.
+        Functions that are mostly a constant would always be matched: where both deviate little from
+        their means the larger deviation takes the place of the norm, unless both are constants.
         """
         scale = self.norm(self.target) or self.norm(self.source) or 1.0
         deviation = max(self.deviation(self.source), self.deviation(self.target))
@@ -192,15 +175,11 @@ class FunctionTerm:
 class SmoothedNorm:
     """``c A_w (A + s L)^-1 A_w`` on vertex functions, ``s = reach^2``: one Cholesky solve.
 
-    Where source and target do not touch, the derivative of ``||f_tau - g||^2`` by the field is
-    ``-grad(f^2)`` on the source's own support: it says "shrink", never "move". Measured through the
-    smoothing, with vertex masses ``A`` and the cotangent stiffness ``L``, the mismatch is felt as
-    far as ``sqrt(s)``. The kernel is positive definite, so that only an exact match has none; it is
-    the linearisation of optimal transport's distance [Peyre, Comparison between W2 distance and
-    H^-1 norm, and localization of Wasserstein distance, ESAIM: COCV 24 (2018)].
-
-    ``areas`` (V,) are ``A_w``, with the mask; ``reach`` is positive, in the mesh's length unit; by
-    ``c`` differences (C, V), with weights (C,), measure the same as in L2.
+    Where source and target do not touch, the derivative of ``||f_tau - g||^2`` by the field says
+    "shrink", never "move". Measured through the smoothing, with masses ``A`` and the cotangent
+    stiffness ``L``, it is felt as far as ``sqrt(s)``; the kernel is positive definite: the
+    linearisation of optimal transport's distance [Peyre, ESAIM: COCV 24 (2018)]. ``areas`` (V,) are
+    ``A_w``, with the mask; by ``c`` differences (C, V) measure the same as in L2.
     """
 
     def __init__(
@@ -225,9 +204,7 @@ class SmoothedNorm:
 
 
 class _Mismatch:
-    """``1 / (2 sigma^2) sum_c w_c <d_c, M d_c>`` with ``d = f_tau - g``; a relative sigma is in
-    units of `FunctionTerm.function_size`.
-    """
+    """``sum_c w_c <d_c, M d_c> / (2 sigma^2)`` with ``d = f_tau - g`` and sigma in its unit."""
 
     def __init__(
         self,

@@ -1,7 +1,5 @@
 """What is offered after a match: that it is allowed, that it fits, and that it helps."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import asdict, replace
@@ -14,11 +12,9 @@ from abfm.errors import ParameterError
 from abfm.matching import Remedy
 from abfm.matching.judging.verdict import Outcome, Remedies
 from abfm.matching.judging.verdict import advice as judged
-from abfm.matching.match import Match
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LARGEST_ALPHA, MANY, PAPER, SMALLEST, Parameters
-from abfm.types import FloatArray
 from tests.core.fields import bump
 from tests.shapes import ellipsoid
 
@@ -27,13 +23,13 @@ BLIND = Parameters(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iteration
 """The paper's course, which looks for nothing far away."""
 
 
-def at(degrees: float, width: float = 0.1) -> FloatArray:
+def at(degrees, width=0.1):
     """A Gaussian on the egg, so far around from its blunt side."""
     angle = np.deg2rad(degrees)
     return bump(EGG, [np.sin(angle), 0, 0.55 * np.cos(angle)], width)
 
 
-def followed(match: Match, remedy: Remedy) -> Match:
+def followed(match, remedy):
     """The match that a remedy leads to."""
     parameters = replace(match.parameters, **remedy.parameters)
     start = match.start_for(parameters) if remedy.goes_on else None
@@ -51,9 +47,7 @@ def followed(match: Match, remedy: Remedy) -> Match:
         (["Smoother"], 90, Parameters(order=1, alpha=0.001, balance=0.0)),
     ],
 )
-def test_each_remedy_lowers_what_flow_lines_leave(
-    labels: list[str], degrees: float, parameters: Parameters
-) -> None:
+def test_each_remedy_lowers_what_flow_lines_leave(labels, degrees, parameters):
     match = abfm.match(EGG, at(0), at(degrees), parameters)
     assert match.verdict.kind in ("nearly", "not reached")
     assert [remedy.label for remedy in match.verdict.remedies] == labels
@@ -61,7 +55,7 @@ def test_each_remedy_lowers_what_flow_lines_leave(
         assert followed(match, remedy).verified_mismatch < match.verified_mismatch, remedy
 
 
-def test_a_larger_tau_is_a_smaller_sigma() -> None:
+def test_a_larger_tau_is_a_smaller_sigma():
     """So that there is no remedy of more time in that sense."""
     p = Parameters(sigma=0.1, levels=1, balance=0.0, iterations=20)
     slow, long = (
@@ -74,7 +68,7 @@ def test_a_larger_tau_is_a_smaller_sigma() -> None:
     np.testing.assert_allclose(long.energy_history[:, 0], slow.energy_history[:, 0] / 4, rtol=1e-6)
 
 
-def test_a_remedy_changes_only_what_differs_and_is_plain_for_json() -> None:
+def test_a_remedy_changes_only_what_differs_and_is_plain_for_json():
     problem = FunctionTerm(EGG, at(0), at(120))
     blind = Remedies(problem, BLIND, np.nan).further()
     assert blind.parameters["reach"] == 1.0
@@ -86,7 +80,7 @@ def test_a_remedy_changes_only_what_differs_and_is_plain_for_json() -> None:
         assert json.loads(json.dumps(asdict(remedy))) == asdict(remedy)
 
 
-def test_sigma_that_was_raised_is_lowered_as_an_absolute_one() -> None:
+def test_sigma_that_was_raised_is_lowered_as_an_absolute_one():
     problem, p = FunctionTerm(EGG, at(0), at(60)), Parameters()
     assert Remedies(problem, p, np.nan).closer().parameters == {"sigma": 0.0067}
     raised = Remedies(problem, p, 0.3).closer().parameters
@@ -103,15 +97,13 @@ def test_sigma_that_was_raised_is_lowered_as_an_absolute_one() -> None:
         (Parameters(reach=0.01), "Reach further"),
     ],
 )
-def test_what_flow_lines_refute_goes_back_towards_the_defaults_first(
-    parameters: Parameters, labels: str
-) -> None:
+def test_what_flow_lines_refute_goes_back_towards_the_defaults_first(parameters, labels):
     found = Remedies(FunctionTerm(EGG, at(0, 0.2), at(60, 0.2)), parameters, np.nan).truer()
     assert found is not None
     assert found.label == labels
 
 
-def test_no_field_is_smooth_enough_for_functions_that_the_mesh_does_not_carry() -> None:
+def test_no_field_is_smooth_enough_for_functions_that_the_mesh_does_not_carry():
     narrow = FunctionTerm(EGG, at(0, 0.01), at(60, 0.01))
     assert Remedies(narrow, Parameters(), np.nan).truer() is None
     for problem, labels in (
@@ -127,7 +119,7 @@ def test_no_field_is_smooth_enough_for_functions_that_the_mesh_does_not_carry() 
 
 
 @pytest.mark.parametrize("wrong", [{"sigmma": 1.0}, {"sigma": -1.0}, {"sigma": "small"}])
-def test_a_remedy_with_wrong_parameters_is_refused(wrong: dict[str, object]) -> None:
+def test_a_remedy_with_wrong_parameters_is_refused(wrong):
     with pytest.raises(ParameterError, match="sigm"):
         Remedy("Match closer", "a smaller sigma", wrong)
 

@@ -1,12 +1,8 @@
-"""The verdict on matches: each cause is told from a small match that has it, or from functions
-made for it.
-"""
-
-from __future__ import annotations
+"""The verdict on matches: each cause is told from a small match that has it."""
 
 import itertools
 from dataclasses import replace
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -15,23 +11,15 @@ from hypothesis import strategies as st
 
 import abfm
 from abfm.matching.judging.verdict import Kind, Outcome, Remedy, Verdict, advice, confirmed_mismatch
-from abfm.matching.match import Match
 from abfm.matching.solvability import distance, stood_still, vanished
 from abfm.matching.solving.record import StopReason, early_warning
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import PAPER, Parameters
-from abfm.types import FloatArray
 from tests.core.fields import bump
 from tests.shapes import icosphere
 
 SPHERE, FINE = icosphere(3), icosphere(4)
-NEAR: dict[str, Any] = {
-    **PAPER,
-    "alpha": 0.02,
-    "sigma": 1e-3,
-    "cooling_factor": 10,
-    "iterations": 150,
-}
+NEAR = {**PAPER, "alpha": 0.02, "sigma": 1e-3, "cooling_factor": 10, "iterations": 150}
 """Parameters of a solver that does not look for far targets, and so fails in the ways that are
 told here.
 """
@@ -39,13 +27,13 @@ USUAL = Parameters(**NEAR)
 SHARE = st.floats(0, 2) | st.sampled_from([0.05, 0.1, 0.15, 0.3])
 
 
-def at(degrees: float, width: float = 0.15, mesh: abfm.TriangleMesh = SPHERE) -> FloatArray:
+def at(degrees, width=0.15, mesh=SPHERE):
     """A Gaussian on the unit sphere, so far from the pole."""
     angle = np.deg2rad(degrees)
     return bump(mesh, [0, np.sin(angle), np.cos(angle)], width)
 
 
-def judged(match: Match, **known: float) -> Verdict:
+def judged(match, **known):
     """The verdict on a match."""
     last = match.energy_history[match.stages == match.stages[-1], 0]
     outcome = Outcome(match.advected.T, match.mismatch, match.stop_reason, energies=last, **known)
@@ -56,14 +44,7 @@ def judged(match: Match, **known: float) -> Verdict:
     )
 
 
-def imagined(
-    source: FloatArray,
-    target: FloatArray,
-    advected: FloatArray,
-    reason: str = "converged",
-    parameters: Parameters = USUAL,
-    **known: float,
-) -> Verdict:
+def imagined(source, target, advected, reason="converged", parameters=USUAL, **known):
     """The verdict on a function that a flow might have carried."""
     problem = FunctionTerm(SPHERE, source, target)
     return advice(
@@ -87,9 +68,7 @@ def test_a_match_needs_no_advice():
 @settings(deadline=None)
 @given(mismatches=st.lists(st.tuples(SHARE, SHARE | st.just(np.nan)), min_size=2, max_size=2))
 def test_of_functions_that_flows_can_carry_the_kind_is_the_worse_the_more_is_confirmed(mismatches):
-    """What is confirmed is one number of the mismatch and that by flow lines; the limits of both
-    are as they were.
-    """
+    """What is confirmed is one number of the mismatch and that by flow lines."""
     problem, judged_by = FunctionTerm(SPHERE, at(0), at(40)), []
     for mismatch, verified in mismatches:
         kind = advice(
@@ -167,7 +146,7 @@ def test_constants_are_impossible():
 def test_a_source_that_vanished_is_told():
     f, g = at(0, 0.05, FINE), at(120, 0.05, FINE)
     problem = FunctionTerm(FINE, f, g)
-    warnings: list[str | None] = []
+    warnings = []
     match = abfm.match(
         FINE,
         f,
@@ -332,9 +311,7 @@ def test_without_smoothness_more_of_it_is_advised_from_the_usual_value_and_never
 
 
 def test_signals_that_only_resemble_each_other_are_told_without_blame():
-    """Shared waves and others of each function's own, as measured signals have: the shared part
-    is matched.
-    """
+    """Shared waves and others of each function's own, as measured signals have."""
     rng = np.random.default_rng(1)
     waves = np.sin(5 * SPHERE.vertices @ rng.normal(size=(3, 6)) + rng.normal(size=6)).T
     f, g = waves[:3].sum(axis=0), waves[1:4].sum(axis=0)
@@ -356,7 +333,7 @@ def test_every_verdict_is_one_line_without_a_full_stop():
         (flat, at(0)),
     ]
     unknown = np.nan
-    kinds: set[Kind] = set()
+    kinds = set()
     for f, g in pairs:
         for advected, reason, verified, folded in itertools.product(
             (f, g, 0.05 * f, at(30)),

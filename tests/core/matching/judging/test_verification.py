@@ -1,8 +1,4 @@
-"""Witnesses of a match: they agree with what is known, fall with order two, and find what the
-scheme alone hides.
-"""
-
-from __future__ import annotations
+"""Witnesses of a match: they agree with what is known, fall with order two."""
 
 import dataclasses
 
@@ -17,9 +13,7 @@ from abfm.errors import FunctionError, ParameterError
 from abfm.flow.flow import advect
 from abfm.matching.judging import verification
 from abfm.matching.judging.verification import Verification
-from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
-from abfm.types import FloatArray
 from tests.core.fields import bump, rotation_field
 from tests.core.verification import observed_orders
 from tests.shapes import disc, icosphere
@@ -34,24 +28,20 @@ def verify(mesh, f, g, velocity, tau, *, linearised=False, subdivided=True, **gi
     return abfm.verify(problem, velocity, subdivided)
 
 
-def turned(
-    mesh: TriangleMesh, axis: FloatArray, width: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A bump, the same after a turn by a rotation vector (exact on a surface of revolution), and
-    its field.
-    """
+def turned(mesh, axis, width):
+    """A bump, the same after a turn by a rotation vector (exact on a surface of revolution)."""
     place = np.array([0.8, 0.0, 0.6]) if mesh.is_closed else np.array([0.8, 0.0, 0.0])
     place_after = Rotation.from_rotvec(axis).as_matrix() @ place
     return bump(mesh, place, width), bump(mesh, place_after, width), rotation_field(mesh, axis)
 
 
-def noisy(mesh: TriangleMesh, field: FloatArray, size: float) -> FloatArray:
+def noisy(mesh, field, size):
     """The field with independent noise on each face."""
     noise = np.random.default_rng(3).normal(size=field.shape)
     return field + size * mesh.length_scale * noise
 
 
-def test_a_turning_sphere_is_verified_with_order_two() -> None:
+def test_a_turning_sphere_is_verified_with_order_two():
     found = []
     for level in (3, 4, 5):
         mesh = icosphere(level)
@@ -67,7 +57,7 @@ def test_a_turning_sphere_is_verified_with_order_two() -> None:
     )
 
 
-def test_a_turning_disc_is_verified_up_to_its_boundary() -> None:
+def test_a_turning_disc_is_verified_up_to_its_boundary():
     errors = []
     for n in (10, 20, 40):
         mesh = disc(n)
@@ -79,10 +69,8 @@ def test_a_turning_disc_is_verified_up_to_its_boundary() -> None:
         assert observed_orders([4, 2, 1], column).min() > 1.4
 
 
-def test_what_only_the_scheme_carries_is_found_out() -> None:
-    """A target made with the scheme itself, so that the discrete mismatch is 0: all is in the
-    field's roughness.
-    """
+def test_what_only_the_scheme_carries_is_found_out():
+    """A target made with the scheme itself, so that the discrete mismatch is 0."""
     mesh = icosphere(4)
     f, _, field = turned(mesh, AXIS, 0.15)
     smooth = verify(mesh, f, advect(mesh, field, f, 1.0), field, 1.0)
@@ -94,10 +82,8 @@ def test_what_only_the_scheme_carries_is_found_out() -> None:
     assert rough.overturned > 0.02
 
 
-def test_rough_fields_turn_faces_over_more_than_they_fold_them() -> None:
-    """The flow of a continuous field tears nothing; what it shears inside a face is not folded
-    as a whole.
-    """
+def test_rough_fields_turn_faces_over_more_than_they_fold_them():
+    """The flow of a continuous field tears nothing."""
     mesh = icosphere(3)
     f, g, field = turned(mesh, AXIS, 0.2)
     smooth, rough = (
@@ -108,7 +94,7 @@ def test_rough_fields_turn_faces_over_more_than_they_fold_them() -> None:
     assert rough.overturned > 0.2
 
 
-def test_the_field_that_does_nothing_leaves_the_distance() -> None:
+def test_the_field_that_does_nothing_leaves_the_distance():
     mesh = icosphere(3)
     f, g, field = turned(mesh, AXIS, 0.2)
     one = verify(mesh, f, g, 0 * field, 1.0)
@@ -117,7 +103,7 @@ def test_the_field_that_does_nothing_leaves_the_distance() -> None:
     assert_allclose(one.subdivided, expected, rtol=0.1)  # the same functions, in another quadrature
 
 
-def test_several_fields_and_channels() -> None:
+def test_several_fields_and_channels():
     """Two turns that do not commute; of two channels, one with no weight does not count."""
     mesh = icosphere(4)
     first, second = [np.pi / 2, 0, 0], [0, 0, np.pi / 2]
@@ -139,7 +125,7 @@ def test_several_fields_and_channels() -> None:
     assert_allclose(dataclasses.astuple(both), dataclasses.astuple(one), rtol=1e-9)
 
 
-def test_what_a_mask_hides_does_not_matter() -> None:
+def test_what_a_mask_hides_does_not_matter():
     mesh = icosphere(4)
     f, g, field = turned(mesh, AXIS, 0.2)
     mask = (mesh.vertices[:, 2] > -0.5).astype(float)
@@ -151,10 +137,8 @@ def test_what_a_mask_hides_does_not_matter() -> None:
     assert verify(mesh, f, hidden, field, 1.0).mismatch > 0.5
 
 
-def test_linearised_steps_are_those_of_the_subdivided_mesh() -> None:
-    """Many short ones are as good as the exponential, few long ones are not; flow lines do not
-    care.
-    """
+def test_linearised_steps_are_those_of_the_subdivided_mesh():
+    """Many short ones are as good as the exponential, few long ones are not."""
     mesh = icosphere(3)
     f, g, field = turned(mesh, 0.3 * AXIS, 0.2)
     exact = verify(mesh, f, g, field, 1.0)
@@ -164,7 +148,7 @@ def test_linearised_steps_are_those_of_the_subdivided_mesh() -> None:
     assert_allclose([many.flow_lines, few.flow_lines], exact.flow_lines, rtol=0.02)
 
 
-def test_a_scheme_that_overflows_is_infinitely_far_and_doubtful() -> None:
+def test_a_scheme_that_overflows_is_infinitely_far_and_doubtful():
     mesh = icosphere(3)
     f, g, field = turned(mesh, AXIS, 0.2)
     one = verify(
@@ -179,7 +163,7 @@ def test_a_scheme_that_overflows_is_infinitely_far_and_doubtful() -> None:
     assert one.doubtful
 
 
-def test_a_match_verifies_itself() -> None:
+def test_a_match_verifies_itself():
     mesh = icosphere(3)
     f, g, _ = turned(mesh, 0.5 * AXIS, 0.25)
     match = abfm.match(mesh, f, g, abfm.Parameters(iterations=30, segments=2))
@@ -190,9 +174,7 @@ def test_a_match_verifies_itself() -> None:
     assert np.isnan(match.verify(subdivided=False).subdivided)
 
 
-def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(monkeypatch):
     mesh = icosphere(2)
     given = (mesh, *turned(mesh, AXIS, 0.3), 1.0)
     one = verify(*given, subdivided=False)
@@ -214,9 +196,7 @@ def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(
         (0.02, np.nan, False),
     ],
 )
-def test_witnesses_that_disagree_are_doubtful(
-    flow_lines: float, subdivided: float, doubtful: bool
-) -> None:
+def test_witnesses_that_disagree_are_doubtful(flow_lines, subdivided, doubtful):
     one = Verification(flow_lines, subdivided, 0.0, 0.0, 10.0)
     assert one.doubtful == doubtful
     assert one.mismatch == flow_lines
@@ -224,7 +204,7 @@ def test_witnesses_that_disagree_are_doubtful(
     assert ("subdivided" in one.report()) == (not np.isnan(subdivided))
 
 
-def test_the_report_says_what_is_too_narrow() -> None:
+def test_the_report_says_what_is_too_narrow():
     assert Verification(0.1, 0.1, 0.012, 0.05, 3.0).report() == (
         "verified mismatch 0.1000 by flow lines, 0.1000 on the subdivided mesh, 1.2 % of the "
         "faces folded, "
@@ -232,7 +212,7 @@ def test_the_report_says_what_is_too_narrow() -> None:
     )
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_what_does_not_fit_is_refused():
     mesh = icosphere(1)
     f, g, field = turned(mesh, AXIS, 0.3)
     with pytest.raises(FunctionError, match="source has 1 and target 2 channels"):

@@ -1,12 +1,7 @@
-"""The energy as the stages of a match have it: norms of second order, reach, moved targets,
-relative sigma.
-"""
-
-from __future__ import annotations
+"""The energy as the stages of a match have it."""
 
 import gc
 import weakref
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,18 +11,16 @@ import abfm
 from abfm.calculus.operators import l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray
 from tests.core.fields import bump, wavy_field
 from tests.core.verification import taylor_order
 from tests.shapes import hemisphere, icosphere, open_cylinder
 
 MESHES = {"closed": icosphere(2, radius=3.0), "boundary": hemisphere(7)}
-PLAIN: dict[str, Any] = {"alpha": 0.05, "beta": 0.01, "sigma": 0.1, "tau": 1.3}
+PLAIN = {"alpha": 0.05, "beta": 0.01, "sigma": 0.1, "tau": 1.3}
 FAR = [0.0, 0.4]
 
 
-def problem(mesh: TriangleMesh, channels: int = 1) -> tuple[FloatArray, FloatArray]:
+def problem(mesh, channels=1):
     """Bumps (V, C) and others elsewhere, of which each channel is ten times as large as the one
     before.
     """
@@ -38,7 +31,7 @@ def problem(mesh: TriangleMesh, channels: int = 1) -> tuple[FloatArray, FloatArr
     return sizes * f, sizes * g
 
 
-def fields(mesh: TriangleMesh, count: int) -> FloatArray:
+def fields(mesh, count):
     """Frame coefficients (N, F, 2) of smooth fields on the mesh scaled to unit area."""
     return (
         0.2
@@ -47,7 +40,7 @@ def fields(mesh: TriangleMesh, count: int) -> FloatArray:
     )
 
 
-def energy(mesh: TriangleMesh, channels: int = 1, **changes: Any) -> MatchingEnergy:
+def energy(mesh, channels=1, **changes):
     """With a mask and weights where there are several channels."""
     mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices)) if channels > 1 else None
     weights = [1.0, 0.0, 2.5][:channels] if channels > 1 else None
@@ -55,10 +48,10 @@ def energy(mesh: TriangleMesh, channels: int = 1, **changes: Any) -> MatchingEne
     return MatchingEnergy(mesh, *problem(mesh, channels), p, mask=mask, weights=weights)
 
 
-def order_at(E: MatchingEnergy, v: FloatArray, size: float = 0.02, **of_stage: Any) -> float:
+def order_at(E, v, size=0.02, **of_stage):
     """Smallest order of the remainder of a Taylor expansion in a random direction."""
 
-    def evaluate(x: FloatArray) -> tuple[float, FloatArray]:
+    def evaluate(x):
         found = E.objective(0.2, **of_stage).evaluate(x)
         return found.energy, found.gradient
 
@@ -74,9 +67,7 @@ def order_at(E: MatchingEnergy, v: FloatArray, size: float = 0.02, **of_stage: A
     [{}, {"segments": 3}, {"method": "linearised", "segments": 4}],
     ids=["one field", "three fields", "linearised"],
 )
-def test_gradient_is_exact(
-    name: str, order: int, reach: float, channels: int, kind: dict[str, Any]
-) -> None:
+def test_gradient_is_exact(name, order, reach, channels, kind):
     """With the target itself, and with one that was moved."""
     mesh = MESHES[name]
     E = energy(mesh, channels, order=order, sigma_unit="relative", **kind)
@@ -89,21 +80,21 @@ def test_gradient_is_exact(
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("reach", FAR)
 @pytest.mark.parametrize("name", MESHES)
-def test_gradient_at_rest_is_exact(name: str, order: int, reach: float) -> None:
+def test_gradient_at_rest_is_exact(name, order, reach):
     E = energy(MESHES[name], order=order)
     assert order_at(E, np.zeros(E.shape), reach=reach) >= 1.9
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-6, 1e-10])
 @pytest.mark.parametrize("reach", FAR)
-def test_gradient_is_that_of_the_truncated_sum(tolerance: float, reach: float) -> None:
+def test_gradient_is_that_of_the_truncated_sum(tolerance, reach):
     """Small steps, so that the number of terms stays."""
     E = energy(MESHES["closed"], 3, order=2)
     v = fields(MESHES["closed"], 1)
     assert order_at(E, v, 1e-3, reach=reach, tolerance=tolerance) >= 1.9
 
 
-def test_looser_sums_are_shorter_and_close() -> None:
+def test_looser_sums_are_shorter_and_close():
     E = energy(MESHES["closed"])
     v = 5 * fields(MESHES["closed"], 1)
     exact = E.objective(0.2).evaluate(v).energy
@@ -118,9 +109,7 @@ def test_looser_sums_are_shorter_and_close() -> None:
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("segments", [1, 3])
-def test_bracket_gradient_at_rest_is_exact_with_reach_and_either_order(
-    order: int, segments: int
-) -> None:
+def test_bracket_gradient_at_rest_is_exact_with_reach_and_either_order(order, segments):
     """At v = 0 there is nothing to approximate, whatever measures the mismatch."""
     exact, bracket = (
         energy(MESHES["boundary"], 3, order=order, segments=segments, gradient=kind)
@@ -134,7 +123,7 @@ def test_bracket_gradient_at_rest_is_exact_with_reach_and_either_order(
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("alpha", [0.0, 0.002, 0.7])
-def test_another_alpha_is_that_of_other_parameters(order: int, alpha: float) -> None:
+def test_another_alpha_is_that_of_other_parameters(order, alpha):
     """To the last bit, also for the inverse, and what the parameters have stays."""
     mesh = MESHES["boundary"]
     E, other = energy(mesh, order=order), energy(mesh, order=order, alpha=alpha)
@@ -153,7 +142,7 @@ def test_another_alpha_is_that_of_other_parameters(order: int, alpha: float) -> 
     assert order_at(E, v, alpha=alpha) >= 1.9
 
 
-def test_of_other_alphas_only_the_latest_is_kept() -> None:
+def test_of_other_alphas_only_the_latest_is_kept():
     """Factors are large, and closing stages have many alphas."""
     E = energy(MESHES["boundary"])
     usual, known = E.regularizer(), [weakref.ref(E.regularizer(alpha)) for alpha in (0.3, 0.2, 0.1)]
@@ -164,7 +153,7 @@ def test_of_other_alphas_only_the_latest_is_kept() -> None:
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_order_changes_the_regularity_alone(order: int) -> None:
+def test_order_changes_the_regularity_alone(order):
     """``dtau / 2 sum_j <v_j, R_order v_j>``, and the mismatch is that of the other order."""
     mesh = MESHES["boundary"]
     E, other = energy(mesh, order=order, segments=3), energy(mesh, order=3 - order, segments=3)
@@ -177,7 +166,7 @@ def test_order_changes_the_regularity_alone(order: int) -> None:
     assert E.regularizer().order == order
 
 
-def test_an_offset_moves_the_target() -> None:
+def test_an_offset_moves_the_target():
     mesh = MESHES["closed"]
     f, g = problem(mesh)
     offset = bump(mesh, mesh.vertices[50], 0.3)[None]
@@ -192,10 +181,8 @@ def test_an_offset_moves_the_target() -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
-def test_relative_sigma_makes_the_functions_unit_and_offset_meaningless(scale: float) -> None:
-    """Without beta the mismatch has no unit left; a constant on both functions changes nothing
-    but rounding.
-    """
+def test_relative_sigma_makes_the_functions_unit_and_offset_meaningless(scale):
+    """Without beta the mismatch has no unit left."""
     mesh = MESHES["boundary"]
     f, g = problem(mesh, 2)
     p = abfm.Parameters(sigma_unit="relative", tau=1.3)
@@ -213,10 +200,8 @@ def test_relative_sigma_makes_the_functions_unit_and_offset_meaningless(scale: f
         )
 
 
-def test_function_size_is_the_larger_deviation_and_never_zero() -> None:
-    """Of the sphere's height function, ``||z||^2 = area R^2 / 3``; in the units of a sphere of
-    area 1.
-    """
+def test_function_size_is_the_larger_deviation_and_never_zero():
+    """Of the sphere's height function, ``||z||^2 = area R^2 / 3``."""
     mesh = icosphere(4, radius=2.0)
     z, flat = mesh.vertices[:, 2], np.full(len(mesh.vertices), 5.0)
     p = abfm.Parameters()
@@ -235,7 +220,7 @@ def test_function_size_is_the_larger_deviation_and_never_zero() -> None:
     assert MatchingEnergy(mesh, flat, 2 * flat, p).functions.function_size == 1.0
 
 
-def test_absolute_sigma_is_left_alone() -> None:
+def test_absolute_sigma_is_left_alone():
     mesh = MESHES["closed"]
     f, g = problem(mesh)
     relative, absolute = (
@@ -249,10 +234,8 @@ def test_absolute_sigma_is_left_alone() -> None:
     )
 
 
-def test_exponent_is_a_bound_of_the_spectrum_times_time() -> None:
-    """Homogeneous in the fields, the same in other units, the sum over fields in a row; none
-    where linearised.
-    """
+def test_exponent_is_a_bound_of_the_spectrum_times_time():
+    """Homogeneous in the fields, the same in other units, the sum over fields in a row."""
     mesh = open_cylinder(16, 6)
     v = fields(mesh, 2)
     E = energy(mesh, segments=2)
@@ -266,7 +249,7 @@ def test_exponent_is_a_bound_of_the_spectrum_times_time() -> None:
     assert energy(mesh, method="linearised", segments=2).flow(v).exponent == 0
 
 
-def test_the_source_carried_is_that_of_the_evaluation() -> None:
+def test_the_source_carried_is_that_of_the_evaluation():
     mesh = MESHES["boundary"]
     E = energy(mesh, 3, segments=2)
     v = fields(mesh, 2)
@@ -274,7 +257,7 @@ def test_the_source_carried_is_that_of_the_evaluation() -> None:
     assert np.isnan(E.advected(1e9 * v)).all()
 
 
-def test_norms_relative_to_the_target() -> None:
+def test_norms_relative_to_the_target():
     mesh = MESHES["boundary"]
     E = energy(mesh, 3)
     assert E.relative_mismatch(2 * E.functions.target) == pytest.approx(1, rel=1e-12)

@@ -1,6 +1,4 @@
-"""The norm of fields: equal to its matrix, positive, its inverse exact, on every topology and by
-both solvers.
-"""
+"""The norm of fields: equal to its matrix, positive, its inverse exact."""
 
 import gc
 import threading
@@ -114,13 +112,7 @@ def test_second_order_is_its_matrix(mesh, alpha):
 
 
 def test_rotations_of_the_sphere_are_divided_by_their_eigenvalue():
-    """The field of a rotation is an eigenfield of ``Delta_H``: ``D_alpha^-order`` has
-    ``(1 + 2 alpha)^-order`` of it.
-
-    The error falls with the edge length. The norm itself has no such limit for interpolated fields,
-    whose jumps over edges the second order magnifies; the fields that minimise it have no such
-    jumps.
-    """
+    """The field of a rotation is an eigenfield of ``Delta_H``."""
     errors = []
     for subdivisions in (3, 4, 5):
         sphere = icosphere(subdivisions)

@@ -1,8 +1,4 @@
-"""Signals that no smooth flow matches: sigma is raised to what flow lines leave; what they
-confirm keeps its course.
-"""
-
-from __future__ import annotations
+"""Signals that no smooth flow matches: sigma is raised to what flow lines leave."""
 
 from functools import cache
 
@@ -15,12 +11,10 @@ import abfm.matching.solving.solve
 from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solving.confirmation import Confirmation, confirmation, is_resolved
+from abfm.matching.solving.confirmation import confirmation, is_resolved
 from abfm.matching.solving.schedule import gradual, search
 from abfm.matching.solving.solve import Solver
-from abfm.mesh import TriangleMesh
 from abfm.parameters import PAPER, Parameters
-from abfm.types import FloatArray
 from tests.core.fields import bump, wavy_field
 from tests.core.surfaces import renumbered
 from tests.shapes import icosphere
@@ -29,36 +23,33 @@ SPHERE = icosphere(3)
 TURN = np.array([[np.cos(0.2), -np.sin(0.2), 0], [np.sin(0.2), np.cos(0.2), 0], [0, 0, 1]])
 
 
-def waves(points: FloatArray, seed: int) -> FloatArray:
+def waves(points, seed):
     """Twelve waves in random directions, two to five radians per unit of length."""
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(12, 3))
     directions *= rng.uniform(2, 5, 12)[:, None] / np.linalg.norm(directions, axis=1)[:, None]
-    found: FloatArray = np.sin(points @ directions.T + rng.uniform(0, 6, 12)).sum(axis=1)
-    return found
+    return np.sin(points @ directions.T + rng.uniform(0, 6, 12)).sum(axis=1)
 
 
-def signals(scale: float = 1.0) -> tuple[FloatArray, FloatArray]:
+def signals(scale=1.0):
     """Waves, and the same ones turned, plus as many others of their own."""
     own = waves(SPHERE.vertices, 2)
     return scale * waves(SPHERE.vertices, 1), scale * (waves(SPHERE.vertices @ TURN, 1) + own)
 
 
-def gaussians() -> tuple[FloatArray, FloatArray]:
+def gaussians():
     return bump(SPHERE, [0, 0, 1], 0.15), bump(SPHERE, [0, 0.7, 0.7], 0.15)
 
 
 @cache
-def solved(scale: float = 1.0, unit: str = "relative") -> Solver:
+def solved(scale=1.0, unit="relative"):
     p = Parameters() if unit == "relative" else Parameters(sigma=0.02, sigma_unit="absolute")
     solver = Solver(MatchingEnergy(SPHERE, *signals(scale), p), None)
     solver.run()
     return solver
 
 
-def asked(
-    mesh: TriangleMesh, f: FloatArray, g: FloatArray, field: FloatArray | None = None
-) -> Confirmation:
+def asked(mesh, f, g, field=None):
     """What flow lines of a field (F, 3) say, or of no motion at all."""
     energy = MatchingEnergy(mesh, f, g, Parameters())
     x = np.zeros(energy.shape)
@@ -67,7 +58,7 @@ def asked(
     return confirmation(energy, energy.objective(0.2).evaluate(x), 0.2)
 
 
-def test_of_no_motion_the_difference_is_left() -> None:
+def test_of_no_motion_the_difference_is_left():
     f, g = signals()
     energy = MatchingEnergy(SPHERE, f, g, Parameters())
     found = asked(SPHERE, f, g)
@@ -82,7 +73,7 @@ def test_of_no_motion_the_difference_is_left() -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-3, 7.0])
-def test_scaling_both_functions_changes_nothing(scale: float) -> None:
+def test_scaling_both_functions_changes_nothing(scale):
     f, g = signals()
     field = 0.3 * wavy_field(SPHERE, 0)
     assert_allclose(
@@ -90,7 +81,7 @@ def test_scaling_both_functions_changes_nothing(scale: float) -> None:
     )
 
 
-def test_the_order_of_vertices_and_faces_changes_nothing() -> None:
+def test_the_order_of_vertices_and_faces_changes_nothing():
     f, g = signals()
     field = 0.3 * wavy_field(SPHERE, 0)
     mesh, vertices, faces = renumbered(SPHERE, 1)
@@ -99,7 +90,7 @@ def test_the_order_of_vertices_and_faces_changes_nothing() -> None:
     assert_allclose(there, asked(SPHERE, f, g, field), rtol=1e-4)
 
 
-def test_signals_that_smooth_flows_do_not_match_raise_sigma_to_what_is_left() -> None:
+def test_signals_that_smooth_flows_do_not_match_raise_sigma_to_what_is_left():
     solver = solved()
     assert 0.1 < solver.unmatched < 0.5
     sigmas = [stage.sigma for stage in solver.record.schedule]
@@ -113,24 +104,24 @@ def test_signals_that_smooth_flows_do_not_match_raise_sigma_to_what_is_left() ->
     assert solver.record.schedule[-1].sigma == solver.unmatched
 
 
-def test_it_is_the_same_for_scaled_signals() -> None:
+def test_it_is_the_same_for_scaled_signals():
     assert_allclose(solved(4.0).unmatched, solved().unmatched, rtol=1e-12)
 
 
-def test_an_absolute_sigma_is_never_raised() -> None:
+def test_an_absolute_sigma_is_never_raised():
     solver = solved(unit="absolute")
     assert np.isnan(solver.unmatched)
     assert solver.energy.parameters.sigma in [stage.sigma for stage in solver.record.schedule]
 
 
-def test_the_verdict_tells_that_sigma_was_raised() -> None:
+def test_the_verdict_tells_that_sigma_was_raised():
     match = abfm.match(SPHERE, *signals())
     assert f"sigma raised to {solved().unmatched:.2g}" in match.verdict.reason
     plain = abfm.match(SPHERE, *gaussians())
     assert "raised" not in plain.verdict.reason
 
 
-def test_what_flow_lines_confirm_keeps_its_course(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_flow_lines_confirm_keeps_its_course(monkeypatch):
     found = abfm.match(SPHERE, *gaussians())
     monkeypatch.setattr(abfm.matching.solving.solve, "gradual", lambda p, levels, clustered: [])
     before = abfm.match(SPHERE, *gaussians())
@@ -138,13 +129,13 @@ def test_what_flow_lines_confirm_keeps_its_course(monkeypatch: pytest.MonkeyPatc
     assert_array_equal(found.energy_history, before.energy_history)
 
 
-def test_functions_that_the_mesh_does_not_resolve_are_not_judged() -> None:
+def test_functions_that_the_mesh_does_not_resolve_are_not_judged():
     narrow, wide = (bump(SPHERE, [0, 0, 1], width) for width in (0.03, 0.3))
     assert not is_resolved(MatchingEnergy(SPHERE, narrow, wide, Parameters()))
     assert is_resolved(MatchingEnergy(SPHERE, wide, wide, Parameters()))
 
 
-def test_the_gradual_way_is_the_second_one_from_a_larger_sigma_on() -> None:
+def test_the_gradual_way_is_the_second_one_from_a_larger_sigma_on():
     p = Parameters()
     far, near = search(p, 1)[1].stages
     way = gradual(p, 1)

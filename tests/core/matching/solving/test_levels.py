@@ -1,22 +1,25 @@
-"""The meshes that a match begins on: made once, ahead if somebody asks."""
-
-from __future__ import annotations
+"""The meshes that a match begins on, and what goes between two meshes of a surface."""
 
 import threading
 import time
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from abfm import MatchingEnergy, Parameters
-from abfm.calculus.vector_fields import to_ambient
+from abfm.calculus.operators import vertex_areas
+from abfm.calculus.vector_fields import to_ambient, to_frame
+from abfm.maps.surface_points import project_onto_surface
 from abfm.matching.solving import levels as module
-from abfm.matching.solving.levels import Level, _making, levels, on_the_mesh, prepare
-from abfm.mesh import coarsening
+from abfm.matching.solving.levels import Transfer, _making, levels, on_the_mesh, prepare
+from abfm.mesh import TriangleMesh, coarsening
+from abfm.mesh.coarsening import coarsened
 from abfm.workers.control import CancelledError, Control, controlled
-from tests.core.fields import bump, rotation_field
-from tests.core.surfaces import relative_error, renumbered
-from tests.shapes import icosphere, torus
+from tests.core.fields import bump, rotation_field, wavy_field
+from tests.core.surfaces import SURFACES, moved, relative_error, renumbered
+from tests.core.verification import observed_orders
+from tests.shapes import hemisphere, icosphere, open_cylinder, square, torus
 
 COARSER = Parameters(levels=3)
 
@@ -26,7 +29,7 @@ def energy(mesh):
     return MatchingEnergy(mesh, f, f[::-1].copy(), COARSER)
 
 
-def all_levels(finest: MatchingEnergy) -> list[Level]:
+def all_levels(finest):
     return levels(on_the_mesh(finest))
 
 
@@ -156,3 +159,225 @@ def test_coarser_meshes_of_one_size_are_not_taken_for_each_other():
     assert module._transfer(fine, coarse).coarse is coarse
     assert module._transfer(fine, other).coarse is other
     assert module._transfer(fine, other) is module._transfer(fine, other)
+
+
+AXIS = [0.3, -0.5, 0.8]
+FINE = {
+    "sphere": icosphere(3),
+    "torus": torus(40, 20),
+    "genus two": SURFACES["genus two"],
+    "square": square(20),
+    "hemisphere": hemisphere(14),
+    "cylinder": open_cylinder(30, 12),
+}
+
+
+def coarser(mesh):
+    coarse = coarsened(mesh, len(mesh.vertices) // 4)
+    assert coarse is not None
+    return coarse
+
+
+@pytest.fixture(params=FINE)
+def pair(request):
+    fine = FINE[request.param]
+    return Transfer(coarser(fine), fine)
+
+
+def test_constants_stay_both_ways(pair):
+    up = pair.function_to_fine(np.full((2, len(pair.coarse.vertices)), 3.0))
+    down = pair.function_to_coarse(np.full((2, len(pair.fine.vertices)), 3.0))
+    np.testing.assert_allclose(up, 3.0, rtol=1e-14)
+    np.testing.assert_allclose(down, 3.0, rtol=1e-14)
+    assert up.shape == (2, len(pair.fine.vertices))
+    assert down.shape == (2, len(pair.coarse.vertices))
+
+
+def test_both_ways_are_averages(pair):
+    """No weight is negative, so that no value lies beyond those that were there."""
+    down = pair.function_to_coarse(np.eye(len(pair.fine.vertices))).T
+    for matrix in (pair.interpolation.toarray(), down):
+        assert (matrix >= 0).all()
+        np.testing.assert_allclose(matrix.sum(axis=1), 1, rtol=1e-12)
+
+
+def test_averages_are_the_adjoint_of_interpolation(pair):
+    """``<f, P h> = <P* f, h>`` with the fine areas."""
+    rng = np.random.default_rng(0)
+    f, h = rng.normal(size=len(pair.fine.vertices)), rng.normal(size=len(pair.coarse.vertices))
+    areas = vertex_areas(pair.fine)
+    covered = pair.interpolation.T @ areas
+    where = covered > 0
+    assert where.mean() > 0.95
+    there = (areas * f) @ pair.function_to_fine(np.where(where, h, 0.0))
+    assert there == pytest.approx((covered * h) @ pair.function_to_coarse(f), rel=1e-10)
+
+
+def test_integrals_are_kept_but_for_the_area():
+    """Exactly by the areas that hats cover, and by those of the coarse mesh with second order."""
+    errors = []
+    for subdivisions in (3, 4, 5):
+        fine = icosphere(subdivisions)
+        pair = Transfer(coarser(fine), fine)
+        f = bump(fine, [0, 0, 1], 0.2)
+        integral, down = vertex_areas(fine) @ f, pair.function_to_coarse(f)
+        assert (pair.interpolation.T @ vertex_areas(fine)) @ down == pytest.approx(
+            integral, rel=1e-10
+        )
+        errors.append(abs(vertex_areas(pair.coarse) @ down / integral - 1))
+    assert observed_orders([4, 2, 1], errors).min() > 1.8
+    assert errors[-1] < 0.005
+
+
+def test_linear_functions_and_constant_fields_on_a_plane_stay():
+    """Where the coarse mesh, which cuts corners, covers the fine one."""
+    mesh = FINE["square"]
+    coarse = coarser(mesh)
+    pair = Transfer(coarse, mesh)
+    slope = np.array([2.0, -3.0, 0.0])
+    covered = project_onto_surface(coarse, mesh.vertices).distances_from(mesh.vertices) < 1e-12
+    assert covered.mean() > 0.8
+    np.testing.assert_allclose(
+        pair.function_to_fine(1 + coarse.vertices @ slope)[covered],
+        (1 + mesh.vertices @ slope)[covered],
+        atol=1e-14,
+    )
+    for of, on, carried in (
+        (coarse, mesh, pair.field_to_fine),
+        (mesh, coarse, pair.field_to_coarse),
+    ):
+        constant = np.broadcast_to(slope, (len(of.faces), 3))
+        np.testing.assert_allclose(
+            to_ambient(on, carried(constant)),
+            np.broadcast_to(slope, (len(on.faces), 3)),
+            atol=1e-12,
+        )
+
+
+def errors_between(subdivisions, nested):
+    """Of functions up and down, then of a rotation's field up and down."""
+    fine = icosphere(subdivisions)
+    coarse = icosphere(subdivisions - 1) if nested else coarser(fine)
+    pair = Transfer(coarse, fine)
+    f, h = (bump(mesh, [0, 0, 1], 0.2) for mesh in (fine, coarse))
+    v, u = (rotation_field(mesh, AXIS) for mesh in (fine, coarse))
+    return [
+        relative_error(fine, pair.function_to_fine(h), f),
+        relative_error(coarse, pair.function_to_coarse(f), h),
+        relative_error(fine, to_ambient(fine, pair.field_to_fine(u)), v),
+        relative_error(coarse, to_ambient(coarse, pair.field_to_coarse(v)), u),
+    ]
+
+
+def test_errors_fall_with_the_square_of_the_edge_length():
+    """Between nested meshes; between uneven ones averages are centred less well."""
+    nested = np.array([errors_between(k, nested=True) for k in (3, 4, 5)])
+    uneven = np.array([errors_between(k, nested=False) for k in (3, 4, 5)])
+    for column in nested.T:
+        assert observed_orders([4, 2, 1], column).min() > 1.6
+    for column in uneven[:, [0, 2, 3]].T:
+        assert observed_orders([4, 2, 1], column).min() > 1.6
+    assert observed_orders([4, 2, 1], uneven[:, 1]).min() > 0.8
+    assert uneven[-1].max() < 0.015
+
+
+def assert_same_but_on_edges(found, expected):
+    """Where the closest point lies on an edge, rounding chooses the face whose tangent plane
+    counts.
+    """
+    apart = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1).max()
+    assert np.mean(apart > 1e-7) < 0.35
+    assert np.sqrt(np.mean(apart**2)) < 0.02
+
+
+@pytest.mark.parametrize("name", ["genus two", "hemisphere"])
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e9])
+def test_units_place_and_rotation_do_not_matter(name, scale):
+    """On meshes without symmetry, where no point is as close to one face as to another."""
+    fine = FINE[name]
+    coarse = coarser(fine)
+    rotation = Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
+    here = Transfer(coarse, fine)
+    there = Transfer(
+        *(
+            TriangleMesh(scale * moved(mesh, rotation).vertices, mesh.faces)
+            for mesh in (coarse, fine)
+        )
+    )
+    f, h = bump(fine, fine.vertices[40], 0.2), bump(coarse, coarse.vertices[10], 0.2)
+    np.testing.assert_allclose(there.function_to_coarse(f), here.function_to_coarse(f), atol=1e-8)
+    np.testing.assert_allclose(there.function_to_fine(h), here.function_to_fine(h), atol=1e-8)
+    for mesh, ways in (
+        (coarse, (here.field_to_fine, there.field_to_fine)),
+        (fine, (here.field_to_coarse, there.field_to_coarse)),
+    ):
+        field = wavy_field(mesh, 3)
+        one, other = ways[0](field), ways[1](scale * field @ rotation.T)
+        assert_same_but_on_edges(other / scale, one)
+
+
+def test_the_order_of_vertices_and_faces_does_not_matter():
+    fine = FINE["genus two"]
+    coarse = coarser(fine)
+    mixed, vertices, faces = renumbered(coarse, 1)
+    h, u = bump(coarse, coarse.vertices[10], 0.2), wavy_field(coarse, 3)
+    one, other = Transfer(coarse, fine), Transfer(mixed, fine)
+    np.testing.assert_allclose(
+        other.function_to_fine(h[vertices]), one.function_to_fine(h), atol=1e-12
+    )
+    assert_same_but_on_edges(other.field_to_fine(u[faces]), one.field_to_fine(u))
+    f = bump(fine, fine.vertices[40], 0.2)
+    np.testing.assert_allclose(
+        other.function_to_coarse(f), one.function_to_coarse(f)[vertices], atol=1e-12
+    )
+
+
+def test_same_input_same_bits_prepared_or_not():
+    found = []
+    for prepared in (False, True):
+        fine = torus(40, 20)
+        pair = Transfer(coarser(fine), fine)
+        if prepared:
+            pair.prepare()
+        found.append(
+            (
+                pair.field_to_fine(wavy_field(pair.coarse, 1)),
+                pair.field_to_coarse(wavy_field(fine, 1)),
+            )
+        )
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_mesh_onto_itself_leaves_functions_and_smooths_fields():
+    mesh = icosphere(4)
+    pair = Transfer(mesh, TriangleMesh(mesh.vertices, mesh.faces))
+    f = bump(mesh, [0, 0, 1], 0.1)
+    np.testing.assert_allclose(pair.function_to_fine(f), f, atol=1e-12)
+    np.testing.assert_allclose(pair.function_to_coarse(f), f, atol=1e-12)
+    v = rotation_field(mesh, AXIS)
+    for carried in (pair.field_to_fine, pair.field_to_coarse):
+        assert relative_error(mesh, to_ambient(mesh, carried(v)), v) < 0.003
+
+
+def test_coarse_vertices_that_no_fine_one_is_near_take_the_closest_value():
+    """As happens where the coarse mesh is not coarser everywhere."""
+    many, few = icosphere(3), icosphere(1)
+    pair = Transfer(many, few)
+    assert (pair.interpolation.T @ vertex_areas(few) == 0).sum() > 500
+    np.testing.assert_allclose(pair.function_to_coarse(np.ones(len(few.vertices))), 1, rtol=1e-12)
+    z = few.vertices[:, 2]
+    np.testing.assert_allclose(pair.function_to_coarse(z), many.vertices[:, 2], atol=0.15)
+
+
+def test_fields_turn_with_the_surface_and_keep_their_length():
+    """Around a cylinder, onto one whose faces lie between; its normals are 12 degrees away."""
+    coarse, fine = open_cylinder(15, 4), open_cylinder(60, 16)
+    pair = Transfer(coarse, fine)
+    around = to_ambient(fine, pair.field_to_fine(rotation_field(coarse, [0, 0, 1])))
+    assert relative_error(fine, around, rotation_field(fine, [0, 0, 1])) < 0.03
+    along = np.broadcast_to([0.0, 0.0, 1.0], (len(coarse.faces), 3))
+    up = pair.field_to_fine(along)
+    np.testing.assert_allclose(
+        up, to_frame(fine, np.broadcast_to([0.0, 0.0, 1.0], (len(fine.faces), 3))), atol=1e-9
+    )

@@ -1,13 +1,8 @@
-"""The course of a match: the paper's where that is asked for, and never more iterations than are
-allowed.
-"""
-
-from __future__ import annotations
+"""The course of a match: the paper's where that is asked for."""
 
 import math
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -17,9 +12,7 @@ from abfm.matching.solving.schedule import MATCHED, REACHED, Found, Stage, finis
 from abfm.parameters import PAPER, Parameters
 
 
-def stages(
-    p: Parameters, levels: int = 1, warm: bool = False, clustered: bool = False
-) -> list[Stage]:
+def stages(p, levels=1, warm=False, clustered=False):
     """All stages in their order, with the first way to the target."""
     ways = search(p, levels, clustered)
     return (ways[0].stages if ways and not warm else []) + finish(p, levels, Found(warm), clustered)
@@ -31,12 +24,8 @@ def stages(
     count=st.integers(1, 8),
     iterations=st.integers(0, 2000),
 )
-def test_without_reach_on_one_mesh_the_course_is_the_papers(
-    sigma: float, factor: float, count: int, iterations: int
-) -> None:
-    """Every sigma from the largest to its value, each early one with its share, all to the end
-    of their iterations.
-    """
+def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count, iterations):
+    """Every sigma from the largest to its value, each early one with its share."""
     p = Parameters(
         **PAPER,
         sigma=sigma,
@@ -58,7 +47,7 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(
     assert [stage.last for stage in plan] == [False] * (count - 1) + [True]
 
 
-def test_fixed_numbers_of_iterations_are_kept() -> None:
+def test_fixed_numbers_of_iterations_are_kept():
     """Of each stage before the last, with reach or without, and no stage ends before."""
     for changes in (PAPER, {"levels": 1}, {}):
         p = Parameters(**changes, stage_iterations=7, cooling_stages=4)
@@ -87,8 +76,8 @@ any_course = given(
 
 @any_course
 def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
-    reach: float, meshes: int, iterations: int, count: int, warm: bool, clustered: bool
-) -> None:
+    reach, meshes, iterations, count, warm, clustered
+):
     p, levels = (
         Parameters(reach=reach, iterations=iterations, cooling_stages=count),
         meshes + clustered,
@@ -118,11 +107,9 @@ def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
 
 @any_course
 def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_vertices_held_together(
-    reach: float, meshes: int, iterations: int, count: int, warm: bool, clustered: bool
-) -> None:
-    """The course is that of a mesh without thin triangles; then only what misses the target goes
-    on, and is closed.
-    """
+    reach, meshes, iterations, count, warm, clustered
+):
+    """The course is that of a mesh without thin triangles."""
     p = Parameters(reach=reach, iterations=iterations, cooling_stages=count)
     is_fixed = reach == 0 and meshes == 1
     assert search(p, meshes + 1, True) == search(p, meshes)
@@ -158,7 +145,7 @@ def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_vertices_held_toget
 
 
 @pytest.mark.parametrize("levels", [1, 3])
-def test_a_search_looks_far_then_near_and_further_where_that_fails(levels: int) -> None:
+def test_a_search_looks_far_then_near_and_further_where_that_fails(levels):
     p = Parameters(reach=0.4)
     ways = [way.stages for way in search(p, levels)]
     assert [len(way) for way in ways] == [2] * len(ways)
@@ -171,7 +158,7 @@ def test_a_search_looks_far_then_near_and_further_where_that_fails(levels: int) 
     assert 0 < REACHED < 1
 
 
-def test_less_smooth_ways_are_tried_where_a_smooth_one_does_not_surely_find_the_target() -> None:
+def test_less_smooth_ways_are_tried_where_a_smooth_one_does_not_surely_find_the_target():
     p = Parameters()
     first, *others = search(p, 1)
     assert {stage.alpha for stage in first.stages} == {p.alpha}
@@ -188,7 +175,7 @@ def test_less_smooth_ways_are_tried_where_a_smooth_one_does_not_surely_find_the_
 
 
 @pytest.mark.parametrize("changes", [{}, PAPER, {"cooling_stages": 1}, {"balance": 0.0}])
-def test_warm_starts_begin_on_the_mesh_with_the_last_sigma(changes: dict[str, Any]) -> None:
+def test_warm_starts_begin_on_the_mesh_with_the_last_sigma(changes):
     p = Parameters(**changes)
     plan = finish(p, 1, Found(True))
     assert plan[0].last
@@ -197,7 +184,7 @@ def test_warm_starts_begin_on_the_mesh_with_the_last_sigma(changes: dict[str, An
     assert [stage.balanced for stage in plan] == [False] * (len(plan) - 1) + [p.balance > 0]
 
 
-def test_sigmas_fall_towards_the_last_and_below_it_only_where_needed() -> None:
+def test_sigmas_fall_towards_the_last_and_below_it_only_where_needed():
     plan = stages(Parameters(cooling_stages=4, balance=0.0))
     sigmas = [stage.sigma for stage in plan if not stage.reach]
     assert sigmas == sorted(sigmas, reverse=True)
@@ -210,7 +197,7 @@ def test_sigmas_fall_towards_the_last_and_below_it_only_where_needed() -> None:
     assert all(stage.needed_above > 0 and stage.goal == stage.needed_above for stage in below)
 
 
-def test_a_stage_pays_while_its_energy_falls() -> None:
+def test_a_stage_pays_while_its_energy_falls():
     stage = Stage(0, 1.0, 1.0, 0.0, 100, 100, fixed=False)
     falling, still = [0.99**k for k in range(40)], [1.0] * 40
     assert stage.pays(falling)
@@ -221,7 +208,7 @@ def test_a_stage_pays_while_its_energy_falls() -> None:
     assert not stage.pays([math.inf] * 40)
 
 
-def test_stages_that_less_smooth_ones_follow_must_pay_well() -> None:
+def test_stages_that_less_smooth_ones_follow_must_pay_well():
     for plan in (
         finish(Parameters(), levels, Found(warm)) for levels in (1, 3) for warm in (False, True)
     ):
@@ -239,8 +226,8 @@ def test_stages_that_less_smooth_ones_follow_must_pay_well() -> None:
     warm=st.booleans(),
 )
 def test_a_raised_sigma_is_the_only_one_and_closing_stages_go_on_below_the_parameters(
-    raised: float, meshes: int, clustered: bool, count: int, warm: bool
-) -> None:
+    raised, meshes, clustered, count, warm
+):
     p, levels = Parameters(cooling_stages=count), meshes + clustered
     plan, last = finish(p, levels, Found(warm, raised), clustered), max(p.sigma, raised)
     assert {stage.sigma for stage in plan if not stage.needed_above} == {last}

@@ -1,26 +1,24 @@
 """The objective takes whatever terms and norms it is given, with exact gradients."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import abfm
-from abfm.calculus.operators import face_areas
+from abfm.calculus.operators import face_areas, l2_norm, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.objective.regularizer import Regularizer
-from abfm.matching.terms.data_term import DataTerms, Measure, Restriction
-from abfm.matching.terms.functions import FunctionTerm
+from abfm.matching.terms.data_term import DataTerms
+from abfm.matching.terms.functions import FunctionTerm, SmoothedNorm
 from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
-from abfm.types import FloatArray
-from tests.core.fields import bump, wavy_field
-from tests.core.verification import taylor_order
+from tests.core.fields import bump, rotation_field, wavy_field
+from tests.core.surfaces import SURFACES, moved, random_function
+from tests.core.verification import observed_orders, taylor_order
 from tests.shapes import icosphere
 
 MESH = icosphere(2).normalized()
@@ -32,16 +30,14 @@ FIELD = 0.2 * wavy_field(MESH, 1)[None]
 class Places:
     """Where vertices come from: ``|x o phi^-1 - p|^2 / 2`` at some of them."""
 
-    def __init__(self, mesh: TriangleMesh, vertices: list[int], places: FloatArray) -> None:
+    def __init__(self, mesh, vertices, places):
         self.mesh, self.vertices, self.places = mesh, vertices, places
-        self.carried: FloatArray = np.ascontiguousarray(mesh.vertices.T)
+        self.carried = np.ascontiguousarray(mesh.vertices.T)
 
-    def measure(self, parameters: Parameters, reach: float) -> Measure:
+    def measure(self, parameters, reach):
         return self
 
-    def value_and_residual(
-        self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
-    ) -> tuple[float, FloatArray]:
+    def value_and_residual(self, carried, sigma, offset=None):
         residual = np.zeros_like(carried)
         missed = carried[:, self.vertices] - self.places.T
         if offset is not None:
@@ -49,48 +45,48 @@ class Places:
         residual[:, self.vertices] = missed / sigma**2
         return float((missed**2).sum()) / (2 * sigma**2), residual
 
-    def value(self, carried: FloatArray, sigma: float) -> float:
+    def value(self, carried, sigma):
         return self.value_and_residual(carried, sigma)[0]
 
-    def relative_mismatch(self, carried: FloatArray) -> float:
+    def relative_mismatch(self, carried):
         missed = carried[:, self.vertices] - self.places.T
         return self.relative_size(missed)
 
-    def relative_size(self, difference: FloatArray) -> float:
+    def relative_size(self, difference):
         if difference.shape[1] == len(self.mesh.vertices):
             difference = difference[:, self.vertices]
         before = self.carried[:, self.vertices] - self.places.T
         return float(np.linalg.norm(difference) / np.linalg.norm(before))
 
-    def restricted(self, restriction: Restriction) -> Places | None:
+    def restricted(self, restriction):
         return None
 
-    def arrays(self) -> Mapping[str, FloatArray]:
+    def arrays(self):
         return {"places": self.places}
 
 
 class PlainNorm:
     """That of L2."""
 
-    def __init__(self, mesh: TriangleMesh) -> None:
+    def __init__(self, mesh):
         self.areas = face_areas(mesh)[:, None]
 
-    def apply(self, v: FloatArray) -> FloatArray:
+    def apply(self, v):
         return self.areas * v
 
-    def inverse(self, momentum: FloatArray) -> FloatArray:
+    def inverse(self, momentum):
         return momentum / self.areas
 
 
-def both(**parameters: object) -> abfm.Problem:
+def both(**parameters):
     """Functions, and a vertex whose value shall come from the place of another one."""
     term = Places(MESH, [17], MESH.vertices[[0]])
-    return abfm.Problem(MESH, F, G, Parameters(**parameters), terms=(term,))  # type: ignore[arg-type]
+    return abfm.Problem(MESH, F, G, Parameters(**parameters), terms=(term,))
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.3])
 @pytest.mark.parametrize("reach", [0.0, 0.5])
-def test_a_residual_is_the_derivative_of_the_value(sigma: float, reach: float) -> None:
+def test_a_residual_is_the_derivative_of_the_value(sigma, reach):
     channels = np.stack([F, 2 * G], axis=1)
     terms = (
         FunctionTerm(MESH, channels, channels[:, ::-1], 1 + MESH.vertices[:, 2], [1.0, 2.5]),
@@ -110,7 +106,7 @@ def test_a_residual_is_the_derivative_of_the_value(sigma: float, reach: float) -
                 assert value != pytest.approx(measure.value(term.carried, sigma), rel=1e-3)
 
 
-def test_terms_add_up_and_are_carried_together() -> None:
+def test_terms_add_up_and_are_carried_together():
     problem = both()
     first, second = problem.terms
     assert isinstance(first, FunctionTerm)
@@ -125,7 +121,7 @@ def test_terms_add_up_and_are_carried_together() -> None:
     )
 
 
-def test_a_second_term_has_an_exact_gradient_and_is_matched() -> None:
+def test_a_second_term_has_an_exact_gradient_and_is_matched():
     energy = MatchingEnergy(both(alpha=0.05, sigma=0.1))
     assert taylor_order(energy, FIELD, 0.02 * wavy_field(MESH, 2)[None]) >= 1.9
     found = abfm.match(both(iterations=60, levels=1))
@@ -138,21 +134,159 @@ def test_a_second_term_has_an_exact_gradient_and_is_matched() -> None:
     assert found.mismatch < 0.1
 
 
-def test_another_norm_of_fields_has_an_exact_gradient() -> None:
+def test_another_norm_of_fields_has_an_exact_gradient():
     energy = MatchingEnergy(MESH, F, G, P)
     plain = replace(energy.objective(P.sigma), regularity=PlainNorm(MESH))
 
-    def evaluate(velocity: FloatArray) -> tuple[float, FloatArray]:
+    def evaluate(velocity):
         found = plain.evaluate(to_frame(MESH, velocity))
         return found.energy, to_ambient(MESH, found.gradient)
 
     assert taylor_order(evaluate, FIELD, 0.02 * wavy_field(MESH, 2)[None]) >= 1.9
 
 
-def test_norms_of_fields_are_made_once_for_an_alpha_and_kept_with_the_mesh() -> None:
+def test_norms_of_fields_are_made_once_for_an_alpha_and_kept_with_the_mesh():
     energy = MatchingEnergy(MESH, F, G, P)
     usual, other = energy.regularizer(), energy.regularizer(0.3)
     assert isinstance(usual, Regularizer)
     assert isinstance(other, Regularizer)
     assert (usual.alpha, usual.order, other.alpha) == (P.alpha, P.order, 0.3)
     assert MatchingEnergy(MESH, G, F, P).regularizer() is usual
+
+
+REACHES = [0.05, 0.5, 2.0]
+ONE = np.ones(1)
+
+
+@pytest.fixture(params=SURFACES)
+def mesh(request):
+    return SURFACES[request.param].normalized()
+
+
+def metric(mesh, reach, areas=None):
+    """Scaled for a random mismatch."""
+    areas = vertex_areas(mesh) if areas is None else areas
+    return SmoothedNorm(mesh, areas, reach, random_function(mesh, 0)[None], ONE)
+
+
+@pytest.mark.parametrize("reach", REACHES)
+def test_symmetric_and_positive(mesh, reach):
+    """All eigenvalues are positive: only an exact match has no mismatch."""
+    far = metric(mesh, reach)
+    matrix = np.stack([far(row) for row in np.eye(len(mesh.vertices))])
+    np.testing.assert_allclose(matrix, matrix.T, rtol=0, atol=1e-13 * np.abs(matrix).max())
+    eigenvalues = np.linalg.eigvalsh(matrix + matrix.T)
+    assert eigenvalues.min() > 1e-12 * eigenvalues.max()
+    assert not far(np.zeros(len(mesh.vertices))).any()
+
+
+@pytest.mark.parametrize("reach", REACHES)
+def test_the_mismatch_it_was_made_for_keeps_its_energy(mesh, reach):
+    """All channels together, with mask and weights."""
+    residuals = np.stack([size * random_function(mesh, size) for size in (1, 10, 3)])
+    weights = np.array([1.0, 0.3, 0.0])
+    areas = vertex_areas(mesh) * np.abs(random_function(mesh, 4))
+    far = SmoothedNorm(mesh, areas, reach, residuals, weights)
+    found = sum(w * float(r @ far(r)) for w, r in zip(weights, residuals, strict=True))
+    assert found == pytest.approx(float(weights @ (residuals**2 @ areas)), rel=1e-12)
+
+
+def test_constants_have_the_energy_of_l2_whatever_the_reach():
+    """``L 1 = 0``: without a mask ``(A + s L)^-1 A 1 = 1``, so that only the scale is left."""
+    for mesh in SURFACES.values():
+        unit = mesh.normalized()
+        flat = np.ones(len(mesh.vertices))
+        far = SmoothedNorm(unit, vertex_areas(unit), 0.7, 3 * flat[None], ONE)
+        np.testing.assert_allclose(far(flat), vertex_areas(unit), rtol=1e-10)
+
+
+def test_short_reach_is_l2():
+    mesh = icosphere(2).normalized()
+    r = bump(mesh, mesh.vertices[0], 0.3)
+    errors = []
+    for reach in (0.04, 0.02, 0.01):
+        far = metric(mesh, reach)(r)
+        far *= (vertex_areas(mesh) * r).sum() / far.sum()
+        errors.append(np.abs(far - vertex_areas(mesh) * r).max() / vertex_areas(mesh).max())
+    assert observed_orders([4, 2, 1], errors).min() > 1.7  # s = reach^2
+
+
+def test_spherical_harmonics_are_damped_by_their_eigenvalues():
+    """``1 / (1 + s l (l + 1))`` on the unit sphere."""
+    reach, errors = 0.8, []
+    for subdivisions in (2, 3, 4):
+        mesh = icosphere(subdivisions)
+        x, y, z = mesh.vertices.T
+        first, others = z, {2: x * y, 3: x * y * z}
+        far = SmoothedNorm(mesh, vertex_areas(mesh), reach, first[None], ONE)
+        damped = [h @ far(h) / (h @ (vertex_areas(mesh) * h)) for h in others.values()]
+        expected = [
+            (1 + 2 * reach**2) / (1 + degree * (degree + 1) * reach**2) for degree in others
+        ]
+        errors.append(np.abs(np.array(damped) / expected - 1).max())
+    assert observed_orders([4, 2, 1], errors).min() > 1.8
+    assert errors[-1] < 0.01
+
+
+def test_where_the_mask_is_zero_nothing_counts():
+    mesh = icosphere(3).normalized()
+    seen = mesh.vertices[:, 2] > 0
+    far = metric(mesh, 0.5, vertex_areas(mesh) * seen)
+    assert not far(np.where(seen, 0.0, 7.0)).any()
+    assert not far(random_function(mesh, 5))[~seen].any()
+
+
+@pytest.mark.parametrize("scale", [1e-6, 64.0, 1e9])
+def test_energy_and_gradient_do_not_depend_on_units_place_and_rotation(scale):
+    mesh = icosphere(2)
+    f, g = bump(mesh, [0, 0, 1], 0.15), bump(mesh, [0, 1, 0], 0.15)
+    rotation = Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
+    elsewhere = TriangleMesh(scale * moved(mesh, rotation).vertices, mesh.faces)
+    here, there = (MatchingEnergy(each, f, g, abfm.Parameters()) for each in (mesh, elsewhere))
+    x = 0.3 * np.random.default_rng(0).normal(size=here.shape)
+    one, other = here.objective(0.1, 0.7).evaluate(x), there.objective(0.1, 0.7).evaluate(x)
+    assert other.energy == pytest.approx(one.energy, rel=1e-9)
+    np.testing.assert_allclose(
+        other.gradient, one.gradient, rtol=0, atol=1e-7 * np.abs(one.gradient).max()
+    )
+
+
+def test_at_the_start_the_energy_is_that_of_l2():
+    mesh = SURFACES["hemisphere"]
+    f = np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in (0, 40)], axis=1)
+    g = np.stack([bump(mesh, mesh.vertices[i], 0.3) for i in (20, 60)], axis=1)
+    mask = 0.2 + np.abs(random_function(mesh, 1))
+    E = MatchingEnergy(mesh, f, g, abfm.Parameters(), mask=mask, weights=[0.4, 2.0])
+    for reach in REACHES:
+        found = E.objective(0.1, reach).evaluate(np.zeros(E.shape))
+        assert found.energy == pytest.approx(
+            E.objective(0.1).evaluate(np.zeros(E.shape)).energy, rel=1e-9
+        )
+        assert E.measure(reach) is E.measure(reach)
+
+
+def test_equal_functions_have_no_mismatch_and_no_derivative():
+    mesh = icosphere(2)
+    f = bump(mesh, [0, 0, 1], 0.2)
+    E = MatchingEnergy(mesh, f, f, abfm.Parameters())
+    found = E.objective(0.1, 0.5).evaluate(np.zeros(E.shape))
+    assert found.energy == 0
+    assert not found.gradient.any()
+
+
+@pytest.mark.parametrize("degrees", [60, 100, 140])
+def test_the_derivative_leads_to_a_target_that_l2_cannot_see(degrees):
+    """Bumps that do not touch: how fast the energy falls, relative to itself."""
+    mesh = icosphere(4)
+    angle = np.deg2rad(degrees)
+    f = bump(mesh, [0, 0, 1], 0.05)
+    g = bump(mesh, [0, np.sin(angle), np.cos(angle)], 0.05)
+    E = MatchingEnergy(mesh, f, g, abfm.Parameters())
+    assert l2_norm(mesh, f * g) < 1e-3 * l2_norm(mesh, f)
+    turn = to_frame(mesh, rotation_field(mesh, [-angle, 0, 0]))[None] / mesh.length_scale
+    slopes = {}
+    for reach in (0.0, 0.3, 1.0):
+        found = E.objective(0.1, reach).evaluate(np.zeros(E.shape))
+        slopes[reach] = -float((found.gradient * turn).sum()) / found.energy
+    assert abs(slopes[0.0]) < 0.005
+    assert slopes[1.0] > slopes[0.3] > 0.1

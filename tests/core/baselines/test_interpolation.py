@@ -1,34 +1,39 @@
-"""Optimal transport: kernel, marginals, mass, midpoints, invariances, convergence."""
-
-from __future__ import annotations
+"""Blending without a flow, and optimal transport: kernel, marginals, mass, midpoints."""
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
-from abfm import AbfmError, TriangleMesh
-from abfm.baselines import HeatKernel, optimal_transport
+from abfm import AbfmError
+from abfm.baselines import HeatKernel, linear_blend, optimal_transport
 from abfm.calculus.operators import vertex_areas
-from abfm.types import FloatArray
 from tests.core.surfaces import SURFACES
 from tests.shapes import icosphere, open_cylinder
+
+
+def test_linear_blend_goes_straight_from_source_to_target():
+    f, g = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([[5.0, 2.0], [0.0, -4.0]])
+    assert_array_equal(linear_blend(f, g, 0.0, 2.0), f)
+    assert_array_equal(linear_blend(f, g, 2.0, 2.0), g)
+    assert_array_equal(linear_blend(f, g, 0.5, 2.0), 0.75 * f + 0.25 * g)
+
 
 SPHERE = icosphere(3)
 P, Q = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 MIDDLE = (P + Q) / np.sqrt(2)
 
 
-def angle(x: FloatArray) -> FloatArray:
+def angle(x):
     """From each vertex of the sphere to a point."""
     return np.arccos(np.clip(SPHERE.vertices @ x, -1, 1))
 
 
-def bump(x: FloatArray, width: float = 0.35) -> FloatArray:
+def bump(x, width=0.35):
     """A Gaussian on the sphere, its width in radians."""
     return np.exp(-0.5 * (angle(x) / width) ** 2)
 
 
-def strip(n: int, length: float = 4.0) -> tuple[TriangleMesh, FloatArray]:
+def strip(n, length=4.0):
     """Open cylinder, in effect a flat strip: intrinsically there is nothing but the height."""
     mesh = open_cylinder(8, n, radius=0.1, height=length)
     return mesh, mesh.vertices[:, 2]
@@ -141,7 +146,7 @@ def test_in_more_steps_the_mean_moves_more_evenly():
 def test_sharpened_interpolations_have_no_more_entropy_than_the_ends():
     areas = vertex_areas(SPHERE)
 
-    def entropy(function: FloatArray) -> float:
+    def entropy(function):
         density = function / (areas @ function)
         return -float(areas @ (density * np.log(np.maximum(density, 1e-300))))
 

@@ -1,0 +1,177 @@
+"""Memory that runs out in the middle of a match, and workspaces that go with it."""
+
+import gc
+import sys
+import weakref
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm import Control, Parameters
+from abfm.errors import AbfmError
+from abfm.flow.exponential import Workspace
+from abfm.matching.objective.matching_energy import MatchingEnergy, Objective
+from abfm.matching.objective.regularizer import Regularizer
+from abfm.matching.solving.descent import Descent
+from abfm.matching.solving.record import Record
+from tests.core.fields import bump
+from tests.shapes import icosphere
+
+SPHERE = icosphere(2)
+F, G = (bump(SPHERE, SPHERE.vertices[vertex], 0.3) for vertex in (0, 30))
+
+
+def full_after(monkeypatch, count):
+    """Let memory run out in the evaluation of the energy after so many."""
+    usual = Objective.evaluate
+    made = []
+
+    def evaluate(objective, fields):
+        made.append(1)
+        if len(made) > count:
+            raise MemoryError("Unable to allocate 1 GiB")
+        return usual(objective, fields)
+
+    monkeypatch.setattr(Objective, "evaluate", evaluate)
+
+
+def test_the_best_field_so_far_is_kept(monkeypatch, tmp_path):
+    whole = abfm.match(SPHERE, F, G)
+    full_after(monkeypatch, 6)
+    match = abfm.match(SPHERE, F, G)
+    assert match.stop_reason == "out of memory"
+    assert "memory ran out" in match.verdict.reason
+    assert 2 < len(match.energy_history) < len(whole.energy_history)
+    assert match.mismatch < match.initial_mismatch
+    assert np.isfinite(match.verified_mismatch)
+    match.save(tmp_path / "m.npz")
+    assert abfm.load_match(tmp_path / "m.npz").stop_reason == "out of memory"
+
+
+def test_without_a_field_it_is_an_error(monkeypatch):
+    full_after(monkeypatch, 0)
+    with pytest.raises(MemoryError):
+        abfm.match(SPHERE, F, G)
+
+
+def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
+    def estimate(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(sys.modules[abfm.match.__module__], "estimate", estimate)
+    match = abfm.match(SPHERE, F, G)
+    assert match.mismatch < 0.1
+    assert np.isnan(match.verified_mismatch)
+
+
+@pytest.mark.parametrize("count", [40, 60, 80])
+def test_what_an_earlier_search_found_outlives_one_that_runs_out_of_memory(monkeypatch, count):
+    """Each way to the target begins with a zero field, which matches nothing."""
+    mesh = icosphere(3)
+    f, g = (bump(mesh, mesh.vertices[vertex], 0.1) for vertex in (0, 200))
+    seen = []
+    full_after(monkeypatch, count)
+    match = abfm.match(mesh, f, g, on_iteration=lambda now: seen.append(now.mismatch))
+    assert match.stop_reason == "out of memory"
+    assert match.mismatch <= 1.01 * min(seen)
+
+
+def test_memory_that_runs_out_for_the_caller_is_the_callers():
+    def note(now):
+        if now.iteration == 3:
+            raise MemoryError("of the caller")
+
+    with pytest.raises(MemoryError, match="of the caller"):
+        abfm.match(SPHERE, F, G, on_iteration=note)
+
+
+BALL = icosphere(3)
+ONE, OTHER = (bump(BALL, BALL.vertices[vertex], 0.4) for vertex in (0, 30))
+WAYS = {
+    "one level": Parameters(levels=1, iterations=8),
+    "coarse to fine": Parameters(levels=2, iterations=12),
+    "with a reach": Parameters(levels=2, iterations=12, reach=0.3),
+    "with the bracket": Parameters(gradient="bracket", levels=1, iterations=4),
+    "without a preconditioner": Parameters(preconditioner="none", levels=1, iterations=4),
+}
+KINDS = (MatchingEnergy, Workspace, Descent, Record, Regularizer)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """All workspaces that are made and not gone, while nothing collects cycles."""
+    alive = weakref.WeakSet()
+
+    def noting(usual):
+        def init(self, *arguments, **named):
+            usual(self, *arguments, **named)
+            alive.add(self)
+
+        return init
+
+    for kind in KINDS:
+        monkeypatch.setattr(kind, "__init__", noting(kind.__init__))
+    gc.collect()
+    gc.disable()
+    yield alive
+    gc.enable()
+
+
+def left(alive):
+    """What is still there besides what its mesh keeps."""
+    kept = [mesh.cache.get("regularizer") for mesh in _meshes(BALL)]
+    return [type(one).__name__ for one in alive if all(one is not each for each in kept)]
+
+
+def _meshes(mesh):
+    inner = [each for each in mesh.cache.values() if isinstance(each, abfm.TriangleMesh)]
+    return [mesh, *(found for each in inner for found in _meshes(each))]
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_after_a_match(made, way):
+    looks = []
+    match = abfm.match(
+        BALL, ONE, OTHER, WAYS[way], on_iteration=lambda now: looks.append(now.advected.shape)
+    )
+    assert len(looks) == len(match.energy_history) > 1
+    assert left(made) == []
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_after_one_that_was_cancelled(made, way):
+    control = Control()
+    match = abfm.match(
+        BALL, ONE, OTHER, WAYS[way], on_iteration=lambda _: control.cancel(), control=control
+    )
+    assert match.stop_reason == "cancelled"
+    assert left(made) == []
+
+
+@pytest.mark.parametrize("error", [AbfmError, MemoryError, RuntimeError])
+def test_after_one_that_failed(made, error):
+    def fail(now):
+        if now.iteration == 3:
+            raise error("no")
+
+    for way in ("one level", "coarse to fine"):
+        try:
+            match = abfm.match(BALL, ONE, OTHER, WAYS[way], on_iteration=fail)
+        except error:
+            pass
+        else:
+            assert match.stop_reason == "out of memory"
+            del match
+        assert left(made) == []
+
+
+def test_with_the_last_iterate_that_somebody_kept(made):
+    """Each holds what its look is made with, also after the match has ended."""
+    kept = []
+    abfm.match(BALL, ONE, OTHER, WAYS["coarse to fine"], on_iteration=kept.append)
+    assert {"MatchingEnergy", "Workspace"} <= set(left(made))
+    assert "Descent" not in left(made)
+    assert kept[0].velocity.shape == (1, len(BALL.faces), 3)
+    kept.clear()
+    assert left(made) == []
