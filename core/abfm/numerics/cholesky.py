@@ -35,11 +35,7 @@ _BYTES = 16
 def factor(matrix: sparse.csr_array) -> Solve:
     """Factor a sparse symmetric positive definite matrix; the result solves for one b, (n,).
 
-    Raises
-    ------
-    MemoryError
-        If there is not enough memory; when solving where it is in another process
-        (`factoring_apart`).
+    A MemoryError tells of too little memory, when solving where it is factored in another process.
     """
     unknowns = matrix.shape[0]
     if unknowns == 0:  # a mesh without inner vertices; both libraries refuse it

@@ -1,24 +1,5 @@
 """What comes in from files: plain, bounded, and as long as it says before it is used."""
 
-from abfm.reading.door import (
-    LARGEST,
-    array_from,
-    from_json,
-    inflated,
-    most_inflated,
-    open_plain,
-    read_bytes,
-)
-from abfm.reading.gifti import GiftiArray, gifti_arrays
+import lazy_loader
 
-__all__ = [
-    "LARGEST",
-    "GiftiArray",
-    "array_from",
-    "from_json",
-    "gifti_arrays",
-    "inflated",
-    "most_inflated",
-    "open_plain",
-    "read_bytes",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

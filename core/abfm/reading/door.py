@@ -45,12 +45,7 @@ def open_plain(path: str | os.PathLike[str], most: int = LARGEST) -> Iterator[Bi
     """Open a plain file for reading: no folder, pipe, socket or device, of at most so many bytes.
 
     It is looked at before it is opened, as opening alone makes some devices act, and again when it
-    is open.
-
-    Raises
-    ------
-    OSError
-        If it is something else, too large, or cannot be opened; ``strerror`` says why.
+    is open. The ``strerror`` of an OSError says why it cannot be read.
     """
     try:
         _check(os.stat(path), most)
@@ -75,10 +70,8 @@ def read_bytes(path: str | os.PathLike[str], most: int = LARGEST) -> bytes:
 def inflated(data: bytes, most: int | None = None) -> bytes:
     """Decompress what a gzip file, or zlib's compressed data, holds.
 
-    Raises
-    ------
-    ValueError
-        If it is damaged, cut short, or has more bytes than ``most``, or `most_inflated` without.
+    A ValueError says that it is damaged, cut short, or has more bytes than ``most``, or than
+    `most_inflated` gives.
     """
     bound = most_inflated(len(data)) if most is None else most
     try:
@@ -116,13 +109,7 @@ def _check(status: os.stat_result, most: int) -> None:
 
 
 def from_json(text: str | bytes) -> Any:
-    """Return what a text in JSON holds.
-
-    Raises
-    ------
-    ValueError
-        If it is damaged, no text, nested too deeply, or has an integer of thousands of digits.
-    """
+    """Return what a text in JSON holds, or raise a ValueError in plain words."""
     try:
         return json.loads(text)
     except RecursionError:
@@ -138,10 +125,7 @@ def from_json(text: str | bytes) -> Any:
 def array_from(data: bytes) -> NDArray[Any]:
     """Return the array of numbers, booleans or texts that the bytes of a .npy file hold.
 
-    Raises
-    ------
-    ValueError
-        If they are no .npy file, hold anything else, or are more or fewer than the array.
+    A ValueError says that they hold anything else, or are more or fewer than the array.
     """
     file = BytesIO(data)
     try:

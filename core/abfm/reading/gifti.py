@@ -36,12 +36,8 @@ class GiftiArray(NamedTuple):
 def gifti_arrays(path: str | os.PathLike[str]) -> list[GiftiArray]:
     """Read all data arrays of a GIFTI file, plain or compressed, in its order.
 
-    Raises
-    ------
-    OSError
-        If the file, or one that it names, cannot be read.
-    ValueError
-        If it is no GIFTI file, or an array is not as large as it says.
+    An OSError says that the file, or one that it names, cannot be read, a ValueError that it is no
+    GIFTI file, or an array not as large as it says.
     """
     content = read_bytes(path)
     reader = _Reader(Path(path), most_inflated(len(content)))

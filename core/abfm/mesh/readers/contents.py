@@ -45,8 +45,6 @@ class Lists:
         self._points.extend(map(number, words[:3]))
 
     def add_polygon(self, corners: Sequence[int]) -> None:
-        if len(corners) < 3:
-            raise few_corners(len(self._sizes), len(corners))
         try:
             self._corners.extend(corners)
         except OverflowError:
@@ -61,11 +59,6 @@ class Lists:
     def contents(self) -> FileContents:
         sizes, corners = (np.frombuffer(a, np.int64) for a in (self._sizes, self._corners))
         return split_polygons(self.vertices(), sizes, corners)
-
-
-def few_corners(face: int, count: int) -> ValueError:
-    """Return what is said of a face with fewer than three corners."""
-    return ValueError(f"face {face}, counting from 0, has {count} corners instead of 3 or more")
 
 
 def number(word: str | bytes) -> float:
@@ -107,13 +100,16 @@ def split_polygons(vertices: FloatArray, sizes: IntArray, corners: IntArray) -> 
     Where a fan around its first corner is right, as in every convex polygon, it is that. Others
     lose their ears one by one, the most even first, as seen along their mean normal. Those that
     cross themselves have no right split: they become fans, with a warning. A ValueError refuses
-    what cannot be split in reasonable time.
-
-    ``sizes`` (P,), at least three, are the numbers of corners; ``corners`` (sum of sizes,) the
-    vertices of one polygon after the other.
+    what cannot be split in reasonable time. ``sizes`` (P,) are the numbers of corners, ``corners``
+    (sum of sizes,) the vertices of one polygon after the other.
     """
     if np.all(sizes == 3):
         return FileContents(vertices, corners.reshape(-1, 3))
+    if sizes.min() < 3:
+        face = np.argmax(sizes < 3)
+        raise ValueError(
+            f"face {face}, counting from 0, has {sizes[face]} corners instead of 3 or more"
+        )
     if sizes.max() > _MOST_CORNERS:
         raise ValueError(
             f"face {np.argmax(sizes)}, counting from 0, has {sizes.max()} corners: {_SPLIT}"

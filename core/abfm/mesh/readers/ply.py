@@ -7,20 +7,14 @@ sizes.
 import re
 import struct
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.mesh.readers.contents import (
-    FileContents,
-    few_corners,
-    number,
-    split_polygons,
-    whole_number,
-)
+from abfm.mesh.readers.contents import FileContents, number, split_polygons, whole_number
 from abfm.reading import read_bytes
 from abfm.types import IntArray
 
@@ -89,8 +83,6 @@ def read_ply(path: Path) -> FileContents:
                     "its faces name vertices by numbers of type float: make them whole numbers"
                 )
             sizes = lengths
-    if sizes.size and sizes.min() < 3:
-        raise few_corners(int(np.argmin(sizes)), int(sizes.min()))
     return split_polygons(vertices, sizes, corners)
 
 
@@ -162,76 +154,52 @@ class _Body:
 
     def _walk(self, element: _Element, wanted: Sequence[str]) -> dict[str, _Column]:
         """Return the same where lengths of lists must be read to know where the next row begins."""
-        properties = element.properties
-        places = {p.name: (array("q"), array("q")) for p in properties if p.name in wanted}
-        steps = [
-            (
-                self._lengths(p.length_code) if p.length_code else None,
-                self._kind(p.length_code or "B").itemsize,
-                self._kind(p.code).itemsize,
-                places.get(p.name),
-            )
-            for p in properties
-        ]
-        position, end = self._position, len(self._data)
+        order, data, position = self._order or "=", self._data, self._position
+        found = {
+            p.name: (array(p.code if self._order else "d"), array("q"))
+            for p in element.properties
+            if p.name in wanted
+        }
+        steps = []
+        for p in element.properties:
+            code, length_code = (p.code, p.length_code) if self._order else ("d", "d")
+            length = struct.Struct(order + length_code) if p.length_code else None
+            steps.append((length, code, struct.calcsize(order + code), found.get(p.name)))
         try:
             for _ in range(element.rows):
-                for length, before, size, kept in steps:
+                for length, code, size, kept in steps:
                     count = 1
                     if length:
-                        count = length(position)
-                        position += before
-                    if kept:
-                        kept[0].append(position)
-                        kept[1].append(count)
-                    position += count * size
+                        count = _whole(length.unpack_from(data, position)[0])
+                        position += length.size
                     if count < 0:
                         raise ValueError(f"a list has the length {count}")
-                    if position > end:
-                        raise _cut_off(element)
-        except (IndexError, struct.error) as error:
+                    if kept:
+                        kept[0].extend(struct.unpack_from(f"{order}{count}{code}", data, position))
+                        kept[1].append(count)
+                    position += count * size
+        except struct.error as error:
             raise _cut_off(element) from error
+        if position > len(data):
+            raise _cut_off(element)
         self._position = position
-        found: dict[str, _Column] = {}
-        for p in properties:
-            if p.name in places:
-                starts, counts = (np.frombuffer(kept, np.int64) for kept in places[p.name])
-                values = self._runs(starts, counts, p.code)
-                found[p.name] = values, counts if p.length_code else None
-        return found
+        kept_ones = [p for p in element.properties if p.name in found]
+        return {p.name: self._column(p, *found[p.name]) for p in kept_ones}
 
-    def _lengths(self, code: str) -> Callable[[int], int]:
-        """Return what reads the length of a list at a position."""
-        if self._order and code == "B":
-            return self._data.__getitem__
-        one = struct.Struct(self._order + code if self._order else "=d")
+    def _column(self, p: _Property, *kept: Any) -> _Column:
+        values, counts = (np.frombuffer(each, each.typecode) for each in kept)
+        if not self._order and p.code not in "fd":
+            wrong = ~((np.abs(values) <= _LARGEST) & (values == np.floor(values)))
+            if wrong.any():
+                raise _not_whole(values[wrong][0])
+            values = values.astype(np.int64)
+        return values, counts if p.length_code else None
 
-        def length(position: int) -> int:
-            value = one.unpack_from(self._data, position)[0]
-            if not float(value).is_integer():
-                raise _not_whole(value)
-            return int(value)
 
-        return length
-
-    def _runs(self, starts: IntArray, counts: IntArray, code: str) -> NDArray[Any]:
-        """Return so many numbers from each start."""
-        kind = self._kind(code)
-        before = np.cumsum(counts) - counts
-        places = np.repeat(starts - before * kind.itemsize, counts)
-        places += np.arange(len(places)) * kind.itemsize
-        content = np.frombuffer(self._data, np.uint8)
-        found = np.empty((len(places), kind.itemsize), np.uint8)
-        for k in range(kind.itemsize):
-            found[:, k] = content[places]
-            places += 1
-        values = found.view(kind).reshape(-1)
-        if self._order or code in "fd":
-            return values
-        wrong = ~((np.abs(values) <= _LARGEST) & (values == np.floor(values)))
-        if wrong.any():
-            raise _not_whole(values[wrong][0])
-        return values.astype(np.int64)
+def _whole(value: float) -> int:
+    if not float(value).is_integer():
+        raise _not_whole(value)
+    return int(value)
 
 
 def _not_whole(value: float) -> ValueError:
