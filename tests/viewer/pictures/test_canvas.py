@@ -10,8 +10,6 @@ from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
 from tests.shapes import icosphere
 
-GREY = (0.5, 0.5, 0.5)
-
 
 def sphere(width, height, transparent, ground=(1.0, 1.0, 1.0)):
     """A grey ball in the middle of a picture."""
@@ -20,9 +18,8 @@ def sphere(width, height, transparent, ground=(1.0, 1.0, 1.0)):
         ps.remove_all_structures()
         ps.set_ground_plane_mode("none")
         ps.set_automatically_compute_scene_extents(True)
-        ps.register_surface_mesh(
-            "ball", mesh.vertices, mesh.faces, color=GREY, material=opengl.MATERIAL
-        )
+        look = {"color": (0.5, 0.5, 0.5), "material": opengl.MATERIAL}
+        ps.register_surface_mesh("ball", mesh.vertices, mesh.faces, **look)
         ps.set_vertical_fov_degrees(20)
         ps.look_at_dir((0, 0, 8), (0, 0, 0), (0, 1, 0))
         ps.set_background_color((*ground, 1.0))
@@ -67,15 +64,12 @@ def test_what_opengl_cannot_draw_is_refused_in_one_line(monkeypatch):
 
     def refuse(width, height, side):
         if width > 64:
-            raise RuntimeError(
-                "[polyscope]  [EXCEPTION] OpenGl error occurred. Text: Out of memory"
-            )
+            raise RuntimeError("[polyscope]  [EXCEPTION] OpenGl error occurred. Text: No memory")
         resize(width, height, side)
 
     monkeypatch.setattr(canvas, "_resize", refuse)
-    with pytest.raises(
-        DrawingError, match="cannot draw a picture of 9000 x 9000 pixels; choose a smaller one"
-    ):
+    message = "cannot draw a picture of 9000 x 9000 pixels; choose a smaller one"
+    with pytest.raises(DrawingError, match=message):
         sphere(9000, 9000, transparent=False)
 
 

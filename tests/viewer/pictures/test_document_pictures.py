@@ -10,6 +10,7 @@ import abfm
 from abfm import AbfmError, FunctionError, ParameterError
 from abfm_viewer.appearance.theme import LIGHT
 from abfm_viewer.document.document import Channel, Document, Look, Surface
+from abfm_viewer.pictures.canvas import rgb
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
@@ -20,6 +21,7 @@ from tests.shapes import ellipsoid
 
 SIZE = (480, 300)
 BARE = PictureOptions(color_bar=False, labels=False)
+TURNING = replace(BARE, turns=True)
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)
 CHANNEL = Channel("gaussian:x=1,y=0,z=0,width=0.15", "gaussian:x=0,y=0.7,z=0,width=0.15")
 
@@ -29,9 +31,12 @@ def document():
     """A short match on an egg, with tau = 2."""
     f, g = (abfm.function(EGG, CHANNEL.spec(side)) for side in ("source", "target"))
     match = abfm.match(EGG, f, g, abfm.Parameters(tau=2, iterations=40))
-    return Document(
-        (Surface(EGG, "egg"),), (CHANNEL,), parameters=match.parameters, result=match, time=2.0
-    )
+    solved = {"parameters": match.parameters, "result": match, "time": 2.0}
+    return Document((Surface(EGG, "egg"),), (CHANNEL,), **solved)
+
+
+def viewed(document, **view):
+    return replace(document, view=replace(document.view, **view))
 
 
 def drawn(document, size=SIZE, options=BARE, time=2.0, degrees=0.0):
@@ -59,7 +64,7 @@ def touches(empty):
 def test_a_picture_shows_what_the_window_shows(document):
     drawn(document, degrees=40)  # leaves nothing turned
     session = Session(EGG, "egg")
-    session.restore(replace(document, view=replace(document.view, color_bar=False)), {}, None)
+    session.restore(viewed(document, color_bar=False), {}, None)
     window = Window(session, opengl.OFFSCREEN, (900, 560))
     try:
         while window.shown.busy or not window.scene.paints:
@@ -71,10 +76,8 @@ def test_a_picture_shows_what_the_window_shows(document):
         window.scene.see(window.scene.view.zoomed("source", (150, 200), 1.3))
         window.tick()
         window.tick()
-        shown = ps.screenshot_to_buffer(transparent_bg=False)[top:bottom, left:right, :3].astype(
-            int
-        )
-        seen = session.document
+        shown = ps.screenshot_to_buffer(transparent_bg=False).astype(int)
+        shown, seen = shown[top:bottom, left:right, :3], session.document
     finally:
         window.close()
     assert seen.view.look is not None
@@ -107,8 +110,8 @@ def test_frames_go_from_the_first_time_to_the_last(document):
 @pytest.mark.usefixtures("coarse_streaks")
 def test_moving_streaks_go_around_in_a_movie(document):
     """Every frame is another phase, and the first follows the last as any frame follows another."""
-    view = replace(document.view, streaks=True, animate=True, layout="advected only")
-    with DocumentRenderer(replace(document, view=view), {}, SIZE, BARE) as renderer:
+    streaks = viewed(document, streaks=True, animate=True, layout="advected only")
+    with DocumentRenderer(streaks, {}, SIZE, BARE) as renderer:
         frames = [frame.astype(int) for frame in renderer.frames(2.0, 2.0, 4, 0.0)]
         again = np.asarray(renderer.picture(2.0, phase=1.0)).astype(int)
         twice = [frame.astype(int) for frame in renderer.frames(2.0, 2.0, 4, 0.0, cycles=2)]
@@ -120,8 +123,7 @@ def test_moving_streaks_go_around_in_a_movie(document):
 
 
 def test_the_range_of_the_error_stays_the_same_in_a_movie(document):
-    document = replace(document, view=replace(document.view, error=True))
-    with DocumentRenderer(document, {}, SIZE, BARE) as renderer:
+    with DocumentRenderer(viewed(document, error=True), {}, SIZE, BARE) as renderer:
         ranges, largest = [], []
         for _ in renderer.frames(0.0, 2.0, 3, 0.0):
             ranges.append(renderer._scene.paints["error"].colors)
@@ -137,14 +139,12 @@ def test_names_and_colour_bars_are_written_and_left_out(document):
         drawn(document, options=PictureOptions(color_bar=bar, labels=labels))
         for bar, labels in ((False, False), (False, True), (True, False))
     )
-    source, target = (
-        tuple(round(255 * c) for c in color[:3]) for color in (LIGHT.source, LIGHT.target)
-    )
+    source, target = map(rgb, (LIGHT.source, LIGHT.target))
     assert {source, target} <= set(map(tuple, names.reshape(-1, 3).tolist()))
     assert target not in set(map(tuple, bare.reshape(-1, 3).tolist()))
     assert not is_empty(bars[-50:, :200]).all()
     assert is_empty(names[-4:]).all()
-    hidden = replace(document, view=replace(document.view, color_bar=False))
+    hidden = viewed(document, color_bar=False)
     assert (drawn(hidden, options=PictureOptions(labels=False)) == bare).all()
 
 
@@ -152,27 +152,18 @@ def test_names_and_colour_bars_are_written_and_left_out(document):
 @pytest.mark.parametrize("size", [(480, 160), (160, 480), (300, 300)])
 def test_all_surfaces_are_in_pictures_of_any_shape(document, layout, size):
     for look in (None, Look(axis_front("x"))):
-        seen = replace(document, view=replace(document.view, layout=layout, look=look))
-        empty = is_empty(drawn(seen, size))
+        empty = is_empty(drawn(viewed(document, layout=layout, look=look), size))
         assert touches(empty) == []
         assert ndimage.label(ndimage.binary_dilation(~empty))[1] == 3
 
 
 def test_on_a_dark_ground_bodies_are_dark_and_bars_have_the_colours_that_are_drawn(document):
-    """The greatest value is dark on light grounds and light on dark ones, and nothing means
-    grey.
-    """
-    light, dark = (
-        replace(document, view=replace(document.view, theme=theme)) for theme in ("light", "dark")
-    )
-    at_rest = (
-        np.median(drawn(light)[~is_empty(drawn(light))], axis=0),
-        np.median(body(drawn(dark)), axis=0),
-    )
-    assert at_rest[0].min() > 150
-    assert 40 < at_rest[1].max() < 120
+    """The greatest value is dark on light grounds and light on dark ones, and nothing is grey."""
+    dark = viewed(document, theme="dark")
+    light, surface = drawn(viewed(document, theme="light")), body(drawn(dark))
+    assert np.median(light[~is_empty(light)], axis=0).min() > 150
+    assert 40 < np.median(surface, axis=0).max() < 120
     strip = drawn(dark, options=PictureOptions(labels=False))[-40:-14, 8:100].reshape(-1, 3)
-    surface = body(drawn(dark))
     brightest = surface[surface.sum(axis=1).argmax()]
     directions = strip / np.linalg.norm(strip, axis=1)[:, None]
     assert (directions @ (brightest / np.linalg.norm(brightest))).max() > 0.98
@@ -180,7 +171,7 @@ def test_on_a_dark_ground_bodies_are_dark_and_bars_have_the_colours_that_are_dra
 
 
 def test_isolines_are_thin_and_none_is_where_a_function_is_constant(document):
-    isolines = replace(document, view=replace(document.view, isolines=True))
+    isolines = viewed(document, isolines=True)
     plain, lined = drawn(document, time=0.0), drawn(isolines, time=0.0)
     changed = np.abs(lined - plain).max(axis=-1) > 25
     assert 0.01 < changed[~is_empty(plain)].mean() < 0.2
@@ -196,15 +187,12 @@ def test_isolines_are_thin_and_none_is_where_a_function_is_constant(document):
 @pytest.mark.parametrize("shown", [{"arrows": True}, {"coloring": "checker"}, {"isolines": True}])
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_what_lies_on_surfaces_stands_out_from_them(document, shown, theme):
-    view = replace(document.view, theme=theme)
-    plain, other = (drawn(replace(document, view=one)) for one in (view, replace(view, **shown)))
+    plain, other = (drawn(viewed(document, theme=theme, **more)) for more in ({}, shown))
     assert (np.abs(plain - other).max(axis=-1) > 40).sum() > 200
 
 
 def test_a_checkerboard_has_about_twenty_squares_across(document):
-    checker = replace(
-        document, view=replace(document.view, coloring="checker", layout="advected only")
-    )
+    checker = viewed(document, coloring="checker", layout="advected only")
     row = drawn(checker, time=0.0)[SIZE[1] // 2 + 4]  # not where squares meet
     is_blue = row[:, 2] - row[:, 0] > 60
     assert 14 <= np.abs(np.diff(is_blue.astype(int))).sum() <= 40
@@ -212,10 +200,8 @@ def test_a_checkerboard_has_about_twenty_squares_across(document):
 
 def test_turning_surfaces_stay_in_the_picture_and_come_back(document):
     slab = ellipsoid(3, 0.3, 0.5, 1.0)
-    surfaces, view = (Surface(slab, "slab"),), replace(document.view, layout="row")
-    deep = replace(document, surfaces=surfaces, result=None, view=view)
-    turning = replace(BARE, turns=True)
-    with DocumentRenderer(deep, {}, SIZE, turning) as renderer:
+    deep = replace(viewed(document, layout="row"), surfaces=(Surface(slab, "slab"),), result=None)
+    with DocumentRenderer(deep, {}, SIZE, TURNING) as renderer:
         first = np.asarray(renderer.picture(0.0, 0.0)).astype(int)
         widths = []
         for degrees in range(0, 360, 45):
@@ -229,44 +215,22 @@ def test_turning_surfaces_stay_in_the_picture_and_come_back(document):
 
 
 def test_a_turning_surface_is_seen_from_the_documents_direction(document):
-    above = Look(axis_front("y"))
-    seen = drawn(
-        replace(document, view=replace(document.view, look=above)),
-        options=replace(BARE, turns=True),
-    )
+    seen = drawn(viewed(document, look=Look(axis_front("y"))), options=TURNING)
     assert touches(is_empty(seen)) == []
-    assert np.abs(seen - drawn(document, options=replace(BARE, turns=True))).mean() > 1
+    assert np.abs(seen - drawn(document, options=TURNING)).mean() > 1
 
 
-@pytest.mark.parametrize("time", [-0.1, 4.1])
-def test_times_off_the_time_bar_are_refused(document, time):
-    with (
-        DocumentRenderer(document, {}, (64, 64)) as renderer,
-        pytest.raises(ParameterError, match="0 to 4"),
-    ):
-        renderer.picture(time)
-
-
-def test_a_size_out_of_range_is_refused(document):
+def test_what_cannot_be_drawn_is_refused(document):
     with pytest.raises(ParameterError, match="9000x20; expected 16 to 8192"):
         DocumentRenderer(document, {}, (9000, 20))
-
-
-def test_a_function_that_cannot_be_evaluated_is_named(document):
+    velocity = 1e12 * document.result.velocity
+    wild = replace(document, result=replace(document.result, velocity=velocity))
     unknown = replace(document, channels=(Channel("gaussian:vertex=99999", CHANNEL.target),))
-    with (
-        pytest.raises(FunctionError, match="gaussian:vertex=99999: "),
-        DocumentRenderer(unknown, {}, (64, 64)),
+    for drawn, time, error, message in (
+        (document, -0.1, ParameterError, "0 to 4"),
+        (document, 4.1, ParameterError, "0 to 4"),
+        (unknown, 0.0, FunctionError, "gaussian:vertex=99999: "),
+        (wild, 1.0, AbfmError, "no picture of time 1"),
     ):
-        pass
-
-
-def test_a_flow_that_overflows_is_no_picture(document):
-    wild = replace(
-        document, result=replace(document.result, velocity=1e12 * document.result.velocity)
-    )
-    with (
-        DocumentRenderer(wild, {}, (64, 64)) as renderer,
-        pytest.raises(AbfmError, match="no picture of time 1"),
-    ):
-        renderer.picture(1.0)
+        with pytest.raises(error, match=message), DocumentRenderer(drawn, {}, (64, 64)) as renderer:
+            renderer.picture(time)

@@ -1,0 +1,393 @@
+"""Sheets as pictures: places of their cells, colour ranges, panels of every kind and plots."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import ImageFont
+
+import abfm
+from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
+from abfm_viewer.appearance.colormaps import table
+from abfm_viewer.appearance.theme import LIGHT
+from abfm_viewer.document.verdict_words import headline
+from abfm_viewer.pictures.canvas import rgb
+from abfm_viewer.pictures.panels import (
+    CLAMPED,
+    POINT_COLORS,
+    cameras,
+    captions,
+    color_ranges,
+    panel_pictures,
+)
+from abfm_viewer.pictures.plots import CURVE_COLORS, plot_picture
+from abfm_viewer.pictures.sheets import (
+    DEFAULT_WIDTH,
+    LABEL,
+    MARGIN,
+    TALLEST_PANEL,
+    WIDEST,
+    figure_picture,
+    grid,
+    laid_out,
+    match_picture,
+    sheet_picture,
+    wrapped,
+)
+from tests.shapes import ellipsoid, icosphere, square
+
+SPHERE = icosphere(3)
+X, Y, Z = SPHERE.vertices.T
+ROTATION = np.cross([0.0, 1.0, 0.0], SPHERE.vertices[SPHERE.faces].mean(axis=1))
+SOURCE = Panel(SPHERE, Values(Y), "source", "source")
+WHITE, BLUE, RED, BLACK, GREY = (
+    tuple(bytes.fromhex(code)) for code in ("ffffff", "2455c3", "c62828", "111111", "8a909c")
+)
+ASPECTS = st.lists(st.lists(st.floats(0.45, 3.8), min_size=1, max_size=8), min_size=1, max_size=5)
+
+
+@pytest.fixture(scope="module")
+def match():
+    """A short match of two channels on a sphere: one non-negative, one of both signs."""
+    f, g = (np.stack([np.exp(-4 * (1 - x)), x], axis=1) for x in (X, Z))
+    return abfm.match(SPHERE, f, g, abfm.Parameters(tau=2, iterations=5))
+
+
+def of(*row, **options):
+    return Sheet((row,), **options)
+
+
+def draw(panel, size=160):
+    """One panel, (size, size, 4)."""
+    [picture] = panel_pictures(
+        of(panel), [(size, size)], color_ranges(of(panel)), cameras(of(panel), (1.0, 1.0))
+    )
+    return np.asarray(picture)
+
+
+def colors(picture):
+    """All colours of a picture, as tuples."""
+    codes = np.asarray(picture)[..., :3].astype(int) @ [1 << 16, 1 << 8, 1]
+    return {tuple(int(code).to_bytes(3, "big")) for code in np.unique(codes)}
+
+
+def spread(pixels):
+    """Standard deviation of the lightness over what is solid."""
+    solid = pixels[pixels[..., 3] == 255][:, :3]
+    return float(solid.mean(axis=1).std())
+
+
+@given(ASPECTS, st.integers(0, 3))
+def test_cells_keep_apart_inside_the_sheet_and_have_one_height(rows, bars):
+    layout = laid_out(rows, bars)
+    assert len(layout.bars) == bars
+    assert layout.width <= WIDEST + 8  # rounding of each cell's width
+    heights = {place.height for row in layout.rows for place in row}
+    assert len(heights) == 1
+    assert heights.pop() <= TALLEST_PANEL
+    for row, aspects in zip(layout.rows, rows, strict=True):
+        assert row[0].left >= MARGIN
+        assert row[-1].left + row[-1].width <= layout.width - MARGIN + 1
+        for left, right in pairwise(row):
+            assert left.left + left.width < right.left
+        for place, aspect in zip(row, aspects, strict=True):
+            assert place.width == pytest.approx(aspect * place.height, abs=1 + 0.5 * aspect)
+    for above, below in pairwise(layout.rows):
+        assert above[0].top + above[0].height + LABEL < below[0].top
+    end = layout.rows[-1][0].top + layout.rows[-1][0].height + LABEL
+    assert end <= layout.height
+    for left, top, right, bottom in layout.bars:
+        assert end < top < bottom < layout.height
+        assert 0 < left < right < layout.width
+    for one, other in pairwise(layout.bars):
+        assert one[2] < other[0]
+
+
+def test_the_widest_row_fills_the_sheet_unless_panels_would_be_too_tall():
+    assert laid_out([[1.0] * 6, [1.0]], 0).width == pytest.approx(WIDEST, abs=6)
+    single = laid_out([[1.0]], 0)
+    assert single.rows[0][0].height == TALLEST_PANEL
+    assert single.width < WIDEST / 2
+
+
+def test_a_sphere_is_a_round_patch_on_a_transparent_ground():
+    mesh = icosphere(4)
+    alpha = draw(Panel(mesh, Values(np.ones(len(mesh.vertices))), ""), 200)[..., 3] / 255
+    radius = 100 / 1.08
+    assert alpha.sum() == pytest.approx(np.pi * radius**2, rel=0.02)
+    assert alpha[0].max() == 0
+    ys, xs = np.nonzero(alpha > 0.5)
+    assert (xs.mean(), ys.mean()) == pytest.approx((99.5, 99.5), abs=1)
+
+
+def test_colours_on_the_surface_are_those_of_the_map():
+    mesh = icosphere(4)
+    pixels = draw(Panel(mesh, Values(np.sign(mesh.vertices[:, 0])), ""), 200)
+    solid = pixels[pixels[..., 3] == 255][:, :3] / 255
+    for color in table("abfm diverging")[[0, -1]]:
+        distance = np.linalg.norm(solid - color, axis=1)
+        assert distance.min() < 0.12
+
+
+def test_one_sheet_shows_source_times_match_and_target(match):
+    pixels = np.asarray(match_picture(match))
+    assert pixels.shape[1] == DEFAULT_WIDTH
+    assert {WHITE, BLUE, BLACK, RED} <= colors(pixels)
+    assert len(colors(pixels)) > 1000
+    assert (pixels == 255).all(axis=2).mean() > 0.15
+
+
+def test_size_times_channel_and_axis_change_the_picture(match):
+    usual = np.asarray(match_picture(match, size=(640, 480)))
+    assert usual.shape == (480, 640, 3)
+    for options in ({"times": [0.5, 3.5]}, {"channel": 1}, {"up": "x"}):
+        other = match_picture(match, size=(640, 480), **options)
+        assert other.size == (640, 480)
+        assert (np.asarray(other) != usual).any()
+
+
+@given(
+    count=st.integers(1, 12),
+    aspect=st.floats(0.2, 5),
+    size=st.none() | st.tuples(st.integers(320, 4000), st.integers(240, 3000)),
+)
+def test_panels_stay_on_the_sheet_and_apart(count, aspect, size):
+    layout = grid(count, aspect, size)
+    assert layout.width == (DEFAULT_WIDTH if size is None else size[0])
+    assert size is None or layout.height == size[1]
+    places = [place for row in layout.rows for place in row]
+    assert len(places) >= count
+    for place in places:
+        assert place.left >= 0
+        assert place.top >= 0
+    # a sheet too small for its panels has no room for labels either
+    if places[0].width > 20 and places[0].height > 20:
+        assert max(place.left + place.width for place in places) < layout.bars[0][0]
+        assert max(place.top + place.height for place in places) < layout.height
+        for one, other in pairwise(places):
+            assert other.left > one.left + one.width or other.top > one.top + one.height
+
+
+@pytest.mark.parametrize(("aspect", "columns"), [(0.5, 6), (1.0, 3), (4.0, 2)])
+def test_a_sheet_of_free_size_has_pleasant_proportions(aspect, columns):
+    layout = grid(6, aspect)
+    assert len(layout.rows[0]) == columns
+    assert 1 < layout.width / layout.height < 5
+
+
+def test_panels_have_frames_labels_and_a_colour_bar_beside_them():
+    ones = Values(np.ones(len(X)))
+    layout = grid(2, 1.0, (900, 400))
+    sheet = of(Panel(SPHERE, ones, "first", "source"), Panel(SPHERE, ones, "second", "target"))
+    pixels = np.asarray(sheet_picture(sheet, cameras(sheet), layout, ImageFont.load_default))
+    assert pixels.shape == (400, 900, 3)
+    [[first, second]] = layout.rows
+    for place, color in ((first, BLUE), (second, RED)):
+        assert tuple(pixels[place.top, place.left + place.width // 2]) == color
+        assert tuple(pixels[place.top + 10, place.left + 10]) == WHITE
+        labels = pixels[place.top + place.height + 3 : place.top + place.height + 40]
+        assert (labels[:, place.left : place.left + place.width].min(axis=2) < 128).any()
+    bar = pixels[:, second.left + second.width + 5 :].reshape(-1, 3)
+    for color in np.round(255 * table("abfm sequential", 64)):
+        assert np.abs(bar - color).max(axis=1).min() <= 6
+
+
+@pytest.mark.parametrize(
+    ("kind", "tone"), [("matched", LIGHT.good), ("not reached", LIGHT.failure), ("nearly", None)]
+)
+def test_the_label_at_tau_says_how_well_it_matches_in_the_colour_that_means_it(
+    match, kind, tone, monkeypatch
+):
+    """The word "matched" stands on no picture of a match that is none."""
+    drawn = []
+
+    def kept(sheet, *rest):
+        drawn.append(sheet)
+        return sheet_picture(sheet, *rest)
+
+    monkeypatch.setattr("abfm_viewer.pictures.sheets.sheet_picture", kept)
+    judged = replace(match, verdict=replace(match.verdict, kind=kind), stop_reason="converged")
+    pixels = np.asarray(match_picture(judged, [1.0], (900, 400)))
+    labels = [panel.label for panel in drawn[0].rows[0]]
+    assert labels[2:] == [f"t = 2, {headline(judged)}", "target"]
+    assert not any("matched" in label for label in labels) or kind == "matched"
+    for color in (LIGHT.good, LIGHT.failure):
+        found = (pixels == rgb(color)).all(axis=2).any()
+        assert found == (color == tone)
+
+
+def test_functions_of_one_title_share_a_range():
+    sheet = of(Panel(SPHERE, Values(Y), "a"), Panel(SPHERE, Streaks(ROTATION, 3 * Y), "b"))
+    [(title, shared)] = color_ranges(sheet).items()
+    assert title == "function"
+    assert (shared.low, shared.high) == (-3 * abs(Y).max(), 3 * abs(Y).max())
+
+
+def test_the_range_is_that_of_source_and_target():
+    sheet = of(SOURCE, Panel(SPHERE, Values(3 * Y), "b", "result"))
+    assert color_ranges(sheet)["function"].high == abs(Y).max()
+
+
+@pytest.mark.parametrize("paint", [Values, lambda values, bar: Streaks(ROTATION, values, bar)])
+def test_what_colours_hide_is_said_with_its_true_extremes(paint):
+    wild = Y.copy()
+    wild[[3, 7]] = 25_250, -0.5
+    sheet = of(
+        Panel(SPHERE, paint(Y, "speed"), "u", "source"),
+        Panel(SPHERE, paint(wild, "speed"), "u, carried", "result"),
+        Panel(SPHERE, Values(1e9 * Y, "other"), "alone", "result"),
+    )
+    beyond = f"'u, carried' (speed) goes from {wild.min():,.4g} to 2.525e+04"
+    end = abs(Y).max()
+    known = f"the colours from {-end:,.4g} to {end:,.4g}."
+    assert captions(sheet) == [f"Beyond the colours: {beyond}, {known}"]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_small_overshoots_are_not_worth_a_word(sign):
+    extent = 2 * abs(Y).max()
+    for share, lines in ((0.9 * CLAMPED, 0), (1.1 * CLAMPED, 1)):
+        over = Y.copy()
+        over[np.argmax(sign * Y)] += sign * share * extent
+        assert len(captions(of(SOURCE, Panel(SPHERE, Values(over), "over", "result")))) == lines
+
+
+def test_places_are_measured_by_the_bounding_box():
+    inside, outside = 1.1 * SPHERE.vertices, SPHERE.vertices.copy()
+    outside[5, 2] = SPHERE.vertices[:, 2].max() + 3 * np.ptp(SPHERE.vertices[:, 2])
+    places = (("near", inside), ("far", outside))
+    [line] = captions(of(*(Panel(SPHERE, Coordinates(where), name) for name, where in places)))
+    assert "'far' lie up to 3 times the bounding box's extent outside" in line
+    flat = square(4)
+    assert captions(of(Panel(flat, Coordinates(np.add(flat.vertices, [0, 0, 1e-6])), "flat"))) == []
+
+
+def test_notes_come_first_and_other_cells_have_nothing_to_hide():
+    x = np.linspace(0, 1, 5)
+    plot = Plot((Curve("a", x, x),), "x", "y", "", top=0.5)
+    checker = Panel(SPHERE, Checker(1e6 * SPHERE.vertices[:, :2]), "c")
+    assert captions(of(checker, Panel(SPHERE, Streaks(ROTATION), "s"), plot)) == []
+    wild = Panel(SPHERE, Values(9 * Y), "b", "result")
+    noted = of(SOURCE, wild, notes=("a map that is none",))
+    assert captions(noted)[0] == "a map that is none"
+    assert len(captions(noted)) == 2
+
+
+def test_captions_stand_below_everything_else():
+    row = (SOURCE, Panel(SPHERE, Values(Y), "b", "result"))
+    bare, noted = (np.asarray(figure_picture(of(*row), notes)) for notes in ((), ("word " * 60,)))
+    height = len(bare)
+    assert len(noted) > height
+    np.testing.assert_array_equal(noted[:height], bare)
+    assert (noted[height:] < 128).any()
+    assert (noted[:, -10:] == 255).all()
+
+
+def test_lines_are_no_longer_than_the_sheet():
+    text = " ".join(f"word{number}" for number in range(60))
+    lines = wrapped([text, "short"], 300, lambda line: 11.0 * len(line))
+    assert max(map(len, lines)) <= 300 / 11
+    assert " ".join(lines) == f"{text} short"
+    assert lines[-1] == "short"
+    assert 5 < len(lines) < 30
+    assert wrapped(["unbreakable" * 20], 100, len) == ["unbreakable" * 20]
+
+
+PAINTS = {
+    "vertex values": Values(X),
+    "face values": Values(ROTATION[:, 0]),
+    "coordinates": Coordinates(SPHERE.vertices),
+    "checker": Checker(3 * SPHERE.vertices[:, :2]),
+    "streaks": Streaks(ROTATION),
+    "coloured streaks": Streaks(ROTATION, X),
+}
+
+
+@pytest.mark.parametrize("name", PAINTS)
+def test_a_panel_shows_its_paint_on_a_transparent_ground(name):
+    pixels = draw(Panel(SPHERE, PAINTS[name], "x"))
+    alpha = pixels[..., 3] / 255
+    assert alpha.sum() == pytest.approx(np.pi * (80 / 1.08) ** 2, rel=0.03)
+    assert alpha[0].max() == 0
+    plain = draw(Panel(SPHERE, Values(np.zeros(len(X))), "x"))
+    assert spread(pixels) > 1.3 * spread(plain)
+
+
+def test_marks_are_drawn():
+    bare = draw(Panel(SPHERE, Values(0 * X), "x")).astype(int)
+    front = cameras(of(Panel(SPHERE, Values(0 * X), "x")))[SPHERE].front.direction
+    nearest = SPHERE.vertices[np.argsort(-SPHERE.vertices @ front)[:30]]
+    marks = {"points": nearest[:2], "lines": (1.01 * nearest[[0, 29]],), "arrows": ROTATION}
+    for name, mark in marks.items():
+        drawn = draw(Panel(SPHERE, Values(0 * X), "x", **{name: mark})).astype(int)
+        assert (np.abs(drawn - bare).sum(axis=-1) > 60).sum() > 20
+    assert len(set(POINT_COLORS)) == len(POINT_COLORS)
+
+
+def test_a_sheet_has_the_papers_frames_and_labels():
+    frames = ("source", "target", "result", "field", "other")
+    row = tuple(Panel(SPHERE, Values(X, "height"), frame, frame) for frame in frames)
+    egg = ellipsoid(2, 1, 2, 1)
+    picture = figure_picture(Sheet((row, (Panel(egg, Coordinates(egg.vertices), "tall"),))))
+    assert {BLUE, RED, BLACK, GREY, WHITE} <= colors(picture)
+    assert picture.mode == "RGB"
+
+
+def test_a_plot_has_its_curves_colours_and_size():
+    x = np.linspace(0, 1, 20)
+    plot = Plot((Curve("a", x, 1 + x), Curve("b", x, 2 - x)), "t / τ", "value", "", log_y=True)
+    picture = plot_picture(plot, (500, 300), 18)
+    assert picture.size == (500, 300)
+    for code in CURVE_COLORS[:2]:
+        assert tuple(bytes.fromhex(code[1:])) in colors(picture)
+
+
+def test_a_label_that_is_too_long_is_cut_down_to_its_cell():
+    long = "a label that is far too long for the narrow panel that it stands below, by all means"
+    narrow = ellipsoid(2, 0.4, 1.5, 0.4)
+    cut, short = (
+        np.asarray(figure_picture(of(Panel(narrow, Coordinates(narrow.vertices), text))))
+        for text in (long, "a")
+    )
+    assert cut.shape == short.shape
+    assert (cut[:, :8] == 255).all()
+
+
+def test_a_curve_that_grows_beyond_bounds_leaves_the_plot():
+    x = np.linspace(0, 1, 20)
+    calm, wild = Curve("calm", x, x), Curve("wild", x, np.exp(20 * x))
+    blue = tuple(bytes.fromhex(CURVE_COLORS[1][1:]))
+    whole, cut = (
+        np.asarray(plot_picture(Plot((wild, calm), "t", "y", "", top=top), (500, 300), 18))
+        for top in (None, 4.0)
+    )
+    assert colors(whole) & colors(cut) >= {blue}
+    rows = [np.nonzero((picture == blue).all(axis=2))[0] for picture in (whole, cut)]
+    assert np.ptp(rows[0]) != np.ptp(rows[1])
+
+
+def test_a_legend_without_a_free_place_stands_above_the_plot():
+    x = np.linspace(0, 1, 40)
+    few = tuple(Curve(f"curve {k}", x, k * x) for k in (0, 1))
+    many = tuple(Curve(f"curve {k}", x, 0 * x + k) for k in range(12))
+    for curves, inside in ((few, True), (many, False)):
+        picture = np.asarray(plot_picture(Plot(curves, "t", "y", ""), (500, 300), 18))
+        # the y axis' line is black
+        axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)
+        top = np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0]
+        assert (top < 25) == inside
+
+
+def test_the_title_of_an_axis_is_whole_in_a_low_plot():
+    x = np.linspace(0, 1, 20)
+    titled, bare = (
+        np.asarray(plot_picture(Plot((Curve("", x, x),), "t", name, ""), (500, 160), 20))
+        for name in ("m" * 18, "")
+    )
+    left = titled[:, : np.flatnonzero((bare < 255).any(axis=(0, 2)))[0] + 10]
+    inked = np.flatnonzero((left < 128).any(axis=(1, 2)))
+    assert inked.min() > 0
+    assert inked.max() < 159
