@@ -1,8 +1,10 @@
 """Programs that tests run, and what they say."""
 
+import os
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -22,3 +24,12 @@ def python(code, *words, **options):
 def argv(line):
     """Return the words of a command line as a shell makes them."""
     return shlex.split(line)
+
+
+def children():
+    """Numbers of the processes that this one has started and that have not ended."""
+    found = set()
+    for thread in Path(f"/proc/{os.getpid()}/task").iterdir():
+        with suppress(OSError):  # it may have ended
+            found.update((thread / "children").read_text().split())
+    return found
