@@ -1,6 +1,4 @@
-"""How soon a match arrives as meshes get finer, by the solver as it is and as it was before it
-had a reach.
-"""
+"""How soon a match arrives as meshes get finer, now and before the solver had a reach."""
 
 from collections.abc import Callable, Sequence
 from math import inf, log
@@ -31,9 +29,7 @@ def gaussians(subdivision: int, parameters: Parameters) -> Problem:
 def run_arrival(
     progress: Callable[[str], None], subdivisions: Sequence[int] = (5, 6, 7)
 ) -> dict[str, Any]:
-    """Measure both solvers on each mesh, one after the other in this process; numbers only,
-    ready for JSON.
-    """
+    """Measure both solvers on each mesh, one after the other; numbers for JSON."""
     for parameters in (Parameters(), BEFORE):  # compiles and loads what is needed
         watched_match(gaussians(4, parameters))
     rows = []

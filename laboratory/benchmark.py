@@ -185,9 +185,7 @@ def _ratio(a: float | None, b: float | None) -> float | None:
 
 
 def _gradient_cost(problem: Problem, velocity: FloatArray, repeats: int) -> tuple[float, float]:
-    """Return median seconds of one forward advection and of one energy with exact gradient at a
-    field (F, 3), in turn.
-    """
+    """Return median seconds of an advection, and of energy with exact gradient, in turn."""
     energy = MatchingEnergy(problem.with_parameters(PARAMETERS))
     fields = to_frame(energy.mesh, velocity[None] / energy.length_scale)
     seconds = []
@@ -242,9 +240,7 @@ def cosines(
 def cosine_table(
     subdivision: int = 5, iterations: int = 300, substeps: Sequence[int] = SUBSTEPS
 ) -> str:
-    """Return the rows of `cosines` at the field after some iterations of the solver, as a table in
-    Markdown.
-    """
+    """Return the rows of `cosines` at a field of the solver's, as a table in Markdown."""
     problem = sphere_problem(subdivision, replace(PARAMETERS, iterations=iterations))
     found = cosines(problem, watched_match(problem).found.velocity[0], substeps)
     rows = [[f"{row[key]:.3g}" for key in _COLUMNS] for row in found]

@@ -45,9 +45,7 @@ def new_sphere(subdivision: int) -> TriangleMesh:
 
 
 def sphere_problem(subdivision: int, parameters: Parameters = PARAMETERS) -> Problem:
-    """State the problem of Fig. 3 on a new icosphere: one wide bump on the equator splits into two
-    narrow ones.
-    """
+    """State Fig. 3 on a new icosphere: one wide bump splits into two narrow ones."""
     mesh = new_sphere(subdivision)
 
     def bump(angle: float, width: float) -> FloatArray:
@@ -61,9 +59,7 @@ def sphere_problem(subdivision: int, parameters: Parameters = PARAMETERS) -> Pro
 
 @dataclass(frozen=True)
 class Watched:
-    """The course of a match: its latest iterate, seconds, energy and relative mismatch of each
-    iterate on the mesh itself (rows, 3), and the seconds of all of `abfm.match`.
-    """
+    """Last iterate, seconds, energy, mismatch of each on the mesh (rows, 3), seconds to the end."""
 
     found: Match
     last: Iteration | None
@@ -90,9 +86,7 @@ def watched_match(
     mismatch: float = -inf,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Watched:
-    """Match, until some seconds have passed, energy or mismatch on the mesh itself are low enough,
-    or it is stopped.
-    """
+    """Match, until time is up, energy or mismatch are low enough on the mesh, or stopped."""
     control = Control()
     last: Iteration | None = None
     history: list[tuple[float, float, float]] = []

@@ -1,6 +1,4 @@
-"""How often matches succeed: random problems of many kinds, by several versions of the solver,
-side by side.
-"""
+"""How often matches succeed: random problems by several versions, side by side."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -80,9 +78,7 @@ _ARROW = " → "
 
 
 def success_meshes() -> dict[str, TriangleMesh]:
-    """Return the bundled surfaces and generated ones, closed and open, even and not, by name: 300
-    to 12,300 vertices.
-    """
+    """Return bundled and generated surfaces by name, closed and open: 300 to 12,300 vertices."""
     ball, rough = even_sphere(5_000), even_sphere(8_000)
     rng = np.random.default_rng(_BUMPS)
     places = rng.normal(size=(_BUMPS, 3))
@@ -124,9 +120,7 @@ def _square(n: int) -> TriangleMesh:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A source and a target on a mesh as text, and what kind of problem they make; families without
-    a width or a distance have None.
-    """
+    """A source and a target on a mesh as text; families without width or distance have None."""
 
     mesh_name: str
     index: int
@@ -210,9 +204,7 @@ def _problem(name: str, mesh: TriangleMesh, index: int, seed: int) -> Trial | No
 def _places(
     mesh: TriangleMesh, rng: np.random.Generator, between: tuple[float, float]
 ) -> tuple[int, int, int]:
-    """Return a random vertex, one as far from there as asked for, and another such one that is not
-    near the second.
-    """
+    """Return a random vertex, one as far as asked for, and another, not near the second."""
     here = int(rng.integers(len(mesh.vertices)))
     distances = geodesic_distance(mesh, [here])
     there = _choice(rng, distances, between)
@@ -224,9 +216,7 @@ def _places(
 
 
 def _choice(rng: np.random.Generator, distances: FloatArray, between: tuple[float, float]) -> int:
-    """Return a vertex whose distance is between these fractions of the largest, or else nearest to
-    their middle.
-    """
+    """Return a vertex in this range of fractions of the largest distance, or the nearest to it."""
     fractions = distances / (distances.max() or 1.0)
     low, high = between
     fitting = np.flatnonzero((fractions >= low) & (fractions <= high))
@@ -236,9 +226,7 @@ def _choice(rng: np.random.Generator, distances: FloatArray, between: tuple[floa
 
 
 def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
-    """Return a vertex, by its number in the file, that is not near its mirror image; None where
-    there is no mirror.
-    """
+    """Return a vertex as in the file, not near its mirror image; None without a mirror."""
     try:
         mirror = detect_symmetry(mesh, "mirror")
     except SymmetryError:

@@ -1,6 +1,4 @@
-"""What the window costs: the solver with and without it, its frames during a solve, and how long
-it takes to open.
-"""
+"""What the window costs: the solver with and without it, its frames, its launch."""
 
 import os
 import statistics
@@ -146,9 +144,7 @@ def _until_drawn(command: list[str]) -> float:
 
 
 def _throughput(window: Window, repeats: int) -> dict[str, Any]:
-    """Return iterations per second of the same match: by the window, whose surface follows it, and
-    by `abfm.match` alone.
-    """
+    """Return iterations per second of the same match: by the window, and alone."""
     session = window.session
     mesh, parameters = session.surface().mesh, session.parameters
     source, target = (

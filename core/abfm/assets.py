@@ -33,8 +33,6 @@ def asset_path(name: str) -> Path:
 
 
 def _folder() -> Path:
-    """Return the package data in an installed wheel, the repository's folder in an editable
-    install.
-    """
+    """Return the data of a wheel, or the repository's in an editable install."""
     here = Path(__file__).resolve().parent
     return here / "assets" if (here / "assets").is_dir() else here.parents[1] / "assets"

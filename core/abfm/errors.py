@@ -1,6 +1,4 @@
-"""Errors that a user can cause and mend: each says what was given, what was expected and what to
-do.
-"""
+"""Errors that a user can cause and mend: what was given, expected, and what to do."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -75,9 +73,7 @@ def one_line(what: object, most: int = 200) -> str:
 
 
 def printable(text: object) -> str:
-    """Return a text, such as a path, with question marks for what cannot be printed: line ends,
-    colours of terminals.
-    """
+    """Return a text with question marks for what cannot be printed: line ends, colours."""
     return "".join(sign if sign.isprintable() else "?" for sign in str(text))
 
 

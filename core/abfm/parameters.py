@@ -23,9 +23,7 @@ PAPER: dict[str, Any] = {
     "sigma_unit": "absolute",
     "balance": 0.0,
 }
-"""What makes the energy and the course of its minimisation those of the paper; also what files
-of before had.
-"""
+"""What makes energy and minimisation those of the paper; also what files of before had."""
 
 
 class Range(NamedTuple):
@@ -48,12 +46,41 @@ class Range(NamedTuple):
         return f"{low} and at most {self.high:g}{'' if self.high < MANY else small}"
 
 
-_ABOVE_0, _FROM_0 = Range(0, without_low=True), Range(0)
-_WHOLE_FROM_0 = Range(0, MANY)
+_HELP = """
+tau: end time of the flow; larger deformations may need more
+alpha: smoothness of the field: weight of its Hodge Laplacian; lowered where that does not match
+beta: weight of the mismatch's gradient: above 0, slopes must match as well
+order: order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as
+  computed
+sigma: weight of the match against the smoothness: smaller matches closer; raised to what smooth
+  flows leave
+sigma_unit: sigma as a fraction of the functions' deviation from their mean in L2, or as the paper
+  has it
+reach: how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper
+balance: weight of flow lines against the discrete advection in the end; 0 as the paper
+levels: meshes from coarse to fine; 1 only the mesh itself, 0 by its size
+method: exponential flow, or the first two terms of the exponential
+segments: number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)
+gradient: exact derivative of the discrete energy, or the paper's by brackets
+substeps: sub-steps of the bracket gradient (the adjoint is exact for any number)
+quadrature: intervals of the time integral in the bracket gradient
+iterations: iterations at most, over all cooling stages together
+cooling_stages: stages of sigma, the last one at its value; 1 for no cooling
+cooling_factor: sigma is divided by this from stage to stage
+stage_iterations: iterations of each stage before the last; 0: as long as they pay (paper: share
+  half of all)
+preconditioner: exact inverse of the field's norm, or none (the paper's plain L-BFGS)
+memory: pairs that L-BFGS remembers
+max_displacement: most that one iteration may change tau |v|, as a fraction of sqrt(area)
+tolerance: converged when the gradient's norm is this fraction of its first one
+"""
+_ABOUT = dict(line.split(": ", 1) for line in _HELP.replace("\n  ", " ").strip().splitlines())
+_ABOVE_0, _FROM_0, _WHOLE_FROM_0 = Range(0, without_low=True), Range(0), Range(0, MANY)
 
 
-def _parameter(default: Any, symbol: str, help: str, range: Range | None = None) -> Any:
-    return field(default=default, metadata={"symbol": symbol, "help": help, "range": range})
+def _of(name: str, default: Any, symbol: str = "", range: Range | None = None) -> Any:
+    about = {"symbol": symbol, "help": _ABOUT[name], "range": range}
+    return field(default=default, metadata=about)
 
 
 @dataclass(frozen=True)
@@ -69,103 +96,28 @@ class Parameters:
         If a value is out of range, not a number, or not one of the choices.
     """
 
-    tau: float = _parameter(
-        1.0, "τ", "end time of the flow; larger deformations may need more", _ABOVE_0
-    )
-    alpha: float = _parameter(
-        0.01,
-        "α",
-        "smoothness of the field: weight of its Hodge Laplacian; lowered where that does not match",
-        Range(0, LARGEST_ALPHA),  # beyond, rounding swamps the norm
-    )
-    beta: float = _parameter(
-        0.0, "β", "weight of the mismatch's gradient: above 0, slopes must match as well", _FROM_0
-    )
-    order: int = _parameter(
-        2,
-        "",
-        "order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as "
-        "computed",
-        Range(1, 2),
-    )
-    sigma: float = _parameter(
-        0.02,
-        "σ",
-        "weight of the match against the smoothness: smaller matches closer; raised to what "
-        "smooth flows leave",
-        _ABOVE_0,
-    )
-    sigma_unit: Literal["relative", "absolute"] = _parameter(
-        "relative",
-        "",
-        "sigma as a fraction of the functions' deviation from their mean in L2, or as the paper "
-        "has it",
-    )
-    reach: float = _parameter(
-        1.0,
-        "",
-        "how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper",
-        Range(0, 10),
-    )
-    balance: float = _parameter(
-        0.5,
-        "",
-        "weight of flow lines against the discrete advection in the end; 0 as the paper",
-        Range(0, 1),
-    )
-    levels: int = _parameter(
-        0, "", "meshes from coarse to fine; 1 only the mesh itself, 0 by its size", Range(0, 10)
-    )
-    method: Method = _parameter(
-        "nonlinear", "", "exponential flow, or the first two terms of the exponential"
-    )
-    segments: int = _parameter(
-        0,
-        "N",
-        "number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)",
-        Range(0, 1000),
-    )
-    gradient: Literal["adjoint", "bracket"] = _parameter(
-        "adjoint", "", "exact derivative of the discrete energy, or the paper's by brackets"
-    )
-    substeps: int = _parameter(
-        10,
-        "n",
-        "sub-steps of the bracket gradient (the adjoint is exact for any number)",
-        Range(1, 10_000),
-    )
-    quadrature: int = _parameter(
-        10, "k", "intervals of the time integral in the bracket gradient", Range(1, 10_000)
-    )
-    iterations: int = _parameter(
-        500, "", "iterations at most, over all cooling stages together", _WHOLE_FROM_0
-    )
-    cooling_stages: int = _parameter(
-        3, "*", "stages of sigma, the last one at its value; 1 for no cooling", Range(1, 1000)
-    )
-    cooling_factor: float = _parameter(
-        3.0, "*", "sigma is divided by this from stage to stage", Range(1, without_low=True)
-    )
-    stage_iterations: int = _parameter(
-        0,
-        "*",
-        "iterations of each stage before the last; 0: as long as they pay (paper: share half of "
-        "all)",
-        _WHOLE_FROM_0,
-    )
-    preconditioner: Literal["hodge", "none"] = _parameter(
-        "hodge", "", "exact inverse of the field's norm, or none (the paper's plain L-BFGS)"
-    )
-    memory: int = _parameter(30, "", "pairs that L-BFGS remembers", Range(1, 10_000))
-    max_displacement: float = _parameter(
-        0.1,
-        "",
-        "most that one iteration may change tau |v|, as a fraction of sqrt(area)",
-        _ABOVE_0,
-    )
-    tolerance: float = _parameter(
-        1e-4, "", "converged when the gradient's norm is this fraction of its first one", _FROM_0
-    )
+    tau: float = _of("tau", 1.0, "τ", _ABOVE_0)
+    alpha: float = _of("alpha", 0.01, "α", Range(0, LARGEST_ALPHA))  # beyond, rounding swamps it
+    beta: float = _of("beta", 0.0, "β", _FROM_0)
+    order: int = _of("order", 2, "", Range(1, 2))
+    sigma: float = _of("sigma", 0.02, "σ", _ABOVE_0)
+    sigma_unit: Literal["relative", "absolute"] = _of("sigma_unit", "relative")
+    reach: float = _of("reach", 1.0, "", Range(0, 10))
+    balance: float = _of("balance", 0.5, "", Range(0, 1))
+    levels: int = _of("levels", 0, "", Range(0, 10))
+    method: Method = _of("method", "nonlinear")
+    segments: int = _of("segments", 0, "N", Range(0, 1000))
+    gradient: Literal["adjoint", "bracket"] = _of("gradient", "adjoint")
+    substeps: int = _of("substeps", 10, "n", Range(1, 10_000))
+    quadrature: int = _of("quadrature", 10, "k", Range(1, 10_000))
+    iterations: int = _of("iterations", 500, "", _WHOLE_FROM_0)
+    cooling_stages: int = _of("cooling_stages", 3, "*", Range(1, 1000))
+    cooling_factor: float = _of("cooling_factor", 3.0, "*", Range(1, without_low=True))
+    stage_iterations: int = _of("stage_iterations", 0, "*", _WHOLE_FROM_0)
+    preconditioner: Literal["hodge", "none"] = _of("preconditioner", "hodge")
+    memory: int = _of("memory", 30, "", Range(1, 10_000))
+    max_displacement: float = _of("max_displacement", 0.1, "", _ABOVE_0)
+    tolerance: float = _of("tolerance", 1e-4, "", _FROM_0)
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -197,9 +149,7 @@ class Parameters:
         return [self.sigma * self.cooling_factor**left for left in stages_left]
 
     def stage_limits(self) -> list[int]:
-        """Return the iterations at most in each cooling stage; the last one has also what
-        earlier ones leave over.
-        """
+        """Return iterations at most in each stage; the last also has what is left over."""
         early = self.cooling_stages - 1
         share = self.stage_iterations or (self.iterations // 2 // early if early else 0)
         return [share] * early + [self.iterations]
@@ -276,9 +226,7 @@ _STAGES, _FACTOR = 3, 10.0
 
 @dataclass(frozen=True)
 class Row:
-    """A row of Table 1, as it is printed; a starred sigma is `cooled`: the first one, which cooling
-    divides by 10 from stage to stage.
-    """
+    """A row of Table 1; a starred sigma is `cooled`: the first of three, each a tenth."""
 
     figure: int
     tau: float

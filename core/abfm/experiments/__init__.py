@@ -1,6 +1,4 @@
-"""The figures of the paper as experiments: set-ups that run again, with measured numbers and a
-sheet to draw.
-"""
+"""The figures of the paper as scripts that run again, with numbers and a sheet to draw."""
 
 import lazy_loader
 

@@ -47,12 +47,7 @@ def field_example(case: Case, name: str) -> Example:
 
 
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
-    """Return a smooth field without divergence, (F, 3), tangent to a boundary: the rotated gradient
-    of eigenfunctions, each scaled to unit L2 norm on the mesh of unit area, with these weights.
-
-    Its root mean square is the `speed`, in sqrt(area) per unit of time. MeshError if nothing is
-    left inside the boundary.
-    """
+    """Return a smooth field (F, 3) without divergence, tangent to a boundary, by its RMS speed."""
     basis = eigenbasis(mesh.normalized(), max(modes) + 1)[1]
     field = slopes(mesh, basis[:, list(modes)] @ np.array(list(modes.values())), turned=True)
     if not mesh.is_closed:
@@ -67,9 +62,7 @@ def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -
 
 
 def stirring(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
-    """Return the turned gradient of an eigenfunction of the Laplacian, (F, 3), less what crosses
-    the boundary, `with_speed`; MeshError if the mesh is too coarse to have one.
-    """
+    """Return an eigenfunction's turned gradient (F, 3), `with_speed`, less what leaves the mesh."""
     if len(mesh.vertices) <= index:
         raise MeshError(
             f"the mesh has {len(mesh.vertices)} vertices; expected more than {index}, for its own "
@@ -107,9 +100,7 @@ def centres(mesh: TriangleMesh) -> FloatArray:
 
 
 def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
-    """Return a torus about the y axis, and at its face centres the distance from that axis (F,) and
-    the coordinate fields of the angles about it and around the tube, (F, 3).
-    """
+    """Return a torus, distances from its axis and both angles' fields at the face centres."""
     mesh = torus(n, n // 2)
     x, y, z = centres(mesh).T
     ring = np.hypot(x, z)
@@ -145,9 +136,7 @@ def relative_difference(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> flo
 
 
 def feet(mesh: TriangleMesh, velocity: FloatArray, times: FloatArray) -> FloatArray:
-    """Follow the flow lines of a field (F, 3) through the vertices back to times before, none of
-    them negative (T,): the places there, (T, V, 3).
-    """
+    """Follow flow lines from the vertices back to times before, not negative (T,): (T, V, 3)."""
     starts = project_onto_surface(mesh, mesh.vertices)
     lines = flow_lines(mesh, velocity, starts, -float(times.max()))
     return np.array([[line.at(-t) for line in lines] for t in times])

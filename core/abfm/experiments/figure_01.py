@@ -1,6 +1,4 @@
-"""Figure 1: a single field carries a Gaussian to two at the other end of a body; the way between,
-beside optimal transport and the linear blend.
-"""
+"""Figure 1: a single field carries a Gaussian to two at the other end of a body."""
 
 from collections.abc import Mapping
 

@@ -25,9 +25,7 @@ _CLOSE, _ORDER = 0.05, 1.0
 
 
 def figure(stage: Stage) -> Script:
-    """Advect an eigenfunction by a smooth field without divergence, and follow its flow lines;
-    again on finer and finer spheres.
-    """
+    """Advect an eigenfunction, and follow the flow lines; again on finer and finer spheres."""
     mesh, name = (
         stage.surface("eight.off, Loop subdivided", words.smoothed, "eight.off", 1)
         if stage.small
@@ -104,9 +102,7 @@ def figure(stage: Stage) -> Script:
 
 
 def differences(flow: Flow, f: FloatArray, times: FloatArray) -> dict[str, FloatArray]:
-    """Compare ``exp(-t D_v) f`` (V,) and the point maps at times (T,) with the flow lines that
-    end in the vertices: a function in relative L2, the map in sqrt(area), (T,) each.
-    """
+    """Compare a function, in relative L2, and the map, in sqrt(area), with flow lines, (T,)."""
     mesh = flow.mesh
     places = fields.feet(mesh, flow.velocity[0], times)
     functions = zip(flow.push(f, times), fields.carried(mesh, places, f), strict=True)

@@ -33,15 +33,11 @@ _FINER = f"linear, {_REFINED} times the steps"
 
 
 def figure(stage: Stage) -> Script:
-    """Advect an eigenfunction in one linear step (Eq. 5), in many, by the exponential (Eq. 4) and
-    along flow lines of a smooth field without divergence.
-
-    The time is shorter on a mesh with triangles so small that linear steps would have to be too
-    many.
-    """
+    """Advect in one linear step (Eq. 5), in many, by the exponential (Eq. 4), by flow lines."""
     mesh, name = stage.surface("five limbs", five_limbs, 800 if stage.small else 5000)
     velocity = fields.stream_field(mesh, _MODES, _WAY)
     highest = fastest(directional_derivative(mesh, to_frame(mesh, velocity)))
+    # shorter where triangles are so small that linear steps would have to be too many
     flow = Flow(mesh, velocity, min(1.0, math.sqrt(2 * math.log(_GROWTH) * _MOST_STEPS) / highest))
     example = carried_example(flow, name, "eigenfunction:6", "file:advected.npy")
     yield example
@@ -102,9 +98,7 @@ def figure(stage: Stage) -> Script:
 
 
 def judged(way: str, when: str, what: str, value: float) -> Measure:
-    """Measure with what the paper says about it: differences for short times, oscillations for
-    long ones.
-    """
+    """Measure with what the paper says: differences for short times, oscillations for long ones."""
     title = f"{way}, t = {when}: {what}"
     difference = what.startswith("difference")
     if way not in (_LINEAR, _NONLINEAR) or difference == (when == "tau"):

@@ -32,9 +32,7 @@ class Case(fields.Case):
 
 
 def figure(stage: Stage) -> Script:
-    """Find the smoothest fields that commute with rotations, and compare them with the known ones;
-    on another mesh, with a field that stirs it.
-    """
+    """Find the smoothest fields that commute with rotations, or with a field that stirs a mesh."""
     if stage.mesh is None:
         surfaces = known_cases((1, 2) if stage.small else (1, 2, 4))
         kind = "the rotation about the axis"
@@ -112,9 +110,7 @@ def roughness(mesh: TriangleMesh, u: FloatArray) -> float:
 
 
 def exchanged(mesh: TriangleMesh, v: FloatArray, u: FloatArray) -> float:
-    """Return the root mean square distance between first v then u and first u then v, over that
-    from the start.
-    """
+    """Return how far first v then u ends from first u then v, over the way, in RMS."""
     x, along_v, along_u = mesh.vertices, Flow(mesh, v), Flow(mesh, u)
     one, other = along_u.push(along_v.push(x)), along_v.push(along_u.push(x))
     return float(np.linalg.norm(one - other) / np.linalg.norm(one - x))
@@ -132,18 +128,14 @@ def rotation(mesh: TriangleMesh) -> FloatArray:
 
 
 def on_torus(n: int) -> Case:
-    """Return the rotation of a torus: it commutes with the harmonic field around the tube, the
-    smoothest of all that are orthogonal to it.
-    """
+    """Return a torus' rotation: it commutes with the harmonic field around the tube."""
     mesh, ring, _, around = fields.angular_torus(n)
     around /= np.linalg.norm(around, axis=1)[:, None] * ring[:, None]
     return Case("torus", mesh, rotation(mesh), fields.tangent(mesh, around), 0.0)
 
 
 def on_gourd(frequency: int) -> Case:
-    """Return the rotation of a gourd: it commutes with the gradient of the first eigenfunction
-    that is constant along the circles.
-    """
+    """Return a gourd's: it commutes with the first eigenfunction's gradient along meridians."""
     mesh = gourd(frequency)
     polar, slope, rough = first_on_meridian()
     points = fields.centres(mesh)
@@ -165,9 +157,7 @@ def along_meridian(points: FloatArray, angle: FloatArray) -> FloatArray:
 
 
 def first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float]:
-    """Solve for the gourd's eigenfunction by finite volumes: angles (count + 1,), its slopes,
-    eigenvalue times area.
-    """
+    """Solve for that by finite volumes: angles (count + 1,), slopes, eigenvalue times area."""
     polar = np.linspace(0, np.pi, 2 * count + 1)
     radius = gourd_radius(polar)
     ring, height = radius * np.sin(polar), radius * np.cos(polar)

@@ -39,9 +39,7 @@ class Case(fields.Case):
 
 
 def figure(stage: Stage) -> Script:
-    """Carry fields along rotations of a sphere and of a torus, about its axis and around its tube,
-    and compare them with the exact answers; on another mesh, along a field that stirs it.
-    """
+    """Carry fields along rotations of a sphere and of a torus, or one that stirs a mesh."""
     if stage.mesh is None:
         surfaces, name = known_cases((1, 2) if stage.small else (1, 2, 4)), "sphere"
         turns = "v turns by half a turn in t = 1"
@@ -101,9 +99,7 @@ def error(case: Case, time: float, sign: int = 1) -> float:
 
 
 def against_functions(case: Case, carried: dict[float, FloatArray]) -> list[Measure]:
-    """Measure what holds on any surface: carried fields derive carried functions as the fields
-    derive the functions.
-    """
+    """Measure whether carried fields derive carried functions as the fields the functions."""
     measures = []
     for t, field in carried.items():
         ours, printed = (derivative_error(case, t, w) for w in (field, case.carried(-t)))
@@ -139,9 +135,7 @@ def known_cases(sizes: Sequence[int]) -> list[list[Case]]:
 
 
 def on_sphere(frequency: int) -> Case:
-    """Return the rotation about the y axis, which carries a field by turning it: two vortices of
-    unlike strength.
-    """
+    """Return the rotation about the y axis, which turns a field of two unlike vortices."""
     mesh = geodesic_sphere(frequency)
     points = fields.centres(mesh)
 
@@ -160,9 +154,7 @@ def on_sphere(frequency: int) -> Case:
 
 
 def on_torus(n: int, around_tube: bool) -> Case:
-    """Return turning about the axis, an isometry, or around the tube, none: in the angles both
-    move the components along.
-    """
+    """Return turning about the axis, an isometry, or around the tube, none."""
     mesh, ring, by_about, by_around = fields.angular_torus(n)
     x, y, z = fields.centres(mesh).T
     about, around = np.arctan2(x, z), np.arctan2(y, ring - 1)
@@ -179,9 +171,7 @@ def on_torus(n: int, around_tube: bool) -> Case:
 
 
 def on_any(mesh: TriangleMesh, name: str) -> Case:
-    """Return a field that stirs the surface, with the next one: as fast as the pushforward,
-    unstable on bad faces, stands; MeshError if it grows without bounds for all that are tried.
-    """
+    """Return a stirring field, as fast as the pushforward, unstable on bad faces, stands."""
     stirring = [fields.stirring(mesh, k, 1.0) for k in (1, 2, 3)]
     for fast in _SPEEDS:
         for v, u in pairwise(stirring):

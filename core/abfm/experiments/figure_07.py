@@ -18,14 +18,11 @@ _SMOOTH_TURN, _SMOOTH_ENERGY = 0.5, 1.5
 
 
 def figure(stage: Stage) -> Script:
-    """Match eigenfunctions 7 and 8, the constant being number 0.
-
-    The sign of an eigenfunction is arbitrary. A flow cannot change which values there are, so the
-    target has the sign with which its values are spread over the surface more like the source's.
-    """
+    """Match eigenfunctions 7 and 8, the constant being number 0."""
     mesh, name = stage.surface("five limbs", five_limbs, 800 if stage.small else 2500)
     f, g = function(mesh, "eigenfunction:7"), function(mesh, "eigenfunction:8")
     sign, target = "", "eigenfunction:8"
+    # the sign is arbitrary, and no flow changes which values there are: the one that fits better
     if spread_gap(mesh, f, -g) < 0.99 * spread_gap(mesh, f, g):
         sign, target, g = "−", "file:eigenfunction-8-negative.npy", -g
     p = TABLE_1[7].parameters(iterations=60 if stage.small else 120)
@@ -57,9 +54,7 @@ def figure(stage: Stage) -> Script:
 
 
 def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tuple[Measure, ...]:
-    """Measure how even, how straight and how free of oscillations a path of functions (N + 1, V)
-    to a target (V,) is.
-    """
+    """Measure how even, how straight and how free of oscillations a path (N + 1, V) is."""
     steps = np.diff(path, axis=0)
     lengths = np.array([l2_norm(mesh, step) for step in steps])
     turn = max(l2_norm(mesh, turn) for turn in np.diff(steps, axis=0)) / lengths.mean()
@@ -78,9 +73,7 @@ def smoothness(mesh: TriangleMesh, path: FloatArray, target: FloatArray) -> tupl
 
 
 def spread_gap(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> float:
-    """Return the L1 distance of the distributions of two functions' values over the surface
-    (optimal transport on the line).
-    """
+    """Return the L1 distance of two functions' distributions of values over the surface."""
     areas = vertex_areas(mesh)
     shares = (np.arange(1000) + 0.5) / 1000
     quantiles = []

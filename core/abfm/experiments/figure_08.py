@@ -23,9 +23,7 @@ _CLOSE = 0.1  # what "very close to the original field" is taken for
 
 
 def figure(stage: Stage) -> Script:
-    """Match an eigenfunction to what a smooth field without divergence makes of it until tau, and
-    compare what was found with that field.
-    """
+    """Match an eigenfunction to what a smooth field makes of it, and compare the fields."""
     eight = ("eight.off", 1 if stage.small else 2)
     mesh, name = stage.surface("eight.off, Loop subdivided", words.smoothed, *eight)
     parameters = TABLE_1[8].parameters(iterations=100 if stage.small else 200)

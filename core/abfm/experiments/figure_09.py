@@ -42,9 +42,7 @@ _CORRECT, _SMALL_DRIFT = 0.02, 0.05  # of sqrt(area), for what the paper says in
 
 
 def figure(stage: Stage) -> Script:
-    """Match all functions to themselves after a rotation, one of them alone, and all without
-    cooling; then a human to its mirror image. A mesh that is given has its own symmetry.
-    """
+    """Match all functions after a rotation, one alone, all without cooling; then a mirror."""
     mesh, name = stage.surface("two arms", two_armed, 3 if stage.small else 4)
     # cooled to the printed sigma: a turn to the left and one to the right fit equally well at
     # first, and without cooling some parts of the shape turn one way and some the other, for good
@@ -86,9 +84,7 @@ def figure(stage: Stage) -> Script:
 def mirrored(
     stage: Stage, p: Parameters
 ) -> tuple[tuple[Panel, ...], list[Measure], dict[str, MapQuality]]:
-    """Match a function of the human and its mirror image; as a map the mirror is out of reach,
-    whatever the functions.
-    """
+    """Match the human to its mirror image: a function, and as a map, which is out of reach."""
     mesh = words.bundled("human_A.off")
     scene = Symmetric(mesh, "human_A.off", detect_symmetry(mesh, "mirror"))
     image = scene.symmetry.vertex_map
@@ -152,9 +148,7 @@ class Symmetric:
         return self.symmetry.kind == "rotation"
 
     def example(self, p: Parameters) -> Example:
-        """Return the places in space and these after a rotation; for a mirror, which no flow
-        reaches as a map, a Gaussian where it moves a vertex farthest.
-        """
+        """Return the places and these after a rotation; for a mirror a Gaussian, moved far."""
         sources = self.places() if self.rotates else (self.bump(int(self.moved.argmax())),)
         specs = tuple((spec, f"permuted:{self.symmetry.kind}({spec})") for spec in sources)
         return Example(self.problem(sources, p), self.name, specs)
@@ -172,9 +166,7 @@ class Symmetric:
 
     @cached_property
     def marks(self) -> list[int]:
-        """Three vertices to show: the one that is moved farthest among those that look along the
-        axis of a rotation, where it goes, and the one of them that is as far as can be from both.
-        """
+        """Three vertices to show: moved farthest in front, where it goes, and far from both."""
         mesh, x = self.mesh, self.mesh.vertices
         front = np.ones(len(x), dtype=bool)
         if self.rotates:
@@ -189,9 +181,7 @@ class Symmetric:
         return words.gaussian(self.mesh, vertex, _WIDTH)
 
     def places(self) -> tuple[str, ...]:
-        """Return the three coordinates from the mesh's middle in sqrt(area), so that sigma weighs
-        them alike on all meshes.
-        """
+        """Return the coordinates from the middle in sqrt(area), for sigma to weigh them alike."""
         scale = self.mesh.length_scale
         middles = self.mesh.vertices.mean(axis=0) / scale
         return tuple(
@@ -205,24 +195,17 @@ class Symmetric:
 
     @property
     def sample(self) -> IntArray:
-        """Vertices on which maps are measured, evenly taken: exact geodesics cost much more than
-        the map.
-        """
+        """Some vertices, evenly taken: exact geodesics cost much more than the map."""
         count = len(self.mesh.vertices)
         return np.linspace(0, count - 1, min(_SAMPLE, count)).astype(np.int64)
 
     def mean_error(self, match: Match) -> float:
-        """Return the mean distance of the point map at tau from the symmetry, along the surface, in
-        sqrt(area).
-        """
+        """Return the mean distance of the map at tau along the surface, in sqrt(area)."""
         wanted = self.symmetry.vertex_map[self.sample]
         return float(geodesics(self.mesh, wanted, match.point_map().points[self.sample]).mean())
 
     def measured(self, match: Match) -> list[Measure]:
-        """Measure mismatch, map error and drift, with the exact flow lines as a witness.
-
-        Flow lines are walked against the flow: a vertex's value came from where its line ends.
-        """
+        """Measure mismatch, map error and drift, with exact flow lines, walked back, as witness."""
         mesh, tau, rows = self.mesh, match.parameters.tau, self.sample
         [drift] = geodesics(mesh, rows, match.point_map(2 * tau).points[rows])
         starts = project_onto_surface(mesh, mesh.vertices[rows])
@@ -290,9 +273,7 @@ def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: SurfacePoints) -> F
 
 
 def function_row(match: Match, bar: str = "function") -> tuple[Panel, ...]:
-    """Show source, target, result, and the field with its norm; of several functions the one that
-    changes most.
-    """
+    """Show source, target, result, field and its norm; of several functions the one most moved."""
     mesh, velocity = match.mesh, match.velocity[0]
     channel = int(np.abs(match.target - match.source).max(axis=0).argmax())
     source, target, result = (f[:, channel] for f in (match.source, match.target, match.advected))

@@ -74,9 +74,7 @@ def figure(stage: Stage) -> Script:
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Two poses of one surface, vertex by vertex, the name of B and both in words; where on A the
-    start takes each vertex of B, and the true functional map, cut off (k, k).
-    """
+    """Two poses, vertex by vertex; where on A the start takes B's; the true map cut off (k, k)."""
 
     a: TriangleMesh
     b: TriangleMesh
@@ -87,9 +85,7 @@ class Poses:
 
     @classmethod
     def of(cls, stage: Stage) -> "Poses":
-        """Return the bundled humans, or a mesh and itself, bent; MeshError if that has too few
-        vertices.
-        """
+        """Return the bundled humans, or a mesh and itself, bent."""
         mesh = stage.mesh
         if mesh is None:
             a, b, name = words.bundled("human_A.off"), words.bundled("human_B.off"), "human_B.off"
@@ -154,9 +150,7 @@ def by_extent(mesh: TriangleMesh) -> IntArray:
 
 @per_mesh
 def bent(mesh: TriangleMesh) -> TriangleMesh:
-    """Bend a mesh into an arc along its longest axis, towards its shortest one: almost an isometry
-    where it is thin. Lengths at a depth ``w`` from the arc's middle change by ``1 - w / R``.
-    """
+    """Bend a mesh into an arc along its longest axis: almost an isometry where it is thin."""
     corner = mesh.vertices.min(axis=0)
     extent = mesh.vertices.max(axis=0) - corner
     along, _, deep = by_extent(mesh)

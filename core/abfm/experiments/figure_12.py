@@ -100,9 +100,7 @@ def figure(stage: Stage) -> Script:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Matches of the longest coordinate, of all three and in the reduced basis, with all three as
-    the first and the last carry them; and the maps that are read off, those without a flow too.
-    """
+    """Matches, all three coordinates as two of them carry them, and the maps read off."""
 
     one: Match
     three: Match
@@ -210,9 +208,7 @@ def cut_off(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def followed(start: PointMap, velocity: FloatArray, tau: float) -> PointMap:
-    """Compose a map with the flow lines of fields (N, F, 3): each vertex is followed back, exactly,
-    and what the map makes of the place is read off linearly inside its face, onto the surface.
-    """
+    """Compose a map with flow lines of fields (N, F, 3), followed back exactly."""
     a, b = start.codomain, start.domain
     lines = flow_lines(b, -velocity[::-1], maps.vertex_points(b), tau, tau)
     faces, places = (

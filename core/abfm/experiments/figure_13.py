@@ -68,9 +68,7 @@ def figure(stage: Stage) -> Script:
 
 
 def compared(accuracies: Mapping[str, MapAccuracy]) -> list[Measure]:
-    """Compare with the reduced basis, with the start, and with what the same data give without a
-    flow: below 0 where the flow brings a map nearer the truth than its data already are.
-    """
+    """Compare with the reduced basis, the start, and what the same data give without a flow."""
 
     def less(ours: str, theirs: str) -> float:
         return accuracies[ours].mean - accuracies[theirs].mean

@@ -189,9 +189,7 @@ def _stated(_: None, figure: int) -> tuple[Example, Match | None]:
 
 
 def as_match(example: Example) -> Match | None:
-    """Return the given flow as a match with its field, so that a window shows and saves it as any
-    result; None without.
-    """
+    """Return the given flow as a match with its field, for a window to show; None without."""
     if example.flow is None:
         return None
     problem, velocity = example.problem, example.flow.velocity
@@ -250,16 +248,12 @@ def carried_example(flow: Flow, name: str, source: str, target: str) -> Example:
 
 
 def affordable_iterations(mesh: TriangleMesh, most: int) -> int:
-    """Return 60 to ``most``, in about half a minute with three functions: for want of time, as fine
-    meshes need more.
-    """
+    """Return 60 to ``most``: about half a minute with three functions, for want of time."""
     return min(max(1_230_000 // len(mesh.vertices), 60), most)
 
 
 def witnessed(found: Match) -> tuple[list[Measure], str, str]:
-    """Ask the witnesses of `abfm.verify`, who know nothing of how a match was found: measures as
-    far as they are known, a label for its panel, and a sentence on what is not known, if anything.
-    """
+    """Ask `abfm.verify`: measures, a label for the panel, and what is not known, if anything."""
     try:
         said = found.verify()
     except ParameterError as error:
@@ -291,9 +285,7 @@ def maps_of_flow(
 def map_findings(
     qualities: Mapping[str, MapQuality],
 ) -> tuple[list[Measure], tuple[str, ...]]:
-    """Return how far maps leave the surface and fold it, and a line that names those that are not
-    to be trusted, if any.
-    """
+    """Return how far maps leave the surface and fold it, and which are not to be trusted."""
     measures = [
         Measure(f"{name}: {what}", value)
         for name, quality in qualities.items()

@@ -1,6 +1,4 @@
-"""Files that come out: results that reload, and exports for other programs. A crash never leaves
-half a file.
-"""
+"""Files that come out: results that reload, and exports; a crash leaves no half a file."""
 
 import lazy_loader
 

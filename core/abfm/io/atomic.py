@@ -110,9 +110,7 @@ def _target(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> Iterator[Path]:
-    """Make an empty file with a name of its own in a folder; it is removed at the end, unless it
-    was renamed. OSError if it cannot be made.
-    """
+    """Make a file with a name of its own; it is removed at the end, unless it was renamed."""
     _remove_abandoned(folder)
     end = suffix if len(os.fsencode(suffix)) <= _LONGEST_SUFFIX else ""
     path = folder / f"{_PREFIX}{secrets.token_hex(6)}{end}"
@@ -148,9 +146,7 @@ def remove_temporary() -> None:
 
 
 def _made(path: Path, is_folder: bool) -> int:
-    """Make a file or a folder and return it open, with a lock on it; -1 on Windows, which renames
-    no file that is open.
-    """
+    """Make it and return it open and locked; -1 on Windows, which renames no open file."""
     while True:
         if is_folder:
             path.mkdir(0o700)
@@ -168,9 +164,7 @@ def _made(path: Path, is_folder: bool) -> int:
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or a folder if that can be; errors on the way must not hide what went wrong
-    before.
-    """
+    """Remove it if that can be: what goes wrong here must not hide what did before."""
     with suppress(OSError):
         if stat.S_ISDIR(os.lstat(path).st_mode):
             shutil.rmtree(path, ignore_errors=True)

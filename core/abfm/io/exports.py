@@ -129,9 +129,7 @@ def export_energy_csv(
 def _columns(
     data: Data, count: int, taken: Sequence[str] = (), vectors: bool = False
 ) -> dict[str, Any]:
-    """Return the data as float64 columns (count,); with ``vectors``, arrays of three columns stay
-    together as tuples.
-    """
+    """Return the data as float64 columns (count,); vectors of three may stay tuples."""
     columns: dict[str, Any] = {}
     for name, given in data.items():
         values = real_numbers(given, f"data {name!r}", ResultError)

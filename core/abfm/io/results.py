@@ -43,9 +43,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 
 class Entry(NamedTuple):
-    """An array of a file: its kind, its shape, in which a word stands for a size that all arrays
-    agree on, and the bounds of its values.
-    """
+    """An array of a file; a word in its shape stands for a size that all agree on."""
 
     kind: str
     shape: tuple[str | int, ...]
@@ -55,9 +53,7 @@ class Entry(NamedTuple):
     high: float = math.inf
 
     def check(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> NDArray[Any]:
-        """Return an array in its own type; ``sizes`` holds what the arrays before it have fixed,
-        and learns from this one.
-        """
+        """Return an array in its own type; ``sizes`` holds what was fixed before, and learns."""
         kinds, dtype = _KINDS[self.kind]
         if array.dtype.kind not in kinds:
             raise ValueError(f"{name} has type {array.dtype}; expected {self.kind} values")
@@ -135,11 +131,7 @@ PROBLEM = Kind("problem file", PROBLEM_ENTRIES)
 
 
 class Archive(Mapping[str, NDArray[Any]]):
-    """A zip open for reading: its arrays by name, each read when it is asked for.
-
-    All that is read of it together has no more bytes than it can hold, also where members overlap
-    or are compressed.
-    """
+    """A zip open for reading, in all no more bytes than it can hold: each array when asked for."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._zip = zipfile.ZipFile(file)
@@ -166,11 +158,7 @@ class Archive(Mapping[str, NDArray[Any]]):
             raise ValueError(f"{name}: {one_line(error)}") from error
 
     def read(self, name: str, most: int = LARGEST_MEMBER) -> bytes:
-        """Return the bytes of a member, so many at most.
-
-        ValueError, BadZipFile, or anything else that damage makes of the zip's reader, if there is
-        none, or it is damaged, too large, or with what was read before more than the zip can hold.
-        """
+        """Return the bytes of a member; damage makes any error of the zip's reader."""
         member = self._zip.getinfo(name)
         if member.file_size > most:
             raise ValueError(f"{name} has {member.file_size} bytes; expected at most {most}")
@@ -187,9 +175,7 @@ class Archive(Mapping[str, NDArray[Any]]):
 
 @contextmanager
 def open_archive(path: Path, what: str, cure: str) -> Iterator[Archive]:
-    """Open a zip to read from; ResultError for all that goes wrong while it is open, in one line:
-    the path, what the file should be, and what to do.
-    """
+    """Open a zip to read from; one line, with what to do, for all that goes wrong meanwhile."""
     try:
         with open_plain(path) as file:
             yield Archive(file)
@@ -207,9 +193,7 @@ def open_archive(path: Path, what: str, cure: str) -> Iterator[Archive]:
 
 
 def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
-    """Refuse a format newer than this version reads (ResultError), or that is no version
-    (ValueError).
-    """
+    """Refuse a newer format (ResultError), or what is no version (ValueError)."""
     if type(version) is not int or version < 1:
         raise ValueError(
             f"format_version is {brief(version)}; expected a number from 1 to {newest}"
@@ -230,12 +214,7 @@ def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:
 def check_arrays(
     arrays: Mapping[str, Any], entries: Mapping[str, Entry], prefix: str = "", **sizes: int
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays that are listed, as float64, int64, bool or unicode; ValueError if one is
-    missing, or has the wrong kind, the wrong shape or values that are not finite.
-
-    Their names begin with ``prefix``, which the entries and the answer have not; ``sizes`` are
-    known before.
-    """
+    """Return the arrays that are listed, under the prefix, in their types; or a ValueError."""
     places = {name: f"{prefix}{name}" for name in entries}
     missing = [
         place for name, place in places.items() if entries[name].required and place not in arrays
@@ -305,9 +284,7 @@ def mesh_arrays(mesh: TriangleMesh) -> dict[str, Any]:
 
 
 def mesh_of(arrays: Arrays) -> TriangleMesh:
-    """Return the mesh that `mesh_arrays` was given, whose vertices keep their numbers in the mesh
-    file; ValueError if an index is out of range, or the mesh needs repairs.
-    """
+    """Return the mesh of `mesh_arrays`; ValueError if it needs repairs."""
     _check_indices(arrays)
     ids, faces, count = arrays["vertex_ids"], arrays["faces"], int(arrays["file_vertex_count"])
     if count - len(ids) > _MOST_DROPPED:

@@ -20,9 +20,7 @@ def sent_by_name(named: Type) -> Type:
 
 
 class Parcel(NamedTuple):
-    """A value as bytes, in which others stand by these names; with those of them, as pickles, that
-    the other end does not have.
-    """
+    """A value, in which others stand by names, and pickles of those that the other end lacks."""
 
     content: bytes
     names: tuple[str, ...]

@@ -26,9 +26,7 @@ _NEVER_DONE = 0.99  # share of a step that takes longer than expected
 
 @dataclass(frozen=True)
 class Step:
-    """A piece of work that began at a time by `time.monotonic`: the seconds that all of it takes,
-    None if nobody knows, and the share that is counted to be done, None if it is not counted.
-    """
+    """Work that began by `time.monotonic`: its seconds, and the share done; None is unknown."""
 
     task: str
     expected: float | None = None
@@ -42,9 +40,7 @@ class Step:
         return min(self._elapsed(now) / self.expected, _NEVER_DONE)
 
     def seconds_left(self, now: float | None = None) -> float | None:
-        """Seconds that it will still take, at least 0; None if unknown, as when it takes longer
-        than expected.
-        """
+        """Seconds left, at least 0; None if unknown, as when it takes longer than expected."""
         elapsed = self._elapsed(now)
         if self.done is not None:
             return elapsed * (1 / self.done - 1) if self.done > 0 else None
@@ -57,9 +53,7 @@ class Step:
         return replace(self, began=time.monotonic())
 
     def words(self, now: float | None = None) -> str:
-        """Return what is being done, and how long it goes on where that is known and takes a
-        while.
-        """
+        """Return what is being done, and how long it goes on if known and a while."""
         left, elapsed = self.seconds_left(now), self._elapsed(now)
         if left is not None and left + elapsed >= _A_WHILE:
             return f"{self.task}, about {rounded(left)} left"
@@ -144,9 +138,7 @@ def step(
 
 
 def _learn(task: str, rate: float, work: float) -> None:
-    """Keep the rate of large works, which that of small ones does not tell: a busy machine takes
-    longer at times.
-    """
+    """Keep the rate of large works, which small ones do not tell: a busy machine is slow."""
     if rate * work < _SHORTEST:
         return
     with _lock:

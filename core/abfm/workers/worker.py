@@ -150,9 +150,7 @@ class Worker(Generic[State]):
 
 
 class _Connection:
-    """To one process. It has no thread: one of those that wait for answers reads, and gives the
-    others theirs.
-    """
+    """To one process; of those that wait, one reads, and gives the others theirs: no thread."""
 
     def __init__(self, make: Callable[[], object], ended: str) -> None:
         self.process = OwnProcess(MODULE)
@@ -303,9 +301,7 @@ class Server:
             del self._controls[number]
 
     def _send(self) -> None:
-        """Send what is there all at once: a window that draws takes in few messages a second,
-        and none waits for it.
-        """
+        """Send all there is at once: a window that draws takes in few messages a second."""
         while True:
             answers = [self._unsent.get()]
             if answers[0].kind == "report":
