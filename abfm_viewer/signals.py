@@ -1,16 +1,13 @@
 """How a program ends when it is told to: by Ctrl-C, by SIGTERM, or by SIGHUP when its terminal is
 closed.
 
-From the first line of a program on, a signal is answered in its handler, which ends the process
-there: it tidies up, says one line and leaves with the status that shells know, 128 and the signal's
-number (130 for Ctrl-C, 143 for SIGTERM, 129 for SIGHUP). Nothing is raised. An exception in the
-middle of anything is not safe with compiled libraries: an import that it breaks off leaves half a
-module, callbacks swallow it, and taking the interpreter apart afterwards may crash. So what must
-not stay behind is told to `tidied` before it is there. What has something worth keeping takes the
-signals over for a while: a match is cancelled and written, a window closes between two frames.
+A signal is answered in its handler, which tidies up, says one line and leaves with the status that
+shells know, 128 and its number. Nothing is raised: an exception in the middle of anything is not
+safe with compiled libraries. An import that it breaks off leaves half a module, callbacks swallow
+it, and taking the interpreter apart may crash. So what must not stay behind is told to `tidied`
+before it is there, and what has something worth keeping takes the signals over for a while.
 
-This module imports nothing but Python's own, so that a program can begin with it. Before that,
-while Python itself starts, nothing can be done: Ctrl-C then gives Python's own end.
+This module imports nothing but Python's own, so that a program can begin with it.
 """
 
 import os
@@ -43,9 +40,7 @@ def status(number: int) -> int:
 
 
 def leave_on_signals(program: str) -> None:
-    """Begin to answer signals for a program of this name; one that whoever started it has it
-    ignore stays ignored.
-    """
+    """Begin to answer signals for a program of this name, but for those that it is to ignore."""
     began: list[float] = []
 
     def leave(number: int, frame: FrameType | None) -> None:

@@ -1,7 +1,6 @@
 """`Driver`: drives the running app by widget label, as a user would, for tests and scripts.
 
-Every action is made of the events that a mouse and a keyboard send, with frames drawn between them,
-so what works here works by hand. Labels are exactly what the user reads on the widget.
+Every action is made of a mouse's and a keyboard's events, with frames drawn between them.
 """
 
 import tempfile
@@ -41,17 +40,16 @@ _SHIFT = ("shift",)
 class Driver:
     """The app with a mouse and a keyboard of ours; a context manager.
 
-    It closes without asking, also after an exception. Its `session` is the document and the
-    solver, `input` the mouse and the keyboard; `search.found` lists the widgets that were used.
+    It closes without asking, also after an exception. Labels are exactly what the user reads on a
+    widget. Its `session` is the document and the solver, `input` the mouse and the keyboard.
 
     Parameters
     ----------
     mesh : str, Path, TriangleMesh or None
         A mesh, project or result file, or a mesh; by default a bundled one.
     backend : str
-        "openGL3_egl" (no screen), "openGL3_glfw" (a window), "openGL_mock" (draws nothing, for
-        logic; there a vertex is picked though it is hidden). A process can have only one, any
-        number of times.
+        "openGL3_egl" (no screen), "openGL3_glfw" (a window) or "openGL_mock" (draws nothing; there
+        a vertex is picked though it is hidden). A process can have only one, any number of times.
     size : (int, int)
         Of the window, in pixels.
     state : Path or None
@@ -59,10 +57,8 @@ class Driver:
 
     Raises
     ------
-    DriverError
-        If the process has another backend already.
     AbfmError
-        If the file cannot be read, or the machine cannot draw.
+        If the process has another backend, the file cannot be read, or the machine cannot draw.
 
     Examples
     --------
@@ -117,11 +113,7 @@ class Driver:
             self.window.tick()
 
     def wait(self, condition: Callable[[Session], object], seconds: float = 60) -> None:
-        """Draw frames at the app's rate until a condition on the session holds, and then two more,
-        which show it.
-
-        Raises DriverError if it does not hold in time.
-        """
+        """Draw frames until a condition on the session holds, and two more; else a DriverError."""
         end = time.monotonic() + seconds
         while not condition(self.session):
             if time.monotonic() > end:
@@ -167,8 +159,8 @@ class Driver:
         """Click on a widget, or on an entry of a menu, which is opened before.
 
         The label is what the user reads, or a parameter's name in files; `within` names the
-        section, group, menu or dialog, where it is there twice. Raises DriverError, as all that
-        takes a label, if there is no such widget, it is grey, or the label ambiguous.
+        section, group, menu or dialog. DriverError, as for all that takes a label, if there is no
+        such widget, it is grey, or the label ambiguous.
         """
         self._click(label, within, _CLICKABLE)
 
@@ -195,11 +187,7 @@ class Driver:
             self.input.key("enter")
 
     def drag(self, label: str, value: float, within: str = "") -> None:
-        """Drag a slider to a value in its own units (time: 0 to 2 tau), as exactly as its pixels
-        allow.
-
-        Raises DriverError if the slider does not reach so far.
-        """
+        """Drag a slider to a value in its own units; DriverError if it does not reach so far."""
         widget = self.search.find(label, within, ("slider",))
         ends = widget.ends
         if ends.nearest(value) != value:
@@ -240,11 +228,9 @@ class Driver:
     # Surfaces
 
     def pick(self, vertex: int, surface: str = "source", modifiers: Sequence[str] = _SHIFT) -> None:
-        """Click on a vertex, numbered as in the mesh file; with Shift, as by default, this moves
-        the active Gaussian.
+        """Click on a vertex, numbered as in the mesh file; with Shift this moves a Gaussian.
 
-        A vertex that cannot be seen is turned to the front for the click; DriverError if every side
-        hides it.
+        A vertex that cannot be seen is turned to the front; DriverError if every side hides it.
         """
         self.drag_on_surface([vertex], surface, modifiers)
 
@@ -272,9 +258,7 @@ class Driver:
     def _aimed(
         self, vertices: Sequence[int], surface: str, modifiers: Sequence[str]
     ) -> Iterator[list[Place]]:
-        """Give the places of vertices, the first one turned to the front for the block if need be,
-        in which modifiers are held.
-        """
+        """Hold modifiers and give places of vertices, the first one turned to the front."""
         self.window.tick()
         before = self.session.view.look
         turned = self._turn_to(vertices[0], surface)

@@ -105,9 +105,7 @@ class InputEvents:
         self._frames(2)
 
     def let_go(self) -> None:
-        """Release everything, which also takes the keyboard from boxes and closes menus, and move
-        the mouse away: when nothing is drawn any more that a click could hit.
-        """
+        """Release everything, take the keyboard from boxes, close menus, move the mouse away."""
         for button in range(3):
             imgui.GetIO().AddMouseButtonEvent(button, False)
         for modifier in _MODIFIERS:

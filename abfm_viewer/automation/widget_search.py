@@ -50,10 +50,7 @@ class WidgetSearch:
                 return
 
     def _named(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget | None:
-        """Return a label's widget in the latest frame; DriverError if several are enabled.
-
-        It means no tab, as the button Match is none, nor what is grey, if there is anything else.
-        """
+        """Return the widget of a label, which means no tab and nothing grey if there is another."""
         found = [
             widget
             for widget in self._drawn()

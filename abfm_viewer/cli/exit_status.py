@@ -1,6 +1,4 @@
-"""How a program ends and prints: the one place where an error becomes a line on stderr and an exit
-status.
-"""
+"""How a program ends and prints: where an error becomes a line on stderr and an exit status."""
 
 import atexit
 import io
@@ -25,9 +23,7 @@ class UsageError(Exception):
 
 
 def exit_status(program: str, run: Callable[[], int]) -> int:
-    """Run a program and return its exit status; bad input gives 2 and one line, Ctrl-C gives
-    130.
-    """
+    """Run a program and return its exit status: 2 after bad input, 130 after Ctrl-C."""
     try:
         return run()
     except KeyboardInterrupt as error:
@@ -77,9 +73,7 @@ def _end_at_once(ended: list[int]) -> None:
 
 
 class _LastingStream:
-    """Prints to another stream, /dev/null if that was closed, until it fails; `problem` then says
-    how, and the rest is dropped.
-    """
+    """Prints to a stream, or /dev/null, until it fails by a `problem`; the rest is dropped."""
 
     def __init__(self, stream: TextIO | None, number: int) -> None:
         self._stream = stream or os.fdopen(number, "w", encoding="utf-8")

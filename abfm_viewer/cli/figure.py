@@ -140,9 +140,7 @@ def _file(folder: Path, number: int, suffix: str) -> Path:
 
 
 def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespace) -> Entry:
-    """Run a figure's script; when all are wanted, one that a mesh does not allow is told on the
-    page.
-    """
+    """Run a figure's script; of all, one that a mesh does not allow is told on the page."""
     title, claim = TITLES[number], experiments.claim(number)
     name = Path(arguments.mesh).name if arguments.mesh else ""
     try:

@@ -120,9 +120,7 @@ def _table(
 
 
 def _carried(match: Match, path: str, time: float) -> NDArray[Any]:
-    """Return a table of one row per vertex, carried along the flow; rows of vertices that no face
-    uses stay.
-    """
+    """Return a table, a row per vertex, carried along; rows of no face's vertices stay."""
     table = read_table(path)[1]
     try:
         rows = match.mesh.restrict(table)

@@ -66,9 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Match and write; 3 when the target was not reached, 128 and its number when a signal
-    stopped it.
-    """
+    """Match and write; 3 when the target was not reached, 128 and its number after a signal."""
     for path in arguments.out:
         outputs.check(path, outputs.WRITTEN)
     parameters = options.parameters(arguments)

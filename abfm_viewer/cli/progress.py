@@ -33,11 +33,7 @@ _NUMBERS = TextColumn("energy {task.fields[energy]}  mismatch {task.fields[misma
 
 @contextmanager
 def progress(iterations: int, quiet: bool) -> Iterator[Callable[[Iteration], None]]:
-    """Yield what to call after every iteration, `iterations` at most; what looks wrong early is
-    said once, quiet or not.
-
-    What else takes long meanwhile is told, too, with an estimate.
-    """
+    """Yield what to call after every iteration; a warning that lasts is said once, quiet or not."""
     held = 0  # iterations in a row in which something looked wrong
 
     def say(place: str, completed: int, energy: str, mismatch: str) -> None:
@@ -76,9 +72,7 @@ def long_steps(quiet: bool) -> Iterator[None]:
 
 @contextmanager
 def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[[int], None]]:
-    """Yield what to call with the number of frames that are done, of `count`; for a machine a line
-    of JSON on stdout each.
-    """
+    """Yield what to call with the number of frames done; for a machine JSON lines on stdout."""
     every = max(count // _LINES_OF_A_MOVIE, 1)
 
     def tell(frame: int) -> None:
@@ -100,9 +94,7 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
 
 @contextmanager
 def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """Yield what to call with what is being done, in a few words, and which share of everything is
-    behind it.
-    """
+    """Yield what to call with what is being done, and the share that is behind it."""
     said = ""
 
     def say(completed: float, text: str) -> None:

@@ -1,6 +1,4 @@
-"""Running a match from the command line: signals, progress, output files and what is said at the
-end.
-"""
+"""Running a match from the command line: signals, progress, files, and what is said at the end."""
 
 from __future__ import annotations
 
@@ -37,9 +35,7 @@ class Kept:
 def cancelled_by_signals(
     control: Control, what: str = "with the best result so far"
 ) -> Iterator[Kept]:
-    """Turn the first signal inside the block into a cancellation, and say on stderr with what it
-    stops; the second one leaves at once, unless it comes with the first.
-    """
+    """Cancel at the first signal, and say with what; leave at a second one, if it comes later."""
     kept, came = Kept(), 0.0
 
     def stop(number: int, frame: FrameType | None) -> None:

@@ -81,10 +81,7 @@ class Question:
 
 
 class Dialogs:
-    """Opens dialogs and calls back with their answers; the newest is in front.
-
-    The next file dialog begins in `folder`, where the last file was chosen.
-    """
+    """Opens dialogs, the newest in front, and calls back; files are looked for in `folder`."""
 
     def __init__(self) -> None:
         self.folder = Path()
@@ -125,10 +122,7 @@ class Dialogs:
         self._open.append((Question(title, text, tuple(buttons)), answered))
 
     def show(self, title: str, lines: Sequence[Line], copied: str = "") -> None:
-        """Show paragraphs, and rows of two columns; a row with an empty second column is a heading.
-
-        With a text to be `copied` there is a button for that.
-        """
+        """Show paragraphs and rows of two columns, or headings; with a text to be `copied`."""
         self._open.append((Message(title, lines, copied), lambda _: self._close()))
 
     def draw(self, ui: Ui) -> None:

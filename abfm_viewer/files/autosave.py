@@ -55,11 +55,9 @@ class Autosave:
         unsaved: bool,
         origin: Origin | None = None,
     ) -> None:
-        """Call every frame: writes a copy where it is time for one, and removes it where everything
-        is saved.
+        """Call every frame: writes a copy where it is time for one, removes it where all is saved.
 
-        What is written changes with the `state`, objects that are compared by identity; its content
-        is asked for in the background.
+        What is written changes with the `state`, objects that are compared by identity.
         """
         if self._future is not None:
             if not self._future.done():

@@ -59,9 +59,7 @@ def write(path: Path, match: abfm.Match) -> None:
 
 
 def write_all(paths: Sequence[Path], match: abfm.Match) -> None:
-    """Write a match to several files; a `ResultError` says which one could not be written. All
-    others are, and the result is in one of them or in another folder, which the error names.
-    """
+    """Write a match to several files; where one cannot be written, its result is kept elsewhere."""
     problem, kept = None, False
     for path in paths:
         try:

@@ -1,9 +1,7 @@
-"""Project files (``.abfm``): a zip of JSON and arrays with everything that is needed to go on
-elsewhere.
+"""Project files (``.abfm``): a zip with everything that is needed to go on elsewhere.
 
 ``project.json`` holds all that is small; ``mesh/*.npy``, ``result/*.npy`` and ``runs/*/*.npy`` the
 arrays of the document, and ``known/*.npy`` the values of functions that come from other files.
-Those of mesh and result are what result files hold.
 """
 
 from __future__ import annotations
@@ -65,15 +63,11 @@ def save_project(
     known: Mapping[str, FloatArray],
     origin: Origin | None = None,
 ) -> None:
-    """Write a project, whole or not at all. The same document gives the same bytes.
+    """Write a project, whole or not at all; the same document gives the same bytes.
 
     Known are the values (V,) of the terms that `terms_from_files` names. A copy of unsaved work
-    says of which project file it is one, for `load_origin`.
-
-    Raises
-    ------
-    ResultError
-        If it would not open again, or cannot be written.
+    says of which project file it is one. A `ResultError` says why it would not open again, or
+    cannot be written.
     """
     surface = document.surface()
     arrays = {f"mesh/{name}": getattr(surface.mesh, name) for name in _MESH}
@@ -120,13 +114,7 @@ def save_project(
 
 
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:
-    """Read a project: the document, and the values of its terms that came from other files.
-
-    Raises
-    ------
-    ResultError
-        If the file is missing, damaged, no project, or from a newer version.
-    """
+    """Read a document and its values from other files; a `ResultError` says what is wrong."""
     with results.open_archive(path, "project", "take another copy of the file") as archive:
         if "velocity" in archive:
             raise ResultError(
@@ -140,11 +128,7 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
 
 
 def terms_from_files(spec: str) -> list[str]:
-    """The terms of a function that read files, in their text form: what a project must hold the
-    values of.
-
-    A text that is no spec is a `FunctionError`.
-    """
+    """Return the terms of a function that read files; a `FunctionError` if it is no function."""
 
     def reads_files(term: abfm.functions.Spec) -> bool:
         if isinstance(term, abfm.functions.Permuted):
@@ -257,19 +241,15 @@ def _require(fits: bool, problem: str) -> None:
 
 
 def to_plain(value: Any, without: Collection[str] = ()) -> dict[str, Any]:
-    """Return the fields of a dataclass but for some: what JSON can write, with this for those in
-    it.
-    """
+    """Return the fields of a dataclass but for some; JSON writes those in it by this, too."""
     return {e.name: getattr(value, e.name) for e in fields(value) if e.name not in without}
 
 
 def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
-    """Return what JSON was made of, for a type hint; missing fields take their defaults.
+    """Return what JSON was made of, for a type hint; a `ValueError` says where it does not fit.
 
-    Fields that are given are not looked for in the value. A dataclass that has a `from_dict` of its
-    own is made by that, which knows what older versions left out. A value of another type, not
-    finite or not one of the choices, and a field that is unknown or missing, are a `ValueError`
-    that says where.
+    Missing fields take their defaults, and given ones are not looked for. A dataclass that has a
+    `from_dict` is made by that, which knows what older versions left out.
     """
     origin, options = get_origin(hint), get_args(hint)
     if origin is Literal:

@@ -1,6 +1,4 @@
-"""Pictures of any size off the screen, every pixel the mean of several samples, and what is written
-on them.
-"""
+"""Pictures of any size off the screen, every pixel a mean of samples, and their letters."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -31,14 +29,7 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 @contextmanager
 def canvas(width: int, height: int) -> Iterator[None]:
-    """Make polyscope draw pictures of a size in pixels while the block lasts, and no window at the
-    same time.
-
-    Raises
-    ------
-    DrawingError
-        Where the machine cannot draw, or no pictures of this size.
-    """
+    """Make polyscope draw pictures of a size in the block; a `DrawingError` if it cannot."""
     opengl.start(opengl.OFFSCREEN, _SMALL, _SMALL)
     opengl.clear()
     allowed = [side for side, most in _MOST_SAMPLES.items() if width * height * side**2 <= most]

@@ -42,14 +42,10 @@ _EVERYTHING = PictureOptions()
 
 
 class DocumentRenderer:
-    """Draws one document, with values (V,) of its functions from files, in a size (width, height)
-    in pixels.
+    """Draws a document, with values (V,) of its functions from files, in a size in pixels.
 
-    Raises
-    ------
-    AbfmError
-        If the size is out of range, the document's functions cannot be evaluated, or the machine
-        cannot draw.
+    An `AbfmError` says that the size is out of range, a function cannot be evaluated, or the
+    machine cannot draw.
     """
 
     def __init__(
@@ -94,13 +90,10 @@ class DocumentRenderer:
         self._open.__exit__(*error)
 
     def picture(self, time: float, degrees: float = 0.0, phase: float = 0.0) -> Image.Image:
-        """The document at a time, its surfaces turned by an angle and streaks that move at a phase
-        of their way, 0 to 1: RGB, or RGBA if it is transparent.
+        """The document at a time, turned by an angle, with moving streaks at a phase, 0 to 1.
 
-        Raises
-        ------
-        AbfmError
-            If the time is outside 0 to 2 tau, or the flow cannot be followed so far.
+        It is RGB, or RGBA if it is transparent. An `AbfmError` says that the time is outside 0 to 2
+        tau, or the flow cannot be followed so far.
         """
         self._go_to(time)
         self._session.player.phase = phase
@@ -116,11 +109,9 @@ class DocumentRenderer:
     def frames(
         self, start: float, end: float, count: int, turntable: float, cycles: int = 1
     ) -> Iterator[Pixels]:
-        """Frames (H, W, 3) of a movie from one time to another, while the surfaces turn by an angle
-        in degrees.
+        """Frames (H, W, 3) of a movie between two times, while the surfaces turn by an angle.
 
-        Streaks that move go through their phases ``cycles`` times. The first frame follows the
-        last, for turning surfaces and streaks, when the movie is repeated.
+        Streaks go through their phases ``cycles`` times, and the first frame follows the last.
         """
         if self._document.view.error:
             self._scene.painter.largest_error = max(map(self._error, (start, end)))

@@ -35,8 +35,7 @@ def write_movie(
     """Write an MP4 (H.264, 4:2:0, BT.709) or GIF (one palette, endless), whole or not at all.
 
     An MP4 loses the last row or column of a picture of odd size, which the format cannot hold. A
-    GIF counts time in hundredths of a second: its frames differ by one such tick where they must,
-    so that the whole takes ``count / fps``.
+    GIF counts time in hundredths of a second: frames differ by one where they must.
 
     Parameters
     ----------
@@ -45,8 +44,7 @@ def write_movie(
     fps : float
         Frames per second, 0.1 to 120, for a GIF to 50.
     on_frame : callable, optional
-        Called with the number of frames that were taken so far. What it or ``frames`` raises ends
-        the movie and leaves the file as it was.
+        Called with the number of frames that were taken; what it raises ends the movie.
 
     Raises
     ------

@@ -46,9 +46,7 @@ advection overshoots by a few per cent even where it is right, which nobody sees
 def cameras(
     sheet: Sheet, aspects: tuple[float, float] = (0.0, math.inf)
 ) -> dict[TriangleMesh, Camera]:
-    """Return a camera for each mesh, that shows what the sources and targets on it have to show, in
-    its own aspect or the least or greatest one of `aspects`.
-    """
+    """Return a camera for each mesh, of its own aspect or within these, for sources and targets."""
     fronts: dict[TriangleMesh, Front] = {}
     for panel in _panels(sheet):
         if fronts and sheet.one_view:
@@ -121,10 +119,9 @@ def _panels(sheet: Sheet) -> list[Panel]:
 
 
 def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
-    """Return the range of each colour bar, by its title, in the order in which they are first used.
+    """Return the range of each colour bar, by its title, in the order of their first use.
 
-    It is that of the sources and targets, where there are some: what overshoots them has the colour
-    of the bar's end, and `captions` says how far it goes.
+    It is that of the sources and targets, if any: what overshoots them has the end's colour.
     """
     every: dict[str, list[FloatArray]] = defaultdict(list)
     ends: dict[str, list[FloatArray]] = defaultdict(list)
@@ -138,9 +135,7 @@ def color_ranges(sheet: Sheet) -> dict[str, ColorRange]:
 
 
 def captions(sheet: Sheet) -> list[str]:
-    """Return the sheet's notes, and how far each panel goes of which colours hide more than
-    `CLAMPED`; colours of places are clamped to the mesh's bounding box.
-    """
+    """Return the sheet's notes, and how far each panel goes of which colours hide too much."""
     ranges, said = color_ranges(sheet), list(sheet.notes)
     for panel in _panels(sheet):
         bar, values = _function(panel)
@@ -169,8 +164,9 @@ def _function(panel: Panel) -> tuple[str, FloatArray | None]:
 
 
 def _outside(vertices: FloatArray, positions: FloatArray) -> float:
-    """Return how far places (V, 3) lie outside the vertices' bounding box, over its extent in that
-    direction; one in which it is flat counts as a hundredth of its largest extent wide.
+    """Return how far places (V, 3) lie outside the vertices' bounding box, over its extent there.
+
+    A direction in which it is flat counts as a hundredth of its largest extent wide.
     """
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     extent = np.maximum(high - low, 0.01 * (high - low).max())

@@ -70,12 +70,10 @@ def laid_out(
     size: tuple[int | None, int | None] = (None, None),
     scale: float = 1.0,
 ) -> Layout:
-    """Give cells, of which the widths over the heights are given row by row, one height, as large
-    as there is room.
+    """Lay out cells of one height, whose widths over heights are given row by row.
 
     So many colour bars are below, or one to the right if it is upright. A sheet without a size
     (width, height) is as large as its cells need: at most `WIDEST`, they at most `TALLEST_PANEL`.
-    All other lengths are scaled.
     """
     width, height = size
     margin, gap, label = scale * MARGIN, scale * GAP, scale * LABEL
@@ -127,17 +125,11 @@ def match_picture(
     Parameters
     ----------
     times
-        When to show the source besides 0 and tau; by default at a quarter, half and three quarters
-        of tau.
+        When to show the source besides 0 and tau; by default at quarters of tau.
     size
         Width and height in pixels; by default a wide sheet that fits the shape.
     channel, up
         Which of several pairs of functions to show, and the axis that points upwards.
-
-    Raises
-    ------
-    DrawingError
-        Where the machine cannot draw.
     """
     tau = match.parameters.tau
     moments = sorted({*(tau * np.array([0.25, 0.5, 0.75]) if times is None else times), tau})
