@@ -1,4 +1,4 @@
-"""The session without a window: what the user does, and what the frames show of it."""
+"""The session without a window: what the user does, undoes and plays, and what frames show."""
 
 import time
 from dataclasses import replace
@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from abfm import FunctionError, Parameters
-from abfm_viewer.document.document import Channel
+from abfm_viewer.document.document import Channel, Document, Front, Look, Surface
+from abfm_viewer.session.editor import LONGEST, Editor
+from abfm_viewer.session.player import SECONDS, Player
 from abfm_viewer.session.session import Session
 from tests.shapes import torus
-from tests.viewer.sessions import PAIR, QUICK, SPHERE, matched, until
+from tests.viewer.sessions import EGG, PAIR, QUICK, SPHERE, matched, until
 
 TORUS = torus(24, 12)
 
@@ -175,3 +177,172 @@ def test_channels_without_weight_stand_in_the_way_but_those_that_are_left_have_s
     assert [channel.weight for channel in session.channels] == [1]
     session.undo()
     assert [channel.weight for channel in session.channels] == [0, 1]
+
+
+@pytest.fixture
+def editor():
+    return Editor(Document((Surface(SPHERE, "sphere"),)))
+
+
+def move(editor, time, merge="", label="move"):
+    editor.go_to(replace(editor.document, time=time), label, merge)
+
+
+def look(editor, **view):
+    return replace(editor.document, view=replace(editor.document.view, **view))
+
+
+def test_undo_goes_back_to_the_very_start_and_redo_to_the_end(editor):
+    start = editor.document
+    for moment in (1.0, 2.0, 3.0):
+        move(editor, moment, label=f"move to {moment:g}")
+    assert editor.undo_label == "move to 3"
+    for _ in range(4):  # at last nothing is left: nothing happens
+        editor.undo()
+    assert editor.document is start
+    assert (editor.undo_label, editor.redo_label) == ("", "move to 1")
+    for _ in range(4):
+        editor.redo()
+    assert editor.document.time == 3
+    assert (editor.undo_label, editor.redo_label) == ("move to 3", "")
+
+
+def test_changes_with_the_same_merge_key_are_one_step(editor):
+    for moment in (0.1, 0.2, 0.3):
+        move(editor, moment, "time")
+    editor.undo()
+    assert editor.document.time == 0
+    editor.redo()
+    assert editor.document.time == 0.3
+
+
+@pytest.mark.parametrize("between", ["seal", "undo and redo", "another step"])
+def test_what_happens_between_two_drags_keeps_them_apart(editor, between):
+    editor.seal()  # nothing to seal yet
+    move(editor, 0.1, "time")
+    if between == "seal":
+        editor.seal()
+    elif between == "another step":
+        editor.go_to(replace(editor.document, mask="coordinate:x"), "mask")
+    else:
+        editor.undo()
+        editor.redo()
+    left = editor.document
+    move(editor, 0.2, "time")
+    editor.undo()
+    assert editor.document is left
+    assert left.time == 0.1
+
+
+def test_a_change_forgets_what_was_undone(editor):
+    move(editor, 1)
+    editor.undo()
+    move(editor, 2)
+    assert editor.redo_label == ""
+    editor.redo()
+    assert editor.document.time == 2
+
+
+def test_amending_leaves_no_step_and_undo_steps_over_it(editor):
+    start = editor.document
+    move(editor, 1)
+    editor.document = replace(editor.document, time=1.5)
+    assert editor.moves == 1
+    editor.undo()
+    assert editor.document is start
+
+
+def test_what_the_mouse_turned_stays_unless_a_step_chose_another_look(editor):
+    front, side, above = (Look(Front(tuple(axis), (0.0, 0.0, 1.0))) for axis in np.eye(3))
+    move(editor, 1)
+    editor.document = look(editor, look=front, large="source")
+    editor.undo()
+    view = editor.document.view
+    assert (editor.document.time, view.look, view.large) == (0, front, "source")
+    editor.redo()
+    editor.go_to(look(editor, look=side), "look from the side")
+    editor.document = look(editor, look=above)
+    editor.undo()
+    assert editor.document.view.look == front
+    editor.redo()
+    assert editor.document.view.look == above
+    ball = Document((Surface(EGG, "egg"),))
+    editor.go_to(ball, "open egg")
+    editor.undo()
+    assert editor.document.view.look == above
+    editor.redo()
+    assert editor.document is ball
+
+
+def test_only_the_latest_steps_are_kept(editor):
+    for number in range(LONGEST + 10):
+        move(editor, number + 1)
+    for _ in range(LONGEST + 10):
+        editor.undo()
+    assert editor.document.time == 10
+
+
+TAU, END = 2.0, 4.0
+FRAME = 1 / 20
+
+
+def playing(repeat="loop", beyond=False, speed=1.0):
+    player = Player()
+    player.repeat, player.beyond, player.speed = repeat, beyond, speed
+    player.toggle()
+    return player
+
+
+def next_time(player, time, seconds=FRAME):
+    return player.advance(time, seconds, TAU, END)
+
+
+def played(player, time, seconds):
+    """Times shown over some seconds, until it stops."""
+    times = [time]
+    for _ in range(round(seconds / FRAME)):
+        if player.playing:
+            times.append(next_time(player, times[-1]))
+    return times
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])
+def test_the_speed_is_in_units_of_tau_per_four_seconds(speed):
+    times = played(playing(speed=speed), 0.0, 0.5 * SECONDS / speed)
+    assert times[-1] == pytest.approx(TAU / 2)
+
+
+def test_once_stops_at_the_end_and_plays_again_from_the_start():
+    player = playing("once")
+    times = played(player, 0.0, 2 * SECONDS)
+    assert (player.playing, times[-1], max(times)) == (False, TAU, TAU)
+    player.toggle()
+    assert next_time(player, TAU) == 0
+    assert player.playing
+    assert next_time(player, 0.0) > 0
+    assert played(playing("once", beyond=True), 0.0, 3 * SECONDS)[-1] == END
+
+
+def test_a_loop_begins_again_and_never_leaves_the_range():
+    times = played(playing("loop"), 0.0, 3 * SECONDS)
+    assert min(times) == 0
+    assert max(times) <= TAU
+    assert times.count(0.0) >= 3
+
+
+def test_ping_pong_turns_at_both_ends_and_another_way_to_repeat_goes_forward_again():
+    player = playing("ping-pong")
+    times = played(player, 0.0, 3 * SECONDS)
+    assert (times.count(TAU), times.count(0.0)) == (1, 2)
+    back = times[times.index(TAU) : times.index(0.0, 1) + 1]
+    assert back == sorted(set(back), reverse=True)
+    player = playing("ping-pong")
+    played(player, TAU - 0.01, 2 * FRAME)
+    assert next_time(player, 1.0) < 1
+    player.repeat = "loop"
+    assert next_time(player, 1.0) > 1
+
+
+def test_a_hang_is_no_leap_and_a_time_beyond_the_end_starts_again():
+    assert next_time(playing(), 0.0, 30.0) < 0.05 * TAU
+    assert next_time(playing("ping-pong"), 1.5 * TAU) == 0

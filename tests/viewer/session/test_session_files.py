@@ -1,7 +1,8 @@
-"""Opening and saving through a session: nothing is lost unasked, what is in no file is known, and
-no run is ended by opening something.
+"""Opening and saving through a session: nothing is lost unasked, what is in no file is known, no
+run is ended by opening something, and files are read in the background, the newest.
 """
 
+import threading
 import time
 from functools import partial
 
@@ -9,13 +10,16 @@ import numpy as np
 import pytest
 
 from abfm import MeshError, Parameters, load_match, match
+from abfm_viewer.computing.background import Jobs
 from abfm_viewer.document.document import Channel
 from abfm_viewer.session import session_files
+from abfm_viewer.session.loading import Load, Loading
+from abfm_viewer.session.notices import Notices
 from abfm_viewer.session.session_files import open_session
 from abfm_viewer.window.figure_document import figure_document
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
-from tests.viewer.sessions import ENDLESS, QUICK, matched, solving
+from tests.viewer.sessions import ENDLESS, QUICK, matched, solving, until
 
 
 @pytest.fixture
@@ -256,3 +260,109 @@ def test_a_run_does_not_start_while_its_mesh_is_about_to_be_replaced(desk, small
     assert session.document.name == "sphere.off"
     desk.open(small)
     assert session.document.name == "small.off"
+
+
+class Slow:
+    """A read that takes as long as the test likes, and counts how often it began and was shown."""
+
+    def __init__(self):
+        self.begun = self.shown = 0
+        self.may_go_on = threading.Event()
+
+    def __call__(self):
+        self.begun += 1
+        assert self.may_go_on.wait(30)
+        return self.show
+
+    def show(self):
+        self.shown += 1
+
+
+@pytest.fixture
+def slow():
+    slow = Slow()
+    yield slow
+    slow.may_go_on.set()
+
+
+@pytest.fixture
+def quick():
+    """A read that ends at once."""
+    quick = Slow()
+    quick.may_go_on.set()
+    return quick
+
+
+@pytest.fixture
+def jobs():
+    jobs = Jobs()
+    yield jobs
+    jobs.close()
+
+
+@pytest.fixture
+def loading(jobs):
+    return Loading(jobs, Notices(lambda: 0))
+
+
+def begin(loading, read, source=None, waits=True):
+    before = read.begun
+    loading.begin(Load("reading", read, source=source))
+    until(lambda: not waits or read.begun > before)
+
+
+def finish(loading):
+    """Wait until what is being read has been shown."""
+    until(lambda: loading.update() or loading.now is None)
+
+
+def test_what_was_given_up_is_not_shown(loading, slow, quick):
+    begin(loading, slow)
+    loading.cancel()
+    assert loading.now is None
+    slow.may_go_on.set()
+    begin(loading, quick)
+    finish(loading)
+    loading.update()
+    assert (slow.shown, quick.shown) == (0, 1)
+
+
+def test_the_same_again_is_read_once(loading, slow):
+    begin(loading, slow, "a file")
+    for _ in range(3):
+        loading.cancel()
+        begin(loading, slow, "a file", waits=False)
+    slow.may_go_on.set()
+    for count in (1, 2):  # what is over is read anew
+        finish(loading)
+        assert (slow.begun, slow.shown) == (count, count)
+        begin(loading, slow, "a file")
+
+
+def test_another_source_waits_for_nothing(loading, slow, quick):
+    begin(loading, slow, "a file")
+    begin(loading, quick, "another file")
+    finish(loading)
+    assert (slow.shown, quick.shown) == (0, 1)
+    begin(loading, slow, "a file", waits=False)
+    slow.may_go_on.set()
+    finish(loading)
+    assert (slow.begun, slow.shown) == (1, 1)
+
+
+def test_one_that_is_given_up_before_it_begins_is_not_waited_for(loading, slow):
+    for _ in range(20):
+        begin(loading, slow, "a file", waits=False)
+        loading.cancel()
+    begin(loading, slow, "a file", waits=False)
+    slow.may_go_on.set()
+    finish(loading)
+    assert slow.shown == 1
+
+
+def test_closing_does_not_wait_for_what_was_given_up(jobs, loading, slow):
+    begin(loading, slow)
+    reader = loading._reader
+    loading.cancel()
+    jobs.close()
+    assert reader.is_at_work
