@@ -70,5 +70,4 @@ def linear(color: Color) -> tuple[float, float, float]:
 
 
 def palette(theme: Theme) -> Palette:
-    """Return the colours of a theme."""
     return LIGHT if theme == "light" else DARK

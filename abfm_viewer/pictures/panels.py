@@ -17,9 +17,7 @@ from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import Front
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.scene import opengl, overlays
-from abfm_viewer.scene.camera import Camera, fitted, look
-from abfm_viewer.scene.ribbons import course_through, line_ribbons
-from abfm_viewer.scene.surfaces import register, show
+from abfm_viewer.scene.surfaces import Camera, fitted, look, register, show
 from abfm_viewer.shown.paint import Paint, PaintKind
 from abfm_viewer.shown.streak_texture import streak_texture
 
@@ -92,8 +90,8 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange], view: Camera) -> None:
     if panel.arrows is not None:
         overlays.draw_arrows("arrows", mesh, panel.arrows, _ARROWS, _INK)
     if panel.lines:
-        courses = [course_through(mesh, line) for line in panel.lines]
-        overlays.draw_ribbons("lines", mesh, line_ribbons(courses, _LINE), _INK)
+        courses = [overlays.course_through(mesh, line) for line in panel.lines]
+        overlays.draw_ribbons("lines", mesh, overlays.line_ribbons(courses, _LINE), _INK)
     marked = zip(() if panel.points is None else panel.points, cycle(POINT_COLORS))
     for number, (point, color) in enumerate(marked):
         overlays.draw_points(f"point {number}", mesh, point[None], color, _POINT)

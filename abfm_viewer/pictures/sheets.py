@@ -18,7 +18,7 @@ from abfm_viewer.document.verdict_words import headline, tone
 from abfm_viewer.pictures.canvas import Font, letter, rgb
 from abfm_viewer.pictures.panels import cameras, color_ranges, panel_pictures
 from abfm_viewer.scene.annotations import Pen, bar_parts
-from abfm_viewer.scene.camera import Camera
+from abfm_viewer.scene.surfaces import Camera
 from abfm_viewer.widgets.widget_record import Rect
 
 WIDEST, TALLEST_PANEL = 2000, 640  # of sheets without a size, in pixels

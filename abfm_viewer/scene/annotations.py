@@ -36,8 +36,6 @@ _MOST = 0.25  # of the height: where bars would take more, each is one line
 
 @dataclass(frozen=True)
 class Text:
-    """A line of text by its left upper corner."""
-
     left: float
     top: float
     text: str
@@ -56,8 +54,6 @@ class Strip:
 
 @dataclass(frozen=True)
 class Line:
-    """A line through points (x, y)."""
-
     points: tuple[tuple[float, float], ...]
     color: Color
     width: float
@@ -68,10 +64,8 @@ Part = Text | Strip | Line
 
 @dataclass(frozen=True)
 class Pen:
-    """How large things are written, and in which colours.
-
-    Colour bars with ticks are outlined and have round numbers. Without ticks only the ends and the
-    middle have numbers, and nothing stands out beyond the ends.
+    """How large and in which colours things are written; only with ticks are bars outlined,
+    their numbers round, and what stands out beyond the ends written there.
     """
 
     scale: float  # of all lengths but the text's
@@ -190,14 +184,12 @@ def bar_room(pen: Pen, height: float) -> float:
 
 
 def name_height(pen: Pen) -> float:
-    """Return the height of a surface's name, with the room around it."""
     return pen.line + 4 * _GAP * pen.scale
 
 
 def laid_out(
     scene: Scene, rect: Rect, pen: Pen, color_bar: bool = True, labels: bool = True
 ) -> list[Part]:
-    """Lay out everything to write, in a rectangle of the window or picture."""
     borders = scene.view.borders() if scene.shown else []
     found: list[Part] = [Line(ends, pen.inks.border, pen.scale) for ends in borders]
     # names are in the middle above the surfaces, or end at their left
@@ -239,13 +231,11 @@ def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
 
 
 def window_pen(ui: Ui) -> Pen:
-    """Return the pen of the window, at its present scale."""
     line = imgui.GetTextLineHeight()
     return Pen(ui.scale, line, lambda text: float(imgui.CalcTextSize(text)[0]), ui.colors)
 
 
 def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -> None:
-    """Draw names, colour bars and lines between slots behind the panels."""
     canvas = imgui.GetBackgroundDrawList()
     pen = window_pen(ui)
     parts = laid_out(scene, rect, pen, color_bar)
@@ -300,7 +290,6 @@ class GaussianMarkers:
         }
 
     def draw(self, ui: Ui, session: Session, scene: Scene, rect: Rect) -> None:
-        """Draw a ring on each side around the Gaussian that the mouse would move."""
         if session.values("source") is None and session.values("target") is None:
             return
         x, y = imgui.GetIO().MousePos

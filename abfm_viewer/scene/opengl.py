@@ -54,10 +54,7 @@ def spare_a_core() -> None:
 
 
 def start(backend: Backend, width: int, height: int, title: str = "abfm") -> None:
-    """Start polyscope with a backend of its own naming, or only change its size in pixels.
-
-    Without a screen for a window, or where OpenGL does not start, that is a `DrawingError`.
-    """
+    """Start polyscope, or change its size in pixels; a `DrawingError` says why it cannot draw."""
     # GLFW waits for ever for no change
     if not ps.is_initialized() or tuple(ps.get_window_size()) != (width, height):
         ps.set_window_size(width, height)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray
+import abfm
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray, IntArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.background import same
-from abfm_viewer.scene import ribbons
 from abfm_viewer.scene.opengl import MATERIAL, ps
 from abfm_viewer.scene.surfaces import viewport
 from abfm_viewer.shown.paint import Paint
@@ -22,26 +23,210 @@ from abfm_viewer.shown.shown import Shown
 _ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
 _ISOLINES = "isolines of "  # and the surface's name
 _NOW, _START = _POINTS = "followed points", "starts of points"
+_LIFT = 0.0025  # of sqrt(area): a flat strip is hidden by the surface where that bends
+_HEAD_WIDTH, _HEAD_LENGTH = 2.6, 7.5  # in half widths of the shaft
+_LONGEST_HEAD = 0.55  # of an arrow
+_SHAFT_NODES, _HEAD_NODES = 9, 4
+_APART, _NODE = 0.16, 0.012  # of sqrt(area): heads along a line, and the nodes of its ribbon
+_FAST = 98  # percentile of the speeds shown that gets the full length
+_SLOW, _LONGEST = 0.01, 1.25  # of it: below there is no arrow, and none is longer
 # half widths of arrows and lines, radii of points
 _THICK, _THIN, _ISOLINE, _POINT = 0.0035, 0.0025, 0.0016, 0.014
 
 Rgb = Sequence[float]
 Placed = tuple[str, str, object, Any]
-"""The surface that a structure belongs to, its own name, a version that changes with it, and
-polyscope's handle.
-"""
+"""A structure's surface, its own name, a version that changes with it, and polyscope's handle."""
+Triangles = tuple[FloatArray, IntArray]  # vertices (V, 3) and faces (F, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A way on a surface: places (K, 3) in units of sqrt(area), and unit normals there."""
+
+    places: FloatArray
+    normals: FloatArray
+
+    @property
+    def lengths(self) -> FloatArray:
+        """Measure how far each place is from the start, along the way, (K,)."""
+        steps = np.linalg.norm(np.diff(self.places, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
+
+    def at(self, lengths: FloatArray) -> Course:
+        own = self.lengths
+        places, normals = (
+            np.stack([np.interp(lengths, own, values[:, x]) for x in range(3)], axis=1)
+            for values in (self.places, self.normals)
+        )
+        return Course(places, _unit(normals))
+
+
+def course_of(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> Course:
+    """Return the way of a flow line in the flow's direction, however it was walked."""
+    order = slice(None) if line.times[-1] >= 0 else slice(None, None, -1)
+    normals = _normals(mesh, line.faces, line.barycentric)
+    return Course(line.positions[order] / mesh.length_scale, normals[order])
+
+
+def course_through(mesh: TriangleMesh, places: FloatArray) -> Course:
+    """The way through places (K, 3) on a surface, in the mesh's units."""
+    found = abfm.maps.project_onto_surface(mesh, places)
+    return Course(places / mesh.length_scale, _normals(mesh, found.faces, found.barycentric))
+
+
+def _normals(mesh: TriangleMesh, faces: IntArray, barycentric: FloatArray) -> FloatArray:
+    """Return unit normals at points of a surface, which turn smoothly from face to face, (K, 3)."""
+    return _unit(np.einsum("kc,kcx->kx", barycentric, _vertex_normals(mesh)[mesh.faces[faces]]))
+
+
+@per_mesh
+def _vertex_normals(mesh: TriangleMesh) -> FloatArray:
+    return _outward(mesh) * abfm.functions.vertex_normals(mesh)
+
+
+def _outward(mesh: TriangleMesh) -> int:
+    return -1 if mesh.is_inside_out else 1
+
+
+@per_mesh
+def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
+    """Find the largest face in each cube of a grid, finer with the density, 0 to 1."""
+    centers = mesh.vertices[mesh.faces].mean(axis=1) / mesh.length_scale
+    density = min(max(density, 0.0), 1.0)
+    side = 0.12 * (0.15 / 0.12) ** (1 - density) * 10 ** (-0.9 * density)
+    by_size = np.argsort(-abfm.calculus.face_areas(mesh), kind="stable")
+    cells = np.floor(centers[by_size] / side).astype(np.int64)
+    return np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]])
+
+
+def arrow_courses(
+    mesh: TriangleMesh, velocity: FloatArray, length: float, density: float
+) -> list[Course]:
+    """Find pieces of a field's (F, 3) flow lines; the length is that of the fast ones."""
+    speed = np.linalg.norm(velocity, axis=1)
+    faces = evenly_spread(mesh, density)
+    if not speed[faces].any():
+        faces = np.array([speed.argmax()])
+    if not speed[faces].any():
+        return []
+    fast = np.percentile(speed[faces][speed[faces] > 0], _FAST)  # the speed of slivers runs wild
+    faces = faces[speed[faces] > _SLOW * fast]
+    capped = velocity / np.maximum(fast, speed / _LONGEST)[:, None]
+    starts = abfm.maps.SurfacePoints(mesh, faces, np.full((len(faces), 3), 1 / 3))
+    lines = abfm.flow.flow_lines(mesh, capped, starts, length * mesh.length_scale)
+    return [course_of(mesh, line) for line in lines if len(line.times) > 1]
+
+
+def arrow_ribbons(courses: Sequence[Course], half_width: float) -> Triangles:
+    """Make an arrow along each way, thinner where the way is too short for its head."""
+    if not courses:
+        return _joined([])
+    lengths = np.array([course.lengths[-1] for course in courses])
+    heads = np.minimum(_HEAD_LENGTH * half_width, _LONGEST_HEAD * lengths)
+    along_shaft, along_head = np.linspace(0, 1, _SHAFT_NODES), np.linspace(0, 1, _HEAD_NODES)
+    shafts, heads_along = (lengths - heads)[:, None], heads[:, None] * along_head
+    nodes = np.concatenate([shafts * along_shaft, shafts + heads_along], axis=1)
+    found = [course.at(places) for course, places in zip(courses, nodes, strict=True)]
+    places, normals = (
+        np.stack([one.places for one in found]),
+        np.stack([one.normals for one in found]),
+    )
+    thick = heads[:, None] / _HEAD_LENGTH
+    shaft, head = np.s_[:, :_SHAFT_NODES], np.s_[:, _SHAFT_NODES:]
+    shafts_of = _strips(places[shaft], normals[shaft], thick * np.ones(_SHAFT_NODES))
+    heads_of = _strips(places[head], normals[head], _HEAD_WIDTH * thick * (1 - along_head))
+    return _joined([shafts_of, heads_of])
+
+
+def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
+    """A line along each way, with heads that say which way it goes."""
+    parts: list[Triangles] = []
+    shares = np.linspace(0, 1, _HEAD_NODES)
+    for course in courses:
+        length = float(course.lengths[-1])
+        nodes = course.at(np.linspace(0, length, max(int(np.ceil(length / _NODE)), 1) + 1))
+        half_widths = np.full((1, len(nodes.places)), half_width)
+        parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
+        head = min(_HEAD_LENGTH * half_width, _LONGEST_HEAD * length)
+        widest = _HEAD_WIDTH * head / _HEAD_LENGTH
+        count = max(round(length / _APART), 1)
+        for middle in (np.arange(count) + 0.5) * length / count:
+            start = min(max(middle - head / 2, 0.0), length - head)
+            nodes = course.at(start + head * shares)
+            half_widths = widest * (1 - shares)[None]
+            parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
+    return _joined(parts)
+
+
+def isoline_ribbons(
+    mesh: TriangleMesh, values: FloatArray, levels: Sequence[float] | FloatArray, half_width: float
+) -> Triangles:
+    """Strips in triangles where a function (V,) has values; none where it is constant."""
+    corners = mesh.vertices[mesh.faces] / mesh.length_scale
+    normals = _outward(mesh) * abfm.calculus.face_normals(mesh)
+    at_corners = values[mesh.faces]
+    low, high = at_corners.min(axis=1), at_corners.max(axis=1)
+    parts: list[Triangles] = []
+    for level in levels:
+        crossed = np.flatnonzero((low < level) & (level <= high))
+        if crossed.size:
+            triangles = corners[crossed], at_corners[crossed], level, normals[crossed]
+            parts.append(_crossings(*triangles, half_width))
+    return _joined(parts)
+
+
+def _crossings(
+    corners: FloatArray, values: FloatArray, level: float, normals: FloatArray, half: float
+) -> Triangles:
+    """Make strips in triangles (n, 3, 3) where a function (n, 3) at the corners has a value."""
+    above = values >= level
+    alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
+    rows = np.arange(len(corners))
+    start, ends = corners[rows, alone], []
+    for other in ((alone + 1) % 3, (alone + 2) % 3):
+        share = (level - values[rows, alone]) / (values[rows, other] - values[rows, alone])
+        ends.append(start + share[:, None] * (corners[rows, other] - start))
+    along = _unit(ends[1] - ends[0])
+    side, lift = half * np.cross(normals, along), _LIFT * normals
+    # else a gap would show between two strips
+    first, last = ends[0] - half / 2 * along, ends[1] + half / 2 * along
+    around = first - side, last - side, last + side, first + side
+    vertices = np.stack([corner + lift for corner in around], axis=1)
+    faces = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * rows[:, None, None]
+    return vertices.reshape(-1, 3), faces.reshape(-1, 3)
+
+
+def _strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:
+    """Make strips of half widths (n, K) through places (n, K, 3), counterclockwise from outside."""
+    count, nodes = half_widths.shape
+    side = half_widths[:, :, None] * _unit(np.cross(normals, np.gradient(places, axis=1)))
+    middle = places + _LIFT * normals
+    vertices = np.stack([middle - side, middle + side], axis=2).reshape(-1, 3)
+    first = 2 * (np.arange(nodes - 1) + nodes * np.arange(count)[:, None]).reshape(-1, 1)
+    return vertices, np.concatenate([first + np.array([0, 2, 1]), first + np.array([1, 2, 3])])
+
+
+def _joined(parts: list[Triangles]) -> Triangles:
+    if not parts:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    faces = [part + start for (_, part), start in zip(parts, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
 
 
 def draw_arrows(
     name: str, mesh: TriangleMesh, velocity: FloatArray, look: tuple[float, float], color: Rgb
 ) -> None:
     """Show a field (F, 3) as arrows on a surface; the look is their length and density."""
-    courses = ribbons.arrow_courses(mesh, velocity, *look)
-    draw_ribbons(name, mesh, ribbons.arrow_ribbons(courses, _THICK), color)
+    courses = arrow_courses(mesh, velocity, *look)
+    draw_ribbons(name, mesh, arrow_ribbons(courses, _THICK), color)
 
 
-def draw_ribbons(name: str, mesh: TriangleMesh, triangles: ribbons.Triangles, color: Rgb) -> None:
-    """Show ribbons on a surface."""
+def draw_ribbons(name: str, mesh: TriangleMesh, triangles: Triangles, color: Rgb) -> None:
     vertices, faces = triangles
     places = viewport(mesh).drawn(mesh.length_scale * vertices)
     look = {"smooth_shade": False, "material": MATERIAL, "color": color[:3]}
@@ -54,7 +239,6 @@ def draw_ribbons(name: str, mesh: TriangleMesh, triangles: ribbons.Triangles, co
 def draw_points(
     name: str, mesh: TriangleMesh, positions: FloatArray, color: Rgb, radius: float
 ) -> None:
-    """Show points (P, 3) of a surface as balls."""
     places = viewport(mesh).drawn(positions)
     cloud = ps.register_point_cloud(name, places, color=color[:3], material=MATERIAL)
     cloud.reset_transform()
@@ -89,11 +273,10 @@ class Overlays:
             levels = colors.low + (colors.high - colors.low) * shares
             values = np.asarray(paint.values, dtype=np.float64)
             ink = theme.linear(theme.palette(view.theme).ink)
-            lines = ribbons.isoline_ribbons(mesh, values, levels, _ISOLINE)
+            lines = isoline_ribbons(mesh, values, levels, _ISOLINE)
             draw_ribbons(name, mesh, lines, ink)
 
     def _draw_of_flow(self, mesh: TriangleMesh, of_flow: bool, has_source: bool) -> None:
-        """Show arrows, flow lines, and points that are followed."""
         quantities, view = self._shown.quantities, self._shown.session.view
         colors, look = theme.palette(view.theme), (view.arrow_length, view.arrow_density)
         field = quantities.field() if view.arrows and of_flow else None
@@ -108,8 +291,8 @@ class Overlays:
             (_PATHS, paths),
         ):
             if self._is_new(name, (curves, view.theme) if curves else None):
-                courses = [ribbons.course_of(mesh, line) for line in curves if len(line.times) > 1]
-                draw_ribbons(name, mesh, ribbons.line_ribbons(courses, _THIN), marker)
+                courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]
+                draw_ribbons(name, mesh, line_ribbons(courses, _THIN), marker)
         time = self._shown.flow.time
         if self._is_new(_NOW, (paths, time, view.theme) if paths else None):
             places = np.array([path.at(time) for path in paths])
@@ -119,7 +302,6 @@ class Overlays:
             draw_points(_START, mesh, places, marker, _POINT)
 
     def structures(self) -> Iterator[Placed]:
-        """List what is drawn now."""
         for name in self._drawn:
             surface = "source" if name == _START else "advected"
             surface = name.removeprefix(_ISOLINES) if name.startswith(_ISOLINES) else surface

@@ -35,8 +35,6 @@ _POINTS_OF_A_RIM = 32
 
 @dataclass(frozen=True, eq=False)
 class Hit:
-    """A point of a surface under the mouse."""
-
     surface: str
     point: Point
     vertex: int
@@ -69,7 +67,6 @@ class Scene:
         opengl.clear()
 
     def update(self, rect: Rect) -> None:
-        """Make polyscope's structures show the session, in a rectangle of the window."""
         session, view = self._session, self._session.view
         session.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
@@ -156,7 +153,6 @@ class Scene:
         return bool(((sides >= 0).all(axis=1) | (sides <= 0).all(axis=1)).any())
 
     def _picked(self, position: Place) -> Hit | None:
-        """The point of a surface under a place of the window."""
         hit = ps.pick(screen_coords=position)
         if hit.is_hit and hit.structure_name not in self.names:
             with self.overlays.hidden():
@@ -173,7 +169,6 @@ class Scene:
         return self._hit(name, face, inside / inside.sum())
 
     def nearest(self, name: str, position: FloatArray) -> Hit:
-        """The point of a surface nearest to a place in the mesh's own coordinates."""
         found = abfm.maps.project_onto_surface(self._meshes[name], position[None])
         return self._hit(name, int(found.faces[0]), found.barycentric[0])
 
@@ -197,7 +192,6 @@ class Scene:
         return front
 
     def _register(self, meshes: dict[str, TriangleMesh]) -> None:
-        """Have surfaces of these meshes by their names, and no others."""
         if meshes == self._meshes and [*meshes] == [*self._meshes]:
             return
         gone = [name for name, mesh in self._meshes.items() if meshes.get(name) is not mesh]
@@ -215,7 +209,6 @@ class Scene:
         self._placing.forget()
 
     def _restyle(self) -> None:
-        """Wireframe and shading."""
         view = self._session.view
         edges = {
             name: edge_width(len(mesh.faces), self.view.scale) if view.wireframe else 0.0
@@ -229,11 +222,9 @@ class Scene:
 
     @property
     def _viewport(self) -> Viewport:
-        """Return that of the document's surface, in whose units targets of looks are."""
         return viewport(self._session.surface().mesh)
 
     def _look(self, rect: Rect, front: Front) -> None:
-        """Decide where everything is to be seen."""
         view, look, mesh = self._session.view, self.look, self._session.surface().mesh
         assert look is not None
         if self._fitted_to != (mesh, front):
@@ -254,7 +245,6 @@ class Scene:
         self.view = self._fit.view(places, look.front, zoom, drawn)
 
     def _place(self) -> None:
-        """Put everything there."""
         if not self.names:
             return
         turned = np.eye(4)
@@ -292,7 +282,6 @@ class Placing:
         self._done: dict[str, tuple[object, int]] = {}
 
     def forget(self) -> None:
-        """Do all of it again: surfaces were registered anew."""
         self._done = {}
 
     def place(self, view: SlotView, turned: FloatArray, structures: Iterable[Placed]) -> None:
@@ -303,7 +292,12 @@ class Placing:
         if seen != self._seen:
             self._seen = seen
             self._count += 1
-            _face(view, window)
+            # in parallel projection along z, the window's middle at 0
+            half, radius = window[1] / (2 * view.scale), view.radius
+            ps.set_view_projection_mode("orthographic")
+            ps.set_length_scale(radius)  # it sees 20 times as far, and twice as high
+            ps.set_vertical_fov_degrees(float(np.degrees(2 * np.arctan(half / (2 * radius)))))
+            ps.look_at_dir((0.0, 0.0, _AWAY * radius), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
             self._place_planes(view, window)
         for surface, name, version, structure in structures:
             if self._done.get(name) == (version, self._count):
@@ -342,13 +336,3 @@ class Placing:
 def _sides(view: SlotView, name: str) -> tuple[_Side, ...]:
     left, top, right, bottom = view.slots[name].rect
     return (0, left, 1), (0, right, -1), (1, top, -1), (1, bottom, 1)
-
-
-def _face(view: SlotView, window: tuple[int, int]) -> None:
-    """Make polyscope draw slots: in parallel projection along z, the window's middle at 0."""
-    half = window[1] / (2 * view.scale)
-    ps.set_view_projection_mode("orthographic")
-    ps.set_length_scale(view.radius)  # it sees 20 times as far,
-    # and twice as high
-    ps.set_vertical_fov_degrees(float(np.degrees(2 * np.arctan(half / (2 * view.radius)))))
-    ps.look_at_dir((0.0, 0.0, _AWAY * view.radius), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))

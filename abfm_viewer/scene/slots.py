@@ -31,7 +31,6 @@ class Slot:
 
     @property
     def middle(self) -> Place:
-        """Return where the target of the surface is."""
         left, top, right, bottom = self.rect
         return (left + right) / 2, (top + bottom) / 2
 
@@ -120,7 +119,6 @@ class SlotView:
 
     @property
     def is_clipped(self) -> bool:
-        """Return whether surfaces may go beyond their slots."""
         return self.zoom > 1 or bool(np.abs(self.target - self.home).max() > 1e-9 * self.radius)
 
     @property
@@ -161,7 +159,6 @@ class SlotView:
         return min(self.slots, key=distance)
 
     def turned(self, name: str, start: Place, end: Place) -> Self:
-        """After the mouse dragged the ball around a surface."""
         one, other = (self._on_ball(name, place) for place in (start, end))
         axis = np.cross(one, other)
         sine = float(np.linalg.norm(axis))

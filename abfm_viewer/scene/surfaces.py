@@ -1,4 +1,4 @@
-"""Meshes as polyscope draws them: coordinates, creases, styles and paints."""
+"""Meshes as polyscope draws them: coordinates, creases, styles, paints, and cameras of sheets."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from abfm.mesh.topology import connected, edge_slots
 from abfm.types import FloatArray, IntArray
 from abfm_viewer.appearance.colormaps import CHECKER_COLORS, DARK_CHECKER_COLORS, loaded_name
 from abfm_viewer.appearance.theme import linear, palette
-from abfm_viewer.document.document import Theme
+from abfm_viewer.document.document import Front, Theme, Triple, triple
 from abfm_viewer.scene.opengl import MATERIAL, ps
 from abfm_viewer.shown.paint import Paint
 
@@ -36,11 +36,9 @@ class Viewport:
         self.length = mesh.length_scale
 
     def drawn(self, points: FloatArray) -> FloatArray:
-        """Return points (..., 3) as polyscope draws them."""
         return (points - self.center) / self.length
 
     def undrawn(self, points: FloatArray) -> FloatArray:
-        """Return points (..., 3) in the mesh's units: the inverse of `drawn`."""
         return self.center + self.length * points
 
 
@@ -162,3 +160,41 @@ def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) ->
         look |= {"cmap": loaded_name(paint.colors.colormap)}
         ends = paint.colors.low, paint.colors.high
         surface.add_scalar_quantity(kind, values, vminmax=ends, **look)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where it is, what it looks at, its vertical angle in degrees, width over height."""
+
+    position: Triple
+    target: Triple
+    front: Front
+    angle: float
+    aspect: float
+
+
+def fitted(
+    vertices: FloatArray, front: Front, aspect: float | None, angle: float, margin: float
+) -> Camera:
+    """Find the nearest camera that sees all vertices (V, 3); the margin is a share of them."""
+    x, y, z = front.axes @ vertices.T
+    middle = np.array([(values.min() + values.max()) / 2 for values in (x, y, z)])
+    half_width, half_height = np.abs(x - middle[0]), np.abs(y - middle[1])
+    if aspect is None:
+        aspect = float(half_width.max() / half_height.max())
+    extent = np.maximum(half_width / aspect, half_height) * (1 + 2 * margin)
+    distance = float((z - middle[2] + extent / np.tan(np.radians(angle / 2))).max())
+    target = middle @ front.axes
+    position = target + distance * np.array(front.direction)
+    return Camera(triple(position), triple(target), front, angle, aspect)
+
+
+def look(camera: Camera, mesh: TriangleMesh) -> None:
+    """Make polyscope draw what a camera sees of a mesh, and no farther."""
+    places = viewport(mesh).drawn(mesh.vertices)
+    low, high = places.min(axis=0), places.max(axis=0)
+    ps.set_bounding_box(low, high)
+    ps.set_length_scale(2 * float(np.linalg.norm(high - low)))
+    position, target = viewport(mesh).drawn(np.array([camera.position, camera.target]))
+    ps.set_vertical_fov_degrees(camera.angle)
+    ps.look_at_dir(position, target, np.array(camera.front.up))

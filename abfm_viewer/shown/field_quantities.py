@@ -48,7 +48,6 @@ class Field:
 
 
 def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
-    """A part of one of the flow's fields, or the field that commutes with it (see `commuting`)."""
     velocity, shares, note = flow.velocity[segment], {}, ""
     if part == "commuting":
         velocity, bracket = commuting(flow, segment)
@@ -102,7 +101,6 @@ class Streaks:
     images: NDArray[np.uint8]
 
     def at(self, phase: float) -> NDArray[np.uint8]:
-        """The texture of a phase from 0 to 1."""
         place = phase % 1 * len(self.images)
         before, share = int(place), place % 1
         first: NDArray[np.uint8] = self.images[before % len(self.images)]
@@ -153,12 +151,10 @@ class FieldQuantities(Jobs):
 
     @property
     def finding(self) -> bool:
-        """Return whether the field that the view asks for is still to come."""
         return self._field.busy
 
     @property
     def convolving(self) -> bool:
-        """Return whether streaks that the view asks for are still to come."""
         return self._streaks.busy
 
     def field(self) -> Field | None:
@@ -178,7 +174,6 @@ class FieldQuantities(Jobs):
         return self._field.newest(flow.mesh, key, lambda: field_part(*key))
 
     def scalar(self) -> FloatArray | None:
-        """Divergence or curl of the field at the vertices, (V,)."""
         field, kind = self.field(), self._session.view.coloring
         if field is None:
             return None

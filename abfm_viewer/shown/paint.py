@@ -24,8 +24,6 @@ _SQUARES = 20  # of a checkerboard, across a mesh as it is seen from the front
 
 @dataclass(frozen=True, eq=False)
 class Paint:
-    """One surface's colours."""
-
     kind: PaintKind
     # (V,), (F,), linear (V, 3), places (V, 2) in a checkerboard, or texture (size, size, 3)
     values: FloatArray | NDArray[np.float32]
@@ -148,7 +146,6 @@ class Painter:
         return self._kept["advected"].get((source, title, *self._look), make)
 
     def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint:
-        """Coordinates as colours, or as places in a checkerboard."""
         kind, theme = self._session.view.coloring, self._session.view.theme
         surface = self._session.surface(name)
         mesh, front = surface.mesh, surface.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
@@ -192,7 +189,7 @@ class Painter:
             return self._without_values(name)
         if values is None:
             return None
-        return self._function(name, values, _labelled(name, transport.is_behind), colors)
+        return self._function(name, values, _labelled(name, transport.busy), colors)
 
     def _error(self, target: FloatArray, advected: FloatArray) -> Paint:
         fixed = self.largest_error
@@ -221,7 +218,6 @@ class Painter:
 
     @property
     def _look(self) -> tuple[str, Theme]:
-        """Return what of the view decides the colours of functions."""
         return self._session.view.colormap, self._session.view.theme
 
     def _ranged(self, low: float, high: float, automatic: str = "") -> ColorRange:

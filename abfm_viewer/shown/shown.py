@@ -18,11 +18,6 @@ class MassTransport(Jobs):
         self._note = Memo[str]()
 
     @property
-    def is_behind(self) -> bool:
-        """Return whether `values` are those of an earlier time."""
-        return self._values.busy
-
-    @property
     def note(self) -> str:
         """Say what transport leaves out of the functions; nothing if nothing."""
         source, target = self._session.values("source"), self._session.values("target")
@@ -50,8 +45,6 @@ class MassTransport(Jobs):
 
 
 class Shown:
-    """What is shown of a session: the flow, what is told of it, and optimal transport."""
-
     def __init__(self, session: Session) -> None:
         self.session = session
         self.flow = ShownFlow(session)
@@ -75,6 +68,5 @@ class Shown:
         return "computing streaks" if self.quantities.convolving else ""
 
     def close(self) -> None:
-        """End all threads."""
         for jobs in (self.quantities, self.mass_transport, self.flow):
             jobs.close()

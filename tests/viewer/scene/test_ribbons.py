@@ -7,7 +7,7 @@ from abfm import TriangleMesh
 from abfm.calculus import face_areas
 from abfm.flow import flow_lines
 from abfm.maps import SurfacePoints
-from abfm_viewer.scene import ribbons
+from abfm_viewer.scene import overlays
 from tests.shapes import icosphere, square
 
 SPHERE = icosphere(4)
@@ -29,18 +29,18 @@ def angles(places):
 
 @pytest.mark.parametrize("duration", [1.0, -1.0])
 def test_a_course_goes_with_the_flow_also_where_it_was_walked_against_it(duration):
-    course = ribbons.course_of(SPHERE, around(duration))
+    course = overlays.course_of(SPHERE, around(duration))
     assert angles(course.places)[-1] > angles(course.places)[0]
     np.testing.assert_allclose(np.linalg.norm(course.normals, axis=1), 1)
     np.testing.assert_allclose(course.normals, UNIT * course.places, atol=0.05)
-    through = ribbons.course_through(SPHERE, UNIT * course.places)
+    through = overlays.course_through(SPHERE, UNIT * course.places)
     np.testing.assert_allclose(through.normals, course.normals, atol=1e-6)
     np.testing.assert_allclose(through.lengths, course.lengths)
 
 
 def test_an_arrow_lies_on_the_surface_from_its_start_to_its_tip():
-    course = ribbons.course_of(SPHERE, around())
-    vertices, faces = ribbons.arrow_ribbons([course, course], HALF)
+    course = overlays.course_of(SPHERE, around())
+    vertices, faces = overlays.arrow_ribbons([course, course], HALF)
     heights = np.linalg.norm(UNIT * vertices, axis=1) - 1
     assert heights.min() > -1e-3  # the sphere of triangles lies below the round one
     assert heights.max() < 0.01
@@ -55,16 +55,16 @@ def test_an_arrow_lies_on_the_surface_from_its_start_to_its_tip():
 
 
 def test_a_short_arrow_is_thin_and_there_may_be_none():
-    course = ribbons.course_of(SPHERE, around(0.01))
-    vertices, _ = ribbons.arrow_ribbons([course], HALF)
+    course = overlays.course_of(SPHERE, around(0.01))
+    vertices, _ = overlays.arrow_ribbons([course], HALF)
     assert np.linalg.norm(vertices - vertices.mean(axis=0), axis=1).max() < 0.01
-    for of_nothing in (ribbons.arrow_ribbons([], HALF), ribbons.line_ribbons([], HALF)):
+    for of_nothing in (overlays.arrow_ribbons([], HALF), overlays.line_ribbons([], HALF)):
         assert [part.shape for part in of_nothing] == [(0, 3), (0, 3)]
 
 
 def test_a_line_has_heads_along_it():
-    course = ribbons.course_of(SPHERE, around(3.0))
-    vertices, faces = ribbons.line_ribbons([course], HALF)
+    course = overlays.course_of(SPHERE, around(3.0))
+    vertices, faces = overlays.line_ribbons([course], HALF)
     assert faces.max() == len(vertices) - 1
     height = np.interp(angles(vertices), angles(course.places), course.places[:, 2])
     off = np.abs(vertices[:, 2] - height)
@@ -76,7 +76,7 @@ def test_a_line_has_heads_along_it():
 def test_isolines_are_where_the_function_has_their_values():
     mesh = square(20)
     x = mesh.vertices[:, 0]
-    vertices, faces = ribbons.isoline_ribbons(mesh, x, [0.25, 0.6], HALF)
+    vertices, faces = overlays.isoline_ribbons(mesh, x, [0.25, 0.6], HALF)
     off = np.abs(mesh.length_scale * vertices[:, :1] - [0.25, 0.6]).min(axis=1)
     assert off.max() < 2 * HALF * mesh.length_scale
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
@@ -87,18 +87,18 @@ def test_isolines_are_where_the_function_has_their_values():
 def test_a_constant_function_has_no_isolines():
     mesh = square(6)
     flat = np.where(mesh.vertices[:, 0] > 0.5, 1.0, 0.5)
-    _, faces = ribbons.isoline_ribbons(mesh, flat, [0.5, 1.0], HALF)
+    _, faces = overlays.isoline_ribbons(mesh, flat, [0.5, 1.0], HALF)
     in_flat_parts = np.ptp(flat[mesh.faces], axis=1) == 0
     assert 0 < len(faces) <= 4 * (~in_flat_parts).sum()
-    assert len(ribbons.isoline_ribbons(mesh, np.ones(len(flat)), [1.0], HALF)[1]) == 0
+    assert len(overlays.isoline_ribbons(mesh, np.ones(len(flat)), [1.0], HALF)[1]) == 0
 
 
 def test_lines_lie_outside_a_surface_that_is_inside_out():
     inside_out = TriangleMesh(SPHERE.vertices, SPHERE.faces[:, ::-1])
-    course = ribbons.course_through(inside_out, SPHERE.vertices[[0, 20, 40]])
+    course = overlays.course_through(inside_out, SPHERE.vertices[[0, 20, 40]])
     assert (course.normals * course.places).sum(axis=1).min() > 0
     lowest = [
-        np.linalg.norm(ribbons.isoline_ribbons(mesh, z, [0.0, 0.5], HALF)[0], axis=1).min()
+        np.linalg.norm(overlays.isoline_ribbons(mesh, z, [0.0, 0.5], HALF)[0], axis=1).min()
         for mesh, z in ((inside_out, inside_out.vertices[:, 2]), (SPHERE, SPHERE.vertices[:, 2]))
     ]
     assert lowest[0] == pytest.approx(lowest[1])
@@ -110,12 +110,12 @@ ROTATION = np.cross([0, 0, 1.0], COARSE.vertices[COARSE.faces].mean(axis=1))
 
 def lengths(velocity):
     """Of the arrows of a field, where the fast ones are to be 0.1 long."""
-    courses = ribbons.arrow_courses(COARSE, velocity, 0.1, 0.5)
+    courses = overlays.arrow_courses(COARSE, velocity, 0.1, 0.5)
     return np.array([course.lengths[-1] for course in courses])
 
 
 def test_faces_are_spread_and_the_largest_of_their_places():
-    faces = [ribbons.evenly_spread(COARSE, density) for density in (0.0, 0.5, 1.0)]
+    faces = [overlays.evenly_spread(COARSE, density) for density in (0.0, 0.5, 1.0)]
     assert len(faces[0]) < len(faces[1]) < len(faces[2])
     for chosen in faces:
         assert len(np.unique(chosen)) == len(chosen)
@@ -123,7 +123,7 @@ def test_faces_are_spread_and_the_largest_of_their_places():
 
 
 def test_arrows_go_with_the_field_and_stay_on_the_surface():
-    for course in ribbons.arrow_courses(COARSE, ROTATION, 0.1, 0.5):
+    for course in overlays.arrow_courses(COARSE, ROTATION, 0.1, 0.5):
         places = COARSE.length_scale * course.places
         assert np.linalg.norm(places, axis=1).max() <= 1 + 1e-9
         assert np.linalg.norm(places, axis=1).min() > 0.98
@@ -135,7 +135,7 @@ def test_arrows_go_with_the_field_and_stay_on_the_surface():
 def test_the_fast_ones_have_the_full_length_and_one_outlier_leaves_them_that():
     velocity = ROTATION.copy()
     assert lengths(velocity).max() == pytest.approx(0.1, rel=0.05)
-    velocity[ribbons.evenly_spread(COARSE, 0.5)[3]] *= 1e6
+    velocity[overlays.evenly_spread(COARSE, 0.5)[3]] *= 1e6
     assert np.sort(lengths(velocity))[-2] == pytest.approx(0.1, rel=0.1)
     assert lengths(velocity).max() < 0.13
     np.testing.assert_allclose(lengths(1e-100 * velocity), lengths(velocity), rtol=1e-6)
@@ -143,7 +143,7 @@ def test_the_fast_ones_have_the_full_length_and_one_outlier_leaves_them_that():
 
 def test_a_field_that_moves_nothing_but_one_face_has_one_arrow_in_it():
     velocity = np.zeros((len(COARSE.faces), 3))
-    hidden = np.setdiff1d(np.arange(len(COARSE.faces)), ribbons.evenly_spread(COARSE, 0.5))[0]
+    hidden = np.setdiff1d(np.arange(len(COARSE.faces)), overlays.evenly_spread(COARSE, 0.5))[0]
     a, b, _ = COARSE.vertices[COARSE.faces[hidden]]
     velocity[hidden] = 1e-100 * (b - a)
     assert len(lengths(velocity)) == 1
@@ -152,12 +152,12 @@ def test_a_field_that_moves_nothing_but_one_face_has_one_arrow_in_it():
 
 
 def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge():
-    courses = ribbons.arrow_courses(COARSE, ROTATION, 0.1, 0.5)
+    courses = overlays.arrow_courses(COARSE, ROTATION, 0.1, 0.5)
     levels = np.linspace(-0.5, 0.5, 5)
     for vertices, faces in (
-        ribbons.arrow_ribbons(courses, 0.005),
-        ribbons.line_ribbons(courses, 0.005),
-        ribbons.isoline_ribbons(COARSE, COARSE.vertices[:, 2], levels, 0.005),
+        overlays.arrow_ribbons(courses, 0.005),
+        overlays.line_ribbons(courses, 0.005),
+        overlays.isoline_ribbons(COARSE, COARSE.vertices[:, 2], levels, 0.005),
     ):
         a, b, c = np.moveaxis(vertices[faces], 1, 0)
         outwards = (np.cross(b - a, c - a) * (a + b + c)).sum(axis=1)

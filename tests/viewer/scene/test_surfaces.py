@@ -15,8 +15,7 @@ from abfm_viewer.document.document import Channel, Document, Front, Surface
 from abfm_viewer.files.project import save_project
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.pictures.sheets import match_picture
-from abfm_viewer.scene.camera import fitted
-from abfm_viewer.scene.surfaces import Viewport, back_faces, drawn_mesh, edge_width
+from abfm_viewer.scene.surfaces import Viewport, back_faces, drawn_mesh, edge_width, fitted
 from tests.shapes import disc, ellipsoid, icosphere, open_cylinder, torus
 
 EGG = ellipsoid(3, 1.0, 0.7, 0.55)

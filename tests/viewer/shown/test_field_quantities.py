@@ -240,10 +240,10 @@ def test_optimal_transport_at_a_time_after_another_one_was_asked_for(session, sh
     until(lambda: values(0.5) is not None, session)
     half = values(0.5)
     until(lambda: values(0.9) is half and begun.is_set(), session)
-    assert transport.is_behind
+    assert transport.busy
     assert values(0.5) is half
     may_end.set()
     until(lambda: not transport._values.is_at_work, session)
     assert values(0.5) is half
-    assert not transport.is_behind
+    assert not transport.busy
     until(lambda: values(0.9) is not half, session)
