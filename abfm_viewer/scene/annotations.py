@@ -91,8 +91,7 @@ def bar_parts(
         indent = (right - left - pen.width(title)) / 2 if pen.tick else 0.0
         found.append(Text(left + indent, top - gap - pen.line, title, inks.muted))
     length = bottom - top if upright else right - left
-    round_numbers = _round_numbers(colors, length, pen, upright) if pen.tick else None
-    for value in round_numbers or _ends_and_middle(colors, length, pen):
+    for value in _numbers(colors, length, pen, upright):
         text = f"{value:.4g}" if pen.tick else f"{value:.3g}"
         along = (value - colors.low) / (colors.high - colors.low) * length
         x, y = (right, bottom - along) if upright else (left + along, bottom)
@@ -113,15 +112,15 @@ def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> li
     """Lay out bars as high as a line; in little room with shorter titles or none."""
     left, top, right, bottom = rect
     gap, apart, thin = 2 * _GAP * pen.scale, _APART * pen.scale, pen.line / 4
-    inks, count = pen.inks, len(ranges)
+    inks, wholes, count = pen.inks, list(ranges), len(ranges)
     ends = [(f"{colors.low:.3g}", f"{colors.high:.3g}") for colors in ranges.values()]
+    shortest = _SHORTEST * pen.scale
+    least = [shortest + pen.width(low) + pen.width(high) + 2 * gap for low, high in ends]
     room = right - left - max(count - 1, 0) * apart
-    for titles in _shorter(list(ranges)):
+    short = [title.split(",")[0] for title in wholes]
+    for titles in (wholes, *(short[:k] + [""] * (count - k) for k in range(count, -1, -1))):
         starts = [pen.width(title) + 2 * gap if title else 0.0 for title in titles]
-        needed = [
-            _SHORTEST * pen.scale + pen.width(low) + pen.width(high) + 2 * gap + start
-            for start, (low, high) in zip(starts, ends, strict=True)
-        ]
+        needed = list(map(sum, zip(least, starts, strict=True)))
         if sum(needed) <= room:
             break
     spare = min((room - sum(needed)) / max(count, 1), _LONGEST * pen.scale)
@@ -142,30 +141,21 @@ def bars_in_a_line(ranges: Mapping[str, ColorRange], rect: Rect, pen: Pen) -> li
     return found
 
 
-def _shorter(titles: list[str]) -> Iterator[list[str]]:
-    """Yield the titles, then cut at commas, then ever less of them."""
-    yield titles
-    short = [title.split(",")[0] for title in titles]
-    for count in range(len(titles), -1, -1):
-        yield [*short[:count], *("" for _ in short[count:])]
-
-
-def _ends_and_middle(colors: ColorRange, length: float, pen: Pen) -> list[float]:
-    """Without the middle where it would be crowded."""
-    ends = [colors.low, (colors.low + colors.high) / 2, colors.high]
+def _numbers(colors: ColorRange, length: float, pen: Pen, upright: bool) -> list[float]:
+    """Choose numbers that stand apart: round ones if there are ticks, else ends and middle."""
+    low, high = colors.low, colors.high
+    if pen.tick:
+        values = ticks(low, high)
+        step = values[1] - values[0]
+        widest = max(pen.width(f"{value:.4g}") for value in values)
+        needed = pen.line if upright else widest + pen.line / 2
+        every = math.ceil(needed * (high - low) / (step * length))
+        if found := [value for value in values if round(value / step) % every == 0]:
+            return found
+    ends = [low, (low + high) / 2, high]
     first, middle, last = (pen.width(f"{value:.3g}") for value in ends)
-    crowded = (length - middle) / 2 < max(first, last) + pen.line / 2
-    return ends[::2] if crowded else ends
-
-
-def _round_numbers(colors: ColorRange, length: float, pen: Pen, upright: bool) -> list[float]:
-    """Choose of a range's ticks all, or every second, third, ... so that numbers stand apart."""
-    values = ticks(colors.low, colors.high)
-    step = values[1] - values[0]
-    widest = max(pen.width(f"{value:.4g}") for value in values)
-    needed = pen.line if upright else widest + pen.line / 2
-    every = math.ceil(needed * (colors.high - colors.low) / (step * length))
-    return [value for value in values if round(value / step) % every == 0]
+    is_crowded = (length - middle) / 2 < max(first, last) + pen.line / 2
+    return ends[::2] if is_crowded else ends
 
 
 def ticks(low: float, high: float) -> list[float]:
@@ -257,18 +247,16 @@ def tell_what_is_cut(scene: Scene, parts: Sequence[Part], pen: Pen) -> None:
     """Show the whole name of a surface or title of a bar where the mouse is at one that is cut."""
     if imgui.GetIO().WantCaptureMouse:
         return
-    places = []
-    for _, title, (left, top, right, bottom) in _titles(scene):
-        if pen.width(title) > right - left - 4 * pen.scale:
-            places.append((title, (left, top, right, bottom)))
-    for one in parts:
-        if isinstance(one, Strip) and one.title:
-            left, top, right, bottom = one.rect
-            around = (left - pen.line, top - pen.line, right + pen.line, bottom + pen.line)
-            places.append((one.title, around))
-    for title, (left, top, right, bottom) in places:
-        x, y = imgui.GetMousePos()
-        if left <= x < right and top <= y < bottom:
+    x, y = imgui.GetMousePos()
+    names = [
+        (title, rect, 0.0)
+        for _, title, rect in _titles(scene)
+        if pen.width(title) > rect[2] - rect[0] - 4 * pen.scale
+    ]
+    bars = [(one.title, one.rect, pen.line) for one in parts if isinstance(one, Strip)]
+    for title, (left, top, right, bottom), around in [*names, *bars]:
+        is_at = left - around <= x < right + around and top - around <= y < bottom + around
+        if title and is_at:
             imgui.SetTooltip(title)
 
 
@@ -285,26 +273,24 @@ class GaussianMarkers:
     """Rings while Shift is held over the surfaces, and where a side has several Gaussians."""
 
     def __init__(self) -> None:
-        self._centres: dict[Side, Memo[tuple[FloatArray, FloatArray] | None]] = {
-            side: Memo() for side in SIDES
-        }
+        self._centres = {side: Memo[tuple[FloatArray, FloatArray] | None]() for side in SIDES}
 
     def draw(self, ui: Ui, session: Session, scene: Scene, rect: Rect) -> None:
         if session.values("source") is None and session.values("target") is None:
             return
         x, y = imgui.GetIO().MousePos
         wanted = imgui.GetIO().KeyShift and rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
+        canvas = imgui.GetBackgroundDrawList()
         for side in SIDES:
-            if side in scene.shown and (found := self._centre(session, side, wanted)):
-                place, normal = found
-                x, y, _ = scene.projected(side, place)[0]
-                left, top, right, bottom = scene.view.slots[side].rect
-                is_in_front = scene.view.rotation[2] @ normal > 0
-                if is_in_front and left <= x <= right and top <= y <= bottom:
-                    for width, color in ((2 * _LINE, ui.colors.ground), (_LINE, ui.colors.ink)):
-                        imgui.GetBackgroundDrawList().AddCircle(
-                            (x, y), ui.px(_RADIUS), _u32(color), 0, ui.px(width)
-                        )
+            if side not in scene.shown or not (found := self._centre(session, side, wanted)):
+                continue
+            place, normal = found
+            x, y, _ = scene.projected(side, place)[0]
+            left, top, right, bottom = scene.view.slots[side].rect
+            is_in_front = scene.view.rotation[2] @ normal > 0
+            if is_in_front and left <= x <= right and top <= y <= bottom:
+                for width, color in ((2 * _LINE, ui.colors.ground), (_LINE, ui.colors.ink)):
+                    canvas.AddCircle((x, y), ui.px(_RADIUS), _u32(color), 0, ui.px(width))
 
     def _centre(
         self, session: Session, side: Side, wanted: bool

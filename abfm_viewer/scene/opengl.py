@@ -1,8 +1,6 @@
-"""The one door to polyscope: every other file takes `ps` from here.
+"""The one door to polyscope, which would crash without libEGL and not be imported without libX11.
 
-Where the machine cannot draw, importing this file or starting polyscope raises a `DrawingError` of
-one clear line; polyscope itself would crash without libEGL, and could not be imported without
-libX11.
+Where the machine cannot draw, importing this file or starting it is a `DrawingError` of one line.
 """
 
 import ctypes

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -34,7 +33,7 @@ _SLOW, _LONGEST = 0.01, 1.25  # of it: below there is no arrow, and none is long
 _THICK, _THIN, _ISOLINE, _POINT = 0.0035, 0.0025, 0.0016, 0.014
 
 Rgb = Sequence[float]
-Placed = tuple[str, str, object, Any]
+Placed = tuple[str, str, int, Any]
 """A structure's surface, its own name, a version that changes with it, and polyscope's handle."""
 Triangles = tuple[FloatArray, IntArray]  # vertices (V, 3) and faces (F, 3)
 
@@ -162,38 +161,30 @@ def isoline_ribbons(
     mesh: TriangleMesh, values: FloatArray, levels: Sequence[float] | FloatArray, half_width: float
 ) -> Triangles:
     """Strips in triangles where a function (V,) has values; none where it is constant."""
-    corners = mesh.vertices[mesh.faces] / mesh.length_scale
+    corners, at_corners = mesh.vertices[mesh.faces] / mesh.length_scale, values[mesh.faces]
     normals = _outward(mesh) * abfm.calculus.face_normals(mesh)
-    at_corners = values[mesh.faces]
     low, high = at_corners.min(axis=1), at_corners.max(axis=1)
     parts: list[Triangles] = []
     for level in levels:
         crossed = np.flatnonzero((low < level) & (level <= high))
-        if crossed.size:
-            triangles = corners[crossed], at_corners[crossed], level, normals[crossed]
-            parts.append(_crossings(*triangles, half_width))
+        if not crossed.size:
+            continue
+        f, triangles, rows = at_corners[crossed], corners[crossed], np.arange(len(crossed))
+        above = f >= level
+        alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
+        start, ends = triangles[rows, alone], []
+        for other in ((alone + 1) % 3, (alone + 2) % 3):
+            share = (level - f[rows, alone]) / (f[rows, other] - f[rows, alone])
+            ends.append(start + share[:, None] * (triangles[rows, other] - start))
+        along, normal = _unit(ends[1] - ends[0]), normals[crossed]
+        side, lift = half_width * np.cross(normal, along), _LIFT * normal
+        # else a gap would show between two strips
+        first, last = ends[0] - half_width / 2 * along, ends[1] + half_width / 2 * along
+        around = first - side, last - side, last + side, first + side
+        vertices = np.stack([corner + lift for corner in around], axis=1)
+        faces = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * rows[:, None, None]
+        parts.append((vertices.reshape(-1, 3), faces.reshape(-1, 3)))
     return _joined(parts)
-
-
-def _crossings(
-    corners: FloatArray, values: FloatArray, level: float, normals: FloatArray, half: float
-) -> Triangles:
-    """Make strips in triangles (n, 3, 3) where a function (n, 3) at the corners has a value."""
-    above = values >= level
-    alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
-    rows = np.arange(len(corners))
-    start, ends = corners[rows, alone], []
-    for other in ((alone + 1) % 3, (alone + 2) % 3):
-        share = (level - values[rows, alone]) / (values[rows, other] - values[rows, alone])
-        ends.append(start + share[:, None] * (corners[rows, other] - start))
-    along = _unit(ends[1] - ends[0])
-    side, lift = half * np.cross(normals, along), _LIFT * normals
-    # else a gap would show between two strips
-    first, last = ends[0] - half / 2 * along, ends[1] + half / 2 * along
-    around = first - side, last - side, last + side, first + side
-    vertices = np.stack([corner + lift for corner in around], axis=1)
-    faces = np.array([[0, 1, 2], [0, 2, 3]]) + 4 * rows[:, None, None]
-    return vertices.reshape(-1, 3), faces.reshape(-1, 3)
 
 
 def _strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:
@@ -250,8 +241,8 @@ class Overlays:
 
     def __init__(self, shown: Shown) -> None:
         self._shown = shown
-        self._drawn: dict[str, tuple[object, ...]] = {}
-        self._versions: Counter[str] = Counter()
+        self._drawn: dict[str, tuple[str, int, tuple[object, ...]]] = {}  # surface, version
+        self._count = 0
 
     def update(
         self, meshes: Mapping[str, TriangleMesh], paints: Mapping[str, Paint], of_flow: bool
@@ -268,7 +259,7 @@ class Overlays:
         colors = paint.colors if paint and paint.kind == "vertex values" else None
         if not view.isolines or surface == "error" or paint is None or colors is None:
             self._remove(name)
-        elif self._is_new(name, (paint, view.isoline_count, view.theme)):
+        elif self._is_new(surface, name, (paint, view.isoline_count, view.theme)):
             shares = (np.arange(view.isoline_count) + 0.5) / view.isoline_count
             levels = colors.low + (colors.high - colors.low) * shares
             values = np.asarray(paint.values, dtype=np.float64)
@@ -282,7 +273,7 @@ class Overlays:
         field = quantities.field() if view.arrows and of_flow else None
         if field is None or not field.speed.any():
             self._remove(_ARROWS)
-        elif self._is_new(_ARROWS, (field, *look, view.theme)):
+        elif self._is_new("advected", _ARROWS, (field, *look, view.theme)):
             draw_arrows(_ARROWS, mesh, field.velocity, look, theme.linear(colors.ink))
         marker = theme.linear(colors.marker)
         paths = tuple(quantities.paths()) if of_flow else ()
@@ -290,23 +281,21 @@ class Overlays:
             (_LINES, tuple(quantities.lines()) if of_flow else ()),
             (_PATHS, paths),
         ):
-            if self._is_new(name, (curves, view.theme) if curves else None):
+            if self._is_new("advected", name, (curves, view.theme) if curves else None):
                 courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]
                 draw_ribbons(name, mesh, line_ribbons(courses, _THIN), marker)
         time = self._shown.flow.time
-        if self._is_new(_NOW, (paths, time, view.theme) if paths else None):
+        if self._is_new("advected", _NOW, (paths, time, view.theme) if paths else None):
             places = np.array([path.at(time) for path in paths])
             draw_points(_NOW, mesh, places, marker, _POINT)
-        if self._is_new(_START, (paths, view.theme) if paths and has_source else None):
+        if self._is_new("source", _START, (paths, view.theme) if paths and has_source else None):
             places = np.array([path.positions[0] for path in paths])
             draw_points(_START, mesh, places, marker, _POINT)
 
     def structures(self) -> Iterator[Placed]:
-        for name in self._drawn:
-            surface = "source" if name == _START else "advected"
-            surface = name.removeprefix(_ISOLINES) if name.startswith(_ISOLINES) else surface
+        for name, (surface, version, _) in self._drawn.items():
             get = ps.get_point_cloud if name in _POINTS else ps.get_surface_mesh
-            yield surface, name, self._versions[name], get(name)
+            yield surface, name, version, get(name)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
@@ -325,15 +314,16 @@ class Overlays:
         for name in list(self._drawn):
             self._remove(name)
 
-    def _is_new(self, name: str, made_of: tuple[object, ...] | None) -> bool:
+    def _is_new(self, surface: str, name: str, made_of: tuple[object, ...] | None) -> bool:
         """Return whether a structure is to be drawn anew, and remove what is outdated."""
-        if made_of is not None and same(self._drawn.get(name), made_of):
+        if name in self._drawn and same(self._drawn[name][2], made_of):
             return False
         self._remove(name)
-        if made_of is not None:
-            self._drawn[name] = made_of
-            self._versions[name] += 1
-        return made_of is not None
+        if made_of is None:
+            return False
+        self._count += 1
+        self._drawn[name] = surface, self._count, made_of
+        return True
 
     def _remove(self, name: str) -> None:
         if self._drawn.pop(name, None) is not None:

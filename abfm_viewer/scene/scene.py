@@ -11,19 +11,12 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import Document, Front, Look, Point, triple
-from abfm_viewer.scene import opengl
+from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays, Placed
 from abfm_viewer.scene.pacing import Pacing
 from abfm_viewer.scene.slots import Fit, Place, SlotView, rotation, slots
-from abfm_viewer.scene.surfaces import (
-    Viewport,
-    edge_width,
-    register,
-    set_style,
-    show_paint,
-    viewport,
-)
+from abfm_viewer.scene.surfaces import Viewport, viewport
 from abfm_viewer.shown.paint import Paint, Painter
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
@@ -63,7 +56,6 @@ class Scene:
         self._style: object = None
         self._document: Document | None = None
         self._degrees = 0.0
-        self._drawn: dict[str, Paint] = {}
         opengl.clear()
 
     def update(self, rect: Rect) -> None:
@@ -91,15 +83,15 @@ class Scene:
         """Show the surfaces' paints; whether the advected one waits."""
         advected_waits = False
         for name in self.shown:
-            paint, before = self.painter.paint(name), self._drawn.get(name)
+            paint, before = self.painter.paint(name), self.paints.get(name)
             waits = before is not None and self.pacing.waits(name, name == self.shown[0])
             advected_waits = advected_waits or (waits and name == "advected")
             if paint is None or waits:
                 continue
             if name == "advected":
-                self.pacing.count(paint is not self.paints.get(name), paint.kind == "texture")
-            self.paints[name] = self._drawn[name] = paint
-            show_paint(name, self._meshes[name], paint, before)
+                self.pacing.count(paint is not before, paint.kind == "texture")
+            self.paints[name] = paint
+            surfaces.show_paint(name, self._meshes[name], paint, before)
         return advected_waits
 
     @property
@@ -114,10 +106,9 @@ class Scene:
     @property
     def look(self) -> Look | None:
         """Return how the surfaces are seen now; None before they are."""
-        if self._session.view.look is None:
-            front = self._front()
-            return None if front is None else Look(front)
-        return self._session.view.look
+        if look := self._session.view.look:
+            return look
+        return Look(front) if (front := self._front()) else None
 
     def turn(self, degrees: float) -> None:
         """Turn all about their upright axes; picks are wrong then."""
@@ -197,28 +188,27 @@ class Scene:
         gone = [name for name, mesh in self._meshes.items() if meshes.get(name) is not mesh]
         for name in gone:
             ps.remove_surface_mesh(name)
-            self._drawn.pop(name, None)
             self.paints.pop(name, None)
         if gone:
             self.overlays.clear()
         for name, mesh in meshes.items():
             if name in gone or name not in self._meshes:
                 # else a pick near a vertex or an edge has no face
-                register(name, mesh).set_selection_mode("faces_only")
+                surfaces.register(name, mesh).set_selection_mode("faces_only")
         self._meshes, self._style = meshes, None
         self._placing.forget()
 
     def _restyle(self) -> None:
-        view = self._session.view
-        edges = {
-            name: edge_width(len(mesh.faces), self.view.scale) if view.wireframe else 0.0
-            for name, mesh in self._meshes.items()
-        }
+        view, scale = self._session.view, self.view.scale
+        edges = dict.fromkeys(self._meshes, 0.0)
+        if view.wireframe:
+            for name, mesh in self._meshes.items():
+                edges[name] = surfaces.edge_width(len(mesh.faces), scale)
         style = (edges, view.flat, view.theme)
         if style != self._style:
             self._style = style
             for name, width in edges.items():
-                set_style(ps.get_surface_mesh(name), width, view.flat, view.theme)
+                surfaces.set_style(name, width, view.flat, view.theme)
 
     @property
     def _viewport(self) -> Viewport:
@@ -250,10 +240,8 @@ class Scene:
         turned = np.eye(4)
         if self._turns:
             turned[:3, :3] = rotation(self._axis, np.radians(self._degrees))
-        surfaces: list[Placed] = [
-            (name, name, None, ps.get_surface_mesh(name)) for name in self.names
-        ]
-        self._placing.place(self.view, turned, [*surfaces, *self.overlays.structures()])
+        placed = [(name, name, 0, ps.get_surface_mesh(name)) for name in self.names]
+        self._placing.place(self.view, turned, [*placed, *self.overlays.structures()])
 
 
 def _rims(mesh: TriangleMesh, axis: FloatArray) -> FloatArray:
@@ -279,7 +267,7 @@ class Placing:
         self._sides: list[_Side] = []
         self._seen: object = None
         self._count = 0
-        self._done: dict[str, tuple[object, int]] = {}
+        self._done: dict[str, tuple[int, int]] = {}
 
     def forget(self) -> None:
         self._done = {}

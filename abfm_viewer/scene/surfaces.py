@@ -16,10 +16,7 @@ from abfm_viewer.document.document import Front, Theme, Triple, triple
 from abfm_viewer.scene.opengl import MATERIAL, ps
 from abfm_viewer.shown.paint import Paint
 
-_PLAIN: dict[Theme, tuple[float, float, float]] = {
-    "light": (0.8, 0.81, 0.83),
-    "dark": (0.3, 0.3, 0.32),
-}
+_PLAIN = {"light": (0.8, 0.81, 0.83), "dark": (0.3, 0.3, 0.32)}
 _CORNERS = "texture corners"
 _EDGE = 1.0  # polyscope's unit: about a pixel
 _LONG_EDGE, _THINNEST = 12.0, 0.3  # pixels of an edge that is drawn in full width; share of it
@@ -111,8 +108,9 @@ def edge_width(faces: int, scale: float) -> float:
     return _EDGE * min(max(round(length / _LONG_EDGE, 1), _THINNEST), 1.0)
 
 
-def set_style(surface: Any, edges: float, flat: bool, theme: Theme) -> None:
+def set_style(name: str, edges: float, flat: bool, theme: Theme) -> None:
     """Show edges in a width, 0 for none, and faces each in one shade or smoothly."""
+    surface = ps.get_surface_mesh(name)
     surface.set_color(_PLAIN[theme])
     surface.set_edge_color(linear(palette(theme).ink)[:3])
     surface.set_edge_width(edges)

@@ -113,11 +113,10 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """Colours (size, size, 3), linear light, and where the faces' corners lie in them, (3F, 2)."""
+    """Colours (size, size, 3) in linear light, on the streaks' atlas."""
 
     streaks: Streaks
     colors: abfm.streaks.FloatImage
-    corners: FloatArray
 
 
 def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
@@ -220,9 +219,8 @@ class FieldQuantities(Jobs):
             phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
 
         def coloured() -> Texture:
-            atlas = streaks.atlas
-            texture = shown.streak_texture(atlas, streaks.at(phase), values, colors)
-            return Texture(streaks, texture, atlas.corner_coordinates)
+            image = streaks.at(phase)
+            return Texture(streaks, shown.streak_texture(streaks.atlas, image, values, colors))
 
         return self._texture.newest(field, (streaks, values, colors, phase), coloured)
 

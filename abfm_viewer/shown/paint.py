@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -38,7 +39,7 @@ class Painter:
     """Decides all paints, each the same object while what it is made of is."""
 
     def __init__(self, shown: Shown) -> None:
-        self.largest_error: float | None = None
+        self.largest_error: float | None = None  # of a movie, where the range must not change
         self._shown, self._session = shown, shown.session
         self._kept: dict[str, Memo[Paint]] = defaultdict(Memo)
         self._range = Memo[ColorRange]()
@@ -70,18 +71,17 @@ class Painter:
 
     def _without_values(self, name: str) -> Paint:
         count, title = len(self._session.surface(name).mesh.vertices), f"{name}: no values"
-        made_of = (count, title)
-        return self._kept[name].get(
-            made_of, lambda: Paint("colors", np.full((count, 3), _NO_VALUES), title)
-        )
+
+        def make() -> Paint:
+            return Paint("colors", np.full((count, 3), _NO_VALUES), title)
+
+        return self._kept[name].get((count, title), make)
 
     def _function(
         self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = "function"
     ) -> Paint:
-        made_of = (values, title, colors)
-        return self._kept[name].get(
-            made_of, lambda: Paint("vertex values", values, title, colors, bar)
-        )
+        make = partial(Paint, "vertex values", values, title, colors, bar)
+        return self._kept[name].get((values, title, colors), make)
 
     def _plain(self, advected: FloatArray, colors: ColorRange) -> Paint:
         """Show the function, also where what the view asks for is still to come."""
@@ -167,8 +167,9 @@ class Painter:
         title = self._extrapolated("advected")
 
         def make() -> Paint:
-            told = _with_range(title, advected, colors)
-            return Paint("texture", texture.colors, told, colors, "function", texture.corners)
+            told, atlas = _with_range(title, advected, colors), texture.streaks.atlas
+            look = (colors, "function", atlas.corner_coordinates)
+            return Paint("texture", texture.colors, told, *look)
 
         return self._kept["advected"].get((texture, title, colors), make)
 

@@ -128,10 +128,8 @@ class Carried:
         self.behind = state.final and self._span.busy
         if known is None:
             return None
-        values = None
-        if settled and state.final and not self._span.busy and time <= known.times[-1]:
-            values = exact()
-        if values is not None:
+        is_known = state.final and not self._span.busy and time <= known.times[-1]
+        if settled and is_known and (values := exact()) is not None:
             return values
         return self._blended.get((known, time), partial(known.at, time))
 
@@ -160,9 +158,8 @@ class ShownFlow(Jobs):
         self, found: abfm.Match | abfm.Iteration, parameters: Parameters, final: bool
     ) -> FlowState:
         mesh = self._session.surface().mesh
-        return self._state.get(
-            (found,), lambda: FlowState(mesh, lambda: found.velocity, parameters, final)
-        )
+        make = partial(FlowState, mesh, lambda: found.velocity, parameters, final)
+        return self._state.get((found,), make)
 
     @property
     def time(self) -> float:
@@ -183,7 +180,7 @@ class ShownFlow(Jobs):
             found: abfm.Match | abfm.Iteration | None = None
             if flow.final:
                 found = None if session.outdated else session.result
-            elif snapshot is not None and len(snapshot.problem.channels) == len(session.channels):
+            elif snapshot and len(snapshot.problem.channels) == len(session.channels):
                 found = snapshot.shown
             if found is not None:
                 columns = found.advected
@@ -206,10 +203,11 @@ class ShownFlow(Jobs):
         source = session.values("source")
         if state is None or source is None or not state.final:
             return True
-        is_ready = self._source.is_ready(state, source)
-        if session.view.coloring not in ("coordinates", "checker"):
-            return is_ready
-        return is_ready and self._coordinates.is_ready(state, session.surface().mesh.vertices)
+        of_places = session.view.coloring in ("coordinates", "checker")
+        places = session.surface().mesh.vertices
+        return self._source.is_ready(state, source) and (
+            not of_places or self._coordinates.is_ready(state, places)
+        )
 
     @property
     def settled(self) -> bool:
