@@ -8,21 +8,12 @@ from abfm.errors import MeshError, did_you_mean
 def asset_names() -> list[str]:
     """Return the file names of the shipped meshes and vertex permutations, sorted."""
     folder = _folder()
-    return (
-        sorted(file.name for file in folder.iterdir() if file.suffix != ".md")
-        if folder.is_dir()
-        else []
-    )
+    files = folder.iterdir() if folder.is_dir() else ()
+    return sorted(file.name for file in files if file.suffix != ".md")
 
 
 def asset_path(name: str) -> Path:
-    """Return the path of a shipped file, for example ``asset_path("human_A.off")``.
-
-    Raises
-    ------
-    MeshError
-        If there is no such file; suggests the nearest name.
-    """
+    """Return the path of a shipped file, such as ``human_A.off``; MeshError if there is none."""
     names = asset_names()
     if name not in names:
         known = ", ".join(names) or "none"

@@ -76,11 +76,13 @@ def measured(levels: Sequence[Case], found: Sequence[FloatArray]) -> list[Measur
     bracket = f"{name}: bracket norm relative to both fields"
     exchange = f"{name}: distance of the ends when the two flows are exchanged, over the way"
     rough = f"{name}: roughness of u, squared div and curl times area over squared norm"
+    areas, coefficients = face_areas(mesh), to_frame(mesh, u).ravel()
+    energy = float(coefficients @ (hodge_laplacian(mesh) @ coefficients))
     measures = [
         Measure(bracket, brackets[-1], "u commutes with v", commutes),
         Measure(f"{same} smoothest fields orthogonal to v", usual),
         Measure(exchange, exchanged(mesh, v, u)),
-        Measure(rough, roughness(mesh, u)),
+        Measure(rough, energy * float(areas.sum()) / float(areas @ (u**2).sum(axis=1))),
     ]
     errors = [distance(level.mesh, w, level.u) for level, w in pairs if level.u is not None]
     if errors:
@@ -99,14 +101,6 @@ def distance(mesh: TriangleMesh, u: FloatArray, exact: FloatArray) -> float:
     """Return the relative L2 error of a field that is determined up to a factor."""
     scaled, found = (fields.with_speed(mesh, field, _SPEED) for field in (exact, u))
     return min(fields.relative_norm(mesh, found - signed, signed) for signed in (scaled, -scaled))
-
-
-def roughness(mesh: TriangleMesh, u: FloatArray) -> float:
-    """Return the Hodge energy of a field over its squared norm, times the area."""
-    areas = face_areas(mesh)
-    coefficients = to_frame(mesh, u).ravel()
-    energy = float(coefficients @ (hodge_laplacian(mesh) @ coefficients))
-    return energy * float(areas.sum()) / float(areas @ (u**2).sum(axis=1))
 
 
 def exchanged(mesh: TriangleMesh, v: FloatArray, u: FloatArray) -> float:
@@ -138,22 +132,17 @@ def on_gourd(frequency: int) -> Case:
     """Return a gourd's: it commutes with the first eigenfunction's gradient along meridians."""
     mesh = gourd(frequency)
     polar, slope, rough = first_on_meridian()
-    points = fields.centres(mesh)
-    angle = np.arccos(points[:, 1] / np.linalg.norm(points, axis=1))
-    u = along_meridian(points, angle) * np.interp(angle, polar, slope)[:, None]
-    return Case("surface of revolution", mesh, rotation(mesh), fields.tangent(mesh, u), rough)
-
-
-def along_meridian(points: FloatArray, angle: FloatArray) -> FloatArray:
-    """Return unit tangents of the gourd's meridians, away from the upper pole."""
-    step = 1e-5
-    radius = gourd_radius(angle)
+    x, y, z = points = fields.centres(mesh).T
+    angle = np.arccos(y / np.linalg.norm(points.T, axis=1))
+    # unit tangents of the meridians, away from the upper pole
+    step, radius, ring = 1e-5, gourd_radius(angle), np.hypot(x, z)
     growth = (gourd_radius(angle + step) - gourd_radius(angle - step)) / (2 * step)
     out = radius * np.cos(angle) + growth * np.sin(angle)
     up = growth * np.cos(angle) - radius * np.sin(angle)
-    ring = np.hypot(points[:, 0], points[:, 2])
-    vectors = np.stack([out * points[:, 0] / ring, up, out * points[:, 2] / ring], axis=1)
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+    along = np.stack([out * x / ring, up, out * z / ring], axis=1)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    u = along * np.interp(angle, polar, slope)[:, None]
+    return Case("surface of revolution", mesh, rotation(mesh), fields.tangent(mesh, u), rough)
 
 
 def first_on_meridian(count: int = 4000) -> tuple[FloatArray, FloatArray, float]:

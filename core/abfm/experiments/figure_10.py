@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from abfm import TriangleMesh
 from abfm.calculus import face_normals
 from abfm.experiments import vocabulary as words
 from abfm.experiments.figure_09 import MEASURED, Symmetric, detected, function_row
@@ -27,15 +26,10 @@ def figure(stage: Stage) -> Script:
 
     found = stage.match(example.problem, shares=(0.0, 0.9))
     of_maps, notes = words.map_findings(words.maps_of_flow(found, "the map", MEASURED))
+    sides, normals = mesh.edge_faces[~mesh.is_boundary_edge], face_normals(mesh)
+    steep = (normals[sides[:, 0]] * normals[sides[:, 1]]).sum(axis=1) < np.cos(np.pi / 4)
     creases = "edges with an angle of more than 45 degrees, share"
-    measures = (*scene.measured(found), Measure(creases, crease_share(mesh)), *of_maps)
+    share = float(steep.sum() / max(len(steep), 1))
+    measures = (*scene.measured(found), Measure(creases, share), *of_maps)
     rows = (function_row(found), scene.map_row(found))
     return Findings(measures, Sheet(rows, "z", scene.seen(), notes=notes), scene.words())
-
-
-def crease_share(mesh: TriangleMesh) -> float:
-    """Return the share of the inner edges at which the surface turns by more than 45 degrees."""
-    sides = mesh.edge_faces[~mesh.is_boundary_edge]
-    normals = face_normals(mesh)
-    steep = (normals[sides[:, 0]] * normals[sides[:, 1]]).sum(axis=1) < np.cos(np.pi / 4)
-    return float(steep.sum() / max(len(steep), 1))

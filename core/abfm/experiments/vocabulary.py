@@ -62,17 +62,9 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Example:
-    """A problem that is ready to run, in the app as well.
-
-    Attributes
-    ----------
-    name : str
-        Name of its mesh.
-    specs : tuple of pairs of str
-        Source and target of each channel as text; ``file:name.npy``, which need not exist, stands
-        for a function that no text describes.
-    flow : Flow or None
-        What the figure is about, where it is given and not sought.
+    """A problem that is ready to run, the name of its mesh, and the flow, if that is given and not
+    sought; source and target of each channel as text, ``file:name.npy``, which need not exist, for
+    a function that no text describes.
     """
 
     problem: Problem
@@ -91,13 +83,8 @@ class Example:
 
 @dataclass(frozen=True)
 class Measure:
-    """A measured number, whose `name` says its unit; what the paper claims about it, and whether it
-    bears that out. The value must not exceed the `bound`, if there is one.
-
-    Raises
-    ------
-    MeshError
-        If the value is not finite: it could not be measured on this mesh.
+    """A measured number, whose `name` says its unit; what the paper claims about it, whether it
+    bears that out, and the `bound` of it, if any. MeshError if it is not finite.
     """
 
     name: str
@@ -144,17 +131,13 @@ Script = Generator[Example, None, Findings]
 
 def script(figure: int, stage: Stage) -> Script:
     """Return the script of a figure of the paper."""
-    found: Script = _module(figure).figure(stage)
+    found: Script = import_module(f"abfm.experiments.figure_{figure:02}").figure(stage)
     return found
 
 
 def claim(figure: int) -> str:
     """Return what the paper shows with a figure."""
-    return str(_module(figure).CLAIM)
-
-
-def _module(figure: int) -> Any:
-    return import_module(f"abfm.experiments.figure_{figure:02}")
+    return str(import_module(f"abfm.experiments.figure_{figure:02}").CLAIM)
 
 
 def findings_of(script: Script) -> Findings:
@@ -169,12 +152,7 @@ def findings_of(script: Script) -> Findings:
 
 def stated_apart(figure: int) -> tuple[Example, Match | None]:
     """State the problem of a figure on its own mesh, in a process of its own: eigenfunctions and
-    geodesics would stop a window. A given flow comes `as_match`.
-
-    Raises
-    ------
-    AbfmError
-        If it cannot be stated.
+    geodesics would stop a window. A given flow comes `as_match`; AbfmError if it cannot be stated.
     """
     worker = Worker(stateless, f"figure {figure} was not set up: its process has ended; try again")
     try:

@@ -128,12 +128,8 @@ def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> I
 
 @contextmanager
 def temporary_folder(folder: Path) -> Iterator[Path]:
-    """Make a folder of the user's own in a folder; it is removed at the end with all that is in it.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made.
+    """Make a folder of the user's own in a folder, removed at the end with all that is in it;
+    OSError if it cannot be made.
     """
     with temporary_file(folder, is_folder=True) as path:
         yield path

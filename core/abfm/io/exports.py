@@ -64,20 +64,8 @@ def export_vtu(
     """Write a binary VTK unstructured grid with point and cell data, everything in double
     precision.
 
-    ParaView, VTK and PyVista read it. An array of three columns becomes a vector, one of C other
-    columns the scalars ``name_0`` to ``name_{C-1}``.
-
-    Parameters
-    ----------
-    path : path
-        Ends in ``.vtu``, by which the readers know the format.
-    point_data : mapping of names to (V,) or (V, C) arrays
-    cell_data : mapping of names to (F,) or (F, C) arrays
-
-    Raises
-    ------
-    ResultError
-        If a name or a shape does not fit, or the file cannot be written.
+    ParaView, VTK and PyVista read it, and know it by ``.vtu``, the path's end. An array of three
+    columns becomes a vector; all else, and the errors, are as in `export_ply`.
     """
     if not str(path).endswith(".vtu"):
         raise ResultError(

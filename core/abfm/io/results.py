@@ -229,9 +229,7 @@ def check_arrays(
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Any], kind: Kind = RESULT) -> None:
-    """Write a file with the arrays of its kind and ``format_version``.
-
-    The same arrays give the same bytes.
+    """Write the arrays of its kind and ``format_version``; the same give the same bytes.
 
     Raises
     ------
@@ -254,10 +252,7 @@ def save_arrays(path: Path, arrays: Mapping[str, Any], kind: Kind = RESULT) -> N
 
 
 def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
-    """Read such a file: the arrays of its kind, with the shapes and kinds given there.
-
-    Arrays that this version does not know are left out. Reals come as float64, integers as int64,
-    text as unicode.
+    """Read the arrays of its kind, others left out: float64, int64, bool or unicode.
 
     Raises
     ------

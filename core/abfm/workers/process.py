@@ -35,11 +35,10 @@ class OwnProcess:
         command = [sys.executable, "-m", module]
         # In a group of its own: Ctrl-C on a terminal, which goes to a whole group, is this end's
         # business.
+        pipe = subprocess.PIPE
         if sys.platform == "win32":  # where a process cannot have a socket for its output
             group = subprocess.CREATE_NEW_PROCESS_GROUP
-            self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, creationflags=group
-            )
+            self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, creationflags=group)
             assert self._process.stdout is not None
             received: IO[bytes] | socket.socket = self._process.stdout
             self._read: Callable[[memoryview], int] = self._process.stdout.readinto
@@ -47,7 +46,7 @@ class OwnProcess:
             answers, theirs = socket.socketpair()
             with theirs:
                 self._process = subprocess.Popen(
-                    command, stdin=subprocess.PIPE, stdout=theirs.fileno(), process_group=0
+                    command, stdin=pipe, stdout=theirs.fileno(), process_group=0
                 )
             received = answers
             self._read = lambda buffer: answers.recv_into(buffer, 0, socket.MSG_WAITALL)
@@ -121,8 +120,7 @@ def _filled(read: Callable[[memoryview], int], size: int) -> memoryview:
     """Read so many bytes; EOFError if fewer come."""
     content, start = memoryview(bytearray(size)), 0
     while start < size:
-        count = read(content[start:])
-        if not count:
+        if not (count := read(content[start:])):
             raise EOFError
         start += count
     return content
