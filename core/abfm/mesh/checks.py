@@ -54,7 +54,7 @@ def check(
     vertices: ArrayLike,
     faces: ArrayLike,
     largest_component: bool,
-    numbers: tuple[IntArray, int] | None = None,
+    numbers: tuple[IntArray, int] | None,
 ) -> Draft:
     """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
     meaning = "(V, 3), coordinates as numbers"
@@ -77,13 +77,20 @@ def check(
     flat = flat_faces(draft.vertices, draft.faces)
     _refuse_faces(draft, flat, "no area, up to rounding", "remove or collapse")
     _note_distance(draft)
-    _refuse_more_faces_than_edges_allow(draft)
-    draft.edges, draft.face_edges = edges_of_faces(draft.faces, len(draft.vertices))
+    vertex_count, face_count = len(draft.vertices), len(draft.faces)
+    if 3 * face_count > vertex_count * (vertex_count - 1):
+        # before edges, maybe many more than vertices, are looked for
+        raise MeshError(
+            f"{face_count} faces on {vertex_count} vertices have more sides than there are pairs "
+            "of vertices, twice each: "
+            f"faces repeat or edges have more than two faces; remove the extra ones, {CLEANING}"
+        )
+    draft.edges, draft.face_edges = edges_of_faces(draft.faces, vertex_count)
     _refuse_duplicate_faces(draft)
     _refuse_non_manifold_edges(draft)
     _make_faces_agree(draft)
-    draft.corner_fans = topology.corner_fans(draft.edge_slots, len(draft.faces))
-    pinched = topology.pinched_vertices(draft.faces, draft.corner_fans, len(draft.vertices))
+    draft.corner_fans = topology.corner_fans(draft.edge_slots, face_count)
+    pinched = topology.pinched_vertices(draft.faces, draft.corner_fans, vertex_count)
     if pinched.any():
         draft.messages.append(
             f"warning: {_count(pinched.sum(), 'vertex is', 'vertices are')} pinched, joining "
@@ -219,7 +226,10 @@ def _note_distance(draft: Draft) -> None:
 
 def _make_one_component(draft: Draft, largest_component: bool) -> None:
     vertices, faces = draft.vertices, draft.faces
-    component = topology.vertex_components(faces, len(vertices))[faces[:, 0]]
+    sides = np.concatenate(
+        [faces[:, :2], faces[:, 1:]]
+    )  # faces that share a vertex belong together
+    component = topology.connected(len(vertices), sides)[faces[:, 0]]
     count = component.max() + 1
     if count == 1:
         return
@@ -249,17 +259,6 @@ def _refuse_faces(draft: Draft, bad: BoolArray, defect: str, remedy: str) -> Non
             f"{_count(bad.sum(), 'face is', 'faces are')} degenerate: {defect} (face "
             f"{draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): {remedy} "
             f"them, {CLEANING}"
-        )
-
-
-def _refuse_more_faces_than_edges_allow(draft: Draft) -> None:
-    """Refuse what no surface has before edges, maybe many more than vertices, are looked for."""
-    vertices, faces = len(draft.vertices), len(draft.faces)
-    if 3 * faces > vertices * (vertices - 1):
-        raise MeshError(
-            f"{faces} faces on {vertices} vertices have more sides than there are pairs of "
-            "vertices, twice each: "
-            f"faces repeat or edges have more than two faces; remove the extra ones, {CLEANING}"
         )
 
 

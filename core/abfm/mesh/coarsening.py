@@ -1,10 +1,9 @@
 """A coarser mesh of the same surface, with even triangles: edges collapse to their midpoints.
 
-Shortest edges go first. The surface has no boundary here: what has one is closed by faces to a
-vertex at infinity. Faces hang together by `twins`: the slot on the other side of the edge opposite
-each corner, a *slot* being the flat index ``3 f + k``. An edge collapses only where its ends have
-no common neighbours but the two corners opposite to it, so that the topology stays. Edges with an
-infinite key never do.
+What has a boundary is closed by faces to a vertex at infinity. Faces hang together by `twins`: the
+slot (see `topology`) on the other side of the edge opposite each corner. An edge collapses only
+where its ends have no common neighbours but the two corners opposite to it, so that the topology
+stays. Edges with an infinite key never do.
 
 ``igl.decimate`` gives other meshes where lengths are equal, takes twice as long, and keeps the GIL
 all the time: a window would stand still.

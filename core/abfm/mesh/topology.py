@@ -72,11 +72,6 @@ def connected(count: int, pairs: IntArray) -> IntArray:
     return np.asarray((np.cumsum(root == nodes) - 1)[root])
 
 
-def vertex_components(faces: IntArray, vertex_count: int) -> IntArray:
-    """Label the component of every vertex, (V,): faces that share a vertex belong together."""
-    return connected(vertex_count, np.concatenate([faces[:, :2], faces[:, 1:]]))
-
-
 def corner_fans(slots: IntArray, face_count: int) -> IntArray:
     """Return the fan of every corner, (F, 3): corners at one vertex, linked through shared edges.
 

@@ -148,10 +148,10 @@ class LBFGS(Generic[Point]):
     ) -> State[Point]:
         """Return the next iterate; a pair is kept only if the energy bends upwards along the step.
 
-        A preconditioner is scaled by the root of the usual ``<s, y> / <y, H_0 y>``. The mismatch
-        bends the energy far more than the norm that ``H_0`` inverts, but only along few directions:
-        unscaled, every step is cut to 1e-5 of itself in the search; with the full factor,
-        directions not yet seen are starved, and thin parts converge slower.
+        A preconditioner is scaled by the root of the usual ``<s, y> / <y, H_0 y>``: the mismatch
+        bends the energy far more than the norm that ``H_0`` inverts, but along few directions.
+        Unscaled, every step is cut to 1e-5 of itself; with the full factor, directions not yet seen
+        are starved, and thin parts converge slower.
         """
         gradient = trial.point.gradient
         preconditioned, norm = self._preconditioned(gradient)
@@ -165,16 +165,8 @@ class LBFGS(Generic[Point]):
             pairs = (*pairs, pair)[-self.memory :]
             scale = curvature / spread
             scale = float(np.sqrt(scale)) if self.precondition else scale
-        return State(
-            state.x + s,
-            trial.point,
-            preconditioned,
-            pairs,
-            scale,
-            norm,
-            state.first_norm,
-            self.size(s),
-        )
+        x, length = state.x + s, self.size(s)
+        return State(x, trial.point, preconditioned, pairs, scale, norm, state.first_norm, length)
 
     def _inverse_hessian(self, state: State[Point]) -> FloatArray:
         """Apply the two-loop recursion, algorithm 7.4, with ``H_0`` summed from what is known."""

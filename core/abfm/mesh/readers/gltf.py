@@ -1,9 +1,8 @@
 """glTF scenes, as text (.gltf, with its buffers in it or beside it) and binary (.glb).
 
-Format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html. Only the triangles are read, and
-nothing of materials, images or animations. Own code: trimesh makes 2.4 GB and 19 s of 600 bytes
-that announce 100 million vertices, takes matrices that are not finite, and leaves out what is
-sparse; pygltflib reads the JSON alone, and checks none of it.
+Format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html; triangles alone are read. Own
+code: trimesh makes 2.4 GB and 19 s of 600 bytes that announce 100 million vertices, takes matrices
+that are not finite, and leaves out what is sparse; pygltflib reads the JSON, and checks nothing.
 """
 
 import base64

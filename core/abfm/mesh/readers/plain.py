@@ -44,21 +44,19 @@ def read_off(path: Path) -> FileContents:
             taken += 1
             if taken <= vertex_count:
                 lists.add_vertex(words)
-            else:
-                lists.add_polygon(_off_polygon(words))
+                continue
+            corners = whole_number(words[0])
+            if not 0 <= corners < len(words):
+                raise ValueError(
+                    f"a face announces {corners} corners, but its line has {len(words) - 1}"
+                )
+            lists.add_polygon(list(map(whole_number, words[1 : 1 + corners])))
     except (StopIteration, ValueError) as error:
         taken += sum(1 for _ in rows)
         if taken >= vertex_count + face_count:
             raise
         raise ValueError(f"{announced}, but {taken} lines follow: the file is cut off") from error
     return lists.contents()
-
-
-def _off_polygon(words: list[str]) -> list[int]:
-    count = whole_number(words[0])
-    if not 0 <= count < len(words):
-        raise ValueError(f"a face announces {count} corners, but its line has {len(words) - 1}")
-    return list(map(whole_number, words[1 : 1 + count]))
 
 
 def read_obj(path: Path) -> FileContents:
