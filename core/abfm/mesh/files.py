@@ -57,11 +57,6 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
     largest_component : bool
         Of several components keep the one with the largest area instead of refusing the mesh.
 
-    Returns
-    -------
-    TriangleMesh
-        Its ``messages`` say what was repaired.
-
     Raises
     ------
     MeshError

@@ -57,27 +57,22 @@ class TriangleMesh:
     vertices, faces : (V, 3) array of float, (F, 3) array of int
         Corners of triangles count vertices from 0. Copied.
     largest_component : bool
-        Of several components keep the one with the largest area, with a message, instead of
-        refusing the mesh.
+        Of several components keep the one with the largest area instead of refusing the mesh.
     messages : iterable of str
         What was already done to the input, put before the messages of the checks.
     numbers : tuple of (V,) array of int and int, optional
-        The vertex_ids, ascending, and the file_vertex_count of vertices from which others were left
-        out already.
+        The vertex_ids, ascending, and the file_vertex_count, if others were left out already.
 
     Attributes
     ----------
-    vertices, faces : (V, 3) array of float, (F, 3) array of int
     vertex_ids, face_ids : (V,) and (F,) array of int
-        Rows of the input, or of the file, that they came from; ascending.
+        Rows of the input, or of the file, that vertices and faces came from; ascending.
     file_vertex_count : int
         Number of vertices of the input.
     messages : tuple of str
         What was repaired or is worth a warning; one line each.
-    edges : (E, 2) array of int
-        Vertex pairs, smaller index first.
-    face_edges : (F, 3) array of int
-        Index of the edge opposite each corner.
+    edges, face_edges : (E, 2) and (F, 3) array of int
+        Vertex pairs, smaller index first, and the edge opposite each corner.
     edge_slots : (E, 2) array of int
         The slots ``3 f + k`` of the corners opposite each edge, smaller first; -1 is no second one.
     corner_fans : (F, 3) array of int
@@ -151,10 +146,8 @@ class TriangleMesh:
     @per_mesh
     def normalized(self) -> TriangleMesh:
         """Return the same mesh scaled to unit area (made once)."""
-        scaled = copy.copy(self)
-        scaled.__dict__.update(
-            vertices=_frozen(self.vertices / self.length_scale), length_scale=1.0
-        )
+        scaled, vertices = copy.copy(self), _frozen(self.vertices / self.length_scale)
+        scaled.__dict__.update(vertices=vertices, length_scale=1.0)
         return scaled
 
     @cached_property
@@ -207,9 +200,7 @@ class TriangleMesh:
     def boundary_loop_count(self) -> int:
         """Number of closed loops of the boundary; those touching at a pinched vertex are two."""
         start = next_corner(self.edge_slots[self.is_boundary_edge, 0])
-        ends = np.stack(
-            [self.corner_fans.ravel()[start], self.corner_fans.ravel()[next_corner(start)]], axis=1
-        )
+        ends = self.corner_fans.ravel()[np.stack([start, next_corner(start)], axis=1)]
         loops = connected(int(self.corner_fans.max()) + 1, ends)
         return len(np.unique(loops[ends]))
 
@@ -221,9 +212,7 @@ class TriangleMesh:
         return int(2 * pieces - self.boundary_loop_count - characteristic) // 2
 
     def local_vertex(self, index: int) -> int:
-        """Return the row of the vertex that the file calls ``index``, from 0, or raise a
-        FunctionError.
-        """
+        """Return the row of the vertex that the file calls ``index``, or raise a FunctionError."""
         if not 0 <= index < self.file_vertex_count:
             raise FunctionError(
                 f"there is no vertex {index}: the mesh has {self.file_vertex_count} vertices, "
@@ -237,9 +226,7 @@ class TriangleMesh:
         return position
 
     def restrict(self, values: NDArray[Entry]) -> NDArray[Entry]:
-        """Return the rows of the kept vertices (V, ...) of (file_vertex_count, ...) or (V, ...),
-        or raise a FunctionError.
-        """
+        """Return the kept rows (V, ...) of (file_vertex_count, ...) or (V, ...) values."""
         if len(values) == self.file_vertex_count:
             return values[self.vertex_ids]
         if len(values) == len(self.vertices):
