@@ -17,3 +17,8 @@ def taylor_order(evaluate, x, direction):
 def observed_orders(sizes, errors):
     """Exponents p in ``error ~ size^p`` between successive sizes."""
     return np.asarray(np.diff(np.log(errors)) / np.diff(np.log(sizes)))
+
+
+def near(found, expected, within):
+    """Assert that arrays differ nowhere by more."""
+    np.testing.assert_allclose(found, expected, rtol=0, atol=within)

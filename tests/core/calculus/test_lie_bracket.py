@@ -10,11 +10,14 @@ norm, and 2 when it is tested against a smooth field.
 import numpy as np
 import pytest
 from scipy import sparse
+from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from abfm.calculus import operators as op
+from abfm.calculus.operators import Matrix
 from abfm.calculus.vector_fields import (
     directional_derivative,
+    exponential_action,
     lie_bracket,
     lie_bracket_of,
     pushforward,
@@ -24,6 +27,7 @@ from abfm.errors import AdvectionError, ParameterError
 from tests.core import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.surfaces import SURFACES, last_order, relative_error
+from tests.core.verification import near
 from tests.shapes import icosphere, square
 
 TORI = exact.refined(4)
@@ -31,7 +35,7 @@ SPHERES = [icosphere(level) for level in (2, 3, 4)]
 
 
 def close(actual, expected, scale=1.0):
-    np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-11 * scale)
+    near(actual, expected, 1e-11 * scale)
 
 
 def largest_bracket(mesh):
@@ -43,13 +47,11 @@ def printed_bracket(mesh, v):
     """Eq. 11 as printed: (3F, 3F), on fields in space, components one after the other."""
     corners = mesh.vertices[mesh.faces]
     opposite = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    hats = np.cross(op.face_normals(mesh)[:, None], opposite) / (
-        2 * op.face_areas(mesh)[:, None, None]
-    )
+    hats = np.cross(op.face_normals(mesh)[:, None], opposite)
+    hats /= 2 * op.face_areas(mesh)[:, None, None]
     entries = (np.repeat(np.arange(len(mesh.faces)), 3), mesh.faces.ravel())
-    on_faces = [
-        sparse.csr_array((hats[:, :, x].ravel(), entries)) @ op.averaging(mesh) for x in range(3)
-    ]
+    slopes = [sparse.csr_array((hats[:, :, x].ravel(), entries)) for x in range(3)]
+    on_faces = [slope @ op.averaging(mesh) for slope in slopes]
     derivative = sum(sparse.diags_array(v[:, x]) @ on_faces[x] for x in range(3))
     dual = [[sparse.diags_array(on_faces[x] @ v[:, k]) for x in range(3)] for k in range(3)]
     return sparse.block_diag([derivative] * 3) - sparse.block_array(dual)
@@ -57,14 +59,11 @@ def printed_bracket(mesh, v):
 
 def test_bracket_is_the_printed_operator_on_tangent_planes(mesh):
     v, u = wavy_field(mesh, 1), wavy_field(mesh, 2)
+    found, scale = lie_bracket_of(mesh, v, u), largest_bracket(mesh)
     printed = (printed_bracket(mesh, v) @ u.T.ravel()).reshape(3, -1).T
-    close(lie_bracket_of(mesh, v, u), tangent(mesh, printed), largest_bracket(mesh))
-
-
-def test_bracket_is_its_matrix(mesh):
-    v, u = wavy_field(mesh, 1), wavy_field(mesh, 2)
+    close(found, tangent(mesh, printed), scale)
     expected = lie_bracket(mesh, to_frame(mesh, v)) @ to_frame(mesh, u).ravel()
-    close(to_frame(mesh, lie_bracket_of(mesh, v, u)).ravel(), expected, largest_bracket(mesh))
+    close(to_frame(mesh, found).ravel(), expected, scale)
 
 
 def test_bracket_is_bilinear_and_antisymmetric(mesh):
@@ -84,11 +83,6 @@ def first(mesh):
 def second(mesh):
     """``cos u d/dv``."""
     return exact.face_field(mesh, lambda u, v: 0 * u, lambda u, v: np.cos(u))
-
-
-def third(mesh):
-    """``cos(u - v) d/du + sin v d/dv``."""
-    return exact.face_field(mesh, lambda u, v: np.cos(u - v), lambda u, v: np.sin(v))
 
 
 def test_bracket_has_order_one():
@@ -121,11 +115,10 @@ def test_derivative_by_the_bracket_is_the_commutator():
 def test_jacobi_identity_has_order_one():
     errors = []
     for mesh in TORI[:3]:
-        fields = [first(mesh), second(mesh), third(mesh)]
-        terms = [
-            lie_bracket_of(mesh, fields[i], lie_bracket_of(mesh, fields[i - 2], fields[i - 1]))
-            for i in range(3)
-        ]
+        third = exact.face_field(mesh, lambda u, v: np.cos(u - v), lambda u, v: np.sin(v))
+        fields = [first(mesh), second(mesh), third]
+        inner = [lie_bracket_of(mesh, fields[i - 2], fields[i - 1]) for i in range(3)]
+        terms = [lie_bracket_of(mesh, v, u) for v, u in zip(fields, inner, strict=True)]
         errors.append(abs(sum(terms)).max() / abs(terms[0]).max())
     assert last_order(errors) == pytest.approx(1, abs=0.1)
 
@@ -162,10 +155,8 @@ def turned(mesh, angle):
     """A field without symmetry on the sphere, turned by an angle about the x axis."""
     turn = Rotation.from_rotvec([angle, 0, 0]).as_matrix()
     points = mesh.vertices[mesh.faces].mean(axis=1) @ turn
-    field = np.stack(
-        [np.sin(2 * points[:, 1]), np.cos(points[:, 0] + points[:, 2]), 1 + points[:, 0] ** 2],
-        axis=1,
-    )
+    x, y, z = points.T
+    field = np.stack([np.sin(2 * y), np.cos(x + z), 1 + x**2], axis=1)
     return tangent(mesh, np.cross(points, field) @ turn.T)
 
 
@@ -187,14 +178,14 @@ def test_pushforward_of_rotations_turns_the_axis():
     """The rotation about y, carried by that about x, is the one about the turned axis."""
     errors = []
     for mesh in SPHERES:
-        axis = Rotation.from_rotvec([0.25, 0, 0]).apply([0, 1, 0])
-        spin, field = rotation_field(mesh, [1, 0, 0]), rotation_field(mesh, [0, 1, 0])
-        errors.append(
-            relative_error(mesh, pushforward(mesh, spin, field, 0.25), rotation_field(mesh, axis))
+        spin, field, expected = (
+            rotation_field(mesh, axis)
+            for axis in ([1, 0, 0], [0, 1, 0], [0, np.cos(0.25), np.sin(0.25)])
         )
-        wrong = relative_error(
-            mesh, pushforward(mesh, spin, field, -0.25), rotation_field(mesh, axis)
+        right, wrong = (
+            relative_error(mesh, pushforward(mesh, spin, field, t), expected) for t in (0.25, -0.25)
         )
+        errors.append(right)
         assert wrong == pytest.approx(2 * np.sin(0.25), abs=0.01)
     assert errors[-1] < 0.015
     assert last_order(errors) > 0.5
@@ -234,14 +225,73 @@ def test_pushforward_starts_with_the_bracket():
     np.testing.assert_allclose(slope, -lie_bracket_of(mesh, v, u), atol=1e-5 * abs(slope).max())
 
 
-def test_bad_input_is_refused_in_words():
+@pytest.mark.parametrize(
+    ("call", "error", "words"),
+    [
+        (lambda m, v: lie_bracket_of(m, v, v[1:]), ParameterError, r"u has shape \(3, 3\); expec"),
+        (lambda m, v: pushforward(m, v + np.nan, v, 1.0), ParameterError, "v has values that are"),
+        (lambda m, v: pushforward(m, v, v, np.inf), AdvectionError, "shorten the time"),
+        (lambda m, v: pushforward(m, v, wavy_field(m, 2), 1e9), AdvectionError, "shorten the time"),
+    ],
+)
+def test_bad_input_is_refused_in_words(call, error, words):
     mesh = SURFACES["tetrahedron"]
-    v = np.zeros((4, 3))
-    with pytest.raises(ParameterError, match=r"u has shape \(3, 3\); expected \(4, 3\)"):
-        lie_bracket_of(mesh, v, v[1:])
-    with pytest.raises(ParameterError, match="v has values that are not finite"):
-        pushforward(mesh, v + np.nan, v, 1.0)
-    with pytest.raises(AdvectionError, match="shorten the time"):
-        pushforward(mesh, v, v, np.inf)
-    with pytest.raises(AdvectionError, match="shorten the time"):
-        pushforward(mesh, wavy_field(mesh, 1), wavy_field(mesh, 2), 1e9)
+    with pytest.raises(error, match=words):
+        call(mesh, wavy_field(mesh, 1))
+
+
+def random_matrix():
+    rng = np.random.default_rng(0)
+    return Matrix(sparse.random_array((40, 40), density=0.2, rng=rng, data_sampler=rng.normal))
+
+
+RANDOM, X = random_matrix(), np.random.default_rng(1).normal(size=40)
+
+
+@pytest.mark.parametrize("t", [0.0, 1e-9, 0.3, -0.3, 4.0])
+def test_exponential_equals_the_dense_one_of_scipy(t):
+    expected = expm(t * RANDOM.toarray()) @ X
+    near(exponential_action(RANDOM, X, t), expected, 1e-12 * abs(expected).max())
+
+
+def test_exponential_of_many_steps_stays_accurate():
+    """A rotation by 100 rad takes 25 steps."""
+    turn = Matrix(np.array([[0.0, -1.0], [1.0, 0.0]]))
+    found = exponential_action(turn, np.array([1.0, 0.0]), 100.0)
+    near(found, [np.cos(100), np.sin(100)], 1e-13)
+
+
+def test_times_of_an_exponential_add_up():
+    half, whole = (exponential_action(RANDOM, X, t) for t in (0.5, 1.0))
+    np.testing.assert_allclose(exponential_action(RANDOM, half, 0.5), whole, atol=1e-12)
+    np.testing.assert_allclose(exponential_action(RANDOM, half, -0.5), X, atol=1e-12)
+
+
+def test_exponential_of_nilpotent_and_zero_matrices():
+    shift = Matrix(np.diag([1.0, 2.0, 3.0], 1))
+    expected = expm(shift.toarray()) @ np.ones(4)
+    np.testing.assert_allclose(exponential_action(shift, np.ones(4), 1.0), expected, rtol=1e-15)
+    assert not exponential_action(RANDOM, np.zeros(40), 3.0).any()
+    np.testing.assert_array_equal(exponential_action(Matrix((40, 40)), X, 5.0), X)
+
+
+def test_exponential_scales_with_tiny_and_huge_vectors():
+    expected = exponential_action(RANDOM, X, 1.0)
+    for scale in (1e-300, 1e300):
+        found = exponential_action(RANDOM, scale * X, 1.0) / scale
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-10)
+
+
+def test_exponential_ends_and_shows_what_is_not_finite():
+    spoilt = [(RANDOM, np.where(np.arange(40) == 3, bad, 1.0), 3.0) for bad in (np.nan, np.inf)]
+    with np.errstate(invalid="ignore", over="ignore"):
+        for words in (*spoilt, (Matrix(np.eye(2)), np.ones(2), 1e4)):
+            assert not np.isfinite(exponential_action(*words)).all()
+
+
+@pytest.mark.parametrize(
+    ("scale", "t"), [(1.0, np.nan), (1.0, np.inf), (np.nan, 1.0), (np.inf, 1.0), (1e30, 1.0)]
+)
+def test_exponential_over_too_long_a_time_is_refused(scale, t):
+    with pytest.raises(AdvectionError, match="shorten the time or slow the field"):
+        exponential_action(Matrix(np.array([[scale, 1.0], [1.0, 0.0]])), np.ones(2), t)

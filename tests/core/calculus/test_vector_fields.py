@@ -1,23 +1,44 @@
-"""Frames, and fields as operators: exact identities, and the product rule in the limit."""
+"""Fields as operators: exact identities, and the product rule in the limit; their parts; and the
+smoothest fields that commute.
+"""
 
 import numpy as np
 import pytest
+from scipy import linalg
 from scipy.sparse.linalg import expm_multiply
+from scipy.spatial.transform import Rotation
 
 from abfm.calculus import operators as op
 from abfm.calculus.vector_fields import (
     check_field,
+    commuting_fields,
     directional_derivative,
     dual_directional_derivative,
     face_directional_derivative,
+    helmholtz_hodge,
+    lie_bracket,
+    lie_bracket_of,
+    relative_bracket,
     to_ambient,
     to_frame,
 )
 from abfm.errors import ParameterError
+from abfm.mesh import TriangleMesh
 from tests.core import torus_calculus as exact
-from tests.core.fields import rotation_field, tangent
-from tests.core.surfaces import CLOSED, SURFACES, last_order, random_function, relative_error
-from tests.shapes import icosphere
+from tests.core.fields import rotation_field, tangent, wavy_field
+from tests.core.surfaces import (
+    CLOSED,
+    LOOPS,
+    SURFACES,
+    last_order,
+    moved,
+    norm,
+    random_function,
+    relative_error,
+    renumbered,
+)
+from tests.core.verification import near
+from tests.shapes import disc, ellipsoid, icosphere, square, torus
 
 
 def random_frame_field(mesh, seed=0):
@@ -25,7 +46,7 @@ def random_frame_field(mesh, seed=0):
 
 
 def close(actual, expected, scale=1.0):
-    np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-12 * scale)
+    near(actual, expected, 1e-12 * scale)
 
 
 def test_frame_coefficients_are_the_tangent_vectors(mesh):
@@ -46,30 +67,20 @@ def test_frames_take_several_fields_at_once(mesh):
 def test_derivative_is_its_definition(mesh):
     """At a vertex: the mean of ``<v, grad f>`` over the adjacent faces, weighted by their areas."""
     v, f = random_frame_field(mesh), random_function(mesh)
-    on_faces = (to_ambient(mesh, v) * to_ambient(mesh, (op.gradient(mesh) @ f).reshape(-1, 2))).sum(
-        axis=1
-    )
+    slope = to_ambient(mesh, (op.gradient(mesh) @ f).reshape(-1, 2))
+    on_faces = (to_ambient(mesh, v) * slope).sum(axis=1)
     weighted, weight = np.zeros((2, len(mesh.vertices)))
     np.add.at(weighted, mesh.faces, (op.face_areas(mesh) * on_faces)[:, None])
     np.add.at(weight, mesh.faces, op.face_areas(mesh)[:, None])
     close(directional_derivative(mesh, v) @ f, weighted / weight, abs(on_faces).max())
 
 
-def test_constants_have_no_derivative(mesh):
-    derivative = directional_derivative(mesh, random_frame_field(mesh))
-    close(derivative @ np.ones(len(mesh.vertices)), 0, abs(derivative).max())
-
-
-def test_derivative_of_the_coordinates_is_the_averaged_field(mesh):
-    v = random_frame_field(mesh)
-    close(directional_derivative(mesh, v) @ mesh.vertices, op.averaging(mesh) @ to_ambient(mesh, v))
-
-
-def test_derivative_is_linear_in_the_field(mesh):
+def test_derivative_of_constants_and_coordinates_and_its_linearity(mesh):
     v, u = random_frame_field(mesh, 1), random_frame_field(mesh, 2)
-    combined = directional_derivative(mesh, 2 * v - 3 * u)
-    separate = 2 * directional_derivative(mesh, v) - 3 * directional_derivative(mesh, u)
-    close((combined - separate).toarray(), 0, abs(combined).max())
+    of_v, of_u, of_both = (directional_derivative(mesh, w) for w in (v, u, 2 * v - 3 * u))
+    close(of_v @ np.ones(len(mesh.vertices)), 0, abs(of_v).max())
+    close(of_v @ mesh.vertices, op.averaging(mesh) @ to_ambient(mesh, v))
+    close((of_both - (2 * of_v - 3 * of_u)).toarray(), 0, abs(of_both).max())
 
 
 def test_dual_exchanges_field_and_function(mesh):
@@ -81,11 +92,8 @@ def test_dual_exchanges_field_and_function(mesh):
 def test_face_derivative_is_the_gradient_of_the_averaged_function(mesh):
     v, h = random_frame_field(mesh), np.random.default_rng(1).normal(size=len(mesh.faces))
     slope = (op.gradient(mesh) @ (op.averaging(mesh) @ h)).reshape(-1, 2)
-    close(
-        face_directional_derivative(mesh, v) @ h,
-        (v * slope).sum(axis=1),
-        abs(op.gradient(mesh)).max(),
-    )
+    found = face_directional_derivative(mesh, v) @ h
+    close(found, (v * slope).sum(axis=1), abs(op.gradient(mesh)).max())
 
 
 def test_symmetric_part_is_the_divergence(mesh):
@@ -122,9 +130,8 @@ def test_integral_changes_by_the_divergence(name):
     mesh = SURFACES[name]
     v, f, areas = random_frame_field(mesh), random_function(mesh), op.vertex_areas(mesh)
     change = areas @ (directional_derivative(mesh, v) @ f)
-    assert change == pytest.approx(
-        -(areas * f) @ (op.divergence(mesh) @ v.ravel()), abs=1e-12 * abs(f).sum()
-    )
+    expected = -(areas * f) @ (op.divergence(mesh) @ v.ravel())
+    assert change == pytest.approx(expected, abs=1e-12 * abs(f).sum())
 
 
 def test_product_rule_has_order_two():
@@ -133,9 +140,8 @@ def test_product_rule_has_order_two():
         v = exact.face_field(mesh, lambda u, v: np.cos(u) * np.sin(v), lambda u, v: np.sin(u + v))
         derivative = directional_derivative(mesh, to_frame(mesh, v))
         f, g = np.sin(mesh.vertices @ [2.0, 1.0, 0.5]), np.cos(mesh.vertices @ [1.0, -1.0, 2.0])
-        errors.append(
-            relative_error(mesh, derivative @ (f * g), f * (derivative @ g) + g * (derivative @ f))
-        )
+        expected = f * (derivative @ g) + g * (derivative @ f)
+        errors.append(relative_error(mesh, derivative @ (f * g), expected))
     assert last_order(errors) == pytest.approx(2, abs=0.05)
 
 
@@ -144,12 +150,8 @@ def test_rotation_of_the_sphere_turns_linear_functions():
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
-        v = to_frame(mesh, rotation_field(mesh, [1, 0, 0]))
-        errors.append(
-            relative_error(
-                mesh, directional_derivative(mesh, v) @ mesh.vertices[:, 2], mesh.vertices[:, 1]
-            )
-        )
+        v, (_, y, z) = to_frame(mesh, rotation_field(mesh, [1, 0, 0])), mesh.vertices.T
+        errors.append(relative_error(mesh, directional_derivative(mesh, v) @ z, y))
     assert errors[-1] < 4e-3
     assert last_order(errors) > 1.5
 
@@ -165,3 +167,272 @@ def test_rotation_of_the_sphere_turns_linear_functions():
 def test_bad_fields_are_refused_in_words(field, words):
     with pytest.raises(ParameterError, match=words):
         check_field(SURFACES["tetrahedron"], field, "v")
+
+
+def random_field(mesh, seed=0):
+    return tangent(mesh, np.random.default_rng(seed).normal(size=(len(mesh.faces), 3)))
+
+
+def inner(mesh, v, u):
+    return op.face_areas(mesh) @ (v * u).sum(axis=1)
+
+
+def test_parts_sum_to_the_field_and_are_orthogonal(mesh):
+    v = random_field(mesh)
+    parts = helmholtz_hodge(mesh, v)
+    near(sum(parts), v, 1e-14)
+    for i in range(3):
+        assert abs(inner(mesh, parts[i], parts[i - 1])) < 1e-13 * inner(mesh, v, v)
+
+
+def test_parts_have_no_curl_and_no_divergence(mesh):
+    a, b = op.hodge_gradients(mesh)
+    v = random_field(mesh)
+    curl_free, divergence_free, harmonic = (
+        op.field_mass(mesh) @ to_frame(mesh, p).ravel() for p in helmholtz_hodge(mesh, v)
+    )
+    for basis, momentum in ((b, curl_free), (a, divergence_free), (a, harmonic), (b, harmonic)):
+        assert abs(basis.T @ momentum).max(initial=0) < 1e-12 * norm(mesh, v)
+
+
+def test_parts_stay_themselves(mesh):
+    """Each projection applied twice."""
+    for i, part in enumerate(helmholtz_hodge(mesh, random_field(mesh))):
+        for j, again in enumerate(helmholtz_hodge(mesh, part)):
+            near(again, part if i == j else 0, 1e-12)
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_harmonic_parts_span_as_many_dimensions_as_there_are_loops(name):
+    mesh = SURFACES[name]
+    parts = [helmholtz_hodge(mesh, random_field(mesh, seed))[2].ravel() for seed in range(6)]
+    sizes = np.linalg.svd(np.array(parts), compute_uv=False)
+    assert (sizes > 1e-9 * np.sqrt(len(mesh.faces))).sum() == LOOPS.get(name, 0)
+
+
+def test_gradients_and_rotations_of_the_sphere():
+    """A linear function's gradient and a rotation, told apart with order 1: fields that jump."""
+    errors = []
+    for level in (2, 3, 4):
+        mesh = icosphere(level)
+        slope = tangent(mesh, np.broadcast_to([1.0, 2, 3], (len(mesh.faces), 3)))
+        spin = rotation_field(mesh, [3, 1, 2])
+        *found, harmonic = helmholtz_hodge(mesh, slope + spin)
+        assert norm(mesh, harmonic) < 1e-13 * norm(mesh, spin)
+        pairs = zip(found, (slope, spin), strict=True)
+        errors.append([relative_error(mesh, part, answer) for part, answer in pairs])
+    assert errors[-1][0] < 3e-3
+    assert (last_order(errors) > 0.9).all()
+
+
+def test_harmonic_fields_of_the_torus():
+    """``ring^-2 d/du`` and ``ring^-1 d/dv`` have neither divergence nor curl."""
+    errors = []
+    for mesh in exact.refined(3):
+        harmonic = exact.face_field(
+            mesh, lambda u, v: exact.ring(v) ** -2, lambda u, v: 2 / exact.ring(v)
+        )
+        errors.append(relative_error(mesh, helmholtz_hodge(mesh, harmonic)[2], harmonic))
+    assert last_order(errors) > 0.9
+
+
+def test_gradient_takes_the_flux_through_the_boundary():
+    """On a disc a constant field is a gradient, and a rotation is tangent to the boundary."""
+    mesh = disc(8)
+    constant = np.broadcast_to([1.0, 0.5, 0], (len(mesh.faces), 3))
+    np.testing.assert_allclose(helmholtz_hodge(mesh, constant)[0], constant, atol=1e-12)
+    errors = []
+    for n in (8, 16, 32):
+        spin = rotation_field(disc(n), [0, 0, 1])
+        errors.append(relative_error(disc(n), helmholtz_hodge(disc(n), spin)[1], spin))
+    assert last_order(errors) > 0.9
+
+
+def test_normal_parts_are_dropped_and_zero_stays_zero(mesh):
+    v = random_field(mesh)
+    lifted = helmholtz_hodge(mesh, v + 3 * op.face_normals(mesh))
+    np.testing.assert_allclose(lifted, helmholtz_hodge(mesh, v), atol=1e-12)
+    assert not np.any(helmholtz_hodge(mesh, np.zeros_like(v)))
+
+
+def test_pinched_surfaces_are_decomposed():
+    """Two ellipsoids that share a vertex: edge functions have a constant to spare on each."""
+    one = SURFACES["ellipsoid"]
+    count, tip = len(one.vertices), int(np.argmax(one.vertices[:, 0]))
+    vertices = np.concatenate([one.vertices, 2 * one.vertices[tip] - one.vertices])
+    mirrored = np.where(one.faces == tip, tip, one.faces + count)[:, ::-1]
+    mesh = TriangleMesh(vertices, np.concatenate([one.faces, mirrored]))
+    assert any("pinched" in message for message in mesh.messages)
+    v = random_field(mesh)
+    parts = helmholtz_hodge(mesh, v)
+    near(sum(parts), v, 1e-14)
+    assert norm(mesh, parts[2]) < 1e-13 * norm(mesh, v)
+
+
+def test_bad_fields_are_not_split():
+    with pytest.raises(ParameterError, match="a vector per face"):
+        helmholtz_hodge(square(2), np.zeros((3, 3)))
+
+
+TORI = exact.refined(3, 16)
+
+
+def du(mesh):
+    """Rotation about the axis."""
+    return exact.face_field(mesh, lambda u, v: 1.0, lambda u, v: 0 * u)
+
+
+def up_to_scale(mesh, found, answer):
+    """Relative error of a field that is known up to a factor."""
+    found, answer = found / norm(mesh, found), answer / norm(mesh, answer)
+    return min(relative_error(mesh, sign * found, answer) for sign in (1, -1))
+
+
+def roughness(mesh, u):
+    """Hodge energy times area over the squared norm."""
+    c, area = to_frame(mesh, u).ravel(), op.face_areas(mesh).sum()
+    return area * (c @ (op.hodge_laplacian(mesh) @ c)) / (c @ (op.field_mass(mesh) @ c))
+
+
+def test_rotation_of_a_torus_commutes_with_the_harmonic_field_around_the_tube():
+    errors, brackets = [], []
+    for mesh in TORI:
+        v = du(mesh)
+        (u,) = commuting_fields(mesh, v)
+        answer = exact.face_field(mesh, lambda u, v: 0 * u, lambda u, v: 1 / exact.ring(v))
+        errors.append(up_to_scale(mesh, u, answer))
+        brackets.append(relative_bracket(mesh, v, u))
+    assert errors[-1] < 0.06
+    assert last_order(errors) > 0.75
+    assert last_order(brackets) > 0.85
+
+
+def test_rotation_of_a_sphere_commutes_with_the_gradient_along_its_axis():
+    """Both are conformal; the others orthogonal to the rotation do not commute with it."""
+    errors, brackets = [], []
+    for level in (2, 3, 4):
+        mesh = icosphere(level)
+        v = rotation_field(mesh, [0, 0, 1])
+        found = commuting_fields(mesh, v, 2)
+        along = tangent(mesh, np.tile([0.0, 0, 1], (len(mesh.faces), 1)))
+        errors.append(up_to_scale(mesh, found[0], along))
+        brackets.append(relative_bracket(mesh, v, found[0]))
+        others = commuting_fields(mesh, v, 5, weight=0)
+        assert max(relative_bracket(mesh, v, u) for u in others) > 10 * brackets[-1]
+    assert errors[-1] < 0.05
+    assert last_order(brackets) > 0.4  # icospheres: see test_lie_bracket
+
+
+def test_smoother_fields_that_do_not_commute_are_passed_over():
+    """On a flat spheroid the smoothest fields turn about, or point along, horizontal axes."""
+    mesh = ellipsoid(3, 1.2, 1.2, 0.6)
+    v = rotation_field(mesh, [0, 0, 1])
+    (smoothest,), (u,) = commuting_fields(mesh, v, weight=0), commuting_fields(mesh, v)
+    assert roughness(mesh, smoothest) < 0.9 * roughness(mesh, u)
+    assert relative_bracket(mesh, v, u) < 0.2 * relative_bracket(mesh, v, smoothest)
+    around = op.face_areas(mesh) @ (u * rotation_field(mesh, [0, 0, 1])).sum(axis=1)
+    assert abs(around) < 1e-9 * norm(mesh, u) * norm(mesh, v)
+
+
+def test_multiples_of_a_field_by_functions_of_its_stream_function_commute():
+    """``[v, h(f) v] = 0`` for the turned gradient ``v`` of ``f``: where nothing else commutes."""
+    brackets = []
+    for level in (2, 3):
+        mesh = ellipsoid(level, 1.0, 0.7, 1.6)
+        f = mesh.vertices[:, 2] * np.exp(0.2 * mesh.vertices[:, 0])
+        v = to_ambient(mesh, (op.rotation(mesh) @ (op.gradient(mesh) @ f)).reshape(-1, 2))
+        (u,) = commuting_fields(mesh, v, weight=1000)
+        aligned = abs((u * v).sum(axis=1)) @ op.face_areas(mesh)
+        speeds = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1) @ op.face_areas(mesh)
+        brackets.append(relative_bracket(mesh, v, u))
+    assert aligned > 0.95 * speeds
+    assert last_order(brackets) > 0.4
+
+
+def dense(mesh, v, weight):
+    """Lowest field by a dense eigenproblem on an orthonormal basis of the complement of ``v``."""
+    mass = op.field_mass(mesh).toarray()
+    c = to_frame(mesh, v)
+    mean_square = (c.ravel() @ mass @ c.ravel()) / op.face_areas(mesh).sum()
+    ad = lie_bracket(mesh, c).toarray()
+    energy = op.hodge_laplacian(mesh).toarray() + weight / mean_square * ad.T @ mass @ ad
+    basis = linalg.null_space((mass @ c.ravel())[None])
+    values, vectors = linalg.eigh(basis.T @ energy @ basis, basis.T @ mass @ basis)
+    return values, basis @ vectors
+
+
+@pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "square", "cylinder"])
+def test_agrees_with_a_dense_eigensolver(name):
+    mesh = SURFACES[name]
+    v = wavy_field(mesh, 1)
+    values, vectors = dense(mesh, v, 7.0)
+    found = commuting_fields(mesh, v, 2, weight=7.0)
+    c = to_frame(mesh, v)
+    mean_square = norm(mesh, v) ** 2 / op.face_areas(mesh).sum()
+    for value, u in zip(values, found, strict=False):
+        w = to_frame(mesh, u).ravel()
+        bracket = norm(mesh, lie_bracket_of(mesh, v, u)) ** 2
+        energy = w @ (op.hodge_laplacian(mesh) @ w) + 7.0 / mean_square * bracket
+        assert energy / norm(mesh, u) ** 2 == pytest.approx(value, rel=1e-7)
+        assert abs(w @ (op.field_mass(mesh) @ c.ravel())) < 1e-8 * norm(mesh, u) * norm(mesh, v)
+        assert norm(mesh, u) == pytest.approx(norm(mesh, v), rel=1e-9)
+    if values[1] > 1.01 * values[0]:
+        lowest = to_frame(mesh, found[0]).ravel() / norm(mesh, found[0])
+        assert abs(lowest @ (op.field_mass(mesh) @ vectors[:, 0])) == pytest.approx(1, abs=1e-6)
+
+
+def test_turns_scales_and_is_renumbered_along_with_the_mesh():
+    mesh = ellipsoid(2, 1.0, 0.7, 1.6)
+    v = wavy_field(mesh, 1)
+    (u,) = commuting_fields(mesh, v)
+    turn = Rotation.from_euler("xyz", [0.3, -1.2, 2.0]).as_matrix()
+    largest = abs(u).max()
+
+    def close(actual, expected):
+        near(actual, expected, 1e-6 * largest)
+
+    close(commuting_fields(moved(mesh, turn), v @ turn.T)[0], u @ turn.T)
+    close(commuting_fields(moved(mesh, np.eye(3), 8.0), 8 * v)[0] / 8, u)
+    close(commuting_fields(mesh, 1e-4 * v)[0] * 1e4, u)
+    other, _, faces = renumbered(mesh, 3)
+    close(commuting_fields(other, v[faces])[0], u[faces])
+    np.testing.assert_array_equal(commuting_fields(mesh, v)[0], u)
+
+
+def test_a_normal_part_does_not_matter():
+    mesh = ellipsoid(2, 1.0, 0.7, 1.6)
+    v = wavy_field(mesh, 1)
+    tilted = v + 3 * op.face_normals(mesh)
+    np.testing.assert_allclose(commuting_fields(mesh, tilted), commuting_fields(mesh, v), atol=1e-6)
+    assert relative_bracket(mesh, tilted, v + tilted) < 1e-12
+
+
+def test_a_larger_weight_gives_a_smaller_bracket_and_a_rougher_field():
+    mesh = torus(24, 12)
+    v = wavy_field(mesh, 2)
+    found = [commuting_fields(mesh, v, weight=weight)[0] for weight in (0, 1, 10, 100)]
+    assert (np.diff([relative_bracket(mesh, v, u) for u in found]) < 0).all()
+    assert (np.diff([roughness(mesh, u) for u in found]) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("v", "options", "said"),
+    [
+        (np.zeros((24, 3)), {}, "zero"),
+        (np.ones((23, 3)), {}, "expected"),
+        (np.full((24, 3), np.nan), {}, "finite"),
+        (np.ones((24, 3)), {"count": 0}, "1 to 24"),
+        (np.ones((24, 3)), {"count": 25}, "1 to 24"),
+        (np.ones((24, 3)), {"weight": -1.0}, "at least 0"),
+        (np.ones((24, 3)), {"weight": float("nan")}, "at least 0"),
+    ],
+)
+def test_what_nothing_commutes_with_is_refused_in_words(v, options, said):
+    with pytest.raises(ParameterError, match=said):
+        commuting_fields(disc(2), v, **options)
+
+
+def test_a_field_of_zero_has_no_relative_bracket():
+    mesh = disc(2)
+    with pytest.raises(ParameterError, match="zero"):
+        relative_bracket(mesh, wavy_field(mesh, 1), np.zeros((len(mesh.faces), 3)))

@@ -1,20 +1,133 @@
-"""Points carried along the continuous field: exact, invertible, at home on boundaries."""
+"""Fields made continuous: exact where linear, blind to creases; and points carried along them."""
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
+from abfm.calculus.operators import face_frames
 from abfm.errors import ParameterError
-from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.flow.continuous_flow import ContinuousFlow, Walker, smooth_flow, walk_straight
+from abfm.flow.flow_lines import flow_lines
 from abfm.maps.surface_points import project_onto_surface
+from abfm.mesh import TriangleMesh
+from abfm.streaks.line_integral import direction
 from abfm.workers.control import CancelledError, Control, controlled
 from tests.core.fields import rotation_field, wavy_field
 from tests.core.surfaces import SURFACES
-from tests.core.verification import observed_orders
-from tests.shapes import disc, icosphere, square, torus
+from tests.core.verification import near, observed_orders
+from tests.shapes import disc, icosphere, open_cylinder, square, torus
 
 AXIS = np.array([0.3, -0.5, 0.8])
+
+
+def in_space(mesh, field):
+    """Vectors of the continuous field at corners (F, 3, 3)."""
+    places = mesh.vertices[mesh.faces]
+    corners = np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh))
+    weights = np.concatenate([np.ones((*corners.shape[:2], 1)), corners], axis=2)
+    vectors = smooth_flow(mesh, field).vectors
+    return np.einsum("fcj,fjk,fkx->fcx", weights, vectors, face_frames(mesh))
+
+
+def walked(mesh, field, face, step, count, turns=1):
+    """Places after steps from a face's centre, and as many back, (n, 3)."""
+    frames, places, flow = face_frames(mesh), mesh.vertices[mesh.faces], smooth_flow(mesh, field)
+    x, y = (frames[face] @ (places[face].mean(axis=0) - places[face, 0])).tolist()
+    f, found = face, []
+    for turn in range(turns):
+        u, v = 0.0, 0.0
+        for _ in range(count):
+            walker = direction(flow, Walker(f, x, y, u, v), (-1) ** turn * step, 0.0)
+            f, x, y, u, v = walk_straight(flow, walker)
+            found.append(places[f, 0] + np.array([x, y]) @ frames[f])
+            assert f >= 0
+    return np.array(found)
+
+
+def test_a_constant_field_stays():
+    mesh = square(5)
+    field = np.tile([0.3, -2.0, 0.0], (len(mesh.faces), 1))
+    np.testing.assert_allclose(in_space(mesh, field), np.tile(field[:, None], (1, 3, 1)))
+
+
+def test_a_linear_field_is_found_again_up_to_the_boundary():
+    mesh = square(8)
+    matrix = np.array([[1.0, -2.0, 0], [0.5, 0.7, 0], [0, 0, 0]])
+    corners = mesh.vertices[mesh.faces]
+    found, exact = in_space(mesh, corners.mean(axis=1) @ matrix.T), corners @ matrix.T
+    near(found, exact, 0.2)  # in a corner with one face
+    inside = (np.abs(corners - 0.5)[..., :2] < 0.49).all(axis=2)
+    near(found[inside], exact[inside], 0.01)
+
+
+def test_creases_do_not_matter():
+    """A flat mesh folded along its lines has the same vectors in its frames."""
+    uneven = square(6)
+    x, y = (grid.ravel() / 6 for grid in np.meshgrid(np.arange(7), np.arange(7), indexing="ij"))
+    flat = TriangleMesh(np.stack([x, y, 0 * x], axis=1), uneven.faces)
+    zigzag = np.abs((6 * x + 1) % 2 - 1) / 6  # along the mesh's own lines
+    folded = TriangleMesh(np.stack([0.5 * x, y, np.sqrt(0.75) * zigzag], axis=1), flat.faces)
+    field = wavy_field(flat, 3)
+    coefficients = np.einsum("fkx,fx->fk", face_frames(flat), field)
+    carried = np.einsum("fkx,fk->fx", face_frames(folded), coefficients)
+    near(smooth_flow(folded, carried).vectors, smooth_flow(flat, field).vectors, 1e-12)
+
+
+def test_the_error_falls_with_the_square_of_the_edges():
+    axis, errors = np.array([0.2, -0.3, 1.0]), []
+    for level in (2, 3, 4):
+        mesh = icosphere(level)
+        found = np.linalg.norm(in_space(mesh, rotation_field(mesh, axis)), axis=2)
+        speeds = np.linalg.norm(np.cross(axis, mesh.vertices), axis=1)[mesh.faces]
+        errors.append(np.sqrt(((found - speeds) ** 2).mean()))
+    assert errors[0] > 3 * errors[1] > 9 * errors[2]
+
+
+@pytest.mark.parametrize("mesh", [icosphere(2), torus(14, 9), open_cylinder(9, 4)])
+def test_both_sides_of_an_edge_agree(mesh):
+    """Corner vectors relative to the common edge; exactly where angles sum to a full turn."""
+    field = wavy_field(mesh, 2)
+    vectors, jumps, before = in_space(mesh, field), [], []
+    for edge in np.flatnonzero((mesh.edge_faces >= 0).all(axis=1)):
+        ends = mesh.edges[edge]
+        along = mesh.vertices[ends[1]] - mesh.vertices[ends[0]]
+        along /= np.linalg.norm(along)
+        f, g = mesh.edge_faces[edge]
+        for end in ends:
+            sides = [vectors[h, int(np.argmax(mesh.faces[h] == end))] for h in (f, g)]
+            jumps.append(abs(sides[0] @ along - sides[1] @ along))
+        before.append(abs((field[f] - field[g]) @ along))
+    assert np.sqrt(np.mean(np.square(jumps))) < 0.35 * np.sqrt(np.mean(np.square(before)))
+
+
+def test_walks_follow_circles_that_exact_lines_of_the_faces_miss():
+    """The radius is kept around the centre of a rotation on a coarse mesh, a turn long."""
+    mesh, centre = square(9), np.array([0.53, 0.46, 0.0])
+    field = np.cross([0, 0, 1], mesh.vertices[mesh.faces].mean(axis=1) - centre)
+    face = int(project_onto_surface(mesh, [[0.72, 0.6, 0.0]]).faces[0])
+    first = mesh.vertices[mesh.faces[face]].mean(axis=0)
+    radius = float(np.linalg.norm(first - centre))
+    smooth = walked(mesh, field, face, radius / 100, 628)
+    exact = flow_lines(mesh, field, project_onto_surface(mesh, first[None]), 2 * np.pi)[0].positions
+    of_smooth, of_exact = (
+        np.abs(np.linalg.norm(places - centre, axis=1) - radius).max() / radius
+        for places in (smooth, exact)
+    )
+    assert of_smooth < 0.01
+    assert of_smooth < 0.3 * of_exact
+
+
+def test_a_walk_back_returns():
+    mesh = torus(20, 14)
+    end = walked(mesh, wavy_field(mesh, 2), 5, 0.01, 100, turns=2)[-1]
+    near(end, mesh.vertices[mesh.faces[5]].mean(axis=0), 0.003)
+
+
+def test_faces_without_speed_have_none():
+    mesh = icosphere(1)
+    field = rotation_field(mesh, [0, 0, 1])
+    field[::3] = 0
+    assert (smooth_flow(mesh, field).vectors[::3] == 0).all()
 
 
 def mean_distance(points, others):
@@ -22,108 +135,92 @@ def mean_distance(points, others):
     return float(np.sqrt(((points - others) ** 2).sum(axis=1).mean()))
 
 
+def errors_of_turns(meshes, axis, time, backwards=False):
+    """How far points are from where a rotation takes them, mesh by mesh."""
+    errors, turn = [], Rotation.from_rotvec((-1 if backwards else 1) * time * np.asarray(axis))
+    for mesh in meshes:
+        flow = ContinuousFlow(mesh, rotation_field(mesh, axis), time)
+        points = (flow.origins() if backwards else flow.destinations()).positions
+        if mesh.genus == 0 and mesh.is_closed:
+            points = points / np.linalg.norm(points, axis=1, keepdims=True)
+        errors.append(mean_distance(points, mesh.vertices @ turn.as_matrix().T))
+    return errors
+
+
 @pytest.mark.parametrize("backwards", [False, True])
 def test_a_rotating_sphere_turns_with_order_two(backwards):
-    errors = []
-    for level in (3, 4, 5):
-        mesh = icosphere(level)
-        flow = ContinuousFlow(mesh, rotation_field(mesh, AXIS), 2.0)
-        points = (flow.origins() if backwards else flow.destinations()).positions
-        exact = mesh.vertices @ Rotation.from_rotvec((-2 if backwards else 2) * AXIS).as_matrix().T
-        errors.append(mean_distance(points / np.linalg.norm(points, axis=1, keepdims=True), exact))
+    errors = errors_of_turns([icosphere(level) for level in (3, 4, 5)], AXIS, 2.0, backwards)
     assert errors[-1] < 0.0005
-    assert_allclose(observed_orders([4, 2, 1], errors), 2, rtol=0, atol=0.1)
+    near(observed_orders([4, 2, 1], errors), 2, 0.1)
 
 
 def test_a_torus_turned_about_its_axis_turns_with_order_two():
-    errors = []
-    for n in (24, 48, 96):
-        mesh = torus(n, n // 2)
-        points = ContinuousFlow(mesh, rotation_field(mesh, [0, 0, 1]), 1.0).destinations()
-        exact = mesh.vertices @ Rotation.from_rotvec([0, 0, 1.0]).as_matrix().T
-        errors.append(mean_distance(points.positions, exact))
+    errors = errors_of_turns([torus(n, n // 2) for n in (24, 48, 96)], [0, 0, 1.0], 1.0)
     assert observed_orders([4, 2, 1], errors).min() > 1.8
+
+
+def test_a_disc_turns_along_its_boundary():
+    errors = errors_of_turns([disc(n) for n in (8, 16, 32)], [0, 0, 1.0], 1.5)
+    assert errors[-1] < 0.001
+    # one less on the boundary itself, which is a line
+    assert observed_orders([4, 2, 1], errors).min() > 1.5
 
 
 def test_a_constant_field_moves_the_plane_exactly_and_stops_at_its_sides():
     """Also at boundary vertices and in faces with two boundary edges."""
     mesh = square(7)
     field = np.tile([0.31, -0.17, 5.0], (len(mesh.faces), 1))  # the normal part is dropped
-    points = ContinuousFlow(mesh, field, 1.0).destinations()
-    exact = np.clip(mesh.vertices + np.array([0.31, -0.17, 0]), 0, 1)
-    assert_allclose(points.positions, exact * [1, 1, 0], rtol=0, atol=1e-10)
-
-
-def test_a_disc_turns_along_its_boundary():
-    errors = []
-    for n in (8, 16, 32):
-        mesh = disc(n)
-        points = ContinuousFlow(mesh, rotation_field(mesh, [0, 0, 1]), 1.5).destinations()
-        exact = mesh.vertices @ Rotation.from_rotvec([0, 0, 1.5]).as_matrix().T
-        errors.append(mean_distance(points.positions, exact))
-    assert errors[-1] < 0.001
-    # one less on the boundary itself, which is a line
-    assert observed_orders([4, 2, 1], errors).min() > 1.5
+    exact = np.clip(mesh.vertices + np.array([0.31, -0.17, 0]), 0, 1) * [1, 1, 0]
+    near(ContinuousFlow(mesh, field, 1.0).destinations().positions, exact, 1e-10)
 
 
 def test_there_and_back_is_the_identity_in_the_limit():
     errors = []
     for n in (24, 48, 96):
         mesh = torus(n, n // 2)
-        field = np.stack([wavy_field(mesh, 2), wavy_field(mesh, 5)])
-        flow = ContinuousFlow(mesh, field, 0.2)
-        back = flow.origins(flow.destinations())
-        errors.append(mean_distance(back.positions, mesh.vertices))
+        flow = ContinuousFlow(mesh, np.stack([wavy_field(mesh, 2), wavy_field(mesh, 5)]), 0.2)
+        errors.append(mean_distance(flow.origins(flow.destinations()).positions, mesh.vertices))
     assert errors[-1] < 1e-3
     assert observed_orders([4, 2, 1], errors).min() > 1.5
 
 
 def test_several_fields_follow_each_other():
     """Two quarter turns that do not commute, in this order; backwards the last is undone first."""
-    mesh = icosphere(4)
-    fields = np.stack(
-        [rotation_field(mesh, [np.pi / 2, 0, 0]), rotation_field(mesh, [0, 0, np.pi / 2])]
-    )
-    turn = Rotation.from_rotvec([0, 0, np.pi / 2]) * Rotation.from_rotvec([np.pi / 2, 0, 0])
-    flow, there = ContinuousFlow(mesh, fields, 2.0), mesh.vertices @ turn.as_matrix().T
-    assert_allclose(flow.destinations().positions, there, rtol=0, atol=0.02)
-    back = mesh.vertices @ turn.as_matrix()
-    assert_allclose(flow.origins().positions, back, rtol=0, atol=0.02)
+    mesh, axes = icosphere(4), np.pi / 2 * np.array([[1.0, 0, 0], [0, 0, 1.0]])
+    flow = ContinuousFlow(mesh, np.stack([rotation_field(mesh, axis) for axis in axes]), 2.0)
+    first, second = (Rotation.from_rotvec(axis) for axis in axes)
+    turn = (second * first).as_matrix()
+    near(flow.destinations().positions, mesh.vertices @ turn.T, 0.02)
+    near(flow.origins().positions, mesh.vertices @ turn, 0.02)
 
 
 def test_equal_fields_in_a_row_are_one():
     mesh = torus(48, 24)
     field = wavy_field(mesh, 2)
-    once = ContinuousFlow(mesh, field, 0.3).destinations()
-    thrice = ContinuousFlow(mesh, np.stack([field] * 3), 0.3).destinations()
-    assert_allclose(once.positions, thrice.positions, rtol=0, atol=2e-3)
+    once, thrice = (ContinuousFlow(mesh, np.stack([field] * n), 0.3) for n in (1, 3))
+    near(once.destinations().positions, thrice.destinations().positions, 2e-3)
 
 
 @pytest.mark.parametrize("mesh", SURFACES.values(), ids=SURFACES)
 def test_points_stay_on_the_surface_on_any_mesh(mesh):
     points = ContinuousFlow(mesh, 3 * wavy_field(mesh, 4), 1.0).destinations()
     assert (points.barycentric >= 0).all()
-    assert_allclose(points.barycentric.sum(axis=1), 1, rtol=1e-12)
-    landed = project_onto_surface(mesh, points.positions)
-    assert_allclose(landed.distances_from(points.positions), 0, atol=1e-12)
+    np.testing.assert_allclose(points.barycentric.sum(axis=1), 1, rtol=1e-12)
+    near(project_onto_surface(mesh, points.positions).distances_from(points.positions), 0, 1e-12)
 
 
 def test_no_field_and_no_time_move_nothing():
     mesh = icosphere(2)
-    for points in (
-        ContinuousFlow(mesh, 0 * mesh.vertices[mesh.faces[:, 0]], 1.0).destinations(),
-        ContinuousFlow(mesh, wavy_field(mesh, 1), 0).destinations(),
-    ):
-        assert_allclose(points.positions, mesh.vertices, rtol=0, atol=1e-10)
+    for field, tau in ((np.zeros((len(mesh.faces), 3)), 1.0), (wavy_field(mesh, 1), 0)):
+        near(ContinuousFlow(mesh, field, tau).destinations().positions, mesh.vertices, 1e-10)
 
 
 def test_points_do_not_jump_away_from_a_source():
     """Near a zero of the field steps are short although it is slow; growth is exponential."""
     mesh = disc(6)
-    field = 3 * mesh.vertices[mesh.faces].mean(axis=1)
-    near = project_onto_surface(mesh, mesh.vertices[:1] + np.array([1e-4, 2e-4, 0]))
-    end = ContinuousFlow(mesh, field, 2.0).destinations(near).positions[0]
-    assert_allclose(end, near.positions[0] * np.exp(6), rtol=0.2)
+    start = project_onto_surface(mesh, mesh.vertices[:1] + np.array([1e-4, 2e-4, 0]))
+    end = ContinuousFlow(mesh, 3 * mesh.vertices[mesh.faces].mean(axis=1), 2.0).destinations(start)
+    np.testing.assert_allclose(end.positions, start.positions * np.exp(6), rtol=0.2)
 
 
 def test_the_caller_may_end_the_work_between_chunks():
@@ -139,20 +236,13 @@ def test_the_caller_may_end_the_work_between_chunks():
         ContinuousFlow(mesh, wavy_field(mesh, 2), 0.3).destinations()
 
 
-@pytest.mark.parametrize("factor", [1e6, 1e200, 1e307])
-def test_fields_that_would_take_very_long_are_refused(factor):
+def test_what_does_not_fit_or_would_take_very_long_is_refused():
     mesh = icosphere(2)
-    with pytest.raises(ParameterError, match=r"leads points over .* faces .* scale it down"):
-        ContinuousFlow(mesh, factor * wavy_field(mesh, 1), 1.0)
-
-
-def test_what_does_not_fit_is_refused():
-    mesh = icosphere(1)
     field = wavy_field(mesh, 1)
-    with pytest.raises(ParameterError, match="velocity has shape"):
-        ContinuousFlow(mesh, field[1:], 1.0)
-    with pytest.raises(ParameterError, match="not finite"):
-        ContinuousFlow(mesh, np.full_like(field, np.nan), 1.0)
-    for tau in (-1.0, np.inf, np.nan, np.ones(2)):
-        with pytest.raises(ParameterError, match="tau is"):
-            ContinuousFlow(mesh, field, tau)
+    wrong = [(field[1:], 1.0, "velocity has shape"), (field * np.nan, 1.0, "not finite")]
+    wrong += [(field, tau, "tau is") for tau in (-1.0, np.inf, np.nan, np.ones(2))]
+    long = r"leads points over .* faces .* scale it down"
+    wrong += [(factor * field, 1.0, long) for factor in (1e6, 1e200, 1e307)]
+    for velocity, tau, words in wrong:
+        with pytest.raises(ParameterError, match=words):
+            ContinuousFlow(mesh, velocity, tau)

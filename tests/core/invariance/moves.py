@@ -23,26 +23,21 @@ def face(subdivisions):
     """A closed surface with one mirror plane, x = 0."""
     sphere = icosphere(subdivisions)
     x, y, z = sphere.vertices.T
-    return TriangleMesh(
-        sphere.vertices * (1 + 0.3 * z + 0.2 * y * z - 0.2 * x**2)[:, None], sphere.faces
-    )
+    radius = 1 + 0.3 * z + 0.2 * y * z - 0.2 * x**2
+    return TriangleMesh(sphere.vertices * radius[:, None], sphere.faces)
 
 
 MESHES = {"potato": potato(2), "torus": torus(14, 9), "square": square(6)}
 
 
 def examples(count):
-    """So many cases, the same in every run; none is made simpler, which may take hundreds of
-    matches.
-    """
+    """So many cases, the same in every run; none is made simpler by hundreds of matches."""
     return settings(max_examples=count, phases=(Phase.explicit, Phase.generate), derandomize=True)
 
 
 @dataclass(frozen=True)
 class Move:
-    """A rotation, a scaling, a translation in sqrt(area), and new numbers of vertices, faces and
-    corners.
-    """
+    """A rotation, a scaling, a translation in sqrt(area), and new numbers of all parts."""
 
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
     scale: float = 1.0
@@ -66,15 +61,12 @@ class Move:
 
     def mesh(self, mesh):
         vertices, faces = self.numbers(mesh)
-        corners = np.arange(3)[None] * np.ones((len(faces), 1), dtype=int)
+        firsts = np.zeros(len(faces), dtype=int)
         if self.seed is not None:
-            corners = (
-                corners + np.random.default_rng(self.seed).integers(3, size=len(faces))[:, None]
-            ) % 3
-        corners = np.take_along_axis(mesh.faces[faces], corners, axis=1)
-        return TriangleMesh(
-            self.places(mesh, mesh.vertices[vertices]), np.argsort(vertices)[corners]
-        )
+            firsts = np.random.default_rng(self.seed).integers(3, size=len(faces))
+        corners = (np.arange(3) + firsts[:, None]) % 3
+        corners = np.argsort(vertices)[np.take_along_axis(mesh.faces[faces], corners, axis=1)]
+        return TriangleMesh(self.places(mesh, mesh.vertices[vertices]), corners)
 
     def function(self, mesh, f, power=0):
         """A function on vertices (V, ...), in a unit of length to some power."""

@@ -56,36 +56,34 @@ def assert_alike(found, expected, tolerance):
 @given(name=BY_NAME, move=MOVES)
 def test_operators_and_fields(name, move):
     mesh, other = MESHES[name], move.mesh(MESHES[name])
-    f = (
-        np.sin(3 * mesh.vertices[:, 0] / mesh.length_scale)
-        + mesh.vertices[:, 1] / mesh.length_scale
-    )
-    h, v, u = move.function(mesh, f), wavy_field(mesh, 1), wavy_field(mesh, 2)
-    w, q = move.field(mesh, v), move.field(mesh, u)
+    x, y, _ = mesh.vertices.T / mesh.length_scale
+    f, v, u = np.sin(3 * x) + y, wavy_field(mesh, 1), wavy_field(mesh, 2)
+    h, w, q = move.function(mesh, f), move.field(mesh, v), move.field(mesh, u)
     assert_alike(vertex_areas(other), move.function(mesh, vertex_areas(mesh), 2), ROUNDING)
     assert_alike(face_areas(other), move.on_faces(mesh, face_areas(mesh), 2), ROUNDING)
     assert_alike(np.sort(edge_lengths(other)), move.scale * np.sort(edge_lengths(mesh)), ROUNDING)
-    slopes = [to_ambient(m, (gradient(m) @ x).reshape(-1, 2)) for m, x in ((mesh, f), (other, h))]
-    assert_alike(slopes[1], move.field(mesh, slopes[0], -1), ROUNDING)
-    for operator in (divergence, curl):
-        values = [operator(m) @ to_frame(m, x).ravel() for m, x in ((mesh, v), (other, w))]
-        assert_alike(values[1], move.function(mesh, values[0]), ROUNDING)
-    bent = [cotangent_laplacian(m) @ x for m, x in ((mesh, f), (other, h))]
-    assert_alike(bent[1], move.function(mesh, bent[0]), ROUNDING)
-    hodge = [
-        to_ambient(m, (hodge_laplacian(m) @ to_frame(m, x).ravel()).reshape(-1, 2))
-        for m, x in ((mesh, v), (other, w))
-    ]
-    assert_alike(hodge[1], move.field(mesh, hodge[0]), ROUNDING)
-    assert_alike(
-        lie_bracket_of(other, w, q), move.field(mesh, lie_bracket_of(mesh, v, u)), ROUNDING
-    )
+    for operator, by, moved_by, power in (
+        (gradient, (f, h), move.field, -1),
+        (divergence, (v, w), move.function, 0),
+        (curl, (v, w), move.function, 0),
+        (cotangent_laplacian, (f, h), move.function, 0),
+        (hodge_laplacian, (v, w), move.field, 1),
+    ):
+        before, after = (
+            operator(m) @ (x if x.ndim == 1 else to_frame(m, x).ravel())
+            for m, x in zip((mesh, other), by, strict=True)
+        )
+        if moved_by == move.field:
+            before, after = (
+                to_ambient(m, x.reshape(-1, 2)) for m, x in ((mesh, before), (other, after))
+            )
+        assert_alike(after, moved_by(mesh, before, power), ROUNDING)
+    bracket, carried = lie_bracket_of(mesh, v, u), pushforward(mesh, v, u, 0.1)
+    assert_alike(lie_bracket_of(other, w, q), move.field(mesh, bracket), ROUNDING)
+    assert_alike(pushforward(other, w, q, 0.1), move.field(mesh, carried), SOLVES)
+    whole = np.abs(w).max()  # parts may be rounding
     for part, expected in zip(helmholtz_hodge(other, w), helmholtz_hodge(mesh, v), strict=True):
-        whole = np.abs(move.field(mesh, v)).max()  # parts may be rounding
         assert np.abs(part - move.field(mesh, expected)).max() <= SOLVES * whole
-    assert_alike(
-        pushforward(other, w, q, 0.1), move.field(mesh, pushforward(mesh, v, u, 0.1)), SOLVES
-    )
 
 
 @examples(8)
@@ -94,37 +92,35 @@ def test_flows(name, move):
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     f, v = bump(mesh, mesh.vertices[3], 0.3), 0.2 * wavy_field(mesh, 1)
     h, w = move.function(mesh, f), move.field(mesh, v)
+    size, (old, old_faces) = mesh.length_scale * move.scale, move.numbers(mesh)
+    times = [0.5, 1.0, -0.7, 0.3]
     for method in ("nonlinear", "linearised"):
-        carried = abfm.Flow(mesh, v, 1.0, method).push(f, [0.5, 1.0, -0.7])
-        assert_alike(
-            abfm.Flow(other, w, 1.0, method).push(h, [0.5, 1.0, -0.7]),
-            carried[:, move.numbers(mesh)[0]],
-            SOLVES,
+        before, after = (
+            abfm.Flow(m, x, 1.0, method).push(g, times) for m, x, g in ((mesh, v, f), (other, w, h))
         )
-    assert_alike(
-        abfm.advect(other, w, h, 0.3), move.function(mesh, abfm.advect(mesh, v, f, 0.3)), SOLVES
-    )
-    size, old = mesh.length_scale * move.scale, move.numbers(mesh)[0]
-    flows = [ContinuousFlow(m, x, 1.0) for m, x in ((other, w), (mesh, v))]
-    for walk in (ContinuousFlow.destinations, ContinuousFlow.origins):
-        found, expected = (walk(flow).positions for flow in flows)
-        assert np.abs(found - move.places(mesh, expected)[old]).max() <= SOLVES * size
+        assert_alike(after, before[:, old], SOLVES)
+
+    def check(walk):
+        """The places where a walk ends, on both meshes, before and after the move."""
+        before, after = walk(mesh, v), walk(other, w)
+        assert np.abs(after - move.places(mesh, before)[old]).max() <= SOLVES * size
+
+    check(lambda m, x: ContinuousFlow(m, x, 1.0).destinations().positions)
+    check(lambda m, x: ContinuousFlow(m, x, 1.0).origins().positions)
+    check(lambda m, x: ends_of(flow_lines(m, x, vertex_points(m), 1.0)))
     witnesses = [abfm.verify(abfm.Problem(m, x, x), y) for m, x, y in ((mesh, f, v), (other, h, w))]
     for which in ("flow_lines", "subdivided", "resolution", "folded", "overturned"):
         one, other_one = (getattr(each, which) for each in witnesses)
         assert other_one == pytest.approx(one, rel=SOLVES, abs=SOLVES)
-    middle, there = (
-        SurfacePoints(m, faces, np.full((1, 3), 1 / 3))
-        for m, faces in ((mesh, np.array([5])), (other, np.flatnonzero(move.numbers(mesh)[1] == 5)))
-    )
     ends = [
-        flow_lines(m, x, at, 1.0)[0].positions[-1]
-        for m, x, at in ((mesh, v, middle), (other, w, there))
+        ends_of(flow_lines(m, x, SurfacePoints(m, faces, np.full((1, 3), 1 / 3)), 1.0))
+        for m, x, faces in ((mesh, v, np.array([5])), (other, w, np.flatnonzero(old_faces == 5)))
     ]
     assert np.linalg.norm(ends[1] - move.places(mesh, ends[0])) <= SOLVES * size
-    lines = [flow_lines(m, x, vertex_points(m), 1.0) for m, x in ((mesh, v), (other, w))]
-    expected, found = (np.array([line.positions[-1] for line in each]) for each in lines)
-    assert np.abs(found - move.places(mesh, expected)[old]).max() <= SOLVES * size
+
+
+def ends_of(lines):
+    return np.array([line.positions[-1] for line in lines])
 
 
 @examples(6)
@@ -133,11 +129,8 @@ def test_distances_heat_and_eigenfunctions(name, move):
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     old = move.numbers(mesh)[0]
     place = int(np.flatnonzero(old == 7)[0])
-    assert_alike(
-        geodesic_distance(other, place),
-        move.function(mesh, geodesic_distance(mesh, 7), 1),
-        SPECTRAL,
-    )
+    distances = move.function(mesh, geodesic_distance(mesh, 7), 1)
+    assert_alike(geodesic_distance(other, place), distances, SPECTRAL)
     f, g = bump(mesh, mesh.vertices[3], 0.3), bump(mesh, mesh.vertices[30], 0.3)
     heated = [HeatKernel(m, 0.2, 4)(x) for m, x in ((mesh, f), (other, move.function(mesh, f)))]
     assert_alike(heated[1], move.function(mesh, heated[0]), SOLVES)
@@ -149,20 +142,17 @@ def test_distances_heat_and_eigenfunctions(name, move):
     assert_alike(again, values / move.scale**2, SPECTRAL)
     apart = np.diff(values) > 1e-3 * values[-1]
     for k in np.flatnonzero(np.append(True, apart) & np.append(apart, False)):
-        sign = np.sign(others[:, k] @ move.function(mesh, functions[:, k]))
-        skewed = abs(vertex_areas(mesh) @ functions[:, k] ** 3) > 1e-3 * (
-            vertex_areas(mesh) @ abs(functions[:, k]) ** 3
-        )
+        phi, areas = functions[:, k], vertex_areas(mesh)
+        sign = np.sign(others[:, k] @ move.function(mesh, phi))
+        skewed = abs(areas @ phi**3) > 1e-3 * (areas @ abs(phi) ** 3)
         assert sign > 0 or not skewed
-        assert_alike(sign * others[:, k], move.function(mesh, functions[:, k], -1), 1e-5)
+        assert_alike(sign * others[:, k], move.function(mesh, phi, -1), 1e-5)
 
 
 @given(move=MOVES)
 @examples(3)
 def test_eigenspaces_of_several_dimensions(move):
-    """The first three eigenfunctions of a sphere are any; the function that they span with their
-    squares is not.
-    """
+    """The first three eigenfunctions of a sphere are any; the sum of their squares is not."""
     mesh = icosphere(2)
     spanned = [(eigenbasis(m, 4)[1][:, 1:] ** 2).sum(axis=1) for m in (mesh, move.mesh(mesh))]
     assert_alike(spanned[1], move.function(mesh, spanned[0], -2), SPECTRAL)
@@ -204,10 +194,8 @@ def test_functions(spec, move):
     mesh = FACE if "permuted" in spec else MESHES["potato"]
     power, tolerance = POWERS[spec]
     a, b = (int(np.flatnonzero(move.numbers(mesh)[0] == vertex)[0]) for vertex in (12, 31))
-    found = abfm.function(move.mesh(mesh), spec.format(a=a, b=b))
-    assert_alike(
-        found, move.function(mesh, abfm.function(mesh, spec.format(a=12, b=31)), power), tolerance
-    )
+    found, expected = abfm.function(move.mesh(mesh), spec.format(a=a, b=b)), spec.format(a=12, b=31)
+    assert_alike(found, move.function(mesh, abfm.function(mesh, expected), power), tolerance)
 
 
 @pytest.mark.parametrize(

@@ -1,49 +1,138 @@
-"""Distances from the surface and folds of maps made to have them, and their warnings."""
+"""How good maps are: errors against known ones, distances from the surface, folds."""
 
+import igl
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.assets import asset_path
 from abfm.errors import AbfmError
 from abfm.experiments.fields import feet, stream_field
+from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
-from abfm.maps.distortion import distortion
+from abfm.maps import quality
+from abfm.maps.distortion import MOST, distortion, folds, turned_parts
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, MapQuality, map_quality
+from abfm.maps.quality import FOLDED, MapAccuracy, MapQuality, map_accuracy, map_quality
+from abfm.maps.surface_points import project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh, load_mesh
+from tests.core.fields import rotation_field, wavy_field
 from tests.shapes import icosphere, square, torus
+
+LARGEST, RMS = quality.LARGEST_DISTANCE, quality.RMS_DISTANCE
+RING = torus(24, 12)
+
+
+def errors_of(mesh, target=None, *truth, **options):
+    return map_accuracy(PointMap.of_vertices(mesh, mesh, target), *truth, **options).errors
+
+
+def test_distances_in_the_plane_are_straight_and_those_to_the_truth_zero():
+    mesh = square(8)
+    target = np.random.default_rng(0).permutation(len(mesh.vertices))
+    expected = np.linalg.norm(mesh.vertices[target] - mesh.vertices, axis=1)
+    assert_allclose(errors_of(mesh, target), expected, atol=1e-12)
+    assert_array_equal(errors_of(mesh), 0)
+    assert_array_equal(errors_of(mesh, target, target), 0)
+
+
+def test_points_inside_faces_are_measured_to_a_share_of_an_edge():
+    mesh = square(8)
+    places = np.random.default_rng(1).uniform(0, 1, (len(mesh.vertices), 3)) * [1, 1, 0]
+    points = PointMap.project(mesh, mesh, places)
+    off = map_accuracy(points).errors - np.linalg.norm(points.positions - mesh.vertices, axis=1)
+    assert off.min() >= -1e-12
+    assert off.max() < 0.2 / 8
+    assert off.mean() < 0.03 / 8
+
+
+def test_a_turned_sphere_is_off_by_the_arc():
+    sphere, c, s = icosphere(4), np.cos(0.5), np.sin(0.5)
+    turned = sphere.vertices @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    found = map_accuracy(PointMap.project(sphere, sphere, turned), most=200)
+    arcs = np.arccos((turned * sphere.vertices).sum(axis=1).clip(-1, 1))[found.vertices]
+    assert_allclose(found.errors, arcs / np.sqrt(4 * np.pi), atol=0.003)
+
+
+def test_distances_on_an_uneven_mesh_against_exact_ones():
+    human = load_mesh(asset_path("human_A.off")).normalized()
+    count, none = len(human.vertices), np.array([], dtype=np.int64)
+    to = np.arange(count)
+    exact = igl.exact_geodesic(human.vertices, human.faces, np.array([100]), none, to, none)
+    near = np.flatnonzero(exact < 0.3)
+    off = errors_of(human, None, np.full(count, 100), most=count)[near] - exact[near]
+    assert off.min() >= -1e-9
+    assert off.max() < 0.02
+    assert off.mean() < 0.002
+
+
+def test_of_many_vertices_the_same_ones_are_measured():
+    identity = PointMap.of_vertices(RING, RING)
+    first, again = (map_accuracy(identity, most=30).vertices for _ in range(2))
+    assert_array_equal(first, again)
+    assert len(np.unique(first)) == 30
+
+
+@given(
+    st.lists(st.floats(0, 2), min_size=1, max_size=30),
+    st.lists(st.floats(-1, 3), min_size=1, max_size=9),
+)
+def test_share_under_a_bound_counts(errors, bounds):
+    accuracy = MapAccuracy(np.arange(len(errors)), np.array(errors))
+    expected = [np.mean(np.array(errors) <= bound) for bound in bounds]
+    assert_array_equal(accuracy.share_under(bounds), expected)
+    assert accuracy.share_under(accuracy.maximum) == 1
+    assert accuracy.median <= accuracy.maximum
+
+
+def test_reports_have_the_numbers():
+    assert MapAccuracy(np.arange(4), np.array([0.0, 0.01, 0.06, 0.3])).report() == (
+        "geodesic error: mean 0.0925, median 0.0350, largest 0.3000; "
+        "50.0 % under 0.05, 75.0 % under 0.1, 75.0 % under 0.25"
+    )
+    assert MapQuality(0.25, 0.0125, 0.031).report() == (
+        "off the surface: largest 0.25, RMS 0.0125 sqrt(area); folded: 3.1 % of the faces"
+    )
+
+
+def test_what_does_not_fit_is_refused():
+    count = len(RING.vertices)
+    for truth, options, words in (
+        (np.arange(3), {}, "truth has shape"),
+        (np.arange(count) + 1, {}, "expected 0 to"),
+        (None, {"most": 0}, "at least 1"),
+    ):
+        with pytest.raises(AbfmError, match=words):
+            errors_of(RING, None, truth, **options)
+    with pytest.raises(AbfmError, match="one point per vertex"):
+        PointMap.of_vertices(RING, RING, np.arange(5))
 
 
 def test_the_identity_and_an_isometry_are_perfect():
-    mesh = torus(24, 12)
-    turned = TriangleMesh(7 * mesh.vertices[:, [1, 2, 0]], mesh.faces)
-    for codomain in (mesh, turned):
-        found = map_quality(PointMap.of_vertices(mesh, codomain))
-        assert found == MapQuality(0.0, 0.0, 0.0)
-        assert found.warning is None
+    for codomain in (RING, TriangleMesh(7 * RING.vertices[:, [1, 2, 0]], RING.faces)):
+        found = map_quality(PointMap.of_vertices(RING, codomain))
+        assert (found, found.warning) == (MapQuality(0.0, 0.0, 0.0), None)
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 50.0])
 def test_distances_are_those_that_were_given_in_any_unit(unit):
-    mesh = square(8)
-    mesh = TriangleMesh(2 * unit * mesh.vertices, mesh.faces)
-    off = np.linspace(0, 0.3, len(mesh.vertices))
+    flat = square(8)
+    mesh, off = TriangleMesh(2 * unit * flat.vertices, flat.faces), np.linspace(0, 0.3, 81)
     moved = mesh.vertices + 2 * unit * np.outer(off, [0, 0, 1])
     found = map_quality(PointMap.project(mesh, mesh, moved))
     assert found.largest_distance == pytest.approx(0.3)
     assert found.rms_distance == pytest.approx(np.sqrt(np.mean(off**2)))
     assert found.folded == 0
-    assert found.warning is not None
     assert "up to 0.3 sqrt(area) off the surface" in found.warning
     assert "folded" not in found.warning
 
 
 def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces():
-    mesh = torus(24, 12)
-    mirrored = map_quality(PointMap.project(mesh, mesh, mesh.vertices * [1, 1, -1]))
+    mirrored = map_quality(PointMap.project(RING, RING, RING.vertices * [1, 1, -1]))
     assert mirrored.folded == 1
     assert mirrored.largest_distance < 1e-12
-    assert mirrored.warning is not None
     assert "100% of the faces folded" in mirrored.warning
     flat = square(6)
     dragged = flat.vertices.copy()
@@ -64,20 +153,9 @@ def test_folds_are_judged_on_the_surface_that_the_map_leads_to():
 
 
 def test_every_bound_warns_alone():
-    for over in (
-        MapQuality(1.01 * LARGEST_DISTANCE, 0.0, 0.0),
-        MapQuality(0.0, 1.01 * RMS_DISTANCE, 0.0),
-        MapQuality(0.0, 0.0, 1.01 * FOLDED),
-    ):
-        assert over.warning is not None
-        assert "\n" not in over.warning
-    assert MapQuality(LARGEST_DISTANCE, RMS_DISTANCE, FOLDED).warning is None
-
-
-def test_the_report_has_the_numbers():
-    assert MapQuality(0.25, 0.0125, 0.031).report() == (
-        "off the surface: largest 0.25, RMS 0.0125 sqrt(area); folded: 3.1 % of the faces"
-    )
+    for over in np.diag([1.01 * LARGEST, 1.01 * RMS, 1.01 * FOLDED]):
+        assert "\n" not in MapQuality(*over).warning
+    assert MapQuality(LARGEST, RMS, FOLDED).warning is None
 
 
 SURFACES = {
@@ -94,20 +172,71 @@ def test_maps_without_a_warning_are_near_exact_flow_lines(name, modes, speed):
     mesh = SURFACES[name]
     field = stream_field(mesh, modes, speed)
     points = Flow(mesh, field).point_map()
-    found = map_quality(points)
-    errors = (
-        np.linalg.norm(points.positions - feet(mesh, field, np.ones(1))[0], axis=1)
-        / mesh.length_scale
-    )
-    if found.warning is None:
-        assert errors.mean() < 0.025
-    if found.largest_distance > LARGEST_DISTANCE:
-        assert errors.max() > 0.15
-    if found.rms_distance > RMS_DISTANCE:
-        assert errors.mean() > 0.028
+    found, off = map_quality(points), points.positions - feet(mesh, field, np.ones(1))[0]
+    errors = np.linalg.norm(off, axis=1) / mesh.length_scale
+    assert found.warning is not None or errors.mean() < 0.025
+    assert found.largest_distance <= LARGEST or errors.max() > 0.15
+    assert found.rms_distance <= RMS or errors.mean() > 0.028
 
 
-def test_a_map_of_other_vertices_is_refused():
-    mesh = icosphere(1)
-    with pytest.raises(AbfmError, match="one point per vertex"):
-        PointMap.of_vertices(mesh, mesh, np.arange(5))
+def by_positions(mesh, move):
+    """A map of the surface from one of space."""
+    return lambda points: project_onto_surface(mesh, move(points.positions))
+
+
+def shares(mesh, carried, most=MOST):
+    places = carried(vertex_points(mesh)).positions
+    return folds(mesh, carried, np.arange(len(mesh.faces)), places[mesh.faces], most)
+
+
+def folded_over(x):
+    """Half of the unit square goes onto the other half."""
+    return np.abs(x * [2, 1, 1] - [1, 0, 0])
+
+
+def test_a_reflection_folds_every_face_and_a_collapsed_surface_none():
+    mesh, ball = square(6), icosphere(3)
+    assert shares(mesh, by_positions(mesh, lambda x: x * [-1, 1, 1] + [1, 0, 0])) == (1, 1)
+    assert shares(ball, by_positions(ball, lambda x: x * [-1, 1, 1])) == (1, 1)
+    assert shares(mesh, by_positions(mesh, lambda x: x * [0, 1, 1] + [0.3, 0, 0]))[0] == 0
+
+
+def test_a_map_that_folds_half_of_the_plane_over_folds_that_half():
+    mesh = square(40)
+    folded, overturned = shares(mesh, by_positions(mesh, folded_over))
+    left = (mesh.vertices[mesh.faces].mean(axis=1)[:, 0] < 0.5).mean()
+    assert abs(folded - left) < 0.02
+    assert folded <= overturned
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_smooth_flows_fold_nothing_even_where_they_overturn_stretched_faces(seed):
+    mesh = icosphere(3)
+    turn, field = rotation_field(mesh, [1, 0, 0]), 5 * wavy_field(mesh, seed)
+    assert shares(mesh, ContinuousFlow(mesh, turn, 1.0).destinations) == (0, 0)
+    folded, overturned = shares(mesh, ContinuousFlow(mesh, field, 0.2).destinations)
+    assert overturned > 0.02
+    assert folded < 0.05 * overturned
+
+
+def test_of_very_many_faces_some_stand_for_all():
+    mesh, asked = square(30), []
+    carried = by_positions(mesh, folded_over)
+
+    def counted(start):
+        asked.append(len(start.faces))
+        return carried(start)
+
+    assert abs(shares(mesh, counted, 50)[0] - shares(mesh, carried)[0]) < 0.05
+    assert asked == [len(mesh.vertices), 50 * 45]
+
+
+def test_parts_cover_a_face():
+    mesh = square(3)
+    half = by_positions(mesh, lambda x: np.abs(x - [0.5, 0, 0]) + np.array([0.25, 0, 0]))
+    turned = turned_parts(mesh, half, np.arange(len(mesh.faces)))
+    left = (mesh.vertices[mesh.faces][..., 0] < 0.5).sum(axis=1)
+    assert (turned[left == 3] == 1).all()
+    assert (turned[left == 0] == 0).all()
+    mixed = turned[(left > 0) & (left < 3)]
+    assert ((mixed > 0) & (mixed < 1)).all()

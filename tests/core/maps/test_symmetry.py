@@ -12,8 +12,7 @@ from abfm.assets import asset_path
 from abfm.errors import ParameterError
 from abfm.experiments.vocabulary import bundled
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
-from abfm.mesh import TriangleMesh
-from abfm.mesh.shapes import stepped_slab, two_armed
+from abfm.mesh import TriangleMesh, shapes
 from tests.shapes import (
     disc,
     ellipsoid,
@@ -39,29 +38,29 @@ SYMMETRIC = {
 }
 
 
-def moved(mesh, turn, scale, shift, order):
-    """The mesh turned, scaled and shifted, vertex i of it being vertex order[i] of the old one."""
-    new_of_old = np.argsort(order)
-    vertices = scale * (mesh.vertices @ Rotation.from_rotvec(turn).as_matrix().T) + shift
-    return TriangleMesh(vertices[order], new_of_old[mesh.faces])
+def exact(mesh, kind, order=2):
+    """A symmetry that takes every vertex once, and comes back after as many times."""
+    found = detect_symmetry(mesh, kind, order)
+    assert found.error < 1e-9
+    assert found.is_permutation
+    times = vertices = np.arange(len(mesh.vertices))
+    for _ in range(order):
+        times = found.vertex_map[times]
+    assert_array_equal(times, vertices)
+    assert_allclose(np.linalg.matrix_power(found.linear, order), np.eye(3), atol=1e-12)
+    assert not np.allclose(found.linear, np.eye(3))
+    assert (found.vertex_map != vertices).any()
+    assert_allclose(found.carry(mesh.vertices), mesh.vertices[found.vertex_map], atol=1e-9)
+    sign = -1 if kind == "mirror" else 1
+    assert np.linalg.det(found.linear) == pytest.approx(sign)
+    assert_allclose(found.linear @ found.axis, sign * found.axis, atol=1e-12)
+    return found
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", SYMMETRIC)
 def test_symmetric_meshes_have_exact_involutions(name, kind):
-    mesh = SYMMETRIC[name]
-    found = detect_symmetry(mesh, kind)
-    count = np.arange(len(mesh.vertices))
-    assert found.error < 1e-9
-    assert found.is_permutation
-    assert_array_equal(found.vertex_map[found.vertex_map], count)
-    assert (found.vertex_map != count).any()
-    assert_allclose(found.carry(mesh.vertices), mesh.vertices[found.vertex_map], atol=1e-9)
-    assert_allclose(found.linear @ found.linear, np.eye(3), atol=1e-12)
-    assert np.linalg.det(found.linear) == pytest.approx(-1 if kind == "mirror" else 1)
-    assert_allclose(
-        found.linear @ found.axis, found.axis * (-1 if kind == "mirror" else 1), atol=1e-12
-    )
+    exact(SYMMETRIC[name], kind)
 
 
 @pytest.mark.parametrize(
@@ -69,17 +68,27 @@ def test_symmetric_meshes_have_exact_involutions(name, kind):
     [(tetrahedron(), 3), (SYMMETRIC["cube"], 3), (SYMMETRIC["cube"], 4), (torus(30, 8), 5)],
 )
 def test_rotations_of_higher_order_come_back_after_as_many_times(mesh, order):
-    found = detect_symmetry(mesh, "rotation", order)
-    vertices = np.arange(len(mesh.vertices))
-    assert found.is_permutation
-    assert found.error < 1e-9
-    once = found.vertex_map
-    times = vertices
-    for _ in range(order):
-        times = once[times]
-    assert_array_equal(times, vertices)
-    assert_allclose(np.linalg.matrix_power(found.linear, order), np.eye(3), atol=1e-12)
-    assert not np.allclose(found.linear, np.eye(3))
+    exact(mesh, "rotation", order)
+
+
+@pytest.mark.parametrize("mesh", [shapes.two_armed(2), shapes.stepped_slab(2)])
+def test_the_generated_shapes_have_the_rotation_that_they_promise(mesh):
+    found = exact(mesh, "rotation")
+    assert mesh.is_closed
+    assert mesh.genus == 0
+    assert_allclose(np.abs(found.axis), [0, 0, 1], atol=1e-9)
+    mirrored = {tuple(sorted(face)) for face in found.vertex_map[mesh.faces].tolist()}
+    assert mirrored == {tuple(sorted(face)) for face in mesh.faces.tolist()}
+
+
+def test_of_the_many_rotations_of_a_ring_the_one_that_moves_all_of_it_is_chosen():
+    around = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    circle = np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
+    vertices = np.concatenate([radius * circle for radius in np.linspace(1, 2, 6)])
+    ring, place = np.indices((5, 60)).reshape(2, -1)
+    a, b = 60 * ring + place, 60 * ring + (place + 1) % 60
+    faces = np.concatenate([np.stack(c, axis=1) for c in ((a, a + 60, b), (b, a + 60, b + 60))])
+    assert_allclose(exact(TriangleMesh(vertices, faces), "rotation").axis, [0, 0, 1], atol=1e-9)
 
 
 def test_the_human_has_the_mirror_that_its_file_says():
@@ -97,39 +106,31 @@ def test_the_human_has_the_mirror_that_its_file_says():
     seed=st.integers(0, 2**20),
 )
 def test_a_mesh_that_is_moved_scaled_and_renumbered_has_the_same_symmetry(turn, scale, shift, seed):
-    mesh = two_armed(2)
+    mesh, turn = shapes.two_armed(2), Rotation.from_rotvec(turn)
     order = np.random.default_rng(seed).permutation(len(mesh.vertices))
-    other = moved(mesh, np.array(turn), scale, scale * np.array(shift), order)
+    vertices = scale * (turn.apply(mesh.vertices.copy()) + shift)
+    other = TriangleMesh(vertices[order], np.argsort(order)[mesh.faces])
     before, after = detect_symmetry(mesh, "rotation"), detect_symmetry(other, "rotation")
     assert_array_equal(order[after.vertex_map], before.vertex_map[order])
     assert after.error < 1e-8
-    turned = Rotation.from_rotvec(turn).apply(before.axis)
-    assert abs(turned @ after.axis) == pytest.approx(1, abs=1e-9)
+    assert abs(turn.apply(before.axis) @ after.axis) == pytest.approx(1, abs=1e-9)
 
 
 @settings(max_examples=10, deadline=None)
 @given(level=st.floats(0, 4e-3), seed=st.integers(0, 2**20))
 def test_noise_moves_the_plane_little_and_shows_in_the_error(level, seed):
-    rng = np.random.default_rng(seed)
-    mesh = HUMAN.normalized()
-    noisy = TriangleMesh(
-        mesh.vertices + np.clip(level * rng.standard_normal(mesh.vertices.shape), -0.01, 0.01),
-        mesh.faces,
-    )
-    found = detect_symmetry(noisy, "mirror")
+    mesh, rng = HUMAN.normalized(), np.random.default_rng(seed)
+    noise = np.clip(level * rng.standard_normal(mesh.vertices.shape), -0.01, 0.01)
+    found = detect_symmetry(TriangleMesh(mesh.vertices + noise, mesh.faces), "mirror")
     assert abs(found.axis[0]) > np.cos(np.radians(1))
     assert found.error < 0.02
     assert (found.error > 0.1 * level) or level < 1e-6
 
 
 def test_a_mirror_of_the_shape_that_the_mesh_does_not_have():
-    ball = ellipsoid(3, 1, 0.7, 0.5)
-    turned = Rotation.from_rotvec([0.3, 0.2, 0.1]).apply(icosphere(3).vertices.copy()) * [
-        1,
-        0.7,
-        0.5,
-    ]
-    found = detect_symmetry(TriangleMesh(turned, ball.faces), "mirror")
+    turn = Rotation.from_rotvec([0.3, 0.2, 0.1])
+    turned = turn.apply(icosphere(3).vertices.copy()) * [1, 0.7, 0.5]
+    found = detect_symmetry(TriangleMesh(turned, icosphere(3).faces), "mirror")
     assert not found.is_permutation
     assert 1e-6 < found.error < 0.01
     assert np.abs(found.axis).max() > np.cos(np.radians(1))
@@ -138,18 +139,16 @@ def test_a_mirror_of_the_shape_that_the_mesh_does_not_have():
 
 
 def test_of_several_symmetries_the_one_that_moves_most_is_chosen():
-    mesh = ellipsoid(3, 1, 0.7, 0.5)
-    assert_allclose(np.abs(detect_symmetry(mesh, "mirror").axis), [1, 0, 0], atol=1e-9)
-    assert_allclose(np.abs(detect_symmetry(mesh, "rotation").axis), [0, 0, 1], atol=1e-9)
+    for kind, axis in (("mirror", [1, 0, 0]), ("rotation", [0, 0, 1])):
+        found = detect_symmetry(SYMMETRIC["ellipsoid"], kind)
+        assert_allclose(np.abs(found.axis), axis, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["fandisk.off", "human_B.off"])
 def test_surfaces_without_symmetry_are_refused_with_the_best_error(name, kind):
-    mesh = bundled(name)
-    with pytest.raises(
-        SymmetryError, match=r"the surface has no (mirror plane|axis of rotation by 180 degrees)"
-    ) as refused:
+    mesh, words = bundled(name), r"has no (mirror plane|axis of rotation by 180 degrees)"
+    with pytest.raises(SymmetryError, match="the surface " + words) as refused:
         detect_symmetry(mesh, kind)
     assert refused.value.error > 0.05
     assert f"{refused.value.error:.3g} sqrt(area)" in str(refused.value)
@@ -157,8 +156,7 @@ def test_surfaces_without_symmetry_are_refused_with_the_best_error(name, kind):
 
 
 def test_the_plane_of_a_flat_surface_is_no_mirror():
-    mesh = square(6)
-    assert detect_symmetry(mesh, "mirror").axis[2] == pytest.approx(0, abs=1e-9)
+    assert detect_symmetry(square(6), "mirror").axis[2] == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -167,31 +165,3 @@ def test_the_plane_of_a_flat_surface_is_no_mirror():
 def test_kinds_and_orders_that_there_are_not(kind, order):
     with pytest.raises(ParameterError, match="expected"):
         detect_symmetry(tetrahedron(), kind, order)
-
-
-@pytest.mark.parametrize("mesh", [two_armed(2), stepped_slab(2)], ids=["two_armed", "stepped_slab"])
-def test_the_generated_shapes_have_the_rotation_that_they_promise(mesh):
-    found = detect_symmetry(mesh, "rotation")
-    assert mesh.is_closed
-    assert mesh.genus == 0
-    assert_allclose(np.abs(found.axis), [0, 0, 1], atol=1e-9)
-    assert found.is_permutation
-    assert found.error < 1e-9
-    mirrored = {tuple(sorted(face)) for face in found.vertex_map[mesh.faces].tolist()}
-    assert mirrored == {tuple(sorted(face)) for face in mesh.faces.tolist()}
-
-
-def test_of_the_many_rotations_of_a_ring_the_one_that_moves_all_of_it_is_chosen():
-    around = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-    circle = np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
-    vertices = np.concatenate([radius * circle for radius in np.linspace(1, 2, 6)])
-    ring, place = (
-        index.ravel() for index in np.meshgrid(np.arange(5), np.arange(60), indexing="ij")
-    )
-    a, b = 60 * ring + place, 60 * ring + (place + 1) % 60
-    faces = np.concatenate(
-        [np.stack([a, a + 60, b], axis=1), np.stack([b, a + 60, b + 60], axis=1)]
-    )
-    found = detect_symmetry(TriangleMesh(vertices, faces), "rotation")
-    assert_allclose(found.axis, [0, 0, 1], atol=1e-9)
-    assert found.is_permutation

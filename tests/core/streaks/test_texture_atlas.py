@@ -9,6 +9,7 @@ from abfm.errors import FunctionError, ParameterError
 from abfm.mesh import TriangleMesh
 from abfm.streaks.texture_atlas import texture_atlas
 from tests.core.texel_weights import texel_weights
+from tests.core.verification import near
 from tests.shapes import disc, ellipsoid, icosphere, square, tetrahedron, torus
 
 NEEDLES = TriangleMesh(torus(9, 7).vertices * [1, 1e-5, 0.3], torus(9, 7).faces)
@@ -28,12 +29,8 @@ def filtered(atlas, texture, places):
     low = np.floor(places - 0.5).astype(int)
     u, v = (places - 0.5 - low).T
     total = np.zeros(len(places))
-    for dx, dy, weight in (
-        (0, 0, (1 - u) * (1 - v)),
-        (1, 0, u * (1 - v)),
-        (0, 1, (1 - u) * v),
-        (1, 1, u * v),
-    ):
+    for dx, dy in np.ndindex(2, 2):
+        weight = (u if dx else 1 - u) * (v if dy else 1 - v)
         column, row = np.minimum(low + np.array([dx, dy]), atlas.size - 1).T
         total += np.where(weight > 1e-9, weight * texture[row, column], 0)
     return total
@@ -57,12 +54,7 @@ def test_filtering_reads_only_texels_of_the_face(mesh, size):
     faces, _, places = random_places(atlas, 30)
     for face in range(0, len(mesh.faces), max(len(mesh.faces) // 20, 1)):
         mine = faces == face
-        assert_allclose(
-            filtered(atlas, (atlas.texel_faces == face).astype(float), places[mine]),
-            1,
-            rtol=0,
-            atol=1e-6,
-        )
+        near(filtered(atlas, (atlas.texel_faces == face).astype(float), places[mine]), 1, 1e-6)
 
 
 @cases
@@ -73,25 +65,20 @@ def test_filtering_a_linear_function_gives_it_back(mesh, size):
     expected = (barycentric * h[mesh.faces[faces]]).sum(axis=1)
     y, x = np.indices(atlas.texel_faces.shape) + 0.5
     a, b, c = np.moveaxis(atlas.affine(h)[atlas.texel_faces], 2, 0)
-    assert_allclose(filtered(atlas, a + b * x + c * y, places), expected, rtol=0, atol=1e-4)
+    near(filtered(atlas, a + b * x + c * y, places), expected, 1e-4)
 
 
 @cases
-def test_texels_map_back_to_their_place(mesh, size):
+def test_texels_map_back_to_their_place_and_corners_lie_in_the_texture(mesh, size):
     atlas = texture_atlas(mesh, size)
     rows, columns = np.nonzero(atlas.texel_faces >= 0)
     barycentric = texel_weights(atlas, rows, columns)
     places = np.einsum("nc,ncx->nx", barycentric, atlas.corners[atlas.texel_faces[rows, columns]])
-    assert_allclose(places, np.stack([columns, rows], axis=1) + 0.5, rtol=0, atol=1e-9)
+    near(places, np.stack([columns, rows], axis=1) + 0.5, 1e-9)
     inside = (barycentric >= -1e-9).all(axis=1)
-    assert_array_equal(
-        np.unique(atlas.texel_faces[rows, columns][inside]), np.arange(len(mesh.faces))
-    )
-
-
-@cases
-def test_coordinates_lie_in_the_texture(mesh, size):
-    coordinates = texture_atlas(mesh, size).corner_coordinates
+    served = np.unique(atlas.texel_faces[rows, columns][inside])
+    assert_array_equal(served, np.arange(len(mesh.faces)))
+    coordinates = atlas.corner_coordinates
     assert coordinates.shape == (3 * len(mesh.faces), 2)
     assert coordinates.min() >= 0
     assert coordinates.max() <= 1
@@ -118,7 +105,7 @@ def test_does_not_depend_on_the_unit():
     scaled = TriangleMesh(1e-3 * mesh.vertices, mesh.faces)
     one, other = texture_atlas(mesh, 256), texture_atlas(scaled, 256)
     assert_allclose(other.texel_length, 1e-3 * one.texel_length, rtol=1e-3)
-    assert_allclose(other.corners, one.corners, rtol=0, atol=3)
+    near(other.corners, one.corners, 3)
 
 
 def test_is_made_once():
