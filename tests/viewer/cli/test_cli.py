@@ -157,7 +157,7 @@ def test_match_reports_and_writes_what_it_found(tmp_path, abfm):
     assert match.advect(0.5).shape == (315,)
 
 
-def test_match_says_the_outcome_in_a_few_lines(tmp_path, abfm):
+def test_match_says_the_outcome_in_a_few_lines_and_what_to_try(tmp_path, abfm):
     out = tmp_path / "m.npz"
     told = abfm(f"{MATCH} {out}", status=UNREACHED)
     match = load_match(out)
@@ -169,9 +169,6 @@ def test_match_says_the_outcome_in_a_few_lines(tmp_path, abfm):
     assert numbers.startswith(known)
     assert numbers.endswith(f" s; wrote {out}")
     assert advice == [f"to try: {verdict_words.advice_in_options(match, str(out))}"]
-
-
-def test_match_of_what_cannot_match_says_so_and_what_to_try(tmp_path, abfm):
     said = abfm(f"{MATCH} {tmp_path}/m.npz --source expression:1", status=UNREACHED).out
     assert said.startswith("impossible\nthe source is constant")
     assert "\nto try: " in said
@@ -214,18 +211,15 @@ def test_what_is_expected_to_take_seconds_is_said_with_an_estimate(
     assert "factoring a system" not in said  # nobody knows for how long, which is short here
 
 
-def test_what_is_not_known_is_null_for_machines(result):
-    match = replace(load_match(result), verified_mismatch=float("nan"), folded=float("nan"))
-    described = Outcome(match, 1.0, [], False).to_dict()
-    assert described["verified_mismatch"] is described["folded"] is None
-    assert "flow lines" not in Outcome(match, 1.0, [], False).summary().splitlines()[0]
-
-
-def test_channels_and_their_weights_reach_the_solver(result):
+def test_channels_and_weights_reach_the_solver_and_what_is_not_known_is_null(result):
     match = load_match(result)
     assert match.source.shape == (315, 2)
     assert match.weights == pytest.approx([1, 0.01])
     assert match.target[:, 1] == pytest.approx(match.mesh.vertices[:, 1])
+    match = replace(load_match(result), verified_mismatch=float("nan"), folded=float("nan"))
+    described = Outcome(match, 1.0, [], False).to_dict()
+    assert described["verified_mismatch"] is described["folded"] is None
+    assert "flow lines" not in Outcome(match, 1.0, [], False).summary().splitlines()[0]
 
 
 @pytest.mark.parametrize("as_file", [False, True])
@@ -238,16 +232,15 @@ def test_a_mask_is_a_function_or_its_file(as_file, tmp_path, abfm):
     assert match.mask == pytest.approx(expected)
 
 
-def test_a_warm_start_begins_where_the_earlier_result_ended(tmp_path, abfm):
+def test_a_warm_start_begins_where_the_earlier_result_ended_on_the_same_mesh(
+    tmp_path, abfm, result
+):
     first, second = tmp_path / "first.npz", tmp_path / "second.npz"
     one_stage = "--cooling-stages 1 --reach 0 --levels 1 --balance 0"
     abfm(f"{MATCH} {first} {one_stage} --iterations 8", status=UNREACHED)
     abfm(f"{MATCH} {second} {one_stage} --iterations 1 --start {first}", status=UNREACHED)
     energies = [load_match(path).energy_history for path in (first, second)]
     assert energies[1][0] == pytest.approx(energies[0][-1])
-
-
-def test_a_warm_start_from_another_mesh_is_refused(result, tmp_path, abfm):
     words = f"match {HUMAN} {PAIR} --start {result} --out {tmp_path}/m.npz"
     assert "another mesh" in abfm(words, status=2).err
 
@@ -269,7 +262,7 @@ def test_exports_hold_the_functions_and_the_field(tmp_path, abfm):
     assert len(rows) == len(match.energy_history) + 1
 
 
-def test_info_tells_the_facts_of_a_mesh(abfm):
+def test_info_tells_the_facts_of_a_mesh_and_its_symmetries(abfm):
     text = abfm(f"info {EIGHT}").out
     for word in ("315", "634", "951", "genus         2", "none (closed)", "no objection"):
         assert word in text
@@ -280,9 +273,6 @@ def test_info_tells_the_facts_of_a_mesh(abfm):
     lengths = facts["edge_lengths"]
     assert facts["edge_ratio"] == pytest.approx(lengths["longest"] / lengths["shortest"])
     assert facts["length_scale"] ** 2 == pytest.approx(facts["area"])
-
-
-def test_info_tells_the_symmetries_that_functions_can_be_composed_with(abfm):
     text = abfm(f"info {HUMAN}").out
     assert "mirror        with normal 1 0 0, vertices to vertices" in text
     assert "rotation      none found" in text
@@ -418,15 +408,12 @@ def test_render_refuses_what_would_make_no_sense(words, expected, result, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_render_has_no_sheet_of_a_project_without_a_result(project, tmp_path, abfm):
+def test_render_refuses_a_project_without_a_result_and_a_damaged_one(project, tmp_path, abfm):
     document, known = load_project(project)
     save_project(tmp_path / "unsolved.abfm", replace(document, result=None), known)
     words = f"render {tmp_path}/unsolved.abfm --out {tmp_path}/a.png"
     assert "holds no result to make a sheet of" in abfm(f"{words} --style sheet", status=2).err
     abfm(f"{words} --size 320x240")
-
-
-def test_a_damaged_result_is_refused(tmp_path, abfm):
     (tmp_path / "m.npz").write_bytes(b"PK\x03\x04 not a zip")
     abfm(f"render {tmp_path}/m.npz --out {tmp_path}/a.png", status=2)
 

@@ -57,6 +57,11 @@ def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, abfm):
 
 
 def test_what_the_sheet_says_stands_in_every_output(known, tmp_path, abfm, monkeypatch):
+    said = abfm(f"figure all --out {tmp_path} --quiet --json")
+    [described] = json.loads(said.out)["figures"]
+    assert described == json.loads((tmp_path / "figure-7.json").read_text())
+    assert said.err == ""
+    assert "Figure 7" in (tmp_path / "index.html").read_text()
     found = ran(7)[1]
     noted = replace(found, sheet=replace(found.sheet, notes=("no map",)))
     monkeypatch.setattr(experiments, "findings_of", lambda script: noted)
@@ -64,14 +69,6 @@ def test_what_the_sheet_says_stands_in_every_output(known, tmp_path, abfm, monke
     assert "no map" in json.loads((tmp_path / "figure-7.json").read_text())["notes"]
     assert "no map" in (tmp_path / "index.html").read_text()
     assert "note: figure 7: no map\n" in said.err
-
-
-def test_all_figures_make_a_page_and_json_tells_everything(known, tmp_path, abfm):
-    said = abfm(f"figure all --out {tmp_path} --quiet --json")
-    [described] = json.loads(said.out)["figures"]
-    assert described == json.loads((tmp_path / "figure-7.json").read_text())
-    assert said.err == ""
-    assert "Figure 7" in (tmp_path / "index.html").read_text()
 
 
 def test_another_mesh_is_named_and_stands_upright(small, tmp_path, abfm):
@@ -147,7 +144,7 @@ class Balanced(HTMLParser):
         self.text += data
 
 
-def test_the_page_has_everything_and_needs_nothing_else():
+def test_the_page_has_everything_and_says_what_fails():
     measures = (Measure("mismatch", 0.0123, "small", True, 0.05), Measure("drift", 0.5))
     picture, problem = Image.new("RGB", (4, 3), "red"), "Not on this mesh: no symmetry"
     entries = [
@@ -162,15 +159,9 @@ def test_the_page_has_everything_and_needs_nothing_else():
     assert {link[1:] for link in parsed.links if link.startswith("#")} <= set(parsed.ids)
     [picture] = [link for link in parsed.links if link.startswith("data:")]
     assert base64.b64decode(picture.partition(",")[2]).startswith(b"\x89PNG")
-
-
-def test_what_fails_and_what_does_not_reproduce_is_said():
     failing = Measure("mismatch", 0.2, "matches", False, 0.05)
     text = page([Entry(3, "t", "c", measures=(failing,))])
     assert re.search(r"0\.05 <span class=\"bad\">no</span>", text)
     assert text.count('class="bad">no') == 2
-
-
-def test_table_1_has_all_rows():
     text = Balanced(page([])).text
     assert all(f"Figure {row.figure}" in text for row in TABLE_1.values())

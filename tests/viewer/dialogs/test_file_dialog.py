@@ -108,26 +108,13 @@ def test_typed_nonsense_is_refused_with_the_reason(folder, saving, typed, reason
     assert choice.folder == folder
 
 
-def test_up_marks_the_folder_that_was_left_and_stops_at_the_root(folder):
+def test_up_marks_the_folder_that_was_left_and_arrows_move_the_mark_inside(folder):
     choice = FileChoice(folder / "Apple", MESHES)
     choice.go_up()
     assert (choice.folder, choice.selected) == (folder, "Apple")
     choice.go(Path("/"))
     choice.go_up()
     assert choice.folder == Path("/")
-
-
-def test_a_file_that_vanished_is_refused_and_the_list_read_anew(folder):
-    choice = FileChoice(folder, MESHES)
-    assert "b.off" in listed(choice)
-    choice.select(Entry("b.off", False))
-    (folder / "b.off").unlink()
-    assert choice.confirm() is None
-    assert choice.error == "b.off is no longer there"
-    assert "b.off" not in listed(choice)
-
-
-def test_arrow_keys_move_the_mark_and_stay_inside(folder):
     choice = FileChoice(folder, MESHES)
     names = listed(choice)
     seen = []
@@ -142,6 +129,16 @@ def test_arrow_keys_move_the_mark_and_stay_inside(folder):
     assert listed(choice) == []
     choice.move_selection(1)
     assert choice.selected == ""
+
+
+def test_a_file_that_vanished_is_refused_and_the_list_read_anew(folder):
+    choice = FileChoice(folder, MESHES)
+    assert "b.off" in listed(choice)
+    choice.select(Entry("b.off", False))
+    (folder / "b.off").unlink()
+    assert choice.confirm() is None
+    assert choice.error == "b.off is no longer there"
+    assert "b.off" not in listed(choice)
 
 
 @pytest.mark.parametrize(

@@ -118,20 +118,16 @@ def test_never_two_at_once_and_the_newest_wins(autosave, clock):
     assert autosave.error == ""
 
 
-def test_a_heartbeat_tells_that_the_process_lives(autosave, clock, tmp_path):
+def test_a_heartbeat_tells_of_the_process_until_everything_is_saved(autosave, clock, tmp_path):
     offer(autosave, DOCUMENT)
     age(autosave.path, 1000)
     assert recoverable(StateFolder(tmp_path)) != []
     clock.seconds = 42
     offer(autosave, DOCUMENT)
     assert recoverable(StateFolder(tmp_path)) == []
-
-
-def test_the_copy_goes_as_soon_as_everything_is_saved(autosave, clock):
-    offer(autosave, DOCUMENT)
     offer(autosave, DOCUMENT, unsaved=False)
     assert not autosave.path.exists()
-    clock.seconds = 42
+    clock.seconds = 63
     offer(autosave, DOCUMENT)  # undone to what was not saved
     assert copied(autosave) == "sphere"
 
@@ -197,6 +193,8 @@ def test_copies_of_ended_processes_come_latest_first(tmp_path):
     recovery.discard()
     recovery.discard()
     assert [found.path for found in recoverable(StateFolder(tmp_path))] == [own]
+    assert recoverable(StateFolder(tmp_path / "none")) == []
+    Recovery(tmp_path / "none" / "autosave-1.abfm", 0).discard()
 
 
 def test_what_an_earlier_process_of_the_same_number_left_is_not_overwritten(
@@ -213,7 +211,7 @@ def test_what_an_earlier_process_of_the_same_number_left_is_not_overwritten(
     assert copied(later) == "sphere"
 
 
-def test_what_is_taken_over_goes_when_it_is_saved(autosave, tmp_path):
+def test_what_is_taken_over_goes_when_it_is_saved_and_halves_with_the_next_copy(autosave, tmp_path):
     (tmp_path / "autosave-1-2.abfm").touch()
     [recovery] = recoverable(StateFolder(tmp_path))
     autosave.take_over(recovery)
@@ -221,17 +219,9 @@ def test_what_is_taken_over_goes_when_it_is_saved(autosave, tmp_path):
     offer(autosave, DOCUMENT, unsaved=False)
     assert list(tmp_path.iterdir()) == []
     autosave.take_over(recovery)  # another window was faster
-
-
-def test_halves_of_killed_processes_are_removed_by_the_next_copy(autosave, tmp_path):
     with temporary_file(tmp_path) as half:
         left = half.name
     (tmp_path / left).touch()
     assert recoverable(StateFolder(tmp_path)) == []
     offer(autosave, DOCUMENT)
     assert list(tmp_path.iterdir()) == [autosave.path]
-
-
-def test_no_folder_no_copies(tmp_path):
-    assert recoverable(StateFolder(tmp_path / "none")) == []
-    Recovery(tmp_path / "none" / "autosave-1.abfm", 0).discard()

@@ -21,7 +21,7 @@ def origin(tmp_path):
     return Origin.of(path)
 
 
-def test_a_file_is_unchanged_until_it_is_written(origin):
+def test_a_file_is_unchanged_until_it_is_written_and_none_when_it_is_gone(origin):
     assert (origin.exists, origin.changed) == (True, False)
     state = origin.path.stat()
     origin.path.write_text("two")
@@ -32,9 +32,6 @@ def test_a_file_is_unchanged_until_it_is_written(origin):
     origin.path.write_text("three")
     os.utime(origin.path, ns=(state.st_atime_ns, state.st_mtime_ns))
     assert origin.changed  # its size tells
-
-
-def test_a_file_that_is_gone_is_no_other_file(origin):
     origin.path.unlink()
     assert (origin.exists, origin.changed) == (False, False)
 

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import zipfile
 from dataclasses import fields, replace
 
@@ -31,6 +32,7 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
+from abfm_viewer.files.origin import load_origin
 from abfm_viewer.files.project import (
     from_plain,
     load_project,
@@ -38,7 +40,17 @@ from abfm_viewer.files.project import (
     terms_from_files,
     to_plain,
 )
-from tests.core.reading.hostile import members, npy_of, refusal, rewrite, with_flipped_bits, zipped
+from tests.core.reading.hostile import (
+    load_or_refuse,
+    members,
+    npy_of,
+    one_byte_changed,
+    overlapping_zip,
+    refusal,
+    rewrite,
+    with_flipped_bits,
+    zipped,
+)
 from tests.processes import python
 from tests.shapes import icosphere, torus, with_loose_vertex
 
@@ -159,13 +171,7 @@ def test_a_verdict_may_give_the_words_of_an_enumeration(tmp_path):
     assert load_project(tmp_path / "p.abfm")[0].result.verdict == result.verdict
 
 
-def test_the_same_document_gives_the_same_bytes(saved, tmp_path):
-    opened, values = load_project(saved)
-    save_project(tmp_path / "again.abfm", opened, dict(reversed(values.items())))
-    assert (tmp_path / "again.abfm").read_bytes() == saved.read_bytes()
-
-
-def test_the_file_is_a_zip_of_plain_numpy_and_json(saved):
+def test_a_project_is_plain_numpy_and_json_and_the_same_one_the_same_bytes(saved, tmp_path):
     with zipfile.ZipFile(saved) as archive:
         content = json.loads(archive.read("project.json"))
         with archive.open("result/velocity.npy") as file:
@@ -173,6 +179,9 @@ def test_the_file_is_a_zip_of_plain_numpy_and_json(saved):
     assert content["format_version"] == 2
     assert content["document"]["view"]["theme"] == "dark"
     assert content["known"] == sorted(KNOWN)
+    opened, values = load_project(saved)
+    save_project(tmp_path / "again.abfm", opened, dict(reversed(values.items())))
+    assert (tmp_path / "again.abfm").read_bytes() == saved.read_bytes()
 
 
 def test_other_number_types_are_converted(saved):
@@ -286,9 +295,23 @@ def changed(path, content=lambda content: None, arrays=(), compression=zipfile.Z
 
 
 V, F = len(SPHERE.vertices), len(SPHERE.faces)
+ALIKE = {"mesh/vertex_ids": np.zeros((0,), dtype=int), "mesh/vertices": np.zeros((0, 3))}
+TURNED = np.vstack([SPHERE.faces[:1, ::-1], SPHERE.faces[1:]])
+BENT = {"direction": [1, 0, 0], "up": [1, 0, 0]}
+FLAT = {"front": {"direction": [1, 0, 0], "up": [0, 1, 0]}, "zoom": 0}
+RUN, HKS = {"mismatch": 0, "label": "a"}, {"source": "hks", "target": "hks"}
 
 
-def test_flipped_bits_are_noticed(saved):
+def same_shape(opened):
+    assert opened[0].result.velocity.shape == (1, F, 3)
+
+
+def test_flipped_bits_and_one_wrong_byte_of_a_header_are_noticed(saved):
+    content = members(saved)
+    for other in one_byte_changed(content["result/velocity.npy"], 128):
+        saved.write_bytes(zipped(content | {"result/velocity.npy": other}))
+        load_or_refuse(saved, load_project, same_shape)
+    saved.write_bytes(zipped(content))
     with_flipped_bits(saved, load_project, lambda opened: assert_same(opened[0], DOCUMENT))
 
 
@@ -299,18 +322,12 @@ def test_a_file_that_was_cut_short_is_noticed(saved, tmp_path):
         assert "no project of abfm, or damaged" in error_line(damaged)
 
 
-@pytest.mark.parametrize(
-    "member", ["project.json", "mesh/faces.npy", "runs/1/stages.npy", "result/mask.npy"]
-)
+@pytest.mark.parametrize("member", ["project.json", "mesh/faces", "runs/1/stages", "result/mask"])
 def test_a_missing_member_is_named(saved, member):
-    changed(saved, arrays={member.removesuffix(".npy"): None})
+    changed(saved, arrays={member: None})
     if member == "project.json":
         saved.write_bytes(zipped({"readme.txt": b"hello"}))
-    assert member.removesuffix(".npy") in error_line(saved)
-
-
-ALIKE = {"mesh/vertex_ids": np.zeros((0,), dtype=int), "mesh/vertices": np.zeros((0, 3))}
-TURNED = np.vstack([SPHERE.faces[:1, ::-1], SPHERE.faces[1:]])
+    assert member in error_line(saved)
 
 
 @pytest.mark.parametrize(
@@ -349,6 +366,14 @@ TURNED = np.vstack([SPHERE.faces[:1, ::-1], SPHERE.faces[1:]])
         ("result/weights", npy_of("(10000000000000,)"), "size"),
         ("result/weights", npy_of("(-1,)"), "size"),
         ("result/weights", npy_of("(1,)", data=bytes(9)), "size"),
+        ("result/mask", -np.ones(V), "result/mask has the value -1; expected 0 to inf"),
+        ("result/velocity", np.full((1, F, 3), 1e300), "velocity has the value 1e+300"),
+        ("result/weights", np.array([-1.0, 1.0]), "result/weights has the value -1"),
+        ("result/velocity", npy_of("(1, 6442450944, 3)", data=bytes(8)), "result/velocity"),
+        ("mesh/faces", SPHERE.faces[~(SPHERE.faces == 3).any(axis=1)], "in no face"),
+        ("runs/1/stages", np.array([-1, 0]), "runs/1/stages has the value -"),
+        ("runs/1/vertices", np.array([-1, 0]), "runs/1/vertices has the value -"),
+        ("runs/1/reaches", np.array([-0.5, 0]), "runs/1/reaches has the value -"),
     ],
 )
 def test_arrays_that_do_not_fit_are_named(saved, name, array, words):
@@ -356,94 +381,126 @@ def test_arrays_that_do_not_fit_are_named(saved, name, array, words):
     assert words in error_line(saved)
 
 
-BENT = {"direction": [1, 0, 0], "up": [1, 0, 0]}
-FLAT = {"front": {"direction": [1, 0, 0], "up": [0, 1, 0]}, "zoom": 0}
-
-
 @pytest.mark.parametrize(
-    ("name", "value", "words"),
+    ("part", "name", "value", "words"),
     [
-        ("name", 3, "project.document.name is 3"),
-        ("channel", 2, "channel is 2; expected 0 to 1"),
-        ("channel", -1, "channel is -1"),
-        ("channel", True, "document.channel is True"),
-        ("channel", 0.5, "document.channel is 0.5"),
-        ("bump", -1, "bump is -1"),
-        ("side", "left", "expected 'source' or 'target'"),
-        ("channels", "many", "expected a list"),
-        ("channels", [{"source": "coordinate:x"}], "also target"),
-        ("channels", [{"source": "no:x", "target": "hks"}], "unknown function family 'no'"),
-        ("channels", [{"source": "hks", "target": "hks", "weight": -1}], "the weight -1"),
-        ("mask", "(", "function '('"),
-        ("time", 4.5, "time is 4.5; expected 0 to 4.0"),
-        ("time", -1, "time is -1"),
-        ("time", float("nan"), "finite"),
-        ("time", 10**400, "damaged"),
-        ("parameters", {"alpha": -1}, "alpha is -1"),
-        ("parameters", {"beyond": 1}, "beyond"),
-        ("lines", [{"face": F, "barycentric": [1, 0, 0]}], "face 80; expected 0 to 79"),
-        ("points", [{"face": -1, "barycentric": [1, 0, 0]}], "face -1"),
-        ("points", [{"face": 0, "barycentric": [1, 0]}], "expected 3 entries"),
-        ("points", [{"face": 0, "barycentric": [1, 1, -1]}], "weights"),
-        ("points", [{"face": 0, "barycentric": [1, 1, 1]}], "weights"),
-        ("view", {"theme": "pink"}, "expected 'light' or 'dark'"),
-        ("view", {"coloring": "rainbow"}, "coloring"),
-        ("view", {"coloring": ["function"]}, "coloring"),
-        ("view", {"colormap": "jet"}, "colormap is 'jet'"),
-        ("view", {"no such": 1}, "no such"),
-        ("view", {"ui_scale": 0}, "ui_scale is 0"),
-        ("view", {"camera": None}, "camera"),
-        ("view", {"front": BENT}, "front"),
-        ("view", [], "view"),
-        ("name", None, "name"),
-        ("view", {"look": {"front": BENT}}, "front"),
-        ("view", {"look": FLAT}, "zoom is 0"),
-        ("unheard", 1, "unheard"),
+        ("", "format_version", 3, "upgrade abfm"),
+        ("", "format_version", 0, "format_version is 0"),
+        ("", "format_version", "one", "format_version is 'one'"),
+        ("", "format_version", None, "format_version is None"),
+        ("", "file_vertex_count", 12, "vertex_ids has an index outside 0 to 11"),
+        ("", "file_vertex_count", 10**15, "1000000000000000 vertices, and 42 are used"),
+        ("", "runs", [RUN | {"restarts": []}] * 4, "runs/3"),
+        ("", "runs", [RUN | {"restarts": [99]}], "restarts"),
+        ("", "known", ["a", "b", "c"], "known/2"),
+        ("", "document", None, "project.document"),
+        ("", "file_vertex_count", 10**8, f"had 100000000 vertices, and {V} are used"),
+        ("", "file_vertex_count", 4 * 10**18, "the mesh file had 4000000000000000000 vertices"),
+        ("", "file_vertex_count", 10**30, "vertices, and"),
+        ("", "file_vertex_count", -1, "vertex_ids has an index outside"),
+        ("", "format_version", [[0] * 100] * 100, "format_version is [[0, 0"),
+        ("", "x\n" * 5000, 1, "project is"),
+        ("", "known", ["a", "b", "\n" * 5000], "known/2"),
+        ("document", "side", "x\n" * 5000, "project.document.side is 'x\\nx"),
+        ("document", "time", 10**4000, "too large"),
+        ("document", "bump", -(10**4000), "bump is -1000"),
+        ("document", "channels", [HKS | {"source": "\x1b" * 9999}], "a family"),
+        ("document", "channels", [HKS | {"source": "x" * 99_999}], "at most 10000"),
+        ("document", "parameters", {"x\n" * 5000: 1}, "project.document.parameters is"),
+        ("result", "mismatch", -1, "result/mismatch has the value -1"),
+        ("result", "folded", 2, "result/folded has the value 2; expected 0 to 1"),
+        ("result", "stop_reason", "a\nb", "some that cannot be shown"),
+        ("result", "mismatch", [[1]] * 1000, "result/mismatch has shape (1000, 1)"),
+        ("result", "mismatch", [[1], []], "damaged"),
+        ("result", "mismatch", {"a": 1}, "result/mismatch has type object"),
+        ("document", "name", 3, "project.document.name is 3"),
+        ("document", "channel", 2, "channel is 2; expected 0 to 1"),
+        ("document", "channel", -1, "channel is -1"),
+        ("document", "channel", True, "document.channel is True"),
+        ("document", "channel", 0.5, "document.channel is 0.5"),
+        ("document", "bump", -1, "bump is -1"),
+        ("document", "side", "left", "expected 'source' or 'target'"),
+        ("document", "channels", "many", "expected a list"),
+        ("document", "channels", [{"source": "coordinate:x"}], "also target"),
+        ("document", "channels", [HKS | {"source": "no:x"}], "unknown function family 'no'"),
+        ("document", "channels", [HKS | {"weight": -1}], "the weight -1"),
+        ("document", "mask", "(", "function '('"),
+        ("document", "time", 4.5, "time is 4.5; expected 0 to 4.0"),
+        ("document", "time", -1, "time is -1"),
+        ("document", "time", float("nan"), "finite"),
+        ("document", "time", 10**400, "damaged"),
+        ("document", "parameters", {"alpha": -1}, "alpha is -1"),
+        ("document", "parameters", {"beyond": 1}, "beyond"),
+        ("document", "lines", [{"face": F, "barycentric": [1, 0, 0]}], "face 80; expected 0 to 79"),
+        ("document", "points", [{"face": -1, "barycentric": [1, 0, 0]}], "face -1"),
+        ("document", "points", [{"face": 0, "barycentric": [1, 0]}], "expected 3 entries"),
+        ("document", "points", [{"face": 0, "barycentric": [1, 1, -1]}], "weights"),
+        ("document", "points", [{"face": 0, "barycentric": [1, 1, 1]}], "weights"),
+        ("document", "view", {"theme": "pink"}, "expected 'light' or 'dark'"),
+        ("document", "view", {"coloring": "rainbow"}, "coloring"),
+        ("document", "view", {"coloring": ["function"]}, "coloring"),
+        ("document", "view", {"colormap": "jet"}, "colormap is 'jet'"),
+        ("document", "view", {"no such": 1}, "no such"),
+        ("document", "view", {"ui_scale": 0}, "ui_scale is 0"),
+        ("document", "view", {"camera": None}, "camera"),
+        ("document", "view", {"front": BENT}, "front"),
+        ("document", "view", [], "view"),
+        ("document", "name", None, "name"),
+        ("document", "view", {"look": {"front": BENT}}, "front"),
+        ("document", "view", {"look": FLAT}, "zoom is 0"),
+        ("document", "unheard", 1, "unheard"),
     ],
 )
-def test_entries_that_make_no_sense_are_named(saved, name, value, words):
-    changed(saved, lambda content: content["document"].update({name: value}))
+def test_headers_that_make_no_sense_are_told_in_one_line(saved, part, name, value, words):
+    changed(saved, lambda content: (content[part] if part else content).update({name: value}))
     assert words in error_line(saved)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    "text",
     [
-        ({"format_version": 3, "new": 1}, "upgrade abfm"),
-        ({"format_version": 0}, "format_version is 0"),
-        ({"format_version": "one"}, "format_version is 'one'"),
-        ({"format_version": None}, "format_version is None"),
-        ({"file_vertex_count": 12}, "vertex_ids has an index outside 0 to 11"),
-        ({"file_vertex_count": 10**15}, "1000000000000000 vertices, and 42 are used"),
-        ({"runs": [{"restarts": [], "mismatch": 0, "label": "a"}] * 4}, "runs/3"),
-        ({"runs": [{"restarts": [99], "mismatch": 0, "label": "a"}]}, "restarts"),
-        ({"known": ["a", "b", "c"]}, "known/2"),
-        ({"document": None}, "project.document"),
+        *("", "[1]", "{", "[" * 100_000, '{"a":' * 100_000, "1" * 100_000, "\xff"),
+        *("NaN", "-Infinity", '"' + "x" * 100_000, '"\\ud800"'),
     ],
 )
-def test_a_header_that_makes_no_sense_is_named(saved, change, words):
-    changed(saved, lambda content: content.update(change))
-    assert words in error_line(saved)
+def test_json_that_is_no_header_is_refused(saved, text):
+    rewrite(saved, {"project.json": text.encode("latin-1")})
+    assert "no project of abfm, or damaged" in error_line(saved)
+    assert not re.search("codec|set_int_max", error_line(saved))
 
 
-def test_a_header_that_is_no_object_is_refused(saved):
-    for text in ("", "[1]", "{", "[" * 100_000, "\xff"):
-        saved.write_bytes(zipped({"project.json": text.encode("latin-1")}))
-        assert "damaged" in error_line(saved)
-
-
-def test_nothing_is_unpacked_to_more_than_the_file_holds(saved):
+def test_what_is_not_an_array_is_small_and_nothing_is_unpacked_to_more_than_the_file_holds(saved):
+    many = replace(DOCUMENT, points=(Point(0, (1.0, 0.0, 0.0)),) * 30_000)
+    with pytest.raises(ResultError, match=r"not written: it has \d+ bytes besides its arrays"):
+        save_project(saved, many, KNOWN)
     changed(saved, compression=zipfile.ZIP_DEFLATED)
     assert "is compressed" in error_line(saved)
+    rewrite(saved, {"project.json": members(saved)["project.json"] + b" " * (2 << 20)})
+    assert "project.json has" in error_line(saved)
+
+
+def test_only_members_that_belong_to_a_project_are_read(saved):
+    rewrite(saved, {"unknown.npy": b"no array", "runs/7/stages.npy": b"none"})
+    assert load_project(saved)[0].name == DOCUMENT.name
 
 
 def test_files_of_another_kind_are_named(tmp_path):
     RESULT.save(tmp_path / "r.npz")
     (tmp_path / "text.abfm").write_text("not a zip")
-    assert "a result file, not a project" in error_line(tmp_path / "r.npz")
-    assert "no project of abfm" in error_line(tmp_path / "text.abfm")
-    assert "No such file" in error_line(tmp_path / "none.abfm")
-    assert "directory" in error_line(tmp_path)
+    os.mkfifo(tmp_path / "pipe.abfm")
+    (tmp_path / "zero.abfm").symlink_to("/dev/zero")
+    overlapping_zip(tmp_path / "a.abfm", ["project.json", "mesh/faces.npy"], b"{}")
+    for name, words in (
+        ("r.npz", "a result file, not a project"),
+        ("text.abfm", "no project of abfm"),
+        ("none.abfm", "No such file"),
+        ("", "directory"),
+        ("pipe.abfm", "it is a pipe"),
+        ("zero.abfm", "it is a device"),
+        ("a.abfm", "damaged"),
+    ):
+        assert words in error_line(tmp_path / name)
+        assert load_origin(tmp_path / name) is None
 
 
 @pytest.mark.parametrize(

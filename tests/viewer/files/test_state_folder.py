@@ -1,12 +1,17 @@
 """What the app remembers between launches, whatever state the folder is in."""
 
 import json
+import os
 import sys
 from pathlib import Path
 
 import pytest
 
+from abfm_viewer.files.autosave import recoverable
+from abfm_viewer.files.origin import load_origin
+from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import VARIABLE, StateFolder
+from tests.core.reading.hostile import refusal
 
 
 @pytest.fixture
@@ -37,11 +42,16 @@ def test_what_is_no_file_is_not_listed(folder, tmp_path, monkeypatch):
     assert folder.recent() == [tmp_path / "a.off"]
 
 
-def test_preferences_are_kept(folder):
+def test_preferences_are_kept_and_a_folder_that_cannot_be_made_does_no_harm(folder, tmp_path):
     assert folder.preferences() == {}
     folder.set_preference("theme", "dark")
     folder.set_preference("ui_scale", 1.5)
     assert StateFolder(folder.path).preferences() == {"theme": "dark", "ui_scale": 1.5}
+    (tmp_path / "file").touch()
+    folder = StateFolder(tmp_path / "file" / "state")
+    folder.add_recent(tmp_path / "file")
+    folder.set_preference("theme", "dark")
+    assert (folder.recent(), folder.preferences()) == ([], {})
 
 
 @pytest.mark.parametrize(
@@ -53,14 +63,6 @@ def test_damaged_files_count_as_empty(folder, content):
         (folder.path / name).write_text(content)
     assert folder.recent() == []
     assert isinstance(folder.preferences(), dict)
-
-
-def test_a_folder_that_cannot_be_made_does_no_harm(tmp_path):
-    (tmp_path / "file").touch()
-    folder = StateFolder(tmp_path / "file" / "state")
-    folder.add_recent(tmp_path / "file")
-    folder.set_preference("theme", "dark")
-    assert (folder.recent(), folder.preferences()) == ([], {})
 
 
 def test_the_environment_names_the_folder(monkeypatch, tmp_path):
@@ -77,3 +79,18 @@ def test_by_default_it_is_where_the_system_keeps_such_things(monkeypatch, tmp_pa
     for name, place in (("HOME", ".local/state/abfm"), ("XDG_STATE_HOME", "abfm")):
         monkeypatch.setenv(name, str(tmp_path))
         assert StateFolder().path == tmp_path / place
+
+
+def test_a_state_folder_of_pipes_and_devices_is_empty(tmp_path):
+    folder = StateFolder(tmp_path)
+    os.mkfifo(tmp_path / "recent.json")
+    (tmp_path / "preferences.json").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "autosave-1-left.abfm")
+    assert folder.recent() == []
+    assert folder.preferences() == {}
+    [copy] = recoverable(folder)
+    assert load_origin(copy.path) is None
+    assert "it is a pipe" in refusal(load_project, copy.path)
+    (tmp_path / "recent.json").unlink()
+    (tmp_path / "recent.json").write_text("[" + '"a",' * 300_000 + '"a"]')
+    assert folder.recent() == []

@@ -88,7 +88,7 @@ def test_a_picture_shows_what_the_window_shows(document):
     assert np.abs(picture - shown).mean() < 0.25 * np.abs(255 - shown).mean()
 
 
-def test_functions_are_carried_exactly(document):
+def test_functions_are_carried_exactly_in_frames_from_the_first_time_to_the_last(document):
     with DocumentRenderer(document, {}, (64, 64)) as renderer:
         for time in (0.0, 0.613, 2.0, 3.7):
             renderer.picture(time)
@@ -97,9 +97,6 @@ def test_functions_are_carried_exactly(document):
             at_tau = time == document.parameters.tau
             expected = document.result.advected[:, 0] if at_tau else document.result.advect(time)
             np.testing.assert_allclose(values, expected, rtol=1e-10, atol=1e-12)
-
-
-def test_frames_go_from_the_first_time_to_the_last(document):
     with DocumentRenderer(document, {}, (120, 80), BARE) as renderer:
         frames = list(renderer.frames(0.0, 2.0, 3, 0.0))
         assert [frame.shape for frame in frames] == [(80, 120, 3)] * 3
@@ -212,9 +209,6 @@ def test_turning_surfaces_stay_in_the_picture_and_come_back(document):
             widths.append((~empty.all(axis=0)).sum())
         assert max(widths) > 2 * min(widths)
         assert np.abs(np.asarray(renderer.picture(0.0, 360.0)) - first).max() <= 2
-
-
-def test_a_turning_surface_is_seen_from_the_documents_direction(document):
     seen = drawn(viewed(document, look=Look(axis_front("y"))), options=TURNING)
     assert touches(is_empty(seen)) == []
     assert np.abs(seen - drawn(document, options=TURNING)).mean() > 1

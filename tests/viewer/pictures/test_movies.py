@@ -68,7 +68,7 @@ def test_colours_survive(suffix, inside, background, tmp_path):
     assert difference[:, -20:, :20].max() <= background
 
 
-def test_an_mp4_says_which_colours_it_has(tmp_path):
+def test_an_mp4_and_a_gif_say_which_colours_they_have(tmp_path):
     write_movie(tmp_path / "wave.mp4", frames(3), 25, 3)
     with av.open(str(tmp_path / "wave.mp4")) as file:
         codec = file.streams.video[0].codec_context
@@ -78,9 +78,6 @@ def test_an_mp4_says_which_colours_it_has(tmp_path):
         assert codec.color_range == limited
     data = (tmp_path / "wave.mp4").read_bytes()
     assert data.index(b"moov") < data.index(b"mdat")
-
-
-def test_a_gif_has_one_palette_and_loops_forever(tmp_path):
     write_movie(tmp_path / "wave.gif", frames(9), 25, 9)
     data = (tmp_path / "wave.gif").read_bytes()
     assert b"NETSCAPE2.0\x03\x01\x00\x00\x00" in data

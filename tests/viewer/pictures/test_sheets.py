@@ -113,7 +113,7 @@ def test_the_widest_row_fills_the_sheet_unless_panels_would_be_too_tall():
     assert single.width < WIDEST / 2
 
 
-def test_a_sphere_is_a_round_patch_on_a_transparent_ground():
+def test_a_sphere_is_a_round_patch_in_the_colours_of_the_map():
     mesh = icosphere(4)
     alpha = draw(Panel(mesh, Values(np.ones(len(mesh.vertices))), ""), 200)[..., 3] / 255
     radius = 100 / 1.08
@@ -121,9 +121,6 @@ def test_a_sphere_is_a_round_patch_on_a_transparent_ground():
     assert alpha[0].max() == 0
     ys, xs = np.nonzero(alpha > 0.5)
     assert (xs.mean(), ys.mean()) == pytest.approx((99.5, 99.5), abs=1)
-
-
-def test_colours_on_the_surface_are_those_of_the_map():
     mesh = icosphere(4)
     pixels = draw(Panel(mesh, Values(np.sign(mesh.vertices[:, 0])), ""), 200)
     solid = pixels[pixels[..., 3] == 255][:, :3] / 255
@@ -132,15 +129,12 @@ def test_colours_on_the_surface_are_those_of_the_map():
         assert distance.min() < 0.12
 
 
-def test_one_sheet_shows_source_times_match_and_target(match):
+def test_one_sheet_shows_source_times_match_and_target_as_they_are_asked_for(match):
     pixels = np.asarray(match_picture(match))
     assert pixels.shape[1] == DEFAULT_WIDTH
     assert {WHITE, BLUE, BLACK, RED} <= colors(pixels)
     assert len(colors(pixels)) > 1000
     assert (pixels == 255).all(axis=2).mean() > 0.15
-
-
-def test_size_times_channel_and_axis_change_the_picture(match):
     usual = np.asarray(match_picture(match, size=(640, 480)))
     assert usual.shape == (480, 640, 3)
     for options in ({"times": [0.5, 3.5]}, {"channel": 1}, {"up": "x"}):
@@ -219,14 +213,11 @@ def test_the_label_at_tau_says_how_well_it_matches_in_the_colour_that_means_it(
         assert found == (color == tone)
 
 
-def test_functions_of_one_title_share_a_range():
+def test_functions_of_one_title_share_the_range_of_source_and_target():
     sheet = of(Panel(SPHERE, Values(Y), "a"), Panel(SPHERE, Streaks(ROTATION, 3 * Y), "b"))
     [(title, shared)] = color_ranges(sheet).items()
     assert title == "function"
     assert (shared.low, shared.high) == (-3 * abs(Y).max(), 3 * abs(Y).max())
-
-
-def test_the_range_is_that_of_source_and_target():
     sheet = of(SOURCE, Panel(SPHERE, Values(3 * Y), "b", "result"))
     assert color_ranges(sheet)["function"].high == abs(Y).max()
 
@@ -276,7 +267,7 @@ def test_notes_come_first_and_other_cells_have_nothing_to_hide():
     assert len(captions(noted)) == 2
 
 
-def test_captions_stand_below_everything_else():
+def test_captions_stand_below_everything_else_in_lines_of_the_sheet():
     row = (SOURCE, Panel(SPHERE, Values(Y), "b", "result"))
     bare, noted = (np.asarray(figure_picture(of(*row), notes)) for notes in ((), ("word " * 60,)))
     height = len(bare)
@@ -284,9 +275,6 @@ def test_captions_stand_below_everything_else():
     np.testing.assert_array_equal(noted[:height], bare)
     assert (noted[height:] < 128).any()
     assert (noted[:, -10:] == 255).all()
-
-
-def test_lines_are_no_longer_than_the_sheet():
     text = " ".join(f"word{number}" for number in range(60))
     lines = wrapped([text, "short"], 300, lambda line: 11.0 * len(line))
     assert max(map(len, lines)) <= 300 / 11
@@ -336,13 +324,23 @@ def test_a_sheet_has_the_papers_frames_and_labels():
     assert picture.mode == "RGB"
 
 
-def test_a_plot_has_its_curves_colours_and_size():
+def test_a_plot_has_its_curves_colours_and_size_unless_they_grow_beyond_bounds():
     x = np.linspace(0, 1, 20)
     plot = Plot((Curve("a", x, 1 + x), Curve("b", x, 2 - x)), "t / τ", "value", "", log_y=True)
     picture = plot_picture(plot, (500, 300), 18)
     assert picture.size == (500, 300)
     for code in CURVE_COLORS[:2]:
         assert tuple(bytes.fromhex(code[1:])) in colors(picture)
+    x = np.linspace(0, 1, 20)
+    calm, wild = Curve("calm", x, x), Curve("wild", x, np.exp(20 * x))
+    blue = tuple(bytes.fromhex(CURVE_COLORS[1][1:]))
+    whole, cut = (
+        np.asarray(plot_picture(Plot((wild, calm), "t", "y", "", top=top), (500, 300), 18))
+        for top in (None, 4.0)
+    )
+    assert colors(whole) & colors(cut) >= {blue}
+    rows = [np.nonzero((picture == blue).all(axis=2))[0] for picture in (whole, cut)]
+    assert np.ptp(rows[0]) != np.ptp(rows[1])
 
 
 def test_a_label_that_is_too_long_is_cut_down_to_its_cell():
@@ -354,19 +352,6 @@ def test_a_label_that_is_too_long_is_cut_down_to_its_cell():
     )
     assert cut.shape == short.shape
     assert (cut[:, :8] == 255).all()
-
-
-def test_a_curve_that_grows_beyond_bounds_leaves_the_plot():
-    x = np.linspace(0, 1, 20)
-    calm, wild = Curve("calm", x, x), Curve("wild", x, np.exp(20 * x))
-    blue = tuple(bytes.fromhex(CURVE_COLORS[1][1:]))
-    whole, cut = (
-        np.asarray(plot_picture(Plot((wild, calm), "t", "y", "", top=top), (500, 300), 18))
-        for top in (None, 4.0)
-    )
-    assert colors(whole) & colors(cut) >= {blue}
-    rows = [np.nonzero((picture == blue).all(axis=2))[0] for picture in (whole, cut)]
-    assert np.ptp(rows[0]) != np.ptp(rows[1])
 
 
 def test_a_legend_without_a_free_place_stands_above_the_plot():
