@@ -174,7 +174,6 @@ def _sharpened(areas: FloatArray, density: FloatArray, bound: float) -> FloatArr
 
 
 def _entropy(areas: FloatArray, density: FloatArray) -> float:
-    """Return ``-integral of density log density``."""
     return -float((areas * density) @ np.log(np.maximum(density, np.finfo(np.float64).tiny)))
 
 

@@ -39,8 +39,6 @@ _MEMORY, _ITERATIONS = 30, 150  # pairs that L-BFGS keeps, and the most steps th
 
 @dataclass(frozen=True, eq=False)
 class ReducedMatch:
-    """A field, and the start carried along its flow."""
-
     velocity: FloatArray  # (F, 3), in the input's units
     functional_map: FloatArray  # (k, m), in the reduced basis
     start_mismatch: float  # ``||C - C_target|| / ||C_target||`` in the Frobenius norm
@@ -82,7 +80,6 @@ class ReducedEnergy:
         self.operators = _operators(self.mesh, self.basis, len(self.start))
 
     def exponent(self, a: FloatArray) -> FloatArray:
-        """Return ``-tau D(a)``, (k, k)."""
         return -self.tau * np.tensordot(a, self.operators, 1)
 
     def __call__(self, a: FloatArray) -> tuple[float, FloatArray]:

@@ -273,7 +273,6 @@ def match(
 
 
 def _problem_of(*problem: Any, **given: Any) -> Problem:
-    """Return the problem that `match` was called with, whole or in parts."""
     is_alone = len(problem) == 1 and not given
     if problem and isinstance(problem[0], Problem):
         if not is_alone:

@@ -240,14 +240,12 @@ def check_fields(velocity: ArrayLike, shape: tuple[int, ...], name: str) -> Floa
 
 
 def _checked_start(start: ArrayLike, mesh: TriangleMesh) -> FloatArray:
-    """Return fields (M, F, 3)."""
     fields = real_numbers(start, "start", ParameterError)
     count = max(len(fields), 1) if fields.ndim == 3 else 1
     return _read_only(check_fields(fields, (count, len(mesh.faces), 3), "start").copy())
 
 
 def _read_only(array: FloatArray) -> FloatArray:
-    """Return a view that cannot be written to."""
     view = array.view()
     view.flags.writeable = False
     return view

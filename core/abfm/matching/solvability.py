@@ -154,8 +154,6 @@ def _constant(values: FloatArray) -> bool:
 
 
 class Extrema(NamedTuple):
-    """How many peaks and pits a function has."""
-
     peaks: int
     pits: int
 

@@ -62,7 +62,6 @@ class Monitor:
         self.stopped = True
 
     def update(self, folder: Path) -> None:
-        """Take in the reports in a folder, and tell the problems to stop."""
         if self.stopped:
             (folder / _GO_ON).unlink(missing_ok=True)
         for file in folder.glob(f"*{_REPORT}"):
@@ -138,12 +137,10 @@ class _Task(NamedTuple):
     parcel: Parcel
 
     def whole(self) -> _Task:
-        """Return the same with its meshes, for one that does not see the folder."""
         values = {name: (self.folder / name).read_bytes() for name in self.parcel.names}
         return self._replace(parcel=self.parcel._replace(values=values))
 
     def mesh(self, name: str) -> TriangleMesh:
-        """Read one of the meshes."""
         content = self.parcel.values.get(name) or (self.folder / name).read_bytes()
         mesh: TriangleMesh = pickle.loads(content)
         return mesh
@@ -156,7 +153,6 @@ class _Task(NamedTuple):
 def _tasks(
     problems: Iterable[Problem], folder: Path
 ) -> list[tuple[_Task, dict[str, TriangleMesh]]]:
-    """Write the meshes of the problems, each once; return the tasks with the meshes in them."""
     tasks, written = [], set[str]()
     for index, problem in enumerate(problems):
         parcel, named = pack(problem, written)
@@ -186,7 +182,6 @@ class _Meshes:
         self._lock = threading.Lock()
 
     def get(self, name: str, load: Callable[[str], TriangleMesh]) -> TriangleMesh:
-        """Return a mesh, loaded unless it is there."""
         with self._lock:
             mesh = self.here.get(name) or self._kept.pop(name, None) or load(name)
             self._kept[name] = mesh

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 import abfm
@@ -29,26 +30,23 @@ def at(degrees, mesh=SPHERE, width=0.1):
     return bump(mesh, [0, np.sin(angle), np.cos(angle)], width)
 
 
-def same_result(one, other):
-    return all(
-        np.array_equal(getattr(one, name), getattr(other, name))
-        for name in (
-            "velocity",
-            "advected",
-            "energy_history",
-            "stages",
-            "mismatch",
-            "verified_mismatch",
-            "folded",
-        )
-    )
+def matched(degrees, p, mesh=SPHERE, width=0.1, **given):
+    """From the pole so far, and all iterates."""
+    seen = []
+    f, g = at(0, mesh, width), at(degrees, mesh, width)
+    return abfm.match(mesh, f, g, p, **{"on_iteration": seen.append} | given), seen
+
+
+def body(name, a, b, width):
+    mesh = abfm.load_mesh(asset_path(name))
+    return mesh, *(abfm.function(mesh, f"gaussian:vertex={v},width={width}") for v in (a, b))
 
 
 @pytest.mark.parametrize("degrees", [90, 135])
 def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degrees):
-    f, g = at(0, width=0.05), at(degrees, width=0.05)
-    far, blind = (
-        abfm.match(SPHERE, f, g, Parameters(iterations=150, reach=reach)) for reach in (1.0, 0.0)
+    (far, _), (blind, _) = (
+        matched(degrees, Parameters(iterations=150, reach=reach), width=0.05)
+        for reach in (1.0, 0.0)
     )
     assert far.mismatch < 0.05
     assert blind.mismatch > 0.9
@@ -58,20 +56,16 @@ def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degr
 
 
 def test_a_far_target_on_a_body():
-    mesh = abfm.load_mesh(asset_path("human_A.off"))
-    f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.08") for vertex in (7, 300))
-    far, blind = (
-        abfm.match(mesh, f, g, Parameters(iterations=120, alpha=0.003, reach=reach))
-        for reach in (1.0, 0.0)
-    )
-    assert far.mismatch < 0.3
-    assert blind.mismatch > 0.6
-    assert abfm.match(mesh, f, g).mismatch < 0.05
+    given = body("human_A.off", 7, 300, 0.08)
+    p = Parameters(iterations=120, alpha=0.003)
+    assert abfm.match(*given, p).mismatch < 0.3
+    assert abfm.match(*given, replace(p, reach=0.0)).mismatch > 0.6
+    assert abfm.match(*given).mismatch < 0.05
 
 
 def test_the_field_that_is_found_carries_as_a_rotation_does():
-    """What lies between pole and target goes along."""
-    match = abfm.match(SMALL, at(0, SMALL, 0.2), at(60, SMALL, 0.2), QUICK)
+    """What lies between pole and target goes along: a third bump, which it has never seen."""
+    match, _ = matched(60, QUICK, SMALL, 0.2)
     for t in (0.5, 1.0):
         arrived = match.push(at(0, SMALL, 0.2), t)
         centre = arrived @ SMALL.vertices / arrived.sum()
@@ -81,13 +75,11 @@ def test_the_field_that_is_found_carries_as_a_rotation_does():
 
 @pytest.mark.parametrize("levels", [2, 3])
 def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels):
-    seen = []
-    p = replace(QUICK, levels=levels)
-    match = abfm.match(SPHERE, at(0), at(80), p, on_iteration=seen.append)
+    match, seen = matched(80, replace(QUICK, levels=levels))
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
     assert match.advected.shape == (len(SPHERE.vertices), 1)
     assert match.mismatch < 0.15
-    np.testing.assert_allclose(match.push(at(0), 1.0), match.advected[:, 0], atol=1e-6)
+    assert_allclose(match.push(at(0), 1.0), match.advected[:, 0], atol=1e-6)
     assert len(match.energy_history) == len(match.stages) == len(seen) <= 61
     assert [one.level for one in seen] == sorted(one.level for one in seen)
     # those between are left out where the match holds at once
@@ -106,8 +98,7 @@ def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels):
 @pytest.mark.parametrize("iterations", [0, 1, 2, 7])
 @pytest.mark.parametrize("changes", [{}, {"levels": 3}, PAPER, {"cooling_stages": 1}])
 def test_few_iterations_are_not_exceeded(iterations, changes):
-    p = Parameters(**changes, iterations=iterations)
-    match = abfm.match(SMALL, at(0, SMALL), at(50, SMALL), p)
+    match, _ = matched(50, Parameters(**changes, iterations=iterations), SMALL)
     assert 1 <= len(match.energy_history) <= iterations + 1
     assert match.velocity.shape == (1, len(SMALL.faces), 3)
     if iterations == 0:
@@ -118,176 +109,149 @@ def test_few_iterations_are_not_exceeded(iterations, changes):
 
 def test_linearised_steps_over_several_meshes():
     p = Parameters(iterations=40, levels=2, method="linearised", segments=8)
-    match = abfm.match(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2), p)
+    match, _ = matched(40, p, SMALL, 0.2)
     assert match.velocity.shape == (8, len(SMALL.faces), 3)
     assert match.mismatch < 0.4 * relative_error(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2))
 
 
 def test_a_mask_comes_to_coarser_meshes():
     """Where it is zero the target may be anything, on all of them."""
-    seen = SPHERE.vertices[:, 0] > -0.3
-    f, g = at(0), at(60)
-    found = [
-        abfm.match(SPHERE, f, np.where(seen, g, hidden), replace(QUICK, levels=2), mask=seen)
-        for hidden in (g, 7.0)
-    ]
-    assert found[0].mismatch < 0.15
-    assert found[1].mismatch < 0.3
+    seen, f, g, p = SPHERE.vertices[:, 0] > -0.3, at(0), at(60), replace(QUICK, levels=2)
+    assert abfm.match(SPHERE, f, g, p, mask=seen).mismatch < 0.15
+    assert abfm.match(SPHERE, f, np.where(seen, g, 7.0), p, mask=seen).mismatch < 0.3
 
 
-class TestCancel:
-    """Wherever it happens, what comes back is on the mesh itself."""
+@pytest.fixture
+def control():
+    return abfm.Control()
 
-    @pytest.mark.parametrize("iteration", [0, 3, 20])
-    def test_on_a_coarse_mesh(self, iteration):
-        control, seen = abfm.Control(), []
 
-        def stop(one):
-            seen.append(one)
-            if one.iteration == iteration:
-                control.cancel()
+@pytest.mark.parametrize("iteration", [0, 3, 20])
+def test_cancelled_on_a_coarse_mesh_it_comes_back_on_the_mesh_itself(iteration, control):
+    seen = []
 
-        match = abfm.match(
-            SPHERE, at(0), at(80), replace(QUICK, levels=3), on_iteration=stop, control=control
-        )
-        assert match.stop_reason == "cancelled"
-        assert seen[-1].level == 0
-        assert len(match.energy_history) == iteration + 1
-        assert match.velocity.shape == (1, len(SPHERE.faces), 3)
-        assert bool(match.velocity.any()) == (iteration > 0)
-        np.testing.assert_array_equal(match.velocity, seen[-1].velocity)
-
-    @pytest.mark.parametrize("calming", [True, False])
-    def test_between_two_meshes(self, calming, monkeypatch):
-        """While fields are brought to the finer mesh, and before the first evaluation there."""
-        control, seen = abfm.Control(), []
-        evaluate, to_finer = Objective.evaluate, Level.fields_to_finer
-
-        def overflowing(objective, fields):
-            found = evaluate(objective, fields)
-            if found.advected.shape[1] < len(SPHERE.vertices) or control.cancelled:
-                return found
+    def stop(one):
+        seen.append(one)
+        if one.iteration == iteration:
             control.cancel()
-            return replace(found, advected=np.full_like(found.advected, np.nan))
 
-        def cancelling(level, fields):
-            control.cancel()
-            return to_finer(level, fields)
+    match, _ = matched(80, replace(QUICK, levels=3), on_iteration=stop, control=control)
+    assert match.stop_reason == "cancelled"
+    assert seen[-1].level == 0
+    assert len(match.energy_history) == iteration + 1
+    assert match.velocity.shape == (1, len(SPHERE.faces), 3)
+    assert bool(match.velocity.any()) == (iteration > 0)
+    assert_array_equal(match.velocity, seen[-1].velocity)
 
-        if calming:
-            monkeypatch.setattr(Objective, "evaluate", overflowing)
-        else:
-            monkeypatch.setattr(Level, "fields_to_finer", cancelling)
-        match = abfm.match(
-            SPHERE,
-            at(0),
-            at(60),
-            replace(QUICK, levels=2),
-            on_iteration=seen.append,
-            control=control,
-        )
-        assert match.stop_reason == "cancelled"
-        assert {one.level for one in seen} == {0}
-        assert match.velocity.any()
 
-    def test_in_a_second_try_keeps_the_first_where_that_is_better(self):
-        p = Parameters(iterations=60, reach=0.5, levels=1, stage_iterations=6, alpha=0.003)
-        control, seen = abfm.Control(), []
+@pytest.mark.parametrize("calming", [True, False])
+def test_cancelled_between_two_meshes(calming, control, monkeypatch):
+    """While fields are brought to the finer mesh, and before the first evaluation there."""
+    evaluate, to_finer = Objective.evaluate, Level.fields_to_finer
 
-        def stop(one):
-            seen.append(one)
-            if one.stage == 2:
-                control.cancel()
-
-        match = abfm.match(
-            SMALL, at(0, SMALL), at(120, SMALL), p, on_iteration=stop, control=control
-        )
-        *first, last = seen
-        assert last.reach > first[0].reach
-        assert first[-1].mismatch < 0.8 < last.mismatch
-        assert match.mismatch == first[-1].mismatch
-        np.testing.assert_array_equal(match.velocity, first[-1].velocity)
-
-    def test_from_another_thread_also_while_paused(self):
-        control, reached, results = abfm.Control(), threading.Event(), []
-
-        def hold(one):
-            if one.iteration == 4:
-                control.pause()
-                reached.set()
-
-        def solve():
-            p = replace(QUICK, levels=2)
-            results.append(abfm.match(SPHERE, at(0), at(80), p, on_iteration=hold, control=control))
-
-        thread = threading.Thread(target=solve)
-        thread.start()
-        assert reached.wait(60)
-        thread.join(0.2)
-        assert thread.is_alive()
+    def overflowing(objective, fields):
+        found = evaluate(objective, fields)
+        if found.advected.shape[1] < len(SPHERE.vertices) or control.cancelled:
+            return found
         control.cancel()
-        thread.join(60)
-        assert results[0].stop_reason == "cancelled"
-        assert len(results[0].energy_history) == 5
+        return replace(found, advected=np.full_like(found.advected, np.nan))
+
+    def cancelling(level, fields):
+        control.cancel()
+        return to_finer(level, fields)
+
+    if calming:
+        monkeypatch.setattr(Objective, "evaluate", overflowing)
+    else:
+        monkeypatch.setattr(Level, "fields_to_finer", cancelling)
+    match, seen = matched(60, replace(QUICK, levels=2), control=control)
+    assert match.stop_reason == "cancelled"
+    assert {one.level for one in seen} == {0}
+    assert match.velocity.any()
 
 
-class TestStart:
-    """Near the target it is gone on from; far from it the way is looked for again."""
+def test_cancelled_in_a_second_try_it_keeps_the_first_where_that_is_better(control):
+    p = Parameters(iterations=60, reach=0.5, levels=1, stage_iterations=6, alpha=0.003)
+    seen = []
 
-    def test_near(self):
-        p = replace(QUICK, levels=2, balance=0)
-        angle = np.deg2rad(60)
-        field = rotation_field(SPHERE, [-angle, 0, 0])
-        seen = []
-        match = abfm.match(SPHERE, at(0), at(60), p, start=field, on_iteration=seen.append)
-        assert {one.level for one in seen} == {0}
-        assert {one.levels for one in seen} == {1}
-        np.testing.assert_allclose(seen[0].velocity[0], field, atol=1e-12)
-        assert seen[0].sigma == p.sigma
-        assert match.mismatch <= seen[0].mismatch
+    def stop(one):
+        seen.append(one)
+        if one.stage == 2:
+            control.cancel()
 
-    def test_far(self):
+    match, _ = matched(120, p, SMALL, on_iteration=stop, control=control)
+    *first, last = seen
+    assert last.reach > first[0].reach
+    assert first[-1].mismatch < 0.8 < last.mismatch
+    assert match.mismatch == first[-1].mismatch
+    assert_array_equal(match.velocity, first[-1].velocity)
+
+
+def test_cancelled_from_another_thread_also_while_paused(control):
+    reached, results = threading.Event(), []
+
+    def hold(one):
+        if one.iteration == 4:
+            control.pause()
+            reached.set()
+
+    def solve():
         p = replace(QUICK, levels=2)
-        field = rotation_field(SPHERE, [np.deg2rad(60), 0, 0])
-        seen = []
-        match = abfm.match(SPHERE, at(0), at(60), p, start=field, on_iteration=seen.append)
-        assert {one.level for one in seen} == {0, 1}
-        assert seen[0].reach == p.reach
-        # it begins where the start leads
-        assert relative_error(SPHERE, seen[0].advected[:, 0], at(-60)) < 0.4
-        assert match.mismatch < 0.15
+        results.append(matched(80, p, on_iteration=hold, control=control)[0])
 
-    @pytest.mark.parametrize("levels", [1, 2])
-    def test_one_whose_flow_is_worse_than_none_is_as_good_as_none(self, levels):
-        """Noise so fast that the discrete flow grows beyond bounds."""
-        p = replace(QUICK, iterations=20, levels=levels)
-        noise = 30 * np.random.default_rng(0).normal(size=(len(SMALL.faces), 3))
-        astray, fresh = (
-            abfm.match(SMALL, at(0, SMALL), at(60, SMALL), p, start=start)
-            for start in (noise, None)
-        )
-        np.testing.assert_array_equal(astray.velocity, fresh.velocity)
-        kept = abfm.match(
-            SMALL, at(0, SMALL), at(60, SMALL), replace(p, iterations=0, levels=1), start=noise
-        )
-        assert kept.velocity.any()  # where nothing is searched, it is what was given
+    thread = threading.Thread(target=solve)
+    thread.start()
+    assert reached.wait(60)
+    thread.join(0.2)
+    assert thread.is_alive()
+    control.cancel()
+    thread.join(60)
+    assert results[0].stop_reason == "cancelled"
+    assert len(results[0].energy_history) == 5
 
-    def test_without_reach_any_start_is_gone_on_from(self):
-        p = replace(QUICK, iterations=3, reach=0, levels=2)
-        seen = []
-        abfm.match(SPHERE, at(0), at(60), p, start=wavy_field(SPHERE, 1), on_iteration=seen.append)
-        assert {one.vertices for one in seen} == {len(SPHERE.vertices)}
 
-    def test_one_too_fast_for_flow_lines_is_gone_on_from_all_the_same(self):
-        match = abfm.match(
-            SMALL,
-            at(0, SMALL),
-            at(60, SMALL),
-            replace(QUICK, iterations=2, reach=0),
-            start=rotation_field(SMALL, [0, 0, 900]),
-        )
-        assert np.isfinite(match.mismatch)
-        assert np.isnan(match.verified_mismatch)
+def test_a_start_near_the_target_is_gone_on_from():
+    p, field = replace(QUICK, levels=2, balance=0), rotation_field(SPHERE, [-np.deg2rad(60), 0, 0])
+    match, seen = matched(60, p, start=field)
+    assert {one.level for one in seen} == {0}
+    assert {one.levels for one in seen} == {1}
+    assert_allclose(seen[0].velocity[0], field, atol=1e-12)
+    assert seen[0].sigma == p.sigma
+    assert match.mismatch <= seen[0].mismatch
+
+
+def test_from_a_start_far_from_the_target_the_way_is_looked_for_again():
+    p, field = replace(QUICK, levels=2), rotation_field(SPHERE, [np.deg2rad(60), 0, 0])
+    match, seen = matched(60, p, start=field)
+    assert {one.level for one in seen} == {0, 1}
+    assert seen[0].reach == p.reach
+    # it begins where the start leads
+    assert relative_error(SPHERE, seen[0].advected[:, 0], at(-60)) < 0.4
+    assert match.mismatch < 0.15
+
+
+@pytest.mark.parametrize("levels", [1, 2])
+def test_a_start_whose_flow_is_worse_than_none_is_as_good_as_none(levels):
+    """Noise so fast that the discrete flow grows beyond bounds."""
+    p = replace(QUICK, iterations=20, levels=levels)
+    noise = 30 * np.random.default_rng(0).normal(size=(len(SMALL.faces), 3))
+    astray, fresh = (matched(60, p, SMALL, start=start)[0] for start in (noise, None))
+    assert_array_equal(astray.velocity, fresh.velocity)
+    kept, _ = matched(60, replace(p, iterations=0, levels=1), SMALL, start=noise)
+    assert kept.velocity.any()  # where nothing is searched, it is what was given
+
+
+def test_without_reach_any_start_is_gone_on_from():
+    p = replace(QUICK, iterations=3, reach=0, levels=2)
+    _, seen = matched(60, p, start=wavy_field(SPHERE, 1))
+    assert {one.vertices for one in seen} == {len(SPHERE.vertices)}
+
+
+def test_a_start_too_fast_for_flow_lines_is_gone_on_from_all_the_same():
+    p = replace(QUICK, iterations=2, reach=0)
+    match, _ = matched(60, p, SMALL, start=rotation_field(SMALL, [0, 0, 900]))
+    assert np.isfinite(match.mismatch)
+    assert np.isnan(match.verified_mismatch)
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -318,96 +282,80 @@ def test_same_bits_with_other_work_beside_it():
     beside = abfm.match(TriangleMesh(SPHERE.vertices, SPHERE.faces), at(0), at(70), p)
     for thread in others:
         thread.join()
-    assert same_result(alone, beside)
+    for name in ("velocity", "advected", "energy_history", "stages"):
+        assert_array_equal(getattr(alone, name), getattr(beside, name))
+    for name in ("mismatch", "verified_mismatch", "folded"):
+        assert getattr(alone, name) == getattr(beside, name)
 
 
 def test_units_place_rotation_and_numbering_hardly_matter():
     """Iterates drift apart from rounding on; what is reached does not."""
-    mesh = abfm.load_mesh(asset_path("eight.off"))
-    f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.2") for vertex in (7, 60))
+    mesh, f, g = body("eight.off", 7, 60, 0.2)
     p = Parameters(iterations=80, levels=2, alpha=0.003)
     here = abfm.match(mesh, f, g, p)
     turned = moved(mesh, Rotation.from_rotvec([1.0, 0.4, -0.3]).as_matrix(), 1e3)
     mixed, vertices, _ = renumbered(mesh, 2)
-    found = [
-        abfm.match(turned, f, g, p),
-        abfm.match(mixed, f[vertices], g[vertices], p),
-        abfm.match(mesh, 1e6 * f, 1e6 * g, p),
-    ]
     assert here.mismatch < 0.1
-    for one in found:
+    for given in ((turned, f, g), (mixed, f[vertices], g[vertices]), (mesh, 1e6 * f, 1e6 * g)):
+        one = abfm.match(*given, p)
         assert abs(one.mismatch - here.mismatch) < 0.03
         assert abs(one.verified_mismatch - here.verified_mismatch) < 0.1
 
 
 @pytest.mark.parametrize("mesh", [SMALL, hemisphere(12)], ids=["closed", "boundary"])
 def test_flow_lines_at_once_are_those_of_the_verification(mesh):
-    f = np.stack([bump(mesh, mesh.vertices[i], 0.25) for i in (5, 40)], axis=1)
-    g = np.stack([bump(mesh, mesh.vertices[i], 0.25) for i in (20, 70)], axis=1)
-    mask = np.linspace(0, 1, len(mesh.vertices))
-    p = Parameters(iterations=20, segments=2)
-    for extras in ({}, {"mask": mask, "weights": [1.0, 0.3]}):
-        match = abfm.match(mesh, f, g, p, **extras)
+    f, g = (
+        np.stack([bump(mesh, mesh.vertices[i], 0.25) for i in pair], axis=1)
+        for pair in ((5, 40), (20, 70))
+    )
+    weighed = {"mask": np.linspace(0, 1, len(mesh.vertices)), "weights": [1.0, 0.3]}
+    for extras in ({}, weighed):
+        match = abfm.match(mesh, f, g, Parameters(iterations=20, segments=2), **extras)
         found = match.verify(subdivided=False)
         assert match.verified_mismatch == pytest.approx(found.flow_lines, rel=1e-9)
         assert match.folded == pytest.approx(found.folded, abs=1e-12)
 
 
-class TestThePaper:
-    """Its parameters give its course: plain stages of sigma on one mesh in the norm of first
-    order.
-    """
+def test_the_papers_stages_are_plain_ones_of_sigma_on_one_mesh_in_the_norm_of_first_order():
+    p = Parameters(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=40)
+    match, seen = matched(40, p, SMALL, 0.2)
+    assert {(one.level, one.levels, one.reach) for one in seen} == {(0, 1, 0.0)}
+    assert [one.sigma for one in seen] == [p.stage_sigmas()[stage] for stage in match.stages]
+    assert np.bincount(match.stages).tolist() == [11, 10, 20]
+    x = to_frame(SMALL, seen[-1].velocity) / SMALL.length_scale
+    R = Regularizer(SMALL.normalized(), 0.02)
+    by_hand = sum(float((v * R.apply(v)).sum()) for v in x) / 2
+    assert match.energy_history[-1, 1] == pytest.approx(by_hand, rel=1e-9)
+    for stage in range(3):
+        assert (np.diff(match.energy_history[match.stages == stage, 0]) <= 0).all()
+    assert match.mismatch < 0.05
 
-    def test_stages(self):
-        p = Parameters(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=40)
-        seen = []
-        match = abfm.match(
-            SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2), p, on_iteration=seen.append
-        )
-        assert {(one.level, one.levels, one.reach) for one in seen} == {(0, 1, 0.0)}
-        assert [one.sigma for one in seen] == [p.stage_sigmas()[stage] for stage in match.stages]
-        assert np.bincount(match.stages).tolist() == [11, 10, 20]
-        E = abfm.MatchingEnergy(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2), p)
-        x = to_frame(SMALL, seen[-1].velocity) / SMALL.length_scale
-        by_hand = sum(float((v * Regularizer(E.mesh, 0.02).apply(v)).sum()) for v in x) / 2
-        assert match.energy_history[-1, 1] == pytest.approx(by_hand, rel=1e-9)
-        for stage in range(3):
-            assert (np.diff(match.energy_history[match.stages == stage, 0]) <= 0).all()
-        assert match.mismatch < 0.05
 
-    def test_what_came_after_it_is_left_out(self):
-        """With one stage nothing but L-BFGS is left."""
-        f, g = at(0, SMALL, 0.2), at(40, SMALL, 0.2)
-        absolute = Parameters(**PAPER, sigma=0.05, cooling_stages=1, iterations=15)
-        size = abfm.MatchingEnergy(SMALL, f, g, absolute).functions.function_size
-        relative = replace(absolute, sigma=0.05 / size, sigma_unit="relative")
-        one, other = abfm.match(SMALL, f, g, absolute), abfm.match(SMALL, f, g, relative)
-        np.testing.assert_allclose(one.energy_history, other.energy_history, rtol=1e-6)
+def test_with_the_papers_one_stage_iterates_are_the_same_whatever_sigmas_unit():
+    absolute = Parameters(**PAPER, sigma=0.05, cooling_stages=1, iterations=15)
+    one, _ = matched(40, absolute, SMALL, 0.2)
+    relative = 0.05 / one.problem.functions.function_size
+    other, _ = matched(40, replace(absolute, sigma=relative, sigma_unit="relative"), SMALL, 0.2)
+    assert_allclose(one.energy_history, other.energy_history, rtol=1e-6)
 
 
 def test_in_the_end_energies_rise_only_where_the_target_is_moved():
     """Rounds of at most eight iterations weigh flow lines against the discrete advection."""
-    mesh = hemisphere(12)
+    mesh, p = hemisphere(12), replace(QUICK, iterations=120)
     f, g = bump(mesh, mesh.vertices[0], 0.15), bump(mesh, mesh.vertices[90], 0.15)
-    with_lines, without = (
-        abfm.match(mesh, f, g, replace(QUICK, iterations=120, balance=b)) for b in (0.5, 0.0)
-    )
-    energies = with_lines.energy_history[with_lines.stages == with_lines.stages[-1], 0]
+    lines, without = (abfm.match(mesh, f, g, replace(p, balance=b)) for b in (0.5, 0.0))
+    energies = lines.energy_history[lines.stages == lines.stages[-1], 0]
     assert all(k % 8 == 7 for k in np.flatnonzero(np.diff(energies) > 0))
-    assert len(with_lines.energy_history) > len(without.energy_history)
-    np.testing.assert_array_equal(
-        with_lines.energy_history[: len(without.energy_history)], without.energy_history
-    )
-    assert with_lines.verified_mismatch < without.verified_mismatch
-    assert with_lines.mismatch < 0.06
+    assert len(lines.energy_history) > len(without.energy_history)
+    assert_array_equal(lines.energy_history[: len(without.energy_history)], without.energy_history)
+    assert lines.verified_mismatch < without.verified_mismatch
+    assert lines.mismatch < 0.06
 
 
-def test_what_flow_lines_gain_with_vertices_held_together_stays_on_the_mesh_itself():
-    mesh = abfm.load_mesh(asset_path("human_A.off"))
-    f, g = (abfm.function(mesh, f"gaussian:vertex={vertex},width=0.2") for vertex in (500, 520))
-    seen = []
-    with_lines = abfm.match(mesh, f, g, on_iteration=seen.append)
-    without = abfm.match(mesh, f, g, Parameters(balance=0.0))
+def test_what_flow_lines_gain_with_clusters_of_vertices_stays_on_the_mesh_itself():
+    given, seen = body("human_A.off", 500, 520, 0.2), []
+    with_lines = abfm.match(*given, on_iteration=seen.append)
+    without = abfm.match(*given, Parameters(balance=0.0))
     assert seen[-1].level == seen[0].levels - 1 == 1
     assert with_lines.mismatch < 0.05
     assert with_lines.verified_mismatch < 0.8 * without.verified_mismatch

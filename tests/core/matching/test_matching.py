@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse.linalg import expm_multiply
 
 import abfm
@@ -25,6 +26,10 @@ FEW = abfm.Parameters(iterations=12)
 
 def pair(mesh, a=0, b=60, width=0.15):
     return bump(mesh, mesh.vertices[a], width), bump(mesh, mesh.vertices[b], width)
+
+
+def matched(p, **given):
+    return abfm.match(SPHERE, *pair(SPHERE), p, **given)
 
 
 def assert_never_rises_within_a_stage(match):
@@ -67,33 +72,23 @@ def test_every_method_lowers_the_mismatch(mesh, changes):
 
 
 def test_plain_lbfgs_is_available_and_slower():
-    f, g = pair(SPHERE)
-    plain, preconditioned = (
-        abfm.match(
-            SPHERE,
-            f,
-            g,
-            abfm.Parameters(iterations=20, cooling_stages=1, alpha=1.0, preconditioner=kind),
-        )
-        for kind in ("none", "hodge")
-    )
+    p = abfm.Parameters(iterations=20, cooling_stages=1, alpha=1.0)
+    plain, preconditioned = (matched(replace(p, preconditioner=kind)) for kind in ("none", "hodge"))
     assert plain.energy_history[-1, 0] < plain.energy_history[0, 0]
     assert preconditioned.energy_history[-1, 0] < 0.5 * plain.energy_history[-1, 0]
 
 
 def test_the_result_is_what_it_says():
-    f, g = pair(SPHERE)
-    p = abfm.Parameters(**PAPER, iterations=12)
-    match = abfm.match(SPHERE, f, g, p)
+    (f, g), p = pair(SPHERE), abfm.Parameters(**PAPER, iterations=12)
+    match = matched(p)
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
     assert np.abs(np.einsum("nfx,fx->nf", match.velocity, face_normals(SPHERE))).max() < 1e-12
     D = directional_derivative(SPHERE, to_frame(SPHERE, match.velocity[0]))
     expected = expm_multiply(-match.parameters.tau * D, f)
     assert np.linalg.norm(match.advected[:, 0] - expected) <= 1e-7 * np.linalg.norm(expected)
     assert match.advect(1.0) == pytest.approx(expected, abs=1e-7)
-    assert match.mismatch == pytest.approx(
-        l2_norm(SPHERE, expected - g) / l2_norm(SPHERE, g), rel=1e-6
-    )
+    left = l2_norm(SPHERE, expected - g) / l2_norm(SPHERE, g)
+    assert match.mismatch == pytest.approx(left, rel=1e-6)
     value, _ = abfm.MatchingEnergy(SPHERE, f, g, p)(match.velocity / SPHERE.length_scale)
     # a search sums its series so far
     assert value == pytest.approx(match.energy_history[-1, 0], rel=1e-7)
@@ -103,8 +98,7 @@ def test_the_result_is_what_it_says():
 
 
 def test_several_channels_and_weights():
-    f = np.stack([*pair(SPHERE, 0, 60)], axis=1)
-    g = np.stack([*pair(SPHERE, 20, 80)], axis=1)
+    f, g = (np.stack(pair(SPHERE, *vertices), axis=1) for vertices in ((0, 60), (20, 80)))
     match = abfm.match(SPHERE, f, g, FEW, weights=[1.0, 0.5])
     assert match.advected.shape == f.shape
     assert match.advect([0.0, 0.5]).shape == (2, *f.shape)
@@ -112,44 +106,34 @@ def test_several_channels_and_weights():
 
 
 def test_a_mask_may_come_with_the_vertices_of_the_file():
-    mesh = with_loose_vertex(SPHERE)
-    mask = np.linspace(0, 1, len(SPHERE.vertices) + 1)
-    f, g = mesh.vertices[:, 0], mesh.vertices[:, 1]
+    mesh, mask = with_loose_vertex(SPHERE), np.linspace(0, 1, len(SPHERE.vertices) + 1)
+    f, g, _ = mesh.vertices.T
     results = [abfm.match(mesh, f, g, FEW, mask=given) for given in (mask, np.delete(mask, 5))]
-    np.testing.assert_array_equal(results[0].velocity, results[1].velocity)
+    assert_array_equal(results[0].velocity, results[1].velocity)
     with pytest.raises(abfm.ParameterError, match="mask has shape"):
         abfm.match(mesh, f, g, FEW, mask=mask[:-2])
 
 
 def test_mask_frees_what_it_hides():
     """Where the mask is zero the target may be anything."""
-    f, g = pair(SPHERE)
-    hidden = SPHERE.vertices[:, 2] > 0
-    changed = np.where(hidden, 7.0, g)
-    results = [abfm.match(SPHERE, f, target, FEW, mask=~hidden).velocity for target in (g, changed)]
-    assert results[0] == pytest.approx(results[1], abs=1e-9)
+    (f, g), hidden = pair(SPHERE), SPHERE.vertices[:, 2] > 0
+    changed = abfm.match(SPHERE, f, np.where(hidden, 7.0, g), FEW, mask=~hidden)
+    assert matched(FEW, mask=~hidden).velocity == pytest.approx(changed.velocity, abs=1e-9)
 
 
 def test_callback_sees_every_row_of_the_history():
-    f, g = pair(SPHERE)
     seen = []
-    match = abfm.match(
-        SPHERE, f, g, abfm.Parameters(**PAPER, iterations=12), on_iteration=seen.append
-    )
+    match = matched(abfm.Parameters(**PAPER, iterations=12), on_iteration=seen.append)
     assert [item.iteration for item in seen] == list(range(13))
-    assert np.array_equal(
-        [[item.energy, item.regularity, item.mismatch_energy] for item in seen],
-        match.energy_history,
-    )
+    rows = [[item.energy, item.regularity, item.mismatch_energy] for item in seen]
+    assert np.array_equal(rows, match.energy_history)
     assert np.array_equal(seen[-1].velocity, match.velocity)
     assert seen[-1].mismatch == match.mismatch
     assert seen[-1].evaluations >= 13
 
 
 def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
-    """One with 10,000 sub-steps takes seconds: no more of them are made than the few until the
-    next look.
-    """
+    """With many sub-steps no more are made than the few until the next checkpoint."""
     control, steps, of_first = abfm.Control(), 0, 0
     forward = ExponentialFlow.forward
 
@@ -166,7 +150,7 @@ def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
 
     monkeypatch.setattr(ExponentialFlow, "forward", counted)
     parameters = abfm.Parameters(gradient="bracket", substeps=500, levels=1, iterations=3)
-    match = abfm.match(SPHERE, *pair(SPHERE), parameters, on_iteration=first, control=control)
+    match = matched(parameters, on_iteration=first, control=control)
     assert match.stop_reason == "cancelled"
     assert steps < of_first + 300
 
@@ -179,23 +163,24 @@ def test_cancelled_while_flow_lines_check_it_can_be_gone_on_from():
             control.cancel()
 
     with telling(tell):
-        match = abfm.match(SPHERE, *pair(SPHERE), abfm.Parameters(iterations=5), control=control)
+        match = matched(abfm.Parameters(iterations=5), control=control)
     assert match.stop_reason == "cancelled"
     assert np.isnan(match.verified_mismatch)
     assert "Continue" in [remedy.label for remedy in match.verdict.remedies]
 
 
-def test_cancelled_before_it_began_gives_the_start():
-    f, g = pair(SPHERE)
+@pytest.mark.parametrize("paused", [False, True])
+def test_cancelled_before_it_began_gives_the_start_and_is_not_paused(paused):
     control = abfm.Control()
     control.cancel()
-    match = abfm.match(SPHERE, f, g, control=control)
+    if paused:
+        control.pause()
+    match = matched(None, control=control)
     assert match.stop_reason == "cancelled"
     assert not match.velocity.any()
 
 
 def test_pause_holds_and_resume_continues_to_the_same_result():
-    f, g = pair(SPHERE)
     control, reached, results = abfm.Control(), threading.Event(), []
 
     def on_iteration(item):
@@ -204,7 +189,7 @@ def test_pause_holds_and_resume_continues_to_the_same_result():
             reached.set()
 
     def solve():
-        results.append(abfm.match(SPHERE, f, g, FEW, on_iteration=on_iteration, control=control))
+        results.append(matched(FEW, on_iteration=on_iteration, control=control))
 
     thread = threading.Thread(target=solve)
     thread.start()
@@ -213,57 +198,42 @@ def test_pause_holds_and_resume_continues_to_the_same_result():
     assert thread.is_alive()
     control.resume()
     thread.join(30)
-    assert np.array_equal(results[0].velocity, abfm.match(SPHERE, f, g, FEW).velocity)
+    assert np.array_equal(results[0].velocity, matched(FEW).velocity)
 
 
 def test_warm_start_goes_on_from_the_field():
-    f, g = pair(SPHERE)
     p = abfm.Parameters(iterations=10, cooling_stages=1, sigma=0.01)
-    first = abfm.match(SPHERE, f, g, p)
-    second = abfm.match(SPHERE, f, g, p, start=first.velocity)
+    first = matched(p)
+    second = matched(p, start=first.velocity)
     assert second.energy_history[0, 0] == pytest.approx(first.energy_history[-1, 0], rel=1e-9)
     assert second.energy_history[-1, 0] < first.energy_history[-1, 0]
-    moved = abfm.match(SPHERE, f, pair(SPHERE, 0, 61)[1], p, start=first.velocity)
-    assert moved.mismatch < 1
-    split = abfm.match(SPHERE, f, g, replace(p, segments=3, iterations=0), start=first.velocity[0])
+    assert abfm.match(SPHERE, *pair(SPHERE, 0, 61), p, start=first.velocity).mismatch < 1
+    split = matched(replace(p, segments=3, iterations=0), start=first.velocity[0])
     assert split.mismatch == pytest.approx(first.mismatch, rel=1e-6)
 
 
 @pytest.mark.parametrize(("given", "wanted"), [(2, 4), (4, 2), (3, 2), (2, 3), (3, 3)])
 def test_fields_for_other_segments_are_averaged_over_time(given, wanted):
-    """By integrals over each wanted part, here sums over parts so small that both numbers divide
-    them.
-    """
     fields = np.stack([wavy_field(SPHERE, seed) for seed in range(given)])
     fine = np.repeat(fields, wanted, axis=0).reshape(wanted, given, *fields.shape[1:])
     p = abfm.Parameters(method="linearised", segments=wanted, iterations=0)
-    started = abfm.match(SPHERE, *pair(SPHERE), p, start=fields)
-    np.testing.assert_allclose(started.velocity, fine.mean(axis=1), atol=1e-12)
+    started = matched(p, start=fields)
+    assert_allclose(started.velocity, fine.mean(axis=1), atol=1e-12)
 
 
 def test_fields_for_another_tau_move_as_far():
-    f, g = pair(SPHERE)
-    first = abfm.match(SPHERE, f, g, FEW)
-    slow = replace(FEW, tau=8 * FEW.tau, iterations=0)
-    second = abfm.match(SPHERE, f, g, slow, start=first.start_for(slow))
-    np.testing.assert_allclose(second.advected, first.advected, atol=1e-9)
+    first, slow = matched(FEW), replace(FEW, tau=8 * FEW.tau, iterations=0)
+    second = matched(slow, start=first.start_for(slow))
+    assert_allclose(second.advected, first.advected, atol=1e-9)
 
 
 def test_warm_start_never_ends_worse_at_sigma():
-    f, g = pair(SPHERE)
     p = abfm.Parameters(**PAPER, iterations=40)
-    first = abfm.match(SPHERE, f, g, p)
-    second = abfm.match(SPHERE, f, g, replace(p, iterations=5), start=first.velocity)
+    first = matched(p)
+    second = matched(replace(p, iterations=5), start=first.velocity)
     assert second.energy_history[-1, 0] < first.energy_history[-1, 0]
     assert set(first.stages) == {0, 1, 2}
     assert set(second.stages) == {0}
-
-
-def test_pause_after_cancel_does_not_hold():
-    control = abfm.Control()
-    control.cancel()
-    control.pause()
-    assert abfm.match(SPHERE, *pair(SPHERE), control=control).stop_reason == "cancelled"
 
 
 @settings(max_examples=15, deadline=None)
@@ -280,10 +250,8 @@ def test_wild_parameters_end_finite_and_no_worse(exponent, alpha, sigma, tau):
 
 
 def test_one_result_serves_several_threads():
-    f, g = pair(SPHERE)
-    match = abfm.match(SPHERE, f, g, FEW)
+    match, wrong = matched(FEW), []
     expected = {t: match.advect(t) for t in (0.25, 0.5, 1.0, -0.5)}
-    wrong = []
 
     def check(t):
         wrong.extend(t for _ in range(20) if not np.array_equal(match.advect(t), expected[t]))

@@ -133,6 +133,11 @@ def test_it_and_its_match_are_written_in_few_words():
     ("changes", "words"),
     [
         ({"f": F[1:]}, "values were given"),
+        ({"f": np.full(162, np.nan)}, "not finite at 162 of 162 vertices"),
+        ({"f": np.array(["a"] * 162)}, "real numbers"),
+        ({"f": np.zeros((162, 0))}, "shape"),
+        ({"mask": 0 * F}, "zero everywhere"),
+        ({"mask": np.ones(5)}, "mask has shape"),
         ({"g": np.stack([G, G], axis=1)}, "source has 1 and target 2 channels"),
         ({"f": 1e101 * F}, "scale both by the same factor"),
         ({"mesh": "sphere.off"}, "expected a TriangleMesh"),

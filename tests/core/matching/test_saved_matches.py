@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal, assert_equal
 
 import abfm
 from abfm.errors import ResultError
@@ -46,10 +47,8 @@ def test_everything_comes_back(match, tmp_path):
     ):
         assert getattr(loaded, name) == getattr(match, name)
     for name in ("source", "target", "advected", "velocity", "energy_history", "stages", "weights"):
-        np.testing.assert_array_equal(getattr(loaded, name), getattr(match, name))
-    np.testing.assert_equal(
-        asdict(loaded.verify(subdivided=False)), asdict(match.verify(subdivided=False))
-    )
+        assert_array_equal(getattr(loaded, name), getattr(match, name))
+    assert_equal(asdict(loaded.verify(subdivided=False)), asdict(match.verify(subdivided=False)))
     loaded.save(tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "match.npz").read_bytes()
 
@@ -60,7 +59,7 @@ def test_a_match_goes_to_another_process_without_what_was_computed_from_it(match
     sent = pickle.dumps(match)
     assert len(sent) < 200_000  # the memory that flows work in alone is larger
     came = pickle.loads(sent)
-    np.testing.assert_array_equal(came.advect([-0.5, 0.5, 1.0]), there)
+    assert_array_equal(came.advect([-0.5, 0.5, 1.0]), there)
     assert not came.mesh.vertices.flags.writeable
 
 
@@ -98,7 +97,7 @@ def test_a_file_without_the_new_entries_is_one_of_the_papers_energy(
     assert loaded.parameters == Parameters(**{**match.parameters.to_dict(), **PAPER})
     assert loaded.verdict == abfm.matching.Verdict(kind, "converged", "")
     assert np.isnan([loaded.verified_mismatch, loaded.folded]).all()
-    np.testing.assert_array_equal(loaded.velocity, match.velocity)
+    assert_array_equal(loaded.velocity, match.velocity)
     again = abfm.match(MESH, loaded.source, loaded.target, loaded.parameters, start=loaded.velocity)
     assert again.energy_history[-1, 0] <= again.energy_history[0, 0]
 

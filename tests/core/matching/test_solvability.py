@@ -25,12 +25,11 @@ from abfm.matching.solvability import (
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, subdivided
-from abfm.parameters import Parameters
 from tests.core.fields import bump
-from tests.core.surfaces import SURFACES
+from tests.core.surfaces import SURFACES, renumbered
 from tests.shapes import disc, icosphere, square, torus
 
-SPHERE = icosphere(2)
+SPHERE, FINE, BALL = icosphere(2), icosphere(3), icosphere(4)
 COUNT = len(SPHERE.vertices)
 SEEDS = st.integers(0, 10**6)
 
@@ -48,153 +47,119 @@ def at(degrees, width=0.15):
     return bump(SPHERE, [0, np.sin(angle), np.cos(angle)], width)
 
 
+def term(f, g, *weighted):
+    return FunctionTerm(SPHERE, f, g, *weighted)
+
+
+def pair(one, other):
+    return np.stack([one, other], axis=1)
+
+
 @given(SEEDS)
 def test_the_mismatch_is_that_of_the_norms_and_the_solvers(seed):
     problem = random_problem(seed)
-    energy = MatchingEnergy(
-        SPHERE,
-        problem.source.T,
-        problem.target.T,
-        Parameters(),
-        mask=problem.mask,
-        weights=problem.weights,
-    )
-    found = problem.relative_mismatch(problem.source)
-    assert found == pytest.approx(energy.relative_mismatch(problem.source), rel=1e-12)
-    assert found == pytest.approx(
-        problem.norm(problem.source - problem.target) / problem.norm(problem.target), rel=1e-12
-    )
-    means = problem.source @ problem.areas / problem.areas.sum()
-    assert problem.deviation(problem.source) == pytest.approx(
-        problem.norm(problem.source - means[:, None]), rel=1e-12
-    )
+    source, target = problem.source, problem.target
+    given = {"mask": problem.mask, "weights": problem.weights}
+    energy = MatchingEnergy(SPHERE, source.T, target.T, **given)
+    found = problem.relative_mismatch(source)
+    assert found == pytest.approx(energy.relative_mismatch(source), rel=1e-12)
+    norms = problem.norm(source - target), problem.norm(target)
+    assert found == pytest.approx(norms[0] / norms[1], rel=1e-12)
+    apart = source - (source @ problem.areas / problem.areas.sum())[:, None]
+    assert problem.deviation(source) == pytest.approx(problem.norm(apart), rel=1e-12)
 
 
 @given(SEEDS)
 def test_nothing_with_the_sources_values_comes_below_the_bound(seed):
-    """Values of the source in any order, or any between its least and largest."""
-    problem = random_problem(seed)
-    rng = np.random.default_rng(seed)
-    low, high = problem.source.min(axis=1, keepdims=True), problem.source.max(axis=1, keepdims=True)
-    for made in (
-        rng.permuted(problem.source, axis=1),
-        rng.uniform(low, high, problem.source.shape),
-    ):
-        assert problem.relative_mismatch(made) >= range_bound(problem)
-    assert problem.relative_mismatch(np.clip(problem.target, low, high)) == pytest.approx(
-        range_bound(problem), rel=1e-12
-    )
+    """Its values in any order, or any between its least and largest, are all a flow could give."""
+    problem, rng = random_problem(seed), np.random.default_rng(seed)
+    source, bound = problem.source, range_bound(problem)
+    low, high = source.min(axis=1, keepdims=True), source.max(axis=1, keepdims=True)
+    for made in (rng.permuted(source, axis=1), rng.uniform(low, high, source.shape)):
+        assert problem.relative_mismatch(made) >= bound
+    best = np.clip(problem.target, low, high)
+    assert problem.relative_mismatch(best) == pytest.approx(bound, rel=1e-12)
 
 
 @given(SEEDS, st.floats(1e-3, 1e3), st.floats(1, 3))
 def test_the_bound_ignores_units_and_falls_with_a_wider_source(seed, unit, wider):
     problem = random_problem(seed)
-    scaled = FunctionTerm(
-        SPHERE, unit * problem.source.T, unit * problem.target.T, problem.mask, problem.weights
-    )
+    source, target, weighted = problem.source, problem.target, (problem.mask, problem.weights)
+    scaled = term(unit * source.T, unit * target.T, *weighted)
     assert range_bound(scaled) == pytest.approx(range_bound(problem), rel=1e-9)
-    middle = (problem.source.min(axis=1) + problem.source.max(axis=1))[:, None] / 2
-    wide = middle + wider * (problem.source - middle)
-    richer = FunctionTerm(SPHERE, wide.T, problem.target.T, problem.mask, problem.weights)
-    assert range_bound(richer) <= range_bound(problem) + 1e-12
+    middle = (source.min(axis=1) + source.max(axis=1))[:, None] / 2
+    wide = middle + wider * (source - middle)
+    assert range_bound(term(wide.T, target.T, *weighted)) <= range_bound(problem) + 1e-12
 
 
 def test_the_bound_of_known_functions():
     # as vertices do not sample both tops alike
-    assert range_bound(FunctionTerm(SPHERE, at(0), at(40))) < 0.05
-    assert range_bound(FunctionTerm(SPHERE, at(0) - at(180), 0.9 * at(0))) == 0
-    constant = np.full(COUNT, 0.5)
-    assert range_bound(FunctionTerm(SPHERE, constant, 2 * constant)) == pytest.approx(0.5)
-    assert range_bound(FunctionTerm(SPHERE, constant, at(0))) == pytest.approx(
-        FunctionTerm(SPHERE, constant, at(0)).relative_mismatch(constant[None])
-    )
+    assert range_bound(term(at(0), at(40))) < 0.05
+    assert range_bound(term(at(0) - at(180), 0.9 * at(0))) == 0
+    flat = np.full(COUNT, 0.5)
+    assert range_bound(term(flat, 2 * flat)) == pytest.approx(0.5)
+    still = term(flat, at(0)).relative_mismatch(flat[None])
+    assert range_bound(term(flat, at(0))) == pytest.approx(still)
 
 
-def test_only_what_counts_is_bounded():
-    """Where the mask is 0, or in a channel of weight 0, the target may have any values."""
-    source, target = at(0), at(0).copy()
-    target[:5] = 9
-    mask = np.ones(COUNT)
-    mask[:5] = 0
-    assert range_bound(FunctionTerm(SPHERE, source, target)) > 0.5
-    assert range_bound(FunctionTerm(SPHERE, source, target, mask)) == 0
-    both = FunctionTerm(
-        SPHERE,
-        np.stack([source, source], axis=1),
-        np.stack([source, target], axis=1),
-        None,
-        [1.0, 0],
-    )
+def test_only_what_counts_is_bounded_and_constant():
+    """Where the mask is 0, or in a channel of weight 0, there may be any values."""
+    source, target, mask, flat = at(0), at(0).copy(), np.ones(COUNT), np.full(COUNT, 0.3)
+    target[:5], mask[:5] = 9, 0
+    assert range_bound(term(source, target)) > 0.5
+    assert range_bound(term(source, target, mask)) == 0
+    both = term(pair(source, source), pair(source, target), None, [1.0, 0])
     assert range_bound(both) == 0
     assert not source_is_constant(both)
     assert different_peaks(both) is None
-
-
-def test_constants_are_those_that_count():
-    flat = np.full(COUNT, 0.3)
     outside = flat.copy()
     outside[:5] = 1
-    mask = np.ones(COUNT)
-    mask[:5] = 0
-    assert source_is_constant(FunctionTerm(SPHERE, flat, at(0)))
+    assert source_is_constant(term(flat, at(0)))
     # its values may come from anywhere
-    assert not source_is_constant(FunctionTerm(SPHERE, outside, at(0), mask))
-    assert target_is_constant(FunctionTerm(SPHERE, at(0), outside, mask))
-    assert not target_is_constant(FunctionTerm(SPHERE, at(0), outside))
+    assert not source_is_constant(term(outside, at(0), mask))
+    assert target_is_constant(term(at(0), outside, mask))
+    assert not target_is_constant(term(at(0), outside))
 
 
 def test_what_vanished_and_what_stood_still():
-    problem = FunctionTerm(SPHERE, at(0), at(90))
+    problem = term(at(0), at(90))
     assert vanished(problem, (0.01 * at(30) + 0.1)[None])
     assert not vanished(problem, (0.5 * at(30))[None])
     assert stood_still(problem, (at(0) + 0.01 * at(30))[None])
     assert not stood_still(problem, (at(20))[None])
-    flat = FunctionTerm(SPHERE, at(0), 0.01 * at(90))
-    assert not vanished(flat, (0.01 * at(30))[None])  # as the target has it
+    # as the target has it
+    assert not vanished(term(at(0), 0.01 * at(90)), (0.01 * at(30))[None])
 
 
 @given(st.floats(10, 80))
 def test_the_distance_is_that_between_gaussians(degrees):
-    mesh = square(20)
-    here, there = [0.5, 0.3, 0], [0.5, 0.3 + degrees / 200, 0]
-    problem = FunctionTerm(mesh, bump(mesh, here, 0.04), bump(mesh, there, 0.04))
-    apart = degrees / 200
-    overlap = 0.04 * 4 / apart  # what they share cancels, and leaves centres farther apart
-    assert apart * 0.95 <= distance(problem) <= apart + 0.04 * overlap
-    assert distance(problem) == distance(FunctionTerm(mesh, problem.target.T, problem.source.T))
+    mesh, apart = square(20), degrees / 200
+    f, g = (bump(mesh, [0.5, y, 0], 0.04) for y in (0.3, 0.3 + apart))
+    found = distance(FunctionTerm(mesh, f, g))
+    # what they share cancels, and leaves centres farther apart
+    assert apart * 0.95 <= found <= apart + 0.04 * 0.04 * 4 / apart
+    assert found == distance(FunctionTerm(mesh, g, f))
 
 
 def test_no_distance_where_nothing_is_too_much():
-    assert distance(FunctionTerm(SPHERE, at(0), 2 * at(0))) == 0
+    assert distance(term(at(0), 2 * at(0))) == 0
 
 
 def test_peaks_are_not_told_where_a_mask_hides_some():
-    two = np.maximum(at(0, 0.1), at(120, 0.1))
-    assert different_peaks(FunctionTerm(SPHERE, at(0, 0.1), two)) == (0, (1, 1), (2, 1))
-    assert (
-        different_peaks(
-            FunctionTerm(SPHERE, at(0, 0.1), two, (SPHERE.vertices[:, 2] > 0).astype(float))
-        )
-        is None
-    )
-    second = FunctionTerm(SPHERE, np.stack([two, two], axis=1), np.stack([two, at(0, 0.1)], axis=1))
-    assert different_peaks(second) == (1, (2, 1), (1, 1))
+    one, two = at(0, 0.1), np.maximum(at(0, 0.1), at(120, 0.1))
+    assert different_peaks(term(one, two)) == (0, (1, 1), (2, 1))
+    assert different_peaks(term(one, two, (SPHERE.vertices[:, 2] > 0).astype(float))) is None
+    assert different_peaks(term(pair(two, two), pair(two, one))) == (1, (2, 1), (1, 1))
 
 
 def test_squeezing_is_told_from_moving_by_which_of_them_lowers_the_mismatch():
-    f, g = (bump(SPHERE, centre, 0.15) for centre in ([0.0, 0.0, 1.0], [0.0, 1.0, 0.0]))
-    halfway = bump(SPHERE, [0.0, np.sqrt(0.5), np.sqrt(0.5)], 0.15)
-    problem = FunctionTerm(SPHERE, f, g)
+    f, halfway, g = at(0), at(45), at(90)
+    problem = term(f, g)
     assert squeezed(problem, 0.5 * f[None])
     assert not squeezed(problem, 0.8 * f[None])  # not yet
     assert not squeezed(problem, halfway[None])
     assert not squeezed(problem, 0.5 * g[None])  # it moved, and came smaller
-    assert not squeezed(FunctionTerm(SPHERE, f, 0.4 * f), 0.5 * f[None])  # as the target is smaller
-
-
-FINE = icosphere(3)
-BALL = icosphere(4)
-SEEDS = st.integers(0, 10**6)
+    assert not squeezed(term(f, 0.4 * f), 0.5 * f[None])  # as the target is smaller
 
 
 def gaussians(count):
@@ -277,47 +242,31 @@ def test_persistence_is_the_depth_of_the_pass():
 )
 def test_the_slow_count_agrees(name):
     mesh = SURFACES[name]
-    rng = np.random.default_rng(len(mesh.vertices))
-    for f in (
-        rng.normal(size=len(mesh.vertices)),
-        rng.integers(0, 4, len(mesh.vertices)).astype(float),
-    ):
+    count = len(mesh.vertices)
+    rng = np.random.default_rng(count)
+    for f in (rng.normal(size=count), rng.integers(0, 4, count).astype(float)):
         assert_allclose(persistence(mesh, f), slow_persistence(mesh, f), rtol=0, atol=1e-15)
 
 
 @given(SEEDS, st.floats(1e-3, 1e3), st.floats(-1e3, 1e3))
 def test_numbering_scale_and_offset_do_not_matter(seed, factor, offset):
     rng = np.random.default_rng(seed)
-    f = np.sin(3 * FINE.vertices @ rng.normal(size=(3, 2))).sum(axis=1) + rng.normal(
-        0, 0.1, len(FINE.vertices)
-    )
-    new = rng.permutation(len(f))
-    values = np.empty_like(f)
-    values[new] = f
-    vertices = np.empty_like(FINE.vertices)
-    vertices[new] = FINE.vertices
-    other = TriangleMesh(vertices, new[FINE.faces])
-    assert_array_equal(persistence(other, values), persistence(FINE, f))
-    assert_allclose(
-        persistence(FINE, factor * f + offset),
-        factor * persistence(FINE, f),
-        rtol=0,
-        atol=1e-12 * (1e3 + factor),
-    )
+    f = np.sin(3 * FINE.vertices @ rng.normal(size=(3, 2))).sum(axis=1)
+    f += rng.normal(0, 0.1, len(f))
+    found, (mesh, vertices, _) = persistence(FINE, f), renumbered(FINE, seed)
+    assert_array_equal(persistence(mesh, f[vertices]), found)
+    scaled = persistence(FINE, factor * f + offset)
+    assert_allclose(scaled, factor * found, rtol=0, atol=1e-12 * (1e3 + factor))
     assert peaks(FINE, -f) == peaks(FINE, f)[::-1]
 
 
 @given(SEEDS, st.floats(0, 0.5), st.floats(0, 1))
 def test_a_small_change_pairs_peaks_up(seed, change, least):
-    """The theorem of stability: what stands out by ``least + 2 change`` before stands out by
-    ``least`` afterwards.
-    """
+    """The theorem of stability: what stands out by so much more before does so afterwards."""
     rng = np.random.default_rng(seed)
     f = rng.normal(size=len(FINE.vertices))
-    g = f + rng.uniform(-change, change, len(f))
-    assert (persistence(FINE, f) >= least + 2 * change).sum() <= (
-        persistence(FINE, g) >= least - 1e-12
-    ).sum()
+    after = persistence(FINE, f + rng.uniform(-change, change, len(f)))
+    assert (persistence(FINE, f) >= least + 2 * change).sum() <= (after >= least - 1e-12).sum()
 
 
 @given(SEEDS)
@@ -337,24 +286,15 @@ def test_functions_with_other_peaks_are_told():
     assert peaks_apart(FINE, gaussians(2), gaussians(2)) is None
 
 
-def edge_of(mesh):
-    """Edge length of as many equal equilateral triangles as the mesh has."""
-    return float(np.sqrt(4 / np.sqrt(3) / len(mesh.faces)))
-
-
 def gaussian(mesh, vertex, edges):
-    """Gaussian so many even edges wide."""
-    return bump(mesh, mesh.vertices[vertex], edges * edge_of(mesh))
+    """So many edges wide, as those of as many equal equilateral triangles as the mesh has."""
+    return bump(mesh, mesh.vertices[vertex], edges * np.sqrt(4 / np.sqrt(3) / len(mesh.faces)))
 
 
 @pytest.mark.parametrize("width", [1.0, 1.5, 2.0, 3.0, 5.0, 8.0])
 def test_a_gaussian_is_as_wide_as_it_is(width):
-    for mesh, vertex in (
-        (icosphere(5), 0),
-        (icosphere(5), 5000),
-        (square(48), 1250),
-        (disc(30), 400),
-    ):
+    ball = icosphere(5)
+    for mesh, vertex in ((ball, 0), (ball, 5000), (square(48), 1250), (disc(30), 400)):
         assert_allclose(resolution(mesh, gaussian(mesh, vertex, width)), width, rtol=0.15)
 
 
@@ -367,11 +307,9 @@ def test_constants_scales_and_units_do_not_matter():
 
 
 def test_twice_as_many_edges_on_the_subdivided_mesh():
-    mesh = icosphere(4)
-    f = gaussian(mesh, 100, 4)
-    assert_allclose(
-        resolution(subdivided(mesh), interpolated(mesh, f)), 2 * resolution(mesh, f), rtol=0.1
-    )
+    f = gaussian(BALL, 100, 4)
+    found = resolution(subdivided(BALL), interpolated(BALL, f))
+    assert_allclose(found, 2 * resolution(BALL, f), rtol=0.1)
 
 
 def test_the_narrower_of_two_bumps_counts():
@@ -379,25 +317,20 @@ def test_the_narrower_of_two_bumps_counts():
     narrow, wide = gaussian(mesh, 0, 2), gaussian(mesh, int(mesh.vertices[:, 2].argmin()), 12)
     assert resolution(mesh, wide) > 10
     assert 2 < resolution(mesh, narrow + wide) < 3
-    assert resolution(mesh, np.stack([wide, narrow], axis=1)) == resolution(mesh, narrow)
+    assert resolution(mesh, pair(wide, narrow)) == resolution(mesh, narrow)
 
 
 def test_edges_count_where_the_function_varies():
     """Inside a fine patch of a mesh that is coarse elsewhere."""
     even = square(40)
     uneven = TriangleMesh(even.vertices**2 * [1, 1, 0], even.faces)  # fine towards one corner
-    fine, coarse = ([0.1, 0.1, 0], [0.8, 0.8, 0])
-    assert resolution(uneven, bump(uneven, fine, 0.05)) > 2 * resolution(
-        uneven, bump(uneven, coarse, 0.05)
-    )
+    fine, coarse = (resolution(uneven, bump(uneven, [x, x, 0], 0.05)) for x in (0.1, 0.8))
+    assert fine > 2 * coarse
 
 
 def test_a_jump_spans_half_an_edge_and_a_constant_any_number():
-    mesh = icosphere(4)
-    assert resolution(mesh, (mesh.vertices[:, 2] > 0.1).astype(float)) == 0.5
-    assert resolution(mesh, np.full(len(mesh.vertices), 3.3)) == np.inf
-    assert (
-        resolution(mesh, 3.3 + 1e-12 * np.random.default_rng(0).normal(size=len(mesh.vertices)))
-        == np.inf
-    )
-    assert resolution(mesh, np.zeros(len(mesh.vertices))) == np.inf
+    assert resolution(BALL, (BALL.vertices[:, 2] > 0.1).astype(float)) == 0.5
+    flat = np.full(len(BALL.vertices), 3.3)
+    noise = 1e-12 * np.random.default_rng(0).normal(size=len(flat))
+    for f in (flat, flat + noise, 0 * flat):
+        assert resolution(BALL, f) == np.inf

@@ -11,6 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from abfm import Monitor, ParameterError, Parameters, Problem, match, solve_many
 from abfm.matching.solve_many import _meshes, _Task
@@ -54,7 +55,7 @@ def test_matches_are_those_of_match_in_the_order_of_the_problems_with_their_mesh
     found = list(solve_many(iter(problems), executor))
     for one, of in zip(found, problems, strict=True):
         assert one.mesh is of.mesh
-        np.testing.assert_array_equal(one.velocity, match(of).velocity)
+        assert_array_equal(one.velocity, match(of).velocity)
     assert list(solve_many([], executor)) == []
 
 
@@ -114,7 +115,7 @@ class Elsewhere(Executor):
 def test_who_does_not_see_the_files_gets_the_mesh_with_the_problem(folder):
     elsewhere = Elsewhere(folder)
     [found] = solve_many([problem(0)], elsewhere)
-    np.testing.assert_array_equal(found.velocity, match(problem(0)).velocity)
+    assert_array_equal(found.velocity, match(problem(0)).velocity)
     assert elsewhere.sizes[0] == 0 < elsewhere.sizes[1]
 
 

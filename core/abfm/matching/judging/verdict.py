@@ -98,8 +98,6 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What is known of a match that has ended."""
-
     advected: FloatArray  # source carried to tau, (C, V)
     mismatch: float  # ``||f_tau - g|| / ||g||`` of the discrete flow
     stop_reason: StopReason
@@ -154,7 +152,6 @@ class Remedies:
         return Remedy("More time", f"more iterations, such as {count}", {"iterations": count})
 
     def further(self) -> Remedy:
-        """A larger reach, with the course that looks for far targets."""
         p = self._parameters
         needed = _rounded(max(solvability.distance(self._functions), _USUAL.reach))
         wanted = {name: getattr(_USUAL, name) for name in _COURSE} if not p.reach else {}
@@ -190,7 +187,6 @@ class Remedies:
         return Remedy("Smoother", f"a larger alpha, such as {alpha:g}", {"alpha": alpha})
 
     def closer(self) -> Remedy:
-        """A smaller sigma, from the present field."""
         sigma = max(_rounded(self._sigma / _FURTHER), SMALLEST)
         if self.raised:
             size = max(_rounded(sigma * self._functions.function_size), SMALLEST)
@@ -199,7 +195,6 @@ class Remedies:
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
 
     def colder(self) -> Remedy:
-        """A much smaller sigma, from no motion."""
         sigma = max(_rounded(self._sigma / _COLDER), SMALLEST)
         sigma = max(sigma, _USUAL.sigma) if self.is_warm else sigma
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma})
@@ -271,7 +266,6 @@ class _Case:
         return None
 
     def by_size(self) -> Verdict | None:
-        """A mismatch that is small, also by flow lines where they are known."""
         if self.by_size_alone == "not reached":
             return None
         if self.by_size_alone == "matched":
@@ -292,7 +286,6 @@ class _Case:
         return self._verdict("nearly", "", "", self.remedies.closer())
 
     def not_reached(self) -> Verdict:
-        """The most telling cause of a mismatch that is large."""
         outcome, remedies = self.outcome, self.remedies
         hardly_began = (
             outcome.stop_reason is StopReason.ITERATION_LIMIT

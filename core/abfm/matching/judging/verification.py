@@ -73,7 +73,7 @@ class Verification:
         return self.resolution >= RESOLVED
 
     def report(self) -> str:
-        """The numbers in a line."""
+        """Return the numbers in a line."""
         parts = [f"verified mismatch {self.mismatch:.4f} by flow lines"]
         if not np.isnan(self.subdivided):
             parts.append(f"{self.subdivided:.4f} on the subdivided mesh")
@@ -140,7 +140,6 @@ def _by_flow_lines(
 
 
 def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Parameters) -> float:
-    """Return the mismatch on the subdivided mesh, NaN if there is none as a face is too thin."""
     mesh, mask = functions.mesh, functions.mask
     try:
         fine = subdivided_mesh(mesh)
@@ -162,7 +161,6 @@ def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Para
 
 
 def _on_children(mesh: TriangleMesh, fine: TriangleMesh, field: FloatArray) -> FloatArray:
-    """The continuous field at the centres of the subdivided mesh's faces, (4 F, 3)."""
     vectors = smooth_flow(mesh, field).vectors
     centres = (
         fine.vertices[fine.faces].mean(axis=1).reshape(-1, 4, 3) - mesh.vertices[mesh.faces[:, :1]]

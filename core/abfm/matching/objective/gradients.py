@@ -21,13 +21,11 @@ class Adjoint:
         self._shape = shape
 
     def carry(self, flow: Advection, f: FloatArray) -> list[Trajectory]:
-        """Carry a function (V,), and keep the terms that its adjoint needs."""
         return flow.forward(f, keep=True)
 
     def of_fields(
         self, flow: Advection, trajectories: Sequence[list[Trajectory]], residuals: FloatArray
     ) -> FloatArray:
-        """Return the derivative (N, F, 2), for that by the carried functions (C, V)."""
         gradient = np.zeros(self._shape)
         for trajectory, residual in zip(trajectories, residuals, strict=True):
             flow.backward(trajectory, residual, gradient)
@@ -46,13 +44,11 @@ class Bracket:
     quadrature: int  # k
 
     def carry(self, flow: Advection, f: FloatArray) -> list[Trajectory]:
-        """Carry a function (V,) to the end time."""
         return flow.forward(f)
 
     def of_fields(
         self, flow: Advection, trajectories: Sequence[list[Trajectory]], residuals: FloatArray
     ) -> FloatArray:
-        """Return the derivative (N, F, 2), for that by the carried functions (C, V)."""
         gradient = np.empty_like(self.fields)
         dt = flow.step / self.substeps
         for j in reversed(range(len(flow.parts))):

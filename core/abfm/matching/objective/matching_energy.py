@@ -26,8 +26,6 @@ from abfm.types import FloatArray
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The objective at one point."""
-
     x: FloatArray  # frame coefficients (N, F, 2) of the fields
     energy: float  # total and its two terms; infinite where the flow overflows
     regularity: float
@@ -54,7 +52,6 @@ class Objective:
     gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
 
     def evaluate(self, x: FloatArray) -> Evaluation:
-        """Evaluate energy and gradient at frame coefficients (N, F, 2)."""
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable flow ends in any numbers
             momentum = self.step * np.stack([self.regularity.apply(v) for v in x])
             regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(x).ravel())
@@ -69,7 +66,6 @@ class Objective:
         )
 
     def _mismatch(self, x: FloatArray) -> tuple[float, FloatArray, Callable[[], FloatArray]]:
-        """Return the data terms, what was carried, and what computes their gradient."""
         flow, gradient = self.advect(x), self.gradient(x)
         trajectories, advected = [], np.empty_like(self.carried)
         for c, f in enumerate(self.carried):

@@ -58,12 +58,10 @@ class Regularizer:
 
     @property
     def mass(self) -> FloatArray:
-        """Diagonal of ``G_F``, (2 F,)."""
         return np.repeat(self._areas, 2)
 
     @property
     def _solvers(self) -> list[Solve]:
-        """Of the edges, and of the vertices off the boundary."""
         if not self._factors:
             found, owners = [], (self._edges, self._vertices)
             for of, masses, factor_of in zip(owners, self._masses, (4, 1), strict=True):
@@ -83,7 +81,6 @@ class Regularizer:
         return other
 
     def apply(self, v: FloatArray) -> FloatArray:
-        """``R v``."""
         momentum = self._apply_once(v)
         for _ in range(self.order - 1):
             momentum = self._apply_once(momentum / self._areas[:, None])
@@ -117,7 +114,6 @@ class Regularizer:
         return v
 
     def _products(self, momentum: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """``A^T m`` (E,) and ``B^T m`` (V,), also on the boundary."""
         of_edges, of_vertices = (np.zeros(len(masses)) for masses in self._masses)
         add_products(self._slopes, momentum, of_edges, of_vertices)
         return of_edges, of_vertices

@@ -38,7 +38,6 @@ class Confirmation(NamedTuple):
         return self.mismatch > NEARLY
 
     def gains(self, before: Confirmation) -> bool:
-        """Tell whether they leave less than before by so much that a colder stage pays."""
         return self.mismatch < (1 - _PAYING) * before.mismatch
 
     def is_as_low(self, before: Confirmation) -> bool:
@@ -68,7 +67,6 @@ def by_flow_lines(energy: MatchingEnergy, x: FloatArray) -> FloatArray:
 
 
 def confirmation(energy: MatchingEnergy, found: Evaluation, sigma: float) -> Confirmation:
-    """Ask flow lines what fields leave."""
     try:
         carried = by_flow_lines(energy, found.x)
     except ParameterError:

@@ -39,8 +39,6 @@ Point = TypeVar("Point")
 
 @dataclass(frozen=True)
 class Progress:
-    """What a descent goes on from."""
-
     best: Evaluation | None = None  # on the level of the latest stage
     learned: State[Evaluation] | None = None  # whose pairs tell how the energy bends there
     before: Stage | None = None  # the latest one that was minimised
@@ -87,25 +85,20 @@ class Descent:
 
     @property
     def best(self) -> Evaluation:
-        """What is known to be best; there must be something."""
         assert self.progress.best is not None
         return self.progress.best
 
     @property
     def mismatch(self) -> float:
-        """Relative mismatch of the best on its level."""
         return self.mismatch_of(self.best)
 
     def mismatch_of(self, point: Evaluation) -> float:
-        """Return the relative mismatch of fields on the level of the latest stage."""
         return self.levels[self.level].energy.relative_mismatch(point.advected)
 
     def attainable(self, goal: float) -> float:
-        """Return a goal, or what the values of source and target leave of it; 0 stays 0."""
         return max(goal, self._least) if goal else 0.0
 
     def at(self, stage: Stage, x: FloatArray) -> Evaluation:
-        """Evaluate fields of a stage's level as a start that it may begin with."""
         return self._search(stage).evaluate(x)
 
     def prolonged(self, x: FloatArray | Evaluation, stage: Stage) -> FloatArray | Evaluation:
@@ -155,7 +148,6 @@ class Descent:
     def _reason_to_stop(
         self, stage: Stage, goal: float, energies: list[float], search: str | None
     ) -> StopReason | None:
-        """Return why a stage ends at an iterate, for that of the search; None to go on."""
         if search is not None:
             return StopReason(search)
         if self.mismatch <= goal:
@@ -223,7 +215,6 @@ class Descent:
             self._record.add(self.levels, stage, best)
 
     def _first(self, search: LBFGS[Evaluation], stage: Stage) -> State[Evaluation]:
-        """Return the first iterate; what the stage before has learned is scaled with sigma."""
         before, best, learned = self.progress.before, self.best, self.progress.learned
         self.progress = replace(self.progress, before=stage)
         if before is None or not stage.continues(before):

@@ -59,7 +59,6 @@ class Transfer:
 
     @cached_property
     def _covered(self) -> FloatArray:
-        """Area of the fine mesh under the hat function of each coarse vertex."""
         return np.asarray(self.interpolation.T @ vertex_areas(self.fine))
 
     @cached_property
@@ -83,15 +82,12 @@ class Transfer:
         return np.asarray(averages)
 
     def function_to_fine(self, f: FloatArray) -> FloatArray:
-        """Return coarse functions (..., V_coarse) interpolated, (..., V)."""
         return np.ascontiguousarray((self.interpolation @ f.T).T)
 
     def field_to_fine(self, field: FloatArray) -> FloatArray:
-        """Return a coarse field (F_coarse, 3) on the fine mesh, as frame coefficients (F, 2)."""
         return _read(field, self._to_fine)
 
     def field_to_coarse(self, field: FloatArray) -> FloatArray:
-        """Return a fine field (F, 3) on the coarse mesh, as frame coefficients (F_coarse, 2)."""
         return _read(field, self._to_coarse)
 
 
@@ -160,7 +156,6 @@ class Level:
         return found / self.energy.length_scale
 
     def functions_to_finer(self, functions: FloatArray) -> FloatArray:
-        """Return functions (C, V) on the finer mesh."""
         return functions if self._to_finer is None else self._to_finer.function_to_fine(functions)
 
     def affordable(self, iterations: int, x: FloatArray) -> int:
@@ -172,7 +167,6 @@ class Level:
 
 
 def levels(finest: list[Level]) -> list[Level]:
-    """Make the energy on all meshes, from the coarsest to the last of ``finest``."""
     found = list(finest)
     energy = found[0].energy
     size = len(energy.mesh.vertices)
@@ -218,7 +212,6 @@ def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:
 
 
 def _coarser(fine: TriangleMesh, count: int, ahead: bool = False) -> Transfer | None:
-    """Return the transfer from the coarser mesh of so many vertices, if there is one."""
     with _making(fine):
         coarse = coarsened(fine, count)
         transfer = None if coarse is None else _transfer(fine, coarse)
@@ -229,7 +222,6 @@ def _coarser(fine: TriangleMesh, count: int, ahead: bool = False) -> Transfer | 
 
 @contextmanager
 def _making(mesh: TriangleMesh) -> Iterator[None]:
-    """Let one thread at a time make the coarser mesh of a mesh."""
     while not _lock(mesh).acquire(timeout=_INTERVAL):
         checkpoint()
     try:
@@ -244,7 +236,6 @@ def _lock(mesh: TriangleMesh) -> threading.Lock:
 
 
 def _vertex_counts(mesh: TriangleMesh, p: Parameters) -> list[int]:
-    """Of the coarser meshes, finest first."""
     count = len(mesh.vertices)
     if p.levels:
         return [max(int(count / RATIO**step), 4) for step in range(1, p.levels)]

@@ -107,14 +107,12 @@ class Iteration:
 
     @property
     def warning(self) -> str | None:
-        """What looks wrong so far, see `early_warning`."""
+        """What looks wrong so far, in one line; None if nothing."""
         return self.look.warning
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """The look of an iterate on the first of some levels."""
-
     x: FloatArray  # frame coefficients (N, F, 2)
     carried: FloatArray  # the source, (C, V)
     levels: list[Level]
@@ -147,8 +145,6 @@ class CallerError(Exception):
 
 
 class Record:
-    """What a match has done: energy, regularity, mismatch and stage of each iterate."""
-
     def __init__(self, on_iteration: Callable[[Iteration], None] | None) -> None:
         self.history: list[tuple[float, float, float]] = []
         self.stage_of: list[int] = []
@@ -158,7 +154,6 @@ class Record:
         self._on_iteration = on_iteration
 
     def add(self, levels: list[Level], stage: Stage, point: Evaluation) -> None:
-        """Take in the next iterate, on one of these levels."""
         self.level = stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)

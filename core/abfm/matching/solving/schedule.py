@@ -34,8 +34,6 @@ _CLOSING = 4  # stages with ever smaller sigmas, and alphas as their squares, af
 
 @dataclass(frozen=True)
 class Stage:
-    """A part of a match."""
-
     level: int  # which mesh, from 0, the coarsest
     sigma: float  # as the parameters give it, and alpha
     alpha: float
@@ -62,8 +60,6 @@ class Stage:
 
 
 class Attempt(NamedTuple):
-    """Stages that lead to the target, and the mismatch at which no other attempt is made."""
-
     stages: list[Stage]
     found: float
 
@@ -104,8 +100,6 @@ def gradual(p: Parameters, levels: int, clustered: bool = False) -> list[Stage]:
 
 
 class Found(NamedTuple):
-    """How the target was found."""
-
     warm: bool  # whether by given fields
     # a larger last sigma than that of the parameters: the only one, but for closing stages
     raised: float = 0.0
@@ -163,7 +157,6 @@ def finish(p: Parameters, levels: int, found: Found, clustered: bool = False) ->
 
 
 def _closing(last: Stage, p: Parameters) -> list[Stage]:
-    """List smaller alphas and sigmas for what is not matched with the last ones."""
     if last.fixed:
         return []
     closing = replace(

@@ -32,8 +32,6 @@ Carried = tuple[FloatArray, FloatArray]  # fields (N, F, 2) on the mesh, what th
 
 
 class Solver:
-    """Decides which stages a match goes through, and what is kept of them."""
-
     def __init__(
         self, energy: MatchingEnergy, on_iteration: Callable[[Iteration], None] | None
     ) -> None:
@@ -79,7 +77,6 @@ class Solver:
             self._finish(self._find(start), warm=False)
 
     def _start(self) -> FloatArray | None:
-        """Return the given fields as frame coefficients (N, F, 2), averaged over the N segments."""
         start, wanted = self.energy.problem.start, self.energy.parameters.segments
         if start is None:
             return None
@@ -91,7 +88,6 @@ class Solver:
         return to_frame(self.energy.mesh, fields)
 
     def _is_lost(self, x: FloatArray) -> bool:
-        """Tell whether a start is so far from the target that a search for it must begin."""
         advected, source = self.energy.advected(x), self.energy.terms.carried
         if not np.isfinite(advected).all():
             raise ParameterError(
@@ -178,7 +174,6 @@ class Solver:
         self._through(last, self._through(between, x) if ahead is None else ahead)
 
     def _through(self, stages: list[Stage], x: FloatArray | Evaluation) -> FloatArray:
-        """Run stages one after the other; of the start of the first one more may be known."""
         descent = self._descent
         for stage, following in zip_longest(stages, stages[1:]):
             x = descent.prolonged(x, stage)
@@ -217,7 +212,6 @@ class Solver:
         return descent.best
 
     def _ahead(self, x: FloatArray, stage: Stage) -> Evaluation | None:
-        """Evaluate fields of the coarsest mesh on that of a stage; None if they leave much more."""
         descent = self._descent
         checkpoint()
         for level in descent.levels[: stage.level]:

@@ -34,9 +34,7 @@ class Measure(Protocol):
         """Return the energy, and its derivative (C, V); an offset (C, V) is what may be left."""
         ...
 
-    def value(self, carried: FloatArray, sigma: float) -> float:
-        """Return the energy alone."""
-        ...
+    def value(self, carried: FloatArray, sigma: float) -> float: ...
 
 
 class DataTerm(Protocol):

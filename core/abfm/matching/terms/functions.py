@@ -84,7 +84,6 @@ class FunctionTerm:
 
     @property
     def carried(self) -> FloatArray:
-        """The source."""
         return self.source
 
     def measure(self, parameters: Parameters, reach: float) -> Measure:
@@ -113,7 +112,6 @@ class FunctionTerm:
         return self.norm(difference) / scale
 
     def restricted(self, restriction: Restriction) -> FunctionTerm | None:
-        """Return averages on the coarser mesh; None where nothing of the mask is left there."""
         average = restriction.function_to_coarse
         mask = None if self.mask is None else np.maximum(average(self.mask), 0)
         if mask is not None and not mask.any():
@@ -125,7 +123,6 @@ class FunctionTerm:
         return found
 
     def arrays(self) -> Mapping[str, NDArray[Any]]:
-        """Return source and target as (V, C), mask if there is one, and weights."""
         parts = {"source": self.source.T, "target": self.target.T}
         if self.mask is not None:
             parts["mask"] = self.mask
@@ -149,7 +146,6 @@ class FunctionTerm:
 
     @property
     def is_constant(self) -> bool:
-        """Tell whether source and target have one value each, up to rounding."""
         norms = self.norm(self.source), self.norm(self.target)
         deviations = self.deviation(self.source), self.deviation(self.target)
         return max(deviations) <= CONSTANT * max(norms)
@@ -165,7 +161,6 @@ class FunctionTerm:
         return float(np.sqrt(self.covariance(functions, functions)))
 
     def covariance(self, one: FloatArray, other: FloatArray) -> float:
-        """Return the L2 product of channels (C, V) less the mean of each."""
         areas = self.areas
         apart = one - (one @ areas / areas.sum())[:, None]
         products = apart * (other - (other @ areas / areas.sum())[:, None])

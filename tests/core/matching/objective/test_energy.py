@@ -1,147 +1,295 @@
-"""The paper's energy: its value against its formula and its gradient by Taylor tests."""
+"""The energy and its gradient, as the paper and as the stages of a match have them."""
+
+import gc
+import weakref
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse.linalg import expm_multiply
 
-import abfm
-from abfm.calculus.operators import function_norm_matrix, vector_norm_matrix
+from abfm import MatchingEnergy, Parameters
+from abfm.calculus.operators import function_norm_matrix, l2_norm, vector_norm_matrix
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.parameters import PAPER
 from tests.core.fields import bump, tangent, wavy_field
 from tests.core.verification import taylor_order
-from tests.shapes import hemisphere, icosphere
+from tests.shapes import hemisphere, icosphere, open_cylinder
 
-MESHES = {"closed": icosphere(3, radius=3.0), "boundary": hemisphere(12)}
-PLAIN = {**PAPER, "alpha": 0.1, "beta": 0.01, "sigma": 0.1, "tau": 1.3}
+MESHES = {"closed": icosphere(2, radius=3.0), "boundary": hemisphere(7)}
+CLOSED, OPEN = MESHES.values()
+FINE = {"closed": icosphere(3, radius=3.0), "boundary": hemisphere(12)}
+USUAL = Parameters(alpha=0.05, beta=0.01, sigma=0.1, tau=1.3)
+PLAIN = Parameters(**PAPER, alpha=0.1, beta=0.01, sigma=0.1, tau=1.3)
+FAR = [0.0, 0.4]
 
 
 def problem(mesh, channels=1):
-    f = np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in range(0, 40 * channels, 40)], axis=1)
-    g = np.stack(
-        [bump(mesh, mesh.vertices[i + 17], 0.15) for i in range(0, 40 * channels, 40)], axis=1
-    )
-    return f, g
+    """Bumps (V, C) and others elsewhere, each channel ten times as large as the one before."""
+    sizes, starts = 10.0 ** np.arange(channels), range(0, 30 * channels, 30)
+    f = np.stack([bump(mesh, mesh.vertices[i], 0.2) for i in starts], axis=1)
+    g = np.stack([bump(mesh, mesh.vertices[i + 17], 0.15) for i in starts], axis=1)
+    return sizes * f, sizes * g
 
 
 def fields(mesh, count):
+    """Smooth ones (N, F, 3) in units of the mesh scaled to unit area."""
     return 0.2 * np.stack([wavy_field(mesh, seed) for seed in range(count)]) / mesh.length_scale
 
 
-@pytest.mark.parametrize("name", MESHES)
+def frames(mesh, count):
+    return to_frame(mesh, fields(mesh, count))
+
+
+def energy(mesh, channels=1, p=USUAL, **changes):
+    """With a mask and weights where there are several channels."""
+    mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices)) if channels > 1 else None
+    weights = [1.0, 0.0, 2.5][:channels] if channels > 1 else None
+    return MatchingEnergy(
+        mesh, *problem(mesh, channels), replace(p, **changes), mask=mask, weights=weights
+    )
+
+
+def order_at(E, v, size=0.02, **of_stage):
+    """Smallest order of the remainder of a Taylor expansion in a random direction."""
+
+    def evaluate(x):
+        found = E.objective(0.2, **of_stage).evaluate(x)
+        return found.energy, found.gradient
+
+    return taylor_order(evaluate, v, size * np.random.default_rng(1).normal(size=v.shape))
+
+
+@pytest.mark.parametrize("mesh", FINE.values(), ids=FINE.keys())
 @pytest.mark.parametrize("method", ["nonlinear", "linearised"])
 @pytest.mark.parametrize("segments", [1, 10])
-@pytest.mark.parametrize("extras", ["plain", "mask, weights and channels"])
-def test_adjoint_gradient_is_exact(name, method, segments, extras):
-    mesh = MESHES[name]
-    many = extras != "plain"
-    f, g = problem(mesh, 3 if many else 1)
-    mask = 0.1 + np.random.default_rng(0).random(len(mesh.vertices)) if many else None
-    weights = [1.0, 0.0, 2.5] if many else None
-    p = abfm.Parameters(**PLAIN, method=method, segments=segments)
-    energy = abfm.MatchingEnergy(mesh, f, g, p, mask=mask, weights=weights)
+@pytest.mark.parametrize("channels", [1, 3])
+def test_adjoint_gradient_is_exact(mesh, method, segments, channels):
+    E = energy(mesh, channels, PLAIN, method=method, segments=segments)
     rng = np.random.default_rng(1)
-    direction = np.stack(
-        [tangent(mesh, rng.normal(size=(len(mesh.faces), 3))) for _ in range(segments)]
-    )
-    assert taylor_order(energy, fields(mesh, segments), 0.02 * direction) >= 1.9
+    noise = [tangent(mesh, rng.normal(size=(len(mesh.faces), 3))) for _ in range(segments)]
+    assert taylor_order(E, fields(mesh, segments), 0.02 * np.stack(noise)) >= 1.9
+
+
+@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES.keys())
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("reach", FAR)
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize(
+    "kind",
+    [{"segments": 1}, {"segments": 3}, {"method": "linearised", "segments": 4}],
+    ids=["one field", "three fields", "linearised"],
+)
+def test_gradient_is_exact_as_stages_have_it(mesh, order, reach, channels, kind):
+    """With the target itself, and with one that was moved; and at rest."""
+    E = energy(mesh, channels, order=order, sigma_unit="relative", **kind)
+    v = frames(mesh, E.parameters.segments)
+    assert order_at(E, v, reach=reach) >= 1.9
+    assert order_at(E, v, reach=reach, offset=0.3 * E.functions.source) >= 1.9
+    assert order_at(energy(mesh, order=order), np.zeros((1, *v.shape[1:])), reach=reach) >= 1.9
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-6, 1e-10])
+@pytest.mark.parametrize("reach", FAR)
+def test_gradient_is_that_of_the_truncated_sum(tolerance, reach):
+    """Small steps, so that the number of terms stays."""
+    E = energy(CLOSED, 3, order=2)
+    assert order_at(E, frames(CLOSED, 1), 1e-3, reach=reach, tolerance=tolerance) >= 1.9
+
+
+def test_looser_sums_are_shorter_and_close():
+    E, v = energy(CLOSED), 5 * frames(CLOSED, 1)
+    exact = E.objective(0.2).evaluate(v).energy
+    found = [E.objective(0.2, tolerance=t).evaluate(v).energy for t in (1e-2, 1e-4, 1e-7)]
+    errors = [abs(one / exact - 1) for one in found]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[0] > 1e-6 > errors[-1]
 
 
 @pytest.mark.parametrize("extras", [{}, {"gradient": "bracket"}, {"method": "linearised"}])
 def test_gradient_may_be_asked_for_late(extras):
     """Later evaluations use the same memory."""
-    mesh = MESHES["closed"]
-    energy = abfm.MatchingEnergy(mesh, *problem(mesh, 2), abfm.Parameters(**PLAIN, **extras))
-    v, w = (to_frame(energy.mesh, wavy_field(mesh, seed))[None] / 10 for seed in (1, 2))
-    early = energy.objective(0.1).evaluate(v).gradient
-    late = energy.objective(0.1).evaluate(v)
-    assert np.abs(energy.objective(0.1).evaluate(w).gradient).max() > 0
-    assert np.array_equal(late.gradient, early)
+    mesh = FINE["closed"]
+    E = MatchingEnergy(mesh, *problem(mesh, 2), replace(PLAIN, segments=0, **extras))
+    v, w = (to_frame(E.mesh, wavy_field(mesh, seed))[None] / 10 for seed in (1, 2))
+    early = E.objective(0.1).evaluate(v).gradient
+    late = E.objective(0.1).evaluate(v)
+    assert np.abs(E.objective(0.1).evaluate(w).gradient).max() > 0
+    assert_array_equal(late.gradient, early)
 
 
 def test_value_is_the_formula():
     """Eq. 6 with SciPy's exponential and explicit matrices, on the mesh scaled to unit area."""
-    mesh = MESHES["boundary"]
-    f, g = problem(mesh, 2)
+    mesh, p = FINE["boundary"], replace(PLAIN, segments=3)
+    (f, g), unit, v = problem(mesh, 2), mesh.normalized(), fields(mesh, 3)
     mask, weights = np.linspace(0, 1, len(mesh.vertices)), [0.5, 2.0]
-    p = abfm.Parameters(**PLAIN, segments=3)
-    v = fields(mesh, 3)
-    unit = mesh.normalized()
     R, C = vector_norm_matrix(unit, p.alpha), function_norm_matrix(unit, p.beta, mask)
     advected, regularity = f, 0.0
     for field in to_frame(unit, v):
         regularity += 0.5 * p.tau / 3 * field.ravel() @ (R @ field.ravel())
         advected = expm_multiply(-p.tau / 3 * directional_derivative(unit, field), advected)
-    residual = advected - g
-    mismatch = (
-        0.5 / p.sigma**2 * sum(w * r @ (C @ r) for w, r in zip(weights, residual.T, strict=True))
-    )
-    value, _ = abfm.MatchingEnergy(mesh, f, g, p, mask=mask, weights=weights)(v)
-    assert value == pytest.approx(regularity + mismatch, rel=1e-9)
-
-
-def cosine(a, b):
-    return float((a * b).sum() / np.linalg.norm(a) / np.linalg.norm(b))
+    missed = sum(w * r @ (C @ r) for w, r in zip(weights, (advected - g).T, strict=True))
+    value, _ = MatchingEnergy(mesh, f, g, p, mask=mask, weights=weights)(v)
+    assert value == pytest.approx(regularity + 0.5 / p.sigma**2 * missed, rel=1e-9)
 
 
 def test_bracket_gradient_approaches_the_exact_one_with_more_substeps():
-    mesh = MESHES["closed"]
-    f, g = problem(mesh)
+    mesh = FINE["closed"]
     v = 0.15 * wavy_field(mesh, 4)[None] / mesh.length_scale
-    exact = abfm.MatchingEnergy(mesh, f, g, _with(alpha=0.0))(v)[1]
-    cosines = [
-        cosine(
-            exact,
-            abfm.MatchingEnergy(mesh, f, g, _with(alpha=0.0, gradient="bracket", substeps=n))(v)[1],
-        )
-        for n in (2, 8, 32)
-    ]
+
+    def gradient(**changes):
+        found = MatchingEnergy(mesh, *problem(mesh), replace(PLAIN, alpha=0.0, **changes))(v)[1]
+        return found / np.linalg.norm(found)
+
+    exact = gradient()
+    cosines = [float((exact * gradient(gradient="bracket", substeps=n)).sum()) for n in (2, 8, 32)]
     assert cosines == sorted(cosines)
     assert cosines[-1] > 0.9
 
 
-def _with(**changes):
-    return abfm.Parameters(**{**PLAIN, **changes})
-
-
 def test_linearised_bracket_is_the_exact_gradient():
     """Eq. 8 needs no bracket."""
-    mesh = MESHES["closed"]
-    f, g = problem(mesh)
+    mesh, p = FINE["closed"], replace(PLAIN, method="linearised", segments=3)
     exact, bracket = (
-        abfm.MatchingEnergy(mesh, f, g, _with(method="linearised", segments=3, gradient=kind))(
-            fields(mesh, 3)
-        )[1]
+        MatchingEnergy(mesh, *problem(mesh), replace(p, gradient=kind))(fields(mesh, 3))[1]
         for kind in ("adjoint", "bracket")
     )
-    assert np.array_equal(exact, bracket)
+    assert_array_equal(exact, bracket)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("segments", [1, 3])
+def test_bracket_gradient_at_rest_is_exact_with_reach_and_either_order(order, segments):
+    """At v = 0 there is nothing to approximate, whatever measures the mismatch."""
+    exact, bracket = (
+        energy(OPEN, 3, order=order, segments=segments, gradient=kind)
+        for kind in ("adjoint", "bracket")
+    )
+    for reach in FAR:
+        found = bracket.objective(0.2, reach).evaluate(np.zeros(bracket.shape)).gradient
+        expected = exact.objective(0.2, reach).evaluate(np.zeros(exact.shape)).gradient
+        assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_overflow_gives_an_infinite_energy():
-    mesh = MESHES["closed"]
-    f, g = problem(mesh)
-    v = 1e6 * wavy_field(mesh, 0)[None]
-    value, _ = abfm.MatchingEnergy(mesh, f, g, _with())(v)
-    assert value == np.inf
+    mesh = FINE["closed"]
+    assert MatchingEnergy(mesh, *problem(mesh), PLAIN)(1e6 * wavy_field(mesh, 0)[None])[0] == np.inf
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ({"f": np.zeros(3)}, "3 values"),
-        ({"f": np.zeros((642, 2))}, "2 and target 1 channels"),
-        ({"f": np.full(642, np.nan)}, "not finite at 642 of 642 vertices"),
-        ({"f": np.array(["a"] * 642)}, "real numbers"),
-        ({"f": np.zeros((642, 0))}, "shape"),
-        ({"mask": np.zeros(642)}, "zero everywhere"),
-        ({"mask": -np.ones(642)}, "not negative"),
-        ({"mask": np.ones(5)}, "mask has shape"),
-        ({"weights": np.ones(2)}, "weights has shape"),
-    ],
-)
-def test_bad_input_is_refused_in_words(arguments, words):
-    mesh = icosphere(3)
-    f, g = problem(mesh)
-    given = {"f": f[:, 0], "g": g[:, 0], **arguments}
-    with pytest.raises(abfm.AbfmError, match=words):
-        abfm.MatchingEnergy(mesh, given.pop("f"), given.pop("g"), abfm.Parameters(), **given)
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("alpha", [0.0, 0.002, 0.7])
+def test_another_alpha_is_that_of_other_parameters(order, alpha):
+    """To the last bit, also for the inverse, and what the parameters have stays."""
+    E, other, v = energy(OPEN, order=order), energy(OPEN, order=order, alpha=alpha), frames(OPEN, 1)
+    before = E.objective(0.2).evaluate(v)
+    found = E.objective(0.2, alpha=alpha).evaluate(v)
+    expected = other.objective(0.2).evaluate(v)
+    assert found.energy == expected.energy != before.energy
+    assert_array_equal(found.gradient, expected.gradient)
+    assert_array_equal(E.regularizer(alpha).inverse(v[0]), other.regularizer().inverse(v[0]))
+    assert E.objective(0.2).evaluate(v).energy == before.energy
+    assert E.regularizer() is E.regularizer(0.05)
+    assert E.regularizer(alpha) is E.regularizer(alpha)
+    assert order_at(E, v, alpha=alpha) >= 1.9
+
+
+def test_of_other_alphas_only_the_latest_is_kept():
+    """Factors are large, and closing stages have many alphas."""
+    E = energy(OPEN)
+    usual, known = E.regularizer(), [weakref.ref(E.regularizer(alpha)) for alpha in (0.3, 0.2, 0.1)]
+    gc.collect()
+    assert [one() is not None for one in known] == [False, False, True]
+    assert E.regularizer() is usual
+    assert E.clustered().regularizer() is usual
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_order_changes_the_regularity_alone(order):
+    """``dtau / 2 sum_j <v_j, R_order v_j>``, and the mismatch is that of the other order."""
+    E, other = (energy(OPEN, order=k, segments=3) for k in (order, 3 - order))
+    v = frames(OPEN, 3)
+    found = E.objective(0.2).evaluate(v)
+    expected = sum(float((one * E.regularizer().apply(one)).sum()) for one in v) * 1.3 / 3 / 2
+    assert found.regularity == pytest.approx(expected, rel=1e-12)
+    assert found.mismatch == other.objective(0.2).evaluate(v).mismatch
+    assert found.energy == pytest.approx(found.regularity + found.mismatch, rel=1e-15)
+    assert E.regularizer().order == order
+
+
+def test_an_offset_moves_the_target():
+    (f, g), v, p = problem(CLOSED), frames(CLOSED, 1), replace(USUAL, sigma_unit="absolute")
+    offset = bump(CLOSED, CLOSED.vertices[50], 0.3)[None]
+    moved = MatchingEnergy(CLOSED, f, g, p)
+    given = MatchingEnergy(CLOSED, f, (moved.functions.target + offset).T, p)
+    expected = given.objective(0.2).evaluate(v)
+    found = moved.objective(0.2, offset=offset).evaluate(v)
+    assert found.energy == expected.energy
+    assert_array_equal(found.gradient, expected.gradient)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
+def test_relative_sigma_makes_the_functions_unit_and_offset_meaningless(scale):
+    """Without beta the mismatch has no unit left; a constant on both functions is rounding."""
+    (f, g), p, v = problem(OPEN, 2), Parameters(sigma_unit="relative", tau=1.3), frames(OPEN, 1)
+    one = MatchingEnergy(OPEN, f, g, p)
+    other = MatchingEnergy(OPEN, scale * (f + 3), scale * (g + 3), p)
+    sizes = [E.functions.function_size for E in (one, other)]
+    assert sizes[1] == pytest.approx(scale * sizes[0], rel=1e-12)
+    for reach in FAR:
+        found, expected = (E.objective(0.1, reach).evaluate(v).energy for E in (other, one))
+        assert found == pytest.approx(expected, rel=1e-8)
+
+
+def test_function_size_is_the_larger_deviation_and_never_zero():
+    """Of the sphere's height, ``||z||^2 = area R^2 / 3``; the mean of z^4 is R^4 / 5."""
+    mesh = icosphere(4, radius=2.0)
+    z, flat = mesh.vertices[:, 2], np.full(len(mesh.vertices), 5.0)
+
+    def size(f, g, **given):
+        return MatchingEnergy(mesh, f, g, **given).functions.function_size
+
+    assert size(z, flat) == pytest.approx(2 / np.sqrt(3), rel=1e-3)
+    assert size(7 + z, -3 * z) == pytest.approx(6 / np.sqrt(3), rel=1e-3)
+    both = np.stack([z, z], axis=1), np.stack([flat, flat], axis=1)
+    assert size(*both, weights=[1.0, 8.0]) == pytest.approx(6 / np.sqrt(3), rel=1e-3)
+    assert size(z, flat, mask=z**2) == pytest.approx(4 / np.sqrt(5), rel=1e-3)
+    assert size(flat, 2 * flat) == 1.0
+
+
+def test_absolute_sigma_is_left_alone():
+    relative, absolute = (
+        MatchingEnergy(CLOSED, *problem(CLOSED), Parameters(sigma_unit=unit))
+        for unit in ("relative", "absolute")
+    )
+    v, size = frames(CLOSED, 1), relative.functions.function_size
+    expected = absolute.objective(0.3 * size).evaluate(v).energy
+    assert relative.objective(0.3).evaluate(v).energy == pytest.approx(expected, rel=1e-12)
+
+
+def test_exponent_is_a_bound_of_the_spectrum_times_time():
+    """Homogeneous in the fields, the same in other units, the sum over fields in a row."""
+    mesh = open_cylinder(16, 6)
+    v, E = frames(mesh, 2), energy(mesh, segments=2)
+    whole = E.flow(v).exponent
+    assert E.flow(2 * v).exponent == pytest.approx(2 * whole, rel=1e-12)  # octaves of the bounds
+    parts = [E.flow(np.stack([one, one])).exponent / 2 for one in v]
+    assert whole == pytest.approx(sum(parts), rel=1e-12)
+    eigenvalues = [np.linalg.eigvals(directional_derivative(E.mesh, one).toarray()) for one in v]
+    assert whole >= 1.3 / 2 * sum(abs(of_one).max() for of_one in eigenvalues)
+    assert energy(mesh, method="linearised", segments=2).flow(v).exponent == 0
+
+
+def test_the_source_carried_is_that_of_the_evaluation():
+    E, v = energy(OPEN, 3, segments=2), frames(OPEN, 2)
+    assert_array_equal(E.advected(v), E.objective(0.2).evaluate(v).advected)
+    assert np.isnan(E.advected(1e9 * v)).all()
+
+
+def test_norms_relative_to_the_target():
+    E = energy(OPEN, 3)
+    source, target, mask = E.functions.source, E.functions.target, E.functions.mask
+    assert E.relative_mismatch(2 * target) == pytest.approx(1, rel=1e-12)
+    root = np.sqrt(E.functions.weights)[:, None]
+    apart, size = (l2_norm(OPEN, (root * h).T, mask) for h in (source - target, target))
+    assert E.relative_mismatch(source) == pytest.approx(apart / size, rel=1e-12)

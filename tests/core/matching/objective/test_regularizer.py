@@ -5,6 +5,7 @@ import threading
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
@@ -49,7 +50,7 @@ def test_apply_is_the_norm_matrix(mesh, alpha):
     expected = vector_norm_matrix(mesh, alpha) @ v.ravel()
     found = Regularizer(mesh, alpha).apply(v)
     assert found.shape == v.shape
-    np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-12 * abs(expected).max())
+    assert_allclose(found.ravel(), expected, rtol=0, atol=1e-12 * abs(expected).max())
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -87,13 +88,13 @@ def test_inverse_is_that_of_scipy(mesh, alpha):
     m = random_field(mesh)
     expected = spsolve(sparse.csc_array(vector_norm_matrix(mesh, alpha)), m.ravel())
     found = Regularizer(mesh, alpha).inverse(m)
-    np.testing.assert_allclose(found.ravel(), expected, rtol=0, atol=1e-9 * abs(expected).max())
+    assert_allclose(found.ravel(), expected, rtol=0, atol=1e-9 * abs(expected).max())
 
 
 def test_without_alpha_it_is_the_mass(mesh):
     v, R = random_field(mesh), Regularizer(mesh, 0.0)
-    np.testing.assert_array_equal(R.apply(v).ravel(), R.mass * v.ravel())
-    np.testing.assert_array_equal(R.inverse(v).ravel(), v.ravel() / R.mass)
+    assert_array_equal(R.apply(v).ravel(), R.mass * v.ravel())
+    assert_array_equal(R.inverse(v).ravel(), v.ravel() / R.mass)
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)
@@ -103,9 +104,7 @@ def test_second_order_is_its_matrix(mesh, alpha):
     momentum = R @ v.ravel()
     second = Regularizer(mesh, alpha, 2)
     expected = R @ (momentum / second.mass)
-    np.testing.assert_allclose(
-        second.apply(v).ravel(), expected, rtol=0, atol=1e-12 * abs(expected).max()
-    )
+    assert_allclose(second.apply(v).ravel(), expected, rtol=0, atol=1e-12 * abs(expected).max())
     assert (v * second.apply(v)).sum() == pytest.approx(
         (momentum**2 / second.mass).sum(), rel=1e-11
     )
@@ -133,12 +132,12 @@ def test_orders_share_the_factors_there_are_and_the_first_is_as_it_was():
     second = regularizer(mesh, 0.1, 2)
     first = regularizer(mesh, 0.1)
     assert (first.order, second.order) == (1, 2)
-    np.testing.assert_array_equal(first.inverse(m), plain.inverse(m))
-    np.testing.assert_array_equal(first.apply(m), plain.apply(m))
+    assert_array_equal(first.inverse(m), plain.inverse(m))
+    assert_array_equal(first.apply(m), plain.apply(m))
     assert regularizer(mesh, 0.1, 2) is second
     second.inverse(m)
     assert second.of_order(1)._solvers is second._solvers
-    np.testing.assert_array_equal(second.of_order(1).inverse(m), plain.inverse(m))
+    assert_array_equal(second.of_order(1).inverse(m), plain.inverse(m))
 
 
 def test_input_is_left_alone(mesh):
@@ -146,7 +145,7 @@ def test_input_is_left_alone(mesh):
     R = Regularizer(mesh, 0.1)
     R.apply(v)
     R.inverse(v)
-    np.testing.assert_array_equal(v, random_field(mesh))
+    assert_array_equal(v, random_field(mesh))
 
 
 _OUTLIVES = """
@@ -168,7 +167,7 @@ def test_superlu_where_cholespy_has_no_wheel(mesh, monkeypatch):
     m = random_field(mesh)
     expected = Regularizer(mesh, 0.1).inverse(m)
     monkeypatch.setattr(cholesky, "CholeskySolverD", None)
-    np.testing.assert_allclose(
+    assert_allclose(
         Regularizer(mesh, 0.1).inverse(m), expected, rtol=0, atol=1e-11 * abs(expected).max()
     )
 
@@ -183,9 +182,9 @@ def test_factor_solves(by_cholespy, monkeypatch):
     for seed in range(2):
         b = np.random.default_rng(seed).normal(size=matrix.shape[0])
         before = b.copy()
-        np.testing.assert_allclose(matrix @ solve(b), b, atol=1e-12)
-        np.testing.assert_array_equal(b, before)
-    np.testing.assert_array_equal(factor(Matrix((0, 0)))(np.empty(0)), np.empty(0))
+        assert_allclose(matrix @ solve(b), b, atol=1e-12)
+        assert_array_equal(b, before)
+    assert_array_equal(factor(Matrix((0, 0)))(np.empty(0)), np.empty(0))
 
 
 def test_factors_in_processes_of_their_own_give_the_same_bits():
@@ -195,7 +194,7 @@ def test_factors_in_processes_of_their_own_give_the_same_bits():
     apart = Regularizer(mesh, 0.1)
     with factoring_apart(1000):  # the edges' system, not the vertices'
         for _ in range(2):
-            np.testing.assert_array_equal(apart.inverse(m), expected)
+            assert_array_equal(apart.inverse(m), expected)
     elsewhere = [isinstance(solve, cholesky._Elsewhere) for solve in apart._solvers]
     assert sorted(elsewhere) == [False, True]
 
@@ -203,7 +202,7 @@ def test_factors_in_processes_of_their_own_give_the_same_bits():
 def test_a_process_that_was_ended_is_told_as_want_of_memory():
     with factoring_apart(1):
         solve = factor(sparse.csr_array(2 * sparse.eye_array(3)))
-    np.testing.assert_allclose(solve(np.array([2.0, 4.0, 6.0])), [1, 2, 3], rtol=1e-12)
+    assert_allclose(solve(np.array([2.0, 4.0, 6.0])), [1, 2, 3], rtol=1e-12)
     solve._worker.close()
     for _ in range(2):
         with pytest.raises(MemoryError, match="has ended"):
@@ -268,9 +267,9 @@ def test_needles_alone_are_made_thicker():
     assert found.areas[0] == face_areas(mesh)[0]
     assert found.areas[1] == pytest.approx(0.5 * 1e-5)
     assert np.sqrt((found.gradients[1] ** 2).sum(axis=1).max()) == pytest.approx(1e5)
-    np.testing.assert_array_equal(found.gradients[0], hat_gradients(mesh)[0])
+    assert_array_equal(found.gradients[0], hat_gradients(mesh)[0])
     # orthogonality of gradients and rotated gradients asks for the area of their own triangle
     x, y = found.gradients[1, 0], found.gradients[1, 1]
     assert found.areas[1] * (x[0] * y[1] - x[1] * y[0]) == pytest.approx(0.5)
     fat = needle(1e-4)
-    np.testing.assert_array_equal(mollified_shapes(fat).gradients, hat_gradients(fat))
+    assert_array_equal(mollified_shapes(fat).gradients, hat_gradients(fat))

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from abfm import MatchingEnergy, Parameters
@@ -126,7 +127,7 @@ def test_the_energy_is_about_the_same_on_all_meshes():
         assert E.functions.function_size == finest.functions.function_size
         assert E.mesh.length_scale == 1
         assert (E.functions.mask >= 0).all()
-        np.testing.assert_array_equal(E.functions.weights, finest.functions.weights)
+        assert_array_equal(E.functions.weights, finest.functions.weights)
         for reach in (0.0, 0.5):
             here, there = (
                 each.objective(0.1, reach).evaluate(np.zeros(each.shape)).energy
@@ -187,8 +188,8 @@ def pair(request):
 def test_constants_stay_both_ways(pair):
     up = pair.function_to_fine(np.full((2, len(pair.coarse.vertices)), 3.0))
     down = pair.function_to_coarse(np.full((2, len(pair.fine.vertices)), 3.0))
-    np.testing.assert_allclose(up, 3.0, rtol=1e-14)
-    np.testing.assert_allclose(down, 3.0, rtol=1e-14)
+    assert_allclose(up, 3.0, rtol=1e-14)
+    assert_allclose(down, 3.0, rtol=1e-14)
     assert up.shape == (2, len(pair.fine.vertices))
     assert down.shape == (2, len(pair.coarse.vertices))
 
@@ -198,7 +199,7 @@ def test_both_ways_are_averages(pair):
     down = pair.function_to_coarse(np.eye(len(pair.fine.vertices))).T
     for matrix in (pair.interpolation.toarray(), down):
         assert (matrix >= 0).all()
-        np.testing.assert_allclose(matrix.sum(axis=1), 1, rtol=1e-12)
+        assert_allclose(matrix.sum(axis=1), 1, rtol=1e-12)
 
 
 def test_averages_are_the_adjoint_of_interpolation(pair):
@@ -237,7 +238,7 @@ def test_linear_functions_and_constant_fields_on_a_plane_stay():
     slope = np.array([2.0, -3.0, 0.0])
     covered = project_onto_surface(coarse, mesh.vertices).distances_from(mesh.vertices) < 1e-12
     assert covered.mean() > 0.8
-    np.testing.assert_allclose(
+    assert_allclose(
         pair.function_to_fine(1 + coarse.vertices @ slope)[covered],
         (1 + mesh.vertices @ slope)[covered],
         atol=1e-14,
@@ -247,7 +248,7 @@ def test_linear_functions_and_constant_fields_on_a_plane_stay():
         (mesh, coarse, pair.field_to_coarse),
     ):
         constant = np.broadcast_to(slope, (len(of.faces), 3))
-        np.testing.assert_allclose(
+        assert_allclose(
             to_ambient(on, carried(constant)),
             np.broadcast_to(slope, (len(on.faces), 3)),
             atol=1e-12,
@@ -305,8 +306,8 @@ def test_units_place_and_rotation_do_not_matter(name, scale):
         )
     )
     f, h = bump(fine, fine.vertices[40], 0.2), bump(coarse, coarse.vertices[10], 0.2)
-    np.testing.assert_allclose(there.function_to_coarse(f), here.function_to_coarse(f), atol=1e-8)
-    np.testing.assert_allclose(there.function_to_fine(h), here.function_to_fine(h), atol=1e-8)
+    assert_allclose(there.function_to_coarse(f), here.function_to_coarse(f), atol=1e-8)
+    assert_allclose(there.function_to_fine(h), here.function_to_fine(h), atol=1e-8)
     for mesh, ways in (
         (coarse, (here.field_to_fine, there.field_to_fine)),
         (fine, (here.field_to_coarse, there.field_to_coarse)),
@@ -322,14 +323,10 @@ def test_the_order_of_vertices_and_faces_does_not_matter():
     mixed, vertices, faces = renumbered(coarse, 1)
     h, u = bump(coarse, coarse.vertices[10], 0.2), wavy_field(coarse, 3)
     one, other = Transfer(coarse, fine), Transfer(mixed, fine)
-    np.testing.assert_allclose(
-        other.function_to_fine(h[vertices]), one.function_to_fine(h), atol=1e-12
-    )
+    assert_allclose(other.function_to_fine(h[vertices]), one.function_to_fine(h), atol=1e-12)
     assert_same_but_on_edges(other.field_to_fine(u[faces]), one.field_to_fine(u))
     f = bump(fine, fine.vertices[40], 0.2)
-    np.testing.assert_allclose(
-        other.function_to_coarse(f), one.function_to_coarse(f)[vertices], atol=1e-12
-    )
+    assert_allclose(other.function_to_coarse(f), one.function_to_coarse(f)[vertices], atol=1e-12)
 
 
 def test_same_input_same_bits_prepared_or_not():
@@ -346,15 +343,15 @@ def test_same_input_same_bits_prepared_or_not():
             )
         )
     for one, other in zip(*found, strict=True):
-        np.testing.assert_array_equal(one, other)
+        assert_array_equal(one, other)
 
 
 def test_a_mesh_onto_itself_leaves_functions_and_smooths_fields():
     mesh = icosphere(4)
     pair = Transfer(mesh, TriangleMesh(mesh.vertices, mesh.faces))
     f = bump(mesh, [0, 0, 1], 0.1)
-    np.testing.assert_allclose(pair.function_to_fine(f), f, atol=1e-12)
-    np.testing.assert_allclose(pair.function_to_coarse(f), f, atol=1e-12)
+    assert_allclose(pair.function_to_fine(f), f, atol=1e-12)
+    assert_allclose(pair.function_to_coarse(f), f, atol=1e-12)
     v = rotation_field(mesh, AXIS)
     for carried in (pair.field_to_fine, pair.field_to_coarse):
         assert relative_error(mesh, to_ambient(mesh, carried(v)), v) < 0.003
@@ -365,9 +362,9 @@ def test_coarse_vertices_that_no_fine_one_is_near_take_the_closest_value():
     many, few = icosphere(3), icosphere(1)
     pair = Transfer(many, few)
     assert (pair.interpolation.T @ vertex_areas(few) == 0).sum() > 500
-    np.testing.assert_allclose(pair.function_to_coarse(np.ones(len(few.vertices))), 1, rtol=1e-12)
+    assert_allclose(pair.function_to_coarse(np.ones(len(few.vertices))), 1, rtol=1e-12)
     z = few.vertices[:, 2]
-    np.testing.assert_allclose(pair.function_to_coarse(z), many.vertices[:, 2], atol=0.15)
+    assert_allclose(pair.function_to_coarse(z), many.vertices[:, 2], atol=0.15)
 
 
 def test_fields_turn_with_the_surface_and_keep_their_length():
@@ -378,6 +375,6 @@ def test_fields_turn_with_the_surface_and_keep_their_length():
     assert relative_error(fine, around, rotation_field(fine, [0, 0, 1])) < 0.03
     along = np.broadcast_to([0.0, 0.0, 1.0], (len(coarse.faces), 3))
     up = pair.field_to_fine(along)
-    np.testing.assert_allclose(
+    assert_allclose(
         up, to_frame(fine, np.broadcast_to([0.0, 0.0, 1.0], (len(fine.faces), 3))), atol=1e-9
     )

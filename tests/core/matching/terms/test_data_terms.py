@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 import abfm
@@ -174,7 +175,7 @@ def test_symmetric_and_positive(mesh, reach):
     """All eigenvalues are positive: only an exact match has no mismatch."""
     far = metric(mesh, reach)
     matrix = np.stack([far(row) for row in np.eye(len(mesh.vertices))])
-    np.testing.assert_allclose(matrix, matrix.T, rtol=0, atol=1e-13 * np.abs(matrix).max())
+    assert_allclose(matrix, matrix.T, rtol=0, atol=1e-13 * np.abs(matrix).max())
     eigenvalues = np.linalg.eigvalsh(matrix + matrix.T)
     assert eigenvalues.min() > 1e-12 * eigenvalues.max()
     assert not far(np.zeros(len(mesh.vertices))).any()
@@ -197,7 +198,7 @@ def test_constants_have_the_energy_of_l2_whatever_the_reach():
         unit = mesh.normalized()
         flat = np.ones(len(mesh.vertices))
         far = SmoothedNorm(unit, vertex_areas(unit), 0.7, 3 * flat[None], ONE)
-        np.testing.assert_allclose(far(flat), vertex_areas(unit), rtol=1e-10)
+        assert_allclose(far(flat), vertex_areas(unit), rtol=1e-10)
 
 
 def test_short_reach_is_l2():
@@ -246,9 +247,7 @@ def test_energy_and_gradient_do_not_depend_on_units_place_and_rotation(scale):
     x = 0.3 * np.random.default_rng(0).normal(size=here.shape)
     one, other = here.objective(0.1, 0.7).evaluate(x), there.objective(0.1, 0.7).evaluate(x)
     assert other.energy == pytest.approx(one.energy, rel=1e-9)
-    np.testing.assert_allclose(
-        other.gradient, one.gradient, rtol=0, atol=1e-7 * np.abs(one.gradient).max()
-    )
+    assert_allclose(other.gradient, one.gradient, rtol=0, atol=1e-7 * np.abs(one.gradient).max())
 
 
 def test_at_the_start_the_energy_is_that_of_l2():
