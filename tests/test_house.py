@@ -30,14 +30,12 @@ NO_SCREEN = environment_without("DISPLAY", "WAYLAND_DISPLAY")
 def wheel(tmp_path_factory):
     """The wheel that is built from the source distribution, as others do."""
     folder = tmp_path_factory.mktemp("built")
-    source = folder / "source"
     left_out = shutil.ignore_patterns(".*", "__pycache__", "out", "build", "dist")
-    shutil.copytree(ROOT, source, ignore=left_out)
+    source = shutil.copytree(ROOT, folder / "source", ignore=left_out)
     build = ("-m", "hatchling", "build", "-t", "sdist", "-d", folder)
     run(sys.executable, *build, cwd=source, check=True)
-    [archive] = folder.glob("abfm-*.tar.gz")
-    pip = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation")
-    run(sys.executable, *pip, "-w", folder, archive, check=True)
+    pip = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", folder)
+    run(sys.executable, *pip, *folder.glob("abfm-*.tar.gz"), check=True)
     [wheel] = folder.glob("abfm-*.whl")
     return wheel
 
@@ -53,9 +51,7 @@ def test_the_wheel_holds_both_packages_and_every_asset(wheel):
 
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory):
-    """Run programs of an environment with the wheel, which borrows the libraries of the one that
-    runs the tests; without those of the app, if that is wanted.
-    """
+    """Run programs of an environment with the wheel, which borrows libraries of the present one."""
     folder = tmp_path_factory.mktemp("installed")
     home = folder / "environment"
     run(sys.executable, "-m", "venv", "--without-pip", home, check=True)
@@ -68,9 +64,8 @@ def installed(wheel, tmp_path_factory):
     (packages / "without_app.pth").write_text("import without_app")
     alone = environment_without("PYTHONPATH", "DISPLAY", "WAYLAND_DISPLAY")
 
-    def run_installed(program, *words, app=True):
-        environment = alone if app else alone | {"WITHOUT_APP": "yes"}
-        return run(home / "bin" / program, *words, cwd=folder, env=environment)
+    def run_installed(program, *words, **more):
+        return run(home / "bin" / program, *words, cwd=folder, env=alone | more)
 
     return run_installed
 
@@ -99,18 +94,19 @@ def test_what_is_installed_from_the_wheel_works_outside_of_the_repository(instal
 
 def test_without_the_app_only_what_draws_is_missing(installed, tmp_path):
     wanted = "pip install 'abfm[app]'"
-    demo = installed("abfm", "demo", "--quiet", "--out", tmp_path, app=False)
+    without = {"WITHOUT_APP": "yes"}
+    demo = installed("abfm", "demo", "--quiet", "--out", tmp_path, **without)
     assert (demo.returncode, demo.stderr.count("\n")) == (0, 1)
     assert demo.stderr.startswith("note: no picture and no movie")
     assert demo.stderr.strip().endswith(wanted)
     assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]
     result, vertex_map = tmp_path / "demo.npz", tmp_path / "map.csv"
-    assert installed("abfm", "map", result, "--out", vertex_map, app=False).returncode == 0
-    figure = installed("abfm", "figure", "3", "--quiet", "--out", tmp_path, app=False)
+    assert installed("abfm", "map", result, "--out", vertex_map, **without).returncode == 0
+    figure = installed("abfm", "figure", "3", "--quiet", "--out", tmp_path, **without)
     assert figure.stderr.strip().endswith(wanted)
     render = ["abfm", "render", result, "--out"]
     for command in ([*render, tmp_path / "a.png"], [*render, tmp_path / "a.mp4"], ["abfm-viewer"]):
-        done = installed(*command, app=False)
+        done = installed(*command, **without)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert done.stderr.strip().endswith(wanted)
 
