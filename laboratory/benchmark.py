@@ -13,18 +13,8 @@ import numpy as np
 from abfm import MatchingEnergy, Problem
 from abfm.calculus import to_frame
 from abfm.types import FloatArray
-from laboratory.common import (
-    COOLED,
-    LEVEL,
-    PARAMETERS,
-    aligned,
-    in_words,
-    machine,
-    markdown,
-    number,
-    sphere_problem,
-    watched_match,
-)
+from laboratory import common
+from laboratory.common import LEVEL, PARAMETERS, number, sphere_problem, watched_match
 from laboratory.paper_algorithm import PaperDescent, PaperEnergy, minimise
 
 Progress = Callable[[str], None]
@@ -96,7 +86,7 @@ def run(tell: Progress, settings: Settings) -> Report:
         "mismatch_level": LEVEL,
         "parameters": PARAMETERS.to_dict(),
     }
-    return {**report, "machine": machine()}
+    return {**report, "machine": common.machine()}
 
 
 def race(settings: Settings, tell: Progress) -> tuple[PaperDescent, FloatArray, list[FloatArray]]:
@@ -166,7 +156,7 @@ def _add_mesh_sizes(report: Report, settings: Settings, tell: Progress) -> None:
         size = str(len(problem.mesh.vertices))
         tell(f"iterations and cost of the gradient at {size} vertices")
         constant = watched_match(problem)
-        cooled = watched_match(problem.with_parameters(COOLED), mismatch=LEVEL)
+        cooled = watched_match(problem.with_parameters(common.COOLED), mismatch=LEVEL)
         reached["default_cooling"][size] = cooled.iterations_to_level
         reached["constant_sigma"][size] = constant.iterations_to_level
         energies[size] = {str(k): float(constant.history[k, 1]) for k in (10, 20)}
@@ -244,17 +234,18 @@ def cosine_table(
     problem = sphere_problem(subdivision, replace(PARAMETERS, iterations=iterations))
     found = cosines(problem, watched_match(problem).found.velocity[0], substeps)
     rows = [[f"{row[key]:.3g}" for key in _COLUMNS] for row in found]
-    return "\n".join(markdown([list(_COLUMNS.values()), *rows]))
+    return "\n".join(common.markdown([list(_COLUMNS.values()), *rows]))
 
 
 def format_report(report: Report) -> str:
     """Return the report of `run` as aligned lines of text."""
-    return "\n".join([*aligned(_rows(report)), "", _context(report)])
+    return "\n".join([*common.aligned(_rows(report)), "", _context(report)])
 
 
 def markdown_table(report: Report) -> str:
     """Return the report of `run` as a table in Markdown, with the machine below it."""
-    return "\n".join([*markdown([("measured", "value"), *_rows(report)]), "", _context(report)])
+    table = common.markdown([("measured", "value"), *_rows(report)])
+    return "\n".join([*table, "", _context(report)])
 
 
 def _rows(report: Report) -> list[tuple[str, str]]:
@@ -300,7 +291,5 @@ def _each(values: dict[str, float | None]) -> str:
 
 
 def _context(report: Report) -> str:
-    return (
-        f"{in_words(report['machine'])}. Sphere of {report['settings']['vertices']} vertices "
-        "unless said."
-    )
+    size = f"Sphere of {report['settings']['vertices']} vertices unless said."
+    return f"{common.in_words(report['machine'])}. {size}"

@@ -9,20 +9,10 @@ from math import inf, isfinite
 import numpy as np
 import pytest
 
+import laboratory
 from abfm.calculus.operators import l2_norm
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.parameters import Parameters
-from laboratory import (
-    Settings,
-    cosine_table,
-    cosines,
-    format_arrival,
-    format_report,
-    markdown_table,
-    run,
-    run_arrival,
-    window,
-)
 from laboratory.arrival import gaussians
 from laboratory.benchmark import SOLVER, time_below
 from laboratory.common import COOLED, LEVEL, sphere_problem, watched_match
@@ -44,7 +34,8 @@ def numbers(entry):
 def report():
     told = []
     sizes = {"subdivision": 2, "subdivisions": (1, 2), "iterations": 40, "cosine_iterations": 20}
-    found = run(told.append, Settings(seconds=1, repeats=2, timings=2, **sizes))
+    settings = laboratory.Settings(seconds=1, repeats=2, timings=2, **sizes)
+    found = laboratory.run(told.append, settings)
     assert len(told) == 7
     assert all(line and "\n" not in line for line in told)
     return found
@@ -78,13 +69,14 @@ def test_both_baselines_go_down(report):
 
 
 def test_readers_get_the_same_rows_as_text_and_as_markdown(report):
-    text, table = format_report(report).splitlines(), markdown_table(report).splitlines()
+    text = laboratory.format_report(report).splitlines()
+    table = laboratory.markdown_table(report).splitlines()
     assert len(table) == len(text) + 2
     assert all(line.count("|") == 3 for line in table[:-2])
     assert text[-1] == table[-1]
     assert report["machine"]["numpy"] in text[-1]
     ratios = report["ratios"] | {"paper_seconds_to_solver_seconds": None}
-    assert "not reached" in format_report(report | {"ratios": ratios})
+    assert "not reached" in laboratory.format_report(report | {"ratios": ratios})
 
 
 def test_the_problem_has_the_stated_bumps():
@@ -115,7 +107,7 @@ def test_iterations_hardly_depend_on_the_mesh_and_more_substeps_bring_the_bracke
     found = [watched_match(problem, mismatch=LEVEL) for problem in problems]
     counts = [watched.iterations_to_level for watched in found]
     assert max(counts) <= 1.25 * min(counts)
-    one, ten, forty = cosines(problems[0], found[0].found.velocity[0])
+    one, ten, forty = laboratory.cosines(problems[0], found[0].found.velocity[0])
     assert one["cosine"] < 0.5
     assert one["cosine"] == pytest.approx(one["completed_cosine"])
     assert ten["cosine"] < ten["completed_cosine"] < forty["completed_cosine"]
@@ -123,19 +115,19 @@ def test_iterations_hardly_depend_on_the_mesh_and_more_substeps_bring_the_bracke
 
 
 def test_cosine_table_has_a_row_for_each_number_of_substeps():
-    lines = cosine_table(subdivision=1, iterations=2, substeps=(2, 3)).splitlines()
+    lines = laboratory.cosine_table(subdivision=1, iterations=2, substeps=(2, 3)).splitlines()
     assert [line.split()[1] for line in lines[2:]] == ["2", "3"]
     assert len({line.count("|") for line in lines}) == 1
 
 
 def test_the_report_of_arrivals_is_whole_and_survives_json():
     told = []
-    report = run_arrival(told.append, (2, 3))
+    report = laboratory.run_arrival(told.append, (2, 3))
     assert survives_json(report)
     assert [row["vertices"] for row in report["arrival"]] == [162, 642]
     assert len(told) == 4
     assert isfinite(report["growth"])
-    table = format_arrival(report).splitlines()
+    table = laboratory.format_arrival(report).splitlines()
     assert table[2].startswith("| 162 |")
     assert all(line.count("|") == table[0].count("|") for line in table[:4])
 
@@ -151,7 +143,7 @@ def test_the_level_is_met_before_the_end_and_a_solver_that_is_cancelled_did_not_
 
 def test_the_windows_benchmark():
     quick = Parameters(iterations=10)
-    report = window.run(lambda line: None, (3,), parameters=quick, long=20, repeats=1)
+    report = laboratory.window.run(lambda line: None, (3,), parameters=quick, long=20, repeats=1)
     assert list(report) == ["launch", "throughput", "frames", "settings"]
     assert survives_json(report)
     launch, [through] = report["launch"], report["throughput"]
@@ -165,9 +157,9 @@ def test_the_windows_benchmark():
     for frames in (report["frames"], through["frames"]):
         assert frames["count"] > 0
         assert 0 < frames["median"] <= frames["p95"]
-    lines = window.format_report(report).splitlines()
+    lines = laboratory.window.format_report(report).splitlines()
     assert [line.split()[0] for line in lines] == ["launch", "solver", "frames", "measured"]
     assert "642 vertices" in lines[1]
-    rows = window.window_table(report).splitlines()
+    rows = laboratory.window.window_table(report).splitlines()
     assert len(rows) == 2 + 3
     assert all(row.count("|") == 4 for row in rows)

@@ -5,17 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abfm import Flow, MeshError, TriangleMesh
-from abfm.calculus import (
-    averaging,
-    eigenbasis,
-    face_areas,
-    gradient,
-    helmholtz_hodge,
-    l2_norm,
-    to_ambient,
-    to_frame,
-)
+from abfm import Flow, MeshError, TriangleMesh, calculus
+from abfm.calculus import face_areas, l2_norm, to_frame
 from abfm.calculus.operators import rotation
 from abfm.experiments.vocabulary import Example, carried_example, gaussian, sized
 from abfm.flow import flow_lines
@@ -48,11 +39,11 @@ def field_example(case: Case, name: str) -> Example:
 
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
     """Return a smooth field (F, 3) without divergence, tangent to a boundary, by its RMS speed."""
-    basis = eigenbasis(mesh.normalized(), max(modes) + 1)[1]
+    basis = calculus.eigenbasis(mesh.normalized(), max(modes) + 1)[1]
     field = slopes(mesh, basis[:, list(modes)] @ np.array(list(modes.values())), turned=True)
     if not mesh.is_closed:
         whole = np.linalg.norm(field)
-        field = helmholtz_hodge(mesh, field)[1]
+        field = calculus.helmholtz_hodge(mesh, field)[1]
         if np.linalg.norm(field) <= 1e-9 * whole:
             raise MeshError(
                 "no smooth field without divergence flows inside this mesh: refine it, above all "
@@ -68,8 +59,8 @@ def stirring(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
             f"the mesh has {len(mesh.vertices)} vertices; expected more than {index}, for its own "
             "fields"
         )
-    turned = slopes(mesh, eigenbasis(mesh, index + 1)[1][:, index], turned=True)
-    across, along, harmonic = helmholtz_hodge(mesh, turned)
+    turned = slopes(mesh, calculus.eigenbasis(mesh, index + 1)[1][:, index], turned=True)
+    across, along, harmonic = calculus.helmholtz_hodge(mesh, turned)
     if np.linalg.norm(along + harmonic) <= 1e-9 * np.linalg.norm(across):
         raise MeshError(
             "no field flows inside this mesh, all of whose vertices lie on its boundary: refine it"
@@ -79,8 +70,8 @@ def stirring(mesh: TriangleMesh, index: int, speed: float) -> FloatArray:
 
 def slopes(mesh: TriangleMesh, f: FloatArray, turned: bool = False) -> FloatArray:
     """Return the gradient of a function (V,), (F, 3), turned by 90 degrees if wanted."""
-    operator = rotation(mesh) @ gradient(mesh) if turned else gradient(mesh)
-    return to_ambient(mesh, (operator @ f).reshape(-1, 2))
+    operator = rotation(mesh) @ calculus.gradient(mesh) if turned else calculus.gradient(mesh)
+    return calculus.to_ambient(mesh, (operator @ f).reshape(-1, 2))
 
 
 def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArray:
@@ -91,7 +82,7 @@ def with_speed(mesh: TriangleMesh, field: FloatArray, speed: float) -> FloatArra
 
 def tangent(mesh: TriangleMesh, vectors: FloatArray) -> FloatArray:
     """Return vectors at the face centres (F, 3) without their normal part."""
-    return to_ambient(mesh, to_frame(mesh, vectors))
+    return calculus.to_ambient(mesh, to_frame(mesh, vectors))
 
 
 def centres(mesh: TriangleMesh) -> FloatArray:
@@ -110,7 +101,7 @@ def angular_torus(n: int) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatAr
 
 def speed(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
     """Return the length of a field (F, 3) at the vertices, (V,)."""
-    return np.asarray(averaging(mesh) @ np.linalg.norm(field, axis=1))
+    return np.asarray(calculus.averaging(mesh) @ np.linalg.norm(field, axis=1))
 
 
 def coloured(mesh: TriangleMesh, field: FloatArray) -> Streaks:

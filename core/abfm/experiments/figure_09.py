@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from abfm import Match, MeshError, Parameters, Problem, TriangleMesh
+from abfm import Match, MeshError, Parameters, Problem, TriangleMesh, maps
 from abfm.assets import asset_path
 from abfm.calculus import averaging, face_normals
 from abfm.calculus.geodesics import exact_distances
@@ -15,15 +15,7 @@ from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stag
 from abfm.flow import flow_lines
 from abfm.functions import read_vertex_map
 from abfm.io.sheets import Coordinates, Panel, Sheet, Streaks, Values
-from abfm.maps import (
-    KINDS,
-    MapQuality,
-    SurfacePoints,
-    Symmetry,
-    SymmetryError,
-    detect_symmetry,
-    project_onto_surface,
-)
+from abfm.maps import Symmetry
 from abfm.mesh.shapes import two_armed
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray, IntArray
@@ -54,7 +46,7 @@ def figure(stage: Stage) -> Script:
 
     found = stage.match(example.problem, shares=(0.0, 0.3))
     rows, measures = [function_row(found), scene.map_row(found)], scene.measured(found)
-    maps = words.maps_of_flow(found, "the map", MEASURED)
+    judged = words.maps_of_flow(found, "the map", MEASURED)
     if scene.rotates:
         alone = scene.problem([scene.bump(scene.marks[0])], p)
         one = stage.match(alone, "one function", (0.35, 0.5))
@@ -68,11 +60,11 @@ def figure(stage: Stage) -> Script:
             Measure("map error without cooling, mean", scene.mean_error(hot)),
         ]
     if stage.mesh is None:
-        row, more, its_maps = mirrored(stage, replace(p, iterations=15) if stage.small else p)
+        row, more, of_mirror = mirrored(stage, replace(p, iterations=15) if stage.small else p)
         rows.append(row)
         measures += more
-        maps |= its_maps
-    of_maps, notes = words.map_findings(maps)
+        judged |= of_mirror
+    of_maps, notes = words.map_findings(judged)
     setting = (
         f"{scene.words()} Printed parameters, but sigma is cooled to {p.sigma:g} in three stages."
     )
@@ -83,10 +75,10 @@ def figure(stage: Stage) -> Script:
 
 def mirrored(
     stage: Stage, p: Parameters
-) -> tuple[tuple[Panel, ...], list[Measure], dict[str, MapQuality]]:
+) -> tuple[tuple[Panel, ...], list[Measure], dict[str, maps.MapQuality]]:
     """Match the human to its mirror image: a function, and as a map, which is out of reach."""
     mesh = words.bundled("human_A.off")
-    scene = Symmetric(mesh, "human_A.off", detect_symmetry(mesh, "mirror"))
+    scene = Symmetric(mesh, "human_A.off", maps.detect_symmetry(mesh, "mirror"))
     image = scene.symmetry.vertex_map
     found = stage.match(scene.example(p).problem, "mirror", (0.75, 0.85))
     as_map = stage.match(scene.problem(scene.places(), p), "mirror, as a map", (0.85, 1.0))
@@ -115,10 +107,10 @@ def detected(mesh: TriangleMesh) -> Symmetry:
     mirror: no flow reaches it, and mirrors go before it.
     """
     errors, found = {}, None
-    for kind in reversed(KINDS):
+    for kind in reversed(maps.KINDS):
         try:
-            found = detect_symmetry(mesh, kind)
-        except SymmetryError as error:
+            found = maps.detect_symmetry(mesh, kind)
+        except maps.SymmetryError as error:
             errors[kind] = error.error
             continue
         normals = averaging(mesh) @ face_normals(mesh)
@@ -208,9 +200,9 @@ class Symmetric:
         """Measure mismatch, map error and drift, with exact flow lines, walked back, as witness."""
         mesh, tau, rows = self.mesh, match.parameters.tau, self.sample
         [drift] = geodesics(mesh, rows, match.point_map(2 * tau).points[rows])
-        starts = project_onto_surface(mesh, mesh.vertices[rows])
+        starts = maps.project_onto_surface(mesh, mesh.vertices[rows])
         lines = flow_lines(mesh, match.velocity, starts, -tau, tau)
-        ends = project_onto_surface(mesh, np.array([line.positions[-1] for line in lines]))
+        ends = maps.project_onto_surface(mesh, np.array([line.positions[-1] for line in lines]))
         points = match.point_map().points[rows]
         error, by_lines = geodesics(mesh, self.symmetry.vertex_map[rows], points, ends)
         apart = np.linalg.norm(ends.positions - points.positions, axis=1) / mesh.length_scale
@@ -254,7 +246,7 @@ class Symmetric:
         return f"{words.sized(self.name, self.mesh)}, {matched}."
 
 
-def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: SurfacePoints) -> FloatArray:
+def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints) -> FloatArray:
     """Measure the distance in sqrt(area) along the surface from each of P vertices to its own
     point, for K sets of points, (K, P).
 

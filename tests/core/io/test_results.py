@@ -15,18 +15,8 @@ from numpy.testing import assert_array_equal
 from abfm import Parameters, ResultError, load_match, match
 from abfm.io import FORMAT_VERSION, load_arrays, save_arrays
 from abfm.io.results import open_archive
-from tests.core.reading.hostile import (
-    bomb,
-    load_or_refuse,
-    members,
-    npy_of,
-    one_byte_changed,
-    overlapping_zip,
-    refusal,
-    rewrite,
-    with_flipped_bits,
-    zipped,
-)
+from tests.core.reading import hostile
+from tests.core.reading.hostile import members, npy_of, refusal, zipped
 from tests.processes import ROOT, python
 from tests.shapes import icosphere, square, with_loose_vertex
 
@@ -172,7 +162,7 @@ def test_damage_is_noticed(path):
         for name, array in loaded.items():
             assert_array_equal(array, given[name])
 
-    with_flipped_bits(path, load_arrays, check)
+    hostile.with_flipped_bits(path, load_arrays, check)
     for length in range(0, len(whole), len(whole) // 50):
         path.write_bytes(whole[:length])
         assert "cut short" in error_line(path)
@@ -211,7 +201,7 @@ def saved(path, result):
 
 def put(path, **arrays):
     """Write a result anew with other arrays; bytes are put as they are."""
-    rewrite(path, {f"{name}.npy": array for name, array in arrays.items()})
+    hostile.rewrite(path, {f"{name}.npy": array for name, array in arrays.items()})
 
 
 def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved):
@@ -220,9 +210,9 @@ def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved):
 
     content = members(saved)
     for name in ("velocity.npy", "stop_reason.npy"):
-        for changed in one_byte_changed(content[name], 128):
+        for changed in hostile.one_byte_changed(content[name], 128):
             saved.write_bytes(zipped(content | {name: changed}))
-            load_or_refuse(saved, load_match, same_shape)
+            hostile.load_or_refuse(saved, load_match, same_shape)
 
 
 @pytest.mark.parametrize(
@@ -333,7 +323,7 @@ def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved, tmp_path):
     saved.write_bytes(zipped(content | {"source.npy": bytes(1000)}, zipfile.ZIP_LZMA))
     assert "a method other than deflate" in match_error(saved)
     names = [f"{number}.npy" for number in range(30)]
-    overlapping_zip(tmp_path / "overlap.npz", names, bytes(4_000_000))
+    hostile.overlapping_zip(tmp_path / "overlap.npz", names, bytes(4_000_000))
     with (  # newer versions of Python refuse overlapping members themselves
         pytest.raises(ResultError, match=f"{whole}|Overlapped entries"),
         open_archive(tmp_path / "overlap.npz", "result", "") as archive,
@@ -342,7 +332,7 @@ def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved, tmp_path):
 
 
 def test_a_zip_that_lies_about_a_size_is_refused(saved):
-    packed = bomb(64 << 20)
+    packed = hostile.bomb(64 << 20)
     whole = zipped(members(saved) | {"mask.npy": packed})
     for size in (1 << 40, 100, len(packed) - 1):
         for width in (4, 8):
