@@ -7,9 +7,8 @@ from abfm.calculus.operators import face_normals
 
 def rotation_field(mesh, axis):
     """Velocity (F, 3) of the rotation with angular velocity ``axis``, at face centres."""
-    return tangent(
-        mesh, np.cross(np.asarray(axis, dtype=float), mesh.vertices[mesh.faces].mean(axis=1))
-    )
+    centres = mesh.vertices[mesh.faces].mean(axis=1)
+    return tangent(mesh, np.cross(np.asarray(axis, dtype=float), centres))
 
 
 def wavy_field(mesh, seed):

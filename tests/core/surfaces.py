@@ -44,9 +44,7 @@ def edge_divergence(mesh):
 
 
 def norm(mesh, values):
-    """L2 norm of a function on vertices (V,), or of one or several values per face (F,) or (F,
-    n).
-    """
+    """L2 norm of a function on vertices (V,), or of values per face, (F,) or (F, n)."""
     areas = vertex_areas(mesh) if len(values) == len(mesh.vertices) else face_areas(mesh)
     return float(np.sqrt((areas * (values.reshape(len(values), -1) ** 2).sum(axis=1)).sum()))
 
@@ -57,9 +55,7 @@ def relative_error(mesh, values, exact):
 
 
 def last_order(errors):
-    """Exponents p in ``error ~ edge length^p`` between the two finest meshes, where each halves
-    the edges.
-    """
+    """Exponents p in ``error ~ edge length^p`` between the two finest of ever halved meshes."""
     coarse, fine = np.asarray(errors)[-2:]
     return np.asarray(np.log2(coarse / fine))
 
@@ -70,9 +66,7 @@ def moved(mesh, rotation, scale=1.0):
 
 
 def renumbered(mesh, seed):
-    """The mesh with vertices and faces in another order and other first corners; the old number
-    of each new one.
-    """
+    """The mesh in another order, with other first corners; the old number of each new one."""
     rng = np.random.default_rng(seed)
     vertices, faces = rng.permutation(len(mesh.vertices)), rng.permutation(len(mesh.faces))
     corners = (np.arange(3) + rng.integers(3, size=len(faces))[:, None]) % 3

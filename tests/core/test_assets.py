@@ -17,9 +17,8 @@ def test_names_lead_to_files_with_a_source_and_licence():
 
 
 def test_unknown_name_suggests_the_nearest():
-    with pytest.raises(
-        MeshError, match=r"no mesh called human_a\.off .*did you mean 'human_[AB]\.off'"
-    ):
+    told = r"no mesh called human_a\.off .*did you mean 'human_[AB]\.off'"
+    with pytest.raises(MeshError, match=told):
         asset_path("human_a.off")
     with pytest.raises(MeshError, match=r"shipped: known are eight\.off, "):
         asset_path("zzzzzzzz")

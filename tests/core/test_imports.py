@@ -79,9 +79,8 @@ def test_every_public_name_is_listed_and_others_are_refused():
     assert set(abfm.__all__) <= set(dir(abfm))
     for name in abfm.__all__:
         found = getattr(abfm, name)
-        assert (
-            found.__name__.removeprefix("abfm.") if inspect.ismodule(found) else found.__qualname__
-        ) == name
+        own = found.__name__ if inspect.ismodule(found) else found.__qualname__
+        assert own.removeprefix("abfm.") == name
     with pytest.raises(AttributeError, match="macth"):
         _ = abfm.macth
     with pytest.raises(ImportError, match="cannot import name 'macth'"):

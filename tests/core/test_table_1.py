@@ -17,29 +17,24 @@ Fig. 12 | 1  | 1    | 0    | 1e-2* | 10 | -
 """
 
 
-@pytest.mark.parametrize(
-    ("row", "printed"), list(zip(TABLE_1.values(), PRINTED.strip().splitlines(), strict=True))
-)
+ROWS = list(zip(TABLE_1.values(), PRINTED.strip().splitlines(), strict=True))
+
+
+@pytest.mark.parametrize(("row", "printed"), ROWS)
 def test_a_row_is_as_printed(row, printed):
     name, tau, alpha, beta, sigma, N, n = (cell.strip() for cell in printed.split("|"))
     parameters = row.parameters(iterations=7)
     assert row.name == name
     assert parameters.iterations == 7
-    assert (parameters.tau, parameters.alpha, parameters.beta) == (
-        float(tau),
-        float(alpha),
-        float(beta),
-    )
+    found = (parameters.tau, parameters.alpha, parameters.beta)
+    assert found == (float(tau), float(alpha), float(beta))
     assert parameters.stage_sigmas()[0] == pytest.approx(float(sigma.strip("*")))
     assert parameters.cooling_stages == (3 if sigma.endswith("*") else 1)
     if n == "-":
         assert (parameters.method, parameters.segments) == ("linearised", int(N))
     else:
-        assert (parameters.method, parameters.segments, parameters.substeps) == (
-            "nonlinear",
-            1,
-            int(n),
-        )
+        found = (parameters.method, parameters.segments, parameters.substeps)
+        assert found == ("nonlinear", 1, int(n))
 
 
 @pytest.mark.parametrize("row", list(TABLE_1.values()))

@@ -19,18 +19,14 @@ Component = Callable[[FloatArray, FloatArray], FloatArray | float]
 
 def refined(levels, coarsest=24):
     """Tori of halving edge length."""
-    return [
-        torus(coarsest * 2**level, coarsest // 2 * 2**level, MAJOR, MINOR)
-        for level in range(levels)
-    ]
+    counts = [coarsest * 2**level for level in range(levels)]
+    return [torus(count, count // 2, MAJOR, MINOR) for count in counts]
 
 
 def angles(points):
     """``u`` and ``v`` of points (n, 3) near the torus."""
-    return (
-        np.arctan2(points[:, 1], points[:, 0]),
-        np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]) - MAJOR),
-    )
+    x, y, z = points.T
+    return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y) - MAJOR)
 
 
 def ring(v):
@@ -41,9 +37,7 @@ def ring(v):
 def vectors(points, a, b):
     """``a d/du + b d/dv`` at points (n, 3), as vectors in space."""
     u, v = angles(points)
-    along = (
-        np.stack([-np.sin(u), np.cos(u), np.zeros_like(u)], axis=1) * (a(u, v) * ring(v))[:, None]
-    )
+    along = np.stack([-np.sin(u), np.cos(u), 0 * u], axis=1) * (a(u, v) * ring(v))[:, None]
     around = np.stack([-np.sin(v) * np.cos(u), -np.sin(v) * np.sin(u), np.cos(v)], axis=1)
     return along + around * (MINOR * b(u, v) * np.ones_like(u))[:, None]
 

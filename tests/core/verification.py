@@ -4,9 +4,7 @@ import numpy as np
 
 
 def taylor_order(evaluate, x, direction):
-    """Smallest observed order of ``|E(x + e d) - E(x) - e <g, d>|`` as ``e`` is halved three
-    times from 1.
-    """
+    """Smallest observed order of ``|E(x + e d) - E(x) - e <g, d>|`` for e = 1, 1/2, 1/4, 1/8."""
     value, gradient = evaluate(x)
     slope = float((gradient * direction).sum())
     lengths = 0.5 ** np.arange(4)

@@ -78,6 +78,11 @@ class AroundPoints(Family):
         return np.array([np.argmin(np.linalg.norm(offsets, axis=1))])
 
 
+def _size(summary: str, default: float | None) -> Any:
+    unit, slider = "fraction of sqrt(area)", Slider(0.01, 1, log=True)
+    return parameter(POSITIVE, summary, unit=unit, default=default, slider=slider)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Geodesic(AroundPoints):
     """Geodesic distance to a vertex, or to the nearest of several, in the mesh's units of length;
@@ -101,13 +106,7 @@ class Gaussian(AroundPoints):
 
     family = "gaussian"
     example = "gaussian:vertex={vertex},width=0.1"
-    width: float = parameter(
-        POSITIVE,
-        "standard deviation",
-        unit="fraction of sqrt(area)",
-        default=0.1,
-        slider=Slider(0.01, 1, log=True),
-    )
+    width: float = _size("standard deviation", 0.1)
     height: float = parameter(NUMBER, "value at the centre", default=1.0, slider=Slider(-2, 2))
     metric: str = parameter(
         choice("geodesic", "euclidean"), "along the surface or through space", default="geodesic"
@@ -153,13 +152,7 @@ class Indicator(AroundPoints):
             ("axis", "above", "below"),
         ),
     }
-    radius: float | None = parameter(
-        POSITIVE,
-        "radius of the disc",
-        unit="fraction of sqrt(area)",
-        default=None,
-        slider=Slider(0.01, 1, log=True),
-    )
+    radius: float | None = _size("radius of the disc", None)
     axis: str | None = parameter(_AXIS, "coordinate that bounds the half-space", default=None)
     above: float | None = _bound("lower bound of that coordinate")
     below: float | None = _bound("upper bound of that coordinate")

@@ -42,9 +42,8 @@ def coarsened(mesh: TriangleMesh, vertex_count: int) -> TriangleMesh | None:
     keys = np.full(edges.max() + 1, np.inf)
     keys[: len(lengths)] = np.where(fixed[mesh.edges].any(axis=1), np.inf, lengths)
     order = np.argsort(keys, kind="stable").astype(_SMALL)
-    _collapse_edges(
-        _Surface(points, faces, twins, edges, fixed), order, keys, len(mesh.faces), face_count
-    )
+    surface = _Surface(points, faces, twins, edges, fixed)
+    _collapse_edges(surface, order, keys, len(mesh.faces), face_count)
     left = faces[: mesh.faces.size].reshape(-1, 3)
     left = left[left[:, 0] >= 0]
     used = np.zeros(count, dtype=bool)

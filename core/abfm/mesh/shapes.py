@@ -118,17 +118,16 @@ def geodesic_sphere(frequency: int) -> TriangleMesh:
     points /= np.linalg.norm(points, axis=2, keepdims=True)
     up, down = (i + j < frequency), (i + j < frequency) & (i > 0)
     corners_of = ((up, (0, 0), (1, 0), (0, 1)), (down, (0, 0), (0, 1), (-1, 1)))
-    triangles = np.concatenate(
-        [
-            np.stack([number[i[some] + p, j[some] + q] for p, q in steps], axis=1)
-            for some, *steps in corners_of
-        ]
-    )
-    faces = np.concatenate([triangles + face * len(i) for face in range(len(corners))])
-    _, kept, merged = np.unique(
-        np.round(points.reshape(-1, 3), 9), axis=0, return_index=True, return_inverse=True
-    )
-    return TriangleMesh(points.reshape(-1, 3)[kept], merged.ravel()[faces])
+    triangles = [
+        np.stack([number[i[some] + p, j[some] + q] for p, q in steps], axis=1)
+        for some, *steps in corners_of
+    ]
+    own = np.concatenate(triangles)
+    faces = np.concatenate([own + face * len(i) for face in range(len(corners))])
+    points = points.reshape(-1, 3)
+    rounded = np.round(points, 9)
+    _, kept, merged = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    return TriangleMesh(points[kept], merged.ravel()[faces])
 
 
 def gourd(frequency: int) -> TriangleMesh:

@@ -51,13 +51,8 @@ def factor(matrix: sparse.csr_array) -> Solve:
 def _factored(matrix: sparse.csr_array) -> Solve:
     if CholeskySolverD is not None:
         return _Factor(matrix)
-    lu = splu(
-        matrix.tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    solve: Solve = lu.solve
+    symmetric = {"SymmetricMode": True}
+    solve: Solve = splu(matrix.tocsc(), "MMD_AT_PLUS_A", 0.0, options=symmetric).solve
     return solve
 
 
@@ -76,16 +71,11 @@ class _Factor:
     _alive: ClassVar[weakref.WeakSet[_Factor]] = weakref.WeakSet()
 
     def __init__(self, matrix: sparse.csr_array) -> None:
-        entries = matrix.tocoo()
-        ask_for(_BYTES * matrix.nnz * np.log2(matrix.shape[0] + 1))
-        self._solver = CholeskySolverD(
-            matrix.shape[0],
-            entries.row.astype(np.int32),
-            entries.col.astype(np.int32),
-            entries.data.astype(np.float64),
-            MatrixType.COO,
-        )
-        self._unknowns, self._has_solved = matrix.shape[0], False
+        self._unknowns, self._has_solved, entries = matrix.shape[0], False, matrix.tocoo()
+        ask_for(_BYTES * matrix.nnz * np.log2(self._unknowns + 1))
+        row, column = entries.row.astype(np.int32), entries.col.astype(np.int32)
+        data = entries.data.astype(np.float64)
+        self._solver = CholeskySolverD(self._unknowns, row, column, data, MatrixType.COO)
         _Factor._alive.add(self)
 
     def __call__(self, b: FloatArray) -> FloatArray:

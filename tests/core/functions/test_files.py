@@ -1,6 +1,4 @@
-"""Values and vertex maps from files, counted as the mesh file counts: one line that says why for
-those that lie, wait or bite, and no more work than the file is worth.
-"""
+"""Values and vertex maps from files, counted as the mesh file counts, and files that lie."""
 
 import os
 
@@ -307,10 +305,16 @@ def test_a_line_of_another_length_is_named_without_advice_to_programmers(tmp_pat
     assert error_line(tmp_path / "a.csv").endswith("columns changed from 2 to 3 at row 3")
 
 
-@pytest.mark.parametrize(
-    "path",
-    ["missing.npy", "~no_such_user/a.npy", "x" * 300 + ".npy", "missing/a.txt", "missing.gii"],
-)
+NOT_THERE = [
+    "missing.npy",
+    "~no_such_user/a.npy",
+    "x" * 300 + ".npy",
+    "missing/a.txt",
+    "missing.gii",
+]
+
+
+@pytest.mark.parametrize("path", NOT_THERE)
 def test_files_that_cannot_be_read_say_why(tmp_path, monkeypatch, path):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FunctionError, match=r"cannot be read: \w"):

@@ -253,9 +253,8 @@ def test_the_sign_of_an_odd_eigenfunction_makes_the_first_large_vertex_positive(
     corner = (np.arange(14)[:, None] * 7 + np.arange(6)).reshape(-1, 1)
     faces = np.concatenate([corner + np.array(steps) for steps in ([0, 7, 8], [0, 8, 1])])
     mesh = TriangleMesh(np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3), faces)
-    assert_allclose(
-        function(mesh, "eigenfunction:1"), -np.sin(np.pi * mesh.vertices[:, 0] / 2), atol=0.05
-    )
+    exact = -np.sin(np.pi * mesh.vertices[:, 0] / 2)
+    assert_allclose(function(mesh, "eigenfunction:1"), exact, atol=0.05)
 
 
 def test_results_do_not_depend_on_what_was_computed_before():
@@ -264,9 +263,8 @@ def test_results_do_not_depend_on_what_was_computed_before():
     eigenbasis(used.normalized(), 3)
     for spec in ("eigenfunction:7", "hks", "wks"):
         assert_array_equal(function(fresh, spec), function(used, spec))
-    assert_array_equal(
-        eigenbasis(used.normalized(), 3)[1], eigenbasis(used.normalized(), 32)[1][:, :3]
-    )
+    few, many = (eigenbasis(used.normalized(), k)[1] for k in (3, 32))
+    assert_array_equal(few, many[:, :3])
 
 
 def test_eigenbasis_is_read_only_and_bounded():

@@ -1,6 +1,4 @@
-"""What a mesh must be: every defect is named, counted, shown by an example and comes with advice;
-and faces that disagree on a side are turned.
-"""
+"""What a mesh must be: every defect is named, counted, shown by an example and told with advice."""
 
 import re
 

@@ -50,11 +50,11 @@ def test_two_tori_joined_at_a_vertex_have_genus_two():
     assert TriangleMesh(vertices, np.concatenate([one.faces, again])).genus == 2
 
 
-@pytest.mark.parametrize(
-    "name", [name for name, (mesh, *_) in SHAPES.items() if mesh.file_vertex_count < 500]
-)
-def test_edges_lie_opposite_their_corners_and_between_their_faces(name):
-    mesh = SHAPES[name][0]
+SMALL = [mesh for mesh, *_ in SHAPES.values() if mesh.file_vertex_count < 500]
+
+
+@pytest.mark.parametrize("mesh", SMALL, ids=str)
+def test_edges_lie_opposite_their_corners_and_between_their_faces(mesh):
     found, opposite = edges_of_faces(mesh.faces, 2**31)  # too many to be sorted with their places
     np.testing.assert_array_equal(found, mesh.edges)
     np.testing.assert_array_equal(opposite, mesh.face_edges)

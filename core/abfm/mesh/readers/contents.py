@@ -124,9 +124,8 @@ def split_polygons(vertices: FloatArray, sizes: IntArray, corners: IntArray) -> 
     second = np.arange(count) + 1 + 2 * np.repeat(np.arange(len(sizes)), sizes - 2)
     faces = np.stack([corners[starts], corners[second], corners[second + 1]], axis=1)
     faces = faces.astype(np.int64)
-    messages = [
-        f"polygons with more than three corners were split into triangles: {np.sum(sizes > 3)}"
-    ]
+    told = "polygons with more than three corners were split into triangles"
+    messages = [f"{told}: {np.sum(sizes > 3)}"]
     if corners.min() >= 0 and corners.max() < len(vertices):  # or the mesh is refused for it
         crossing = _clip(vertices, sizes, corners, faces)
         if len(crossing):

@@ -155,15 +155,13 @@ class _Body:
     def _walk(self, element: _Element, wanted: Sequence[str]) -> dict[str, _Column]:
         """Return the same where lengths of lists must be read to know where the next row begins."""
         order, data, position = self._order or "=", self._data, self._position
-        found = {
-            p.name: (array(p.code if self._order else "d"), array("q"))
-            for p in element.properties
-            if p.name in wanted
-        }
+        found: dict[str, tuple[array[Any], array[int]]] = {}
         steps = []
         for p in element.properties:
             code, length_code = (p.code, p.length_code) if self._order else ("d", "d")
             length = struct.Struct(order + length_code) if p.length_code else None
+            if p.name in wanted:
+                found[p.name] = array(code), array("q")
             steps.append((length, code, struct.calcsize(order + code), found.get(p.name)))
         try:
             for _ in range(element.rows):
