@@ -24,8 +24,7 @@ F, G = (bump(SPHERE, SPHERE.vertices[vertex], 0.3) for vertex in (0, 30))
 
 def full_after(monkeypatch, count):
     """Let memory run out in the evaluation of the energy after so many."""
-    usual = Objective.evaluate
-    made = []
+    usual, made = Objective.evaluate, []
 
     def evaluate(objective, fields):
         made.append(1)
@@ -87,7 +86,7 @@ def test_memory_that_runs_out_for_the_caller_is_the_callers():
 
 
 BALL = icosphere(3)
-ONE, OTHER = (bump(BALL, BALL.vertices[vertex], 0.4) for vertex in (0, 30))
+PROBLEM = BALL, *(bump(BALL, BALL.vertices[vertex], 0.4) for vertex in (0, 30))
 WAYS = {
     "one level": Parameters(levels=1, iterations=8),
     "coarse to fine": Parameters(levels=2, iterations=12),
@@ -133,7 +132,7 @@ def _meshes(mesh):
 def test_after_a_match(made, way):
     looks = []
     match = abfm.match(
-        BALL, ONE, OTHER, WAYS[way], on_iteration=lambda now: looks.append(now.advected.shape)
+        *PROBLEM, WAYS[way], on_iteration=lambda now: looks.append(now.advected.shape)
     )
     assert len(looks) == len(match.energy_history) > 1
     assert left(made) == []
@@ -142,9 +141,8 @@ def test_after_a_match(made, way):
 @pytest.mark.parametrize("way", WAYS)
 def test_after_one_that_was_cancelled(made, way):
     control = Control()
-    match = abfm.match(
-        BALL, ONE, OTHER, WAYS[way], on_iteration=lambda _: control.cancel(), control=control
-    )
+    given = {"on_iteration": lambda _: control.cancel(), "control": control}
+    match = abfm.match(*PROBLEM, WAYS[way], **given)
     assert match.stop_reason == "cancelled"
     assert left(made) == []
 
@@ -157,7 +155,7 @@ def test_after_one_that_failed(made, error):
 
     for way in ("one level", "coarse to fine"):
         try:
-            match = abfm.match(BALL, ONE, OTHER, WAYS[way], on_iteration=fail)
+            match = abfm.match(*PROBLEM, WAYS[way], on_iteration=fail)
         except error:
             pass
         else:
@@ -169,7 +167,7 @@ def test_after_one_that_failed(made, error):
 def test_with_the_last_iterate_that_somebody_kept(made):
     """Each holds what its look is made with, also after the match has ended."""
     kept = []
-    abfm.match(BALL, ONE, OTHER, WAYS["coarse to fine"], on_iteration=kept.append)
+    abfm.match(*PROBLEM, WAYS["coarse to fine"], on_iteration=kept.append)
     assert {"MatchingEnergy", "Workspace"} <= set(left(made))
     assert "Descent" not in left(made)
     assert kept[0].velocity.shape == (1, len(BALL.faces), 3)

@@ -18,16 +18,11 @@ from abfm.mesh import TriangleMesh, coarsening
 from abfm.mesh.coarsening import coarsened
 from abfm.workers.control import CancelledError, Control, controlled
 from tests.core.fields import bump, rotation_field, wavy_field
-from tests.core.surfaces import SURFACES, moved, relative_error, renumbered
+from tests.core.surfaces import SURFACES, moved, random_function, relative_error, renumbered
 from tests.core.verification import observed_orders
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, torus
 
 COARSER = Parameters(levels=3)
-
-
-def energy(mesh):
-    f = mesh.vertices[:, 0]
-    return MatchingEnergy(mesh, f, f[::-1].copy(), COARSER)
 
 
 def all_levels(finest):
@@ -35,7 +30,8 @@ def all_levels(finest):
 
 
 def made(mesh):
-    return [level.energy.mesh for level in all_levels(energy(mesh))]
+    f = mesh.vertices[:, 0]
+    return all_levels(MatchingEnergy(mesh, f, f[::-1].copy(), COARSER))
 
 
 def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
@@ -46,12 +42,11 @@ def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
         raise AssertionError("made again")
 
     monkeypatch.setattr(coarsening, "_collapse_edges", never)
-    found = all_levels(energy(mesh))
+    found = made(mesh)
     assert [len(level.energy.mesh.vertices) for level in found] == [50, 200, 800]
     for level in found[:-1]:
-        assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= vars(
-            level._to_finer
-        ).keys()
+        kept = vars(level._to_finer).keys()
+        assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= kept
 
 
 def test_a_match_waits_for_what_is_being_made(monkeypatch):
@@ -74,9 +69,7 @@ def test_a_match_waits_for_what_is_being_made(monkeypatch):
 
 
 def test_who_waits_can_be_cancelled():
-    mesh = icosphere(1)
-
-    cancelled = Control()
+    mesh, cancelled = icosphere(1), Control()
     cancelled.cancel()
     with _making(mesh), controlled(cancelled), pytest.raises(CancelledError), _making(mesh):
         pass
@@ -92,20 +85,14 @@ def chosen(mesh, f, g, monkeypatch, **extras):
 
 def test_meshes_that_do_not_resolve_the_functions_are_left_out(monkeypatch):
     """A bump of half the width allows for one mesh less, of a quarter of the vertices each."""
-    mesh = icosphere(4)
-    counts = [
-        chosen(mesh, *(bump(mesh, [0, 0, s], w) for s in (1, -1)), monkeypatch)
-        for w in (0.3, 0.15, 0.075)
-    ]
-    assert counts == [3, 2, 1]
+    mesh, small = icosphere(4), icosphere(2)
+    for width, count in ((0.3, 3), (0.15, 2), (0.075, 1)):
+        f, g = (bump(mesh, [0, 0, s], width) for s in (1, -1))
+        assert chosen(mesh, f, g, monkeypatch) == count
     flat = np.ones(len(mesh.vertices))
     assert chosen(mesh, flat, flat, monkeypatch) == 3
-    # small enough
-    assert chosen(icosphere(2), bump(icosphere(2), [0, 0, 1], 0.5), np.ones(162), monkeypatch) == 1
-
-
-def test_what_has_no_weight_does_not_choose(monkeypatch):
-    mesh = icosphere(4)
+    assert chosen(small, bump(small, [0, 0, 1], 0.5), np.ones(162), monkeypatch) == 1
+    # what has no weight does not choose
     wide, narrow = (bump(mesh, [0, 0, 1], w) for w in (0.3, 0.075))
     f = np.stack([wide, narrow], axis=1)
     assert chosen(mesh, f, -f, monkeypatch, weights=[1, 1]) == 1
@@ -119,11 +106,10 @@ def test_the_energy_is_about_the_same_on_all_meshes():
     g = np.stack([bump(mesh, [0, 1, 0], 0.3), 2 * bump(mesh, [0, 0.6, 0.8], 0.3)], axis=1)
     mask = 0.5 + 0.4 * mesh.vertices[:, 1]
     finest = MatchingEnergy(mesh, f, g, Parameters(levels=3), mask=mask, weights=[1.0, 0.3])
-    found = all_levels(finest)
-    assert [level.energy.discretisation.size for level in found] == [160, 640, 2562]
-    assert found[-1].energy is finest
-    for level in found[:-1]:
-        E = level.energy
+    found = [level.energy for level in all_levels(finest)]
+    assert [E.discretisation.size for E in found] == [160, 640, 2562]
+    assert found[-1] is finest
+    for E in found[:-1]:
         assert E.functions.function_size == finest.functions.function_size
         assert E.mesh.length_scale == 1
         assert (E.functions.mask >= 0).all()
@@ -138,19 +124,16 @@ def test_the_energy_is_about_the_same_on_all_meshes():
 
 def test_fields_there_and_back_move_as_far():
     """In units of each mesh scaled to unit area, whose surfaces differ."""
-    finest = MatchingEnergy(
-        icosphere(4), *(bump(icosphere(4), [0, 0, s], 0.3) for s in (1, -1)), Parameters(levels=2)
-    )
-    coarser, finer = all_levels(finest)
-    field = rotation_field(finer.energy.mesh, [0.3, -0.5, 0.8])[None]
-    down = coarser.fields_from_finer(field)
-    expected = rotation_field(coarser.energy.mesh, [0.3, -0.5, 0.8])
-    assert (
-        relative_error(coarser.energy.mesh, to_ambient(coarser.energy.mesh, down[0]), expected)
-        < 0.02
-    )
-    up = to_ambient(finest.mesh, coarser.fields_to_finer(down))
-    assert relative_error(finest.mesh, up[0], field[0]) < 0.02
+    ball = icosphere(4)
+    f, g = (bump(ball, [0, 0, s], 0.3) for s in (1, -1))
+    level, finer = all_levels(MatchingEnergy(ball, f, g, Parameters(levels=2)))
+    coarse, fine = level.energy.mesh, finer.energy.mesh
+    field = rotation_field(fine, AXIS)[None]
+    down = level.fields_from_finer(field)
+    expected = rotation_field(coarse, AXIS)
+    assert relative_error(coarse, to_ambient(coarse, down[0]), expected) < 0.02
+    up = to_ambient(fine, level.fields_to_finer(down))
+    assert relative_error(fine, up[0], field[0]) < 0.02
 
 
 def test_coarser_meshes_of_one_size_are_not_taken_for_each_other():
@@ -173,25 +156,23 @@ FINE = {
 }
 
 
-def coarser(mesh):
-    coarse = coarsened(mesh, len(mesh.vertices) // 4)
-    assert coarse is not None
-    return coarse
+def transfer(fine):
+    return Transfer(coarsened(fine, len(fine.vertices) // 4), fine)
 
 
-@pytest.fixture(params=FINE)
+@pytest.fixture(params=FINE.values(), ids=FINE.keys())
 def pair(request):
-    fine = FINE[request.param]
-    return Transfer(coarser(fine), fine)
+    return transfer(request.param)
 
 
 def test_constants_stay_both_ways(pair):
-    up = pair.function_to_fine(np.full((2, len(pair.coarse.vertices)), 3.0))
-    down = pair.function_to_coarse(np.full((2, len(pair.fine.vertices)), 3.0))
-    assert_allclose(up, 3.0, rtol=1e-14)
-    assert_allclose(down, 3.0, rtol=1e-14)
-    assert up.shape == (2, len(pair.fine.vertices))
-    assert down.shape == (2, len(pair.coarse.vertices))
+    few, many = (np.full((2, len(mesh.vertices)), 3.0) for mesh in (pair.coarse, pair.fine))
+    for found, expected in (
+        (pair.function_to_fine(few), many),
+        (pair.function_to_coarse(many), few),
+    ):
+        assert found.shape == expected.shape
+        assert_allclose(found, expected, rtol=1e-14)
 
 
 def test_both_ways_are_averages(pair):
@@ -204,13 +185,11 @@ def test_both_ways_are_averages(pair):
 
 def test_averages_are_the_adjoint_of_interpolation(pair):
     """``<f, P h> = <P* f, h>`` with the fine areas."""
-    rng = np.random.default_rng(0)
-    f, h = rng.normal(size=len(pair.fine.vertices)), rng.normal(size=len(pair.coarse.vertices))
+    f, h = random_function(pair.fine), random_function(pair.coarse)
     areas = vertex_areas(pair.fine)
     covered = pair.interpolation.T @ areas
-    where = covered > 0
-    assert where.mean() > 0.95
-    there = (areas * f) @ pair.function_to_fine(np.where(where, h, 0.0))
+    assert (covered > 0).mean() > 0.95
+    there = (areas * f) @ pair.function_to_fine(np.where(covered > 0, h, 0.0))
     assert there == pytest.approx((covered * h) @ pair.function_to_coarse(f), rel=1e-10)
 
 
@@ -218,13 +197,10 @@ def test_integrals_are_kept_but_for_the_area():
     """Exactly by the areas that hats cover, and by those of the coarse mesh with second order."""
     errors = []
     for subdivisions in (3, 4, 5):
-        fine = icosphere(subdivisions)
-        pair = Transfer(coarser(fine), fine)
-        f = bump(fine, [0, 0, 1], 0.2)
-        integral, down = vertex_areas(fine) @ f, pair.function_to_coarse(f)
-        assert (pair.interpolation.T @ vertex_areas(fine)) @ down == pytest.approx(
-            integral, rel=1e-10
-        )
+        pair = transfer(icosphere(subdivisions))
+        f, areas = bump(pair.fine, [0, 0, 1], 0.2), vertex_areas(pair.fine)
+        integral, down = areas @ f, pair.function_to_coarse(f)
+        assert (pair.interpolation.T @ areas) @ down == pytest.approx(integral, rel=1e-10)
         errors.append(abs(vertex_areas(pair.coarse) @ down / integral - 1))
     assert observed_orders([4, 2, 1], errors).min() > 1.8
     assert errors[-1] < 0.005
@@ -232,34 +208,22 @@ def test_integrals_are_kept_but_for_the_area():
 
 def test_linear_functions_and_constant_fields_on_a_plane_stay():
     """Where the coarse mesh, which cuts corners, covers the fine one."""
-    mesh = FINE["square"]
-    coarse = coarser(mesh)
-    pair = Transfer(coarse, mesh)
-    slope = np.array([2.0, -3.0, 0.0])
+    pair, slope = transfer(FINE["square"]), np.array([2.0, -3.0, 0.0])
+    mesh, coarse = pair.fine, pair.coarse
     covered = project_onto_surface(coarse, mesh.vertices).distances_from(mesh.vertices) < 1e-12
     assert covered.mean() > 0.8
-    assert_allclose(
-        pair.function_to_fine(1 + coarse.vertices @ slope)[covered],
-        (1 + mesh.vertices @ slope)[covered],
-        atol=1e-14,
-    )
-    for of, on, carried in (
-        (coarse, mesh, pair.field_to_fine),
-        (mesh, coarse, pair.field_to_coarse),
-    ):
-        constant = np.broadcast_to(slope, (len(of.faces), 3))
-        assert_allclose(
-            to_ambient(on, carried(constant)),
-            np.broadcast_to(slope, (len(on.faces), 3)),
-            atol=1e-12,
-        )
+    found = pair.function_to_fine(1 + coarse.vertices @ slope)
+    assert_allclose(found[covered], (1 + mesh.vertices @ slope)[covered], atol=1e-14)
+    few, many = (np.tile(slope, (len(each.faces), 1)) for each in (coarse, mesh))
+    assert_allclose(to_ambient(mesh, pair.field_to_fine(few)), many, atol=1e-12)
+    assert_allclose(to_ambient(coarse, pair.field_to_coarse(many)), few, atol=1e-12)
 
 
 def errors_between(subdivisions, nested):
     """Of functions up and down, then of a rotation's field up and down."""
     fine = icosphere(subdivisions)
-    coarse = icosphere(subdivisions - 1) if nested else coarser(fine)
-    pair = Transfer(coarse, fine)
+    pair = Transfer(icosphere(subdivisions - 1), fine) if nested else transfer(fine)
+    coarse = pair.coarse
     f, h = (bump(mesh, [0, 0, 1], 0.2) for mesh in (fine, coarse))
     v, u = (rotation_field(mesh, AXIS) for mesh in (fine, coarse))
     return [
@@ -272,20 +236,17 @@ def errors_between(subdivisions, nested):
 
 def test_errors_fall_with_the_square_of_the_edge_length():
     """Between nested meshes; between uneven ones averages are centred less well."""
-    nested = np.array([errors_between(k, nested=True) for k in (3, 4, 5)])
-    uneven = np.array([errors_between(k, nested=False) for k in (3, 4, 5)])
-    for column in nested.T:
-        assert observed_orders([4, 2, 1], column).min() > 1.6
-    for column in uneven[:, [0, 2, 3]].T:
-        assert observed_orders([4, 2, 1], column).min() > 1.6
-    assert observed_orders([4, 2, 1], uneven[:, 1]).min() > 0.8
-    assert uneven[-1].max() < 0.015
+    nested, uneven = (
+        np.transpose([errors_between(k, kind) for k in (3, 4, 5)]) for kind in (True, False)
+    )
+    for errors in (*nested, *uneven[[0, 2, 3]]):
+        assert observed_orders([4, 2, 1], errors).min() > 1.6
+    assert observed_orders([4, 2, 1], uneven[1]).min() > 0.8
+    assert uneven[:, -1].max() < 0.015
 
 
 def assert_same_but_on_edges(found, expected):
-    """Where the closest point lies on an edge, rounding chooses the face whose tangent plane
-    counts.
-    """
+    """Where rounding chooses the face whose tangent plane counts."""
     apart = np.linalg.norm(found - expected, axis=1) / np.linalg.norm(expected, axis=1).max()
     assert np.mean(apart > 1e-7) < 0.35
     assert np.sqrt(np.mean(apart**2)) < 0.02
@@ -295,34 +256,30 @@ def assert_same_but_on_edges(found, expected):
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e9])
 def test_units_place_and_rotation_do_not_matter(name, scale):
     """On meshes without symmetry, where no point is as close to one face as to another."""
-    fine = FINE[name]
-    coarse = coarser(fine)
-    rotation = Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
-    here = Transfer(coarse, fine)
+    here, rotation = transfer(FINE[name]), Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
+    fine, coarse = here.fine, here.coarse
     there = Transfer(
-        *(
-            TriangleMesh(scale * moved(mesh, rotation).vertices, mesh.faces)
-            for mesh in (coarse, fine)
-        )
+        TriangleMesh(scale * moved(coarse, rotation).vertices, coarse.faces),
+        TriangleMesh(scale * moved(fine, rotation).vertices, fine.faces),
     )
     f, h = bump(fine, fine.vertices[40], 0.2), bump(coarse, coarse.vertices[10], 0.2)
     assert_allclose(there.function_to_coarse(f), here.function_to_coarse(f), atol=1e-8)
     assert_allclose(there.function_to_fine(h), here.function_to_fine(h), atol=1e-8)
-    for mesh, ways in (
-        (coarse, (here.field_to_fine, there.field_to_fine)),
-        (fine, (here.field_to_coarse, there.field_to_coarse)),
-    ):
+    for mesh, name in ((coarse, "field_to_fine"), (fine, "field_to_coarse")):
         field = wavy_field(mesh, 3)
-        one, other = ways[0](field), ways[1](scale * field @ rotation.T)
-        assert_same_but_on_edges(other / scale, one)
+        other = getattr(there, name)(scale * field @ rotation.T)
+        assert_same_but_on_edges(other / scale, getattr(here, name)(field))
 
 
 def test_the_order_of_vertices_and_faces_does_not_matter():
-    fine = FINE["genus two"]
-    coarse = coarser(fine)
+    one = transfer(FINE["genus two"])
+    fine, coarse = one.fine, one.coarse
     mixed, vertices, faces = renumbered(coarse, 1)
-    h, u = bump(coarse, coarse.vertices[10], 0.2), wavy_field(coarse, 3)
-    one, other = Transfer(coarse, fine), Transfer(mixed, fine)
+    h, u, other = (
+        bump(coarse, coarse.vertices[10], 0.2),
+        wavy_field(coarse, 3),
+        Transfer(mixed, fine),
+    )
     assert_allclose(other.function_to_fine(h[vertices]), one.function_to_fine(h), atol=1e-12)
     assert_same_but_on_edges(other.field_to_fine(u[faces]), one.field_to_fine(u))
     f = bump(fine, fine.vertices[40], 0.2)
@@ -332,18 +289,12 @@ def test_the_order_of_vertices_and_faces_does_not_matter():
 def test_same_input_same_bits_prepared_or_not():
     found = []
     for prepared in (False, True):
-        fine = torus(40, 20)
-        pair = Transfer(coarser(fine), fine)
+        pair = transfer(torus(40, 20))
         if prepared:
             pair.prepare()
-        found.append(
-            (
-                pair.field_to_fine(wavy_field(pair.coarse, 1)),
-                pair.field_to_coarse(wavy_field(fine, 1)),
-            )
-        )
-    for one, other in zip(*found, strict=True):
-        assert_array_equal(one, other)
+        up = pair.field_to_fine(wavy_field(pair.coarse, 1))
+        found.append(np.concatenate([up, pair.field_to_coarse(wavy_field(pair.fine, 1))]))
+    assert_array_equal(*found)
 
 
 def test_a_mesh_onto_itself_leaves_functions_and_smooths_fields():
@@ -373,8 +324,5 @@ def test_fields_turn_with_the_surface_and_keep_their_length():
     pair = Transfer(coarse, fine)
     around = to_ambient(fine, pair.field_to_fine(rotation_field(coarse, [0, 0, 1])))
     assert relative_error(fine, around, rotation_field(fine, [0, 0, 1])) < 0.03
-    along = np.broadcast_to([0.0, 0.0, 1.0], (len(coarse.faces), 3))
-    up = pair.field_to_fine(along)
-    assert_allclose(
-        up, to_frame(fine, np.broadcast_to([0.0, 0.0, 1.0], (len(fine.faces), 3))), atol=1e-9
-    )
+    few, many = (np.tile([0.0, 0.0, 1.0], (len(mesh.faces), 1)) for mesh in (coarse, fine))
+    assert_allclose(pair.field_to_fine(few), to_frame(fine, many), atol=1e-9)

@@ -26,23 +26,15 @@ def stages(p, levels=1, warm=False, clustered=False):
 )
 def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count, iterations):
     """Every sigma from the largest to its value, each early one with its share."""
-    p = Parameters(
-        **PAPER,
-        sigma=sigma,
-        cooling_factor=factor,
-        cooling_stages=count,
-        iterations=iterations,
-        stage_iterations=0,
-    )
+    cooling = {"sigma": sigma, "cooling_factor": factor, "cooling_stages": count}
+    p = Parameters(**PAPER, **cooling, iterations=iterations, stage_iterations=0)
     plan = stages(p)
     assert len(search(p, 1)) == (count > 1)
     assert [stage.sigma for stage in plan] == p.stage_sigmas()
     assert [stage.iterations for stage in plan] == p.stage_limits()
     for stage in plan:
         assert (stage.level, stage.reach, stage.goal, stage.until) == (0, 0, 0, iterations)
-        assert stage.fixed
-        assert stage.needed_above == 0
-        assert not stage.balanced
+        assert (stage.fixed, stage.needed_above, stage.balanced) == (True, 0, False)
         assert stage.pays([1.0] * 1000)
     assert [stage.last for stage in plan] == [False] * (count - 1) + [True]
 
@@ -52,13 +44,11 @@ def test_fixed_numbers_of_iterations_are_kept():
     for changes in (PAPER, {"levels": 1}, {}):
         p = Parameters(**changes, stage_iterations=7, cooling_stages=4)
         for levels, clustered in ((1, False), (3, False), (2, True), (4, True)):
-            for way in search(p, levels, clustered):
-                assert [stage.iterations for stage in way.stages] == [7] * len(way.stages)
-                assert {stage.alpha for stage in way.stages} == {p.alpha}
-            assert gradual(p, levels, clustered) == []
             ends = finish(p, levels, Found(False), clustered)
-            for way in (*(way.stages for way in search(p, levels, clustered)), ends):
-                assert all(stage.fixed and stage.goal == 0 for stage in way)
+            found = [stage for way in search(p, levels, clustered) for stage in way.stages]
+            assert all((stage.iterations, stage.alpha) == (7, p.alpha) for stage in found)
+            assert gradual(p, levels, clustered) == []
+            assert all(stage.fixed and stage.goal == 0 for stage in found + ends)
             if clustered:
                 assert [stage.level for stage in ends].count(levels - 1) == 1
                 assert (ends[-1].iterations, ends[-1].until) == (p.iterations, p.iterations)
@@ -78,26 +68,20 @@ any_course = given(
 def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
     reach, meshes, iterations, count, warm, clustered
 ):
-    p, levels = (
-        Parameters(reach=reach, iterations=iterations, cooling_stages=count),
-        meshes + clustered,
-    )
+    p = Parameters(reach=reach, iterations=iterations, cooling_stages=count)
+    levels = meshes + clustered
     plan = stages(p, levels, warm, clustered)
-    for way in (
-        *(way.stages for way in search(p, levels, clustered)),
-        gradual(p, levels, clustered),
-    ):
-        assert all(stage.level == 0 and 0 <= stage.until <= iterations for stage in way)
+    found = [stage for way in search(p, levels, clustered) for stage in way.stages]
+    for stage in found + gradual(p, levels, clustered):
+        assert stage.level == 0 <= stage.until <= iterations
     assert all(0 <= stage.until <= iterations for stage in plan)
     assert [stage.level for stage in plan] == sorted(stage.level for stage in plan)
     assert {stage.level for stage in plan} == set(range(meshes - 1 if warm else 0, levels))
-    for level in range(meshes - 1, levels):  # twice where vertices are held together first
-        on_the_mesh = [
-            stage for stage in plan if stage.level == level and stage.last and not stage.balanced
-        ]
-        assert on_the_mesh[0].sigma == p.sigma
-        assert on_the_mesh[0].needed_above == 0
-        assert all(stage.needed_above == stage.goal == MATCHED for stage in on_the_mesh[1:])
+    for level in range(meshes - 1, levels):  # twice where clusters come first
+        last = [stage for stage in plan if stage.level == level and stage.last]
+        first, *closing = (stage for stage in last if not stage.balanced)
+        assert (first.sigma, first.needed_above) == (p.sigma, 0)
+        assert all(stage.needed_above == stage.goal == MATCHED for stage in closing)
     assert not any(stage.reach for stage in finish(p, levels, Found(warm), clustered))
     for stage in plan:
         if stage.level < meshes - 1:
@@ -106,7 +90,7 @@ def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
 
 
 @any_course
-def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_vertices_held_together(
+def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_clusters(
     reach, meshes, iterations, count, warm, clustered
 ):
     """The course is that of a mesh without thin triangles."""
@@ -115,14 +99,11 @@ def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_vertices_held_toget
     assert search(p, meshes + 1, True) == search(p, meshes)
     assert gradual(p, meshes + 1, True) == gradual(p, meshes)
     plan = finish(p, meshes + 1, Found(warm), True)
-    held, itself = (
-        [stage for stage in plan if (stage.level == meshes) == last] for last in (False, True)
-    )
-    assert plan == held + itself
-    alone = finish(p, meshes, Found(warm))
-    assert [replace(stage, until=0) for stage in held] == [
-        replace(stage, until=0) for stage in alone
-    ]
+    held = [stage for stage in plan if stage.level != meshes]
+    itself, alone = plan[len(held) :], finish(p, meshes, Found(warm))
+    assert all(stage.level == meshes for stage in itself)
+    for one, other in zip(held, alone, strict=True):
+        assert replace(one, until=0) == replace(other, until=0)
     assert [stage.balanced for stage in held] == [False] * (len(held) - 1) + [True]
     assert not any(stage.balanced for stage in itself)
     assert all(stage.last and stage.until == iterations for stage in itself)
@@ -133,14 +114,11 @@ def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_vertices_held_toget
         return
     assert all(stage.goal == MATCHED and not stage.fixed for stage in itself)
     assert [stage.needed_above for stage in itself] == [0] + [MATCHED] * (len(itself) - 1)
-    assert [stage.sigma for stage in itself] == [
-        stage.sigma for stage in held if stage.last and not stage.balanced
-    ]
+    last = [stage for stage in held if stage.last and not stage.balanced]
+    assert [stage.sigma for stage in itself] == [stage.sigma for stage in last]
     assert len(itself) > 1
-    assert all(
-        stage.until <= min(before.until, 0.9 * iterations)
-        for stage, before in zip(held, alone, strict=True)
-    )
+    for stage, before in zip(held, alone, strict=True):
+        assert stage.until <= min(before.until, 0.9 * iterations)
     assert all(stage.iterations <= max(1, 0.15 * iterations) for stage in itself)
 
 
@@ -209,13 +187,10 @@ def test_a_stage_pays_while_its_energy_falls():
 
 
 def test_stages_that_less_smooth_ones_follow_must_pay_well():
-    for plan in (
-        finish(Parameters(), levels, Found(warm)) for levels in (1, 3) for warm in (False, True)
-    ):
-        usual, closing = (
-            {stage.paying for stage in plan if (stage.needed_above > 0) is c} for c in (False, True)
-        )
-        assert min(usual) > max(closing)
+    for levels, warm in ((1, False), (1, True), (3, False), (3, True)):
+        plan = finish(Parameters(), levels, Found(warm))
+        usual = {stage.paying for stage in plan if stage.needed_above == 0}
+        assert min(usual) > max(stage.paying for stage in plan if stage.needed_above > 0)
 
 
 @given(
