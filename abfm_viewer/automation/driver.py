@@ -222,7 +222,14 @@ class Driver:
         return widget
 
     def _click_on(self, widget: Widget, count: int = 1) -> None:
-        self.search.point_at(widget, _handle)
+        def handle(widget: Widget) -> Place:
+            # rectangles of some kinds hold labels, whose end may be out of view
+            left, top, _, bottom = widget.rect
+            if widget.kind == "checkbox":
+                return left + (bottom - top) / 2, (top + bottom) / 2
+            return middle(widget, 0.3 if widget.kind in ("box", "combo") else 0.5)
+
+        self.search.point_at(widget, handle)
         self.input.click(count)
 
     # Surfaces
@@ -322,14 +329,6 @@ class Driver:
                 vertex = near[np.argmin(depth[near])]
                 hits.append((distances[vertex], scene.nearest(surface, mesh.vertices[vertex])))
         return min(hits, key=lambda hit: hit[0])[1] if hits else None
-
-
-def _handle(widget: Widget) -> Place:
-    """Return where to click: rectangles of some kinds hold labels, whose end may be out of view."""
-    left, top, _, bottom = widget.rect
-    if widget.kind == "checkbox":
-        return left + (bottom - top) / 2, (top + bottom) / 2
-    return middle(widget, 0.3 if widget.kind in ("box", "combo") else 0.5)
 
 
 def _on_slider(widget: Widget, value: float) -> Place:

@@ -9,8 +9,8 @@ from pathlib import Path
 from abfm import Control, TriangleMesh, load_mesh
 from abfm_viewer import signals
 from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.match import Kept, cancelled_by_signals
 from abfm_viewer.cli.options import adder, count, positive, seed
-from abfm_viewer.cli.solving import Kept, cancelled_by_signals
 
 SUMMARY = (
     "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"

@@ -10,8 +10,8 @@ from abfm.assets import asset_path
 from abfm.errors import printable
 from abfm.functions import function
 from abfm_viewer import pictures
+from abfm_viewer.cli.match import solve
 from abfm_viewer.cli.options import adder
-from abfm_viewer.cli.solving import solve
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
 from abfm_viewer.session.session_files import document_of_result

@@ -8,7 +8,7 @@ from typing import Any
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.dialogs.file_dialog import Answer, FileChoice, FileDialog, shown
+from abfm_viewer.dialogs.file_dialog import FileChoice, FileDialog, shown
 from abfm_viewer.widgets.containers import child, dialog
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -145,8 +145,8 @@ class Dialogs:
             return Path.home()
 
     def _choose(self, title: str, choice: FileChoice, on_path: Callable[[Path], None]) -> None:
-        def answered(answer: Answer) -> None:
-            if (path := answer.path) is None:
+        def answered(answer: tuple[Path | None]) -> None:
+            if (path := answer[0]) is None:
                 self._close()
             elif choice.saving and path.exists():
                 text = f"{shown(path.name)} is already there. Its contents will be lost."

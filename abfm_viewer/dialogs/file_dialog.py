@@ -189,13 +189,6 @@ def _reason(error: Exception) -> str:
 
 
 @dataclass
-class Answer:
-    """The file that was chosen; None if the dialog was given up."""
-
-    path: Path | None
-
-
-@dataclass
 class FileDialog:
     """Draws a choice of a file."""
 
@@ -204,8 +197,8 @@ class FileDialog:
     _scroll_to: str = field(default="", init=False)
     _is_new: bool = field(default=True, init=False)
 
-    def draw(self, ui: Ui) -> Answer | None:
-        """Draw the dialog; its answer when it was answered in this frame."""
+    def draw(self, ui: Ui) -> tuple[Path | None] | None:
+        """Draw the dialog; when it was answered in this frame the file, None if it was given up."""
         with dialog(ui, self.title, _WIDTH, _HEIGHT):
             taken, typing = self._draw_path(ui)
             below = 2 if self.choice.saving else 1
@@ -227,10 +220,10 @@ class FileDialog:
             if not imgui.GetIO().WantTextInput:
                 self._move_by_keys()
             if given_up:
-                return Answer(None)
+                return (None,)
             if pressed and taken is None:
                 taken = self.choice.confirm()
-        return None if taken is None else Answer(taken)
+        return None if taken is None else (taken,)
 
     def _draw_path(self, ui: Ui) -> tuple[Path | None, bool]:
         """Draw the path box and the ways up and home; a typed file, and whether someone types."""
@@ -267,18 +260,16 @@ class FileDialog:
         imgui.SetCursorPosY(top + first * row)
         taken = None
         for entry in entries[first:last]:
-            taken = self._draw_entry(ui, entry) or taken
+            pressed, twice = ui.row(entry.label, self.choice.selected == entry.name)
+            if pressed:
+                self.choice.select(entry)
+            if twice and entry.is_folder:
+                self.choice.go_or_take(entry.name)
+            elif twice:
+                taken = self.choice.confirm() or taken
         imgui.SetCursorPosY(top + len(entries) * row)
         imgui.Dummy((1, 1))
         return taken
-
-    def _draw_entry(self, ui: Ui, entry: Entry) -> Path | None:
-        pressed, twice = ui.row(entry.label, self.choice.selected == entry.name)
-        if pressed:
-            self.choice.select(entry)
-        if not twice:
-            return None
-        return self.choice.go_or_take(entry.name) if entry.is_folder else self.choice.confirm()
 
     def _draw_name(self, ui: Ui) -> None:
         hint = "name of the file to write"

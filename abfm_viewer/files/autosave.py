@@ -13,8 +13,7 @@ from pathlib import Path
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import THREADS, error_line, same
 from abfm_viewer.document.document import Document
-from abfm_viewer.files.origin import Origin
-from abfm_viewer.files.project import save_project
+from abfm_viewer.files.project import Origin, save_project
 from abfm_viewer.files.state_folder import StateFolder
 
 Content = tuple[Document, Mapping[str, FloatArray]]

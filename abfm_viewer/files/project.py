@@ -13,6 +13,7 @@ import types
 import zipfile
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
 from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -26,7 +27,6 @@ from abfm.reading import from_json
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document.document import FARTHEST, NEAREST, Document, Identity, Run, Surface, View
-from abfm_viewer.files.origin import MEMBER, Origin
 
 _FORMAT = 2
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
@@ -43,6 +43,31 @@ _PLAIN = ("parameters", "verdict", "remedies")  # parts of a result that are no 
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in _PLAIN}
 _ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}
 _FROM_TO = {"arrow_density": (0, 1), "isoline_count": (1, 1000)}
+MEMBER = "origin.json"
+"""Where a copy of unsaved work says what it is a copy of."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """A project file, and when (ns) it was modified, and its bytes, when last read or written."""
+
+    path: Path
+    modified: int
+    size: int
+
+    @classmethod
+    def of(cls, path: Path) -> Origin:
+        """The file as it is now; with a negative size if there is none."""
+        return cls(path, *_state(path))
+
+    @property
+    def exists(self) -> bool:
+        return _state(self.path)[1] >= 0
+
+    @property
+    def changed(self) -> bool:
+        """Return whether there is such a file now, and not as it was."""
+        return self.exists and _state(self.path) != (self.modified, self.size)
 
 
 @dataclass(frozen=True)
@@ -109,7 +134,7 @@ def save_project(
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         archive.writestr(zipfile.ZipInfo("project.json"), text)
         if origin is not None:
-            archive.writestr(zipfile.ZipInfo(MEMBER), origin.to_json())
+            archive.writestr(zipfile.ZipInfo(MEMBER), json.dumps(to_plain(origin), default=str))
         results.write_arrays(archive, arrays)
 
 
@@ -125,6 +150,17 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
                 f"{archive.packed[0]} is compressed; expected a zip without compression"
             )
         return _document(from_json(archive.read("project.json", _LARGEST_HEADER)), archive)
+
+
+def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
+    """Read what a copy of unsaved work is a copy of; None if of no file that is still there."""
+    try:
+        with results.open_archive(copy, "project", "") as archive:
+            plain = json.loads(archive.read(MEMBER))
+            origin = Origin(Path(plain["path"]), int(plain["modified"]), int(plain["size"]))
+    except ResultError:
+        return None
+    return origin if origin.exists else None
 
 
 def terms_from_files(spec: str) -> list[str]:
@@ -292,3 +328,11 @@ def _dataclass(hint: Any, value: dict[str, Any], where: str, given: dict[str, An
 def _expect(fits: bool, where: str, value: Any, expected: str) -> None:
     if not fits:
         raise ValueError(f"{where} is {brief(value)}; expected {expected}")
+
+
+def _state(path: Path) -> tuple[int, int]:
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return 0, -1
+    return found.st_mtime_ns, found.st_size

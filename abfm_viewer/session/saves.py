@@ -6,7 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from abfm_viewer.document.document import Document, Identity
-from abfm_viewer.files.origin import Origin
+from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Editor
 
 _CONTENT = ("channels", "parameters", "mask", "lines", "points")

@@ -17,7 +17,7 @@ from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
 from abfm_viewer.document.document import Channel, Document, Identity, Side, Surface, View
-from abfm_viewer.files.origin import Origin
+from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Editor, Step
 from abfm_viewer.session.functions import DocumentFunctions
 from abfm_viewer.session.loading import Loading

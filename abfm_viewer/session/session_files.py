@@ -21,8 +21,7 @@ from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.document.document import Channel, Document, Identity, Run, Surface, View
 from abfm_viewer.document.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.document.verdict_words import capital
-from abfm_viewer.files.origin import Origin
-from abfm_viewer.files.project import load_project, save_project
+from abfm_viewer.files.project import Origin, load_project, save_project
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session

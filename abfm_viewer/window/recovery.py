@@ -13,8 +13,7 @@ from abfm_viewer.computing.solver import Snapshot
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Document, Identity
 from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
-from abfm_viewer.files.origin import Origin, load_origin
-from abfm_viewer.files.project import load_project
+from abfm_viewer.files.project import Origin, load_origin, load_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.loading import Load

@@ -13,8 +13,7 @@ from abfm import AbfmError
 from abfm.errors import LONGEST
 from abfm_viewer.document.document import THEMES
 from abfm_viewer.files.autosave import recoverable
-from abfm_viewer.files.origin import load_origin
-from abfm_viewer.files.project import load_project, save_project
+from abfm_viewer.files.project import load_origin, load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
 from abfm_viewer.window.preferences import Preferences

@@ -16,8 +16,7 @@ import trimesh
 
 from abfm import Parameters, match
 from abfm_viewer.document.document import Channel, Document, Front, Look, Point, Run, Surface, View
-from abfm_viewer.files.origin import Origin
-from abfm_viewer.files.project import save_project
+from abfm_viewer.files.project import Origin, save_project
 from tests.mesh_writers import STL_WRITERS, WRITERS, exported
 from tests.shapes import icosphere, with_loose_vertex
 

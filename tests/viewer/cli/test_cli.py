@@ -17,8 +17,8 @@ from abfm import Parameters, load_match
 from abfm.assets import asset_path
 from abfm.workers import progress
 from abfm_viewer.cli import main
+from abfm_viewer.cli.match import Outcome
 from abfm_viewer.cli.options import Parser
-from abfm_viewer.cli.solving import Outcome
 from abfm_viewer.document import verdict_words
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.project import load_project, save_project

@@ -13,7 +13,7 @@ import abfm
 from abfm import StopReason
 from abfm.matching import Remedy, Verdict
 from abfm.matching.judging.verdict import Kind
-from abfm_viewer.cli.solving import Outcome
+from abfm_viewer.cli.match import Outcome
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.verdict_words import headline, numbers, place, tone, why
 from tests.viewer.sessions import SPHERE

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from abfm_viewer.automation import Driver
-from abfm_viewer.files.origin import Origin
-from abfm_viewer.files.project import load_project, save_project
+from abfm_viewer.files.project import Origin, load_project, save_project
 from tests.shapes import icosphere
 from tests.viewer.sessions import SIZE, opened
 

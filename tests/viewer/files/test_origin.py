@@ -5,8 +5,7 @@ import os
 import pytest
 
 from abfm_viewer.document.document import Document, Surface
-from abfm_viewer.files.origin import MEMBER, Origin, load_origin
-from abfm_viewer.files.project import load_project, save_project
+from abfm_viewer.files.project import MEMBER, Origin, load_origin, load_project, save_project
 from tests.core.reading.hostile import rewrite
 from tests.shapes import icosphere
 

@@ -32,9 +32,9 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
-from abfm_viewer.files.origin import load_origin
 from abfm_viewer.files.project import (
     from_plain,
+    load_origin,
     load_project,
     save_project,
     terms_from_files,

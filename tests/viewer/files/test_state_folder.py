@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from abfm_viewer.files.autosave import recoverable
-from abfm_viewer.files.origin import load_origin
-from abfm_viewer.files.project import load_project
+from abfm_viewer.files.project import load_origin, load_project
 from abfm_viewer.files.state_folder import VARIABLE, StateFolder
 from tests.core.reading.hostile import refusal
 

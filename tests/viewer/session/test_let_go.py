@@ -10,7 +10,7 @@ import pytest
 from abfm import Parameters
 from abfm_viewer.computing import evaluation
 from abfm_viewer.document.document import Channel
-from abfm_viewer.files.origin import Origin
+from abfm_viewer.files.project import Origin
 from abfm_viewer.session import editor
 from abfm_viewer.session.session import Session
 from tests.mesh_writers import off_text

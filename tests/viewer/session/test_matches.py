@@ -11,7 +11,7 @@ from abfm import Parameters
 from abfm.matching import Remedy
 from abfm_viewer.computing.match_apart import MatchApart
 from abfm_viewer.document.document import Channel, View
-from abfm_viewer.files.origin import Origin
+from abfm_viewer.files.project import Origin
 from abfm_viewer.session.session import Session
 from tests.shapes import torus
 from tests.viewer.sessions import ENDLESS, PAIR, SPHERE, end_run, matched, opened, solving, until
