@@ -1,9 +1,5 @@
-"""Figure 11: two functions with jumps become smooth ones, shown as texture coordinates.
-
-Figures 11 to 13 correct a map between two poses of one surface by a flow. Functions on pose A are
-its coordinates. The start is a point map from B to A, the nearest neighbour in the spectral
-embedding by few eigenfunctions, so that A's coordinates arrive on B with jumps; the targets are A's
-coordinates carried by the true functional map, cut off at more eigenfunctions, and smooth.
+"""Figure 11: two functions with jumps become smooth ones. In figures 11 to 13 coordinates of pose A
+go to B by a point map of few eigenfunctions; targets are those of the true map, cut off at more.
 """
 
 from dataclasses import dataclass

@@ -1,18 +1,5 @@
-"""Figure 12: coordinates carried from one pose to another are corrected by matching one function,
-and three.
-
-A flow carries functions, and which map that is has to be read off them:
-
-- carried coordinates: the closest points of A to the coordinates that the flow carries;
-- the same, cut off alike: the targets are coordinates cut off at some eigenfunctions, so what was
-  matched to them is looked up among A's coordinates cut off alike, which no more reach the ends of
-  thin limbs than the targets do;
-- flow lines: the start map composed with exact flow lines of the field;
-- nearest neighbours: eigenfunctions of A, brought by the start map and carried by the flow, are its
-  functional map, and nearest neighbours in the spectral embedding its point map.
-
-All but the flow lines work without a flow, on the targets or the start. Only what is nearer the
-truth than those was added by a flow. ZoomOut, which needs the start alone, is beside them.
+"""Figure 12: carried coordinates are corrected by matching one function, and three; how maps are
+read off the flows, and what needs none, is in ``docs/figures/figure-13.md``.
 """
 
 from dataclasses import dataclass, replace
@@ -38,9 +25,7 @@ CUT_OFF, LINES, NEIGHBOURS = ", cut off alike", ", flow lines", ", nearest neigh
 START, NO_FLOW, ZOOM_OUT = "start", "no flow", "no flow: ZoomOut of the start"
 TARGETS = "no flow: nearest surface points of the target coordinates"
 SHOWN = (START, TARGETS, ONE, THREE, REDUCED)
-"""The maps that the pictures show, of which it is said how much they leave the surface and fold
-it.
-"""
+"""The maps that the pictures show, and that are judged as maps."""
 
 _STEP = 10  # of ZoomOut
 _FIELDS, _SIGMA = 50, 0.1  # of the reduced basis

@@ -148,9 +148,6 @@ class TestFigure4:
         assert steps > 40  # and not as few as there can be, one between any two of the times
         assert np.sqrt(2 * np.log(1e6) * steps) == pytest.approx(example.flow.tau * exact, rel=0.1)
 
-    def test_on_another_mesh_with_a_boundary(self):
-        assert run(4, open_cylinder(24, 12))[1].measures
-
 
 def steps_taken(findings):
     found = re.search(r"the linear way takes ([\d,]+) steps", findings.setting)
