@@ -54,15 +54,12 @@ def test_report_is_whole_and_has_only_finite_numbers_not_below_zero(report):
     assert np.isfinite(numbers(report["bracket_gradient"])).all()
 
 
-def test_report_covers_every_mesh_and_number_of_substeps(report):
+def test_report_covers_every_mesh_and_number_of_substeps_and_baselines_go_down(report):
     sizes = ["42", "162"]
     assert list(report["ratios"]["gradient_to_advection"]) == sizes
     assert list(report["iterations_to_mismatch"]["default_cooling"]) == sizes
     assert list(report["energy_after_iterations"]) == sizes
     assert [row["substeps"] for row in report["bracket_gradient"]] == [1, 10, 40]
-
-
-def test_both_baselines_go_down(report):
     problem = sphere_problem(2)
     start, _ = MatchingEnergy(problem)(np.zeros((len(problem.mesh.faces), 3)))
     assert max(report["lowest_energy"][name] for name in ("paper", "plain")) < start
@@ -92,12 +89,9 @@ def test_the_problem_has_the_stated_bumps():
     assert abs(angles[source.argmax()]) < 0.1
 
 
-def test_time_below_is_the_first_time():
+def test_time_below_is_the_first_time_and_a_watched_match_stops_there():
     history = np.array([[0.1, 5.0], [0.2, 3.0], [0.4, 3.0], [0.9, 1.0]])
     assert [time_below(history, level) for level in (4.0, 3.0, 1.0)] == [0.2, 0.9, None]
-
-
-def test_a_watched_match_stops_below_the_level():
     history = watched_match(sphere_problem(2, SOLVER), 60.0, energy=1e5).history
     assert history[-1, 1] < 1e5 <= history[-2, 1]
 

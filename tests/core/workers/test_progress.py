@@ -49,15 +49,17 @@ def test_shares_grow_from_0_never_reach_1_unless_counted_and_times_left_fall():
         assert left[-1] is None  # it takes longer than expected, and nobody knows how much
 
 
-def test_a_clock_that_went_back_gives_no_negative_share():
-    now = Step("factoring", expected=10.0, began=100.0)
-    assert (now.share(50.0), now.seconds_left(50.0)) == (0, 10)
-
-
-def test_what_is_unknown_is_said_to_be_unknown():
-    now = Step("factoring", began=100.0)
-    assert (now.share(105.0), now.seconds_left(105.0)) == (None, None)
-    assert Step("x", done=0.0, began=100.0).seconds_left(105.0) is None
+@pytest.mark.parametrize(
+    ("known", "now", "share", "left"),
+    [
+        ({"expected": 10.0}, 50.0, 0, 10),  # a clock that went back
+        ({}, 105.0, None, None),
+        ({"done": 0.0}, 105.0, 0, None),
+    ],
+)
+def test_what_is_unknown_is_said_to_be_unknown(known, now, share, left):
+    step = Step("factoring", began=100.0, **known)
+    assert (step.share(now), step.seconds_left(now)) == (share, left)
 
 
 @pytest.mark.parametrize(
@@ -75,12 +77,9 @@ def test_words_tell_how_long_it_goes_on_where_that_takes_a_while(known, now, wor
     assert Step("factoring", began=100.0, **known).words(now) == words
 
 
-def test_times_are_rounded_as_one_says_them():
-    seconds = (0, 7.6, 12, 43, 55, 100, 3600)
-    assert [*map(rounded, seconds)] == ["1 s", "8 s", "10 s", "45 s", "1 min", "2 min", "60 min"]
-
-
-def test_what_goes_on_is_said_with_its_step():
+def test_times_are_rounded_as_one_says_them_and_what_goes_on_is_said_with_its_step():
+    told = {0: "1 s", 7.6: "8 s", 12: "10 s", 43: "45 s", 55: "1 min", 100: "2 min", 3600: "60 min"}
+    assert {seconds: rounded(seconds) for seconds in told} == told
     assert said("opening", None) == "opening"
     assert said("opening", Step("reading .off")) == "opening: reading .off"
 
@@ -97,20 +96,12 @@ def test_a_counted_step_goes_from_0_to_1_and_never_back():
     assert (shares[0], shares[-1], end) == (0, 1, None)
 
 
-def test_a_step_inside_another_one_is_told_until_it_ends():
+def test_a_step_inside_another_one_is_told_until_it_ends_and_measures_nothing_if_it_fails():
     def work():
-        with step("outer"), step("inner"):
-            pass
-
-    assert [now and now.task for now in told_by(work)] == ["outer", "inner", "outer", None]
-
-
-def test_a_step_that_fails_has_ended_too_and_measures_nothing():
-    def work():
-        with pytest.raises(RuntimeError), step("factoring", 1.0):
+        with pytest.raises(RuntimeError), step("outer", 1.0), step("inner"):
             raise RuntimeError
 
-    assert told_by(work)[-1] is None
+    assert [now and now.task for now in told_by(work)] == ["outer", "inner", "outer", None]
     assert progress._rates == {}
 
 
