@@ -29,8 +29,6 @@ DARK_CHECKER_COLORS = ((0.22, 0.23, 0.25), (0.03, 0.07, 0.20))
 
 @dataclass(frozen=True)
 class ColorRange:
-    """A colour map's name and the values at its two ends."""
-
     colormap: str
     low: float
     high: float

@@ -64,7 +64,6 @@ LIGHT, DARK = _palette(0), _palette(1)
 
 
 def linear(color: Color) -> tuple[float, float, float]:
-    """Return a colour in linear light, as polyscope wants it."""
     red, green, blue = (channel**2.2 for channel in color[:3])
     return red, green, blue
 

@@ -168,7 +168,6 @@ def ticks(low: float, high: float) -> list[float]:
 
 
 def bar_room(pen: Pen, height: float) -> float:
-    """Height of what the colour bars cover at the bottom of so much."""
     room = 2 * pen.line + pen.scale * (_ABOVE + _BAR_HEIGHT + 2 * _GAP + _BELOW)
     return room if room <= _MOST * height else name_height(pen)
 
@@ -193,14 +192,12 @@ def laid_out(
 
 
 def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
-    """Yield the surfaces' names, what is written of them, and where."""
     for name in scene.shown:
         paint = scene.paints.get(name)
         yield name, paint.title if paint else f"{name}: computing", scene.view.label(name)
 
 
 def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
-    """Lay out a bar for each range, side by side, narrower where there is little room."""
     paints = [scene.paints[name] for name in scene.shown if name in scene.paints]
     ranges = {paint.bar: paint.colors for paint in paints if paint.colors is not None}
     left, apart, count = rect[0] + _LEFT * pen.scale, _BAR_APART * pen.scale, max(len(ranges), 1)
@@ -269,11 +266,14 @@ def _u32(color: Color) -> int:
     return int(imgui.GetColorU32(color))
 
 
+Centre = tuple[FloatArray, FloatArray]  # a place and a normal
+
+
 class GaussianMarkers:
     """Rings while Shift is held over the surfaces, and where a side has several Gaussians."""
 
     def __init__(self) -> None:
-        self._centres = {side: Memo[tuple[FloatArray, FloatArray] | None]() for side in SIDES}
+        self._centres = {side: Memo[Centre | None]() for side in SIDES}
 
     def draw(self, ui: Ui, session: Session, scene: Scene, rect: Rect) -> None:
         if session.values("source") is None and session.values("target") is None:
@@ -292,10 +292,7 @@ class GaussianMarkers:
                 for width, color in ((2 * _LINE, ui.colors.ground), (_LINE, ui.colors.ink)):
                     canvas.AddCircle((x, y), ui.px(_RADIUS), _u32(color), 0, ui.px(width))
 
-    def _centre(
-        self, session: Session, side: Side, wanted: bool
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """Return a place and a normal; None where nothing is to be drawn, or no vertex is there."""
+    def _centre(self, session: Session, side: Side, wanted: bool) -> Centre | None:
         chosen, mesh = active_gaussian(session, side), session.surface(side).mesh
         if chosen is None or session.active is None:
             return None
@@ -303,7 +300,7 @@ class GaussianMarkers:
         if gaussians.is_mapped(spec) or not (wanted or len(gaussians.gaussians(spec)) > 1):
             return None
 
-        def centre() -> tuple[FloatArray, FloatArray] | None:
+        def centre() -> Centre | None:
             with suppress(FunctionError):
                 vertex = gaussians.gaussians(spec)[chosen].sources(mesh)[0]
                 around = mesh.faces[(mesh.faces == vertex).any(axis=1)]

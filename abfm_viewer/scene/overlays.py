@@ -33,6 +33,8 @@ _SLOW, _LONGEST = 0.01, 1.25  # of it: below there is no arrow, and none is long
 _THICK, _THIN, _ISOLINE, _POINT = 0.0035, 0.0025, 0.0016, 0.014
 
 Rgb = Sequence[float]
+Meshes = Mapping[str, TriangleMesh]
+Look = tuple[float, float]  # length of the fast arrows, of sqrt(area), and density
 Placed = tuple[str, str, int, Any]
 """A structure's surface, its own name, a version that changes with it, and polyscope's handle."""
 Triangles = tuple[FloatArray, IntArray]  # vertices (V, 3) and faces (F, 3)
@@ -68,7 +70,6 @@ def course_of(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> Course:
 
 
 def course_through(mesh: TriangleMesh, places: FloatArray) -> Course:
-    """The way through places (K, 3) on a surface, in the mesh's units."""
     found = abfm.maps.project_onto_surface(mesh, places)
     return Course(places / mesh.length_scale, _normals(mesh, found.faces, found.barycentric))
 
@@ -98,11 +99,9 @@ def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
     return np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]])
 
 
-def arrow_courses(
-    mesh: TriangleMesh, velocity: FloatArray, length: float, density: float
-) -> list[Course]:
-    """Find pieces of a field's (F, 3) flow lines; the length is that of the fast ones."""
-    speed = np.linalg.norm(velocity, axis=1)
+def arrow_courses(mesh: TriangleMesh, velocity: FloatArray, look: Look) -> list[Course]:
+    """Find pieces of a field's (F, 3) flow lines."""
+    (length, density), speed = look, np.linalg.norm(velocity, axis=1)
     faces = evenly_spread(mesh, density)
     if not speed[faces].any():
         faces = np.array([speed.argmax()])
@@ -209,11 +208,8 @@ def _unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
 
 
-def draw_arrows(
-    name: str, mesh: TriangleMesh, velocity: FloatArray, look: tuple[float, float], color: Rgb
-) -> None:
-    """Show a field (F, 3) as arrows on a surface; the look is their length and density."""
-    courses = arrow_courses(mesh, velocity, *look)
+def draw_arrows(name: str, mesh: TriangleMesh, field: FloatArray, look: Look, color: Rgb) -> None:
+    courses = arrow_courses(mesh, field, look)
     draw_ribbons(name, mesh, arrow_ribbons(courses, _THICK), color)
 
 
@@ -244,9 +240,7 @@ class Overlays:
         self._drawn: dict[str, tuple[str, int, tuple[object, ...]]] = {}  # surface, version
         self._count = 0
 
-    def update(
-        self, meshes: Mapping[str, TriangleMesh], paints: Mapping[str, Paint], of_flow: bool
-    ) -> None:
+    def update(self, meshes: Meshes, paints: Mapping[str, Paint], of_flow: bool) -> None:
         """Show what is asked for on surfaces by name; of the flow only if so told."""
         for name, mesh in meshes.items():
             self._draw_isolines(name, mesh, paints.get(name))
@@ -263,9 +257,8 @@ class Overlays:
             shares = (np.arange(view.isoline_count) + 0.5) / view.isoline_count
             levels = colors.low + (colors.high - colors.low) * shares
             values = np.asarray(paint.values, dtype=np.float64)
-            ink = theme.linear(theme.palette(view.theme).ink)
             lines = isoline_ribbons(mesh, values, levels, _ISOLINE)
-            draw_ribbons(name, mesh, lines, ink)
+            draw_ribbons(name, mesh, lines, theme.linear(theme.palette(view.theme).ink))
 
     def _draw_of_flow(self, mesh: TriangleMesh, of_flow: bool, has_source: bool) -> None:
         quantities, view = self._shown.quantities, self._shown.session.view
@@ -277,10 +270,8 @@ class Overlays:
             draw_arrows(_ARROWS, mesh, field.velocity, look, theme.linear(colors.ink))
         marker = theme.linear(colors.marker)
         paths = tuple(quantities.paths()) if of_flow else ()
-        for name, curves in (
-            (_LINES, tuple(quantities.lines()) if of_flow else ()),
-            (_PATHS, paths),
-        ):
+        lines = tuple(quantities.lines()) if of_flow else ()
+        for name, curves in ((_LINES, lines), (_PATHS, paths)):
             if self._is_new("advected", name, (curves, view.theme) if curves else None):
                 courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]
                 draw_ribbons(name, mesh, line_ribbons(courses, _THIN), marker)
@@ -310,7 +301,6 @@ class Overlays:
                 structure.set_enabled(True)
 
     def clear(self) -> None:
-        """Forget what was drawn: polyscope's structures were removed."""
         for name in list(self._drawn):
             self._remove(name)
 

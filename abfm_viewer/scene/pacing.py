@@ -34,7 +34,6 @@ class Pacing:
 
     @property
     def draws_quickly(self) -> bool:
-        """Return whether the surfaces are drawn anew within a frame."""
         return self.redraw_seconds <= _SLOW_REDRAW
 
     @property

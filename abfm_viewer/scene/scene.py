@@ -128,7 +128,6 @@ class Scene:
             self._session.editor.amend(view=replace(self._session.view, look=look))
 
     def enlarge(self, name: str) -> None:
-        """Give a surface the others' slots, too; with an empty name all are shown again."""
         self._session.editor.amend(view=replace(self._session.view, large=name))
 
     def projected(self, name: str, points: FloatArray) -> FloatArray:
@@ -273,7 +272,6 @@ class Placing:
         self._done = {}
 
     def place(self, view: SlotView, turned: FloatArray, structures: Iterable[Placed]) -> None:
-        """Show structures, turned by a matrix (4, 4) before all else."""
         window = ps.get_window_size()
         arrays = (view.rotation, view.target, turned)
         seen = (window, view.scale, *view.slots.items(), *(array.tobytes() for array in arrays))

@@ -43,6 +43,9 @@ class Slot:
         return width / 2 - margin, height / 2 - margin
 
 
+Slots = Mapping[str, Slot]
+
+
 def slots(
     names: Sequence[str], rect: Rect, shape: tuple[float, float], layout: Layout, name_height: float
 ) -> dict[str, Slot]:
@@ -90,7 +93,7 @@ class SlotView:
     What the mouse does gives a view whose rotation, target and zoom are others.
     """
 
-    slots: Mapping[str, Slot]
+    slots: Slots
     rotation: FloatArray  # (3, 3): rows are what is to the right, up, and towards the viewer
     target: FloatArray  # (3,): in the slots' middle
     home: FloatArray  # (3,): where a target is when nothing was moved
@@ -114,7 +117,6 @@ class SlotView:
         return matrix
 
     def drawn(self, place: Place, window: tuple[int, int]) -> FloatArray:
-        """Return where (2,) a place of the window is for that viewer."""
         return np.array([place[0] - window[0] / 2, window[1] / 2 - place[1]]) / self.scale
 
     @property
@@ -123,7 +125,6 @@ class SlotView:
 
     @property
     def is_beside(self) -> bool:
-        """Return whether names are at the left of their surfaces, instead of above them."""
         slot = next(iter(self.slots.values()))
         return slot.name[3] > slot.rect[1] + 1
 
@@ -137,7 +138,6 @@ class SlotView:
         return left, end - (bottom - top), right, end
 
     def borders(self) -> list[tuple[Place, Place]]:
-        """Lines between slots, while what is in them goes to their ends."""
         if not self.is_clipped:
             return []
         rects = [(*slot.name[:2], *slot.rect[2:]) for slot in self.slots.values()]
@@ -235,9 +235,7 @@ class Fit:
         self._radius = float(np.linalg.norm(self._around, axis=1).max())
         self._seen: tuple[Front, FloatArray, tuple[float, float], float] | None = None
 
-    def view(
-        self, slots: Mapping[str, Slot], front: Front, zoom: float, target: FloatArray | None
-    ) -> SlotView:
+    def view(self, slots: Slots, front: Front, zoom: float, target: FloatArray | None) -> SlotView:
         if self._seen is None or self._seen[0] != front:  # most frames look from where one did
             axes = front.axes
             across, upwards = (self._around @ axes[:2].T).T

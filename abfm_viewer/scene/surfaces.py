@@ -84,7 +84,6 @@ def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
 
 
 def register(name: str, mesh: TriangleMesh) -> Any:
-    """Give polyscope a surface; its creases are sharp."""
     split = drawn_mesh(mesh)
     return ps.register_surface_mesh(
         name,
@@ -188,7 +187,6 @@ def fitted(
 
 
 def look(camera: Camera, mesh: TriangleMesh) -> None:
-    """Make polyscope draw what a camera sees of a mesh, and no farther."""
     places = viewport(mesh).drawn(mesh.vertices)
     low, high = places.min(axis=0), places.max(axis=0)
     ps.set_bounding_box(low, high)

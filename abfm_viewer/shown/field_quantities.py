@@ -157,7 +157,6 @@ class FieldQuantities(Jobs):
         return self._streaks.busy
 
     def field(self) -> Field | None:
-        """The part of the field that the view asks for, at the shown time."""
         flow, time, part = self._flow.state, self._flow.time, self._session.view.part
         if flow is None:
             return None
@@ -185,7 +184,6 @@ class FieldQuantities(Jobs):
         return self._scalar.newest(field.mesh, (field, kind), compute)
 
     def distortion(self) -> abfm.maps.Distortion | None:
-        """Distortion of the map that takes each vertex to where it is at the shown time."""
         flow, time = self._flow.state, self._flow.time
         if flow is None:
             return None

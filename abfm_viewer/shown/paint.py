@@ -97,7 +97,6 @@ class Painter:
         return self._kept["advected"].get((advected, title, colors), make)
 
     def _by_coloring(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
-        """Show what the view asks for instead of the function; None where there is none yet."""
         kind = self._session.view.coloring
         if kind == "function":
             return self._textured(advected, colors) if self._session.view.streaks else None
@@ -229,7 +228,6 @@ class Painter:
 
 
 def _labelled(title: str, is_behind: bool) -> str:
-    """A surface's title, which says so while the surface shows something else than it should."""
     return f"{title}: computing" if is_behind else title
 
 

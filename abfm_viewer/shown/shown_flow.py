@@ -92,7 +92,6 @@ class Carried:
 
     @property
     def problem(self) -> str:
-        """Say why the exact values asked for last could not be computed."""
         return self._exact.error
 
     @property
@@ -105,7 +104,6 @@ class Carried:
         return self._span.newest(function.shape, key, partial(span, state, function))
 
     def is_ready(self, state: FlowState, function: FloatArray) -> bool:
-        """Return whether a function is known at all times of a flow, or cannot be."""
         if not self._at_once:
             self._known(state, function)
         return not self._span.busy

@@ -117,9 +117,7 @@ def attack(chosen, seconds, seed, workers):
 
 
 def trials(part, seed, seconds, folder):
-    """The trials of a part from a seed on, as they end, in a process of its own; what goes on when
-    the time is over is waited for.
-    """
+    """The trials of a part from a seed on, as they end, in a process of its own."""
     said = folder / f"{part}-{seed}.log"
     words = ["--seed", str(seed), "--count", str(_MANY), "--seconds", str(seconds)]
     with said.open("w") as log:

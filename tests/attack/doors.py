@@ -1,6 +1,4 @@
-"""The doors through which users open files, and what must hold of what comes in and is used a
-little.
-"""
+"""The doors through which users open files, and what must hold of what comes in."""
 
 import re
 from functools import cache
@@ -35,12 +33,7 @@ _INNER = re.compile(
 
 
 def enter(door, path):
-    """Open a file as users do.
-
-    An `AbfmError` is raised where the file is refused as it should be, a `BrokenPromiseError` where
-    it came in though it should not have, or was refused in several lines; anything else is raised
-    by what was attacked.
-    """
+    """Open a file as users do: an `AbfmError` is a refusal as it should be, all else a fault."""
     try:
         DOORS[door](path)
     except AbfmError as error:

@@ -43,9 +43,7 @@ def _view(length, offset=0):
 
 
 def gltf_header(**changes):
-    """Of a scene with one triangle in the first 48 bytes of its only buffer, in which anything
-    can be replaced.
-    """
+    """Of a scene with one triangle in 48 bytes; anything can be replaced."""
     header = {
         "asset": {"version": "2.0"},
         "scene": 0,
@@ -143,9 +141,7 @@ def _polygon(size, kind):
 
 
 def _polygons(size, corners, radius, kind):
-    """As many polygons of so many corners as fit, all around the same circle, whose radius goes
-    up and down.
-    """
+    """As many polygons of so many corners as fit, around one circle that goes up and down."""
     angle = np.linspace(0, 2 * np.pi, corners, endpoint=False)
     rings = np.resize(radius, corners)
     points = np.stack([rings * np.cos(angle), rings * np.sin(angle)], axis=1)
@@ -178,9 +174,7 @@ def _fans_of_all(size):
 
 
 def _deflated_zeros(size):
-    """What zlib makes of so many zeros, without all of them in memory, which would hide what a
-    reader takes.
-    """
+    """What zlib makes of so many zeros, which are never all in memory."""
     stream, piece = zlib.compressobj(9), bytes(min(size, 10**6))
     return b"".join(stream.compress(piece) for _ in range(size // len(piece))) + stream.flush()
 
@@ -232,43 +226,40 @@ _POINTS_END = b"</Data></DataArray></GIFTI>"
 _HUGE = "element vertex 1000000000000"
 
 
-def _ply_body(header, row):
-    """A header that depends on the size, and the same row again and again."""
-    return lambda size: filled(header(size), row, size)
+_LISTS = "\n".join(f"property list uchar char p{k}" for k in range(40))
+_COLUMNS = [f"property char p{k}" for k in range(20000)]
+_SHORT_XYZ = [f"property uchar {a}" for a in "xyz"]
+_LONG_LIST = ("element face 1", "property list int64 char vertex_indices")
+_ROWS = {
+    "lists_of_one.ply": (lambda size: _binary(3, size // 5 - 100), b"\1\0\0\0\0"),
+    "triangles.ply": (lambda size: _binary(3, size // 13 - 100), b"\3" + bytes(12)),
+    "byte_triangles.ply": (lambda size: _binary(3, size // 4 - 100, BYTES), b"\3\0\1\2"),
+    "bytes.ply": (lambda size: _binary(size // 3 - 100, 1, BYTES, _SHORT_XYZ), b"\3\0\1\2"),
+    "many_columns.ply": (
+        lambda size: ply_header(BINARY, f"element vertex {size // 40000}", *_COLUMNS),
+        b"\0",
+    ),
+    "many_lists.ply": (lambda size: _binary(3, 10**6, _LISTS), b"\0"),
+    "text_lists.ply": (lambda size: _ply("ascii", 3, size // 2 - 100), b"0 "),
+    "text_words.ply": (
+        lambda size: ply_header("ascii", f"element vertex {size // 6}", *XYZ),
+        b"0 ",
+    ),
+    "length.ply": (lambda size: ply_header(BINARY, *_LONG_LIST), b"\x7f"),
+}
+"""A header that depends on the size, and the same row again and again."""
+
+
+def _text_ply(size):
+    header = _ply("ascii", size // 12 - 100, size // 16 - 100)
+    return filled(header, b"0 0 0\n", size // 2) + b"3 0 1 2\n" * (size // 16)
 
 
 _PLY = {
-    "lists_of_one.ply": _ply_body(lambda size: _binary(3, size // 5 - 100), b"\1\0\0\0\0"),
-    "triangles.ply": _ply_body(lambda size: _binary(3, size // 13 - 100), b"\3" + bytes(12)),
-    "byte_triangles.ply": _ply_body(lambda size: _binary(3, size // 4 - 100, BYTES), b"\3\0\1\2"),
-    "bytes.ply": _ply_body(
-        lambda size: _binary(size // 3 - 100, 1, BYTES, [f"property uchar {a}" for a in "xyz"]),
-        b"\3\0\1\2",
-    ),
-    "many_columns.ply": _ply_body(
-        lambda size: ply_header(
-            BINARY,
-            f"element vertex {size // 40000}",
-            *(f"property char p{k}" for k in range(20000)),
-        ),
-        b"\0",
-    ),
-    "many_lists.ply": _ply_body(
-        lambda size: _binary(
-            3, 10**6, "\n".join(f"property list uchar char p{k}" for k in range(40))
-        ),
-        b"\0",
-    ),
-    "text_lists.ply": _ply_body(lambda size: _ply("ascii", 3, size // 2 - 100), b"0 "),
-    "text_words.ply": _ply_body(
-        lambda size: ply_header("ascii", f"element vertex {size // 6}", *XYZ), b"0 "
-    ),
-    "length.ply": _ply_body(
-        lambda size: ply_header(
-            BINARY, "element face 1", "property list int64 char vertex_indices"
-        ),
-        b"\x7f",
-    ),
+    **{
+        name: lambda size, header=header, row=row: filled(header(size), row, size)
+        for name, (header, row) in _ROWS.items()
+    },
     "lists.ply": lambda size: filled(_binary(3, size), b"\0", size * 2)[: size + 200],
     "rows_of_nothing.ply": lambda size: ply_header("ascii", _HUGE),
     "no_columns.ply": lambda size: ply_header(BINARY, _HUGE, "element face 1"),
@@ -276,10 +267,7 @@ _PLY = {
         "ascii", "element vertex 1", *["property char x"] * (size // 17)
     ),
     "elements.ply": lambda size: ply_header("ascii", *["element a 0"] * (size // 12)),
-    "text.ply": lambda size: (
-        filled(_ply("ascii", size // 12 - 100, size // 16 - 100), b"0 0 0\n", size // 2)
-        + b"3 0 1 2\n" * (size // 16)
-    ),
+    "text.ply": _text_ply,
 }
 
 

@@ -42,9 +42,7 @@ _DEVICES = tuple(
 
 
 def hostile(seed):
-    """What the seed puts in the way, and what it is called; seeds one after the other take all
-    kinds in turn.
-    """
+    """What the seed puts in the way, and its name; seeds in a row take all kinds in turn."""
     maker = _MAKERS[seed % len(_MAKERS)]
     specimen = maker(Random(seed))
     return specimen, f"{maker.__name__} as {specimen.name}"
@@ -73,9 +71,7 @@ def counts(random):
 
 
 def gifti(random, dims=(42, 3)):
-    """Bombs in GIFTI: compressed zeros, entities of entities, nesting, files beside that are
-    devices.
-    """
+    """Bombs in GIFTI: compressed zeros, entities of entities, nesting, devices beside."""
     zeros = zlib.compress(bytes(random.choice((10**6, 10**8, 10**9))), 9)
     encoding, extra, data = "GZipBase64Binary", "", base64.b64encode(zeros).decode()
     act = random.randrange(5)
@@ -105,9 +101,7 @@ def gifti(random, dims=(42, 3)):
 
 
 def gzip_bomb(random):
-    """A gzip file of nothing but one byte, some gigabytes of it; also in several members, or
-    within another.
-    """
+    """Some gigabytes of one byte; also in several members, or within another."""
     piece = gzip.compress(random.choice((b"\0", b" ", b"<")) * (1 << 26), mtime=0)
     content = piece * random.choice((1, 30, 120))
     if random.random() < 0.3:
@@ -116,9 +110,7 @@ def gzip_bomb(random):
 
 
 def gltf(random):
-    """Accessors without buffers, nodes in circles, NaN matrices, nesting, buffers that are
-    devices.
-    """
+    """Accessors without buffers, nodes in circles, NaN matrices, nesting, devices as buffers."""
     accessor = {"componentType": 5126, "type": "VEC3", "count": random.choice(_MANY)}
     count = random.choice((3, *_MANY))
     indices = {"componentType": 5125, "type": "SCALAR", "count": count}
@@ -309,9 +301,7 @@ def numbers(random):
 
 
 def json_texts(random):
-    """JSON that nests, repeats or holds numbers without end: in projects and in what is kept
-    between launches.
-    """
+    """JSON that nests, repeats or holds numbers without end."""
     text = random.choice(
         (
             *("[" * 10**6, "[" * 10**5 + "]" * 10**5, '{"a":' * 10**5 + "1" + "}" * 10**5),

@@ -52,9 +52,7 @@ class Attack:
         }
 
     def one(self, what, chance):
-        """Kill a process that saves this: after how many seconds, how many temporary files it left,
-        which the next to write removed, and what is wrong with what it left.
-        """
+        """Kill what saves this: after which time, temporary files that it left, what is wrong."""
         (suffix, save, version_of), after = self.savings[what], _LONGEST * chance.random()
         with tempfile.TemporaryDirectory(dir=self._folder) as place:
             tempfile.tempdir = place

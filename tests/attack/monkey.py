@@ -230,9 +230,7 @@ class Monkey:
 
     @contextmanager
     def _watched(self):
-        """Exceptions that the app prints, as it lives on, and those that end a thread, are
-        faults.
-        """
+        """Exceptions that the app prints, and those that end a thread, are faults."""
 
         def printed(*_, **__):
             text = io.StringIO()
@@ -254,9 +252,7 @@ class Monkey:
 
 
 def differences(one, other):
-    """What two documents differ in; how surfaces are turned and the time that plays are not
-    steps of undo.
-    """
+    """What two documents differ in, apart from what is no step of undo."""
     one, other = (
         replace(each, view=replace(each.view, look=None, large=""), time=0.0)
         for each in (one, other)
@@ -310,11 +306,8 @@ def counts():
 
 
 class Endurance:
-    """What the window keeps after its first five minutes, and what at the end.
-
-    What is only in use at the moment differs from sequence to sequence. What stays of memory is in
-    the least that some sequences leave; what stays of threads and processes is there after a rest,
-    in which those end that wait for work.
+    """What the window keeps after its first five minutes and at the end: of memory the least that
+    some sequences leave, of threads and processes what is there after a rest.
     """
 
     def __init__(self, begun, rest):

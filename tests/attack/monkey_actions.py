@@ -1,6 +1,4 @@
-"""What the monkey can do: each action does something that a user could, and may say what in a
-few words.
-"""
+"""What the monkey can do: what a user could; each may say what in a few words."""
 
 import time
 from collections.abc import Callable
@@ -165,9 +163,7 @@ def _has_result(monkey):
 
 @dataclass(frozen=True)
 class Action:
-    """Something to do, how often, and when: what is there to be used is what a user would do
-    something with.
-    """
+    """Something to do, how often, and when it is possible."""
 
     weight: int
     act: Callable

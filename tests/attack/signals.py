@@ -64,10 +64,7 @@ COMMANDS = {
 
 
 class Attack:
-    """Sends signals to commands that work in folders of their own.
-
-    Of commands whose `lives` in seconds are not given by their names a whole one is measured first.
-    """
+    """Sends signals to commands in folders of their own; unknown `lives` are measured first."""
 
     def __init__(self, folder, lives=()):
         self._folder, self._lives = folder, dict(lives)
@@ -192,9 +189,7 @@ def _left(folder, files, needs_result):
 
 
 def _processes(token):
-    """Command lines of the processes that an ended one has left, after a moment in which they
-    may end.
-    """
+    """Command lines of what an ended process has left, after a moment to end in."""
     for _ in range(40):
         found = list(_with_token(token))
         if not found:

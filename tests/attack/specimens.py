@@ -37,9 +37,7 @@ SPECS = (
 
 @dataclass(frozen=True)
 class Specimen:
-    """A file: its name, its bytes, the door, and files that it needs beside it; or who puts
-    something else there.
-    """
+    """A file, its door, files that it needs beside it, or who puts something else there."""
 
     name: str
     door: str
@@ -96,9 +94,7 @@ def _meshes():
 
 
 def _gifti(columns, encoding="B64GZ"):
-    """The arrays, floats and indices, as GIFTI: the first two are those of a surface if they
-    have three columns.
-    """
+    """Arrays as GIFTI: two of three columns are a surface."""
     intents = {"f": "NIFTI_INTENT_POINTSET", "i": "NIFTI_INTENT_TRIANGLE"}
     arrays = [
         nibabel.gifti.GiftiDataArray(

@@ -46,9 +46,7 @@ class Trial:
 
 @dataclass
 class Tally:
-    """Counts of one part, its worst time and memory, and its faults with the commands that
-    repeat them.
-    """
+    """Counts of one part, its worst time and memory, and its faults."""
 
     part: str
     ok: int = 0

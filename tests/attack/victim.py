@@ -43,9 +43,7 @@ def run_victim(part, attacker, about):
 
 
 class Victim:
-    """Tries the files of an attacker, ``module:function``, that gives the file of a seed and what
-    kind of attack it is; what is a fault is kept in a folder.
-    """
+    """Tries the files of an attacker, ``module:function``; those that make a fault are kept."""
 
     def __init__(self, part, attacker, keep, seconds=SECONDS, megabytes=MEGABYTES):
         self._part, self._attacker, self._keep = part, attacker, keep

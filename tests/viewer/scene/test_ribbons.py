@@ -110,7 +110,7 @@ ROTATION = np.cross([0, 0, 1.0], COARSE.vertices[COARSE.faces].mean(axis=1))
 
 def lengths(velocity):
     """Of the arrows of a field, where the fast ones are to be 0.1 long."""
-    courses = overlays.arrow_courses(COARSE, velocity, 0.1, 0.5)
+    courses = overlays.arrow_courses(COARSE, velocity, (0.1, 0.5))
     return np.array([course.lengths[-1] for course in courses])
 
 
@@ -123,7 +123,7 @@ def test_faces_are_spread_and_the_largest_of_their_places():
 
 
 def test_arrows_go_with_the_field_and_stay_on_the_surface():
-    for course in overlays.arrow_courses(COARSE, ROTATION, 0.1, 0.5):
+    for course in overlays.arrow_courses(COARSE, ROTATION, (0.1, 0.5)):
         places = COARSE.length_scale * course.places
         assert np.linalg.norm(places, axis=1).max() <= 1 + 1e-9
         assert np.linalg.norm(places, axis=1).min() > 0.98
@@ -152,7 +152,7 @@ def test_a_field_that_moves_nothing_but_one_face_has_one_arrow_in_it():
 
 
 def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge():
-    courses = overlays.arrow_courses(COARSE, ROTATION, 0.1, 0.5)
+    courses = overlays.arrow_courses(COARSE, ROTATION, (0.1, 0.5))
     levels = np.linspace(-0.5, 0.5, 5)
     for vertices, faces in (
         overlays.arrow_ribbons(courses, 0.005),
