@@ -108,7 +108,6 @@ class Driver:
     # Frames
 
     def frames(self, count: int = 1) -> None:
-        """Draw frames, as fast as they come."""
         for _ in range(count):
             self.window.tick()
 
@@ -130,16 +129,13 @@ class Driver:
 
     @property
     def errors(self) -> dict[str, str]:
-        """Parts of the window that show an error now."""
         return dict(self.window.errors)
 
     def labels(self) -> list[str]:
-        """Return labels of all widgets that are drawn now, in their order."""
         self.frames(1)
         return list(dict.fromkeys(widget.label for widget in self.window.ui.widgets))
 
     def is_enabled(self, label: str, within: str = "") -> bool:
-        """Return whether a widget can be used."""
         return self.search.find(label, within, must_be_enabled=False).enabled
 
     def text_of(self, label: str, within: str = "", kind: WidgetKind | None = None) -> str:
@@ -165,7 +161,6 @@ class Driver:
         self._click(label, within, _CLICKABLE)
 
     def double_click(self, label: str, within: str = "") -> None:
-        """Click twice, quickly."""
         self._click(label, within, _CLICKABLE, count=2)
 
     def hover(self, label: str, within: str = "") -> None:
@@ -200,12 +195,10 @@ class Driver:
         self.input.drag(self.input.place, (x, y))
 
     def choose(self, label: str, choice: str, within: str = "") -> None:
-        """Choose one of a combo's words."""
         combo = self._click(label, within, ("combo",))
         self._click(choice, combo.name or combo.label, ("choice",))
 
     def check(self, label: str, on: bool = True, within: str = "") -> None:
-        """Tick a checkbox, or take the tick away."""
         widget = self.search.find(label, within, ("checkbox",))
         if (widget.text == "on") != on:
             self._click_on(widget)

@@ -65,7 +65,6 @@ class InputEvents:
         self.release(button)
 
     def wheel(self, amount: float) -> None:
-        """Turn the wheel, upwards if positive."""
         imgui.GetIO().AddMouseWheelEvent(0, amount)
         self._frames(2)
 
@@ -74,7 +73,6 @@ class InputEvents:
         self._frames(2)
 
     def hold(self, modifier: str, down: bool) -> None:
-        """Press or release ctrl, shift or alt."""
         for key in _MODIFIERS[modifier]:
             imgui.GetIO().AddKeyEvent(key, down)
         self._frames(1)

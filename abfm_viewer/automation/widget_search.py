@@ -72,7 +72,6 @@ class WidgetSearch:
         raise DriverError(f"{label!r} is there {len(usable)} times, in {sections}: {hint}")
 
     def _drawn(self, kind: WidgetKind | None = None) -> list[Widget]:
-        """Return the widgets, or those of a kind, in the latest frame."""
         widgets = self._window.ui.widgets
         return [widget for widget in widgets if kind in (None, widget.kind)]
 

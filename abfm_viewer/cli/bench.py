@@ -41,7 +41,6 @@ Examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
     add = adder(parser)
     add("--seconds", "time for each baseline (default: 60)", "S", type=positive, default=60.0)
     add("--viewer", "measure the window (off the screen where there is none)")
@@ -58,7 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure and print."""
     if find_spec("laboratory") is None:
         raise UsageError(
             "measurements are run from the repository, and this is an installation without it: "
@@ -110,7 +108,6 @@ def _meshes(
 
 
 def _part(text: str) -> tuple[int, int]:
-    """Return a part of a whole: ``1/2``."""
     k, slash, n = text.partition("/")
     if not (slash and count(k) <= count(n)):
         raise argparse.ArgumentTypeError(f"{text!r} is not a part such as 1/2")

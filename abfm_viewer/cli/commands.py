@@ -26,7 +26,6 @@ Try `abfm demo` first; then
 
 
 def run(words: list[str]) -> int:
-    """Run the command that the words ask for and return its exit status."""
     parser = Parser(prog="abfm", description=_DESCRIPTION)
     parser.add_argument("--version", action="version", version=f"abfm {version('abfm')}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)

@@ -34,7 +34,6 @@ SOURCE, TARGET = "gaussian:vertex=394,width=0.2", "gaussian:vertex=454,width=0.2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
     add = adder(parser)
     out = Path("out")
     add("--out", "folder, made if missing (default: out)", "DIR", type=Path, default=out)
@@ -43,7 +42,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Match, draw and judge."""
     outputs.make_folder(arguments.out)
     result, *drawings = (arguments.out / f"demo.{suffix}" for suffix in ("npz", "png", "mp4"))
     for path in (result, *drawings):

@@ -88,7 +88,6 @@ class Entry:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
     add = options.adder(parser)
     add("figure", f"number of the figure, 1 to {max(FIGURES)}, or all", "N|all")
     add("--out", "folder, made if missing", "DIR", type=Path, required=True)
@@ -100,7 +99,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compute, draw and write."""
     all_wanted = arguments.figure == "all"
     if not all_wanted and arguments.figure not in map(str, FIGURES):
         every = f"a number from {FIGURES[0]} to {FIGURES[-1]}, or all"
@@ -168,7 +166,6 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _described(entry: Entry) -> dict[str, Any]:
-    """Return what stands in a figure's JSON."""
     texts = {name: getattr(entry, name) for name in ("title", "claim", "setting", "problem")}
     measures = [measure.to_dict() for measure in entry.measures]
     return {"figure": entry.number, **texts, "notes": list(entry.notes), "measures": measures}
@@ -189,7 +186,6 @@ def _print(entry: Entry) -> None:
 
 
 def page(entries: Sequence[Entry]) -> str:
-    """Return the whole page as HTML."""
     links = "".join(
         f'<a href="#figure-{e.number}">Figure {e.number}: {escape(e.title)}</a>' for e in entries
     )

@@ -23,13 +23,11 @@ Example:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
     options.add_mesh(parser)
     options.adder(parser)("--json", "print one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the report."""
     try:
         mesh = load_mesh(arguments.mesh, largest_component=arguments.largest_component)
     except MeshError as error:

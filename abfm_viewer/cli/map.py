@@ -38,7 +38,6 @@ _TABLES = (".txt", ".csv", ".npy")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
     add = adder(parser)
     add("input", "what `abfm match` wrote", "RESULT.npz")
     add("--out", "a table: .txt, .csv or .npy", "FILE", type=Path)
@@ -61,7 +60,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compute, write and measure."""
     out, truth = arguments.out, arguments.truth
     if out is not None:
         outputs.check(out, _TABLES)

@@ -49,7 +49,6 @@ _TOGETHER = 0.1  # seconds: `timeout` and terminals may send a signal to a proce
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
     options.add_mesh(parser)
     add = options.adder(parser.add_argument_group("functions"))
     add("--source", "function to carry along the flow", "SPEC")
@@ -102,7 +101,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _channels(arguments: argparse.Namespace) -> tuple[list[str], list[str], list[float]]:
-    """Return the specs of sources and targets, and their weights."""
     if (arguments.source is None) != (arguments.target is None):
         raise UsageError("--source and --target need each other")
     first = [] if arguments.source is None else [(arguments.source, arguments.target, "1")]
@@ -145,8 +143,6 @@ def _start(mesh: TriangleMesh, path: str | None, parameters: Parameters) -> Floa
 
 @dataclass
 class Kept:
-    """The signal that came, if any."""
-
     number: int | None = None
 
 
@@ -175,8 +171,6 @@ def cancelled_by_signals(
 
 @dataclass(frozen=True)
 class Outcome:
-    """A match that was computed and written."""
-
     match: Match
     seconds: float
     outputs: Sequence[Path]
@@ -204,7 +198,6 @@ class Outcome:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the same and more for a program."""
         match = self.match
         energies = match.energy_history[-1].tolist()
         return {
@@ -225,7 +218,6 @@ class Outcome:
 
 
 def _known(value: float) -> float | None:
-    """Return a number for JSON, which has no NaN."""
     return None if math.isnan(value) else float(value)
 
 

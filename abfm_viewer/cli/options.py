@@ -24,7 +24,6 @@ class Parser(argparse.ArgumentParser):
         super().__init__(prog, description=description, **settings)
 
     def error(self, message: str) -> NoReturn:
-        """Refuse the command line."""
         raise UsageError(f"{message}; see {self.prog} --help")
 
     def parse_whole(self, words: list[str]) -> argparse.Namespace:
@@ -62,7 +61,6 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
 
 
 def parameters(arguments: argparse.Namespace) -> Parameters:
-    """Return the parameters that a command line asks for."""
     return Parameters(
         **{entry.name: getattr(arguments, entry.name) for entry in fields(Parameters)}
     )
@@ -99,7 +97,6 @@ def size(text: str) -> tuple[int, int]:
 def _within(
     kind: type[int] | type[float], least: float, most: float, expected: str, text: str
 ) -> float:
-    """Read a number between two, the ends included."""
     try:
         value = kind(text)
     except ValueError:

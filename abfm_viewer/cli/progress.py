@@ -65,7 +65,6 @@ def progress(iterations: int, quiet: bool) -> Iterator[Callable[[Iteration], Non
 
 @contextmanager
 def long_steps(quiet: bool) -> Iterator[None]:
-    """Say what takes seconds, with an estimate, when it begins."""
     with nullcontext() if quiet else telling(_print_long):
         yield
 
@@ -134,7 +133,6 @@ def _say(text: str) -> None:
 
 
 def _print_long(step: Step | None) -> None:
-    """Print a line for a step that is expected to take seconds, when it begins."""
     if step and step.done is None and (step.expected or 0) >= _LONG:
         _say(step.words())
 

@@ -45,7 +45,6 @@ _SECONDS, _FPS = 4.0, 30.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
     add = adder(parser)
     add("input", "what `abfm match` wrote, or the app saved", "RESULT.npz|PROJECT.abfm")
     add("--out", "the picture (.png) or movie (.mp4, .gif)", "FILE", type=Path, required=True)
@@ -85,7 +84,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draw and write."""
     out = arguments.out
     outputs.check(out, [".png", *_MOVIES])
     path, is_movie = Path(arguments.input), out.suffix in _MOVIES
@@ -131,7 +129,6 @@ def _objections(
 
 
 def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
-    """Return the document with the channel, the times and the streaks that were asked for."""
     if arguments.channel is not None:
         count = max(len(document.channels), 1)
         if not 0 <= arguments.channel < count:

@@ -93,11 +93,9 @@ class Dialogs:
         return bool(self._open)
 
     def is_asking(self, title: str) -> bool:
-        """Return whether a question of this title is to be answered."""
         return any(isinstance(one, Question) and one.title == title for one, _ in self._open)
 
     def open(self, title: str, suffixes: tuple[str, ...], on_path: Callable[[Path], None]) -> None:
-        """Let the user choose a file that exists."""
         self._choose(title, FileChoice(self._begin(), suffixes), on_path)
 
     def save(
@@ -138,7 +136,6 @@ class Dialogs:
             answered(answer)
 
     def _begin(self) -> Path:
-        """Return the last folder, if it is still there."""
         try:
             return self.folder.resolve(strict=True)
         except OSError:

@@ -18,8 +18,6 @@ _ROWS_AROUND = 200  # rows above and below the visible ones that are drawn too
 
 @dataclass(frozen=True)
 class Entry:
-    """A folder or file."""
-
     name: str
     is_folder: bool
 
@@ -137,7 +135,6 @@ class FileChoice:
         return None
 
     def confirm(self) -> Path | None:
-        """Take the typed or marked file, or go to the marked folder."""
         if self.saving and self.name.strip():
             return self._named()
         return self.go_or_take(self.selected) if self.selected else None
@@ -148,7 +145,6 @@ class FileChoice:
 
     @property
     def final_name(self) -> str:
-        """The typed name with its suffix."""
         name = self.name.strip()
         return name if not name or has_suffix(name, self.suffixes) else name + self.suffixes[0]
 
@@ -190,8 +186,6 @@ def _reason(error: Exception) -> str:
 
 @dataclass
 class FileDialog:
-    """Draws a choice of a file."""
-
     title: str
     choice: FileChoice
     _scroll_to: str = field(default="", init=False)

@@ -44,7 +44,6 @@ def make_folder(path: Path) -> None:
 
 
 def write(path: Path, match: abfm.Match) -> None:
-    """Write a match as the file's suffix, one of `WRITTEN`, says."""
     if path.suffix == ".npz":
         match.save(path)
     elif path.suffix == ".csv":
@@ -72,7 +71,6 @@ def write_all(paths: Sequence[Path], match: abfm.Match) -> None:
 
 
 def _kept_elsewhere(match: abfm.Match) -> str:
-    """Write a result where there is a place for it, and say where."""
     for folder in (Path.cwd, Path.home, tempfile.gettempdir):
         with suppress(ResultError, OSError, RuntimeError):
             place = Path(folder()) / f"abfm-{secrets.token_hex(4)}.npz"
@@ -82,6 +80,5 @@ def _kept_elsewhere(match: abfm.Match) -> str:
 
 
 def write_picture(path: Path, picture: Image.Image) -> None:
-    """Write a PNG file, whole or not at all."""
     with write_atomically(path) as temporary:
         picture.save(temporary)

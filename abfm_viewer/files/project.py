@@ -66,7 +66,6 @@ class Origin:
 
     @property
     def changed(self) -> bool:
-        """Return whether there is such a file now, and not as it was."""
         return self.exists and _state(self.path) != (self.modified, self.size)
 
 

@@ -37,7 +37,6 @@ class StateFolder:
         return found[:_MOST_RECENT]
 
     def add_recent(self, path: Path) -> None:
-        """Put a file first."""
         path = Path(os.path.abspath(path))
         kept = [path, *(known for known in self.recent() if known != path)]
         self._write("recent.json", [str(known) for known in kept[:_MOST_RECENT]])
@@ -51,7 +50,6 @@ class StateFolder:
         return found
 
     def set_preference(self, name: str, value: Any) -> None:
-        """Remember a value (JSON) for the next launch."""
         known = self.preferences()
         if name not in known or known[name] != value:
             self._write("preferences.json", known | {name: value})

@@ -29,8 +29,6 @@ _TEXT, _SMALLEST_TEXT, _WINDOW_TEXT = 1 / 42, 11.0, 16.0
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """What a picture has besides its surfaces."""
-
     transparent: bool = False  # no ground
     color_bar: bool = True  # unless the document's view hides it
     labels: bool = True  # the surfaces' names
@@ -131,7 +129,6 @@ class DocumentRenderer:
         session.update()
 
     def _error(self, time: float) -> float:
-        """The largest pointwise error at a time."""
         self._go_to(time)
         target, advected = self._session.values("target"), self._shown.flow.advected()
         return 0.0 if target is None or advected is None else float(np.abs(target - advected).max())
