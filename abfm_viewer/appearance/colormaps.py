@@ -13,16 +13,10 @@ from abfm.types import FloatArray
 
 NAMES = ("abfm sequential", "abfm diverging", "viridis", "magma", "coolwarm", "gray")
 _DARK = {name: f"{name} dark" for name in NAMES[:2]}
+# evenly spaced colours (101, 3) in linear light: a few stops in Oklab, joined by SciPy, which takes
+# longer to load than all of polyscope
 _ROWS = np.loadtxt(Path(__file__).with_name("colormaps.csv"), delimiter=",")
-_TABLES = {
-    name: _ROWS[:, 3 * number : 3 * number + 3]
-    for number, name in enumerate((*NAMES, *_DARK.values()))
-}
-"""Evenly spaced colours (101, 3) in linear light: a few stops in Oklab, joined by SciPy's
-`PchipInterpolator`.
-
-Written to a file because loading SciPy would take longer than all of polyscope.
-"""
+_TABLES = dict(zip((*NAMES, *_DARK.values()), np.split(_ROWS, 8, axis=1), strict=True))
 CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # in linear light
 DARK_CHECKER_COLORS = ((0.22, 0.23, 0.25), (0.03, 0.07, 0.20))
 

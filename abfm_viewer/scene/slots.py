@@ -86,11 +86,8 @@ def _grid(columns: int, count: int, rect: Rect, name_height: float) -> Iterator[
 
 @dataclass(frozen=True, eq=False)
 class SlotView:
-    """One look at surfaces in slots; places are pixels of the window, and points those of the
-    surface as it is drawn.
-
-    All surfaces are the same, in parallel projection, so that they look alike wherever they stand.
-    What the mouse does gives a view whose rotation, target and zoom are others.
+    """One look at surfaces in slots, all the same, in parallel projection; places are pixels of the
+    window, points those of the surface as it is drawn. What the mouse does gives another view.
     """
 
     slots: Slots
