@@ -104,7 +104,7 @@ class Problem:
             mesh=mesh,
             terms=(functions, *terms),
             parameters=parameters or Parameters(),
-            start=None if start is None else _checked_start(start, mesh),
+            start=_checked_start(start, mesh),
             functions=functions,
             channels_given=np.ndim(f) == 2,
         )
@@ -132,7 +132,7 @@ class Problem:
 
     def starting_from(self, start: ArrayLike | None) -> Problem:
         """Return the same problem with another start."""
-        return self._with(start=None if start is None else _checked_start(start, self.mesh))
+        return self._with(start=_checked_start(start, self.mesh))
 
     def with_parameters(self, parameters: Parameters) -> Problem:
         """Return the same problem with other parameters."""
@@ -218,12 +218,11 @@ def problem_of(
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
     functions = FunctionTerm(mesh.normalized(), source, target, arrays.get("mask"), weights)
     zero = np.zeros(len(mesh.vertices))
-    start = arrays.get("start")
     return Problem(mesh, zero, zero, parameters)._with(
         terms=(functions,),
         functions=functions,
         channels_given=bool(arrays["channels_given"]),
-        start=None if start is None else _checked_start(start, mesh),
+        start=_checked_start(arrays.get("start"), mesh),
     )
 
 
@@ -239,7 +238,9 @@ def check_fields(velocity: ArrayLike, shape: tuple[int, ...], name: str) -> Floa
     return field
 
 
-def _checked_start(start: ArrayLike, mesh: TriangleMesh) -> FloatArray:
+def _checked_start(start: ArrayLike | None, mesh: TriangleMesh) -> FloatArray | None:
+    if start is None:
+        return None
     fields = real_numbers(start, "start", ParameterError)
     count = max(len(fields), 1) if fields.ndim == 3 else 1
     return _read_only(check_fields(fields, (count, len(mesh.faces), 3), "start").copy())

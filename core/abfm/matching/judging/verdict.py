@@ -15,14 +15,9 @@ from abfm.types import FloatArray
 
 Kind = Literal["matched", "nearly", "not reached", "impossible"]
 
+# times a mismatch that flow lines leave at most if they confirm it: 0.1 of a match, 0.3 of a near
 CONFIRMED = 2.0
-"""Flow lines confirm a mismatch if they leave at most this many times as much: 0.1 of a match,
-0.3 of a near one.
-"""
-FOLDED = 0.1
-"""Share of folded faces beyond which the map of a flow is not to be trusted; an exact flow folds
-none.
-"""
+FOLDED = 0.1  # share of the faces beyond which a map is not to be trusted; an exact flow folds none
 # an energy still falls that has fallen by this share within so many iterations
 _RECENT, _FALLING = 10, 0.01
 _EARLY = (StopReason.ITERATION_LIMIT, StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)

@@ -6,15 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import FunctionError, ParameterError
+from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.solvability import range_bound
-from abfm.matching.solving.confirmation import by_flow_lines, is_walked
 from abfm.matching.solving.levels import on_the_mesh
 from abfm.matching.solving.record import Record, StopReason
 from abfm.matching.solving.schedule import MATCHED, Stage
@@ -33,6 +34,7 @@ _GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that
 _APART = 0.5  # mismatch by flow lines beyond which both have nothing to share
 _LEAST_SHARE = 0.3  # of the parameters' balance
 _BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
+_MOST_WALKS = 50_000  # vertices: finer meshes carry what is matched on them
 
 Point = TypeVar("Point")
 
@@ -44,6 +46,7 @@ class Progress:
     before: Stage | None = None  # the latest one that was minimised
 
 
+@dataclass(eq=False)
 class Incumbent:
     """What is known to be best while something is tried out, on the same level.
 
@@ -51,9 +54,9 @@ class Incumbent:
     trial has found if that leaves at most ``mismatch``: 0 where only its end is to be trusted.
     """
 
-    def __init__(self, descent: Descent, progress: Progress, mismatch: float = 0.0) -> None:
-        self.progress = progress
-        self._descent, self._mismatch = descent, mismatch
+    descent: Descent
+    progress: Progress  # may be replaced meanwhile
+    mismatch: float = 0.0
 
     def __enter__(self) -> Incumbent:
         return self
@@ -61,10 +64,10 @@ class Incumbent:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             return
-        descent = self._descent
+        descent = self.descent
         # the incumbent first: there may be no memory to compare
         tried, descent.progress = descent.progress, self.progress
-        if tried.best is not None and descent.mismatch_of(tried.best) <= self._mismatch:
+        if tried.best is not None and descent.mismatch_of(tried.best) <= self.mismatch:
             descent.progress = tried
 
 
@@ -271,3 +274,32 @@ def calmed(
         if found <= _WORSE * mismatch + _GROWN:  # false if not finite
             break
     return evaluate(np.zeros_like(x))[0] if calm is None else calm
+
+
+class Confirmation(NamedTuple):
+    """What flow lines say of fields; all inf for fields that are too fast."""
+
+    mismatch: float = np.inf  # over the norm of g
+    energy: float = np.inf  # with a sigma
+    left: float = np.inf  # the mismatch in the unit of sigma
+
+
+def is_walked(energy: MatchingEnergy) -> bool:
+    """Tell whether flow lines are asked: not on large meshes, nor for linearised steps."""
+    return len(energy.mesh.vertices) <= _MOST_WALKS and energy.parameters.method != "linearised"
+
+
+def by_flow_lines(energy: MatchingEnergy, x: FloatArray) -> FloatArray:
+    """Return the source (C, V) carried along the continuous fields; ParameterError if too fast."""
+    flow = ContinuousFlow(energy.mesh, to_ambient(energy.mesh, x), energy.parameters.tau)
+    return np.ascontiguousarray(flow.origins().pull_back(energy.terms.carried.T).T)
+
+
+def confirmation(energy: MatchingEnergy, found: Evaluation, sigma: float) -> Confirmation:
+    try:
+        carried = by_flow_lines(energy, found.x)
+    except ParameterError:
+        return Confirmation()
+    missed = energy.mismatch_energy(carried, sigma)
+    left = sigma * float(np.sqrt(2 * missed))
+    return Confirmation(energy.relative_mismatch(carried), found.regularity + missed, left)

@@ -7,6 +7,7 @@ clusters of their vertices (`abfm.flow.clusters`), then as it is.
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +39,7 @@ _LEAST = 2  # iterations that are always spent
 _INTERVAL = 0.05  # seconds between two tests of whether to go on waiting
 
 
+@dataclass(frozen=True, eq=False)
 class Transfer:
     """Between a coarse and a fine mesh of one surface, in the same units, by closest points.
 
@@ -45,8 +47,8 @@ class Transfer:
     continuous, read at the points closest to the vertices, and turned onto the faces between them.
     """
 
-    def __init__(self, coarse: TriangleMesh, fine: TriangleMesh) -> None:
-        self.coarse, self.fine = coarse, fine
+    coarse: TriangleMesh
+    fine: TriangleMesh
 
     def prepare(self) -> None:
         """Find all closest points now, which else are found when they are first needed."""
@@ -130,39 +132,36 @@ def turn_onto_faces(
     return out
 
 
+@dataclass(frozen=True, eq=False)
 class Level:
     """The energy on one mesh, and what brings to the next, unless this is the same, but cheaper."""
 
-    def __init__(
-        self,
-        energy: MatchingEnergy,
-        to_finer: Transfer | None = None,
-        cheaper: MatchingEnergy | None = None,
-    ) -> None:
-        self.energy, self._to_finer, self._cheaper = energy, to_finer, cheaper
+    energy: MatchingEnergy
+    to_finer: Transfer | None = None
+    cheaper: MatchingEnergy | None = None
 
     def fields_to_finer(self, x: FloatArray) -> FloatArray:
         """Return frame coefficients (N, F, 2) on the finer mesh; times mean the same there."""
-        if self._to_finer is None:
+        if self.to_finer is None:
             return x
         fields = to_ambient(self.energy.mesh, x) * self.energy.length_scale
-        return np.stack([self._to_finer.field_to_fine(field) for field in fields])
+        return np.stack([self.to_finer.field_to_fine(field) for field in fields])
 
     def fields_from_finer(self, fields: FloatArray) -> FloatArray:
         """Return frame coefficients (N, F, 2) of fields (N, F, 3) on the finer mesh of area 1."""
-        if self._to_finer is None:
+        if self.to_finer is None:
             return np.stack([to_frame(self.energy.mesh, field) for field in fields])
-        found = np.stack([self._to_finer.field_to_coarse(field) for field in fields])
+        found = np.stack([self.to_finer.field_to_coarse(field) for field in fields])
         return found / self.energy.length_scale
 
     def functions_to_finer(self, functions: FloatArray) -> FloatArray:
-        return functions if self._to_finer is None else self._to_finer.function_to_fine(functions)
+        return functions if self.to_finer is None else self.to_finer.function_to_fine(functions)
 
     def affordable(self, iterations: int, x: FloatArray) -> int:
         """Return how many iterations to spend: as many as cost what these do with clusters."""
-        if self._cheaper is None:
+        if self.cheaper is None:
             return iterations
-        share = _COST * (self._cheaper.flow(x).exponent / max(self.energy.flow(x).exponent, 1e-300))
+        share = _COST * (self.cheaper.flow(x).exponent / max(self.energy.flow(x).exponent, 1e-300))
         return max(_LEAST, int(iterations * min(1.0, share)))
 
 

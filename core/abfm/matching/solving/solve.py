@@ -12,11 +12,20 @@ import numpy as np
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import ParameterError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
-from abfm.matching.solving.confirmation import Confirmation, confirmation, is_resolved, is_walked
-from abfm.matching.solving.descent import Descent, Incumbent, Progress, calmed
+from abfm.matching.solvability import narrowest
+from abfm.matching.solving import schedule
+from abfm.matching.solving.descent import (
+    Confirmation,
+    Descent,
+    Incumbent,
+    Progress,
+    calmed,
+    confirmation,
+    is_walked,
+)
 from abfm.matching.solving.levels import levels
 from abfm.matching.solving.record import CallerError, Iteration, Record, StopReason
-from abfm.matching.solving.schedule import MATCHED, REACHED, Found, Stage, finish, gradual, search
+from abfm.matching.solving.schedule import MATCHED, NEARLY, REACHED, Found, Stage
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, checkpoint
 
@@ -27,6 +36,13 @@ _MORE = 0.2
 _UNSTABLE = 1e8
 # times the mismatch of no flow at all beyond which no search begins at a given start
 _ASTRAY = 3.0
+# edges that a function's features span at least where flow lines tell what cannot be matched: where
+# the mesh does not carry the functions, they leave much in any case
+_RESOLVED = 3.0
+_PAYING = 0.03  # of what flow lines leave: what a colder stage must gain
+# of the same: what a stage that matches may lose; and of an energy: what a gradual search may lose,
+# as what two searches come to is the least
+_ALIKE = 0.1
 
 Carried = tuple[FloatArray, FloatArray]  # fields (N, F, 2) on the mesh, what they carry (C, V)
 
@@ -117,7 +133,7 @@ class Solver:
             mismatch = coarsest.relative_mismatch(coarsest.advected(start))
             x = start if mismatch <= _ASTRAY * at_rest or not p.iterations else x
         best, least, kept = x, np.inf, descent.progress.best
-        for attempt in search(p, len(descent.levels), self._clustered):
+        for attempt in schedule.search(p, len(descent.levels), self._clustered):
             if len(self.record.history) > attempt.stages[0].until:
                 break
             descent.progress = Progress()
@@ -140,12 +156,12 @@ class Solver:
         """Return what was found, or what a gradual search finds if only this is confirmed."""
         descent, p = self._descent, self.energy.parameters
         coarsest = descent.levels[0].energy
-        stages = gradual(p, len(descent.levels), self._clustered)
+        stages = schedule.gradual(p, len(descent.levels), self._clustered)
         if not stages or len(self.record.history) > stages[0].until or not is_walked(coarsest):
             return usual
         sigma, progress = stages[-1].sigma, descent.progress
         confirmed = confirmation(coarsest, descent.at(stages[-1], usual.x), sigma)
-        if not confirmed.is_doubtful or not is_resolved(coarsest):
+        if confirmed.mismatch <= NEARLY or narrowest(coarsest.functions) < _RESOLVED:
             return usual
         descent.progress = Progress()
         found = np.zeros_like(usual.x)
@@ -153,11 +169,11 @@ class Solver:
             for stage in stages:
                 found = descent.minimise(stage, found).x
             smooth = confirmation(coarsest, descent.best, sigma)
-        if descent.mismatch > REACHED or not smooth.is_as_low(confirmed):
+        if descent.mismatch > REACHED or smooth.energy >= (1 + _ALIKE) * confirmed.energy:
             descent.progress = progress
             return usual
         self._alpha = stages[-1].alpha
-        if smooth.is_doubtful and p.sigma_unit == "relative":
+        if smooth.mismatch > NEARLY and p.sigma_unit == "relative":
             self.unmatched = smooth.left
         return descent.best
 
@@ -165,7 +181,7 @@ class Solver:
         """Come close on all meshes, or not on those between where the mesh itself is as close."""
         count = len(self._descent.levels)
         found = Found(warm, 0.0 if np.isnan(self.unmatched) else self.unmatched, self._alpha)
-        plan = finish(self.energy.parameters, count, found, self._clustered)
+        plan = schedule.finish(self.energy.parameters, count, found, self._clustered)
         top = count - 1 - self._clustered
         last = [stage for stage in plan if stage.level >= top]
         x = self._through([stage for stage in plan if stage.level == 0 < top], x)
@@ -205,7 +221,9 @@ class Solver:
             if is_walked(energy):
                 now = confirmation(energy, found, stage.sigma)
         matches = descent.mismatch <= descent.attainable(MATCHED)
-        if not is_closing or now.gains(before) or (matches and now.equals(before)):
+        gains = now.mismatch < (1 - _PAYING) * before.mismatch
+        alike = now.mismatch <= (1 + _ALIKE) * before.mismatch
+        if not is_closing or gains or (matches and alike):
             self._confirmed = now, descent.progress
         elif matches or is_end:
             descent.progress = progress

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -85,7 +86,7 @@ class DataTerms:
 
     def measure(self, parameters: Parameters, reach: float) -> Measure:
         """Make the sum of the terms' norms."""
-        return _Sum(self, [term.measure(parameters, reach) for term in self.terms])
+        return _Sum(self.split, [term.measure(parameters, reach) for term in self.terms])
 
     def split(self, functions: FloatArray) -> list[FloatArray]:
         """Return each term's own of functions (C, V)."""
@@ -93,23 +94,22 @@ class DataTerms:
         return np.split(functions, ends[:-1])
 
 
+@dataclass(frozen=True, eq=False)
 class _Sum:
-    def __init__(self, terms: DataTerms, measures: Sequence[Measure]) -> None:
-        self._split, self._measures = terms.split, measures
+    split: Callable[[FloatArray], list[FloatArray]]
+    measures: Sequence[Measure]
 
     def value_and_residual(
         self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
     ) -> tuple[float, FloatArray]:
-        offsets = [None] * len(self._measures) if offset is None else self._split(offset)
+        offsets = [None] * len(self.measures) if offset is None else self.split(offset)
         parts = [
             measure.value_and_residual(own, sigma, left)
-            for measure, own, left in zip(
-                self._measures, self._split(carried), offsets, strict=True
-            )
+            for measure, own, left in zip(self.measures, self.split(carried), offsets, strict=True)
         ]
         values, residuals = zip(*parts, strict=True)
         return float(sum(values)), np.concatenate(residuals)
 
     def value(self, carried: FloatArray, sigma: float) -> float:
-        pairs = zip(self._measures, self._split(carried), strict=True)
+        pairs = zip(self.measures, self.split(carried), strict=True)
         return sum(measure.value(own, sigma) for measure, own in pairs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -88,12 +89,13 @@ class FunctionTerm:
 
     def measure(self, parameters: Parameters, reach: float) -> Measure:
         """Make the norm of the parameters' beta, or the smoothed one of a reach."""
+        unit = self.function_size if parameters.sigma_unit == "relative" else 1.0
         if reach:
             apart = self.source - self.target
             smoothed = SmoothedNorm(self.mesh, self.areas, reach, apart, self.weights)
-            return _Mismatch(self, parameters, smoothed)
+            return _Mismatch(self, unit, smoothed)
         matrix = function_norm_matrix(self.mesh, parameters.beta, self.mask)
-        return _Mismatch(self, parameters, partial(kernels.product, matrix))
+        return _Mismatch(self, unit, partial(kernels.product, matrix))
 
     def relative_mismatch(self, carried: FloatArray) -> float:
         """Return ``||f_tau - g|| / ||g||`` over all channels (C, V), see `relative_size`."""
@@ -132,16 +134,16 @@ class FunctionTerm:
 
     def on(self, mesh: TriangleMesh) -> FunctionTerm:
         """Return the same functions on this mesh in other units, such as the fields' own."""
-        other = copy(self)
-        other.mesh, other.areas = mesh, vertex_areas(mesh)
-        if self.mask is not None:
-            other.areas = other.areas * self.mask
-        return other
+        return self._again(mesh, self.mask)
 
     def weighed(self, mask: FloatArray) -> FunctionTerm:
         """Return the same functions with another mask (V,), which may be 0 everywhere."""
+        return self._again(self.mesh, mask)
+
+    def _again(self, mesh: TriangleMesh, mask: FloatArray | None) -> FunctionTerm:
         other = copy(self)
-        other.mask, other.areas = mask, vertex_areas(self.mesh) * mask
+        areas = vertex_areas(mesh)
+        other.mesh, other.mask, other.areas = mesh, mask, areas if mask is None else areas * mask
         return other
 
     @property
@@ -198,26 +200,21 @@ class SmoothedNorm:
         return np.asarray(self._scale * self._areas * self._solve(self._areas * difference))
 
 
+@dataclass(frozen=True, eq=False)
 class _Mismatch:
     """``sum_c w_c <d_c, M d_c> / (2 sigma^2)`` with ``d = f_tau - g`` and sigma in its unit."""
 
-    def __init__(
-        self,
-        functions: FunctionTerm,
-        parameters: Parameters,
-        norm: Callable[[FloatArray], FloatArray],
-    ) -> None:
-        self._functions, self._norm = functions, norm
-        is_relative = parameters.sigma_unit == "relative"
-        self._unit = functions.function_size if is_relative else 1.0
+    functions: FunctionTerm
+    unit: float
+    norm: Callable[[FloatArray], FloatArray]  # by the matrix
 
     def value_and_residual(
         self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
     ) -> tuple[float, FloatArray]:
-        target = self._functions.target if offset is None else self._functions.target + offset
-        scale, residual, total = float(sigma * self._unit), np.empty_like(carried), 0.0
+        target = self.functions.target if offset is None else self.functions.target + offset
+        scale, residual, total = float(sigma * self.unit), np.empty_like(carried), 0.0
         try:
-            weights = [float(weight) / scale**2 for weight in self._functions.weights]
+            weights = [float(weight) / scale**2 for weight in self.functions.weights]
         except (OverflowError, ZeroDivisionError):
             raise FunctionError(
                 f"sigma in the functions' unit is {scale:.3g}, whose square over- or underflows; "
@@ -225,16 +222,16 @@ class _Mismatch:
             ) from None
         for c, weight in enumerate(weights):
             difference = carried[c] - target[c]
-            residual[c] = weight * self._norm(difference)
+            residual[c] = weight * self.norm(difference)
             total += 0.5 * kernels.inner(residual[c], difference)
         return total, residual
 
     def value(self, carried: FloatArray, sigma: float) -> float:
-        functions, total = self._functions, 0.0
+        functions, total = self.functions, 0.0
         for own, target, weight in zip(carried, functions.target, functions.weights, strict=True):
             difference = own - target
-            total += 0.5 * kernels.inner(float(weight) * self._norm(difference), difference)
-        return float(total / float(sigma * self._unit) ** 2)
+            total += 0.5 * kernels.inner(float(weight) * self.norm(difference), difference)
+        return float(total / float(sigma * self.unit) ** 2)
 
 
 def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:

@@ -11,9 +11,11 @@ import abfm.matching.solving.solve
 from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solving.confirmation import confirmation, is_resolved
+from abfm.matching.solvability import narrowest
+from abfm.matching.solving.descent import confirmation
 from abfm.matching.solving.schedule import gradual, search
 from abfm.matching.solving.solve import Solver
+from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import PAPER, Parameters
 from tests.core.fields import bump, wavy_field
 from tests.core.surfaces import renumbered
@@ -123,7 +125,7 @@ def test_the_verdict_tells_that_sigma_was_raised():
 
 def test_what_flow_lines_confirm_keeps_its_course(monkeypatch):
     found = abfm.match(SPHERE, *gaussians())
-    monkeypatch.setattr(abfm.matching.solving.solve, "gradual", lambda p, levels, clustered: [])
+    monkeypatch.setattr(abfm.matching.solving.schedule, "gradual", lambda p, levels, clustered: [])
     before = abfm.match(SPHERE, *gaussians())
     assert_array_equal(found.velocity, before.velocity)
     assert_array_equal(found.energy_history, before.energy_history)
@@ -131,8 +133,8 @@ def test_what_flow_lines_confirm_keeps_its_course(monkeypatch):
 
 def test_functions_that_the_mesh_does_not_resolve_are_not_judged():
     narrow, wide = (bump(SPHERE, [0, 0, 1], width) for width in (0.03, 0.3))
-    assert not is_resolved(MatchingEnergy(SPHERE, narrow, wide, Parameters()))
-    assert is_resolved(MatchingEnergy(SPHERE, wide, wide, Parameters()))
+    spans = [narrowest(FunctionTerm(SPHERE, f, wide)) for f in (narrow, wide)]
+    assert spans[0] < abfm.matching.solving.solve._RESOLVED < spans[1]
 
 
 def test_the_gradual_way_is_the_second_one_from_a_larger_sigma_on():

@@ -45,7 +45,7 @@ def test_what_was_prepared_is_what_a_match_uses(monkeypatch):
     found = made(mesh)
     assert [len(level.energy.mesh.vertices) for level in found] == [50, 200, 800]
     for level in found[:-1]:
-        kept = vars(level._to_finer).keys()
+        kept = vars(level.to_finer).keys()
         assert {"interpolation", "_covered", "_to_fine", "_to_coarse"} <= kept
 
 
