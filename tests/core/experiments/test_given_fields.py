@@ -54,15 +54,12 @@ def test_flow_lines_are_the_level_lines_of_the_stream_function():
     assert_allclose(carried(mesh, places, stream), np.stack([stream, stream]), atol=1e-9)
 
 
-def test_meshes_are_closed_and_even():
+def test_meshes_are_closed_and_even_and_one_with_nothing_inside_its_boundary_has_no_flow():
     body, eight = five_limbs(500), smoothed("eight.off", 1)
     assert (len(body.vertices), body.genus, body.is_closed) == (500, 0, True)
     assert (len(eight.faces), eight.genus, eight.is_closed) == (4 * 634, 2, True)
     lengths = np.linalg.norm(np.subtract(*body.vertices[body.edges.T]), axis=1)
     assert lengths.max() < 6 * lengths.min()
-
-
-def test_a_mesh_with_nothing_inside_its_boundary_has_no_flow():
     corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
     with pytest.raises(MeshError, match="no smooth field without divergence flows inside"):
         stream_field(TriangleMesh(corners, [[0, 1, 2], [0, 2, 3]]), {2: 1.0}, 0.1)
@@ -79,13 +76,11 @@ class TestFigure2:
         coarse, fine = (value for name, value in found.items() if "exact solution" in name)
         assert fine < coarse / 2.5
 
-    def test_without_motion_there_is_no_difference(self):
+    def test_without_motion_there_is_no_difference_and_other_meshes_may_have_a_boundary(self):
         mesh = torus(12, 8)
         flow = Flow(mesh, np.zeros((len(mesh.faces), 3)))
         still = differences(flow, function(mesh, "coordinate:x"), np.array([0.5, 1.0]))
         assert max(np.abs(still[what]).max() for what in (FUNCTION, MAP)) < 1e-12
-
-    def test_on_another_mesh_with_a_boundary(self):
         mesh = open_cylinder(24, 12)
         example, findings = run(2, mesh)
         assert example.problem.mesh is mesh
@@ -215,7 +210,7 @@ class TestFigure5:
         assert [panel.frame for panel in row] == ["field", "result"]
         assert all(isinstance(panel.paint, Streaks) for panel in row)
 
-    def test_setups_open_in_the_app(self):
+    def test_setups_open_in_the_app_and_a_mesh_without_room_for_a_field_is_refused(self):
         example, _ = ran(5)
         problem = example.problem
         assert example.flow.velocity.shape == (1, len(problem.mesh.faces), 3)
@@ -223,8 +218,6 @@ class TestFigure5:
         areas = op.vertex_areas(problem.mesh)  # the field has no divergence
         assert areas @ target == pytest.approx(areas @ source, rel=0.02)
         assert abs(target - source).max() > 0.5
-
-    def test_a_mesh_without_room_for_a_field_is_refused(self):
         with pytest.raises(MeshError):
             stated(5, SURFACES["triangle"])
         assert stated(5, tetrahedron()).flow is not None

@@ -99,26 +99,22 @@ class TestFigure7:
         assert turn < 0.5
         assert rise < 1.5
 
-    def test_a_straight_path_is_as_smooth_as_can_be(self):
+    def test_a_straight_path_is_as_smooth_as_can_be_and_a_kink_shows(self):
         path = np.array([self.x + t * (self.y - self.x) for t in np.linspace(0, 1, 6)])
         length, step, turn, rise = (m.value for m in smoothness(self.mesh, path, self.y))
         assert (length, step, rise) == pytest.approx((1, 1, 1))
         assert turn < 1e-12
-
-    def test_a_kink_shows(self):
         path = np.array([1, 2, 3, 2, 1])[:, None] * self.x  # turns round: a change of two steps
         turn = smoothness(self.mesh, path, self.x)[2]
         assert turn.value == pytest.approx(2)
         assert not turn.reproduces
 
-    def test_values_spread_alike_whatever_their_places(self):
+    def test_values_spread_alike_whatever_their_places_and_give_the_target_its_sign(self):
         mesh = ellipsoid(2, 1, 1, 1)
         x, y = function(mesh, "coordinate:x"), function(mesh, "coordinate:y")
         assert spread_gap(mesh, x, y) < 0.01
         # ties may sort otherwise
         assert spread_gap(mesh, x, x + 0.5) == pytest.approx(0.5, rel=1e-3)
-
-    def test_sign_of_the_target_is_the_one_whose_values_fit(self):
         mesh = ellipsoid(3, 1, 0.8, 0.6)
         problem = stated(7, mesh).problem
         source, target = problem.source[:, 0], problem.target[:, 0]
@@ -127,15 +123,13 @@ class TestFigure7:
 
 
 class TestFigure8:
-    def test_field_is_found(self):
+    def test_the_field_that_made_the_target_is_found_though_it_is_not_told(self):
         along, share, seen, whole, largest, mismatch, *witnesses = values(ran(8)[1]).values()
         assert along < 0.1
         assert 0.1 < share < 1
         assert seen < min(0.1, whole)
         assert max(largest, mismatch) < 0.02
         assert max(witnesses) < 0.1  # by flow lines, on the subdivided mesh; folded faces
-
-    def test_the_field_that_made_the_target_is_not_told(self):
         example = stated(8, torus(24, 12))
         assert np.abs(example.problem.target - example.problem.source).max() > 0.3
         assert example.flow is None
@@ -176,16 +170,13 @@ def found():
     return match(SPHERE, x, y, Parameters(iterations=3))
 
 
-def test_numbers_are_those_of_the_verification(found):
+def test_numbers_are_those_of_the_verification_and_what_overflows_is_told(found, monkeypatch):
     of = found.verify()
     measures, label, note = witnessed(found)
     assert [measure.value for measure in measures] == [of.flow_lines, of.subdivided, of.folded]
     assert f"{of.flow_lines:.2g} by flow lines" in label
     assert note == ""
-
-
-def test_what_overflows_is_told_and_no_number(found, monkeypatch):
-    of = replace(found.verify(), subdivided=np.inf)
+    of = replace(of, subdivided=np.inf)
     monkeypatch.setattr(Match, "verify", lambda self: of)
     measures, _, note = witnessed(found)
     assert [measure.value for measure in measures] == [of.flow_lines, of.folded]

@@ -64,12 +64,9 @@ def test_targets_are_smoother_than_the_start():
     assert (target < 0.8 * source).all()
 
 
-def test_without_a_flow_the_map_stays(poses):
+def test_coordinates_where_they_belong_are_the_identity_and_without_a_flow_maps_stay(poses):
     still = maps.followed(poses.start, np.zeros((2, len(poses.b.faces), 3)), 1.0)
     assert_allclose(still.positions, poses.start.positions, atol=1e-9)
-
-
-def test_coordinates_where_they_belong_are_the_identity_also_cut_off_alike(poses):
     found = maps.closest(poses, coordinates(poses.a))
     assert_allclose(found.positions, poses.a.vertices, atol=1e-9)
     found = maps.closest_cut_off(poses, cut_off(poses.a, len(poses.wanted)))
@@ -77,8 +74,10 @@ def test_coordinates_where_they_belong_are_the_identity_also_cut_off_alike(poses
     assert_allclose(found.distances, 0, atol=1e-9)
 
 
-def test_cut_off_coordinates_are_their_own_projection():
+def test_coordinates_have_no_unit_and_cut_off_they_are_their_own_projection():
     mesh = ellipsoid(3, 1, 1.2, 2)
+    moved = TriangleMesh(7 * mesh.vertices + [1, 2, 3], mesh.faces)
+    assert_allclose(coordinates(moved), coordinates(mesh), atol=1e-12)
     cut = cut_off(mesh, 20)
     whole = spectral_coefficients(mesh, coordinates(mesh), 20)
     assert_allclose(spectral_coefficients(mesh, cut, 20), whole, atol=1e-9)
@@ -170,12 +169,6 @@ def test_bending_keeps_lengths_along_the_middle():
     radius = 2 / (np.pi / 3)
     assert_allclose(after / before, 1, atol=0.05 / radius + 1e-3)
     assert np.ptp(curved.vertices[:, 2]) < np.ptp(tube.vertices[:, 2])
-
-
-def test_coordinates_have_no_unit():
-    mesh = ellipsoid(2, 1, 1.5, 2)
-    moved = TriangleMesh(7 * mesh.vertices + [1, 2, 3], mesh.faces)
-    assert_allclose(coordinates(moved), coordinates(mesh), atol=1e-12)
 
 
 def test_a_coarse_mesh_is_refused():

@@ -70,7 +70,7 @@ def test_a_mesh_without_symmetry_is_refused(figure, mesh):
         stated(figure, bundled(mesh))
 
 
-def test_geodesics_on_a_sphere_are_angles():
+def test_geodesics_on_a_sphere_are_angles_and_no_shorter_than_straight_lines():
     mesh = sphere(3)
     vertices, angles = np.array([0, 5, 7, 9]), np.array([0.0, 0.01, 0.5, 2.0])
     x = mesh.vertices[vertices]
@@ -79,9 +79,6 @@ def test_geodesics_on_a_sphere_are_angles():
     ends = np.cos(angles)[:, None] * x + np.sin(angles)[:, None] * across
     found = geodesics(mesh, vertices, project_onto_surface(mesh, ends))[0]
     assert_allclose(found * mesh.length_scale, angles, atol=0.02)
-
-
-def test_geodesics_are_no_shorter_than_straight_lines():
     mesh = ellipsoid(3, 1, 0.5, 0.3)
     vertices = np.arange(0, 200, 20)
     points = project_onto_surface(mesh, mesh.vertices[vertices + 13] * 1.01)
@@ -112,10 +109,6 @@ def test_all_edges_of_the_slab_are_creases():
     assert slab.length_scale**2 == pytest.approx(2 * (10 + 0) + 14 + 6)
 
 
-def test_a_smooth_mesh_is_turned_as_well():
-    assert "rotation by 180 degrees" in run(10, torus(24, 10))[1].setting
-
-
 def test_a_rotation_that_turns_a_flat_surface_over_goes_after_its_mirror():
     kite = TriangleMesh(
         [[0, 0, 0], [2, 1, 0], [5, 0, 0], [2, -1, 0], [2, 0, 0]],
@@ -127,6 +120,7 @@ def test_a_rotation_that_turns_a_flat_surface_over_goes_after_its_mirror():
     assert_allclose(np.abs(found.axis), [0, 1, 0], atol=1e-9)
 
 
-def test_a_mesh_without_inner_edges_has_no_creases():
+def test_a_smooth_mesh_is_turned_as_well_and_one_without_inner_edges_has_no_creases():
+    assert "rotation by 180 degrees" in run(10, torus(24, 10))[1].setting
     alone = TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     assert values(run(10, alone)[1])[f"edges with an {CREASES}"] == 0

@@ -61,7 +61,7 @@ def test_vtu_keeps_every_digit(tmp_path):
         assert_array_equal(arrays[name], wanted)
 
 
-def test_ply_keeps_every_digit(tmp_path):
+def test_ply_keeps_every_digit_and_without_data_is_a_plain_mesh(tmp_path):
     path = tmp_path / "a.ply"
     export_ply(path, MESH, {"f": F, "colours": COLOURS}, {"area": AREA, "velocity": VELOCITY})
     read = trimesh.load_mesh(path, process=False)
@@ -72,9 +72,6 @@ def test_ply_keeps_every_digit(tmp_path):
     assert_array_equal(columns(points, "colours", 4), COLOURS)
     assert_array_equal(cells["area"].ravel(), AREA)
     assert_array_equal(columns(cells, "velocity", 3), VELOCITY)
-
-
-def test_ply_without_data_is_a_plain_mesh(tmp_path):
     export_ply(tmp_path / "a.ply", tetrahedron(), {}, {})
     plain = (
         b"property double z\nelement face 4\nproperty list uchar int vertex_indices\nend_header\n"
@@ -97,14 +94,11 @@ def test_data_that_does_not_fit_is_refused(tmp_path, points, cells, words):
     for export, name in ((export_ply, "a.ply"), (export_vtu, "a.vtu")):
         with pytest.raises(ResultError, match=words):
             export(tmp_path / name, MESH, points, cells)
-    assert os.listdir(tmp_path) == []
-
-
-def test_names_of_the_format_are_refused(tmp_path):
     with pytest.raises(ResultError, match="cannot be named 'x'"):
         export_ply(tmp_path / "a.ply", MESH, {"x": F}, {})
     with pytest.raises(ResultError, match=r"must end in \.vtu"):
         export_vtu(tmp_path / "a.vtk", MESH, {}, {})
+    assert os.listdir(tmp_path) == []
 
 
 def test_energy_table(tmp_path):
