@@ -14,9 +14,7 @@ _LITTLE = 0.01  # of the values, as their range
 
 
 def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
-    """Check a function (V,) or (V, C), by vertices of the file or of the mesh, and return its
-    channels as rows (C, V).
-    """
+    """Check a function (V,) or (V, C), of the file or the mesh, and return its channels (C, V)."""
     array = real_numbers(values, name, FunctionError)
     if array.ndim not in (1, 2) or array.size == 0:
         raise FunctionError(
@@ -33,9 +31,7 @@ def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
 
 
 def constant_part(f: FloatArray) -> float:
-    """Return the middle of values (V,) that vary little around it, of others 0: without it, what is
-    computed to a fraction of the largest value is left with what varies.
-    """
+    """Return the middle of values (V,) that vary little around it, of others 0."""
     low, high = float(f.min()), float(f.max())
     middle = low / 2 + high / 2
     return middle if high - low < _LITTLE * abs(middle) else 0.0

@@ -18,18 +18,15 @@ BLOCKS = (32, 64, *range(128, 1025, 128))
 
 
 def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
-    """Compute the first k solutions of ``L phi = lambda M phi``, k at most 1024: eigenvalues (k,)
+    """Compute the first k (at most 1024) solutions of ``L phi = lambda M phi``: eigenvalues (k,)
     ascending, eigenfunctions (V, k), both read-only.
 
     L is the cotangent Laplacian (natural, that is Neumann, condition on a boundary), M the lumped
     mass. Eigenvalues are in 1/length^2 of the mesh's unit, eigenfunctions orthonormal in
-    ``sum_i M_ii phi_i psi_i``. The sign makes the integral of ``phi^3`` positive, which no motion,
-    scaling or renumbering changes; where that integral vanishes (by a symmetry), the first vertex
-    with at least half of the largest absolute value is positive.
-
+    ``sum_i M_ii phi_i psi_i``. The sign makes the integral of ``phi^3`` positive; where that
+    vanishes (by a symmetry), the first vertex with at least half of the largest absolute value.
     The same mesh gives the same bits whatever was computed before: pairs are computed, and cached,
     in blocks of 32, 64, 128, 256, 384, ... and k only cuts the smallest block that holds it.
-    Eigenspaces of several dimensions get an arbitrary basis, which may differ between blocks.
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])

@@ -25,8 +25,7 @@ def geodesic_distance(mesh: TriangleMesh, sources: ArrayLike) -> FloatArray:
     exactly 0 at the sources (n,), indices among the mesh's own vertices.
 
     Largest error on the unit sphere: 0.051 at 642 vertices, 0.029 at 2,562, 0.019 at 10,242. The
-    robust Laplacian is what keeps it right on uneven meshes: on a human with edge lengths from 1 to
-    73 it was off by 0.03 sqrt(area), plain cotangent weights by 0.73.
+    robust Laplacian keeps it right on uneven meshes.
 
     References
     ----------
@@ -60,12 +59,9 @@ def _heat_solver(mesh: TriangleMesh) -> Any:
 
 
 def path_length(mesh: TriangleMesh, first: int, last: int) -> float:
-    """Return the length of a straightened shortest edge path between two vertices.
-
-    It may miss the shortest one but is a geodesic: on two human meshes, of 1,229 and 12,272
-    vertices, to vertices up to 0.3 away the largest error was 0.009 and the mean one 0.001 and
-    0.0004. The heat method's mean error was 0.007, fast marching's 0.009. Sharp, Crane: You Can
-    Find Geodesic Paths in Triangle Meshes by Just Flipping Edges, ACM TOG 39(6), 2020.
+    """Return the length of a straightened shortest edge path between two vertices: a geodesic, on
+    two human meshes off by 0.001 on average. Sharp, Crane: You Can Find Geodesic Paths in Triangle
+    Meshes by Just Flipping Edges, ACM TOG 39(6), 2020.
     """
     try:
         path: FloatArray = _path_solver(mesh).find_geodesic_path(first, last)

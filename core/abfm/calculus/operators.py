@@ -97,8 +97,8 @@ def edge_lengths(mesh: TriangleMesh) -> FloatArray:
 def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
     """Return what a norm of fields is made of. Faces whose height is less than 1e-5 of their
     longest edge are stretched across it to that height, as in the mollification of Sharp and Crane
-    [2020]: the squares of thinner ones would be lost in the rounding of the norm's matrices, which
-    then are not definite. Without such faces every bit is the mesh's own.
+    [2020], so that the norm's matrices are definite; without such faces every bit is the mesh's
+    own.
     """
     areas, gradients = face_areas(mesh).copy(), hat_gradients(mesh).copy()
     steepest = (gradients**2).sum(axis=2).max(axis=1)  # one over the square of the height
@@ -188,9 +188,9 @@ def cotangent_laplacian(mesh: TriangleMesh) -> Matrix:
 
 
 def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, count: int) -> Matrix:
-    """Return ``sum_f w_f <grad phi_a, grad phi_b>`` of the hat functions with gradients (F, 3, 2).
-    Row and column of a corner are its owner (F, 3): its vertex, or, for a quarter of the form on
-    edge functions, the edge opposite to it.
+    """Return ``sum_f w_f <grad phi_a, grad phi_b>`` of hat functions with gradients (F, 3, 2), in
+    rows and columns by the corners' owners (F, 3): vertices, or, for a quarter of the form on edge
+    functions, edges.
     """
     entries = np.empty((len(owners), 3, 3))
     stiffnesses(gradients, weights, entries)
@@ -214,10 +214,9 @@ def hodge_gradients(mesh: TriangleMesh) -> tuple[Matrix, Matrix]:
 def hodge_laplacian(mesh: TriangleMesh) -> Matrix:
     """Return ``G_F Delta_H``: symmetric positive semidefinite mixed Hodge Laplacian, (2F, 2F).
 
-    ``v^T (G_F Delta_H) v`` is the squared norm of the divergence taken at edges plus that of the
-    curl taken at the vertices off the boundary. Taking both at vertices leaves half of all fields
-    in the kernel; taking both at edges gives a wrong spectrum. Boundary condition: ``v . n = 0``
-    and ``curl v = 0``.
+    Its form is the squared norm of the divergence taken at edges plus that of the curl taken at the
+    vertices off the boundary. Both at vertices leave half of all fields in the kernel; both at
+    edges give a wrong spectrum. Boundary condition: ``v . n = 0`` and ``curl v = 0``.
     """
     a, b = hodge_gradients(mesh)
     mass = field_mass(mesh)
@@ -238,9 +237,8 @@ def function_norm_matrix(
     mesh: TriangleMesh, beta: float, weight: ArrayLike | None = None
 ) -> Matrix:
     """Return ``G_V C_beta`` with ``C_beta = id - beta Delta_LB``, (V, V), symmetric positive
-    (semi)definite (section 3). Natural (Neumann) boundary condition. A non-negative weight ``w``
-    (V,) makes it ``int w (f^2 + beta |grad f|^2)``; a face has the least weight of its corners, so
-    that values where ``w`` is zero do not matter.
+    (semi)definite (section 3), or the form ``int w (f^2 + beta |grad f|^2)`` for a weight ``w``
+    (V,) that is not negative; a face has the least of its corners. Natural boundary condition.
     """
     areas, face_weight = vertex_areas(mesh), face_areas(mesh)
     if weight is not None:

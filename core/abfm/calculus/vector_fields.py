@@ -93,10 +93,9 @@ def face_directional_derivative(mesh: TriangleMesh, v: FloatArray) -> Matrix:
 def lie_bracket(mesh: TriangleMesh, v: FloatArray) -> Matrix:
     """Return ``ad_v u = [v, u]`` as an operator on fields, (2F, 2F), for ``v`` (F, 2) (Eq. 11).
 
-    Exactly antisymmetric, ``[v, u] = -[u, v]``; ``D_[v,u] = D_v D_u - D_u D_v`` (Eq. 10) and the
-    Jacobi identity hold in the limit of fine meshes. Eq. 11 acts on the components of fields in
-    space; here it is read in the face frames, which also drops the normal part that the printed
-    (3F, 3F) operator picks up from the turning of the tangent planes. No boundary condition.
+    Exactly antisymmetric; ``D_[v,u] = D_v D_u - D_u D_v`` (Eq. 10) and the Jacobi identity hold in
+    the limit of fine meshes. Eq. 11 acts on the components of fields in space; here it is read in
+    the face frames, which also drops the normal part that the printed (3F, 3F) operator picks up.
     """
     components, frames = to_ambient(mesh, v), face_frames(mesh)
     derivative = face_directional_derivative(mesh, v)
@@ -110,8 +109,7 @@ def lie_bracket(mesh: TriangleMesh, v: FloatArray) -> Matrix:
 
 def lie_bracket_of(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike) -> FloatArray:
     """Return the Lie bracket ``[v, u]`` of fields (F, 3), whose derivative is ``D_v D_u - D_u D_v``
-    (Eqs. 10 and 11), (F, 3). Zero where the two flows commute. On smoothly varying meshes the error
-    falls in proportion to the edge length.
+    (Eqs. 10 and 11), (F, 3). On smoothly varying meshes the error falls as the edge length.
     """
     first, second = _in_frames(mesh, v, u)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -144,13 +142,7 @@ def pushforward(mesh: TriangleMesh, v: ArrayLike, u: ArrayLike, t: float) -> Flo
     per unit of time, for a time of either sign: ``exp(-t ad_v) u``.
 
     Eq. 12 prints ``exp(t ad_v)``. With the bracket of Eq. 10 that is the pullback, which is the
-    pushforward for ``-t``: rotating a sphere, for example, must turn a field along, and only the
-    minus sign does. On smoothly varying meshes the error falls in proportion to the edge length.
-
-    Raises
-    ------
-    AdvectionError
-        If the time is not finite, the flow is too long, or the carried field overflows.
+    pushforward for ``-t``: rotating a sphere, for example, must turn a field along.
     """
     if not is_finite_number(t):
         raise AdvectionError(f"t is {brief(t)}; expected a finite time: shorten the time")
@@ -166,16 +158,9 @@ def helmholtz_hodge(mesh: TriangleMesh, v: ArrayLike) -> tuple[FloatArray, Float
 
     The three are orthogonal in L2 and sum to ``v``, both to rounding; a normal part is dropped. On
     a boundary the gradient takes all flux through it: the other two are tangent to the boundary.
-
-    Returns
-    -------
-    curl_free : (F, 3) array
-        Gradient, face by face, of an edge (Crouzeix-Raviart) function.
-    divergence_free : (F, 3) array
-        Gradient of a vertex function that vanishes on the boundary, turned by 90 degrees.
-    harmonic : (F, 3) array
-        The rest, without divergence and curl. Such fields have as many dimensions as the surface
-        has independent loops: none on a sphere or disc, ``2 genus`` on a closed surface.
+    They are the gradient, face by face, of an edge (Crouzeix-Raviart) function; that of a vertex
+    function that vanishes on the boundary, turned by 90 degrees; and the rest, of as many
+    dimensions as there are independent loops.
     """
     field = to_frame(mesh, check_field(mesh, v, "v")).ravel()
     gradient, rotated = (project(field) for project in _projections(mesh))
@@ -218,16 +203,12 @@ def commuting_fields(
     Minimises ``|div u|^2 + |curl u|^2 + weight |[v, u]|^2 / |v|^2`` (norms in L2, ``|v|`` the root
     mean square) over fields of unit norm that are orthogonal in L2 to ``v``, which commutes with
     itself, and to each other; boundary condition of `hodge_laplacian`. Where ``v`` has a first
-    integral ``f`` (its stream function if ``v`` has no divergence), all products of ``v`` with
-    functions of ``f`` commute with it and are found too.
-
-    On a mesh no other field commutes exactly, so a weight takes the place of the constraint. It
-    grows as the edges shrink, and the bracket vanishes in the limit: in proportion to the edge
-    length on smoothly varying meshes.
+    integral ``f``, all products of ``v`` with functions of ``f`` commute with it and are found too.
+    On a mesh no other field commutes exactly, so a weight takes the place of the constraint; the
+    bracket vanishes in proportion to the edge length on smoothly varying meshes.
 
     Parameters
     ----------
-    mesh : TriangleMesh
     v : (F, 3) array
         Tangent vectors, in any unit; a normal part is dropped.
     weight : float, optional

@@ -2,12 +2,10 @@
 edges: a witness for the maps that advection gives.
 
 Each vertex gets a vector: the faces around it are unrolled into the plane, with angles scaled to a
-full turn as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013, so that creases do
-not matter, and a linear function is fitted to their vectors at their centres. Inside a face the
-vectors of its corners are interpolated. Points have no dispersion, as advection on vertices has:
-each follows that field by the midpoint rule, in steps that are a part of a face long, straight over
-the edges; from a vertex it begins in the face that the field leads into, whatever its number. On
-smooth fields the error falls with the square of the edge length.
+full turn as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013, and a linear
+function is fitted to their vectors at their centres; inside a face these are interpolated. Points
+follow the field by the midpoint rule, straight over the edges; from a vertex they begin in the face
+that the field leads into. On smooth fields the error falls with the square of the edge length.
 """
 
 import math
@@ -27,10 +25,8 @@ from abfm.numerics.real_numbers import is_finite_number
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
-STEP = 0.5
-"""Of a walk, at most, in square roots of the area of the face where it begins."""
-STEP_LIMIT = 100_000
-"""Steps of one point along one field; it then stays where it is."""
+STEP = 0.5  # of a walk, at most, in square roots of the area of the face where it begins
+STEP_LIMIT = 100_000  # steps of one point along one field; it then stays where it is
 _MEAN_LIMIT = 10_000  # steps of a point on average over the surface
 _STILL = 1e-12  # a part of the face so short is no way
 # of the way to a face's centre: at a vertex rounding would choose the side on which to pass it
@@ -38,30 +34,21 @@ _INWARD = 1e-10
 _CHUNK = 4096  # points between checkpoints: 0.2 s where they go over a hundred faces each
 _CROSSINGS = 64  # edges that a step may meet before the walk counts as caught at a vertex
 _RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
-# part of a way's squared length that is left: less where it slid along the boundary
-_STRAIGHT = 1 - 1e-9
-
+_STRAIGHT = 1 - 1e-9  # of a way's squared length: less is left where it slid along the boundary
 Face: TypeAlias = int | np.int64
 
 
 class ContinuousFlow:
     """The flow of a field made continuous, or of N fields in a row, each for ``tau / N``.
 
-    A point that comes to the boundary goes on along it with the part of the field that leads along
-    it; where none does it rests.
+    At the boundary a point goes on along it with the part of the field that leads along it.
 
     Parameters
     ----------
-    mesh : TriangleMesh
     velocity : (F, 3) or (N, F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped.
     tau : float
         End time, positive or 0.
-
-    Raises
-    ------
-    ParameterError
-        If something does not fit, or the walks would take very long.
     """
 
     def __init__(self, mesh: TriangleMesh, velocity: ArrayLike, tau: float) -> None:
@@ -156,10 +143,14 @@ def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> Smo
     flat, gradients = _flat_faces(mesh, unit), hat_gradients(mesh) * unit
     vectors = corner_vectors(mesh, field, unit)
     slopes = np.einsum("fc,fck->fk", vectors, gradients)
+    starts, ends = (np.roll(flat.corners, turn, axis=1) for turn in (-1, -2))  # of the edges
+    turns = (starts.ravel()[flat.neighbours] - ends.ravel()[flat.neighbours]) / (ends - starts)
+    turns /= np.abs(turns)
+    shifts = ends.ravel()[flat.neighbours] - turns * starts
     return SmoothFlow(
         _pairs(np.concatenate([vectors[:, :1], slopes], axis=1)),
         gradients,
-        _unfolding(flat.corners, flat.neighbours),
+        np.concatenate([_pairs(turns), _pairs(shifts)], axis=2),
         flat.neighbours,
     )
 
@@ -190,15 +181,6 @@ def _flat_faces(mesh: TriangleMesh, unit: float = 1.0) -> FlatFaces:
     places = mesh.vertices[mesh.faces]
     corners = np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh))
     return FlatFaces(_complex(corners) / unit, face_areas(mesh), opposite_slots(mesh))
-
-
-def _unfolding(corners: IndexArray, neighbours: IndexArray) -> FloatArray:
-    """Return the rigid motions that lay each face's frame beside that of its neighbour."""
-    starts, ends = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1)  # of the edges
-    turns = (starts.ravel()[neighbours] - ends.ravel()[neighbours]) / (ends - starts)
-    turns /= np.abs(turns)
-    shifts = ends.ravel()[neighbours] - turns * starts
-    return np.concatenate([_pairs(turns), _pairs(shifts)], axis=2)
 
 
 def _pairs(numbers: IndexArray) -> FloatArray:
@@ -315,9 +297,8 @@ def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walk
     """Apply the midpoint rule: ``step`` times the field halfway along a walker's way, which is
     ``step`` times that at its start, becomes its way, seen from where it is.
 
-    The two are compared in one frame because a walk carries its way over every edge into the next
-    face's plane. Behind a boundary halfway, unless the way is to ``slide`` along it, the face is -1
-    and the way stays.
+    The two are compared in one frame because a walk carries its way over every edge. Behind a
+    boundary halfway, unless it may ``slide``, the face is -1 and the way stays.
     """
     f, x, y, u, v = walker
     g, a, b, p, q = walk_straight(flow, Walker(f, x, y, u / 2, v / 2), slide)
@@ -373,10 +354,9 @@ def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walk
 def carry(
     flow: SmoothFlow, sizes: FloatArray, duration: float, faces: IndexArray, places: FloatArray
 ) -> None:
-    """Move points, by faces (P,) and places (P, 2) in their frames, for a time of either sign.
-
-    A step is also short against the time in which the field changes by as much as it is, so that
-    points near its zeros do not jump. ``sizes`` (F,) are the square roots of the faces' areas.
+    """Move points, by faces (P,) and places (P, 2) in their frames, for a time of either sign. A
+    step is also short against the time in which the field changes by as much as it is, so that
+    points near its zeros do not jump.
     """
     for i in range(faces.size):
         f, x, y = faces[i], places[i, 0], places[i, 1]

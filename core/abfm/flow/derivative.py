@@ -131,7 +131,15 @@ def _pattern(
     rank = place[clusters]
     groups = -(-(np.bincount(edges.ravel(), minlength=count)[np.argsort(place)] + 1) // GROUP)
     indptr = np.concatenate([[0], np.cumsum(groups)])
-    columns, slots = _entries(place[edges], indptr)
+    # for edges one way, then the other, then the diagonal: columns, and where they lie in groups
+    ends, diagonal = place[edges], np.arange(count)
+    rows, columns = (np.concatenate([ends[:, k], ends[:, 1 - k], diagonal]) for k in (0, 1))
+    numbers = np.arange(len(rows))
+    matrix = sparse.csr_array((numbers, (rows, columns)), shape=(count, count))
+    matrix.sort_indices()
+    starts = GROUP * indptr[:-1] - matrix.indptr[:-1]
+    slots = np.empty_like(numbers)
+    slots[matrix.data] = numbers + np.repeat(starts, np.diff(matrix.indptr))
     small = np.uint32 if GROUP * indptr[-1] < 2**32 else np.uint64
     indices = np.repeat(np.arange(count, dtype=small), GROUP * groups)
     indices[slots] = columns
@@ -159,22 +167,6 @@ def _pattern(
         transpose=transpose,
         assembly=Assembly(mesh.faces.astype(small), positions, slopes, 1 / totals),
     )
-
-
-def _entries(edges: IndexArray, indptr: IndexArray) -> tuple[IndexArray, IndexArray]:
-    """Return the columns of entries, for edges (E, 2) one way, then the other, then the diagonal,
-    (2E + count,), and where these lie in groups.
-    """
-    count = len(indptr) - 1
-    diagonal = np.arange(count)
-    rows, columns = (np.concatenate([edges[:, k], edges[:, 1 - k], diagonal]) for k in (0, 1))
-    numbers = np.arange(len(rows))
-    matrix = sparse.csr_array((numbers, (rows, columns)), shape=(count, count))
-    matrix.sort_indices()
-    starts = GROUP * indptr[:-1] - matrix.indptr[:-1]
-    slots = np.empty_like(numbers)
-    slots[matrix.data] = numbers + np.repeat(starts, np.diff(matrix.indptr))
-    return columns, slots
 
 
 def _blocks(indptr: IndexArray, indices: IndexArray) -> IndexArray:

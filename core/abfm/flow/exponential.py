@@ -26,8 +26,7 @@ from abfm.flow.derivative import GROUP, ONE, DerivativePattern, dot, gathered, p
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray
 
-TOLERANCE = 1e-10
-"""Truncation of the series where nothing else is asked for."""
+TOLERANCE = 1e-10  # of the series where nothing else is asked for
 # terms this much larger than the function lose five digits: split the time instead
 _GROWTH_LIMIT = 1e5
 _PRODUCT_LIMIT = 1e6
@@ -51,7 +50,7 @@ _open_counts: list[RowProducts] = []
 @contextmanager
 def counted_row_products() -> Iterator[RowProducts]:
     """Count what all series and adjoints in the process cost inside the block, on any machine: V
-    for each of their terms on V vertices, and nothing where they overflow.
+    for each of their terms on V vertices.
     """
     products = RowProducts()
     _open_counts.append(products)
@@ -69,8 +68,7 @@ def _count(terms: int, size: int) -> None:
 
 class Workspace:
     """Memory for the terms of series with ``size`` rows, kept between evaluations: about 560 MB,
-    and as much for scratch where it is full; beyond a million vertices one short series takes more.
-    The array is larger, but touched only as far as used.
+    touched as far as used, and as much for scratch where it is full.
     """
 
     def __init__(self, size: int) -> None:

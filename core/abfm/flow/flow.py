@@ -99,7 +99,7 @@ class Flow:
         return PointMap.project(self.mesh, self.mesh, self.push(self.mesh.vertices, t))
 
     def distortion(self, t: float | None = None) -> Distortion:
-        """Measure the distortion of the map of each vertex to where it is at time ``t``, or tau."""
+        """Measure the map of each vertex to where it is at time ``t`` (tau by default)."""
         return self.point_map(-(self.tau if t is None else t)).distortion()
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:

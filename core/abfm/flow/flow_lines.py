@@ -4,8 +4,7 @@ exactly, from edge to edge.
 A walker is a face and barycentric weights; ``where`` holds the face and the corner opposite the
 edge that the walker slides along (-1 inside the face). Where two faces push into their common edge
 the walker follows Filippov's solution: the mean of the two vectors that lies along the edge. At a
-vertex it takes the fastest of the faces that lead away and of the edges to slide along: what
-numbers vertices and faces have makes no difference.
+vertex it takes the fastest of the faces that lead away and of the edges to slide along.
 """
 
 from dataclasses import dataclass
@@ -24,10 +23,8 @@ from abfm.numerics.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray, IndexArray, IntArray
 
 Ending = Literal["time", "boundary", "stagnation", "step limit"]
-STEP_LIMIT = 100_000
-"""Edges and vertices that a path may meet."""
-AT_VERTEX = 1.0 - 1e-12
-"""A walker with so much weight on one corner is at the vertex."""
+STEP_LIMIT = 100_000  # edges and vertices that a path may meet
+AT_VERTEX = 1.0 - 1e-12  # of the weights: a walker with so much on one corner is at the vertex
 _FASTEST = 1e150  # faces per unit of time: products of two still are numbers
 GOING, BOUNDARY, STAGNATION = 0, 1, 2
 _ENDINGS: tuple[Ending, ...] = ("step limit", "boundary", "stagnation")
@@ -224,26 +221,11 @@ def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) 
 
 
 @kernel
-def motion(flow: FaceFlow, where: IndexArray, rates: FloatArray) -> bool:
-    """Write how fast the walker's weights grow into ``rates`` (3,); says whether it moves."""
-    f, c = where[0], where[1]
-    if c < 0:
-        for i in range(3):
-            rates[i] = flow.rates[f, i]
-        return bool(rates[0] != 0.0 or rates[1] != 0.0 or rates[2] != 0.0)
-    speed = sliding_speed(flow, f, c)
-    rates[c] = 0.0
-    rates[(c + 1) % 3] = -speed
-    rates[(c + 2) % 3] = speed
-    return speed != 0.0
-
-
-@kernel
 def advance(
     flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float
 ) -> tuple[float, int]:
-    """Walk on, with the rates of `motion`, for a time, at most to the next edge or vertex; returns
-    the time that it took, and whether the way goes on.
+    """Walk on, as weights grow at some rates, for a time, at most to the next edge or vertex;
+    returns the time that it took, and whether the way goes on.
     """
     leave, used = -1, time
     for i in range(3):
@@ -278,7 +260,12 @@ def trace(
     rates = np.empty(3)
     status = GOING
     while status == GOING and now < end and count < path.times.size:
-        if not motion(flow, where, rates):
+        rates[:] = flow.rates[where[0]]
+        if where[1] >= 0:
+            speed = sliding_speed(flow, where[0], where[1])
+            rates[where[1]] = 0.0
+            rates[(where[1] + 1) % 3], rates[(where[1] + 2) % 3] = -speed, speed
+        if rates[0] == 0.0 and rates[1] == 0.0 and rates[2] == 0.0:
             return count, STAGNATION
         used, status = advance(flow, where, b, rates, end - now)
         now = end if used >= end - now else now + used

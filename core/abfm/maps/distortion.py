@@ -1,10 +1,4 @@
-"""What maps do to lengths, areas, angles and sides of faces, and which part they turn over.
-
-Where a map stretches a face to a long sliver on a curved surface, or shears it far, the flat
-triangle of its mapped vertices looks against the surface although the map does not turn over
-anywhere: with smooth flows that match two functions, several percent of the faces. So `folds` looks
-at those more closely, in 64 parts.
-"""
+"""What maps do to lengths, areas, angles and sides of faces, and which part they turn over."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,8 +12,7 @@ from abfm.maps.surface_points import SurfacePoints, finite_points, project_onto_
 from abfm.mesh import TriangleMesh
 from abfm.types import BoolArray, FloatArray, IntArray
 
-MOST = 2048
-"""Faces that are looked at closely, unless said."""
+MOST = 2048  # faces that are looked at closely, unless said
 _PARTS = 8  # along each side
 _INSIDE = 1e-6  # of the way to the centre, so that no point lies on two faces
 _FLAT = 1e-12  # of its size before: a part that has less area now has collapsed, not turned over
@@ -41,13 +34,10 @@ def distortion(
     mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMesh | None = None
 ) -> Distortion:
     """Measure the map that is linear on faces and takes each vertex to its position (V, 3) on a
-    surface, by default the mesh itself.
-
-    The Jacobian of a face, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners, has
-    the singular values ``s_1 >= s_2``. A face counts as flipped where its mapped normal makes an
-    obtuse angle with the surface's normal at the point closest to its mapped centroid; a collapsed
-    face does not count. For flow maps the error is of first order in the edge length, that of the
-    map itself of second.
+    surface, by default the mesh itself: by the singular values ``s_1 >= s_2`` of each face's
+    Jacobian, ``J = sum_i x_i (grad phi_i)^T`` with ``x_i`` the mapped corners. A face is flipped
+    where its mapped normal makes an obtuse angle with the surface's normal at the point closest to
+    its mapped centroid. For flow maps the error is of first order in the edge length.
     """
     mapped = finite_points(mapped_positions)
     if len(mapped) != len(mesh.vertices):
@@ -81,10 +71,10 @@ def folds(
     """Return the shares of some faces (S,), by number, that a map folds, and that its mapped
     vertices alone, ``corners`` (S, 3, 3), turn over.
 
-    A face is folded where its mapped vertices turn it over and so do more than half of its 64
-    parts, each mapped by itself and compared with the surface where it lands. Where a map stretches
-    faces so far that even parts reach around the surface this still says too much, never too
-    little. Of more than ``most`` faces to cut, evenly chosen ones stand for all.
+    Smooth flows that stretch faces to slivers seem to turn several percent of them over. So a face
+    is folded where more than half of its 64 parts, each mapped by itself, are turned over, too.
+    Where even parts reach around the surface this still says too much, never too little. Of more
+    than ``most`` faces to cut, evenly chosen ones stand for all.
     """
     overturned = faces[turned_over(mesh, corners)]
     if not len(overturned):

@@ -1,10 +1,8 @@
-"""Functional maps: maps between surfaces as small matrices in eigenbases, and the way back to
-points [OBC*12].
+"""Functional maps: maps between surfaces as small matrices in eigenbases, and back [OBC*12].
 
 A point map takes each vertex of one surface, here the target, to a point of another, the source;
-composing with it carries functions from source to target. In the first eigenfunctions of both, that
-is a matrix ``C`` (k_target, k_source). Bases are those of the surfaces scaled to unit area, so that
-``C`` has no unit and keeps the constant.
+composing with it carries functions from source to target. In the first eigenfunctions of both, on
+the surfaces scaled to unit area, that is a matrix ``C`` (k_target, k_source).
 
 References
 ----------
@@ -58,11 +56,10 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Point
     every one of the target: where delta functions of the source arrive [OBC*12, 6.1].
 
     The delta function at a vertex of the source has its row of ``Phi_source`` as coefficients, and
-    ``C`` makes of it that row of ``Phi_source C^T``. Each vertex of the target goes to the vertex
-    of the source whose carried delta function is nearest to its own, a row of ``Phi_target``.
-    Looking up rows of ``Phi_target C`` among those of ``Phi_source`` instead would carry the
-    target's delta functions back by the adjoint of ``C``, which is its inverse only where ``C`` is
-    orthogonal. Nothing makes that map continuous.
+    ``C`` makes of it that row of ``Phi_source C^T``; each vertex of the target goes to that whose
+    carried delta function is nearest to its own row of ``Phi_target``. Looking up rows of
+    ``Phi_target C`` among those of ``Phi_source`` instead would carry back by the adjoint of ``C``,
+    which is its inverse only where ``C`` is orthogonal.
     """
     matrix = _check(C)
     nearest = _nearest(matrix, _basis(source, matrix.shape[1]), _basis(target, matrix.shape[0]))
@@ -72,11 +69,8 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Point
 def zoom_out(
     source: TriangleMesh, target: TriangleMesh, C: ArrayLike, k: int, step: int = 1
 ) -> FloatArray:
-    """Refine a functional map (k_target, k_source) to k eigenfunctions, (k, k), by going to points
-    and back, each time with ``step`` more [MRR*19].
-
-    Points are found as by `point_map`: by the adjoint, errors of the start would stay. All steps
-    take heads of one basis of k eigenfunctions.
+    """Refine a functional map (k_target, k_source) to k eigenfunctions, (k, k), by going to points,
+    as by `point_map`, and back, each time with ``step`` more [MRR*19].
     """
     matrix = _check(C)
     if not max(matrix.shape) <= k:
@@ -99,10 +93,8 @@ def _basis(mesh: TriangleMesh, k: int) -> FloatArray:
 
 
 def _nearest(C: FloatArray, source: FloatArray, target: FloatArray) -> IntArray:
-    """Find, for each vertex of the target, that of the source whose delta function arrives nearest.
-
-    All pairs by matrix products: in so many dimensions a tree looks at nearly all of them, too, and
-    took 20 times as long where maps are far from isometric.
+    """Find, for each vertex of the target, that of the source whose delta function arrives nearest,
+    by matrix products: 20 times as fast as a tree where maps are far from isometric.
     """
     arrived = C @ source.T
     sizes = (arrived**2).sum(axis=0)

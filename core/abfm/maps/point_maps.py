@@ -22,7 +22,6 @@ class PointMap:
 
     Attributes
     ----------
-    domain, codomain : TriangleMesh
     faces : (V,) array of int
         The face of the codomain that holds the image of each of the domain's V vertices.
     barycentric : (V, 3) array

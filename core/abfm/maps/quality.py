@@ -1,9 +1,5 @@
 """How good a map is: geodesic errors against a known one; or how far its points came from the
 surface, and how many faces it folds.
-
-A flow takes a surface to itself and folds nothing. The coordinates that the discrete flow carries
-leave the surface and fold it where triangles are too coarse for the field, and a match of functions
-does not notice.
 """
 
 from dataclasses import dataclass
@@ -18,21 +14,12 @@ from abfm.maps.surface_points import vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
-BOUNDS = (0.05, 0.1, 0.25)
-"""Errors whose shares a report gives, in units of sqrt(area)."""
-LARGEST_DISTANCE, RMS_DISTANCE = 0.1, 0.02
-"""Distances from the surface, in sqrt(area), beyond which a map is warned of.
-
-Of 30 flows of known smooth fields on five surfaces every one with a largest distance beyond the
-first had points more than 0.16 from the ends of exact flow lines; every one with an RMS beyond the
-second was wrong by 0.03 on average.
-"""
-FOLDED = 0.1
-"""Share of folded faces beyond which a map is warned of.
-
-Of the same flows those within all three bounds were wrong by at most 0.022 on average, the others
-by up to 0.13.
-"""
+BOUNDS = (0.05, 0.1, 0.25)  # errors whose shares a report gives, in sqrt(area)
+# A map is warned of beyond distances from the surface, in sqrt(area), or a share of folded faces.
+# Of 30 flows of known smooth fields on five surfaces every one beyond the first had points more
+# than 0.16 from the ends of exact flow lines; every one beyond the second was wrong by 0.03 on
+# average; those within all three by at most 0.022, the others by up to 0.13.
+LARGEST_DISTANCE, RMS_DISTANCE, FOLDED = 0.1, 0.02, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,15 +58,9 @@ class MapAccuracy:
 
 
 def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
-    """Measure a map against a known one, by `path_length`.
-
-    Parameters
-    ----------
-    truth : (V,) array of int, optional
-        The vertex of its codomain where each should go; by default the one with the same number.
-    most : int
-        Of more vertices than this, so many drawn at random (always the same ones) are measured: on
-        12,000 vertices each takes about 10 ms.
+    """Measure a map against a known one (V,), by default each vertex to the one with its number, by
+    `path_length`. Of more vertices than ``most``, so many drawn at random (always the same ones)
+    are measured: on 12,000 vertices each takes about 10 ms.
     """
     count, mesh = len(points.faces), points.codomain
     expected = np.arange(len(mesh.vertices)) if truth is None else np.asarray(truth)
@@ -100,9 +81,9 @@ def map_accuracy(points: PointMap, truth: ArrayLike | None = None, most: int = 1
 
 
 def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArray) -> float:
-    """Return the distance along the surface from a vertex to a point in a face. It is convex in
-    flat places, so its linear interpolation between the corners is never too short, and neither is
-    a way over a corner: the smaller of both.
+    """Return the distance along the surface from a vertex to a point in a face: the smaller of a
+    linear interpolation between corners, which in flat places is never too short, and a way over
+    one.
     """
     corners = mesh.faces[face]
     place = barycentric @ mesh.vertices[corners]

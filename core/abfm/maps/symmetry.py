@@ -45,12 +45,11 @@ class Symmetry:
     error: float
 
     def carry(self, points: FloatArray) -> FloatArray:
-        """Return points (P, 3), in the mesh's units, where the symmetry takes them."""
         return _carry(self.linear, self.centre, points)
 
 
 class SymmetryError(AbfmError):
-    """No symmetry of this kind; `error` is that of the best candidate, as in `Symmetry`."""
+    """No symmetry of this kind; `error` is that of the best candidate."""
 
     def __init__(self, message: str, error: float) -> None:
         super().__init__(message)
@@ -63,12 +62,11 @@ def detect_symmetry(
     """Find the mirror plane, or the axis of a rotation by ``2 pi / order``, of a surface, made once
     per mesh; a SymmetryError says how far the best one is off if that is more than a tolerance.
 
-    Every symmetry keeps the centroid. Candidates are the principal axes of the surface and, as
-    these say nothing where two moments are equal, the mirrors and rotations that carry one of three
-    vertices to another one as far from the centroid. The best are refined by turns of closest
-    points and best axes (not for orders above 2), then tried on all vertices. Of several symmetries
-    permutations of the vertices go before others, then smaller errors before larger ones, then the
-    one that moves the surface most is chosen.
+    Candidates are the principal axes of the surface and, as these say nothing where two moments are
+    equal, the mirrors and rotations that carry one of three vertices to another one as far from the
+    centroid. The best are refined by turns of closest points and best axes (not for orders above
+    2), then tried on all vertices. Permutations of the vertices go before others, then smaller
+    errors before larger ones, then the one that moves the surface most is chosen.
     """
     if kind not in KINDS:
         raise ParameterError(f"kind is {kind!r}; expected {' or '.join(map(repr, KINDS))}")
@@ -115,14 +113,19 @@ def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     group = _Isometries(unit, ClosestPoints(unit), kind, order)
     centroid, axes = _principal_axes(unit)
     x = unit.vertices - centroid
-    axes = np.concatenate([axes, *(_axes_between(group, x, p) for p in _references(x))])
+    # three vertices in independent directions, not all left in place by a symmetry
+    first = int(np.linalg.norm(x, axis=1).argmax())
+    second = int(np.linalg.norm(np.cross(x, x[first]), axis=1).argmax())
+    third = int(np.abs(x @ np.cross(x[first], x[second])).argmax())
+    found = [_axes_between(group, x, p) for p in (first, second, third)]
+    axes = np.concatenate([axes, *found])
     by_distance = unit.vertices[np.argsort(np.linalg.norm(x, axis=1), kind="stable")]
     few, many = (by_distance[np.linspace(0, len(x) - 1, n).astype(int)] for n in (_FEW, _MANY))
     axes = _screened(group, centroid, axes, few)
     axes, centres, errors = _refined(group, axes, np.tile(centroid, (len(axes), 1)), many)
     chosen = [i for i in _distinct(axes, errors) if errors[i] <= max(TOLERANCE, errors.min())]
-    found = [_verified(group, mesh.length_scale, axes[i], centres[i]) for i in chosen]
-    exact = [s for s in found if s.is_permutation and s.error <= TOLERANCE]
+    tried = [_verified(group, mesh.length_scale, axes[i], centres[i]) for i in chosen]
+    exact = [s for s in tried if s.is_permutation and s.error <= TOLERANCE]
     vertices, scale = mesh.vertices, mesh.length_scale
 
     def gap(s: Symmetry) -> float:
@@ -134,8 +137,8 @@ def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
         """How far the symmetry moves vertices, squared, on average."""
         return float(((s.carry(vertices) - vertices) ** 2).sum(axis=1).mean())
 
-    gaps = [gap(s) for s in exact or found]
-    good = [s for s, far in zip(exact or found, gaps, strict=True) if far <= 2 * min(gaps) + _FAR]
+    gaps = [gap(s) for s in exact or tried]
+    good = [s for s, far in zip(exact or tried, gaps, strict=True) if far <= 2 * min(gaps) + _FAR]
     return max(good, key=lambda s: (round(motion(s) / scale**2, 6), -s.error))
 
 
@@ -152,14 +155,6 @@ def _principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
     moments = np.einsum("f,fcx,fcy->xy", areas, offsets, offsets)
     moments += 9 * np.einsum("f,fx,fy->xy", areas, middles, middles)
     return centroid, np.linalg.eigh(moments)[1].T
-
-
-def _references(x: FloatArray) -> list[int]:
-    """Return three vertices in independent directions, not all left in place by a symmetry."""
-    first = int(np.linalg.norm(x, axis=1).argmax())
-    second = int(np.linalg.norm(np.cross(x, x[first]), axis=1).argmax())
-    third = int(np.abs(x @ np.cross(x[first], x[second])).argmax())
-    return [first, second, third]
 
 
 def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:

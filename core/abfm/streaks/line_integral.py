@@ -3,8 +3,7 @@
 Cabral and Leedom, Imaging Vector Fields Using Line Integral Convolution, SIGGRAPH 1993; streamlines
 serve all texels that they meet, as in Stalling and Hege, Fast and Resolution Independent Line
 Integral Convolution, SIGGRAPH 1995. Here they are walked on the surface itself, along the field
-made continuous, and the noise belongs to places in space, so that streaks know nothing of the
-texture's pieces nor of the mesh's.
+made continuous, and the noise belongs to places in space.
 """
 
 import math
@@ -67,26 +66,23 @@ def line_integral_convolution(
     Parameters
     ----------
     velocity : (F, 3) array
-        Tangent vectors; only their directions matter, unless the contrast is to fade. A normal part
-        is dropped.
+        Tangent vectors; only their directions matter, unless the contrast is to fade.
     length : float
         How far noise is smeared, in units of the square root of the area.
     width : float
         Of the streaks, in the same units, but at least about two texels.
     fade : bool
-        Whether the contrast is proportional to the speed of the continuous field: none where it is
-        zero, and full from the speed on that is exceeded on a fiftieth of the area.
+        Whether the contrast is proportional to the speed, full from that on which is exceeded on a
+        fiftieth of the area.
     phase : float or (P,) array, optional
         Pictures at phases rising from 0 to 1, where they start again, show streaks that move along
-        the field, which are shorter than those of a single picture. Computing P of them at once is
-        much faster than one by one.
+        the field. Computing P of them at once is much faster than one by one.
 
     Returns
     -------
     atlas : TextureAtlas
     image : (size, size) or (P, size, size) array of float32
-        From 0 to 1, row 0 at the bottom; grey (0.5) where there is no field and outside the
-        triangles.
+        From 0 to 1, row 0 at the bottom; grey (0.5) where there is no field or triangle.
     """
     field = check_field(mesh, velocity, "velocity")
     field = to_ambient(mesh, to_frame(mesh, field / (np.abs(field).max() or 1.0)))
@@ -287,7 +283,7 @@ def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: 
 
     Fills the texels whose centre is in their face, marked in ``done`` (texels,). Each streamline
     serves the texels that it meets, as far as enough of them are new, unless another one came
-    nearer to their centres. No streamline is worth its time where texels on both sides are known.
+    nearer to their centres.
     """
     half = weights.shape[1] // 2
     most = half + _CHUNK * _CHUNKS

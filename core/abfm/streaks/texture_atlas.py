@@ -13,8 +13,7 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
-LARGEST_SIZE = 16384
-"""Texels along a side that graphics cards take."""
+LARGEST_SIZE = 16384  # texels along a side that graphics cards take
 _MARGIN = 0.5  # from the legs to the rectangle's sides: texel centres lie on the legs
 _SMALLEST = 4  # side of a rectangle whose triangles have legs of one texel
 _ROUNDS = 14
@@ -59,8 +58,7 @@ def texture_atlas(mesh: TriangleMesh, size: int = 2048) -> TextureAtlas:
 
     Each triangle becomes a right triangle: the longest edge the hypotenuse, the legs as long in
     texels as the other two edges in units of ``texel_length``, but at least one texel. Two of like
-    size share a rectangle, and all texels that linear filtering reads for a triangle are its own,
-    so that no seams show.
+    size share a rectangle, and all texels that linear filtering reads for a triangle are its own.
     """
     if not isinstance(size, int | np.integer) or not _SMALLEST <= size <= LARGEST_SIZE:
         raise ParameterError(
