@@ -39,6 +39,11 @@ class PictureSettings:
     transparent: bool = False
     color_bar: bool = True
 
+    def words(self) -> list[str]:
+        """As options of `abfm render`, but for the ground."""
+        size = f"--size={self.width}x{self.height}"
+        return [size] if self.color_bar else [size, "--no-color-bar"]
+
 
 @dataclass(frozen=True)
 class MovieSettings:
@@ -80,14 +85,14 @@ class Exporter:
         return self._work is not None and not self._work.done()
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
-        words = ["--transparent"] if self.picture.transparent else []
+        words = [*self.picture.words(), *(["--transparent"] if self.picture.transparent else [])]
         self._start(path, PICTURES, partial(self._render, path, document, known, words))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
         movie, tau = self.movie, document.parameters.tau
         times = [f"--from={movie.start * tau}", f"--to={movie.end * tau}"]
         rate = [f"--seconds={movie.seconds}", f"--fps={movie.fps}"]
-        words = [*rate, *times, f"--turntable={movie.turntable}"]
+        words = [*self.picture.words(), *rate, *times, f"--turntable={movie.turntable}"]
         self._start(path, MOVIES, partial(self._render, path, document, known, words))
 
     def save_result(self, path: Path, match: abfm.Match) -> None:
@@ -132,8 +137,6 @@ class Exporter:
             raise AbfmError(
                 f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}"
             )
-        look = [f"--size={self.picture.width}x{self.picture.height}"]
-        look += [] if self.picture.color_bar else ["--no-color-bar"]
         with temporary_folder(Path(tempfile.gettempdir())) as folder:
             project, drawn = folder / "export.abfm", folder / f"drawn{path.suffix}"
             errors, view = folder / "errors.txt", replace(document.view, color_bar=True)
@@ -142,7 +145,7 @@ class Exporter:
             environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder))
             with errors.open("w") as file:
                 self._process = subprocess.Popen(
-                    [sys.executable, *render, *look, *words, "--progress"],
+                    [sys.executable, *render, *words, "--progress"],
                     stdout=subprocess.PIPE,
                     stderr=file,
                     text=True,
