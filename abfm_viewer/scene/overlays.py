@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -35,8 +35,7 @@ _THICK, _THIN, _ISOLINE, _POINT = 0.0035, 0.0025, 0.0016, 0.014
 Rgb = Sequence[float]
 Meshes = Mapping[str, TriangleMesh]
 Look = tuple[float, float]  # length of the fast arrows, of sqrt(area), and density
-Placed = tuple[str, str, int, Any]
-"""A structure's surface, its own name, a version that changes with it, and polyscope's handle."""
+Placed = tuple[str, str, Any]  # a structure's surface, its own name, and polyscope's handle
 Triangles = tuple[FloatArray, IntArray]  # vertices (V, 3) and faces (F, 3)
 
 
@@ -235,10 +234,9 @@ def draw_points(
 class Overlays:
     """polyscope's structures besides the surfaces, made anew when what they show changes."""
 
-    def __init__(self, shown: Shown) -> None:
-        self._shown = shown
-        self._drawn: dict[str, tuple[str, int, tuple[object, ...]]] = {}  # surface, version
-        self._count = 0
+    def __init__(self, shown: Shown, tell: Callable[[str], object]) -> None:
+        self._shown, self._tell = shown, tell  # what is drawn anew
+        self._drawn: dict[str, tuple[str, tuple[object, ...]]] = {}  # on what, and made of what
 
     def update(self, meshes: Meshes, paints: Mapping[str, Paint], of_flow: bool) -> None:
         """Show what is asked for on surfaces by name; of the flow only if so told."""
@@ -284,9 +282,9 @@ class Overlays:
             draw_points(_START, mesh, places, marker, _POINT)
 
     def structures(self) -> Iterator[Placed]:
-        for name, (surface, version, _) in self._drawn.items():
+        for name, (surface, _) in self._drawn.items():
             get = ps.get_point_cloud if name in _POINTS else ps.get_surface_mesh
-            yield surface, name, version, get(name)
+            yield surface, name, get(name)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
@@ -306,14 +304,13 @@ class Overlays:
 
     def _is_new(self, surface: str, name: str, made_of: tuple[object, ...] | None) -> bool:
         """Return whether a structure is to be drawn anew, and remove what is outdated."""
-        if name in self._drawn and same(self._drawn[name][2], made_of):
+        if name in self._drawn and same(self._drawn[name][1], made_of):
             return False
         self._remove(name)
-        if made_of is None:
-            return False
-        self._count += 1
-        self._drawn[name] = surface, self._count, made_of
-        return True
+        if made_of is not None:
+            self._drawn[name] = surface, made_of
+            self._tell(name)
+        return made_of is not None
 
     def _remove(self, name: str) -> None:
         if self._drawn.pop(name, None) is not None:

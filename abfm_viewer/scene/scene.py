@@ -44,7 +44,8 @@ class Scene:
         self.view: SlotView  # known once there are names
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
-        self.overlays = Overlays(shown)
+        self._placing = Placing()
+        self.overlays = Overlays(shown, self._placing.placed.discard)
         self.pacing = Pacing(shown.session)
         # pixels of names, in each slot, and of colour bars below all
         self.name_height = self.room_below = 0.0
@@ -52,7 +53,6 @@ class Scene:
         self._axis: FloatArray
         self._fit: Fit
         self._fitted_to: object = None
-        self._placing = Placing()
         self._style: object = None
         self._document: Document | None = None
         self._degrees = 0.0
@@ -195,7 +195,7 @@ class Scene:
                 # else a pick near a vertex or an edge has no face
                 surfaces.register(name, mesh).set_selection_mode("faces_only")
         self._meshes, self._style = meshes, None
-        self._placing.forget()
+        self._placing.placed.clear()
 
     def _restyle(self) -> None:
         view, scale = self._session.view, self.view.scale
@@ -239,7 +239,7 @@ class Scene:
         turned = np.eye(4)
         if self._turns:
             turned[:3, :3] = rotation(self._axis, np.radians(self._degrees))
-        placed = [(name, name, 0, ps.get_surface_mesh(name)) for name in self.names]
+        placed = [(name, name, ps.get_surface_mesh(name)) for name in self.names]
         self._placing.place(self.view, turned, [*placed, *self.overlays.structures()])
 
 
@@ -265,11 +265,7 @@ class Placing:
         self._planes: list[str] = []
         self._sides: list[_Side] = []
         self._seen: object = None
-        self._count = 0
-        self._done: dict[str, tuple[int, int]] = {}
-
-    def forget(self) -> None:
-        self._done = {}
+        self.placed: set[str] = set()  # structures that need not be told again
 
     def place(self, view: SlotView, turned: FloatArray, structures: Iterable[Placed]) -> None:
         window = ps.get_window_size()
@@ -277,7 +273,7 @@ class Placing:
         seen = (window, view.scale, *view.slots.items(), *(array.tobytes() for array in arrays))
         if seen != self._seen:
             self._seen = seen
-            self._count += 1
+            self.placed.clear()
             # in parallel projection along z, the window's middle at 0
             half, radius = window[1] / (2 * view.scale), view.radius
             ps.set_view_projection_mode("orthographic")
@@ -285,10 +281,10 @@ class Placing:
             ps.set_vertical_fov_degrees(float(np.degrees(2 * np.arctan(half / (2 * radius)))))
             ps.look_at_dir((0.0, 0.0, _AWAY * radius), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
             self._place_planes(view, window)
-        for surface, name, version, structure in structures:
-            if self._done.get(name) == (version, self._count):
+        for surface, name, structure in structures:
+            if name in self.placed:
                 continue
-            self._done[name] = version, self._count
+            self.placed.add(name)
             structure.set_enabled(surface in view.slots)
             if surface not in view.slots:
                 continue
