@@ -40,12 +40,8 @@ def test_bad_values_are_refused_in_words(name, value, words):
 
 def test_numpy_scalars_become_plain_numbers():
     p = abfm.Parameters(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
-    assert [type(value) for value in (p.tau, p.memory, p.segments, p.iterations)] == [
-        float,
-        int,
-        int,
-        int,
-    ]
+    kinds = [type(value) for value in (p.tau, p.memory, p.segments, p.iterations)]
+    assert kinds == [float, int, int, int]
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 from functools import cache
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
@@ -51,45 +50,33 @@ def solved(scale=1.0, unit="relative"):
     return solver
 
 
-def asked(mesh, f, g, field=None):
+def asked(mesh, f, g, field=0.0):
     """What flow lines of a field (F, 3) say, or of no motion at all."""
-    energy = MatchingEnergy(mesh, f, g, Parameters())
-    x = np.zeros(energy.shape)
-    if field is not None:
-        x = to_frame(energy.mesh, field[None] / mesh.length_scale)
+    energy, field = MatchingEnergy(mesh, f, g), np.zeros((1, len(mesh.faces), 3)) + field
+    x = to_frame(energy.mesh, field / mesh.length_scale)
     return confirmation(energy, energy.objective(0.2).evaluate(x), 0.2)
 
 
 def test_of_no_motion_the_difference_is_left():
     f, g = signals()
-    energy = MatchingEnergy(SPHERE, f, g, Parameters())
-    found = asked(SPHERE, f, g)
+    energy, found = MatchingEnergy(SPHERE, f, g), asked(SPHERE, f, g)
     areas = vertex_areas(energy.mesh)
     size = max(np.sqrt(areas @ (h - areas @ h) ** 2) for h in (f, g))
     assert_allclose(found.mismatch, energy.relative_mismatch(energy.functions.source), rtol=1e-9)
     assert_allclose(found.left, np.sqrt(areas @ (f - g) ** 2) / size, rtol=1e-9)
     assert_allclose(found.energy, 0.5 * (found.left / 0.2) ** 2, rtol=1e-9)
-    assert_allclose(
-        found.energy, energy.objective(0.2).evaluate(np.zeros(energy.shape)).energy, rtol=1e-9
-    )
+    expected = energy.objective(0.2).evaluate(np.zeros(energy.shape)).energy
+    assert_allclose(found.energy, expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("scale", [1e-3, 7.0])
-def test_scaling_both_functions_changes_nothing(scale):
-    f, g = signals()
-    field = 0.3 * wavy_field(SPHERE, 0)
-    assert_allclose(
-        asked(SPHERE, scale * f, scale * g, field), asked(SPHERE, f, g, field), rtol=1e-9
-    )
-
-
-def test_the_order_of_vertices_and_faces_changes_nothing():
-    f, g = signals()
-    field = 0.3 * wavy_field(SPHERE, 0)
+def test_scales_of_both_functions_and_the_order_of_vertices_and_faces_change_nothing():
+    (f, g), field = signals(), 0.3 * wavy_field(SPHERE, 0)
+    expected = asked(SPHERE, f, g, field)
+    for scale in (1e-3, 7.0):
+        assert_allclose(asked(SPHERE, scale * f, scale * g, field), expected, rtol=1e-9)
     mesh, vertices, faces = renumbered(SPHERE, 1)
     there = asked(mesh, f[vertices], g[vertices], field[faces])
-    # steps of flow lines begin at other corners
-    assert_allclose(there, asked(SPHERE, f, g, field), rtol=1e-4)
+    assert_allclose(there, expected, rtol=1e-4)  # steps of flow lines begin at other corners
 
 
 def test_signals_that_smooth_flows_do_not_match_raise_sigma_to_what_is_left():
@@ -145,9 +132,5 @@ def test_the_gradual_way_is_the_second_one_from_a_larger_sigma_on():
     sigmas = [stage.sigma for stage in way[1:]]
     assert sigmas == sorted(sigmas, reverse=True)
     assert way[0].sigma == sigmas[0] > far.sigma
-    for other in (
-        Parameters(**PAPER),
-        Parameters(stage_iterations=5),
-        Parameters(cooling_stages=1),
-    ):
-        assert gradual(other, 1) == []
+    for changes in (PAPER, {"stage_iterations": 5}, {"cooling_stages": 1}):
+        assert gradual(Parameters(**changes), 1) == []
