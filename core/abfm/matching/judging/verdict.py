@@ -190,8 +190,8 @@ class Remedies:
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
 
     def colder(self) -> Remedy:
-        sigma = max(_rounded(self._sigma / _COLDER), SMALLEST)
-        sigma = max(sigma, _USUAL.sigma) if self.is_warm else sigma
+        least = _USUAL.sigma if self.is_warm else SMALLEST
+        sigma = max(_rounded(self._sigma / _COLDER), least)
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma})
 
     def _changes(self, wanted: dict[str, Any]) -> dict[str, Any]:
