@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
 
@@ -17,8 +16,7 @@ from abfm.types import FloatArray
 class LinearizedFlow:
     """``id - t D_v`` of one field: the first two terms of the exponential (Eq. 5)."""
 
-    rho = 0.0
-    """A step is one product, however long it is."""
+    rho = 0.0  # a step is one product, however long it is
 
     def __init__(self, pattern: DerivativePattern, v: FloatArray) -> None:
         self.pattern, self.values = pattern, pattern.values(v)
@@ -46,13 +44,10 @@ class LinearizedFlow:
         return self.pattern.extended(self.pattern.product(self.values, self.pattern.restricted(f)))
 
 
-FieldFlow: TypeAlias = ExponentialFlow | LinearizedFlow
-
-
 class Advection:
     """The flows of N fields in a row, each for a time ``step``, made by `Discretisation.flow`."""
 
-    def __init__(self, parts: Sequence[FieldFlow], step: float) -> None:
+    def __init__(self, parts: Sequence[ExponentialFlow | LinearizedFlow], step: float) -> None:
         self.parts, self.step = parts, step
 
     @property

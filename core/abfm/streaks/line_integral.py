@@ -291,9 +291,12 @@ def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: 
     texels, misses = np.empty(nodes, dtype=np.int64), np.empty(nodes, dtype=np.uint8)
     track = Track(np.empty(2 * most), texels, misses, np.empty(3), np.empty(3))
     values, reach = np.empty((weights.shape[0], 2 * most + 1)), np.empty(2, dtype=np.int64)
-    nearest = np.empty(done.size, dtype=np.uint8)
-    mark_new(lines, nearest, done)
-    b = np.empty(3)
+    nearest, b = np.empty(done.size, dtype=np.uint8), np.empty(3)
+    for texel in range(done.size):
+        f = lines.owners[texel]
+        inside = f >= 0 and weigh_texel(lines, texel, b)
+        done[texel] = inside and not lines.flow.vectors[f].any()  # where there is no field
+        nearest[texel] = _NEW if inside and not done[texel] else 0
     for texel in range(done.size):
         if nearest[texel] != _NEW or between_known(lines, nearest, texel):
             continue
@@ -316,17 +319,6 @@ def convolve(lines: Streamlines, weights: FloatArray, done: IndexArray, images: 
         serve((first, last, lines.parts), track, nearest, values, images)
     for texel in range(done.size):
         done[texel] = done[texel] or 0 < nearest[texel] < _NEW
-
-
-@kernel
-def mark_new(lines: Streamlines, nearest: IndexArray, done: IndexArray) -> None:
-    """Mark texels whose centre is in their face as new, or as done where there is no field."""
-    b = np.empty(3)
-    for texel in range(done.size):
-        f = lines.owners[texel]
-        inside = f >= 0 and weigh_texel(lines, texel, b)
-        done[texel] = inside and not lines.flow.vectors[f].any()
-        nearest[texel] = _NEW if inside and not done[texel] else 0
 
 
 @kernel
