@@ -35,19 +35,24 @@ def start(*words):
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path):
-    out = tmp_path / "m.npz"
-    process = start(*LONG, str(out))
-    while "iteration 10 " not in process.stderr.readline():
-        assert process.poll() is None
+def ended(process, number):
+    """What a process says when a signal ends it."""
     process.send_signal(number)
     told, errors = process.communicate(timeout=60)
     assert process.returncode == 128 + number
+    return told, errors
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path):
+    process = start(*LONG, str(tmp_path / "m.npz"))
+    while "iteration 10 " not in process.stderr.readline():
+        assert process.poll() is None
+    told, errors = ended(process, number)
     assert "stopping" in errors
     assert "Traceback" not in errors
     assert "cancelled: " in told
-    match = load_match(out)
+    match = load_match(tmp_path / "m.npz")
     assert match.stop_reason == "cancelled"
     assert len(match.energy_history) > 10
     assert match.energy_history[-1, 0] < match.energy_history[0, 0]
@@ -58,9 +63,7 @@ def test_a_signal_ends_a_benchmark_with_what_was_finished():
     process = start(*argv(f"bench --success --only-given --mesh {EIGHT} --json"))
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None
-    process.send_signal(signal.SIGTERM)
-    told, errors = process.communicate(timeout=60)
-    assert process.returncode == 143
+    told, errors = ended(process, signal.SIGTERM)
     said = "stopping with what was finished; Ctrl-C again to leave at once"
     assert errors.splitlines()[-1] == said
     report = json.loads(told)
@@ -80,20 +83,6 @@ def test_an_interrupt_before_the_solve_writes_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("module", "program"), [("cli", "abfm"), ("app", "abfm-viewer")])
-def test_an_interrupt_while_modules_load_is_one_line(module, program):
-    script = (
-        "import sys\n"
-        "class CtrlC:\n"
-        "    def find_spec(self, name, *_):\n"
-        "        if name == 'numpy': raise KeyboardInterrupt\n"
-        "sys.meta_path.insert(0, CtrlC())\n"
-        f"from abfm_viewer.{module} import main; sys.exit(main([]))"
-    )
-    done = python(script)
-    assert (done.returncode, done.stderr) == (130, f"{program}: interrupted\n")
-
-
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
     """A result file."""
@@ -109,38 +98,48 @@ def test_a_signal_ends_a_movie_and_leaves_the_older_file(result, tmp_path):
     options = argv("--size 320x240 --seconds 60 --progress")
     process = start("render", str(result), "--out", str(movie), *options)
     assert '"frame": 1,' in process.stdout.readline()
-    process.send_signal(signal.SIGINT)
-    told, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
+    told, errors = ended(process, signal.SIGINT)
     assert "wrote" not in told
     assert errors == "abfm: interrupted\n"
     assert movie.read_text() == "older"
     assert [path.name for path in tmp_path.iterdir()] == ["m.mp4"]
 
 
+LOADING = """
+import os, signal, sys
+
+class Finder:
+    def find_spec(self, name, *_):
+        if name == 'numpy': {act}()
+
+def interrupt():
+    raise KeyboardInterrupt
+
+def kill():
+    try: os.kill(os.getpid(), {number}); sum(range(10**6))
+    except BaseException: os._exit(1)
+
+signal.signal({number}, signal.SIG_DFL)  # tests may run where it is ignored
+sys.meta_path.insert(0, Finder())
+sys.argv = ['abfm', 'info']
+from abfm_viewer.{module} import main; sys.exit(main({words}))
+"""
+
+
 @pytest.mark.parametrize(
-    ("module", "program", "number"),
+    ("act", "words", "module", "number"),
     [
-        ("cli", "abfm", signal.SIGINT),
-        ("cli", "abfm", signal.SIGHUP),
-        ("app", "abfm-viewer", signal.SIGTERM),
+        ("interrupt", "[]", "cli", signal.SIGINT),
+        ("interrupt", "[]", "app", signal.SIGINT),
+        ("kill", "", "cli", signal.SIGINT),
+        ("kill", "", "cli", signal.SIGHUP),
+        ("kill", "", "app", signal.SIGTERM),
     ],
 )
-def test_a_signal_inside_an_import_ends_the_program_at_once(module, program, number):
+def test_a_signal_inside_an_import_ends_the_program_in_one_line(act, words, module, number):
     """Where compiled code would swallow what is raised, nothing is raised."""
-    script = (
-        "import os, signal, sys\n"
-        f"signal.signal({int(number)}, signal.SIG_DFL)\n"  # tests may run where it is ignored
-        "class Signal:\n"
-        "    def find_spec(self, name, *_):\n"
-        "        if name == 'numpy':\n"
-        f"            try: os.kill(os.getpid(), {int(number)}); sum(range(10**6))\n"
-        "            except BaseException: os._exit(1)\n"
-        "sys.meta_path.insert(0, Signal())\n"
-        "sys.argv = ['abfm', 'info']\n"
-        f"from abfm_viewer.{module} import main; sys.exit(main())"
-    )
-    done = python(script)
+    done = python(LOADING.format(act=act, words=words, module=module, number=int(number)))
+    program = {"cli": "abfm", "app": "abfm-viewer"}[module]
     assert (done.returncode, done.stderr) == (128 + number, f"{program}: interrupted\n")
 
 
