@@ -92,7 +92,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("figure", f"number of the figure, 1 to {max(FIGURES)}, or all", "N|all")
     add("--out", "folder, made if missing", "DIR", type=Path, required=True)
     add("--mesh", "compute the figure on this mesh instead of its own", "FILE")
-    options.add_largest_component(parser)
+    add("--largest-component", options.LARGEST)
     add("--up", "axis that points upwards (default: y for a --mesh)", choices=("x", "y", "z"))
     add("--json", "print one JSON object with everything that was measured")
     add("--quiet", "no progress")

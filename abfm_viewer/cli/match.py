@@ -6,8 +6,8 @@ import math
 import os
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -20,10 +20,11 @@ from abfm.errors import brief, printable
 from abfm.functions import families, function
 from abfm.functions.family import quoted
 from abfm.types import FloatArray
+from abfm.workers.progress import telling
 from abfm_viewer import signals
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UNMATCHED, UsageError
-from abfm_viewer.cli.progress import long_steps, progress
+from abfm_viewer.cli.progress import print_long, progress
 from abfm_viewer.document import verdict_words
 from abfm_viewer.files import outputs
 
@@ -79,9 +80,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Match and write; 3 when the target was not reached, 128 and its number after a signal."""
     for path in arguments.out:
         outputs.check(path, outputs.WRITTEN)
-    parameters = options.parameters(arguments)
+    given = {entry.name: getattr(arguments, entry.name) for entry in fields(Parameters)}
+    parameters = Parameters(**given)
     sources, targets, weights = _channels(arguments)
-    with long_steps(arguments.quiet):
+    with nullcontext() if arguments.quiet else telling(print_long):
         mesh = options.mesh(arguments)
         problem = Problem(
             mesh,
@@ -106,17 +108,15 @@ def _channels(arguments: argparse.Namespace) -> tuple[list[str], list[str], list
     first = [] if arguments.source is None else [(arguments.source, arguments.target, "1")]
     if not (channels := [*first, *arguments.channel]):
         raise UsageError("give --source and --target; see abfm match --help")
-    sources, targets, words = map(list, zip(*channels, strict=True))
-    return sources, targets, list(map(_weight, words))
-
-
-def _weight(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        raise UsageError(
-            f"--channel: its third word is the weight, a number, not {brief(word)}"
-        ) from None
+    weights = []
+    for *_, word in channels:
+        try:
+            weights.append(float(word))
+        except ValueError:
+            raise UsageError(
+                f"--channel: its third word is the weight, a number, not {brief(word)}"
+            ) from None
+    return [source for source, *_ in channels], [target for _, target, _ in channels], weights
 
 
 def _values(mesh: TriangleMesh, specs: list[str]) -> FloatArray:

@@ -13,6 +13,8 @@ from abfm.errors import did_you_mean, one_line
 from abfm.parameters import CHOICES
 from abfm_viewer.cli.exit_status import UsageError
 
+LARGEST = "of several components use the one with the largest area"
+
 
 class Parser(argparse.ArgumentParser):
     """Raises `UsageError` with the nearest right word, and does not print the usage and leave."""
@@ -60,20 +62,11 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
         add("--" + entry.name.replace("_", "-"), text, metavar, **settings)
 
 
-def parameters(arguments: argparse.Namespace) -> Parameters:
-    return Parameters(
-        **{entry.name: getattr(arguments, entry.name) for entry in fields(Parameters)}
-    )
-
-
 def add_mesh(parser: argparse.ArgumentParser) -> None:
     """Declare the mesh file, as an argument of its own, and what to do with several components."""
-    adder(parser)("mesh", "triangle mesh: obj, off, ply, stl, glb, gltf or gii", "MESH")
-    add_largest_component(parser)
-
-
-def add_largest_component(parser: argparse.ArgumentParser) -> None:
-    adder(parser)("--largest-component", "of several components use the one with the largest area")
+    add = adder(parser)
+    add("mesh", "triangle mesh: obj, off, ply, stl, glb, gltf or gii", "MESH")
+    add("--largest-component", LARGEST)
 
 
 def mesh(arguments: argparse.Namespace) -> TriangleMesh:

@@ -55,18 +55,12 @@ def progress(iterations: int, quiet: bool) -> Iterator[Callable[[Iteration], Non
 
     columns = ("{task.fields[place]}", _BAR, _COUNT, _NUMBERS, TimeElapsedColumn())
     blank = {"place": "starting", "energy": "-", "mismatch": "-"}
-    tell = show if sys.stderr.isatty() else _print_long
+    tell = show if sys.stderr.isatty() else print_long
     with (
         _told(quiet, say, iterations, *columns, TimeRemainingColumn(), **blank) as update,
         nullcontext() if quiet else telling(tell),
     ):
         yield report
-
-
-@contextmanager
-def long_steps(quiet: bool) -> Iterator[None]:
-    with nullcontext() if quiet else telling(_print_long):
-        yield
 
 
 @contextmanager
@@ -120,7 +114,8 @@ def _told(
         yield lambda **state: None
     elif sys.stderr.isatty():
         with (
-            signals.tidied(_take_away),
+            # a signal clears the line of the bar and shows the cursor again
+            signals.tidied(partial(os.write, 2, b"\r\x1b[2K\x1b[?25h")),
             Progress(*columns, console=Console(stderr=True), transient=True) as bar,
         ):
             yield partial(bar.update, bar.add_task("", total=total, **state))
@@ -132,11 +127,6 @@ def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def _print_long(step: Step | None) -> None:
+def print_long(step: Step | None) -> None:
     if step and step.done is None and (step.expected or 0) >= _LONG:
         _say(step.words())
-
-
-def _take_away() -> None:
-    """Clear the line of a bar that a signal ended, and show the cursor again."""
-    os.write(2, b"\r\x1b[2K\x1b[?25h")

@@ -39,6 +39,7 @@ Examples:
   abfm render match.npz --out streaks.gif --streaks --fade --from 0 --to 0
   abfm render my.abfm --out my.png --size 3840x2160 --transparent
 """
+Known = dict[str, FloatArray]
 _MOVIES = (".mp4", ".gif")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
 _SECONDS, _FPS = 4.0, 30.0
@@ -96,9 +97,16 @@ def run(arguments: argparse.Namespace) -> int:
     if is_movie:
         _movie(arguments, document, known)
         return 0
-    picture = (
-        _sheet(arguments, document) if style == "sheet" else _picture(arguments, document, known)
-    )
+    if style == "window":
+        picture = _picture(arguments, document, known)
+    elif document.result is None:
+        raise ParameterError(
+            f"{arguments.input} holds no result to make a sheet of; add --style window"
+        )
+    else:
+        picture = pictures.match_picture(
+            document.result, arguments.time, arguments.size, document.channel, arguments.up or "y"
+        )
     outputs.write_picture(out, picture)
     print(f"wrote {printable(out)} ({picture.width} x {picture.height})")
     return 0
@@ -150,19 +158,7 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
     return document
 
 
-def _sheet(arguments: argparse.Namespace, document: Document) -> Image.Image:
-    if document.result is None:
-        raise ParameterError(
-            f"{arguments.input} holds no result to make a sheet of; add --style window"
-        )
-    return pictures.match_picture(
-        document.result, arguments.time, arguments.size, document.channel, arguments.up or "y"
-    )
-
-
-def _picture(
-    arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]
-) -> Image.Image:
+def _picture(arguments: argparse.Namespace, document: Document, known: Known) -> Image.Image:
     times = arguments.time or [document.time]
     if len(times) > 1:
         raise UsageError(
@@ -172,7 +168,7 @@ def _picture(
         return renderer.picture(times[0])
 
 
-def _movie(arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]) -> None:
+def _movie(arguments: argparse.Namespace, document: Document, known: Known) -> None:
     fps, turn = arguments.fps or _FPS, arguments.turntable or 0.0
     end = document.parameters.tau if arguments.end is None else arguments.end
     count = max(round((arguments.seconds or _SECONDS) * fps), 1)
@@ -189,7 +185,7 @@ def _movie(arguments: argparse.Namespace, document: Document, known: dict[str, F
 
 
 def _renderer(
-    arguments: argparse.Namespace, document: Document, known: dict[str, FloatArray]
+    arguments: argparse.Namespace, document: Document, known: Known
 ) -> pictures.DocumentRenderer:
     """Return what draws the document, seen from where an axis that was asked for points upwards."""
     if arguments.up is not None:

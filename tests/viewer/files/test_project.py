@@ -40,17 +40,8 @@ from abfm_viewer.files.project import (
     terms_from_files,
     to_plain,
 )
-from tests.core.reading.hostile import (
-    load_or_refuse,
-    members,
-    npy_of,
-    one_byte_changed,
-    overlapping_zip,
-    refusal,
-    rewrite,
-    with_flipped_bits,
-    zipped,
-)
+from tests.core.reading import hostile
+from tests.core.reading.hostile import members, npy_of, refusal, rewrite, zipped
 from tests.processes import python
 from tests.shapes import icosphere, torus, with_loose_vertex
 
@@ -308,11 +299,11 @@ def same_shape(opened):
 
 def test_flipped_bits_and_one_wrong_byte_of_a_header_are_noticed(saved):
     content = members(saved)
-    for other in one_byte_changed(content["result/velocity.npy"], 128):
+    for other in hostile.one_byte_changed(content["result/velocity.npy"], 128):
         saved.write_bytes(zipped(content | {"result/velocity.npy": other}))
-        load_or_refuse(saved, load_project, same_shape)
+        hostile.load_or_refuse(saved, load_project, same_shape)
     saved.write_bytes(zipped(content))
-    with_flipped_bits(saved, load_project, lambda opened: assert_same(opened[0], DOCUMENT))
+    hostile.with_flipped_bits(saved, load_project, lambda opened: assert_same(opened[0], DOCUMENT))
 
 
 def test_a_file_that_was_cut_short_is_noticed(saved, tmp_path):
@@ -489,7 +480,7 @@ def test_files_of_another_kind_are_named(tmp_path):
     (tmp_path / "text.abfm").write_text("not a zip")
     os.mkfifo(tmp_path / "pipe.abfm")
     (tmp_path / "zero.abfm").symlink_to("/dev/zero")
-    overlapping_zip(tmp_path / "a.abfm", ["project.json", "mesh/faces.npy"], b"{}")
+    hostile.overlapping_zip(tmp_path / "a.abfm", ["project.json", "mesh/faces.npy"], b"{}")
     for name, words in (
         ("r.npz", "a result file, not a project"),
         ("text.abfm", "no project of abfm"),
