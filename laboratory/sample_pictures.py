@@ -20,7 +20,7 @@ from abfm_viewer.computing.defaults import best_front, default_functions
 from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.document.samples import MESHES
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
-from abfm_viewer.window.figure_document import figure_document
+from abfm_viewer.window.samples import figure_document
 
 _VIEW = View(layout="advected only", color_bar=False)
 _TIMES = 2  # as large, and then reduced: thin limbs stay smooth

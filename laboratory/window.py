@@ -43,7 +43,7 @@ print("drawn", flush=True)
 """
 _APP = """
 import sys
-from abfm_viewer.window.open_window import open_window
+from abfm_viewer.window.window import open_window
 window = open_window(sys.argv[1], sys.argv[2], (1280, 800))
 window.tick()
 print("drawn", flush=True)

@@ -25,7 +25,7 @@ from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.scene.scene import Hit
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import KINDS, Widget, WidgetKind
-from abfm_viewer.window.open_window import open_window
+from abfm_viewer.window.window import open_window
 
 _CLICKABLE: tuple[WidgetKind, ...] = tuple(kind for kind in KINDS if kind != "plot")
 _SECONDS_TO_OPEN = 120.0

@@ -12,8 +12,6 @@ from abfm_viewer.widgets.toolkit import Ui
 
 @dataclass(frozen=True)
 class Context:
-    """One window's parts."""
-
     ui: Ui
     session: Session
     shown: Shown

@@ -37,8 +37,7 @@ _PLOT = (
 
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
-    runs = session.document.runs
-    live = session.solver.run
+    runs, live = session.document.runs, session.solver.run
     run = live or (runs[-1] if runs else None)
     previous = runs if live else runs[:-1]
     tip = "Draw the total energy of earlier runs as faint curves."
@@ -57,11 +56,11 @@ def draw(context: Context) -> None:
     if run is None:
         ui.note(_NO_RUN)
         return
-    marks = ["grey: stage"] if _stage_starts(run) else []
-    marks += ["wide: mesh"] if _mesh_starts(run) else []
-    marks += ["green: restart"] if run.restarts else []
+    stages, meshes = starts(run)
+    told = (("grey: stage", stages), ("wide: mesh", meshes), ("green: restart", run.restarts))
+    marks = ", ".join(mark for mark, places in told if places)
     about = "Lines: where a stage began (grey), a finer mesh (wide), or a changed problem (green)."
-    ui.line("; ".join(filter(None, [run.label, ", ".join(marks)])), tip=about if marks else "")
+    ui.line("; ".join(filter(None, [run.label, marks])), tip=about if marks else "")
     _plot(ui, run, previous if session.view.previous_runs else ())
 
 
@@ -79,9 +78,12 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
     curves = [_positive(run.energies[:, column]) for column in range(3)]
     totals = [_positive(earlier.energies[:, 0]) for earlier in previous]
     last = max(len(run.stages), *(len(total) for total in totals), _SHORTEST_AXIS + 1) - 1
+    values = np.concatenate([*curves, *totals])
+    values = values[np.isfinite(values)]
+    low, high = (0.7 * values.min(), 1.5 * values.max()) if len(values) else (0.1, 10.0)
     colors = (ui.colors.muted, ui.colors.smoothness, ui.colors.closeness)
     _legend(ui, colors)
-    room = imgui.GetContentRegionAvail()[1]
+    room, (stages, meshes) = imgui.GetContentRegionAvail()[1], starts(run)
     height = min(max(room, ui.px(_LOWEST)), ui.px(_HIGHEST))  # as high as fits
     with plot(ui, "energy plot", height, _PLOT) as is_drawn:
         if not is_drawn:
@@ -90,11 +92,11 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
         implot.SetupAxis(implot.ImAxis_Y1, "", implot.ImPlotAxisFlags_None)
         implot.SetupAxisScale(implot.ImAxis_Y1, implot.ImPlotScale_Log10)
         implot.SetupAxisFormat(implot.ImAxis_Y1, "%g")
-        implot.SetupAxesLimits(0, last, *_range([*curves, *totals]), implot.ImPlotCond_Always)
+        implot.SetupAxesLimits(0, last, float(low), float(high), implot.ImPlotCond_Always)
         for number, total in enumerate(totals):
             _line(f"##previous {number}", total, (*ui.colors.muted[:3], 0.45), ui.px(1))
-        _marks("##stages", _stage_starts(run), (*ui.colors.muted[:3], 0.7), ui.px(1))
-        _marks("##meshes", _mesh_starts(run), (*ui.colors.muted[:3], 0.9), ui.px(2.5))
+        _marks("##stages", stages, (*ui.colors.muted[:3], 0.7), ui.px(1))
+        _marks("##meshes", meshes, (*ui.colors.muted[:3], 0.9), ui.px(2.5))
         _marks("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
         for name, curve, color in zip(_NAMES, curves, colors, strict=True):
             _line(name, curve, color, ui.px(1.8))
@@ -102,7 +104,6 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
 
 
 def _legend(ui: Ui, colors: Sequence[Color]) -> None:
-    """Draw what the colours of the curves mean."""
     side, (_, spacing) = 0.6 * imgui.GetTextLineHeight(), imgui.GetStyle().ItemSpacing
     for number, (name, color) in enumerate(zip(_NAMES, colors, strict=True)):
         if number:
@@ -125,7 +126,7 @@ def _hover(ui: Ui, run: Run) -> None:
     mouse_x, _ = implot.GetPlotMousePos()
     at = int(np.clip(round(mouse_x), 0, len(run.stages) - 1))
     _marks("##here", [at], ui.colors.ink, ui.px(1))
-    lines = [f"iteration {at}{', restarted here' if at in run.restarts else ''}", _course(run, at)]
+    lines = [f"iteration {at}{', restarted here' if at in run.restarts else ''}", course(run, at)]
     lines += [f"{name} {energy:.4g}" for name, energy in zip(_NAMES, run.energies[at], strict=True)]
     imgui.SetTooltip("\n".join(lines))
 
@@ -136,13 +137,12 @@ def _line(label: str, values: FloatArray, color: Color, weight: float) -> None:
 
 
 def _marks(label: str, iterations: Sequence[int], color: Color, weight: float) -> None:
-    """Draw vertical lines."""
     if iterations:
         implot.SetNextLineStyle(color, weight)
         implot.PlotInfLines(label, np.array(iterations, dtype=np.float64))
 
 
-def _course(run: Run, at: int) -> str:
+def course(run: Run, at: int) -> str:
     """Return an iteration's ``mesh of 2,500 vertices, reach 0.5, stage 2``."""
     parts = [f"stage {run.stages[at] + 1}"]
     if run.has_course:
@@ -151,25 +151,16 @@ def _course(run: Run, at: int) -> str:
     return ", ".join(parts)
 
 
-def _stage_starts(run: Run) -> list[int]:
-    """Return where another stage began on the same mesh, unless a restart skipped stages."""
-    starts: list[int] = (np.flatnonzero(np.diff(run.stages)) + 1).tolist()
-    return [start for start in starts if start not in (*run.restarts, *_mesh_starts(run))]
-
-
-def _mesh_starts(run: Run) -> list[int]:
-    """Return where a finer mesh began, but not restarts."""
-    starts: list[int] = (np.flatnonzero(np.diff(run.vertices) > 0) + 1).tolist()
-    return [start for start in starts if start not in run.restarts]
+def starts(run: Run) -> tuple[list[int], list[int]]:
+    """Return where another stage began on the same mesh, and where a finer mesh did; a restart,
+    which may skip stages, is neither.
+    """
+    finer, other = np.diff(run.vertices) > 0, np.diff(run.stages) != 0
+    places: list[list[int]] = [(np.flatnonzero(new) + 1).tolist() for new in (other, finer)]
+    stages, meshes = ([at for at in found if at not in run.restarts] for found in places)
+    return [at for at in stages if at not in meshes], meshes
 
 
 def _positive(values: FloatArray) -> FloatArray:
     """Return values for a logarithmic axis: what it cannot show is left out."""
     return np.where(np.isfinite(values) & (values > 0), values, np.nan)
-
-
-def _range(curves: Sequence[FloatArray]) -> tuple[float, float]:
-    """Return a little more than the curves need."""
-    values = np.concatenate(curves)
-    values = values[np.isfinite(values)]
-    return (0.7 * float(values.min()), 1.5 * float(values.max())) if len(values) else (0.1, 10.0)

@@ -1,21 +1,57 @@
-"""The channels, pairs of functions for one flow, and both functions of the active one."""
+"""The tab Functions: the mesh, the channels, and both functions of the active one."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from abfm import functions
+import abfm
+from abfm import FunctionError, TriangleMesh, functions
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.document.document import SIDES
-from abfm_viewer.panels import function_editor
+from abfm_viewer.document import gaussians
+from abfm_viewer.document.document import SIDES, Side
+from abfm_viewer.document.verdict_words import sentence
 from abfm_viewer.panels.context import Context
-from abfm_viewer.widgets.slider_range import Range
+from abfm_viewer.session.active_gaussian import active_gaussian
+from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_record import Range
 
 _LONGEST = 16  # letters
 _BY_MOUSE = "On the source or target; a click moves it there, and Shift-wheel sets its width."
-_ADD = (
+_ADD_CHANNEL = (
     "One more channel: another pair of functions that the same flow should match. It begins as a "
     "landmark that stays where it is, far from the Gaussians of the others."
 )
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves it out."
+_SEVERAL = "several terms"
+_FAMILY = "What kind of function it is. Sums can be typed below.\n\n{name}: {summary}"
+_SPEC = "The function as text: terms with +, anything by hand. Enter takes it."
+_BUMP = "The Gaussian that the mouse and the widgets below change."
+_ADD, _REMOVE = "Add Gaussian", "Remove Gaussian"
+_NO_MAP, _MAP_FILE = "none", "file..."
+_MAP = (
+    "Compose the function with a map of the vertices: the mirror plane or the rotation by 180 "
+    "degrees that the surface is found to have, or a file with one vertex number per vertex or "
+    "pairs of vertices."
+)
+
+
+def draw_mesh(context: Context) -> None:
+    ui, mesh = context.ui, context.session.surface().mesh
+    if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
+        context.open_mesh()
+    loops, scale = mesh.boundary_loop_count, mesh.length_scale
+    boundary = "" if mesh.is_closed else f", {loops} boundary loop{'s' if loops > 1 else ''}"
+    topology = f"{'closed, ' if mesh.is_closed else ''}genus {mesh.genus}{boundary}"
+    area = f"Area {scale**2:.4g}; widths are fractions of its root, {scale:.4g}."
+    ui.beside()
+    ui.align()
+    ui.line(context.session.document.name, "ink", area)
+    ui.line(f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces; {topology}", tip=area)
+    for message in mesh.messages:
+        ui.note(message)
 
 
 def draw(context: Context) -> None:
@@ -26,36 +62,35 @@ def draw(context: Context) -> None:
     _draw_channels(context)
     for side in SIDES:
         with ui.group(side):
-            function_editor.draw(context, side)
+            _Side(context, side, session.active.spec(side)).draw()
     ui.line("Shift-drag on a surface moves its Gaussian.", tip=_BY_MOUSE)
 
 
 def _draw_channels(context: Context) -> None:
-    """Draw the list where there are several, and the buttons that change it."""
-    ui, session = context.ui, context.session
+    ui, session, editor = context.ui, context.session, context.session.editor
     several = len(session.channels) > 1
     for number, channel in enumerate(session.channels if several else ()):
         weight = "" if channel.weight == 1 else f", weight {channel.weight:g}"
         source, target = (_short(functions.parse(channel.spec(side))) for side in SIDES)
         label = f"{number + 1}: {source} to {target}{weight}"
         if ui.row(label, number == session.document.channel)[0]:
-            session.editor.select(channel=number, bump=0)
-    if ui.button("Add", _ADD):
-        session.editor.add_channel()
-    ui.beside_if_fits("Duplicate")
-    if ui.button("Duplicate", "Copy the active channel."):
-        session.editor.duplicate_channel()
-    ui.beside_if_fits("Remove")
-    if ui.button("Remove", "Remove the active channel.", enabled=several):
-        session.editor.remove_channel()
-    ui.beside_if_fits("Swap")
-    if ui.button("Swap", "Exchange the active channel's source and target."):
-        session.editor.swap_channel()
+            editor.select(channel=number, bump=0)
+    buttons = (
+        ("Add", _ADD_CHANNEL, editor.add_channel),
+        ("Duplicate", "Copy the active channel.", editor.duplicate_channel),
+        ("Remove", "Remove the active channel.", editor.remove_channel),
+        ("Swap", "Exchange the active channel's source and target.", editor.swap_channel),
+    )
+    for label, tip, do in buttons:
+        if label != "Add":
+            ui.beside_if_fits(label)
+        if ui.button(label, tip, enabled=several or label != "Remove"):
+            do()
     if several and session.active is not None:
         changed = ui.number("weight", session.active.weight, Range(0, 10), _WEIGHT)
         if changed is not None:
             with ui.refusals.refusing("weight"):
-                session.editor.set_weight(changed, "weight")
+                editor.set_weight(changed, "weight")
 
 
 def _short(tree: functions.Spec) -> str:
@@ -73,3 +108,256 @@ def _short(tree: functions.Spec) -> str:
     if any(parameter.kind.suffixes for parameter in tree.parameters()):
         return cut(Path(word).name, _LONGEST, len)
     return cut(word, _LONGEST, len) if tree.is_open_ended else f"{tree.family} {word}"
+
+
+def _file_of(family: type[functions.Family]) -> functions.Parameter | None:
+    """Return the parameter that names a file of values."""
+    files = (parameter for parameter in family.parameters() if parameter.kind.suffixes)
+    return None if family is functions.Permuted else next(files, None)
+
+
+class _Side:
+    """Draws one side of a channel, and puts a changed function into its place."""
+
+    def __init__(self, context: Context, side: Side, spec: str) -> None:
+        self._context, self._ui, self._session = context, context.ui, context.session
+        self._side, self._spec = side, spec
+        self._mesh = context.session.surface(side).mesh
+        self._bump = active_gaussian(context.session, side)
+        tree = functions.parse(spec)
+        self._map = tree if isinstance(tree, functions.Permuted) else None
+        self._inner: functions.Spec = self._map.function if self._map else tree
+
+    def draw(self) -> None:
+        ui, inner = self._ui, self._inner
+        self._draw_heading()
+        left, right = ui.halves("family", "vertex map")
+        self._draw_family(left)
+        if right:
+            ui.beside()
+        self._draw_map(right)
+        if self._bump is not None:
+            self._draw_gaussians(self._bump)
+        elif isinstance(inner, functions.Family):
+            draw_parameters(ui, inner, self._mesh, self._put_inner)
+            file = _file_of(type(inner))
+            if file is not None and ui.button("Browse...", "Choose the file."):
+                self._choose_values(type(inner), file)
+        typed = ui.text("spec", self._spec, _SPEC)
+        if typed is not None:
+            self._put(typed, "spec")
+        ui.refusal("spec", otherwise=self._session.error(self._side))
+
+    def _put(self, spec: str, label: str, bump: int | None = None) -> None:
+        """Take a whole spec, or say below the label's widget why not; a drag is one step."""
+        with self._ui.refusals.refusing(label):
+            self._session.editor.set_spec(self._side, spec, f"{self._side} {label}", bump)
+
+    def _put_inner(self, function: functions.Spec, label: str) -> None:
+        self._put(str(self._mapped(function)), label)
+
+    def _mapped(self, function: functions.Spec) -> functions.Spec:
+        return function if self._map is None else replace(self._map, function=function)
+
+    def _draw_heading(self) -> None:
+        ui, bump = self._ui, self._bump
+        color = getattr(ui.colors, self._side)
+        if bump is None:
+            ui.heading(self._side, color)
+            return
+        count = len(gaussians.gaussians(self._spec))
+        ui.heading(self._side, color, buttons=(_ADD, _REMOVE)[: 2 if count > 1 else 1])
+        if ui.button(_ADD, "One more bump, as far as possible from the others."):
+            with ui.refusals.refusing(_ADD):
+                self._put(gaussians.added(self._spec, self._mesh), "family", count)
+        if count > 1:
+            ui.beside_if_fits(_REMOVE, is_button=True)
+            if ui.button(_REMOVE, "Remove the bump that is chosen."):
+                self._put(gaussians.removed(self._spec, bump), "family", max(bump - 1, 0))
+        ui.refusal(_ADD)
+
+    def _draw_family(self, width: float) -> None:
+        """Draw the combo of families; a new one begins with a function that is valid here."""
+        known = {cls.family: cls for cls in functions.families()}
+        if isinstance(self._inner, functions.Family):
+            now = self._inner.family
+        else:
+            terms = getattr(self._inner, "terms", ())
+            is_gaussian = len(gaussians.gaussians(self._spec)) == len(terms)
+            now = "gaussian" if is_gaussian else _SEVERAL
+        about = known[now].summary().replace("``", "") if now in known else "A sum of functions."
+        names = [name for name in known if known[name] is not functions.Permuted]
+        words, tip = [*dict.fromkeys([*names, now])], _FAMILY.format(name=now, summary=about)
+        chosen = self._ui.combo("family", now, words, tip, width)
+        if chosen == now:
+            return
+        if file := _file_of(family := known[chosen]):
+            self._choose_values(family, file)
+        else:
+            example = family.example or family.family
+            self._put_inner(_begun(example, self._mesh, self._vertex()), "family")
+
+    def _draw_gaussians(self, bump: int) -> None:
+        known = gaussians.gaussians(self._spec)
+        if len(known) > 1:
+            words = [f"bump {number + 1}" for number in range(len(known))]
+            chosen = words.index(self._ui.radio(words, words[bump], [_BUMP] * len(words)))
+            if chosen != bump:
+                self._session.editor.select(side=self._side, bump=chosen)
+                bump = chosen
+
+        def put(gaussian: functions.Family, label: str) -> None:
+            names = [parameter.name for parameter in gaussian.parameters()]
+            values = {name: getattr(gaussian, name) for name in names}
+            self._put(gaussians.changed(self._spec, bump, **values), label, bump)
+
+        draw_parameters(self._ui, known[bump], self._mesh, put)
+
+    def _draw_map(self, width: float) -> None:
+        now = _NO_MAP if self._map is None else Path(self._map.path).name
+        words = [_NO_MAP, *abfm.maps.KINDS, _MAP_FILE]
+        words = words if now in words else [now, *words]
+        chosen = self._ui.combo("vertex map", now, words, _MAP, width)
+        permuted = partial(functions.Permuted, function=self._inner)
+        if chosen == _MAP_FILE:
+            (file,) = functions.Permuted.parameters()
+            self._choose("Open a vertex map", file, lambda path: permuted(path=path))
+        elif chosen == _NO_MAP != now:
+            self._put(str(self._inner), "vertex map")
+        elif chosen != now:
+            self._put(str(permuted(path=chosen)), "vertex map")
+
+    def _choose_values(self, family: type[functions.Family], file: functions.Parameter) -> None:
+        def read(path: str) -> functions.Spec:
+            return self._mapped(family(**{file.name: path}))
+
+        self._choose("Open values at the vertices", file, read)
+
+    def _choose(
+        self, title: str, file: functions.Parameter, function: Callable[[str], functions.Spec]
+    ) -> None:
+        """Let the user choose the file that a function reads; nothing changes before."""
+
+        def take(path: Path) -> None:
+            try:
+                self._session.editor.set_spec(self._side, str(function(str(path))))
+            except FunctionError as error:
+                self._session.notices.say(str(error), is_error=True)
+
+        self._context.dialogs.open(title, file.kind.suffixes, take)
+
+    def _vertex(self) -> int:
+        """Return the vertex, as in the file, of its first Gaussian, or where it is largest."""
+        for gaussian in gaussians.gaussians(self._spec):
+            try:
+                return gaussians.centre(gaussian, self._mesh)
+            except FunctionError:  # a vertex that was typed and is not there
+                continue
+        values = self._session.values(self._side)
+        return int(self._mesh.vertex_ids[0 if values is None else values.argmax()])
+
+
+# The parameters of a family, which declares them
+
+
+def _begun(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
+    """Return a family's example, made for a mesh and a vertex as its file counts."""
+    middle = f"{mesh.vertices[:, 1].mean():.3g}"
+    return functions.parse(example.format(vertex=vertex, middle=middle))
+
+
+def draw_parameters(
+    ui: Ui,
+    function: functions.Family,
+    mesh: TriangleMesh,
+    put: Callable[[functions.Family, str], None],
+) -> None:
+    """Draw a widget for each parameter that a function has, and first the choice of its shape.
+
+    Those without a slider come first, two in a line where there is room. A changed function is put,
+    with the label of the widget that changed it.
+    """
+    if function.shapes:
+        about = ", or ".join(shape.summary for shape in function.shapes.values())
+        now = function.shape()
+        chosen = ui.combo("shape", now, tuple(function.shapes), sentence(about))
+        if chosen != now:
+            other = _begun(function.shapes[chosen].example, mesh, int(mesh.vertex_ids[0]))
+            assert isinstance(other, functions.Family)
+            put(other, "shape")
+            function = other
+    shape = function.shapes.get(function.shape())
+    controls = [
+        _Control(ui, function, mesh, put, parameter)
+        for parameter in function.parameters()
+        if not (parameter.instead_of and getattr(function, parameter.name) is None)
+        and (shape is None or parameter.name in shape.parameters)
+    ]
+    short = [control for control in controls if control.ends is None]
+    for pair in (short[at : at + 2] for at in range(0, len(short), 2)):
+        widths = ui.halves(*(control.name for control in pair)) if len(pair) == 2 else (0.0,)
+        for number, (control, width) in enumerate(zip(pair, widths, strict=True)):
+            if number and width:
+                ui.beside()
+            control.draw(width)
+        for control in pair:
+            ui.refusal(control.name)
+    for control in controls:
+        if control.ends is not None:
+            control.draw()
+
+
+class _Control:
+    """The widget of a parameter: a combo, a slider or a box, whichever its kind of value asks for.
+
+    `ends` are its slider's; None for one that is chosen or typed.
+    """
+
+    def __init__(
+        self,
+        ui: Ui,
+        function: functions.Family,
+        mesh: TriangleMesh,
+        put: Callable[[functions.Family, str], None],
+        parameter: functions.Parameter,
+    ) -> None:
+        self._ui, self._function, self._mesh, self._put = ui, function, mesh, put
+        self._parameter, self.name = parameter, parameter.name
+        self._value = getattr(function, parameter.name)
+        self.ends: Range | None = None
+        if not parameter.kind.choices and self._value is not None:
+            slider = parameter.slider
+            found = slider(function, mesh) if callable(slider) else slider
+            self.ends = found and Range(found.low, found.high, found.log, parameter.kind.whole)
+
+    def draw(self, width: float = 0) -> None:
+        ui, parameter, kind, value = self._ui, self._parameter, self._parameter.kind, self._value
+        tip = sentence(parameter.summary + (f" ({parameter.unit})" if parameter.unit else ""))
+        new: object = value
+        if kind.choices and value is not None:
+            new = ui.combo(self.name, value, kind.choices, tip, width)
+        elif self.ends is not None:
+            number = ui.number(self.name, float(value), self.ends, tip)
+            if number is not None:
+                new = round(number) if kind.whole and number == round(number) else number
+        else:
+            hint = "" if parameter.required else parameter.empty
+            written = "" if value is None else str(value)
+            written = ",".join(map(str, value)) if isinstance(value, tuple) else written
+            typed = ui.text(self.name, written, tip, hint=hint, width=width)
+            if typed is not None:
+                new = typed if typed.strip() or parameter.required else parameter.default
+        if new != value:
+            self._change(new)
+
+    def _change(self, new: object) -> None:
+        """Take a new value, or say in place why not."""
+        parameters = self._function.parameters()
+        replaced = {other.name: None for other in parameters if other.instead_of == self.name}
+        with self._ui.refusals.refusing(self.name):
+            changed = replace(self._function, **{self.name: new}, **replaced)
+            for parameter in changed.parameters():
+                if parameter.kind is functions.VERTICES:
+                    for vertex in getattr(changed, parameter.name) or ():
+                        self._mesh.local_vertex(vertex)
+            self._put(changed, self.name)

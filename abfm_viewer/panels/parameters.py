@@ -11,8 +11,8 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import section
-from abfm_viewer.widgets.slider_range import Range
 from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_record import Range
 
 _OWN, _DEFAULTS = "own values", "defaults"
 _DEFAULTS_TIP = "What is best for most meshes and functions."
@@ -22,117 +22,67 @@ _FIELDS = {entry.name: entry for entry in fields(Parameters)}
 
 
 class _About(NamedTuple):
-    """What a parameter is called, where the paper has it, what it mends, and its slider."""
+    """What a parameter is called, where the paper has it, and its slider."""
 
     label: str
     place: str
-    remedy: str
     slider: Range = Range(0, 1)
 
 
 _ABOUT = {
-    "alpha": _About(
-        "smoothness α",
-        "section 3, Eq. 3",
-        "Smaller if the target is missed, larger if the field is rough.",
-        Range(1e-4, 1e4, log=True),
-    ),
+    "alpha": _About("smoothness α", "section 3, Eq. 3", Range(1e-4, 1e4, log=True)),
     "sigma": _About(
-        "closeness σ",
-        "Eq. 3, section 7, where it is absolute",
-        "Smaller if the match is loose, larger if the field is wild. It is relative to the "
-        "functions, whatever their scale and width, unless the unit of σ is absolute: half as "
-        "large asks for half the mismatch.",
-        Range(1e-4, 1, log=True),
+        "closeness σ", "Eq. 3, section 7, where it is absolute", Range(1e-4, 1, log=True)
     ),
-    "beta": _About(
-        "slopes β",
-        "section 3, Eq. 3",
-        "0 is mostly best; try 1e-4 if the target's edges are blurred.",
-        Range(0, 1, log=True),
-    ),
-    "tau": _About(
-        "time τ",
-        "Eq. 3, section 7",
-        "Leave it and change the smoothness: mostly only speed and time trade places.",
-        Range(0.1, 10, log=True),
-    ),
-    "reach": _About(
-        "reach",
-        "",
-        "Larger if the source shrinks where it is instead of moving to the target.",
-        Range(0, 2),
-    ),
-    "iterations": _About(
-        "iterations",
-        "section 7",
-        "More if it ended at the iteration limit.",
-        Range(1, 2000, log=True),
-    ),
-    "sigma_unit": _About(
-        "unit of σ", "absolute", "relative, which fits functions of any scale and width."
-    ),
-    "cooling_stages": _About(
-        "stages of σ", "section 7, Table 1", "More if functions far apart do not meet.", Range(1, 6)
-    ),
-    "cooling_factor": _About(
-        "σ divided by",
-        "section 7, Table 1",
-        "Smaller if a new stage undoes the last one.",
-        Range(1.5, 100, log=True),
-    ),
-    "stage_iterations": _About(
-        "stage length",
-        "section 7",
-        "More if the energy still falls where a stage ends.",
-        Range(0, 200),
-    ),
-    "levels": _About(
-        "mesh levels",
-        "",
-        "More if a large mesh takes long, 1 if its coarser ones lose thin parts.",
-        Range(0, 5),
-    ),
-    "order": _About(
-        "norm's order",
-        "only 1",
-        "2 keeps fields continuous; 1 fits more closely, with fields whose flow differs.",
-        Range(1, 2),
-    ),
-    "balance": _About(
-        "flow lines",
-        "",
-        "Larger if flow lines confirm less than the match shows, 0 for the match alone.",
-        Range(0, 1),
-    ),
-    "method": _About("method", "Eqs. 4 and 5, section 5", "nonlinear if the result is jagged."),
-    "segments": _About(
-        "fields in a row", "Eq. 6, section 5", "More if linearised steps leave noise.", Range(1, 40)
-    ),
-    "gradient": _About("gradient", "Eqs. 7 and 9", "adjoint, which is exact."),
-    "substeps": _About(
-        "sub-steps n", "section 7", "More if the line search fails early.", Range(1, 200, log=True)
-    ),
-    "quadrature": _About(
-        "intervals k", "Eq. 9", "More if the line search fails early.", Range(1, 50)
-    ),
-    "memory": _About(
-        "memory", "section 7", "More if it is slow, fewer if memory runs out.", Range(1, 100)
-    ),
-    "max_displacement": _About(
-        "longest step",
-        "",
-        "Smaller if the field overshoots in the first iterations.",
-        Range(0.01, 1, log=True),
-    ),
-    "tolerance": _About(
-        "tolerance", "", "Smaller if it converges too early.", Range(0, 0.1, log=True)
-    ),
-    "preconditioner": _About(
-        "preconditioner", "section 7", "hodge, which is faster on all but the coarsest meshes."
-    ),
+    "beta": _About("slopes β", "section 3, Eq. 3", Range(0, 1, log=True)),
+    "tau": _About("time τ", "Eq. 3, section 7", Range(0.1, 10, log=True)),
+    "reach": _About("reach", "", Range(0, 2)),
+    "iterations": _About("iterations", "section 7", Range(1, 2000, log=True)),
+    "sigma_unit": _About("unit of σ", "absolute"),
+    "cooling_stages": _About("stages of σ", "section 7, Table 1", Range(1, 6)),
+    "cooling_factor": _About("σ divided by", "section 7, Table 1", Range(1.5, 100, log=True)),
+    "stage_iterations": _About("stage length", "section 7", Range(0, 200)),
+    "levels": _About("mesh levels", "", Range(0, 5)),
+    "order": _About("norm's order", "only 1", Range(1, 2)),
+    "balance": _About("flow lines", "", Range(0, 1)),
+    "method": _About("method", "Eqs. 4 and 5, section 5"),
+    "segments": _About("fields in a row", "Eq. 6, section 5", Range(1, 40)),
+    "gradient": _About("gradient", "Eqs. 7 and 9"),
+    "substeps": _About("sub-steps n", "section 7", Range(1, 200, log=True)),
+    "quadrature": _About("intervals k", "Eq. 9", Range(1, 50)),
+    "memory": _About("memory", "section 7", Range(1, 100)),
+    "max_displacement": _About("longest step", "", Range(0.01, 1, log=True)),
+    "tolerance": _About("tolerance", "", Range(0, 0.1, log=True)),
+    "preconditioner": _About("preconditioner", "section 7"),
 }
 """In the order in which they are drawn."""
+_REMEDIES = {
+    "alpha": "Smaller if the target is missed, larger if the field is rough.",
+    "sigma": "Smaller if the match is loose, larger if the field is wild. It is relative to the "
+    "functions, whatever their scale and width, unless the unit of σ is absolute: half as large "
+    "asks for half the mismatch.",
+    "beta": "0 is mostly best; try 1e-4 if the target's edges are blurred.",
+    "tau": "Leave it and change the smoothness: mostly only speed and time trade places.",
+    "reach": "Larger if the source shrinks where it is instead of moving to the target.",
+    "iterations": "More if it ended at the iteration limit.",
+    "sigma_unit": "relative, which fits functions of any scale and width.",
+    "cooling_stages": "More if functions far apart do not meet.",
+    "cooling_factor": "Smaller if a new stage undoes the last one.",
+    "stage_iterations": "More if the energy still falls where a stage ends.",
+    "levels": "More if a large mesh takes long, 1 if its coarser ones lose thin parts.",
+    "order": "2 keeps fields continuous; 1 fits more closely, with fields whose flow differs.",
+    "balance": "Larger if flow lines confirm less than the match shows, 0 for the match alone.",
+    "method": "nonlinear if the result is jagged.",
+    "segments": "More if linearised steps leave noise.",
+    "gradient": "adjoint, which is exact.",
+    "substeps": "More if the line search fails early.",
+    "quadrature": "More if the line search fails early.",
+    "memory": "More if it is slow, fewer if memory runs out.",
+    "max_displacement": "Smaller if the field overshoots in the first iterations.",
+    "tolerance": "Smaller if it converges too early.",
+    "preconditioner": "hodge, which is faster on all but the coarsest meshes.",
+}
+"""What another value mends."""
 _MAIN = ("alpha", "sigma", "beta", "tau", "reach")
 _NONLINEAR, _OF_BRACKETS = ("gradient",), ("substeps", "quadrature")
 _MASK_TIP = (
@@ -164,7 +114,6 @@ def draw(context: Context) -> None:
 
 
 def _preset(ui: Ui, session: Session) -> None:
-    """Draw the combo of the paper's rows of parameters, which says which of them are set."""
     now = row_of(session.parameters)
     shown = now.name if now else _DEFAULTS if session.parameters == _INITIAL else _OWN
     rows = {row.name: row for row in TABLE_1.values()}
@@ -181,7 +130,6 @@ def _preset(ui: Ui, session: Session) -> None:
 
 
 def _control(ui: Ui, session: Session, name: str) -> None:
-    """Draw the widget of a parameter, which says in place why a value is refused."""
     about, value = _ABOUT[name], getattr(session.parameters, name)
     label, whole = f"{about.label}##{name}", _FIELDS[name].type == "int"
     new: Any
@@ -214,5 +162,5 @@ def _tip(name: str) -> str:
     in_paper = ", ".join(filter(None, [symbol.strip("*"), about.place])) or "not there"
     return (
         f"{sentence(help)} Default: {shown}.\nIn the paper: {in_paper}.\n"
-        f"In files and on the command line: {name}.\nBad result? {about.remedy}"
+        f"In files and on the command line: {name}.\nBad result? {_REMEDIES[name]}"
     )

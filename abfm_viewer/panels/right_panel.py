@@ -2,47 +2,38 @@
 
 from collections.abc import Callable
 from functools import partial
-from types import ModuleType
 
-from abfm_viewer.panels import energy, export, functions, mesh, parameters, solver
+from abfm_viewer.panels import energy, export, functions, look, parameters, solver
 from abfm_viewer.panels.context import Context
-from abfm_viewer.panels.look import clicks, coloring, compare, field, numbers
 from abfm_viewer.widgets.containers import child, tabs, window
 from abfm_viewer.widgets.widget_record import Rect
 
-Guard = Callable[[str, Callable[[], None]], None]
-# by label, what `draw` of these modules draws in it, one below the other
-TABS: dict[str, dict[str, ModuleType]] = {
-    "Functions": {"mesh": mesh, "functions": functions},
-    "Match": {"parameters": parameters, "energy": energy},
+TABS: dict[str, dict[str, Callable[[Context], None]]] = {
+    "Functions": {"mesh": functions.draw_mesh, "functions": functions.draw},
+    "Match": {"parameters": parameters.draw, "energy": energy.draw},
     "Look": {
-        "coloring": coloring,
-        "field": field,
-        "clicks": clicks,
-        "compare": compare,
-        "numbers": numbers,
+        "coloring": look.draw_coloring,
+        "field": look.draw_field,
+        "clicks": look.draw_clicks,
+        "compare": look.draw_compare,
+        "numbers": look.draw_numbers,
     },
-    "Export": {"export": export},
+    "Export": {"export": export.draw},
 }
+"""By label, what is drawn in it, one part below the other."""
 STEPS = "steps"
 """Where the tabs are, for the Driver: the button Match has the name of one of them."""
 
 
-def draw(context: Context, rect: Rect, guarded: Guard) -> None:
+def draw(context: Context, rect: Rect, guarded: Callable[[str, Callable[[], None]], None]) -> None:
     """Draw the column; a part that fails does not take the others with it."""
-    ui = context.ui
-    session = context.session
-    accepted = (
-        session.document.identity,
-        session.channels,
-        session.parameters,
-        session.document.mask,
-        session.result,
-    )
-    ui.refusals.accept_after(*accepted, session.solver.running)
+    ui, session = context.ui, context.session
+    document = session.document
+    accepted = (document.identity, session.channels, session.parameters, document.mask)
+    ui.refusals.accept_after(*accepted, session.result, session.solver.running)
     with window(ui, "panel", rect):
         guarded("Solver", lambda: solver.draw(context))
         label = tabs(ui, STEPS, tuple(TABS))
         with child(ui, label, 0, border=False), ui.group(label):
-            for part, panel in TABS[label].items():
-                guarded(part, partial(panel.draw, context))
+            for part, draw_part in TABS[label].items():
+                guarded(part, partial(draw_part, context))

@@ -1,52 +1,69 @@
-"""The solver: the one obvious button, what goes on, and what its end means."""
+"""The solver: the one obvious button, what goes on, and what the latest match came to."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.panels import progress, verdict
+from abfm.workers.progress import Step, rounded
+from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.document import verdict_words
+from abfm_viewer.document.verdict_words import capital, sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import child
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.toolkit import Kind, Ui
+
+if TYPE_CHECKING:
+    from abfm import Match
 
 _STATE_HEIGHT = 130  # six lines, or four and a row of buttons
 _STATE_SHARE = 0.3  # of a low panel
 _SIDE_BUTTON, _SIDE_SHARE = 76, 0.3
+_BAR = 8  # high, as those in the viewport: below it is room for three lines and a warning
+_MOST_LINES = 2  # for why it stopped, or cannot start
 _WARM = "from the current field"
+_FOLLOW_TIP = (
+    "While it runs, another parameter or function restarts the solver from the field that it has "
+    "by then. A new smoothness is taken when the mouse lets go of the slider."
+)
+_WARM_TIP = (
+    "Match goes on from the present result instead of from zero, with σ at its last value. Good "
+    "after small changes; start from zero where it got stuck."
+)
 
 
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
-    _buttons(ui, session)
-    room = _STATE_SHARE * imgui.GetContentRegionAvail()[1]
-    height, lines = _state_room(ui.px(_STATE_HEIGHT), room)
+    _draw_buttons(ui, session)
+    room, height = _STATE_SHARE * imgui.GetContentRegionAvail()[1], ui.px(_STATE_HEIGHT)
+    lines = 0  # that a low panel has for why a match ended, with remedies before numbers
+    if height > room:
+        line, spacing = float(imgui.GetTextLineHeight()), float(imgui.GetStyle().ItemSpacing[1])
+        height = 2 * line + 2 * spacing + imgui.GetFrameHeight()  # headline, a line, and buttons
+        lines = 1
+        if height + line <= room:
+            height, lines = height + line, 2
     with child(ui, "state", height, border=False):  # always as high: what is below must not jump
         if session.solver.running:
-            progress.draw(ui, session)
+            _draw_progress(ui, session)
         else:
-            verdict.draw(context, lines)
+            _draw_verdict(ui, session, lines)
 
 
-def _state_room(wanted: float, room: float) -> tuple[float, int]:
-    """Return the height, and how many lines a low panel has for why a match ended, else 0."""
-    if wanted <= room:
-        return wanted, 0
-    line, spacing = float(imgui.GetTextLineHeight()), float(imgui.GetStyle().ItemSpacing[1])
-    least = 2 * line + 2 * spacing + imgui.GetFrameHeight()  # headline, a line, and buttons
-    return (least + line, 2) if least + line <= room else (least, 1)
-
-
-def _buttons(ui: Ui, session: Session) -> None:
+def _draw_buttons(ui: Ui, session: Session) -> None:
     """Draw them where they always are: a click when the run has just ended hits no other."""
-    solver = session.solver
+    solver, replacing = session.solver, session.loading.replacing
     side = min(ui.px(_SIDE_BUTTON), _SIDE_SHARE * imgui.GetContentRegionAvail()[0])
     others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
     tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
     if session.result is not None and not solver.warm:
         tip += " It begins anew, from no motion."
-    if session.loading.replacing:
+    if replacing:
         name = session.document.name
-        tip = f"{session.loading.replacing}: that takes the place of {name}. Wait, or cancel it."
-    ready = not (solver.running or session.obstacle or session.loading.replacing)
+        tip = f"{replacing}: that takes the place of {name}. Wait, or cancel it."
+    ready = not (solver.running or session.obstacle or replacing)
     if ui.button("Match", tip, primary=True, enabled=ready, width=-others):
         session.match()
     ui.beside()
@@ -63,17 +80,120 @@ def _buttons(ui: Ui, session: Session) -> None:
 
 def draw_switches(ui: Ui, session: Session) -> None:
     """Draw how runs begin: what the parameters do not say."""
-    solver = session.solver
-    solver.follow = ui.checkbox(
-        "restart on changes##Restart on changes",
-        solver.follow,
-        "While it runs, another parameter or function restarts the solver from the field that it "
-        "has by then. A new smoothness is taken when the mouse lets go of the slider.",
-    )
+    solver, label = session.solver, "restart on changes##Restart on changes"
+    solver.follow = ui.checkbox(label, solver.follow, _FOLLOW_TIP)
     ui.beside_if_fits(_WARM)
-    solver.warm = ui.checkbox(
-        f"{_WARM}##Start from the current field",
-        solver.warm,
-        "Match goes on from the present result instead of from zero, with σ at its last value. "
-        "Good after small changes; start from zero where it got stuck.",
-    )
+    label = f"{_WARM}##Start from the current field"
+    solver.warm = ui.checkbox(label, solver.warm, _WARM_TIP)
+
+
+# While it runs
+
+
+def _draw_progress(ui: Ui, session: Session) -> None:
+    solver = session.solver
+    snapshot, step = solver.snapshot, solver.step
+    if snapshot is None:
+        draw_step(ui, step or Step("starting the solver"))
+        return
+    now, limit = snapshot.iteration, snapshot.problem.parameters.iterations
+    imgui.ProgressBar(now.iteration / max(limit, 1), (-1, ui.px(_BAR)), "")
+    each = None if step else solver.seconds_each
+    left = limit - now.iteration
+    at_most = f", at most {rounded(each * left)} more" if each and left > 0 else ""
+    ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
+    ui.note(capital(step.words() if step else f"{verdict_words.place(now)}{at_most}"))
+    if now.warning:
+        ui.note(sentence(now.warning), "failure")
+
+
+def draw_step(ui: Ui, step: Step) -> None:
+    """Draw a bar, empty where nobody knows how long it takes, and what is being done."""
+    imgui.ProgressBar(step.share() or 0.0, (-1, ui.px(_BAR)), "")
+    ui.note(capital(step.words()))
+
+
+# When it has ended
+
+
+def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
+    result, solver = session.result, session.solver
+    if solver.failed:
+        _line(ui, f"The solver stopped: {solver.reason}", "failure", _MOST_LINES)
+    elif result is None:
+        failed = session.functions.problem(session.document) != ""
+        _line(ui, "No match yet", "ink")
+        about = session.obstacle or "Match finds a flow from the source to the target"
+        _line(ui, sentence(about), "failure" if failed else "muted", _MOST_LINES)
+    if result is None:
+        return
+    tone = "muted" if session.outdated else verdict_words.tone(result)
+    _line(ui, capital(verdict_words.headline(result)), tone)
+    if steps := len(result.energy_history) - 1:  # at the end of the line, if there is room
+        text = verdict_words.counted(steps, "iteration")
+        end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
+        start = end - ui.text_width(text) - ui.px(2)
+        if imgui.GetWindowPos()[0] + start > imgui.GetItemRectMax()[0] + ui.px(8):
+            imgui.SameLine(start)
+            ui.note(text)
+    changed = "functions or parameters changed since"
+    why = changed if session.outdated else verdict_words.why(result)
+    _line(ui, sentence(why), "ink", lines or _MOST_LINES)
+    numbers = f"Mismatch {verdict_words.numbers(result)}"
+    if lines:
+        _draw_remedies(ui, session, result, 1)
+        _line(ui, numbers)
+    else:
+        has_more = session.outdated or verdict_words.advice(result)
+        _line(ui, numbers, most=1 if has_more else _MOST_LINES)
+        _draw_remedies(ui, session, result, _MOST_LINES)
+
+
+def _draw_remedies(ui: Ui, session: Session, result: Match, lines: int) -> None:
+    """Draw buttons, or what to try where no button can do it in so many lines."""
+    is_broken_off, remedies = verdict_words.is_broken_off(result), result.verdict.remedies
+    with ui.group("verdict"):
+        if session.outdated:
+            _draw_again(ui, session, is_broken_off)
+            return
+        for number, remedy in enumerate(remedies):
+            if number:
+                ui.beside_if_fits(remedy.label, is_button=True)
+            if ui.button(remedy.label, verdict_words.changes(remedy)):
+                session.remedy(remedy)
+        # copies of a run, and older files, have no remedies
+        if not remedies and is_broken_off:
+            _draw_continue(ui, session)
+    advice = verdict_words.advice(result)
+    if advice and (result.verdict.kind == "impossible" or not remedies):
+        _line(ui, f"To try: {advice}.", most=lines)
+    elif is_broken_off:
+        _line(ui, "Continue, or Match starts over.", most=lines)
+
+
+def _draw_again(ui: Ui, session: Session, is_broken_off: bool) -> None:
+    """Draw what there is to do after another problem than the present one."""
+    tip = "Match the functions and parameters as they are now."
+    if ui.button("Match again", tip, enabled=not session.obstacle):
+        session.match()
+    if is_broken_off:
+        ui.beside_if_fits("Continue", is_button=True)
+        _draw_continue(ui, session)
+    if session.obstacle:
+        ui.beside()
+        _line(ui, sentence(session.obstacle), "failure")
+
+
+def _draw_continue(ui: Ui, session: Session) -> None:
+    tip = "Match from the field that was found."
+    if ui.button("Continue", tip, enabled=not session.obstacle):
+        session.match(goes_on=True)
+
+
+def _line(ui: Ui, text: str, kind: Kind = "muted", most: int = 1) -> None:
+    """Write a line, or at most some; what has no room is in a tooltip."""
+    width, room = imgui.GetContentRegionAvail()[0], most * imgui.GetTextLineHeight() + 1
+    shown = cut(text, room, lambda part: float(imgui.CalcTextSize(part, False, width)[1]))
+    ui.note(shown, kind)
+    if shown != text:
+        ui.tip(text)

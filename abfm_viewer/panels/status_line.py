@@ -18,17 +18,12 @@ def draw(context: Context, rect: Rect) -> None:
         name = cut(session.document.name, (right - left) / 3, ui.text_width)
         size = f"{len(session.surface().mesh.vertices):,} vertices"
         details = f"{name}   {size}   {imgui.GetIO().Framerate:.0f} fps"
-        # else a fraction of a pixel makes it two lines
         start = right - ui.text_width(details) - ui.px(2)
         # errors are cards in the viewport
         text = "" if session.notices.latest.is_error else session.notices.latest.text
-        text = text or _state(context)
-        shown = cut(text, start - left - ui.px(16), ui.text_width)
-        ui.note(shown, "ink")
-        if shown != text:
-            ui.tip(text)
+        ui.line(text or _state(context), "ink", room=start - left - ui.px(16))
         imgui.SameLine(start)
-        ui.note(details)
+        ui.line(details)
 
 
 def _state(context: Context) -> str:

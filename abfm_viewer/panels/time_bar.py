@@ -6,85 +6,79 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.session.player import REPEATS
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import window
-from abfm_viewer.widgets.slider_range import Range
 from abfm_viewer.widgets.toolkit import Ui, finite
-from abfm_viewer.widgets.widget_record import Rect
+from abfm_viewer.widgets.widget_record import Range, Rect
 
 STEP = 1 / 20
 """Of tau: how far a step moves in time."""
-_SPEEDS = Range(0.1, 4.0, log=True)
-_PADDING, _ROW, _GAP = 20, 32, 8
-_GROUPS = (180, 153, 106, 136)  # widths at a scale of 1: buttons, repeat, beyond tau, speed
-_NARROW_GROUPS = (180, 70, 106, 136)
-_NARROW = 430  # at a scale of 1: below, repeat has no caption
+PADDING, GAP = 20, 8
+_ROW, _NARROW = 32, 430  # at a scale of 1; in a narrower bar repeat has no caption
+
+
+def groups(width: float) -> tuple[int, ...]:
+    """Return widths of the buttons, repeat, beyond tau and speed, all at a scale of 1."""
+    return 180, 153 if width >= _NARROW else 70, 106, 136
+
+
+def rows(width: float) -> list[int]:
+    """Return in which row each group of widgets is, for a width at a scale of 1."""
+    found, used = [0], 0.0
+    for needed in groups(width):
+        fits = used + needed <= width - PADDING
+        found.append(found[-1] + (not fits))
+        used = (used if fits else 0) + needed + GAP
+    return found[1:]
 
 
 def height(width: float, scale: float) -> float:
     """Return how high a bar of a certain width must be, in pixels."""
-    return (_PADDING - 6 + _ROW * (1 + len(set(_rows(width / scale))))) * scale
-
-
-def _rows(width: float) -> list[int]:
-    """Return in which row each group of widgets is, for a width at a scale of 1."""
-    rows, used = [0], 0.0
-    for needed in _groups(width):
-        fits = used + needed <= width - _PADDING
-        rows.append(rows[-1] + (not fits))
-        used = (used if fits else 0) + needed + _GAP
-    return rows[1:]
-
-
-def _groups(width: float) -> tuple[int, ...]:
-    return _GROUPS if width >= _NARROW else _NARROW_GROUPS
+    return (PADDING - 6 + _ROW * (1 + len(set(rows(width / scale))))) * scale
 
 
 def draw(context: Context, rect: Rect) -> None:
-    ui, session = context.ui, context.session
-    width = (rect[2] - rect[0]) / ui.scale
+    ui, before = context.ui, -1
     with window(ui, "time bar", rect), ui.group("time bar"):
-        before = -1
-        for row, draw_group in zip(_rows(width), (_buttons, _repeat, _beyond, _speed), strict=True):
+        places = rows((rect[2] - rect[0]) / ui.scale)
+        for row, draw_group in zip(places, (_buttons, _repeat, _beyond, _speed), strict=True):
             if row == before:
-                ui.beside(ui.px(_GAP))
-            draw_group(ui, session)
+                ui.beside(ui.px(GAP))
+            draw_group(ui, context.session)
             before = row
         _slider(context)
 
 
 def _buttons(ui: Ui, session: Session) -> None:
-    player = session.player
-    step = STEP * session.parameters.tau
+    player, step = session.player, STEP * session.parameters.tau
     tip = "Hold (Space)." if player.playing else "Show the function on its way (Space)."
     if ui.button("Pause" if player.playing else "Play", tip, width=ui.px(52)):
         player.toggle()
-    steps = (("<", -step, "A twentieth of τ back."), (">", step, "A twentieth of τ on."))
-    for label, seconds, tip in steps:
+    times = (
+        ("<", session.time - step, "A twentieth of τ back.", 26),
+        (">", session.time + step, "A twentieth of τ on.", 26),
+        ("to start", 0.0, "Show the source, time 0.", 0),
+    )
+    for label, time, tip, width in times:
         ui.beside(ui.px(4))
-        if ui.button(label, tip, width=ui.px(26)):
-            session.set_time(session.time + seconds)
-    ui.beside(ui.px(4))
-    if ui.button("to start", "Show the source, time 0."):
-        session.set_time(0.0)
+        if ui.button(label, tip, width=ui.px(width)):
+            session.set_time(time)
 
 
 def _repeat(ui: Ui, session: Session) -> None:
     is_narrow = imgui.GetWindowWidth() < ui.px(_NARROW)
-    label, width = ("##repeat", _NARROW_GROUPS[1]) if is_narrow else ("repeat", 104)
+    label, width = ("##repeat", 70) if is_narrow else ("repeat", 104)
     tip, player = "Repeat: what happens at the end.", session.player
     player.repeat = ui.combo(label, player.repeat, REPEATS, tip, ui.px(width))
 
 
 def _beyond(ui: Ui, session: Session) -> None:
-    player = session.player
-    tip = "Play on to 2τ, where the flow extrapolates."
+    tip, player = "Play on to 2τ, where the flow extrapolates.", session.player
     player.beyond = ui.checkbox("beyond τ##beyond tau", player.beyond, tip)
 
 
 def _speed(ui: Ui, session: Session) -> None:
-    player = session.player
-    tip = "1 goes from 0 to τ in four seconds."
+    tip, player = "1 goes from 0 to τ in four seconds.", session.player
     imgui.SetNextItemWidth(ui.px(64))
-    speed = ui.slider("speed", player.speed, _SPEEDS, tip)
+    speed = ui.slider("speed", player.speed, Range(0.1, 4.0, log=True), tip)
     if speed is not None:
         player.speed = float(f"{speed:.2g}")
     ui.beside(ui.px(6))
@@ -107,7 +101,9 @@ def _slider(context: Context) -> None:
     imgui.SetNextItemWidth(width)
     slid = ui.slider("time", session.time, Range(0.0, session.document.end), tip, tip_above=True)
     imgui.PopStyleColor(len(grounds))
-    _mark(ui, track)
+    # the tick at tau, also over the grab
+    middle, ink = left + width / 2, imgui.GetColorU32(ui.colors.ink)
+    imgui.GetWindowDrawList().AddLine((middle, top), (middle, track[3]), ink, ui.px(1.5))
     if slid is not None:
         session.set_time(slid)
     ui.beside(spacing)
@@ -123,9 +119,9 @@ def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
     """Draw the slider's ground, with words where the grab, at a share of it, hides none."""
     left, top, right, bottom = rect
     colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
-    middle, gap = (left + right) / 2, ui.px(12)
-    canvas.AddRectFilled((left, top), (right, bottom), _packed(colors.field), rounding)
-    tint, corners = _packed((*colors.marker[:3], 0.16)), imgui.ImDrawFlags_RoundCornersRight
+    packed, middle, gap = imgui.GetColorU32, (left + right) / 2, ui.px(12)
+    canvas.AddRectFilled((left, top), (right, bottom), packed(colors.field), rounding)
+    tint, corners = packed((*colors.marker[:3], 0.16)), imgui.ImDrawFlags_RoundCornersRight
     canvas.AddRectFilled((middle, top), (right, bottom), tint, rounding, corners)
     text, color = ("cannot be followed", colors.failure) if note else ("extrapolation", colors.ink)
     width, height = imgui.CalcTextSize(text)
@@ -133,21 +129,9 @@ def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:
     grab = left + share * (right - left)
     hides_tau = middle - tau - 2 * gap < grab < middle - gap / 2
     beyond = middle + gap if hides_tau else middle - gap - tau
-    canvas.AddText((beyond, y), _packed(colors.ink), "τ")
+    canvas.AddText((beyond, y), packed(colors.ink), "τ")
     end, start = max(middle, beyond + tau), right - ui.px(6) - width
     if grab > start - gap:
         start = min(start, grab - 2 * gap - width)
     if start > end + gap:
-        canvas.AddText((start, y), _packed(color), text)
-
-
-def _mark(ui: Ui, rect: Rect) -> None:
-    """Draw the tick at tau, also over the grab."""
-    left, top, right, bottom = rect
-    middle = (left + right) / 2
-    canvas, ink = imgui.GetWindowDrawList(), _packed(ui.colors.ink)
-    canvas.AddLine((middle, top), (middle, bottom), ink, ui.px(1.5))
-
-
-def _packed(color: tuple[float, float, float, float]) -> int:
-    return int(imgui.GetColorU32(color))
+        canvas.AddText((start, y), packed(color), text)

@@ -1,18 +1,16 @@
-"""What widgets are drawn in: windows, dialogs, cards, sections, tabs and plots, with a record of
-what is where.
+"""What widgets are drawn in: windows, dialogs, cards, sections, tabs, plots and menus.
 
-Everything that opens something is a context manager, so that an error inside leaves ImGui's stacks
-whole.
+What opens something is a context manager, so that an error inside leaves ImGui's stacks whole.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import contextmanager
 
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.toolkit import Ui, close_by_escape, pushed
 from abfm_viewer.widgets.widget_record import Rect
 
 _STILL = imgui.ImGuiWindowFlags_NoMove | imgui.ImGuiWindowFlags_NoSavedSettings
@@ -26,15 +24,32 @@ _CARD = (
     | imgui.ImGuiWindowFlags_AlwaysAutoResize
     | imgui.ImGuiWindowFlags_NoFocusOnAppearing
 )
+_CLEAR = (0.0, 0.0, 0.0, 0.0)
+
+
+@contextmanager
+def _ended(
+    ui: Ui, end: Callable[[], object], section: str = "", rect: Rect | None = None
+) -> Iterator[None]:
+    """Draw a block in a part of the window, which ends for ImGui, too, whatever happens in it.
+
+    By default it is that of the present ImGui window.
+    """
+    try:
+        (left, top), width = imgui.GetWindowPos(), imgui.GetWindowWidth()
+        area = rect or (left, top, left + width, top + imgui.GetWindowHeight())
+        with ui.record.within(section, area):
+            yield
+    finally:
+        end()
 
 
 @contextmanager
 def window(ui: Ui, name: str, rect: Rect) -> Iterator[None]:
-    """Draw a fixed panel."""
     imgui.SetNextWindowPos(rect[:2])
     imgui.SetNextWindowSize((rect[2] - rect[0], rect[3] - rect[1]))
     imgui.Begin(name, _WINDOW)
-    with _inside(imgui.End, ui.record.area(rect)):
+    with _ended(ui, imgui.End, rect=rect):
         _keep_scroll(ui, name)
         yield
 
@@ -46,7 +61,11 @@ def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None
     Without a height it fits what is in it.
     """
     display = imgui.GetIO().DisplaySize
-    _veil(display)
+    imgui.SetNextWindowPos((0, 0))
+    imgui.SetNextWindowSize(tuple(display))
+    with pushed({imgui.ImGuiCol_WindowBg: (0, 0, 0, 0.35)}):
+        imgui.Begin("backdrop", _WINDOW & ~imgui.ImGuiWindowFlags_NoBringToFrontOnFocus)
+        imgui.End()
     size = (min(ui.px(width), 0.96 * display[0]), min(ui.px(height), 0.92 * display[1]))
     imgui.SetNextWindowPos((display[0] / 2, display[1] / 2), imgui.ImGuiCond_Always, (0.5, 0.5))
     flags = _DIALOG
@@ -57,17 +76,8 @@ def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None
         flags |= imgui.ImGuiWindowFlags_AlwaysAutoResize
     imgui.SetNextWindowFocus()
     imgui.Begin(title, flags)
-    with _inside(imgui.End, ui.record.area(_window_rect()), ui.record.section(title)):
+    with _ended(ui, imgui.End, title):
         yield
-
-
-def _veil(size: Sequence[float]) -> None:
-    imgui.SetNextWindowPos((0, 0))
-    imgui.SetNextWindowSize(tuple(size))
-    imgui.PushStyleColor(imgui.ImGuiCol_WindowBg, (0, 0, 0, 0.35))
-    imgui.Begin("backdrop", _WINDOW & ~imgui.ImGuiWindowFlags_NoBringToFrontOnFocus)
-    imgui.End()
-    imgui.PopStyleColor()
 
 
 @contextmanager
@@ -81,13 +91,14 @@ def card(
     left, top, width = place
     imgui.SetNextWindowPos((left, top))
     imgui.SetNextWindowSizeConstraints((width, 0), (width, max(highest, ui.px(40))))
-    imgui.PushStyleColor(imgui.ImGuiCol_Border, color)
-    imgui.PushStyleVar(imgui.ImGuiStyleVar_WindowBorderSize, max(1.0, 2 * ui.scale))
-    imgui.PushStyleVar(imgui.ImGuiStyleVar_WindowRounding, ui.px(6))
-    imgui.Begin(f"{name}##card", _CARD)
-    imgui.PopStyleVar(2)
-    imgui.PopStyleColor()
-    with _inside(imgui.End, ui.record.area(_window_rect())), ui.group(name):
+    border, rounding = max(1.0, 2 * ui.scale), ui.px(6)
+    sizes = {
+        imgui.ImGuiStyleVar_WindowBorderSize: border,
+        imgui.ImGuiStyleVar_WindowRounding: rounding,
+    }
+    with pushed({imgui.ImGuiCol_Border: color}, sizes):
+        imgui.Begin(f"{name}##card", _CARD)
+    with _ended(ui, imgui.End), ui.group(name):
         yield
 
 
@@ -109,19 +120,26 @@ def child(
         padding = 2 * style.WindowPadding[0] if border else 0
         imgui.SetNextWindowContentSize((room - style.ScrollbarSize - ui.px(4) - padding, 0))
     imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
-    with _inside(imgui.EndChild, ui.record.area(_window_rect())):
+    with _ended(ui, imgui.EndChild):
         _keep_scroll(ui, ui.record.path(name))
         yield
 
 
+def _keep_scroll(ui: Ui, name: str) -> None:
+    """Keep how far the present window was scrolled, also for a new context."""
+    ui.hidden_heights[name] = imgui.GetScrollMaxY()
+    if ui.capturing or name not in ui.scrolls:
+        imgui.SetScrollY(ui.scrolls.setdefault(name, 0.0))
+    else:
+        ui.scrolls[name] = imgui.GetScrollY()
+
+
 @contextmanager
 def section(ui: Ui, label: str, opened: bool = True) -> Iterator[bool]:
-    """Draw a collapsible part of the panel; yields whether it is open."""
     is_open = ui.open_sections.setdefault(label, opened)
     imgui.SetNextItemOpen(is_open, imgui.ImGuiCond_Always)
-    imgui.PushStyleColor(imgui.ImGuiCol_Text, ui.colors.ink)
-    now_open = imgui.CollapsingHeader(label)
-    imgui.PopStyleColor()
+    with pushed({imgui.ImGuiCol_Text: ui.colors.ink}):
+        now_open = imgui.CollapsingHeader(label)
     ui.remember(label, "section", text="open" if now_open else "closed")
     ui.open_sections[label] = now_open
     try:
@@ -136,48 +154,42 @@ def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
     """Draw a row of tabs, as wide as the panel; which one is open, at first the first."""
     if ui.open_tab not in labels:
         ui.open_tab = labels[0]
-    gap = ui.px(2)
+    gap, colors = ui.px(2), ui.colors
     widths = [ui.text_width(label) for label in labels]
     room = imgui.GetContentRegionAvail()[0] - gap * (len(labels) - 1)
     padding = (room - sum(widths)) / len(labels)
+    no_padding = {imgui.ImGuiStyleVar_FramePadding: (0, imgui.GetStyle().FramePadding[1])}
     with ui.group(name):
         for number, (label, width) in enumerate(zip(labels, widths, strict=True)):
             if number and padding > 0:
                 ui.beside(gap)
-            if _tab(ui, label, width + max(padding, ui.px(2))):
+            is_open = label == ui.open_tab
+            looks = {
+                imgui.ImGuiCol_Button: colors.pressed if is_open else colors.panel,
+                imgui.ImGuiCol_Text: colors.ink if is_open else colors.muted,
+            }
+            with pushed(looks, no_padding):
+                clicked = imgui.Button(label, (width + max(padding, ui.px(2)), 0))
+            (left, _), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
+            line = imgui.GetColorU32(colors.accent if is_open else colors.border)
+            top = bottom - ui.px(2 if is_open else 1)
+            imgui.GetWindowDrawList().AddRectFilled((left, top), (right, bottom), line)
+            ui.remember(label, "tab", text="open" if is_open else "closed")
+            if clicked:
                 ui.open_tab = label
     return ui.open_tab
 
 
-def _tab(ui: Ui, label: str, width: float) -> bool:
-    """Draw one of the tabs; whether it was clicked."""
-    colors, is_open = ui.colors, label == ui.open_tab
-    imgui.PushStyleColor(imgui.ImGuiCol_Button, colors.pressed if is_open else colors.panel)
-    imgui.PushStyleColor(imgui.ImGuiCol_Text, colors.ink if is_open else colors.muted)
-    imgui.PushStyleVarX(imgui.ImGuiStyleVar_FramePadding, 0)
-    clicked = bool(imgui.Button(label, (width, 0)))
-    imgui.PopStyleVar()
-    imgui.PopStyleColor(2)
-    (left, _), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
-    line = imgui.GetColorU32(colors.accent if is_open else colors.border)
-    top = bottom - ui.px(2 if is_open else 1)
-    imgui.GetWindowDrawList().AddRectFilled((left, top), (right, bottom), line)
-    ui.remember(label, "tab", text="open" if is_open else "closed")
-    return clicked
-
-
 @contextmanager
 def plot(ui: Ui, label: str, height: float, flags: int) -> Iterator[bool]:
-    """Draw a plot as wide as the panel; yields whether there is something to draw on."""
-    clear = (0, 0, 0, 0)
     colors = {
-        implot.ImPlotCol_FrameBg: clear,
+        implot.ImPlotCol_FrameBg: _CLEAR,
         implot.ImPlotCol_PlotBg: ui.colors.ground,
         implot.ImPlotCol_PlotBorder: ui.colors.border,
-        implot.ImPlotCol_LegendBg: clear,
-        implot.ImPlotCol_LegendBorder: clear,
+        implot.ImPlotCol_LegendBg: _CLEAR,
+        implot.ImPlotCol_LegendBorder: _CLEAR,
         implot.ImPlotCol_AxisGrid: ui.colors.border,
-        implot.ImPlotCol_AxisTick: clear,
+        implot.ImPlotCol_AxisTick: _CLEAR,
     }
     for index, color in colors.items():
         implot.PushStyleColor(index, color)
@@ -191,25 +203,31 @@ def plot(ui: Ui, label: str, height: float, flags: int) -> Iterator[bool]:
         ui.remember(label, "plot")
 
 
+# Menus
+
+
+def is_popup_open() -> bool:
+    anywhere = imgui.ImGuiPopupFlags_AnyPopupId | imgui.ImGuiPopupFlags_AnyPopupLevel
+    return bool(imgui.IsPopupOpen("", anywhere))
+
+
 @contextmanager
-def _inside(end: Callable[[], object], *parts: AbstractContextManager[None]) -> Iterator[None]:
-    """Draw a block in parts of the record that ends for ImGui, too, whatever happens in it."""
-    with ExitStack() as stack:
-        stack.callback(end)
-        for part in parts:
-            stack.enter_context(part)
-        yield
+def menu(ui: Ui, label: str) -> Iterator[bool]:
+    opened = imgui.BeginMenu(label)
+    ui.remember(label, "menu", text="open" if opened else "closed")
+    try:
+        with ui.record.within(label):
+            yield opened
+    finally:
+        if opened:
+            close_by_escape()
+            imgui.EndMenu()
 
 
-def _keep_scroll(ui: Ui, name: str) -> None:
-    """Keep how far the present window was scrolled, also for a new context."""
-    ui.hidden_heights[name] = imgui.GetScrollMaxY()
-    if ui.capturing or name not in ui.scrolls:
-        imgui.SetScrollY(ui.scrolls.setdefault(name, 0.0))
-    else:
-        ui.scrolls[name] = imgui.GetScrollY()
-
-
-def _window_rect() -> Rect:
-    left, top = imgui.GetWindowPos()
-    return left, top, left + imgui.GetWindowWidth(), top + imgui.GetWindowHeight()
+def menu_item(
+    ui: Ui, label: str, shortcut: str = "", checked: bool = False, enabled: bool = True
+) -> bool:
+    """Draw an entry of a menu; whether it was chosen."""
+    chosen = imgui.MenuItem(label, shortcut, checked, enabled and ui.record.enabled)
+    ui.remember(label, "item", enabled=enabled, text="checked" if checked else "")
+    return bool(chosen)

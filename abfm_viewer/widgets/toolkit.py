@@ -13,13 +13,12 @@ from typing import Any, Literal, TypeVar
 
 import polyscope.imgui as imgui
 
+from abfm import AbfmError
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.theme import Color, Palette
 from abfm_viewer.document.document import Theme
-from abfm_viewer.widgets.refusals import Refusals
-from abfm_viewer.widgets.slider_range import Range
-from abfm_viewer.widgets.widget_record import Widget, WidgetKind, WidgetRecord
+from abfm_viewer.widgets.widget_record import Range, Widget, WidgetKind, WidgetRecord
 
 Word = TypeVar("Word", bound=str)
 Kind = Literal["ink", "muted", "failure", "good", "source", "target"]
@@ -33,57 +32,89 @@ _NARROW_PAIR = 300
 _BOX = 76  # beside a slider, at a scale of 1
 
 
-class Ui:
-    """Draws widgets and words, and remembers what is where for `containers` and `popups`, too.
+class Refusals:
+    """Why new values were refused, and what was typed for them, which stays to be mended.
 
-    Attributes
-    ----------
-    scale : float
-        Pixels of a length of 1.
-    record : WidgetRecord
-        Where each widget is.
-    refusals : Refusals
-        What was not taken of what was typed.
-    capturing : bool
-        Whether frames are drawn for a picture: polyscope does that in a new ImGui context, which
-        remembers nothing.
-    typing : bool
-        Whether the keyboard was in the box that `text` drew last, also if it is no more.
-    active_box, focus_next : str
-        The latest box that the keyboard was in, and the one that gets it next.
-    hidden_heights : dict
-        Of the parts of windows and children, by their names, that must be scrolled to.
+    Both by a widget's name in the present section (`WidgetRecord.path`), until a value is accepted.
     """
 
+    def __init__(self, record: WidgetRecord) -> None:
+        self.reasons: dict[str, str] = {}
+        self.texts: dict[str, str] = {}  # what a box shows instead of its value
+        self.left: dict[str, str] = {}  # new texts of this frame: they stay if it refuses them
+        self._record = record
+        self._accepted: tuple[object, ...] = ()
+
+    def refuse(self, name: str, reason: str) -> None:
+        """Say below the widget of this name why its new value was not taken."""
+        self.accept(name)
+        key = self._record.path(name)
+        self.reasons[key] = reason
+        if key in self.left:
+            self.texts[key] = self.left[key]
+
+    def accept(self, name: str) -> None:
+        for known in (self.reasons, self.texts):
+            known.pop(self._record.path(name), None)
+
+    @contextmanager
+    def refusing(self, name: str, label: str = "") -> Iterator[None]:
+        """Refuse the new value of the widget of this name if the block ends with an error.
+
+        An error that begins with the name begins with the label instead.
+        """
+        self.accept(name)
+        try:
+            yield
+        except AbfmError as error:
+            reason = str(error)
+            is_named = label and reason.startswith(f"{name} ")
+            self.refuse(name, f"{label}{reason[len(name) :]}" if is_named else reason)
+
+    def accept_after(self, *values: object) -> None:
+        """Take everything back when one of these has changed: something was accepted since."""
+        if list(map(id, values)) != list(map(id, self._accepted)):
+            for key in self.reasons:
+                self.texts.pop(key, None)
+            self.reasons.clear()
+        self._accepted = values
+
+
+class Ui:
+    """Draws widgets and words, and remembers what is where for `containers`, too."""
+
     def __init__(self) -> None:
-        self.scale = 1.0
+        self.scale = 1.0  # pixels of a length of 1
         self.colors: Palette = theme.LIGHT
         self.record = WidgetRecord()
         self.refusals = Refusals(self.record)
-        self.capturing = self.typing = False
-        self.active_box = self.focus_next = self.open_tab = ""
+        # whether frames are drawn for a picture, which polyscope does in a new ImGui context
+        self.capturing = False
+        self.typing = False  # whether the keyboard was in the latest `text`, also if it is no more
+        # the latest box that the keyboard was in, and the one that gets it next
+        self.active_box = self.focus_next = ""
+        self.open_tab = ""
         self.open_sections: dict[str, bool] = {}
         self.scrolls: dict[str, float] = {}
+        # of the parts of windows and children, by their names, that must be scrolled to
         self.hidden_heights: dict[str, float] = {}
         self._clicked_at: tuple[float, float] | None = None
 
     @property
     def widgets(self) -> list[Widget]:
-        """Those of the latest whole frame."""
         return self.record.latest
 
     def begin_frame(self, scale: float, name: Theme) -> None:
         self.scale, self.colors = scale, theme.palette(name)
         io = imgui.GetIO()
         self.record.begin_frame((0, 0, *io.DisplaySize))
-        self.refusals.begin_frame()
+        self.refusals.left.clear()
         if imgui.IsMouseClicked(0):
             self._clicked_at = tuple(io.MousePos)
         elif self._clicked_at and math.dist(self._clicked_at, io.MousePos) > self.px(_AWAY):
             self._clicked_at = None
 
     def px(self, length: float) -> float:
-        """Return a length in pixels, for one given at a scale of 1."""
         return length * self.scale
 
     @contextmanager
@@ -92,21 +123,19 @@ class Ui:
         style = imgui.GetStyle()
         paler = condition and not self.record.enabled
         alpha = style.Alpha * (style.DisabledAlpha if paler else 1.0)
-        imgui.PushStyleVar(imgui.ImGuiStyleVar_Alpha, alpha)
-        imgui.BeginDisabled(condition)
-        try:
-            with self.record.disabled(condition):
+        with pushed({}, {imgui.ImGuiStyleVar_Alpha: alpha}), self.record.disabled(condition):
+            imgui.BeginDisabled(condition)
+            try:
                 yield
-        finally:
-            imgui.EndDisabled()
-            imgui.PopStyleVar()
+            finally:
+                imgui.EndDisabled()
 
     @contextmanager
     def group(self, name: str) -> Iterator[None]:
         """Draw widgets whose labels are also elsewhere: `name` tells them apart."""
         imgui.PushID(name)
         try:
-            with self.record.section(name):
+            with self.record.within(name):
                 yield
         finally:
             imgui.PopID()
@@ -123,7 +152,7 @@ class Ui:
         """Write text on one line, cut to its room, by default the panel's; a tip has all."""
         shown = self.fitted(text, room or imgui.GetContentRegionAvail()[0])
         self._write(shown, getattr(self.colors, kind))
-        self.tip(_in_full(text if shown != text else "", tip))
+        self.tip(_in_full(text, shown, tip))
 
     def heading(self, text: str, color: Color | None = None, buttons: Sequence[str] = ()) -> None:
         """Write a title with a line; buttons with these labels, drawn next, fit at its right."""
@@ -161,7 +190,6 @@ class Ui:
             self.beside()
 
     def text_width(self, text: str) -> float:
-        """Return how wide a text is, in pixels."""
         return float(imgui.CalcTextSize(text)[0])
 
     def fitted(self, text: str, room: float) -> str:
@@ -190,13 +218,12 @@ class Ui:
 
     def refusal(self, name: str, otherwise: str = "") -> None:
         """Say why the new value of the widget of this name was refused, or else another error."""
-        if reason := self.refusals.reason(name) or otherwise:
+        if reason := self.refusals.reasons.get(self.record.path(name), "") or otherwise:
             self.note(reason, "failure")
 
     def _write(self, text: str, color: Color) -> None:
-        imgui.PushStyleColor(imgui.ImGuiCol_Text, color)
-        imgui.TextUnformatted(text)
-        imgui.PopStyleColor()
+        with pushed({imgui.ImGuiCol_Text: color}):
+            imgui.TextUnformatted(text)
 
     # Widgets
 
@@ -214,24 +241,22 @@ class Ui:
         room = width if width > 0 else imgui.GetContentRegionAvail()[0] + width
         room = max(room, imgui.GetFrameHeight())
         spare = max((room - self.text_width(text)) / 2, self.px(2))
-        padding = min(imgui.GetStyle().FramePadding[0], spare)
+        across, down = imgui.GetStyle().FramePadding
+        padding = min(across, spare)
         shown = self.fitted(text, room - 2 * padding)
         width = width or (0 if shown == text else room)
-        colors, ink = {}, self.colors
-        if primary:
-            colors = {
-                imgui.ImGuiCol_Button: ink.accent,
-                imgui.ImGuiCol_ButtonHovered: ink.accent_hovered,
-                imgui.ImGuiCol_ButtonActive: ink.accent_hovered,
-                imgui.ImGuiCol_Text: ink.accent_ink,
-            }
+        ink = self.colors
+        colors = {
+            imgui.ImGuiCol_Button: ink.accent,
+            imgui.ImGuiCol_ButtonHovered: ink.accent_hovered,
+            imgui.ImGuiCol_ButtonActive: ink.accent_hovered,
+            imgui.ImGuiCol_Text: ink.accent_ink,
+        }
         with self.disabled(not enabled):
-            for index, color in colors.items():
-                imgui.PushStyleColor(index, color)
-            imgui.PushStyleVarX(imgui.ImGuiStyleVar_FramePadding, padding)
-            pressed = bool(imgui.Button(f"{shown}###{text}", (width, 0)))
-            imgui.PopStyleVar()
-            imgui.PopStyleColor(len(colors))
+            with pushed(
+                colors if primary else {}, {imgui.ImGuiStyleVar_FramePadding: (padding, down)}
+            ):
+                pressed = bool(imgui.Button(f"{shown}###{text}", (width, 0)))
             self._finish(text, "button", tip, shown, name=name)
         return pressed
 
@@ -263,44 +288,40 @@ class Ui:
         arrow = imgui.GetFrameHeight() + imgui.GetStyle().FramePadding[0]
         preview = self.fitted(value, width - arrow)
         is_open = imgui.BeginCombo(f"##{text}", preview, imgui.ImGuiComboFlags_HeightLargest)
+        tip = "" if is_open else _in_full(value, preview, tip)
+        self.remember(text, "combo", tip=tip, shown=text, name=name, text=value)
         if is_open:
-            tip = ""
-            self.remember(text, "combo", name=name, text=value)
             value = self._chosen(name or text, value, choices)
         else:
-            tip = _in_full(value if preview != value else "", tip)
-            self._finish(text, "combo", tip, name=name, text=value)
+            self.tip(tip)
         self._caption(text, caption, tip)
         return value
 
     def _chosen(self, name: str, value: Word, choices: Sequence[Word] | Mapping[Word, str]) -> Word:
-        """Draw the open list of a combo; its new value."""
         tips = choices if isinstance(choices, Mapping) else {}
         try:
             # the list may be drawn outside its panel
-            with self.record.section(name), self.record.area(self.record.window):
+            with self.record.within(name, self.record.areas[0]):
                 for choice in choices:
-                    is_now = choice == value
-                    if imgui.Selectable(choice, is_now):
+                    text = "chosen" if choice == value else ""
+                    if imgui.Selectable(choice, choice == value):
                         value = choice
-                    about = "chosen" if is_now else ""
-                    self._finish(choice, "choice", tips.get(choice, ""), text=about)
+                    self._finish(choice, "choice", tips.get(choice, ""), text=text)
         finally:
             close_by_escape()
             imgui.EndCombo()
         return value
 
-    def radio(self, choices: Sequence[Word], value: Word, tips: Sequence[str] = ()) -> Word:
+    def radio(self, choices: Sequence[Word], value: Word, tips: Sequence[str]) -> Word:
         """Draw a choice of a few words, side by side as far as they fit; its new value."""
-        for number, choice in enumerate(choices):
+        for number, (choice, tip) in enumerate(zip(choices, tips, strict=True)):
             if number:
                 self.beside_if_fits(choice)
             shown = self._fitted_beside_a_box(choice)
             with self._outlined():
                 if imgui.RadioButton(f"{shown}###{choice}", choice == value):
                     value = choice
-            about = tips[number] if tips else ""
-            self._finish(choice, "choice", about, shown, text="chosen" if choice == value else "")
+            self._finish(choice, "choice", tip, shown, text="chosen" if choice == value else "")
         return value
 
     def number(self, label: str, value: float, ends: Range, tip: str) -> float | None:
@@ -311,6 +332,7 @@ class Ui:
         A logarithmic slider from 0 has 0 at its left end, and six decades.
         """
         text, name = _text_and_name(label)
+        key = name or text
         width, caption = self._placed(text)
         spacing = imgui.GetStyle().ItemInnerSpacing[0]
         box = min(self.px(_BOX), width / 2)
@@ -319,19 +341,26 @@ class Ui:
         if result is not None:
             # what a slider is good for
             result = float(round(result)) if ends.whole else float(f"{result:.3g}")
-            self.refusals.accept(name or text)
+            self.refusals.accept(key)
         self.beside(spacing)
         written = f"{round(value)}" if ends.whole else f"{value:.6g}"
         typed = self._box(label, written, tip, width=box)
         self._caption(text, caption, tip)
         if typed is not None:
             if (number := finite(typed)) is None:
-                self.refusals.refuse(name or text, f"{typed!r} is no number")
+                self.refusals.refuse(key, f"{typed!r} is no number")
             else:
-                self.refusals.accept(name or text)
+                self.refusals.accept(key)
                 result = number
-        self.refusal(name or text)
+        self.refusal(key)
         return result
+
+    def bounded(
+        self, label: str, value: float, ends: Range, tip: str, limits: tuple[float, float]
+    ) -> float:
+        """Draw the same; the nearest within the limits to a new value, or the old one."""
+        new = self.number(label, value, ends, tip)
+        return value if new is None else min(max(new, limits[0]), limits[1])
 
     def slider(
         self, label: str, value: float, ends: Range, tip: str, tip_above: bool = False
@@ -362,26 +391,27 @@ class Ui:
 
     def _box(self, label: str, value: str, tip: str, *, width: float, hint: str = "") -> str | None:
         text, name = _text_and_name(label)
-        key, path = name or text, self.record.path(name or text)
+        key, refusals = self.record.path(name or text), self.refusals
         imgui.SetNextItemWidth(width)
-        if path == self.focus_next:
+        if key == self.focus_next:
             imgui.SetKeyboardFocusHere()
             self.focus_next = ""
-        typed = _input(text, hint, self.refusals.text(key, value))
+        typed = _input(text, hint, refusals.texts.get(key, value))
         is_longer = self.text_width(typed) > width - 2 * imgui.GetStyle().FramePadding[0]
-        full_tip = _in_full(typed if is_longer else "", tip)
+        full_tip = _in_full(typed, "" if is_longer else typed, tip)
         self._finish(text, "box", full_tip, name=name, text=typed)
         is_active, is_left = imgui.IsItemActive(), imgui.IsItemDeactivated()
         self.typing = bool(is_active or is_left)
         if is_active:
-            self.active_box = path
-            self.refusals.is_typing(key, typed)
+            self.active_box = key
+            refusals.texts[key] = typed
         if not is_left:
             return None
         if imgui.IsKeyPressed(imgui.ImGuiKey_Escape) or typed == value:
-            self.refusals.accept(key)
+            refusals.accept(name or text)
             return None
-        self.refusals.typed(key, typed)
+        refusals.texts.pop(key, None)
+        refusals.left[key] = typed
         return typed
 
     def live_text(self, label: str, value: str, hint: str, focus: bool) -> str:
@@ -410,23 +440,20 @@ class Ui:
         self.record.add(label, kind, rect, **details)
 
     def _finish(
-        self, label: str, kind: WidgetKind, tip: str, shown: str = "", **details: Any
+        self, label: str, kind: WidgetKind, tip: str, shown: str | None = None, **details: Any
     ) -> None:
         """Remember the widget before, which shows that much of its label, and give it a tooltip."""
-        tip = _in_full(label if shown not in ("", label) else "", tip)
-        self.remember(label, kind, tip=tip, shown=shown or label, **details)
+        shown = shown or label
+        tip = _in_full(label, shown, tip)
+        self.remember(label, kind, tip=tip, shown=shown, **details)
         self.tip(tip)
 
     @contextmanager
     def _outlined(self) -> Iterator[None]:
         """Draw an edge around what is ticked or not, which else would hardly be seen."""
-        imgui.PushStyleVar(imgui.ImGuiStyleVar_FrameBorderSize, max(1.0, self.scale))
-        imgui.PushStyleColor(imgui.ImGuiCol_Border, (*self.colors.muted[:3], 0.7))
-        try:
+        edge = {imgui.ImGuiCol_Border: (*self.colors.muted[:3], 0.7)}
+        with pushed(edge, {imgui.ImGuiStyleVar_FrameBorderSize: max(1.0, self.scale)}):
             yield
-        finally:
-            imgui.PopStyleColor()
-            imgui.PopStyleVar()
 
     def _fitted_beside_a_box(self, label: str) -> str:
         """Return a label as far as there is room for it beside a checkbox or a radio button."""
@@ -462,6 +489,22 @@ class Ui:
             self.line(label, "ink", tip, room)
 
 
+@contextmanager
+def pushed(
+    colors: Mapping[int, Color], variables: Mapping[int, float | tuple[float, float]] | None = None
+) -> Iterator[None]:
+    """Draw the block with other colours and variables of ImGui's style."""
+    for index, color in colors.items():
+        imgui.PushStyleColor(index, color)
+    for index, value in (variables or {}).items():
+        imgui.PushStyleVar(index, value)
+    try:
+        yield
+    finally:
+        imgui.PopStyleVar(len(variables or {}))
+        imgui.PopStyleColor(len(colors))
+
+
 def close_by_escape() -> None:
     """Close the menu or the list that is open; ImGui does so only with keyboard navigation."""
     if imgui.IsKeyPressed(imgui.ImGuiKey_Escape, False):
@@ -487,6 +530,6 @@ def _input(label: str, hint: str, value: str) -> str:
     return str(imgui.InputTextWithHint(f"##{label}", hint, value, flags)[1])
 
 
-def _in_full(text: str, tip: str) -> str:
-    """Return a tooltip that begins with what was cut."""
-    return "\n\n".join(filter(None, [text, tip]))
+def _in_full(text: str, shown: str, tip: str) -> str:
+    """Return a tooltip, which begins with a text of which less is shown."""
+    return "\n\n".join(filter(None, ["" if shown == text else text, tip]))

@@ -1,2 +1,2 @@
-from .open_window import open_window as open_window
 from .window import Window as Window
+from .window import open_window as open_window

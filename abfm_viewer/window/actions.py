@@ -3,26 +3,28 @@
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
+import polyscope.imgui as imgui
 
-from abfm_viewer.document.document import Document, Theme
+from abfm_viewer.document.document import Document, Front, Look, triple
 from abfm_viewer.document.verdict_words import headline
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import OTHER_NAME, PROJECT, RESULT
-from abfm_viewer.window.action import Action
-from abfm_viewer.window.view_actions import ViewActions
 
+COMMAND = "Cmd" if sys.platform == "darwin" else "Ctrl"
+AXES = {"x": "X", "y": "Y", "z": "Z", "-x": "Shift+X", "-y": "Shift+Y", "-z": "Shift+Z"}
+"""And the keys to look from them."""
 _ESCAPE = (
     "close a menu; else take a message away; else show all surfaces; else cancel, and keep the "
     "best field, from which Continue goes on"
 )
 _QUIT = "Save before closing?"
-_CHANGED = "Replace a changed file?"
 _MOUSE = (
     ("drag on a surface", "turn them all, each in its place"),
     ("drag beside a surface", "turn them about their upright axis, or tilt it"),
@@ -33,12 +35,61 @@ _MOUSE = (
     ("Shift+wheel", "wider or narrower Gaussian"),
     ("drop files", "open a mesh, a project or a result"),
 )
+_KEYS = {"Left": "LeftArrow", "Right": "RightArrow", "Esc": "Escape"}
+
+
+@dataclass(eq=False)
+class Action:
+    """Something that keys such as "Ctrl+Y or Ctrl+Shift+Z" (on a Mac Cmd) do; `group` is its
+    heading in the list in Help.
+
+    If it `repeats`, holding the key does it again and again. `while_typing` it holds in a text box,
+    too, which then takes what was typed; other keys may mean something there.
+    """
+
+    group: str
+    does: str
+    keys: str
+    do: Callable[[], None]
+    repeats: bool = False
+    while_typing: bool = False
+
+    @property
+    def chords(self) -> list[str]:
+        return self.keys.split(" or ")
+
+    @property
+    def hint(self) -> str:
+        """The first chord, as the user's keyboard calls it."""
+        return self.chords[0].replace("Ctrl", COMMAND)
+
+    @property
+    def is_pressed(self) -> bool:
+        io = imgui.GetIO()
+        for key, ctrl, shift in map(_parts, self.chords):
+            held = (ctrl, shift) == (io.KeyCtrl, io.KeyShift)
+            if held and imgui.IsKeyPressed(key, self.repeats):
+                return True
+        return False
+
+
+@cache
+def _parts(chord: str) -> tuple[imgui.ImGuiKey, bool, bool]:
+    *modifiers, name = chord.split("+")
+    key = getattr(imgui, f"ImGuiKey_{_KEYS.get(name, name)}")
+    return key, "Ctrl" in modifiers, "Shift" in modifiers
+
+
+def axis_front(axis: str) -> Front:
+    """Return the side that an axis points out of; seen along y, z is upright."""
+    direction = (-1.0 if axis.startswith("-") else 1.0) * np.eye(3)["xyz".index(axis[-1])]
+    up = np.eye(3)[1] if axis[-1] != "y" else -direction[1] * np.eye(3)[2]
+    return Front(triple(direction), triple(up))
 
 
 def what_would_be_lost(session: Session) -> str:
     """Say of each document what is in no file, for the question before closing."""
-    running = session.solver.running
-    said = []
+    said, running = [], session.solver.running
     if running:
         name = session.document.name
         said.append(f"{name} is being matched; the best field so far is in no file.")
@@ -62,35 +113,74 @@ class Actions:
     def __init__(
         self, context: Context, over: Callable[[], str], close: Callable[[], None]
     ) -> None:
+        self.context, self._over, self._close = context, over, close
+        self._waiting: Action | None = None
+        self._left = ""  # the box that was typed into when a save began: it gets the keyboard back
         session = context.session
-        self.context, self._close = context, close
-        of_files = partial(Action, "Files", while_typing=True)
-        self.open_mesh = of_files("open a mesh", context.open_mesh, ("Ctrl+O",))
+        set_time, set_view = session.set_time, session.editor.set_view
+        files = partial(Action, "Files", while_typing=True)
+        self.open_mesh = files("open a mesh", "Ctrl+O", context.open_mesh)
         what = "open a project or a result"
-        self.open_project = of_files(what, self._open_project, ("Ctrl+Shift+O",))
-        self.save = of_files("save the project", self._save, ("Ctrl+S",))
+        self.open_project = files(what, "Ctrl+Shift+O", self._open_project)
+        self.save = files("save the project", "Ctrl+S", self._save)
         what = "save the project under another name"
-        self.save_as = of_files(what, self._ask_where, ("Ctrl+Shift+S",))
-        self.quit = of_files("quit", self._quit, ("Ctrl+Q",))
-        of_changes = partial(Action, "Changes", repeats=True)
-        self.undo = of_changes("undo", session.undo, ("Ctrl+Z",))
-        self.redo = of_changes("redo", session.redo, ("Ctrl+Y", "Ctrl+Shift+Z"))
-        of_solver = partial(Action, "Solver")
-        self.match = of_solver("match", session.match, ("Ctrl+Enter",), while_typing=True)
-        self.pause = of_solver("pause or resume", self._pause, ("P",))
-        self.cancel = of_solver(_ESCAPE, self._escape, ("Esc",))
-        of_time = partial(Action, "Time")
-        self.play = of_time("play or pause", session.player.toggle, ("Space",))
-        back, on = "a twentieth of τ back", "a twentieth of τ on"
-        self.step_back = of_time(back, partial(self._step, -STEP), ("Left",), repeats=True)
-        self.step_on = of_time(on, partial(self._step, STEP), ("Right",), repeats=True)
-        self.go_to_start = of_time("to time 0", lambda: session.set_time(0.0), ("Home",))
-        self.go_to_end = of_time("to τ", self._go_to_end, ("End",))
-        self.view = ViewActions(session, over)
-        self.switch_theme = Action("View", "light or dark", self._switch_theme, ("L",))
-        self.show_shortcuts = Action("View", "this list", self._show_shortcuts, ("F1",))
-        own = tuple(one for one in vars(self).values() if isinstance(one, Action))
-        self.all = own + self.view.all
+        self.save_as = files(what, "Ctrl+Shift+S", self._ask_where)
+        self.quit = files("quit", "Ctrl+Q", self._quit)
+        changes = partial(Action, "Changes", repeats=True)
+        self.undo = changes("undo", "Ctrl+Z", session.undo)
+        self.redo = changes("redo", "Ctrl+Y or Ctrl+Shift+Z", session.redo)
+        solver = partial(Action, "Solver")
+        self.match = solver("match", "Ctrl+Enter", session.match, while_typing=True)
+        self.pause = solver("pause or resume", "P", self._pause)
+        self.cancel = solver(_ESCAPE, "Esc", self._escape)
+        times, step = partial(Action, "Time"), self._step
+        self.play = times("play or pause", "Space", session.player.toggle)
+        self.back = times("a twentieth of τ back", "Left", lambda: step(-STEP), repeats=True)
+        self.on = times("a twentieth of τ on", "Right", lambda: step(STEP), repeats=True)
+        self.go_to_start = times("to time 0", "Home", lambda: set_time(0.0))
+        self.go_to_end = times("to τ", "End", lambda: set_time(session.parameters.tau))
+        views, switch = partial(Action, "View"), self._switch
+        self.switch_theme = views("light or dark", "L", self._switch_theme)
+        self.show_shortcuts = views("this list", "F1", self._show_shortcuts)
+        do = partial(set_view, "look from the front", look=None)
+        self.reset = views("look from the front again", "R", do)
+        self.axes = {
+            axis: views(f"look from {axis}", keys, partial(self._look_from, axis))
+            for axis, keys in AXES.items()
+        }
+        self.wireframe = views("wireframe", "W", lambda: switch("wireframe", "the wireframe"))
+        self.flat = views("flat or smooth", "F", lambda: switch("flat", "flat shading"))
+        self.hide = views("hide the surface under the mouse", "H", self._hide)
+        do = partial(set_view, "show all surfaces", hidden=(), large="")
+        self.show_all = views("show all surfaces", "Shift+H", do)
+        own = (one.values() if isinstance(one, dict) else [one] for one in vars(self).values())
+        self.all = tuple(one for some in own for one in some if isinstance(one, Action))
+
+    # Keys
+
+    def do_pressed(self) -> None:
+        """Do what the keys pressed in this frame stand for, unless they are meant for a text box, a
+        menu or a drag: call it at the end of every frame.
+        """
+        context, io = self.context, imgui.GetIO()
+        action, self._waiting = self._waiting, None
+        is_meant = not (io.KeyAlt or io.KeySuper)
+        is_meant = is_meant and (io.WantTextInput or not imgui.IsAnyItemActive())
+        if action is None and is_meant:
+            meant = (one for one in self.all if one.while_typing or not io.WantTextInput)
+            action = next((one for one in meant if one.is_pressed), None)
+            if action is not None and io.WantTextInput:
+                saves = action in (self.save, self.save_as)
+                self._left = context.ui.active_box if saves else ""
+                # to a window without text boxes: in the next frame the box gives what was typed
+                imgui.SetWindowFocus("status line")
+                action, self._waiting = None, action
+        if action is not None:
+            action.do()
+        elif self._left and not (context.files.saving or self._waiting or context.dialogs.is_open):
+            context.ui.focus_next, self._left = self._left, ""
+
+    # Help
 
     def listed(self) -> list[tuple[str, str]]:
         """Return the list in Help: keys and what they do; a heading has an empty second part."""
@@ -98,25 +188,36 @@ class Actions:
         for group in dict.fromkeys(action.group for action in self.all):
             rows.append((group, ""))
             actions = [action for action in self.all if action.group == group]
-            rows += [(" or ".join(action.hints), action.does) for action in actions]
+            rows += [(action.keys.replace("Ctrl", COMMAND), action.does) for action in actions]
         return [*rows, ("Mouse", ""), *_MOUSE]
+
+    def _show_shortcuts(self) -> None:
+        self.context.dialogs.show("Shortcuts", self.listed())
+
+    def show_messages(self) -> None:
+        rows = [
+            (f"{time.strftime('%H:%M:%S', time.localtime(entry.time))}   {entry.kind}", entry.text)
+            for entry in self.context.session.notices.log
+        ]
+        copied = "\n".join(f"{when.replace('   ', ' ')}: {text}" for when, text in rows)
+        self.context.dialogs.show("Messages", rows[::-1] or ["There are none yet."], copied)
 
     def show_about(self) -> None:
         from importlib.metadata import version  # it takes a while to load
 
-        self.context.dialogs.show(
-            "About abfm",
-            [
-                f"abfm {version('abfm')}",
-                "Finds the tangent vector field whose flow carries one function on a surface to "
-                "another.",
-                "After: O. Azencot, O. Vantzos, M. Ben-Chen, Advection-based function matching on "
-                "surfaces, Computer Graphics Forum 35 (5), 2016.",
-                f"Python {sys.version.split()[0]}, NumPy {np.__version__}, polyscope "
-                f"{version('polyscope')}.",
-                "MIT licence.",
-            ],
-        )
+        lines = [
+            f"abfm {version('abfm')}",
+            "Finds the tangent vector field whose flow carries one function on a surface to "
+            "another.",
+            "After: O. Azencot, O. Vantzos, M. Ben-Chen, Advection-based function matching on "
+            "surfaces, Computer Graphics Forum 35 (5), 2016.",
+            f"Python {sys.version.split()[0]}, NumPy {np.__version__}, polyscope "
+            f"{version('polyscope')}.",
+            "MIT licence.",
+        ]
+        self.context.dialogs.show("About abfm", lines)
+
+    # Files
 
     def _open_project(self) -> None:
         title, files = "Open a project or a result", self.context.files
@@ -143,7 +244,6 @@ class Actions:
             self._save_all(list(session.saves.unsaved_documents), self._close)
 
     def _save_all(self, documents: list[Document], then: Callable[[], None]) -> None:
-        """Save one document after the other, and do something when all are written."""
         if documents:
             self._save(partial(self._save_all, documents[1:], then), documents[0])
         else:
@@ -171,7 +271,7 @@ class Actions:
         )
         other = partial(self._ask_where, then, document)
         answers = {OTHER_NAME: other, "Replace": write, "Go back": None}
-        self.context.dialogs.ask(_CHANGED, text, answers)
+        self.context.dialogs.ask("Replace a changed file?", text, answers)
 
     def _ask_where(
         self, then: Callable[[], None] | None = None, document: Document | None = None
@@ -180,14 +280,15 @@ class Actions:
         document = document or session.document
         origin = session.saves.origin(document)
         name = (origin.path if origin else Path(document.name)).with_suffix(PROJECT).name
-        title = "Save the project"
-        if document.identity is not session.document.identity:
-            title += f" of {document.name}"
+        is_present = document.identity is session.document.identity
+        title = "Save the project" if is_present else f"Save the project of {document.name}"
 
         def save(path: Path) -> None:
             files.save(path, then, document)
 
         self.context.dialogs.save(title, (PROJECT,), name, save)
+
+    # Solver, time and view
 
     def _pause(self) -> None:
         solver = self.context.session.solver
@@ -195,31 +296,49 @@ class Actions:
 
     def _escape(self) -> None:
         session = self.context.session
-        if session.notices.cards:
-            session.notices.dismiss(session.notices.cards[0])
-        elif not self.view.back():
+        view, notices = session.view, session.notices
+        if notices.cards:
+            notices.dismiss(notices.cards[0])
+        elif view.large in view.shown_surfaces and len(view.shown_surfaces) > 1:
+            session.editor.amend(view=replace(view, large=""))
+        else:
             session.solver.cancel()
-
-    def _go_to_end(self) -> None:
-        self.context.session.set_time(self.context.session.parameters.tau)
 
     def _step(self, share: float) -> None:
         session = self.context.session
         session.set_time(session.time + share * session.parameters.tau)
 
+    def _switch(self, name: str, what: str) -> None:
+        session = self.context.session
+        shown = getattr(session.view, name)
+        step = f"{'hide' if shown else 'show'} {what}"
+        session.editor.set_view(step, "", **{name: not shown})
+
     def _switch_theme(self) -> None:
         session = self.context.session
-        other: Theme = "dark" if session.view.theme == "light" else "light"
+        other = "dark" if session.view.theme == "light" else "light"
         session.editor.set_view("change the theme", theme=other)
 
-    def show_messages(self) -> None:
-        """Show everything that was told since the launch, the latest first."""
-        rows = [
-            (f"{time.strftime('%H:%M:%S', time.localtime(entry.time))}   {entry.kind}", entry.text)
-            for entry in self.context.session.notices.log
-        ]
-        copied = "\n".join(f"{when.replace('   ', ' ')}: {text}" for when, text in rows)
-        self.context.dialogs.show("Messages", rows[::-1] or ["There are none yet."], copied)
+    def _look_from(self, axis: str) -> None:
+        session, front = self.context.session, axis_front(axis)
+        look = session.view.look
+        seen = replace(look, front=front) if look else Look(front)
+        session.editor.set_view(f"look from {axis}", look=seen)
 
-    def _show_shortcuts(self) -> None:
-        self.context.dialogs.show("Shortcuts", self.listed())
+    def hide_or_show(self, name: str) -> None:
+        """Hide a surface, unless it is the last one, or show it again."""
+        session, view = self.context.session, self.context.session.view
+        if name in view.hidden:
+            others = tuple(one for one in view.hidden if one != name)
+            session.editor.set_view(f"show {name}", hidden=others)
+        elif view.shown_surfaces == (name,):
+            session.notices.say(f"{name} is the only surface that is shown")
+        else:
+            large = "" if view.large == name else view.large
+            session.editor.set_view(f"hide {name}", hidden=(*view.hidden, name), large=large)
+
+    def _hide(self) -> None:
+        if name := self._over():
+            self.hide_or_show(name)
+        else:
+            self.context.session.notices.say("H hides the surface under the mouse: point at one")

@@ -59,21 +59,15 @@ class Mouse:
         if ours:
             imgui.SetMouseCursor(imgui.ImGuiMouseCursor_Hand)
             self._edit_gaussian(session, scene, place)
-        elif scene.names:
-            self._navigate(scene, place, over, free)
+        elif scene.names:  # what began over them may go on outside
+            self._turn(scene, place, over)
+            self._enlarge(scene, place, over)
+            self._move(scene, over, free)
+            if over and io.MouseWheel:
+                scene.see(scene.view.zoomed(self.over, place, _NEARER**io.MouseWheel))
         self._place_point(session, scene, place, over and not ours)
 
-    def _navigate(self, scene: Scene, place: Place, over: bool, free: bool) -> None:
-        """Turn, move, zoom or enlarge surfaces; what began over them may go on outside."""
-        self._turn(scene, place, over)
-        self._enlarge(scene, place, over)
-        self._move(scene, over, free)
-        notches = imgui.GetIO().MouseWheel
-        if over and notches:
-            scene.see(scene.view.zoomed(self.over, place, _NEARER**notches))
-
     def _turn(self, scene: Scene, place: Place, over: bool) -> None:
-        """Turn them with the left button: on a surface as a ball, and beside it as a turntable."""
         if over and imgui.IsMouseClicked(0):
             self._turned = _Turn(self.over, place, orbits=not scene.covers(self.over, place))
             return
@@ -97,13 +91,12 @@ class Mouse:
             self._clicked_twice = None
 
     def _move(self, scene: Scene, over: bool, free: bool) -> None:
-        """Move them with the right or the middle button."""
         delta = tuple(imgui.GetIO().MouseDelta)
-        pressed = any(imgui.IsMouseClicked(button) for button in _MOVING)
-        held = any(imgui.IsMouseDown(button) for button in _MOVING)
-        if self._moves and held and free and delta != (0, 0):
+        held = free and any(imgui.IsMouseDown(button) for button in _MOVING)
+        if self._moves and held and delta != (0, 0):
             scene.see(scene.view.moved(delta))
-        self._moves = held and free and (self._moves or (over and pressed))
+        begins = over and any(imgui.IsMouseClicked(button) for button in _MOVING)
+        self._moves = held and (self._moves or begins)
 
     def _edit_gaussian(self, session: Session, scene: Scene, place: Place) -> None:
         """Take, move or widen a Gaussian; a pick draws anew, so not in every frame."""
@@ -112,9 +105,7 @@ class Mouse:
         notches = io.MouseWheel or io.MouseWheelH
         pressed = bool(imgui.IsMouseClicked(0))
         moved = self._edited is not None and tuple(io.MouseDelta) != (0, 0)
-        if not (pressed or moved or notches):
-            return
-        if (hit := scene.pick(place)) is None:
+        if not (pressed or moved or notches) or (hit := scene.pick(place)) is None:
             return
         side = next((side for side in SIDES if side == hit.surface), None)
         if side is None:

@@ -1,17 +1,20 @@
-"""Unsaved work: copies of this launch's, and those of launches that ended badly."""
+"""What the state folder keeps: what the user set, and copies of unsaved work, also of launches that
+ended badly.
+"""
 
 import itertools
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from abfm import AbfmError
 from abfm.types import FloatArray
 from abfm_viewer.computing.evaluation import Functions
 from abfm_viewer.computing.solver import Snapshot
 from abfm_viewer.dialogs import Dialogs
-from abfm_viewer.document.document import Document, Identity
+from abfm_viewer.document.document import THEMES, Document, Identity
 from abfm_viewer.files.autosave import Autosave, Content, Recovery, recoverable
 from abfm_viewer.files.project import Origin, load_origin, load_project
 from abfm_viewer.files.state_folder import StateFolder
@@ -20,8 +23,43 @@ from abfm_viewer.session.loading import Load
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import SessionFiles
 
-COPIES = "copies"
-"""What cards are about."""
+_COPIES = "copies"  # what cards are about
+
+
+class Preferences:
+    """Keeps a session's theme, size and ways, and sets them at the next launch."""
+
+    def __init__(self, session: Session, state: StateFolder) -> None:
+        """Set what the user set last, as far as it makes sense and no project brings its own."""
+        self._session, self._state = session, state
+        known, kept = state.preferences(), dict[str, Any](ui_scale=1.0)
+        theme, scale, follow, flow = map(
+            known.get, ("theme", "ui_scale", "follow", "flow_after_match")
+        )
+        if theme in THEMES and session.saves.path is None:
+            kept["theme"] = theme
+        if isinstance(scale, int | float) and 0.5 <= scale <= 4.0:
+            kept["ui_scale"] = float(scale)
+        if isinstance(flow, bool):
+            kept["flow_after_match"] = flow
+        if isinstance(follow, bool):
+            session.solver.follow = follow
+        if (view := replace(session.view, **kept)) != session.view:
+            session.editor.amend(view=view)
+        self._latest, self._document = self._present(), session.document.identity
+
+    def update(self) -> None:
+        """Remember what the user changed in this frame, but not what a project brings."""
+        present, document = self._present(), self._session.document.identity
+        for name, value in present.items():
+            if self._latest[name] != value and document is self._document:
+                self._state.set_preference(name, value)
+        self._latest, self._document = present, document
+
+    def _present(self) -> dict[str, object]:
+        view = self._session.view
+        look = {name: getattr(view, name) for name in ("theme", "ui_scale", "flow_after_match")}
+        return look | {"follow": self._session.solver.follow}
 
 
 class Recoveries:
@@ -34,10 +72,8 @@ class Recoveries:
     def __init__(
         self, session: Session, state: StateFolder, files: SessionFiles, dialogs: Dialogs
     ) -> None:
-        self._session = session
-        self._state = state
-        self._files = files
-        self._dialogs = dialogs
+        self._session, self._state = session, state
+        self._files, self._dialogs = files, dialogs
         self._autosaves: dict[Identity, Autosave] = {}
         self._numbers = itertools.count()
         self._recoveries: list[Recovery] | None = None
@@ -47,12 +83,14 @@ class Recoveries:
         self._autosave(session.document.identity)
 
     def update(self) -> None:
-        session = self._session
+        session, notices = self._session, self._session.notices
         if self._recoveries is None:
             self._recoveries = recoverable(self._state)
             self._ask_next()
         self._mind_reading(self._recoveries)
-        present, running = session.document, self._running()
+        present, running = session.document, session.snapshot
+        if running and not running.iteration.iteration:  # before its first step
+            running = None
         unsaved = {one.identity: one for one in reversed(session.saves.unsaved_documents)}
         if running is not None:
             unsaved[present.identity] = present
@@ -68,7 +106,13 @@ class Recoveries:
             is_gone = identity not in unsaved and identity is not present.identity
             if is_gone and autosave.is_idle:
                 self._autosaves.pop(identity).close()
-        self._tell()
+        problem = next(filter(None, (each.error for each in self._autosaves.values())), "")
+        if problem != self._reported:
+            self._reported = problem
+            notices.mend(_COPIES)
+            if problem:
+                text = f"no copy of unsaved work could be kept: {problem}"
+                notices.say(text, True, _COPIES)
 
     def close(self, keep_unsaved: bool) -> None:
         """Finish writing; a copy of unsaved work stays only if it is to be recovered."""
@@ -86,21 +130,6 @@ class Recoveries:
         if identity not in self._autosaves:
             self._autosaves[identity] = Autosave(self._state, number=next(self._numbers))
         return self._autosaves[identity]
-
-    def _tell(self) -> None:
-        errors = (autosave.error for autosave in self._autosaves.values())
-        problem = next(filter(None, errors), "")
-        if problem != self._reported:
-            self._reported = problem
-            self._session.notices.mend(COPIES)
-            if problem:
-                text = f"no copy of unsaved work could be kept: {problem}"
-                self._session.notices.say(text, True, COPIES)
-
-    def _running(self) -> Snapshot | None:
-        """Return what the run that is under way has come to; None before its first step."""
-        snapshot = self._session.snapshot
-        return snapshot if snapshot and snapshot.iteration.iteration else None
 
     def _content_of_run(
         self, document: Document, snapshot: Snapshot, functions: Functions
@@ -148,32 +177,26 @@ class Recoveries:
         known: dict[str, FloatArray],
         origin: Origin | None,
     ) -> None:
+        def restore() -> None:
+            session = self._session
+            view = replace(document.view, ui_scale=session.view.ui_scale)
+            session.restore(replace(document, view=view), known, origin, saved=False)
+            self._autosave(session.document.identity).take_over(recovery)
+            session.notices.say(f"recovered {document.name}: save it to keep it")
+
+        def discard() -> None:
+            recovery.discard()
+            self._ask_next()
+
         written = time.strftime("%H:%M on %d %B %Y", time.localtime(recovery.written))
         name = origin.path.name if origin else document.name
         text = f"The app ended without saving {name}. A copy of {written} is there."
         if origin and origin.changed:
             text += f" {name} was changed since then."
-        restore = partial(self._recover, recovery, document, known, origin)
         recover = partial(self._files.when_free, f"recovering {name}", restore)
-        buttons = {"Recover": recover, "Discard": partial(self._discard, recovery), "Later": None}
-        self._dialogs.ask("Recover unsaved work?", text, buttons)
-
-    def _recover(
-        self,
-        recovery: Recovery,
-        document: Document,
-        known: dict[str, FloatArray],
-        origin: Origin | None,
-    ) -> None:
-        session = self._session
-        document = replace(document, view=replace(document.view, ui_scale=session.view.ui_scale))
-        session.restore(document, known, origin, saved=False)
-        self._autosave(session.document.identity).take_over(recovery)
-        session.notices.say(f"recovered {document.name}: save it to keep it")
-
-    def _discard(self, recovery: Recovery) -> None:
-        recovery.discard()
-        self._ask_next()
+        self._dialogs.ask(
+            "Recover unsaved work?", text, {"Recover": recover, "Discard": discard, "Later": None}
+        )
 
 
 def _content(document: Document, functions: Functions) -> Content:

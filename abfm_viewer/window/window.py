@@ -5,20 +5,23 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polyscope.imgui as imgui
 from PIL import Image
 
+from abfm import TriangleMesh
+from abfm.assets import asset_path
 from abfm.io import write_atomically
 from abfm_viewer import signals
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.computing.freed_memory import keep_little
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
+from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.panels import cards, right_panel, status_line, time_bar
 from abfm_viewer.panels.context import Context
 from abfm_viewer.scene import opengl
@@ -34,28 +37,69 @@ from abfm_viewer.scene.pacing import Resting
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import OTHER_MESH, OTHER_NAME, SessionFiles
+from abfm_viewer.session.session_files import OTHER_MESH, OTHER_NAME, SessionFiles, open_session
 from abfm_viewer.shown.shown import Shown
-from abfm_viewer.widgets import popups, style
+from abfm_viewer.widgets import style
+from abfm_viewer.widgets.containers import is_popup_open
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect, write_widgets
 from abfm_viewer.window import menus, warm_up
 from abfm_viewer.window.actions import Actions
-from abfm_viewer.window.areas import Areas, areas
-from abfm_viewer.window.keyboard import Keyboard
 from abfm_viewer.window.mouse import Mouse
-from abfm_viewer.window.preferences import Preferences
-from abfm_viewer.window.recovery import Recoveries
-from abfm_viewer.window.samples_menu import SampleTextures
+from abfm_viewer.window.recovery import Preferences, Recoveries
+from abfm_viewer.window.samples import SampleTextures
 from abfm_viewer.window.window_title import WindowTitle
-
-if TYPE_CHECKING:
-    from abfm_viewer.files.state_folder import StateFolder
 
 _SECONDS_PER_FRAME, _SECONDS_PER_IDLE_FRAME, _LEAST_SLEEP = 1 / 30, 1 / 10, 0.002
 # as on most desktops; ImGui's 0.3 end between two clicks where frames are slow
 _DOUBLE_CLICK_SECONDS = 0.5
 _IDLE_AFTER = 1.0  # seconds without anything that moves
+_PANEL_WIDTH, _WIDEST_PANEL = 380, 0.44
+_STATUS_HEIGHT = 30
+
+
+@dataclass(frozen=True)
+class Areas:
+    scene: Rect
+    panel: Rect
+    time_bar: Rect
+    status: Rect
+
+
+def areas(size: tuple[float, float], menu_height: float, scale: float) -> Areas:
+    """Divide a window: the panel at the right, time bar and status line below, surfaces."""
+    width, height = size
+    right = max(width - min(_PANEL_WIDTH * scale, _WIDEST_PANEL * width), 1.0)
+    status = height - _STATUS_HEIGHT * scale
+    bar = status - time_bar.height(right, scale)
+    return Areas(
+        scene=(0.0, menu_height, right, max(bar, menu_height + 1)),
+        panel=(right, menu_height, width, status),
+        time_bar=(0.0, bar, right, status),
+        status=(0.0, status, width, height),
+    )
+
+
+def open_window(
+    what: str | Path | TriangleMesh | None,
+    backend: opengl.Backend,
+    size: tuple[int, int],
+    state_folder: Path | None = None,
+    largest_component: bool = False,
+) -> Window:
+    """Open the app's window with a mesh, project or result in it; by default with a bundled mesh.
+
+    Preferences, recent files and autosaves are kept in the state folder, by default the user's own.
+    Raises AbfmError if the file cannot be read, or the machine cannot draw.
+    """
+    state = StateFolder(state_folder)
+    if isinstance(what, TriangleMesh):
+        session = Session(what, "mesh")
+    else:
+        session = open_session(Path(what or asset_path("human_fine_A.off")), largest_component)
+        if what:
+            state.add_recent(Path(what))
+    return Window(session, backend, size, state)
 
 
 class Window:
@@ -68,8 +112,8 @@ class Window:
     def __init__(
         self,
         session: Session,
-        backend: opengl.Backend = opengl.WINDOW,
-        size: tuple[int, int] = (1600, 1000),
+        backend: opengl.Backend,
+        size: tuple[int, int],
         state: StateFolder | None = None,
     ) -> None:
         self.session = session
@@ -82,8 +126,8 @@ class Window:
         self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
         parts = (self.ui, session, self.shown, self.exporter, self.files, self.dialogs)
         self.context = Context(*parts)
-        self.files.ways_out[OTHER_MESH] = self.context.open_mesh
         self.actions = Actions(self.context, lambda: self.mouse.over, self._end)
+        self.files.ways_out[OTHER_MESH] = self.context.open_mesh
         self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0
         self.errors: dict[str, str] = {}
@@ -110,7 +154,6 @@ class Window:
         self.scene = Scene(self.shown)
         self.resting = Resting(session, backend == opengl.WINDOW)
         self.mouse = Mouse()
-        self.keyboard = Keyboard()
         self.title = WindowTitle()
         self.sample_textures = SampleTextures()
         self.gaussian_markers = GaussianMarkers()
@@ -135,7 +178,6 @@ class Window:
             raise signals.EndedBySignal(self.interrupted)
 
     def close(self) -> None:
-        """End all threads, and draw nothing any more."""
         ps.clear_user_callback()
         ps.clear_files_dropped_callback()
         # a reference to this window would outlive Python itself
@@ -204,7 +246,7 @@ class Window:
     def _draw(self) -> None:
         view, is_live = self.session.view, not self.ui.capturing
         self.frames += is_live
-        keys_are_free = is_live and not popups.is_open()  # else Escape is the menu's or the list's
+        keys_are_free = is_live and not is_popup_open()  # else Escape is the menu's or the list's
         self._follow_style(view.theme, view.ui_scale)
         self.ui.begin_frame(view.ui_scale, view.theme)
         if is_live:
@@ -217,7 +259,7 @@ class Window:
         keys_are_free = keys_are_free and not self.dialogs.is_open
         self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
         if keys_are_free:
-            self.guarded("keyboard", lambda: self.keyboard.do_pressed(self.actions))
+            self.guarded("keyboard", self.actions.do_pressed)
         if is_live:
             self.errors = {part: self.errors[part] for part in self.errors if part in self._drawn}
             self._drawn.clear()

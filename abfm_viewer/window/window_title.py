@@ -44,18 +44,13 @@ def _by_glfw(text: str) -> None:
 def _by_windows(text: str) -> None:
     """The visible windows of this process that have a title."""
     user = ctypes.CDLL("user32")
-    visit_type = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)
 
-    def visit(window: int, _: int) -> bool:
-        owner = ctypes.c_ulong()
-        user.GetWindowThreadProcessId(ctypes.c_void_p(window), ctypes.byref(owner))
-        has_title = user.GetWindowTextLengthW(ctypes.c_void_p(window)) > 0
-        if (
-            owner.value == os.getpid()
-            and has_title
-            and user.IsWindowVisible(ctypes.c_void_p(window))
-        ):
-            user.SetWindowTextW(ctypes.c_void_p(window), ctypes.c_wchar_p(text))
+    def visit(number: int, _: int) -> bool:
+        window, owner = ctypes.c_void_p(number), ctypes.c_ulong()
+        user.GetWindowThreadProcessId(window, ctypes.byref(owner))
+        has_title = user.GetWindowTextLengthW(window) > 0
+        if owner.value == os.getpid() and has_title and user.IsWindowVisible(window):
+            user.SetWindowTextW(window, ctypes.c_wchar_p(text))
         return True
 
-    user.EnumWindows(visit_type(visit), None)
+    user.EnumWindows(ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)(visit), None)

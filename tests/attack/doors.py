@@ -14,7 +14,7 @@ from abfm_viewer.files.autosave import recoverable
 from abfm_viewer.files.project import load_origin, load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
-from abfm_viewer.window.preferences import Preferences
+from abfm_viewer.window.recovery import Preferences
 from tests.attack.specimens import MESH
 
 

@@ -30,8 +30,8 @@ FRONTS = [
         "asset_path; "
         "load_mesh(asset_path('human_A.off'))",
         "import abfm_viewer.app, abfm_viewer.cli, abfm_viewer.scene.opengl, "
-        "abfm_viewer.scene.surfaces; "
-        "import abfm_viewer.window.window, abfm_viewer.window.open_window",
+        "abfm_viewer.scene.camera; "
+        "import abfm_viewer.window.window",
     ],
 )
 def test_reading_and_drawing_a_mesh_loads_no_solver(code):

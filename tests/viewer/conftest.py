@@ -1,7 +1,5 @@
 """What tests of the viewer share: a session on a sphere, and the app on an egg."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -2,12 +2,7 @@
 colour-blind see it.
 """
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-
 import numpy as np
-from numpy.typing import NDArray
 
 SIGHTS = {
     "normal": np.eye(3),
@@ -45,29 +40,29 @@ _XYZ = np.array(
 )
 
 
-def contrast(one: Sequence[float], other: Sequence[float]) -> float:
+def contrast(one, other):
     """Of sRGB colours, each channel 0 to 1: 1 for the same colour, 21 for black on white."""
     dark, light = sorted((_luminance(one), _luminance(other)))
     return (light + 0.05) / (dark + 0.05)
 
 
-def difference(one: Sequence[float], other: Sequence[float], sight: str) -> float:
+def difference(one, other, sight):
     """Distance of sRGB colours in CIELAB, as one of `SIGHTS` sees them: 100 for black and white."""
     return float(np.linalg.norm(_lab(one, sight) - _lab(other, sight)))
 
 
-def _luminance(color: Sequence[float]) -> float:
+def _luminance(color):
     return float(np.array([0.2126, 0.7152, 0.0722]) @ _linear(color))
 
 
-def _linear(color: Sequence[float]) -> NDArray[np.float64]:
+def _linear(color):
     """Linear light of an sRGB colour, whose alpha does not count."""
     return np.array(
         [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in color[:3]]
     )
 
 
-def _lab(color: Sequence[float], sight: str) -> NDArray[np.float64]:
+def _lab(color, sight):
     seen = _XYZ @ np.clip(SIGHTS[sight] @ _linear(color), 0, 1) / _XYZ.sum(axis=1)
     x, y, z = np.where(seen > 216 / 24389, np.cbrt(seen), seen * 841 / 108 + 4 / 29)
     return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])

@@ -1,9 +1,6 @@
 """Sessions for tests: a small sphere, and waiting without a window."""
 
-from __future__ import annotations
-
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 from abfm import Parameters
@@ -24,12 +21,12 @@ ENDLESS = Parameters(
 """One stage with so small steps that a run goes on until it is told otherwise."""
 
 
-def problem(parameters: Parameters = QUICK, channel: Channel = PAIR) -> ProblemSpec:
+def problem(parameters=QUICK, channel=PAIR):
     """What a session with one channel on the sphere would solve."""
     return ProblemSpec(SPHERE, (channel,), parameters, "")
 
 
-def opened(parameters: Parameters = QUICK, channel: Channel = PAIR) -> Session:
+def opened(parameters=QUICK, channel=PAIR):
     """A session on the sphere whose functions are known, at the beginning of its history."""
     session = Session(SPHERE, "sphere")
     view = replace(session.view, flow_after_match=False)  # tests look at what stands still
@@ -38,9 +35,7 @@ def opened(parameters: Parameters = QUICK, channel: Channel = PAIR) -> Session:
     return session
 
 
-def until(
-    condition: Callable[[], object], session: Session | None = None, seconds: float = 30
-) -> None:
+def until(condition, session=None, seconds=30):
     """Wait for a condition, with frames of the session if there is one."""
     end = time.monotonic() + seconds
     while not condition():
@@ -50,21 +45,46 @@ def until(
         time.sleep(0.002)
 
 
-def matched(session: Session) -> Session:
+def matched(session):
     """The session after its match."""
     session.match()
     until(lambda: session.solver.finished, session)
     return session
 
 
-def solving(session: Session, rows: int = 5) -> Session:
+def solving(session, rows=5):
     """The session during a run that has made more than some steps."""
     session.match()
     until(lambda: session.solver.run and len(session.solver.run.stages) > rows, session)
     return session
 
 
-def end_run(session: Session) -> None:
+def end_run(session):
     """End the run, if there is one, and take its best field."""
     session.solver.cancel()
     until(lambda: not session.solver.running, session)
+
+
+# In a window
+
+
+def match(gui):
+    gui.click("Match")
+    gui.wait(lambda s: s.solver.finished)
+
+
+def begin(gui, iterations=-1):
+    """Start a run, and wait until it has made more than so many iterations."""
+    gui.click("Match")
+    gui.wait(lambda s: s.solver.snapshot and s.solver.snapshot.iteration.iteration > iterations)
+
+
+def cancel(gui):
+    gui.click("Cancel")
+    gui.wait(lambda s: s.solver.finished)
+
+
+def take_back(gui):
+    """Take back every step."""
+    while gui.session.editor.undo_label:
+        gui.key("ctrl+z")

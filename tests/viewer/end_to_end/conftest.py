@@ -1,12 +1,11 @@
 """The app on a small mesh, driven by mouse and keyboard events."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
 
-from tests.viewer.sessions import ENDLESS
+from abfm_viewer.widgets.toolkit import Ui
+from tests.viewer.sessions import ENDLESS, begin, match
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -18,11 +17,9 @@ def _recorded(request):
 @pytest.fixture
 def matched(gui):
     """The app after a short run."""
-    gui.session.editor.amend(
-        parameters=replace(gui.session.parameters, iterations=20, cooling_stages=1)
-    )
-    gui.click("Match")
-    gui.wait(lambda s: s.solver.finished)
+    short = replace(gui.session.parameters, iterations=20, cooling_stages=1)
+    gui.session.editor.amend(parameters=short)
+    match(gui)
     return gui
 
 
@@ -30,6 +27,24 @@ def matched(gui):
 def running(gui):
     """The app during a run that does not end by itself."""
     gui.session.editor.amend(parameters=ENDLESS)
-    gui.click("Match")
-    gui.wait(lambda s: s.solver.snapshot is not None)
+    begin(gui)
     return gui
+
+
+@pytest.fixture
+def notes(gui, monkeypatch):
+    """What the panels write in a frame: texts and the words for their colours."""
+    said, note = [], Ui.note
+
+    def heard(ui, text, kind="muted"):
+        said.append((text, kind))
+        note(ui, text, kind)
+
+    monkeypatch.setattr(Ui, "note", heard)
+
+    def now():
+        said.clear()
+        gui.frames(1)
+        return list(said)
+
+    return now

@@ -1,9 +1,6 @@
-"""The Driver itself: labels, sliders, sections, menus, scrolling, errors, and what a process may
-do with it.
-"""
+"""The Driver itself: labels, sliders, sections, errors, and what a process may do with it."""
 
-from __future__ import annotations
-
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +9,7 @@ import pytest
 from PIL import Image
 
 from abfm_viewer.automation import Driver, DriverError
+from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.scene.surfaces import viewport
 from tests.processes import python
 from tests.shapes import icosphere
@@ -22,7 +20,8 @@ ROOT = Path(__file__).parents[3]
 
 def test_the_example_of_the_documentation(tmp_path):
     with Driver(icosphere(2), backend="openGL3_egl", size=(1200, 500)) as gui:
-        gui.session.editor.amend(parameters=QUICK)
+        still = replace(gui.session.view, flow_after_match=False)
+        gui.session.editor.amend(parameters=QUICK, view=still)
         gui.click("Match")
         gui.wait(lambda s: s.solver.finished, seconds=60)
         gui.type("alpha", "10")
@@ -38,22 +37,10 @@ def test_the_example_of_the_documentation(tmp_path):
 
 
 def test_a_slider_goes_where_it_is_dragged(gui):
-    for label, value in (
-        ("time", 0.0),
-        ("time", 2.0),
-        ("time", 1.234),
-        ("alpha", 1e-4),
-        ("alpha", 1e4),
-        ("alpha", 1.0),
-        ("beta", 0.0),
-        ("beta", 1e-3),
-        ("beta", 1.0),
-        ("sigma", 3e-4),
-        ("tau", 7.0),
-        ("segments", 7),
-        ("iterations", 2000),
-        ("memory", 40),
-    ):
+    values = {"time": (0.0, 2.0, 1.234), "alpha": (1e-4, 1e4, 1.0), "beta": (0.0, 1e-3, 1.0)}
+    values |= {"sigma": (3e-4,), "tau": (7.0,), "segments": (7,), "iterations": (2000,)}
+    values |= {"memory": (40,)}
+    for label, value in [(label, value) for label, some in values.items() for value in some]:
         method = "linearised" if label == "segments" else "nonlinear"
         gui.session.editor.set_parameter(method=method)
         gui.drag(label, value)
@@ -66,26 +53,22 @@ def test_a_slider_goes_where_it_is_dragged(gui):
 
 
 def test_what_is_not_there_is_named_with_what_is_near(gui):
-    with pytest.raises(DriverError, match="no 'Mtach' in the window; did you mean 'Match'"):
-        gui.click("Mtach")
-    with pytest.raises(DriverError, match="no 'zzz' in 'File' in the window; labels are File, "):
-        gui.click("zzz", within="File")
-    with pytest.raises(DriverError, match="'Undo' is grey"):
-        gui.click("Undo")
-    with pytest.raises(DriverError, match="time goes from 0 to 2, not to 3"):
-        gui.drag("time", 3)
-    with pytest.raises(DriverError, match="no key 'ctrl\\+nonsense'"):
-        gui.key("ctrl+nonsense")
-    with pytest.raises(DriverError, match="no surface 'ghost'; surfaces are source, "):
-        gui.pick(3, "ghost")
-    with pytest.raises(
-        DriverError, match=r"waited 0.1 s in vain; solver: running, busy: no, status line: empty"
+    vain = "waited 0.1 s in vain; solver: running, busy: no, status line: empty"
+    for told, act, *words in (
+        ("no 'Mtach' in the window; did you mean 'Match'", gui.click, "Mtach"),
+        ("no 'zzz' in 'File' in the window; labels are File, ", gui.click, "zzz", "File"),
+        ("'Undo' is grey", gui.click, "Undo"),
+        ("time goes from 0 to 2, not to 3", gui.drag, "time", 3),
+        (r"no key 'ctrl\+nonsense'", gui.key, "ctrl+nonsense"),
+        ("no surface 'ghost'; surfaces are source, ", gui.pick, 3, "ghost"),
+        (vain, gui.wait, lambda s: s.solver.finished, 0.1),
     ):
-        gui.wait(lambda s: s.solver.finished, seconds=0.1)
+        with pytest.raises(DriverError, match=told):
+            act(*words)
 
 
 def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
-    pressed = []
+    pressed, disabled = [], set()
 
     def draw(context):
         ui = context.ui
@@ -94,11 +77,9 @@ def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
                 if ui.button("bump"):
                     pressed.append(side)
 
-    disabled: set[str] = set()
-    monkeypatch.setattr("abfm_viewer.panels.energy.draw", draw)
-    with pytest.raises(
-        DriverError, match="'bump' is there 2 times, in 'Match/source', 'Match/target': say within="
-    ):
+    monkeypatch.setitem(TABS["Match"], "energy", draw)
+    told = "'bump' is there 2 times, in 'Match/source', 'Match/target': say within="
+    with pytest.raises(DriverError, match=told):
         gui.click("bump")
     gui.click("bump", within="target")
     assert pressed == ["target"]
@@ -133,24 +114,22 @@ def test_the_button_match_is_not_the_tab(gui):
 
 
 def test_a_picture_keeps_sections_and_scrolling_and_changes_nothing(gui, tmp_path):
+    def placed():
+        return [(w.label, w.rect) for w in gui.window.ui.widgets]
+
+    history = gui.session.editor
     gui.check("previous runs", False)
     gui.frames(2)
-    before, moves = (
-        [(w.label, w.rect) for w in gui.window.ui.widgets],
-        gui.session.editor.moves,
-    )
-    drawn = gui.window.frames
+    before, moves, drawn = placed(), history.moves, gui.window.frames
     gui.screenshot(tmp_path / "once.png")
     assert gui.window.frames == drawn + 3
-    assert [(w.label, w.rect) for w in gui.window.ui.widgets] == before
-    assert gui.session.editor.moves == moves
+    assert (placed(), history.moves) == (before, moves)
     gui.screenshot(tmp_path / "twice.png")
-    once, twice = (
-        np.asarray(Image.open(tmp_path / name), int) for name in ("once.png", "twice.png")
-    )
+    names = ("once.png", "twice.png")
+    once, twice = (np.asarray(Image.open(tmp_path / name), int) for name in names)
     assert np.abs(once - twice).mean() < 0.1
-    box = next(w.rect for w in gui.window.ui.widgets if w.label == "previous runs")
-    tick = once[int(box[1]) : int(box[3]), int(box[0]) : int(box[0] + box[3] - box[1])]
+    left, top, _, bottom = map(int, dict(before)["previous runs"])
+    tick = once[top:bottom, left : left + bottom - top]
     assert tick.std() > 1  # it is where it was on the screen, not below it
     assert gui.session.view.previous_runs is False
 
@@ -160,11 +139,9 @@ def test_the_right_button_drags_in_as_many_steps_as_it_is_told(gui):
     gui.input.drag((150, 200), (165, 212), steps=7, button=1)
     after = gui.window.scene.view
     assert gui.window.frames - drawn == 1 + 1 + 7 + 2
-    vertex = gui.session.surface().mesh.vertices[0]
-    places = [
-        view.projected("source", viewport(gui.session.surface().mesh).drawn(vertex))[0]
-        for view in (before, after)
-    ]
+    mesh = gui.session.surface().mesh
+    vertex = viewport(mesh).drawn(mesh.vertices[0])
+    places = [view.projected("source", vertex)[0] for view in (before, after)]
     np.testing.assert_allclose(places[1] - places[0], [15, 12, 0], atol=1e-6)  # moved, not turned
 
 
@@ -191,13 +168,8 @@ def test_nothing_is_held_from_one_driver_to_the_next():
 
 
 def test_a_process_has_one_backend():
-    with (
-        pytest.raises(
-            DriverError,
-            match="this process draws with openGL3_egl, not openGL_mock: use one backend",
-        ),
-        Driver(icosphere(1), backend="openGL_mock"),
-    ):
+    told = "this process draws with openGL3_egl, not openGL_mock: use one backend"
+    with pytest.raises(DriverError, match=told), Driver(icosphere(1), backend="openGL_mock"):
         pass
 
 

@@ -1,11 +1,8 @@
 """No exception ends the app: each part shows its error in its place, and the rest lives on."""
 
-from __future__ import annotations
-
 import pytest
 
-from abfm_viewer import panels
-from abfm_viewer.panels import right_panel, status_line, time_bar
+from abfm_viewer.panels import right_panel, solver, status_line, time_bar
 from abfm_viewer.widgets.containers import child, section
 from abfm_viewer.window import menus, window
 from tests.viewer.sessions import QUICK
@@ -15,10 +12,8 @@ PARTS = {
     "time bar": (time_bar, "draw"),
     "status line": (status_line, "draw"),
 }
-PANELS = [
-    (tab, part, module) for tab, parts in right_panel.TABS.items() for part, module in parts.items()
-]
-PARTS |= {"labels": (window, "draw_annotations"), "Solver": (panels.solver, "draw")}
+PANELS = [(tab, part) for tab, parts in right_panel.TABS.items() for part in parts]
+PARTS |= {"labels": (window, "draw_annotations"), "Solver": (solver, "draw")}
 
 
 def fail(*_arguments, **_options):
@@ -52,10 +47,10 @@ def test_a_part_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys):
 
 
 def test_a_panel_that_fails_leaves_the_others(gui, monkeypatch):
-    for tab, panel, module in PANELS:
+    for tab, panel in PANELS:
         gui.click(tab, within=right_panel.STEPS)
         with monkeypatch.context() as patch:
-            patch.setattr(module, "draw", fail)
+            patch.setitem(right_panel.TABS[tab], panel, fail)
             gui.frames(3)
             assert gui.errors == {panel: "RuntimeError: the roof leaks"}
             assert set(right_panel.TABS) <= set(gui.labels())
@@ -78,8 +73,8 @@ def test_panels_that_fail_halfway_leave_imgui_whole(gui, monkeypatch):
             fail()
 
     with monkeypatch.context() as patch:
-        for _, _, module in PANELS:
-            patch.setattr(module, "draw", draw)
+        for tab, panel in PANELS:
+            patch.setitem(right_panel.TABS[tab], panel, draw)
         for tab, panels in right_panel.TABS.items():
             gui.click(tab, within=right_panel.STEPS)
             assert lives(gui)

@@ -1,7 +1,5 @@
 """Export: pictures, movies and data, with every setting; written files are read again."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import replace
 
@@ -32,39 +30,27 @@ def exported(gui, button, path):
 
 
 def test_sizes_and_settings(matched):
-    exporter = matched.window.exporter
-    for name, size in (
-        ("4K", (3840, 2160)),
-        ("8K", (7680, 4320)),
-        ("HD", (1280, 720)),
-        ("full HD", (1920, 1080)),
-    ):
+    exporter, (left, top, right, bottom) = matched.window.exporter, matched.window.parts.scene
+
+    def size():
+        return exporter.picture.width, exporter.picture.height
+
+    sizes = {"4K": (3840, 2160), "8K": (7680, 4320), "HD": (1280, 720), "full HD": (1920, 1080)}
+    for name, expected in (sizes | {"window": (round(right - left), round(bottom - top))}).items():
         matched.choose("size", name)
-        assert (exporter.picture.width, exporter.picture.height) == size
-    matched.choose("size", "window")
-    left, top, right, bottom = matched.window.parts.scene
-    assert (exporter.picture.width, exporter.picture.height) == (
-        round(right - left),
-        round(bottom - top),
-    )
+        assert size() == expected
     matched.drag("pixels across", 2000)
     matched.drag("pixels down", 1000)
     assert exporter.picture.width == pytest.approx(2000, abs=120)
     matched.type("pixels across", "400")
     matched.type("pixels down", "300")
-    assert (exporter.picture.width, exporter.picture.height) == (400, 300)
-    matched.drag("seconds", 10)
-    matched.drag("fps", 40)
-    matched.type("seconds", "0.5")
-    matched.type("fps", "10")
-    assert (exporter.movie.seconds, exporter.movie.fps) == (0.5, 10)
-    matched.drag("from", 0.5)
-    matched.type("from", "0.25")
-    matched.drag("to", 1.5)
-    matched.type("to", "2")
-    matched.drag("turntable", 90)
-    matched.type("turntable", "-180")
+    assert size() == (400, 300)
+    values = {"seconds": (10, 0.5), "fps": (40, 10), "from": (0.5, 0.25), "to": (1.5, 2)}
+    for label, (dragged, typed) in (values | {"turntable": (90, -180)}).items():
+        matched.drag(label, dragged)
+        matched.type(label, f"{typed:g}")
     movie = exporter.movie
+    assert (movie.seconds, movie.fps) == (0.5, 10)
     assert (movie.start, movie.end, movie.turntable) == (0.25, 2, -180)
 
 
@@ -81,10 +67,11 @@ def test_a_picture_has_its_size_and_its_ground(small, tmp_path):
     assert alpha.max() == 255
 
 
-def test_a_movie_has_its_frames_and_its_size(small, tmp_path):
-    """As a GIF; an MP4 is among the stories of the first minutes."""
-    exported(small, "Save movie...", tmp_path / "film.gif")
-    with av.open(tmp_path / "film.gif") as movie:
+@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
+def test_a_movie_has_its_frames_and_its_size(small, tmp_path, suffix):
+    film = tmp_path / f"film{suffix}"
+    exported(small, "Save movie...", film)
+    with av.open(film) as movie:
         frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
     assert len(frames) == 5
     assert frames[0].shape == (300, 400, 3)

@@ -1,7 +1,5 @@
 """Every entry of every menu, the dialogs that they open, and what the view does to the window."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +14,7 @@ from abfm_viewer.document.document import LAYOUTS
 from abfm_viewer.window.menus import UI_SCALES
 from tests.mesh_writers import off_file
 from tests.shapes import icosphere
-from tests.viewer.sessions import EGG
+from tests.viewer.sessions import EGG, match, take_back
 
 
 @pytest.fixture
@@ -31,46 +29,35 @@ def sphere_opened(gui):
     assert not gui.window.dialogs.is_open
 
 
-@pytest.fixture
-def wide(tmp_path):
-    """The app in a window that a whole path fits in."""
-    with Driver(EGG, size=(860, 600)) as gui:
-        gui.window.dialogs.folder = tmp_path
-        yield gui
+def test_a_mesh_is_opened_and_is_recent_then(tmp_path, sphere_file):
+    with Driver(EGG, size=(860, 600)) as gui:  # in which a whole path fits
+        dialogs, files = gui.window.dialogs, gui.window.files
+        dialogs.folder = tmp_path
+        gui.menu("File", "Open mesh...")
+        gui.click("Cancel", within="Open a mesh")
+        assert not dialogs.is_open
+        gui.menu("File", "Open mesh...")
+        assert not gui.is_enabled("Open")
+        gui.click(sphere_file.name)
+        gui.click("Open")
+        sphere_opened(gui)
+        assert gui.session.document.name == sphere_file.name
+        gui.key("ctrl+z")
+        assert gui.session.surface().mesh is EGG
+        gui.click("File")
+        gui.click("Recent")
+        recent = next(w.label for w in gui.window.ui.widgets if w.section == "File/Recent")
+        gui.key("esc")
+        gui.key("esc")
+        assert recent.endswith(sphere_file.name)
+        gui.menu("File", "Recent", recent)
+        sphere_opened(gui)
+        assert gui.session.notices.latest.text.startswith(f"opened {sphere_file.name}")
+        faces = gui.session.surface().mesh.faces
+        np.testing.assert_array_equal(faces, load_mesh(sphere_file).faces)
+        gui.menu("File", "Recent", "Clear recent")
+        assert files.recent() == []
         assert not gui.errors
-
-
-def test_a_mesh_is_opened_and_is_recent_then(wide, sphere_file):
-    gui = wide
-    gui.menu("File", "Open mesh...")
-    gui.click("Cancel", within="Open a mesh")
-    assert not gui.window.dialogs.is_open
-    gui.menu("File", "Open mesh...")
-    assert not gui.is_enabled("Open")
-    gui.click(sphere_file.name)
-    gui.click("Open")
-    sphere_opened(gui)
-    assert gui.session.document.name == sphere_file.name
-    gui.key("ctrl+z")
-    assert gui.session.surface().mesh is EGG
-    recent = recent_label(gui)
-    assert recent.endswith(sphere_file.name)
-    gui.menu("File", "Recent", recent)
-    sphere_opened(gui)
-    assert gui.session.notices.latest.text.startswith(f"opened {sphere_file.name}")
-    np.testing.assert_array_equal(gui.session.surface().mesh.faces, load_mesh(sphere_file).faces)
-    gui.menu("File", "Recent", "Clear recent")
-    assert gui.window.files.recent() == []
-
-
-def recent_label(gui):
-    """What the menu calls the latest file."""
-    gui.click("File")
-    gui.click("Recent")
-    label = next(w.label for w in gui.window.ui.widgets if w.section == "File/Recent")
-    gui.key("esc")
-    gui.key("esc")
-    return label
 
 
 def test_folders_are_gone_through(gui, tmp_path, sphere_file):
@@ -105,8 +92,9 @@ def test_folders_are_gone_through_to_save(gui, tmp_path):
     gui.type("folder", str(tmp_path / "inner"))
     gui.type("file name", "new", enter=False)
     gui.click("Save", within="Save the project")
-    gui.wait(lambda s: s.saves.path == tmp_path / "inner" / "new.abfm" and not s.saves.unsaved)
-    assert is_project(tmp_path / "inner" / "new.abfm")
+    new = tmp_path / "inner" / "new.abfm"
+    gui.wait(lambda s: s.saves.path == new and not s.saves.unsaved)
+    assert is_project(new)
     assert (tmp_path / "older.abfm").read_bytes() == b""
 
 
@@ -116,85 +104,76 @@ def is_project(path):
 
 
 def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
+    gui, session, editor = matched, matched.session, matched.session.editor
     path = tmp_path / "first.abfm"
     path.write_text("precious")
-    matched.type("sigma", "0.03")
-    matched.drag("time", 0.7)
-    saved = matched.session.document
-    matched.menu("File", "Save project")
-    matched.type("file name", "first")
-    assert matched.window.dialogs.is_asking("Replace the file?")
-    matched.key("esc")
-    matched.click("Save", within="Save the project")
-    matched.click("Go back", within="Replace the file?")
+    gui.type("sigma", "0.03")
+    gui.drag("time", 0.7)
+    saved = session.document
+    gui.menu("File", "Save project")
+    gui.type("file name", "first")
+    assert gui.window.dialogs.is_asking("Replace the file?")
+    gui.key("esc")
+    gui.click("Save", within="Save the project")
+    gui.click("Go back", within="Replace the file?")
     assert path.read_text() == "precious"
-    matched.click("Cancel", within="Save the project")
-    assert not matched.window.dialogs.is_open
-    matched.menu("File", "Save project as...")
-    matched.type("file name", "first", enter=False)
-    matched.click("Save", within="Save the project")
-    matched.click("Replace")
-    matched.wait(lambda s: not s.saves.unsaved and not matched.window.files.saving)
-    assert not matched.window.dialogs.is_open
-    assert matched.session.saves.path == path
+    gui.click("Cancel", within="Save the project")
+    assert not gui.window.dialogs.is_open
+    gui.menu("File", "Save project as...")
+    gui.type("file name", "first", enter=False)
+    gui.click("Save", within="Save the project")
+    gui.click("Replace")
+    gui.wait(lambda s: not s.saves.unsaved and not gui.window.files.saving)
+    assert not gui.window.dialogs.is_open
+    assert gui.session.saves.path == path
     assert is_project(path)
-    matched.session.editor.set_parameter(alpha=4.0)
-    matched.key("ctrl+s")  # asks nothing more
-    matched.wait(lambda s: not s.saves.unsaved)
-    matched.session.editor.set_parameter(alpha=saved.parameters.alpha)
-    matched.key("ctrl+s")
-    matched.wait(lambda s: not s.saves.unsaved)
-    matched.click("Reset to defaults", within="Match")
-    matched.menu("File", "Open project...")
-    matched.double_click("first.abfm")
-    matched.wait(lambda s: s.saves.path == path and s.parameters.sigma == 0.03)
-    assert "Undo returns to" in matched.session.notices.latest.text
-    opened = matched.session.document
-    for name in (
-        "channels",
-        "parameters",
-        "mask",
-        "time",
-        "view",
-        "lines",
-        "points",
-        "channel",
-        "side",
-        "bump",
-    ):
+    editor.set_parameter(alpha=4.0)
+    gui.key("ctrl+s")  # asks nothing more
+    gui.wait(lambda s: not s.saves.unsaved)
+    editor.set_parameter(alpha=saved.parameters.alpha)
+    gui.key("ctrl+s")
+    gui.wait(lambda s: not s.saves.unsaved)
+    gui.click("Reset to defaults", within="Match")
+    gui.menu("File", "Open project...")
+    gui.double_click("first.abfm")
+    gui.wait(lambda s: s.saves.path == path and s.parameters.sigma == 0.03)
+    assert "Undo returns to" in gui.session.notices.latest.text
+    opened = session.document
+    kept = "channels parameters mask time view lines points channel side bump"
+    for name in kept.split():
         assert getattr(opened, name) == getattr(saved, name), name
-    np.testing.assert_array_equal(opened.surface().mesh.vertices, saved.surface().mesh.vertices)
-    np.testing.assert_array_equal(opened.surface().mesh.faces, saved.surface().mesh.faces)
+    meshes = [document.surface().mesh for document in (opened, saved)]
+    np.testing.assert_array_equal(*(mesh.vertices for mesh in meshes))
+    np.testing.assert_array_equal(*(mesh.faces for mesh in meshes))
     np.testing.assert_array_equal(opened.result.velocity, saved.result.velocity)
     np.testing.assert_array_equal(opened.runs[0].energies, saved.runs[0].energies)
-    matched.wait(lambda _: not matched.window.shown.busy)
-    assert not matched.session.saves.unsaved
+    gui.wait(lambda _: not gui.window.shown.busy)
+    assert not session.saves.unsaved
 
 
 def test_undo_goes_back_to_the_start_and_redo_to_the_end(gui):
-    start = gui.session.document
+    session, history = gui.session, gui.session.editor
+    start, steps = session.document, 0
     assert not gui.is_enabled("Undo", within="Edit")
     gui.key("esc")
     gui.type("alpha", "0.5")
     gui.click("Swap")
-    gui.click("Match")
-    gui.wait(lambda s: s.solver.finished)
+    match(gui)
     gui.drag("time", 0.4)
     gui.menu("View", "Dark theme")
-    end = gui.session.document
-    steps = 0
-    while gui.session.editor.undo_label:
+    end, names = session.document, ("channels", "parameters", "result", "runs", "view")
+    while history.undo_label:
         gui.menu("Edit", "Undo")
         steps += 1
     assert steps >= 5
     assert not gui.is_enabled("Undo", within="Edit")
     gui.key("esc")
-    for name in ("channels", "parameters", "result", "runs", "view"):
-        assert getattr(gui.session.document, name) == getattr(start, name), name
-    while gui.session.editor.redo_label:
+    for name in names:
+        assert getattr(session.document, name) == getattr(start, name), name
+    while history.redo_label:
         gui.menu("Edit", "Redo")
-    for name in ("channels", "parameters", "result", "runs", "view", "time"):
-        assert getattr(gui.session.document, name) == getattr(end, name), name
+    for name in (*names, "time"):
+        assert getattr(session.document, name) == getattr(end, name), name
 
 
 def test_light_and_dark(gui, tmp_path):
@@ -223,8 +202,7 @@ def test_every_layout_color_map_and_scale(gui):
         width = gui.window.parts.status[2]
         left, _, right, _ = gui.window.parts.panel
         assert right - left == pytest.approx(min(380 * scale, 0.44 * width))
-    while gui.session.editor.undo_label:
-        gui.key("ctrl+z")
+    take_back(gui)
     assert gui.session.view == before
 
 
@@ -244,35 +222,32 @@ def test_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
 
 
 def test_the_flow_is_seen_after_a_match_unless_that_is_switched_off(gui):
-    gui.session.editor.amend(
-        parameters=replace(gui.session.parameters, iterations=20, cooling_stages=1)
-    )
+    session, player = gui.session, gui.session.player
+    short = replace(session.parameters, iterations=20, cooling_stages=1)
+    session.editor.amend(parameters=short)
     gui.menu("View", "Flow after a match")
-    assert gui.session.view.flow_after_match
-    gui.session.player.speed = 4.0
-    gui.click("Match")
-    gui.wait(lambda s: s.solver.finished)
-    assert gui.session.player.playing
-    assert gui.session.view.arrows or gui.session.view.streaks
+    assert session.view.flow_after_match
+    player.speed = 4.0
+    match(gui)
+    assert player.playing
+    assert session.view.arrows or session.view.streaks
     times = []
-    gui.wait(lambda s: times.append(s.time) or not s.player.playing)
-    assert times[0] < 0.5 * gui.session.parameters.tau
-    assert gui.session.time == gui.session.parameters.tau
+    gui.wait(lambda s: times.append(s.time) or not player.playing)
+    assert times[0] < 0.5 * session.parameters.tau
+    assert session.time == session.parameters.tau
     gui.menu("View", "Flow after a match")
-    assert not (gui.session.view.arrows)
-    assert not (gui.session.view.streaks)
-    gui.click("Match")
-    gui.wait(lambda s: s.solver.finished)
-    assert not gui.session.player.playing
+    assert (session.view.arrows, session.view.streaks) == (False, False)
+    match(gui)
+    assert not player.playing
 
 
 def test_the_camera_turns_and_is_reset(gui):
-    before = gui.window.scene.look
-    x, y = gui.window.scene.view.slots["source"].middle
+    scene = gui.window.scene
+    before, (x, y) = scene.look, scene.view.slots["source"].middle
     gui.input.drag((x, y), (x + 60, y + 30))
-    assert not np.allclose(gui.window.scene.look.front.direction, before.front.direction, atol=0.1)
+    assert not np.allclose(scene.look.front.direction, before.front.direction, atol=0.1)
     gui.menu("View", "Reset camera")
-    assert gui.window.scene.look == before
+    assert scene.look == before
 
 
 def test_defaults_return(gui):

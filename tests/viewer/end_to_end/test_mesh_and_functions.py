@@ -3,24 +3,17 @@
 Both sides are drawn by the same code: what the widgets do is tried on one of them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from abfm.functions import families, function
 from abfm_viewer.document.gaussians import gaussians
-from tests.viewer.sessions import EGG
+from tests.viewer.sessions import EGG, take_back
 
 
 def settled(gui):
     """Wait until every function is evaluated."""
     gui.wait(lambda s: not s.obstacle)
-
-
-def test_the_mesh_is_described(gui):
-    gui.click("Open mesh...")
-    gui.key("escape")
 
 
 def test_channels_are_added_copied_weighted_swapped_and_removed(gui):
@@ -41,71 +34,60 @@ def test_channels_are_added_copied_weighted_swapped_and_removed(gui):
     gui.click("Remove")
     assert len(session.channels) == 1
     assert not gui.is_enabled("Remove")
-    while session.editor.undo_label:
-        gui.key("ctrl+z")
+    take_back(gui)
     assert session.channels == (first,)
 
 
-def test_every_family_can_be_chosen_and_is_evaluated(gui):
-    side = "source"
-    for family in sorted({cls.family for cls in families()} - {"gaussian", "file", "permuted"}):
-        gui.choose("family", family, within=side)
-        assert gui.session.active.spec(side).startswith(family)
-        settled(gui)
-        values = gui.session.values(side)
-        assert np.isfinite(values).all()
-        assert np.ptp(values) > 0
-    gui.choose("family", "gaussian", within=side)
-    settled(gui)
-
-
 def test_controls_of_the_families(gui):
-    side = "target"
+    """Every family can be chosen and is evaluated, and every control of it used."""
+    side, drag, write, choose = "target", gui.drag, gui.type, gui.choose
 
     def spec():
         return gui.session.active.spec(side)
 
-    def choose_each(family, label):
-        """Choose every word of a combo."""
-        gui.choose("family", family, within=side)
-        gui.click(label, within=side)
-        words = [w.label for w in gui.window.ui.widgets if w.section == f"Functions/{side}/{label}"]
+    def choose_each(label, within):
+        gui.click(label, within)
+        section = f"Functions/{within}/{label}"
+        words = [w.label for w in gui.window.ui.widgets if w.section == section]
         gui.key("esc")
         for word in words:
-            gui.choose(label, word, within=side)
+            gui.choose(label, word, within)
             assert word in spec()
 
-    gui.choose("family", "eigenfunction", within=side)
-    gui.drag("index", 7, within=side)
-    gui.type("index", "4", within=side)
-    assert spec() == "eigenfunction:4"
-    gui.choose("family", "hks", within=side)
-    gui.type("time", "0.05", within=side)
-    gui.drag("eigenpairs", 30, within=side)
-    gui.choose("family", "wks", within=side)
-    gui.type("energy", "2", within=side)
-    gui.type("width", "0.5", within=side)
-    choose_each("curvature", "kind")
-    choose_each("coordinate", "axis")
-    gui.choose("family", "geodesic", within=side)
-    gui.type("vertex", "5", within=side)
-    assert "vertex=5" in spec()
-    gui.choose("family", "indicator", within=side)
-    gui.drag("radius", 0.3, within=side)
-    gui.choose("shape", "disc", within=side)
-    gui.choose("shape", "half-space", within=side)
-    gui.choose("axis", "x", within=side)
-    gui.drag("above", -0.5, within=side)
-    gui.type("below", "0.5", within=side)
+    controls = {
+        "eigenfunction": [(drag, "index", 7), (write, "index", "4")],
+        "hks": [(write, "time", "0.05"), (drag, "eigenpairs", 30)],
+        "wks": [(write, "energy", "2"), (write, "width", "0.5")],
+        "curvature": [(choose_each, "kind")],
+        "coordinate": [(choose_each, "axis")],
+        "geodesic": [(write, "vertex", "5")],
+        "indicator": [
+            *((drag, "radius", 0.3), (choose, "shape", "disc"), (choose, "shape", "half-space")),
+            *((choose, "axis", "x"), (drag, "above", -0.5), (write, "below", "0.5")),
+        ],
+        "expression": [(write, "formula", "x*y")],
+    }
+    expected = {"eigenfunction": ":4", "geodesic": ":vertex=5", "expression": ":x*y"}
+    for family in sorted({cls.family for cls in families()} - {"gaussian", "file", "permuted"}):
+        choose("family", family, within=side)
+        assert spec().startswith(family)
+        settled(gui)
+        values = gui.session.values(side)
+        assert np.isfinite(values).all()
+        assert np.ptp(values) > 0
+        for use, *words in controls.get(family, ()):
+            use(*words, within=side)
+        assert spec().startswith(f"{family}{expected.get(family, '')}")
+        settled(gui)
+    for text in ("coordinate:z", "coordinate:w"):  # the last one is refused
+        write("spec", text, within=side)
+        assert spec() == "coordinate:z"
+    choose("family", "gaussian", within=side)
+    write("spec", "gaussian:x=1,y=0,z=0,width=0.2", within=side)
+    for name, number in (("x", "0.5"), ("y", "0.25"), ("z", "-0.125")):
+        write(name, number, within=side)
     settled(gui)
-    gui.choose("family", "expression", within=side)
-    gui.type("formula", "x*y", within=side)
-    assert spec() == "expression:x*y"
-    gui.type("spec", "coordinate:z", within=side)
-    assert spec() == "coordinate:z"
-    gui.type("spec", "coordinate:w", within=side)
-    assert spec() == "coordinate:z"
-    settled(gui)
+    assert spec() == "gaussian:x=0.5,y=0.25,z=-0.125,width=0.2"
 
 
 def test_gaussians_by_widget(gui):
@@ -114,6 +96,8 @@ def test_gaussians_by_widget(gui):
     def bumps():
         return gaussians(gui.session.active.spec(side))
 
+    gui.click("Open mesh...", within="Functions")
+    gui.key("escape")
     gui.type("vertex", "12", within=side)
     gui.drag("width", 0.2, within=side)
     gui.type("width", "0.15", within=side)
@@ -131,15 +115,6 @@ def test_gaussians_by_widget(gui):
     settled(gui)
 
 
-def test_gaussians_at_a_place(gui):
-    side = "target"
-    gui.type("spec", "gaussian:x=1,y=0,z=0,width=0.2", within=side)
-    for name, number in (("x", "0.5"), ("y", "0.25"), ("z", "-0.125")):
-        gui.type(name, number, within=side)
-    settled(gui)
-    assert gui.session.active.spec(side) == "gaussian:x=0.5,y=0.25,z=-0.125,width=0.2"
-
-
 @pytest.mark.parametrize("side", ["source", "target"])
 def test_gaussians_by_mouse(gui, side):
     def bump():
@@ -155,8 +130,7 @@ def test_gaussians_by_mouse(gui, side):
     gui.wheel(2, vertex=12, surface=side)
     assert bump().width > width
     settled(gui)
-    while gui.session.editor.undo_label:
-        gui.key("ctrl+z")
+    take_back(gui)
     assert gui.session.channels == before
 
 
@@ -183,13 +157,8 @@ def test_values_and_vertex_maps_from_files(gui, tmp_path):
     gui.choose("vertex map", "none", within=side)
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), values)
-    np.savetxt(
-        tmp_path / "table.csv",
-        np.stack([values, 2 * values], axis=1),
-        delimiter=",",
-        header="a,b",
-        comments="",
-    )
+    table = "\n".join(["a,b", *(f"{value!r},{2 * value!r}" for value in values.tolist())])
+    (tmp_path / "table.csv").write_text(table)
     gui.type("path", str(tmp_path / "table.csv"), within=side)
     gui.type("column", "b", within=side)
     settled(gui)

@@ -1,7 +1,5 @@
 """The menu Samples: every bundled mesh and every figure of the paper opens ready to match."""
 
-from __future__ import annotations
-
 import pickle
 import time
 
@@ -49,17 +47,10 @@ def test_a_figure_is_ready_to_match(samples, figure, monkeypatch):
         received = pickle.loads(pickle.dumps((example, as_match(example))))
         monkeypatch.setattr("abfm.experiments.stated_apart", lambda _: received)
     samples.menu("Samples", f"Figure {figure}")
+    ready, shape = f"figure {figure} is ready", problem.mesh.vertices.shape
     # is gone after a while
-    wait(
-        samples, lambda session: session.notices.latest.text.startswith(f"figure {figure} is ready")
-    )
-    wait(
-        samples,
-        lambda session: (
-            session.surface().mesh.vertices.shape == problem.mesh.vertices.shape
-            and not session.obstacle
-        ),
-    )
+    wait(samples, lambda session: session.notices.latest.text.startswith(ready))
+    wait(samples, lambda s: s.surface().mesh.vertices.shape == shape and not s.obstacle)
     session = samples.session
     np.testing.assert_array_equal(session.surface().mesh.vertices, problem.mesh.vertices)
     assert session.parameters == problem.parameters

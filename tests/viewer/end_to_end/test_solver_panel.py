@@ -1,60 +1,62 @@
-"""Match, Pause, Resume, Cancel, and what happens to a run when something changes."""
+"""Match, Pause, Resume, Cancel, and what a match came to, with remedies at one click."""
 
-from __future__ import annotations
+from dataclasses import replace
 
 import pytest
 
+import abfm
+from abfm.matching import Remedy
+from abfm.workers.control import present_control
+from abfm_viewer.computing.match_apart import MatchApart
+from abfm_viewer.panels.right_panel import STEPS
+from abfm_viewer.widgets.toolkit import Ui
+from tests.viewer.sessions import ENDLESS, begin, cancel, match
+
+WINDOW = (640, 480)  # in which no line of the verdict is cut
+
 
 def test_match_runs_to_its_end_and_shows_the_result(gui):
+    session = gui.session
     assert gui.is_enabled("Match")
     gui.click("Match")
-    assert gui.session.solver.running
+    assert session.solver.running
     gui.wait(lambda s: s.solver.finished)
-    session = gui.session
     assert session.result.mismatch < 0.05
     assert session.time == session.parameters.tau
     assert not session.outdated
     assert len(session.document.runs) == 1
-    assert gui.is_enabled("Match")
-    assert not gui.is_enabled("Pause")
-    assert not gui.is_enabled("Cancel")
+    assert [gui.is_enabled(label) for label in ("Match", "Pause", "Cancel")] == [True, False, False]
 
 
 def test_pause_holds_the_run_and_resume_goes_on(running):
+    solver = running.session.solver
     running.click("Pause")
     running.wait(lambda s: s.solver.paused)
     for _ in range(15):  # half a second, in which the evaluation that was under way ends
         running.window.frame()
-    held = running.session.solver.snapshot
+    held = solver.snapshot
     running.frames(10)
-    assert running.session.solver.snapshot is held
+    assert solver.snapshot is held
     running.click("Resume")
     running.wait(lambda s: s.solver.snapshot is not held)
-    running.click("Cancel")
-    running.wait(lambda s: s.solver.finished)
-    assert running.session.solver.reason == "cancelled"
-
-
-def test_cancel_keeps_the_best_field(running):
     running.wait(lambda s: s.solver.snapshot.iteration.iteration > 5)
-    running.click("Cancel")
-    running.wait(lambda s: s.solver.finished)
-    result = running.session.result
-    assert result.stop_reason == "cancelled"
-    assert len(result.energy_history) > 5
+    cancel(running)
+    assert solver.reason == running.session.result.stop_reason == "cancelled"
+    assert len(running.session.result.energy_history) > 5
     assert running.is_enabled("Match")
 
 
-def test_keys_do_the_same(gui, running):
-    gui.key("p")
-    assert gui.session.solver.paused
-    gui.key("p")
-    assert not gui.session.solver.paused
-    gui.key("esc")
-    gui.wait(lambda s: s.solver.finished)
-    assert gui.session.solver.reason == "cancelled"
-    gui.key("ctrl+enter")
-    assert gui.session.solver.running
+def test_keys_do_the_same(running):
+    solver = running.session.solver
+    running.key("p")
+    assert solver.paused
+    running.key("p")
+    assert not solver.paused
+    running.key("esc")
+    running.wait(lambda s: s.solver.finished)
+    assert solver.reason == "cancelled"
+    running.key("ctrl+enter")
+    assert solver.running
 
 
 @pytest.mark.parametrize("paused", [False, True])
@@ -77,30 +79,27 @@ def test_without_restarts_a_changed_parameter_waits_for_the_next_match(running):
     running.type("sigma", "0.015")
     running.frames(10)
     assert running.session.solver.problem.parameters.sigma != 0.015
-    running.click("Cancel")
-    running.wait(lambda s: s.solver.finished)
+    cancel(running)
     assert running.session.outdated
 
 
 @pytest.mark.parametrize("text", ["expression:1/0*x", "file:missing.npy"])
 def test_a_function_that_cannot_be_computed_does_not_end_the_run(running, text):
-    running.wait(lambda s: s.solver.snapshot is not None)
-    problem = running.session.solver.problem
+    solver = running.session.solver
+    problem = solver.problem
     running.type("spec", text, within="source")
     running.wait(lambda s: s.error("source"))
     running.frames(5)
-    assert running.session.solver.running
-    assert running.session.solver.problem == problem
-    running.click("Cancel")
-    running.wait(lambda s: s.solver.finished)
-    assert not running.session.solver.failed, running.session.solver.reason
+    assert solver.running
+    assert solver.problem == problem
+    cancel(running)
+    assert not solver.failed, solver.reason
 
 
 def test_the_next_match_can_start_from_the_current_field(matched):
     first = matched.session.result
     matched.check("Start from the current field")
-    matched.click("Match")
-    matched.wait(lambda s: s.solver.finished)
+    match(matched)
     again = matched.session.result
     assert again is not first
     assert again.energy_history[0, 2] < 0.1 * first.energy_history[0, 2]
@@ -115,3 +114,138 @@ def test_scrubbing_and_dragging_go_on_during_a_run(running):
     running.drag("time", 1.6)
     running.wait(lambda _: abs(shown.flow.advected() - before).max() > 0.01)
     assert running.session.solver.running
+
+
+# The verdict
+
+
+def set_far_pair(gui, width, **values):
+    editor = gui.session.editor
+    editor.set_spec("source", f"gaussian:x=0,y=0,z=1,width={width}")
+    editor.set_spec("target", f"gaussian:x=0.5,y=0,z=-0.87,width={width}")
+    editor.set_parameter(**values)
+    gui.wait(lambda s: not s.obstacle)
+
+
+def blindly(gui, **values):
+    """A match of a far pair that looks for nothing far away."""
+    set_far_pair(gui, 0.15, iterations=8, **values)
+    match(gui)
+
+
+def test_a_result_of_another_problem_says_so_and_offers_a_match(gui, notes):
+    blindly(gui)
+    assert not gui.session.outdated
+    gui.session.editor.set_parameter(alpha=0.02)
+    kinds = dict(notes())
+    assert "Functions or parameters changed since." in kinds
+    assert not {"good", "failure"} & set(kinds.values())
+    assert not {"Continue", "More time"} & set(gui.labels())
+    result = gui.session.result
+    gui.click("Match again")
+    gui.wait(lambda s: s.solver.finished)
+    assert gui.session.result is not result
+    assert gui.session.result.parameters.alpha == 0.02
+    assert "Match again" not in gui.labels()
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_nothing_below_moves_whatever_the_header_says(gui, scale):
+    editor = gui.session.editor
+    editor.set_view("scale", ui_scale=scale)
+
+    def below():
+        gui.frames(2)
+        called = (STEPS, "Look")
+        [tab] = [w for w in gui.window.ui.widgets if (w.section, w.label) == called]
+        return tab.rect
+
+    place = below()
+    blindly(gui, reach=0.0)
+    assert below() == place
+    editor.set_parameter(alpha=0.02)
+    assert below() == place
+    editor.set_parameter(iterations=100_000, tolerance=0.0, reach=1.0)
+    begin(gui)
+    assert below() == place
+
+
+def test_texts_without_room_are_cut_and_hovering_shows_them(gui, monkeypatch):
+    blindly(gui, reach=0.0)
+    result, words = gui.session.result, "so many words that no panel has room for them " * 4
+    long = replace(result.verdict, reason=f"the mismatch stayed: {words}")
+    gui.session.editor.amend(result=replace(result, verdict=long))
+    tips = []
+    monkeypatch.setattr(Ui, "tip", lambda ui, text, **_: tips.append(text))
+    gui.frames(1)
+    assert any(tip.startswith("So many words") and tip.endswith("for them .") for tip in tips)
+
+
+def test_a_source_that_is_squeezed_is_told_while_it_runs(gui, notes, monkeypatch):
+    """In a run that is held where it is told; 150 iterations later it finds the target."""
+
+    def held(apart, problem, on_iteration):
+        def post(now):
+            on_iteration(now)
+            if now.iteration == 20:
+                present_control().pause()
+
+        return abfm.match(problem, on_iteration=post)
+
+    monkeypatch.setattr(MatchApart, "match", held)
+    set_far_pair(gui, 0.1, **(ENDLESS.to_dict() | {"max_displacement": 0.1}))
+    begin(gui, 19)
+    squeezed = "The source is being squeezed to nothing instead of moved: "
+    assert dict(notes())[f"{squeezed}it may be too far from the target."] == "failure"
+    cancel(gui)
+    assert dict(notes())["It was cancelled, and the best field so far was kept."] == "ink"
+    remedies = [remedy.label for remedy in gui.session.result.verdict.remedies]
+    assert remedies == ["Reach further", "Continue"]
+
+
+def test_a_match_that_was_cancelled_goes_on_at_one_click(running):
+    running.wait(lambda s: s.solver.snapshot.iteration.iteration > 3)
+    cancel(running)
+    left = running.session.result.mismatch
+    running.click("Continue", within="verdict")
+    running.wait(lambda s: s.solver.snapshot is not None)
+    assert running.session.solver.snapshot.iteration.mismatch <= 1.01 * left
+
+
+@pytest.mark.parametrize("is_changed", [False, True])
+def test_a_match_that_was_cancelled_near_its_end_goes_on_too(gui, notes, is_changed):
+    """Its field matches already, which is no reason to begin anew without a word."""
+    session = gui.session
+    match(gui)
+    session.editor.amend(parameters=ENDLESS)
+    session.solver.warm = True
+    gui.click("Match")
+    gui.key("p")  # else it might end by itself
+    gui.wait(lambda s: s.solver.snapshot is not None)
+    gui.key("escape")
+    gui.wait(lambda s: s.solver.finished)
+    assert session.result.verdict.kind == "matched"
+    session.solver.warm = False
+    if is_changed:
+        session.editor.set_parameter(alpha=1.1 * session.parameters.alpha)
+    else:
+        assert "Continue, or Match starts over." in dict(notes())
+    gui.click("Continue", within="verdict")
+    gui.wait(lambda s: s.solver.snapshot is not None)
+    assert session.solver.snapshot.iteration.mismatch < 0.5
+
+
+@pytest.mark.parametrize(
+    ("label", "parameters"),
+    [("More time", {"iterations": 60}), ("Smoother", {"alpha": 0.03, "sigma": 0.01})],
+)
+def test_a_remedy_is_a_button_that_changes_what_it_says_and_starts_a_run(gui, label, parameters):
+    blindly(gui)
+    result = gui.session.result
+    verdict = replace(result.verdict, remedies=(Remedy(label, "so", parameters),))
+    gui.session.editor.amend(result=replace(result, verdict=verdict))
+    gui.frames(1)
+    gui.click(label, within="verdict")
+    assert gui.session.solver.running
+    gui.wait(lambda s: s.solver.finished)
+    assert gui.session.result.parameters == replace(result.parameters, **parameters)

@@ -2,8 +2,6 @@
 menu and keys.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from dataclasses import replace
@@ -18,9 +16,9 @@ from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.computing.solver import State
 from abfm_viewer.document.document import Channel
 from abfm_viewer.panels.right_panel import STEPS
-from abfm_viewer.widgets import popups
+from abfm_viewer.widgets.containers import is_popup_open
 from abfm_viewer.widgets.toolkit import Ui
-from abfm_viewer.window.view_actions import AXES, axis_front
+from abfm_viewer.window.actions import AXES, axis_front
 from tests.shapes import torus
 
 SURFACES = ("source", "advected", "target")
@@ -30,37 +28,38 @@ def middle(gui, name):
     return gui.window.scene.view.slots[name].middle
 
 
+def point_at(gui, name):
+    gui.input.move(*middle(gui, name))
+
+
 def picture(gui, folder):
     gui.screenshot(folder / "a.png")
     left, top, right, bottom = map(int, gui.window.parts.scene)
     return np.asarray(Image.open(folder / "a.png").convert("RGB"), int)[top:bottom, left:right]
 
 
-def test_a_double_click_shows_one_surface_large_and_another_all_again(gui):
-    steps = gui.session.editor.moves
-    gui.input.move(*middle(gui, "target"))
+def test_a_double_click_shows_one_surface_large_and_another_or_escape_all_again(running):
+    gui, scene, moves = running, running.window.scene, running.session.editor.moves
+    point_at(gui, "target")
     gui.input.click(2)
-    assert gui.window.scene.shown == ("target",)
+    assert scene.shown == ("target",)
     left, _, right, _ = gui.window.parts.scene
-    slot = gui.window.scene.view.slots["target"]
+    slot = scene.view.slots["target"]
     assert (slot.rect[0], slot.rect[2]) == (left, right)
-    assert gui.window.scene.pick(middle(gui, "target")).surface == "target"
-    gui.input.move(*middle(gui, "target"))
+    assert scene.pick(middle(gui, "target")).surface == "target"
+    point_at(gui, "target")
     gui.input.click(2)
-    assert gui.window.scene.shown == SURFACES
-    assert gui.session.editor.moves == steps
+    assert scene.shown == SURFACES
+    point_at(gui, "source")
+    gui.input.click(2)
+    assert scene.shown == ("source",)
+    gui.key("escape")
+    assert scene.shown == SURFACES
+    assert gui.session.editor.moves == moves
     assert gui.session.notices.cards == ()  # an error in the frame of the click would be one
-
-
-def test_escape_shows_all_again_and_cancels_a_run_only_then(running):
-    running.input.move(*middle(running, "source"))
-    running.input.click(2)
-    assert running.window.scene.shown == ("source",)
-    running.key("escape")
-    assert running.window.scene.shown == SURFACES
-    assert running.session.solver.running
-    running.key("escape")
-    running.wait(lambda s: s.solver.finished)
+    assert gui.session.solver.running
+    gui.key("escape")
+    gui.wait(lambda s: s.solver.finished)
 
 
 def test_escape_closes_a_menu_or_a_list_and_leaves_the_run(running):
@@ -69,7 +68,7 @@ def test_escape_closes_a_menu_or_a_list_and_leaves_the_run(running):
         running.click(label)
         running.key("escape")
         assert running.text_of(label, kind=kind) != "open"
-        assert not popups.is_open()
+        assert not is_popup_open()
         running.frames(3)
         assert running.session.solver.state is State.RUNNING
     running.key("escape")
@@ -78,7 +77,8 @@ def test_escape_closes_a_menu_or_a_list_and_leaves_the_run(running):
 
 def test_a_drag_beside_a_surface_leaves_it_upright_and_one_on_it_turns_it_freely(gui):
     def upright():
-        return gui.window.scene.view.rotation @ gui.window.scene.view.upright
+        view = gui.window.scene.view
+        return view.rotation @ view.upright
 
     (x, y), before = middle(gui, "source"), gui.window.scene.view.rotation
     _, top, _, bottom = gui.window.scene.view.slots["source"].rect
@@ -98,11 +98,9 @@ def test_axes_are_looked_from_by_menu_and_key_and_undo_returns(gui):
     turned = gui.session.view.look
     for axis in AXES:
         sign, name = (-1 if axis.startswith("-") else 1), axis[-1]
-        for by_key in (False, True):
-            if by_key:
-                gui.key(name if sign > 0 else f"shift+{name}")
-            else:
-                gui.menu("View", "Look from", axis)
+        keys = name if sign > 0 else f"shift+{name}"
+        for act, words in ((gui.menu, ("View", "Look from", axis)), (gui.key, (keys,))):
+            act(*words)
             front = gui.session.view.look.front
             assert front == axis_front(axis)
             np.testing.assert_allclose(np.linalg.det(front.axes), 1)
@@ -140,67 +138,54 @@ def test_wireframe_and_flat_shading_come_and_go(gui, label, name, key, tmp_path)
     gui.key("ctrl+z")
     assert not getattr(gui.session.view, name)
     assert np.abs(picture(gui, tmp_path) - before).mean() < 0.01
-    gui.key(key)
-    assert getattr(gui.session.view, name)
-    gui.key(key)
-    assert not getattr(gui.session.view, name)
+    for expected in (True, False):
+        gui.key(key)
+        assert getattr(gui.session.view, name) is expected
 
 
-def test_surfaces_are_hidden_and_shown_by_menu_and_keys(gui):
+def test_surfaces_are_hidden_and_shown_by_menu_and_keys(gui, tmp_path):
+    scene, notices, before = gui.window.scene, gui.session.notices, picture(gui, tmp_path)
     for name in SURFACES:
         gui.menu("View", "Surfaces", name)
-        assert gui.window.scene.shown == tuple(other for other in SURFACES if other != name)
+        assert scene.shown == tuple(other for other in SURFACES if other != name)
         gui.menu("View", "Surfaces", name)
-        assert gui.window.scene.shown == SURFACES
-    gui.input.move(*middle(gui, "source"))
-    gui.key("h")
-    assert gui.window.scene.shown == ("advected", "target")
-    gui.input.move(*middle(gui, "target"))
-    gui.key("h")
-    gui.input.move(*middle(gui, "advected"))
-    gui.key("h")
-    assert gui.window.scene.shown == ("advected",)
-    assert "only surface" in gui.session.notices.latest.text
+        assert scene.shown == SURFACES
+    gui.frames(3)
+    gui.input.move(1, 1)
+    assert np.abs(picture(gui, tmp_path) - before).mean() < 0.01
+    for name in ("source", "target", "advected"):
+        point_at(gui, name)
+        gui.key("h")
+    assert scene.shown == ("advected",)
+    assert "only surface" in notices.latest.text
     gui.key("ctrl+z")
-    assert gui.window.scene.shown == ("advected", "target")
+    assert scene.shown == ("advected", "target")
     gui.menu("View", "Surfaces", "Show all")
-    assert gui.window.scene.shown == SURFACES
-    gui.input.move(*middle(gui, "source"))
+    assert scene.shown == SURFACES
+    point_at(gui, "source")
     gui.key("h")
+    assert scene.shown == ("advected", "target")
     gui.key("shift+h")
-    assert gui.window.scene.shown == SURFACES
+    assert scene.shown == SURFACES
     gui.input.move(1, 1)
     gui.key("h")
-    assert "point at one" in gui.session.notices.latest.text
-    assert gui.window.scene.shown == SURFACES
-
-
-def test_compared_surfaces_are_hidden_and_shown_as_well(gui):
-    others = ("linear blend", "optimal transport", "error")
+    assert "point at one" in notices.latest.text
+    assert scene.shown == SURFACES
+    others = ("linear blend", "optimal transport", "error")  # as well
     for name in others:
         gui.check(name)
     for name in others:
         gui.menu("View", "Surfaces", name)
-        assert name not in gui.window.scene.shown
+        assert name not in scene.shown
         gui.menu("View", "Surfaces", name)
-        assert name in gui.window.scene.shown
-
-
-def test_a_hidden_surface_comes_back_as_it_was(gui, tmp_path):
-    before = picture(gui, tmp_path)
-    gui.menu("View", "Surfaces", "advected")
-    gui.menu("View", "Surfaces", "advected")
-    gui.frames(3)
-    assert np.abs(picture(gui, tmp_path) - before).mean() < 0.01
+        assert name in scene.shown
 
 
 def test_picks_are_right_wherever_surfaces_are_turned_and_zoomed(gui):
-    scene, mesh = gui.window.scene, gui.session.surface().mesh
-    gui.input.drag(
-        middle(gui, "source"), (middle(gui, "source")[0] + 40, middle(gui, "source")[1] + 25)
-    )
+    scene, mesh, (x, y) = gui.window.scene, gui.session.surface().mesh, middle(gui, "source")
+    gui.input.drag((x, y), (x + 40, y + 25))
     for zoom in (0, 8):
-        gui.input.move(*middle(gui, "advected"))
+        point_at(gui, "advected")
         gui.input.wheel(zoom)
         for name in SURFACES:
             x, y = middle(gui, name)
@@ -213,10 +198,8 @@ def test_picks_are_right_wherever_surfaces_are_turned_and_zoomed(gui):
 
 
 def test_a_mesh_is_seen_at_once_and_stays_as_it_appears(gui, monkeypatch, tmp_path):
-    """Grey in its slots, while a card says what is computed; then its functions come, and
-    nothing turns.
-    """
-    may_go_on = threading.Event()
+    """Grey, while a card says what is computed; then its functions come, and nothing turns."""
+    may_go_on, session, scene = threading.Event(), gui.session, gui.window.scene
 
     def slowly(mesh):
         with step("thinking"):
@@ -224,19 +207,19 @@ def test_a_mesh_is_seen_at_once_and_stays_as_it_appears(gui, monkeypatch, tmp_pa
             return default_functions(mesh)
 
     monkeypatch.setattr(evaluation, "default_functions", slowly)
-    gui.session.set_mesh(torus(24, 12, r=0.3), "torus")
+    session.set_mesh(torus(24, 12, r=0.3), "torus")
     gui.frames(1)
-    assert gui.window.scene.shown == SURFACES
-    rotation, front = gui.window.scene.view.rotation, gui.session.surface().front
+    assert scene.shown == SURFACES
+    rotation, front = scene.view.rotation, session.surface().front
     gui.wait(lambda s: gui.window.errors or time.perf_counter() - s.functions.bare_since > 0.5)
     notes = []
     monkeypatch.setattr(Ui, "note", lambda ui, text, *rest: notes.append(text))
     gui.frames(1)
     assert "Choosing functions: thinking" in notes
-    assert not gui.session.saves.unsaved
+    assert not session.saves.unsaved
     monkeypatch.undo()
     bare = picture(gui, tmp_path)
-    assert gui.window.scene.paints == {}
+    assert scene.paints == {}
     for name in SURFACES:
         x, y = map(int, middle(gui, name))
         left, top = map(int, gui.window.parts.scene[:2])
@@ -246,11 +229,11 @@ def test_a_mesh_is_seen_at_once_and_stays_as_it_appears(gui, monkeypatch, tmp_pa
     may_go_on.set()
     gui.wait(lambda s: not s.obstacle and not gui.window.shown.busy)
     gui.frames(2)
-    assert set(gui.window.scene.paints) == set(SURFACES)
-    np.testing.assert_array_equal(gui.window.scene.view.rotation, rotation)
-    assert gui.session.surface().front == front
-    assert gui.session.functions.bare_since is None
-    assert not gui.session.saves.unsaved
+    assert set(scene.paints) == set(SURFACES)
+    np.testing.assert_array_equal(scene.view.rotation, rotation)
+    assert session.surface().front == front
+    assert session.functions.bare_since is None
+    assert not session.saves.unsaved
 
 
 def test_functions_of_its_own_decide_how_a_mesh_is_seen(gui):

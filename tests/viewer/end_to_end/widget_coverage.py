@@ -5,9 +5,6 @@ That is known when all of them ran, in whatever order and in however many proces
 that none used is a failure of the whole run.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -32,14 +29,14 @@ class WidgetCoverage:
     A name is the section, menu or dialog that a widget is in, and its label.
     """
 
-    def __init__(self, config: pytest.Config) -> None:
-        self.seen: set[tuple[str, str]] = set()
-        self.used: set[tuple[str, str]] = set()
+    def __init__(self, config):
+        self.seen = set()
+        self.used = set()
         self._config = config
-        self._files: set[str] = set()
+        self._files = set()
 
     @contextmanager
-    def recording(self) -> Iterator[None]:
+    def recording(self):
         """Remember what windows show, and what tests ask for."""
         # not in processes that only hand out tests
         from abfm_viewer.automation.widget_search import WidgetSearch
@@ -62,28 +59,28 @@ class WidgetCoverage:
             patch.setattr(WidgetRecord, "end_frame", recorded_end_frame)
             yield
 
-    def unused(self) -> list[tuple[str, str]]:
+    def unused(self):
         """What was seen and not used, but for names of files."""
         return sorted(name for name in self.seen - self.used if not name[0].startswith(DYNAMIC))
 
     # Hooks of pytest
 
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+    def pytest_runtest_logreport(self, report):
         self._files.add(Path(report.nodeid.partition("::")[0]).name)
 
     @pytest.hookimpl(optionalhook=True)
-    def pytest_testnodedown(self, node) -> None:
+    def pytest_testnodedown(self, node):
         seen, used = getattr(node, "workeroutput", {}).get(_OUTPUT, ((), ()))
         self.seen |= set(seen)
         self.used |= set(used)
 
-    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+    def pytest_sessionfinish(self, session):
         if hasattr(self._config, "workeroutput"):  # a worker of pytest-xdist
             self._config.workeroutput[_OUTPUT] = (sorted(self.seen), sorted(self.used))
         elif self._all_ran() and not session.testsfailed and (self.unused() or not self.used):
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
-    def pytest_terminal_summary(self, terminalreporter, exitstatus: int) -> None:
+    def pytest_terminal_summary(self, terminalreporter, exitstatus):
         if self._all_ran():
             terminalreporter.write_sep("=", f"{len(self.used)} widgets used")
             for section, label in self.unused():
@@ -91,7 +88,7 @@ class WidgetCoverage:
                     f"no end-to-end test uses {label!r} in {section!r}", red=True
                 )
 
-    def _all_ran(self) -> bool:
+    def _all_ran(self):
         option = self._config.option
         selected = (
             option.keyword or option.markexpr or option.deselect or getattr(option, "lf", False)
@@ -100,7 +97,7 @@ class WidgetCoverage:
         return not chosen and self._files >= {path.name for path in FOLDER.glob("test_*.py")}
 
 
-def _name(widget) -> tuple[str, str]:
+def _name(widget):
     """Where a widget is and what it is called; one name for all channels, for both sides of one,
     and for all dialogs that save.
     """

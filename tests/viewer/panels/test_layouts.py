@@ -1,28 +1,127 @@
-"""At every size and scale and in every state, each widget has its place: nothing is cut off,
-covered, or jumps.
+"""At every size and scale and in every state each widget has its place; and, as a program, what the
+window shows then: it draws nothing (`openGL_mock`), which takes a process of its own.
 """
-
-from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict, replace
 from itertools import combinations
 from pathlib import Path
 
+import numpy as np
+import polyscope.imgui as imgui
 import pytest
 
+from abfm.matching.judging.verdict import Outcome, advice
+from abfm.matching.solving.record import StopReason
+from abfm.matching.terms.functions import FunctionTerm
+from abfm.parameters import Parameters
+from abfm_viewer.automation import Driver
+from abfm_viewer.panels.right_panel import TABS
+from abfm_viewer.widgets.toolkit import Ui
 from tests.processes import run
+from tests.viewer.sessions import EGG, ENDLESS
 
-ROOT = Path(__file__).parents[3]
+SIZES = ((1000, 700), (1280, 800), (2560, 1440))
+_WRITTEN = "saved /a/folder/with/a/name/that/is/long/enough/to/need/more/than/one/line/picture.png"
 _ROUNDING = 1.0  # pixels
+
+
+# The program
+
+
+def two_channels_with_other_peaks():
+    """A verdict whose advice no button carries out: flow lines refute that one peak became two."""
+    heights = EGG.vertices[:, 0] / np.ptp(EGG.vertices[:, 0])
+    near, far = (np.exp(-20 * (heights - place) ** 2) for place in (heights.max(), heights.min()))
+    problem = FunctionTerm(EGG, np.stack([near, heights], 1), np.stack([near + far, heights], 1))
+    outcome = Outcome(problem.target, 0.01, StopReason.CONVERGED, verified=0.5)
+    return advice(problem, outcome, Parameters())
+
+
+def _states(gui):
+    """Bring the window from one state to the next."""
+    session, player = gui.session, gui.session.player
+    yield "start"
+    session.editor.amend(parameters=ENDLESS)
+    session.match()
+    gui.wait(lambda s: s.solver.snapshot is not None)
+    player.playing = False
+    yield "running"
+    session.solver.cancel()
+    gui.wait(lambda s: s.solver.finished and s.result is not None)
+    player.playing = False
+    yield "matched"
+    found, verdict = session.result, two_channels_with_other_peaks()
+    advised = replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict)
+    session.editor.amend(result=advised)
+    yield "advised"
+    session.editor.amend(result=found)
+    gui.window.exporter.message = _WRITTEN
+    yield "exported"
+    gui.window.dialogs.show("A title", ["A line."])
+    yield "asked"
+
+
+def _recorded(method):
+    """Texts that a method of `Ui` writes from now on, with their places."""
+    found, write = [], getattr(Ui, method)
+
+    def recorded(ui, text, *options, **more):
+        write(ui, text, *options, **more)
+        rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
+        found.append({"text": text, "rect": rect, "area": ui.record.areas[-1]})
+
+    setattr(Ui, method, recorded)
+    return found
+
+
+def _layouts(gui, size, texts):
+    for state in _states(gui):
+        for scale in (1.0, 2.0):
+            gui.session.editor.amend(view=replace(gui.session.view, ui_scale=scale))
+            for tab in TABS:
+                gui.window.ui.open_tab = tab
+                gui.frames(3)
+                for written in texts.values():
+                    written.clear()
+                gui.frames(1)
+                assert not gui.errors
+                layout = {"state": state, "scale": scale, "tab": tab, "size": size}
+                widgets = [
+                    asdict(w) | {"text_width": imgui.CalcTextSize(w.shown or w.label)[0]}
+                    for w in gui.window.ui.widgets
+                ]
+                hidden, parts = dict(gui.window.ui.hidden_heights), asdict(gui.window.parts)
+                kept = {name: list(written) for name, written in texts.items()}
+                yield layout | kept | {"widgets": widgets, "hidden": hidden, "parts": parts}
+
+
+def main():
+    texts = {"lines": _recorded("line"), "notes": _recorded("note")}
+    found = []
+    for size in SIZES:
+        with Driver(EGG, backend="openGL_mock", size=size) as gui:
+            found += _layouts(gui, size, texts)
+    json.dump(found, sys.stdout)
+
+
+# What must hold
 
 
 @pytest.fixture(scope="module")
 def layouts():
     """The window's widgets at every size and scale, in every state and tab."""
-    done = run(sys.executable, "-m", "tests.viewer.panels.layouts", cwd=ROOT)
+    root = Path(__file__).parents[3]
+    done = run(sys.executable, "-m", "tests.viewer.panels.test_layouts", cwd=root)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+@pytest.fixture
+def drawn(layouts):
+    """Every widget in its layout, and where that is."""
+    return [(widget, layout, where(layout)) for layout in layouts for widget in layout["widgets"]]
 
 
 def where(layout):
@@ -30,154 +129,117 @@ def where(layout):
     return f"{layout['tab']}, {layout['state']}, {width}x{height} at scale {layout['scale']:g}"
 
 
-def visible(widget):
-    """The part of a widget that its panel shows; None if it must be scrolled to."""
-    left, top, right, bottom = (
-        choose(own, area)
-        for choose, own, area in zip(
-            (max, max, min, min), widget["rect"], widget["area"], strict=True
-        )
-    )
-    return (left, top, right, bottom) if left < right and top < bottom else None
+def overlaps(parts):
+    """Pairs of what is drawn, and how far what their panels show of them overlaps."""
+    seen = []
+    for part in parts:
+        (left, top, right, bottom), area = part["rect"], part["area"]
+        left, top = max(left, area[0]), max(top, area[1])
+        right, bottom = min(right, area[2]), min(bottom, area[3])
+        if left < right and top < bottom:  # else it must be scrolled to
+            seen.append((part, (left, top, right, bottom)))
+    for (one, a), (other, b) in combinations(seen, 2):
+        yield one, other, min(min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1]))
 
 
 def test_each_tab_fits_one_screen(layouts):
     shown = [layout for layout in layouts if layout["size"] == [1280, 800] and layout["scale"] == 1]
     for layout in shown:
-        (hidden,) = [
-            height
-            for name, height in layout["hidden"].items()
-            if name.endswith(f"/{layout['tab']}")
-        ]
-        assert hidden == 0, where(layout)
+        ends = f"/{layout['tab']}"
+        hidden = [height for name, height in layout["hidden"].items() if name.endswith(ends)]
+        assert hidden == [0], where(layout)
     assert {layout["tab"] for layout in shown} == {"Functions", "Match", "Look", "Export"}
 
 
 def test_nothing_is_cut_off_at_the_side(layouts):
     for layout in layouts:
-        for drawn in (*layout["widgets"], *layout["lines"]):
-            what = drawn.get("label") or drawn["text"]
-            (left, _, right, _), (start, _, end, _) = drawn["rect"], drawn["area"]
-            assert start - _ROUNDING <= left <= right <= end + _ROUNDING, (
-                f"{what!r}: {where(layout)}"
-            )
+        for part in (*layout["widgets"], *layout["lines"]):
+            (left, _, right, _), (start, _, end, _) = part["rect"], part["area"]
+            what = f"{part.get('label') or part['text']!r}: {where(layout)}"
+            assert start - _ROUNDING <= left <= right <= end + _ROUNDING, what
 
 
-def test_what_does_not_scroll_is_in_view(layouts):
-    for layout in layouts:
-        for widget in layout["widgets"]:
-            inside = widget["section"].split("/")[0]
-            if inside in ("time bar", "steps") or widget["label"] in ("Match", "Pause", "Cancel"):
-                (_, top, _, bottom), (_, first, _, last) = widget["rect"], widget["area"]
-                assert first <= top < bottom <= last, f"{widget['label']!r}: {where(layout)}"
-    for layout in layouts:
-        sliders = [
-            w for w in layout["widgets"] if w["kind"] == "slider" and w["section"] == "time bar"
-        ]
-        (time,) = (w["rect"] for w in sliders if w["label"] == "time")
-        assert time[2] - time[0] > 60 * layout["scale"], where(layout)
+def test_what_does_not_scroll_is_in_view(drawn):
+    sliders = 0
+    for widget, layout, place in drawn:
+        inside = widget["section"].split("/")[0]
+        (left, top, right, bottom), (_, first, _, last) = widget["rect"], widget["area"]
+        if inside in ("time bar", "steps") or widget["label"] in ("Match", "Pause", "Cancel"):
+            assert first <= top < bottom <= last, f"{widget['label']!r}: {place}"
+        if (widget["kind"], widget["section"], widget["label"]) == ("slider", "time bar", "time"):
+            assert right - left > 60 * layout["scale"], place
+            sliders += 1
+    assert sliders == len({place for *_, place in drawn})
 
 
-def test_words_fit_their_widgets_or_are_told_in_full(layouts):
-    for layout in layouts:
-        for widget in layout["widgets"]:
-            if widget["kind"] in ("button", "tab", "checkbox", "choice", "section"):
-                width = widget["rect"][2] - widget["rect"][0]
-                assert widget["text_width"] <= width + _ROUNDING, (
-                    f"{widget['label']!r}: {where(layout)}"
-                )
-                if widget["shown"] not in ("", widget["label"]):
-                    assert widget["shown"].endswith("...") or not widget["shown"]
-                    assert widget["tip"].startswith(widget["label"]), where(layout)
-
-
-def test_at_an_ordinary_scale_no_word_is_cut(layouts):
-    for layout in layouts:
-        if layout["scale"] == 1:
-            assert [
-                w["label"] for w in layout["widgets"] if w["shown"] not in ("", w["label"])
-            ] == [], where(layout)
+def test_words_fit_their_widgets_or_are_told_in_full(drawn):
+    """At an ordinary scale no word is cut."""
+    for widget, layout, place in drawn:
+        is_cut = widget["shown"] not in ("", widget["label"])
+        assert not is_cut or layout["scale"] > 1, f"{widget['label']!r}: {place}"
+        if widget["kind"] in ("button", "tab", "checkbox", "choice", "section"):
+            width = widget["rect"][2] - widget["rect"][0]
+            assert widget["text_width"] <= width + _ROUNDING, f"{widget['label']!r}: {place}"
+            if is_cut:
+                assert widget["shown"].endswith("...")
+                assert widget["tip"].startswith(widget["label"]), place
 
 
 def test_no_widget_covers_another(layouts):
     for layout in layouts:
-        drawn = [(w, visible(w)) for w in layout["widgets"] if w["kind"] != "menu" and visible(w)]
-        for (one, a), (other, b) in combinations(drawn, 2):
-            if "A title" in (one["section"], other["section"]):
-                continue  # a dialog is in front of everything
-            width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
-            covered = width > _ROUNDING and height > _ROUNDING
-            assert not covered, f"{one['label']!r} and {other['label']!r}: {where(layout)}"
+        for one, other, over in overlaps(w for w in layout["widgets"] if w["kind"] != "menu"):
+            # a dialog is in front of everything
+            in_front = "A title" in (one["section"], other["section"])
+            what = f"{one['label']!r} and {other['label']!r}: {where(layout)}"
+            assert in_front or over <= _ROUNDING, what
 
 
 def test_no_text_is_written_over_another(layouts):
     for layout in layouts:
-        drawn = [
-            (note, visible(note)) for note in layout["notes"] if note["text"] and visible(note)
-        ]
-        for (one, a), (other, b) in combinations(drawn, 2):
-            if one["area"] == other["area"]:
-                over = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
-                assert min(over) <= _ROUNDING, (
-                    f"{one['text']!r} and {other['text']!r}: {where(layout)}"
-                )
+        for one, other, over in overlaps(
+            part for part in (*layout["notes"], *layout["lines"]) if part["text"]
+        ):
+            what = f"{one['text']!r} and {other['text']!r}: {where(layout)}"
+            assert one["area"] != other["area"] or over <= _ROUNDING, what
 
 
 def test_remedies_are_in_view(layouts):
     for layout in layouts:
         remedies = [widget for widget in layout["widgets"] if widget["section"] == "verdict"]
-        assert bool(remedies) == (layout["state"] in ("matched", "exported", "asked")), where(
-            layout
-        )
+        are_there = layout["state"] in ("matched", "exported", "asked")
+        assert bool(remedies) == are_there, where(layout)
         for widget in remedies:
-            assert widget["area"][3] >= widget["rect"][3] - _ROUNDING, (
-                f"{widget['label']!r}: {where(layout)}"
-            )
+            below = widget["rect"][3] - widget["area"][3]
+            assert below <= _ROUNDING, f"{widget['label']!r}: {where(layout)}"
 
 
 def test_advice_that_no_button_carries_out_is_in_view_as_a_whole(layouts):
     """With its cause, at an ordinary scale; else as much as has room."""
-    for layout in layouts:
-        if layout["state"] == "advised":
-            (advice,) = [note for note in layout["notes"] if note["text"].startswith("To try: ")]
-            (_, top, _, bottom), (_, first, _, last) = advice["rect"], advice["area"]
-            assert first <= top < bottom <= last + _ROUNDING, where(layout)
-            if layout["scale"] == 1:
-                cut = [
-                    n["text"]
-                    for n in layout["notes"]
-                    if n["area"] == advice["area"] and n["text"].endswith("...")
-                ]
-                assert cut == [], where(layout)
-                assert (
-                    advice["text"]
-                    == "To try: smooth the function that has more of them, or expect a match in "
-                    "part."
-                )
+    whole = "To try: smooth the function that has more of them, or expect a match in part."
+    for layout in (layout for layout in layouts if layout["state"] == "advised"):
+        (advice,) = [note for note in layout["notes"] if note["text"].startswith("To try: ")]
+        (_, top, _, bottom), (_, first, _, last) = advice["rect"], advice["area"]
+        assert first <= top < bottom <= last + _ROUNDING, where(layout)
+        if layout["scale"] == 1:
+            beside = [n["text"] for n in layout["notes"] if n["area"] == advice["area"]]
+            assert not any(text.endswith("...") for text in beside), where(layout)
+            assert advice["text"] == whole
 
 
-def test_nothing_jumps_from_one_state_to_the_next(layouts):
-    first: dict[tuple, tuple] = {}
-    for layout in layouts:
-        for widget in layout["widgets"]:
-            if widget["kind"] != "plot" and widget["section"] not in ("A title", "verdict"):
-                place, key = (
-                    widget["rect"][:2],
-                    (widget["section"], widget["label"], widget["kind"]),
-                )
-                before = first.setdefault(
-                    (*layout["size"], layout["scale"], layout["tab"], *key), place
-                )
-                assert place == pytest.approx(before, abs=_ROUNDING), f"{key}: {where(layout)}"
+def test_nothing_jumps_from_one_state_to_the_next(drawn):
+    first = {}
+    for widget, layout, place in drawn:
+        if widget["kind"] != "plot" and widget["section"] not in ("A title", "verdict"):
+            left_top, key = widget["rect"][:2], (widget["section"], widget["label"], widget["kind"])
+            which = (*layout["size"], layout["scale"], layout["tab"], *key)
+            before = first.setdefault(which, left_top)
+            assert left_top == pytest.approx(before, abs=_ROUNDING), f"{key}: {place}"
 
 
-def test_behind_a_dialog_everything_is_grey(layouts):
-    for layout in layouts:
-        if layout["state"] == "asked":
-            enabled = {
-                w["label"] for w in layout["widgets"] if w["enabled"] and w["section"] != "A title"
-            }
-            assert enabled == set(), where(layout)
+def test_behind_a_dialog_everything_is_grey(drawn):
+    for widget, layout, place in drawn:
+        if layout["state"] == "asked" and widget["section"] != "A title":
+            assert not widget["enabled"], f"{widget['label']!r}: {place}"
 
 
 def test_surfaces_have_most_of_the_width(layouts):
@@ -186,9 +248,12 @@ def test_surfaces_have_most_of_the_width(layouts):
         assert right - left > layout["size"][0] / 2, where(layout)
 
 
-def test_what_a_user_changes_something_with_has_a_tooltip(layouts):
+def test_what_a_user_changes_something_with_has_a_tooltip(drawn):
     kinds = ("slider", "box", "button", "checkbox", "combo")
-    for layout in layouts:
-        for widget in layout["widgets"]:
-            if widget["section"].split("/")[0] == layout["tab"] and widget["kind"] in kinds:
-                assert widget["tip"], f"{widget['label']!r}: {where(layout)}"
+    for widget, layout, place in drawn:
+        if widget["section"].split("/")[0] == layout["tab"] and widget["kind"] in kinds:
+            assert widget["tip"], f"{widget['label']!r}: {place}"
+
+
+if __name__ == "__main__":
+    main()

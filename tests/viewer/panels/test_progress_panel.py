@@ -1,7 +1,5 @@
 """What the window says of long work: the solver's steps, and what is computed in the background."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 
@@ -9,7 +7,7 @@ import pytest
 
 from abfm import TriangleMesh
 from abfm.workers import progress
-from abfm.workers.progress import Step, step
+from abfm.workers.progress import step
 from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.background import Latest
 from abfm_viewer.computing.solver import Solver
@@ -20,7 +18,7 @@ from tests.viewer.sessions import ENDLESS, SPHERE, opened, solving, until
 def test_a_job_tells_what_it_does_until_it_is_done():
     go_on, latest = threading.Event(), Latest()
 
-    def job() -> int:
+    def job():
         with step("counting", about=" to ten"):
             go_on.wait(10)
         return 10
@@ -39,7 +37,7 @@ def test_functions_tell_what_takes_long_also_from_their_process(own_process, mon
     monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0 if own_process else 10**9)
     mesh = TriangleMesh(SPHERE.vertices, SPHERE.faces)  # one that has no eigenfunctions yet
     functions = evaluation.Functions(mesh)
-    told: list[Step | None] = []
+    told = []
     with progress.telling(told.append):
         functions.evaluate("eigenfunction:3")
     tasks = [now.task for now in told if now]
@@ -49,7 +47,7 @@ def test_functions_tell_what_takes_long_also_from_their_process(own_process, mon
 
 
 def test_a_run_tells_its_steps_though_it_runs_elsewhere(monkeypatch):
-    told: list[str] = []
+    told = []
     tell = Solver._at
 
     def listen(self, step):

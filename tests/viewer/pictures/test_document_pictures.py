@@ -15,7 +15,7 @@ from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOpti
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
-from abfm_viewer.window.view_actions import axis_front
+from abfm_viewer.window.actions import axis_front
 from abfm_viewer.window.window import Window
 from tests.shapes import ellipsoid
 

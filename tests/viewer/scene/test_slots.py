@@ -18,7 +18,7 @@ from abfm_viewer.scene.scene import Scene
 from abfm_viewer.scene.slots import Fit, fitting, slots
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown import Shown
-from abfm_viewer.window.areas import areas
+from abfm_viewer.window.window import areas
 from tests.shapes import ellipsoid
 
 POINTS = ellipsoid(3, 1.0, 0.7, 0.4).vertices + np.array([0.3, -0.2, 0.1])

@@ -16,7 +16,7 @@ from abfm_viewer.session import session_files
 from abfm_viewer.session.loading import Load, Loading
 from abfm_viewer.session.notices import Notices
 from abfm_viewer.session.session_files import open_session
-from abfm_viewer.window.figure_document import figure_document
+from abfm_viewer.window.samples import figure_document
 from tests.mesh_writers import off_text
 from tests.shapes import icosphere
 from tests.viewer.sessions import ENDLESS, QUICK, matched, solving, until

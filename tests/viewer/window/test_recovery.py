@@ -1,7 +1,5 @@
 """What is kept of work that is in no file."""
 
-from __future__ import annotations
-
 import threading
 from functools import partial
 
@@ -35,7 +33,7 @@ def test_a_run_of_a_mesh_that_was_opened_later_is_kept(desk, recoveries, tmp_pat
     session.reset_history()  # as if it had been saved
     session.match()
 
-    def kept() -> bool:
+    def kept():
         recoveries.update()
         return any(load_project(copy)[0].result for copy in desk.state.path.glob("autosave-*.abfm"))
 
@@ -46,7 +44,7 @@ def test_a_run_of_a_mesh_that_was_opened_later_is_kept(desk, recoveries, tmp_pat
 def test_a_run_whose_process_has_just_ended_is_no_problem_of_copies(desk, recoveries, monkeypatch):
     asked = []
 
-    def unfinished(*snapshot: object) -> None:
+    def unfinished(*snapshot):
         asked.append(snapshot)
         raise AbfmError("the process that matches has ended; match again")
 
@@ -55,7 +53,7 @@ def test_a_run_whose_process_has_just_ended_is_no_problem_of_copies(desk, recove
     session.editor.amend(parameters=ENDLESS)
     session.match()
 
-    def kept() -> bool:
+    def kept():
         recoveries.update()
         return len(asked) > 1  # the first copy was written, or its problem told
 
@@ -73,14 +71,14 @@ def test_meshes_that_were_left_with_nothing_unsaved_have_no_copies_and_no_thread
         desk.open(path)
         session.editor.set_parameter(alpha=2.0 + number)
 
-        def copied() -> bool:
+        def copied():
             recoveries.update()
             return bool(list(desk.state.path.glob("autosave-*.abfm")))
 
         until(copied, session)
         session.undo()
 
-        def let_go() -> bool:
+        def let_go():
             recoveries.update()
             return not list(desk.state.path.glob("autosave-*.abfm"))
 

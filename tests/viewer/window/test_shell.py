@@ -1,12 +1,6 @@
-"""Menus, keys, dialogs, files and preferences in a running window, driven by mouse and keyboard
-events.
-"""
+"""Menus, keys, dialogs, files and preferences in a running window, and how the program ends."""
 
-from __future__ import annotations
-
-import subprocess
 import sys
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,10 +12,11 @@ from abfm_viewer import app
 from abfm_viewer.automation.driver import Driver
 from abfm_viewer.dialogs import file_dialog
 from abfm_viewer.dialogs.file_dialog import Entry, Listing
+from abfm_viewer.document.document import View
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.session.session import Session
 from abfm_viewer.window import window
+from abfm_viewer.window.samples import figure_document
 from tests.mesh_writers import off_file
 from tests.processes import python
 from tests.shapes import icosphere
@@ -54,16 +49,16 @@ def mesh_file(tmp_path):
     return off_file(tmp_path / "a sphere.off", SMALL)
 
 
-def opened(gui: Driver, vertices: int) -> None:
+def opened(gui, vertices):
     """Wait until a mesh of so many vertices is shown with its functions."""
     gui.wait(
-        lambda s: len(s.surface().mesh.vertices) == vertices and s.values("target") is not None, 30
+        lambda s: len(s.surface().mesh.vertices) == vertices and s.values("target") is not None
     )
 
 
-def idle(gui: Driver) -> None:
+def idle(gui):
     """Wait until everything is read and written."""
-    gui.wait(lambda _: not gui.window.shown.busy and not gui.window.files.saving, 30)
+    gui.wait(lambda _: not gui.window.shown.busy and not gui.window.files.saving)
     gui.frames(3)
 
 
@@ -97,6 +92,15 @@ def test_keys_typed_into_a_box_do_nothing_else(gui):
     gui.key("esc")
     assert gui.session.view.theme == theme
     assert not gui.window.dialogs.is_open
+    gui.key("ctrl+o")
+    gui.frames(3)
+    gui.click("folder")
+    gui.key("esc")  # leaves the box first
+    assert gui.window.dialogs.is_open
+    gui.key("esc")
+    assert not gui.window.dialogs.is_open
+    gui.key("ctrl+q")
+    assert gui.window.closing  # at once, as all is saved
 
 
 # Dialogs
@@ -120,16 +124,6 @@ def test_a_mesh_is_opened_by_its_typed_path_and_by_keys(gui, mesh_file, tmp_path
     opened(gui, 42)
 
 
-def test_esc_leaves_the_box_first_and_then_the_dialog(gui):
-    gui.key("ctrl+o")
-    gui.frames(3)
-    gui.click("folder")
-    gui.key("esc")
-    assert gui.window.dialogs.is_open
-    gui.key("esc")
-    assert not gui.window.dialogs.is_open
-
-
 def test_ten_thousand_files_do_not_slow_the_window_down(gui, monkeypatch):
     """Frames have no more to do with them than with a thousand, of which they draw a part as
     well.
@@ -147,7 +141,7 @@ def test_ten_thousand_files_do_not_slow_the_window_down(gui, monkeypatch):
     assert lines[1] < 1.2 * lines[0]
 
 
-def lines_run(work: Callable[[], None]) -> int:
+def lines_run(work):
     """How many lines of Python run in this thread, each as often as it does."""
     count, before = 0, sys.gettrace()
 
@@ -177,11 +171,6 @@ def test_an_error_after_a_dialog_is_shown_and_the_window_lives(gui, mesh_file, c
 
 
 # Closing, dropped files, preferences, recovery
-
-
-def test_the_window_closes_at_once_when_all_is_saved(gui):
-    gui.key("ctrl+q")
-    assert gui.window.closing
 
 
 def test_dropped_files_are_opened_or_refused_in_one_line(gui, mesh_file, tmp_path):
@@ -230,34 +219,17 @@ def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path, launche
 
 
 def test_senseless_preferences_are_left_out(state, launched):
-    for name, value in (
-        ("theme", "pink"),
-        ("ui_scale", 1e9),
-        ("follow", "maybe"),
-        ("flow_after_match", 1),
-    ):
+    senseless = {"theme": "pink", "ui_scale": 1e9, "follow": "maybe", "flow_after_match": 1}
+    for name, value in senseless.items():
         state.set_preference(name, value)
     with launched() as gui:
         assert (gui.session.view.theme, gui.session.view.ui_scale) == ("light", 1)
         assert gui.session.view.flow_after_match
 
 
-@pytest.fixture
-def crashed(state):
-    """The copy that a process left which is gone: a sphere of 162 vertices with another alpha."""
-    session = Session(icosphere(2), "sphere")
-    session.editor.set_parameter(alpha=7)
-    done = subprocess.run(
-        [sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, check=True
-    )
-    path = state.path / f"autosave-{int(done.stdout)}.abfm"
-    state.path.mkdir(parents=True, exist_ok=True)
-    save_project(path, session.document, {})
-    session.close()
-    return path
-
-
-def test_a_damaged_copy_is_told_once(state, crashed, launched):
+def test_a_damaged_copy_is_told_once(state, launched):
+    crashed = state.path / "autosave-999999999.abfm"  # more than processes are counted to
+    state.path.mkdir()
     crashed.write_bytes(b"PK")
     with launched() as gui:
         gui.wait(lambda s: s.notices.latest.is_error, 10)
@@ -275,14 +247,13 @@ def test_while_a_mesh_waits_for_its_functions_the_window_draws_half_of_the_time(
 ):
     now, slept = [100.0], []
 
-    def draw() -> None:
+    def draw():
         gui.session.functions.bare_since = bare
         now[0] += 0.07
 
+    clock = SimpleNamespace(perf_counter=lambda: now[0], sleep=slept.append)
     monkeypatch.setattr(gui.window, "tick", draw)
-    monkeypatch.setattr(
-        window, "time", SimpleNamespace(perf_counter=lambda: now[0], sleep=slept.append)
-    )
+    monkeypatch.setattr(window, "time", clock)
     gui.window._moved_at = now[0]
     gui.window.frame()
     assert slept == [pytest.approx(rest)]
@@ -291,7 +262,7 @@ def test_while_a_mesh_waits_for_its_functions_the_window_draws_half_of_the_time(
 def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
     code = (
         "import sys; from abfm_viewer.scene import opengl; from pathlib import Path\n"
-        "from abfm_viewer.window.open_window import open_window\n"
+        "from abfm_viewer.window.window import open_window\n"
         "import abfm_viewer.session.session as s; s.Session._find_defaults = lambda self: None\n"
         f"window = open_window(None, opengl.OFFSCREEN, (640, 400), Path({str(tmp_path)!r}))\n"
         "window.tick(); print(sorted({'numba', 'scipy', 'igl', 'cholespy', 'trimesh'} & "
@@ -341,7 +312,7 @@ def test_a_window_has_its_own_sizes_whatever_another_one_left_in_imgui(launched)
 _CLOSED = """
 import sys
 from pathlib import Path
-from abfm_viewer.window.open_window import open_window
+from abfm_viewer.window.window import open_window
 from abfm.assets import asset_path
 mesh, folder = asset_path("human_A.off"), Path(sys.argv[2])
 window = open_window(mesh, "openGL3_egl", (400, 300), state_folder=folder)
@@ -385,3 +356,60 @@ def test_quitting_during_a_run_asks_and_saves_its_best_field(gui, tmp_path):
     saved = load_project(path)[0]
     assert saved.result.stop_reason == "cancelled"
     assert len(saved.runs[0].stages) > 5
+
+
+_PROGRAM = """
+import atexit, sys
+from abfm_viewer import app
+class Slow:
+    def __del__(self):
+        print("taken apart")
+def run(words):
+    atexit.register(lambda: print("tidied up"))
+    print("closed", words)
+    return 7
+app._run = run
+kept = sys.modules["kept"] = Slow()
+sys.argv[1:] = ["a.off"]
+status = app.main({words})
+sys.exit(status)
+"""
+
+
+@pytest.mark.parametrize(("words", "said"), [("", "a.off"), ("['b.off']", "b.off")])
+def test_the_program_ends_when_all_have_tidied_up_and_who_calls_it_lives_on(words, said):
+    done = python(_PROGRAM.replace("{words}", words), timeout=60)
+    assert (done.returncode, done.stderr) == (7, "")
+    lives_on = ["taken apart"] if words else []
+    assert done.stdout.splitlines() == [f"closed ['{said}']", "tidied up", *lives_on]
+
+
+_SAY = """
+from abfm_viewer.window import warm_up
+warm_up.start().join()
+from abfm.flow import exponential
+from abfm.mesh import coarsening
+from abfm.numerics import optimizer
+from abfm.streaks import line_integral
+import sys  # the room has a function of this name
+texture_atlas = sys.modules["abfm.streaks.texture_atlas"]
+for module in (exponential, coarsening, optimizer, line_integral, texture_atlas):
+    own = [v for v in vars(module).values() if getattr(v, "__module__", "") == module.__name__]
+    print(module.__name__, sum(bool(getattr(value, "signatures", ())) for value in own))
+"""
+
+
+def test_the_first_match_finds_its_kernels_compiled():
+    """In a process of its own, in which nothing else has compiled them."""
+    done = python(_SAY, check=True)
+    compiled = {name: int(count) for name, count in map(str.split, done.stdout.splitlines())}
+    assert len(compiled) == 5
+    assert min(compiled.values()) > 0, compiled
+
+
+def test_a_figure_keeps_the_theme_and_forgets_the_rest_of_the_view():
+    forgotten = {"blend": True, "transport": True, "animate": True, "coloring": "checker"}
+    document, _ = figure_document(7, View(theme="dark", **forgotten))
+    assert document.view.theme == "dark"
+    for name in forgotten:
+        assert getattr(document.view, name) == getattr(View(), name)

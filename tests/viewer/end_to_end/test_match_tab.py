@@ -1,7 +1,7 @@
-"""Parameters: every box, slider and combo, what is refused, presets and defaults."""
+"""The tab Match: every parameter, what is refused, presets and defaults, and the energy's plot."""
 
-from __future__ import annotations
-
+import csv
+import re
 from dataclasses import fields
 
 import polyscope.imgui as imgui
@@ -10,33 +10,35 @@ import pytest
 from abfm import Parameters
 from abfm.parameters import CHOICES, TABLE_1, TITLES
 from abfm_viewer.panels.right_panel import STEPS
+from tests.viewer.sessions import match
 
 
 def test_a_number_is_typed_and_dragged_and_undone(gui):
-    for label, text, slid in (
-        ("alpha", "10", 0.1),
-        ("beta", "0.001", 1e-2),
-        ("order", "1", 2),
-        ("sigma", "0.05", 1e-3),
-        ("reach", "0.3", 1.4),
-        ("tau", "2", 0.5),
-        ("iterations", "30", 300),
-        ("cooling_stages", "1", 4),
-        ("levels", "1", 3),
-        ("balance", "0.25", 0.8),
-        ("cooling_factor", "4", 20),
-        ("stage_iterations", "17", 60),
-        ("memory", "8", 50),
-        ("max_displacement", "0.2", 0.05),
-        ("tolerance", "0.001", 0.01),
-    ):
+    values = {
+        "alpha": (10, 0.1),
+        "beta": (0.001, 1e-2),
+        "order": (1, 2),
+        "sigma": (0.05, 1e-3),
+        "reach": (0.3, 1.4),
+        "tau": (2, 0.5),
+        "iterations": (30, 300),
+        "cooling_stages": (1, 4),
+        "levels": (1, 3),
+        "balance": (0.25, 0.8),
+        "cooling_factor": (4, 20),
+        "stage_iterations": (17, 60),
+        "memory": (8, 50),
+        "max_displacement": (0.2, 0.05),
+        "tolerance": (0.001, 0.01),
+    }
+    for label, (typed, slid) in values.items():
         default = getattr(gui.session.parameters, label)
-        gui.type(label, text)
-        assert getattr(gui.session.parameters, label) == float(text), label
+        gui.type(label, f"{typed:g}")
+        assert getattr(gui.session.parameters, label) == typed, label
         gui.drag(label, slid)
         assert getattr(gui.session.parameters, label) == pytest.approx(slid, rel=0.25), label
         gui.key("ctrl+z")
-        assert getattr(gui.session.parameters, label) == float(text), label
+        assert getattr(gui.session.parameters, label) == typed, label
         gui.key("ctrl+z")
         assert getattr(gui.session.parameters, label) == default, label
 
@@ -57,14 +59,9 @@ def test_the_method_decides_what_can_be_set(gui):
     assert not gui.is_enabled("gradient")
     gui.type("segments", "4")
     gui.drag("segments", 6)
-    parameters = gui.session.parameters
-    assert (parameters.method, parameters.segments, parameters.gradient) == (
-        "linearised",
-        6,
-        "bracket",
-    )
-    gui.click("Match")
-    gui.wait(lambda s: s.solver.finished)
+    p = gui.session.parameters
+    assert (p.method, p.segments, p.gradient) == ("linearised", 6, "bracket")
+    match(gui)
     assert len(gui.session.result.velocity) == 6
     gui.choose("method", "nonlinear")
 
@@ -94,6 +91,11 @@ def test_a_refused_text_stays_to_be_mended_until_escape(gui):
     gui.type("alpha", "10")
     assert gui.session.parameters.alpha == 10
     assert not reasons
+    gui.type("cooling_stages", "0")
+    (reason,) = reasons.values()  # calls it what the panel calls it
+    assert reason.startswith("stages of σ is 0; expected")
+    gui.click("cooling_stages")
+    gui.key("escape")
 
 
 @pytest.mark.parametrize("way", ["another value", "match", "undo"])
@@ -115,28 +117,21 @@ def test_an_error_goes_with_what_is_accepted_later(gui, way):
     assert gui.text_of("sigma", kind="box") == f"{Parameters().sigma:g}"
 
 
-def test_an_error_calls_the_parameter_what_the_panel_calls_it(gui):
-    gui.type("cooling_stages", "0")
-    (reason,) = gui.window.ui.refusals.reasons.values()
-    assert reason.startswith("stages of σ is 0; expected")
-    gui.click("cooling_stages")
-    gui.key("escape")
-
-
-def test_four_parameters_and_reach_are_in_sight_and_no_label_is_code(gui):
+def test_five_parameters_are_in_sight_all_have_widgets_and_no_label_is_code(gui):
     gui.click("Match", within=STEPS)
     sliders = [w for w in gui.window.ui.widgets if w.kind == "slider" and w.section == "Match"]
-    assert [w.name for w in sliders] == ["alpha", "sigma", "beta", "tau", "reach"]
-    assert [w.label for w in sliders] == [
-        "smoothness α",
-        "closeness σ",
-        "slopes β",
-        "time τ",
-        "reach",
-    ]
+    assert {w.name: w.label for w in sliders} == {
+        "alpha": "smoothness α",
+        "sigma": "closeness σ",
+        "beta": "slopes β",
+        "tau": "time τ",
+        "reach": "reach",
+    }
     gui.click("Advanced")
-    assert not [w.label for w in gui.window.ui.widgets if "_" in w.label]
-    gui.click("Advanced")
+    gui.frames(3)
+    widgets = gui.window.ui.widgets
+    assert not [w.label for w in widgets if "_" in w.label]
+    assert {entry.name for entry in fields(Parameters)} <= {w.name for w in widgets}
 
 
 def test_the_font_has_the_papers_letters(gui):
@@ -177,8 +172,7 @@ def test_a_mask_weighs_the_mismatch(gui):
     assert gui.session.document.mask == "expression:x>0"
     gui.wait(lambda s: not s.obstacle)
     gui.session.editor.amend(parameters=Parameters(iterations=5))
-    gui.click("Match")
-    gui.wait(lambda s: s.solver.finished)
+    match(gui)
     assert gui.session.result.mask is not None
     gui.type("mask", "")
     assert gui.session.outdated
@@ -200,8 +194,45 @@ def test_a_tooltip_explains_a_parameter(gui, monkeypatch):
     gui.session.solver.cancel()  # it may have ended by now
 
 
-def test_every_parameter_has_a_widget(gui):
-    gui.click("Match", within=STEPS)
-    gui.click("Advanced")
-    gui.frames(3)
-    assert {entry.name for entry in fields(Parameters)} <= {w.name for w in gui.window.ui.widgets}
+# The energy
+
+
+def test_it_grows_during_a_run_and_keeps_earlier_ones(matched):
+    session = matched.session
+    assert len(session.document.runs) == 1
+    matched.click("Match", within=STEPS)
+    assert "energy plot" in matched.labels()
+    match(matched)
+    runs = session.document.runs
+    assert len(runs) == 2
+    for shown in (False, True):
+        matched.check("previous runs", shown)
+        assert session.view.previous_runs is shown
+    matched.click("Clear previous")
+    assert session.document.runs == runs[-1:]
+    assert not matched.is_enabled("Clear previous")
+    matched.key("ctrl+z")
+    assert len(session.document.runs) == 2
+
+
+def test_hovering_shows_values(matched, monkeypatch):
+    shown = []
+    monkeypatch.setattr("polyscope.imgui.SetTooltip", shown.append)
+    matched.frames(5)
+    assert not shown
+    matched.hover("energy plot")
+    known = len(matched.session.result.energy_history)
+    at = int(re.match(r"iteration (\d+)", shown[-1])[1])
+    assert 0 < at < known - 1
+    total, _, mismatch = matched.session.result.energy_history[at]
+    assert f"{total:.4g}" in shown[-1]
+    assert f"{mismatch:.4g}" in shown[-1]
+
+
+def test_the_table_has_a_row_for_each_iteration(matched, tmp_path):
+    matched.click("Export CSV...")
+    matched.type("file name", "energies")
+    path = tmp_path / "energies.csv"
+    matched.wait(lambda _: path.exists(), 5)
+    rows = list(csv.reader(path.read_text().splitlines()))
+    assert len(rows) == 1 + len(matched.session.result.energy_history)

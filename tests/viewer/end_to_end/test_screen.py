@@ -1,20 +1,81 @@
-"""Surfaces in windows of every size and scale, turned, zoomed and moved by a mouse: by pixels,
-where they belong.
-"""
+"""By pixels: words can be read, and surfaces stay where they belong."""
 
-from __future__ import annotations
-
+from collections import Counter
 from dataclasses import replace
 from itertools import cycle, product
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from abfm_viewer.automation import Driver
-from abfm_viewer.document.document import LAYOUTS
+from abfm_viewer.document.document import LAYOUTS, THEMES
+from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Placing
 from tests.shapes import ellipsoid
+from tests.viewer.contrast import contrast
+from tests.viewer.sessions import EGG, ENDLESS
+
+_READABLE = 4.5
+_WITH_WORDS = ("button", "tab", "checkbox", "combo", "box", "section", "menu", "choice")
+
+
+@pytest.fixture(scope="module")
+def large():
+    with Driver(EGG, size=(1280, 800)) as gui:
+        yield gui
+
+
+def contrasts(gui, path):
+    """Of each widget with words in view, by section and label: of its most frequent colour and
+    the farthest from it; and whether it can be used.
+    """
+    gui.screenshot(path)
+    picture, found = np.asarray(Image.open(path).convert("RGB")), {}
+    for widget in gui.window.ui.widgets:
+        left, top, right, bottom = map(round, widget.rect)
+        inside = widget.area[1] <= top and bottom <= widget.area[3]
+        if widget.kind in _WITH_WORDS and inside and (widget.text or widget.kind != "box"):
+            part = picture[top + 2 : bottom - 2, left + 2 : right - 2].reshape(-1, 3)
+            colors = Counter(tuple(color) for color in (part / 255).tolist())
+            (ground, _), *_ = colors.most_common(1)
+            farthest = max(contrast(ground, color) for color in colors)
+            found[widget.section, widget.label, widget.kind] = farthest, widget.enabled
+    return found
+
+
+@pytest.mark.parametrize("theme", THEMES)
+@pytest.mark.parametrize("tab", TABS)
+def test_words_stand_out_from_what_is_behind_them(large, tmp_path, theme, tab):
+    large.session.editor.set_view("theme", theme=theme)
+    large.window.ui.open_tab = tab
+    measured = contrasts(large, tmp_path / "window.png")
+    assert len(measured) > 20
+    assert [it for it in measured.items() if it[1][1] and it[1][0] < _READABLE] == []
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_what_is_behind_a_dialog_looks_as_if_it_could_not_be_used(large, tmp_path, theme):
+    large.session.editor.set_view("theme", theme=theme)
+    large.session.editor.amend(parameters=ENDLESS)
+    large.click("Match")
+    large.wait(lambda s: s.solver.snapshot is not None)
+    large.click("Export")
+    before = contrasts(large, tmp_path / "free.png")
+    large.window.dialogs.show("A title", ["A line."])
+    large.frames(2)
+    behind = contrasts(large, tmp_path / "behind.png")
+    large.click("Close", within="A title")
+    large.session.solver.cancel()
+    large.wait(lambda s: s.solver.finished)
+    used = {name for name, (_, enabled) in before.items() if enabled}
+    labels = {label for _, label, _ in used}
+    assert {"Pause", "Cancel", "Play", "Save picture...", "Functions"} <= labels
+    for name in used & behind.keys():
+        assert not behind[name][1]
+        assert behind[name][0] < 0.6 * before[name][0], name
+
 
 LARGEST = (2560, 1440)
 SIZES = [(1000, 700), LARGEST]
@@ -27,17 +88,13 @@ NOTCHES = 12  # of the wheel: the surface is then larger than its slot
 
 def stray(slots, margin=0):
     """How many pixels of each surface are in its slot, and how many are outside of all slots."""
-    pixels = np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=False)).view(np.uint32)[
-        ..., 0
-    ]
+    buffer = np.ascontiguousarray(ps.screenshot_to_buffer(transparent_bg=False))
+    pixels, counts = buffer.view(np.uint32)[..., 0], []
     drawn = pixels != pixels[0, 0]
-    counts = []
     for slot in slots.values():
-        left, top, right, bottom = (
-            round(end + far)
-            for end, far in zip(slot.rect, (-margin, -margin, margin, margin), strict=True)
-        )
-        part = drawn[max(top, 0) : bottom, max(left, 0) : right]
+        left, top, right, bottom = slot.rect
+        rows = slice(max(round(top - margin), 0), round(bottom + margin))
+        part = drawn[rows, max(round(left - margin), 0) : round(right + margin)]
         counts.append(int(part.sum()))
         part[:] = False
     return counts, int(drawn.sum())

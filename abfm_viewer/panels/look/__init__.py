@@ -1,1 +1,0 @@
-"""The tab Look: what the surfaces show."""

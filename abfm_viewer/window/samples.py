@@ -1,0 +1,129 @@
+"""The menu Samples: bundled meshes and the paper's figures, each with a picture."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+import polyscope.imgui as imgui
+from PIL import Image
+
+from abfm import experiments
+from abfm.assets import asset_path
+from abfm.types import FloatArray
+from abfm_viewer.appearance.abbreviation import cut
+from abfm_viewer.appearance.samples import PICTURES, part, vertices
+from abfm_viewer.document.document import Channel, Document, Surface, View
+from abfm_viewer.document.samples import FIGURE_SAMPLES, SAMPLES, Sample
+from abfm_viewer.scene.opengl import ps
+from abfm_viewer.session.session_files import SessionFiles
+from abfm_viewer.widgets.toolkit import Ui
+
+_WIDTH, _HEIGHT = 420, 50
+_FEWEST, _MOST = 2, 4  # columns
+_SHARE = 0.86  # of the window's height that the menu may take
+_PICTURES = "pictures of the samples"
+_KEPT = (
+    *("theme", "ui_scale", "layout", "colormap", "isolines", "isoline_count", "color_bar"),
+    *("wireframe", "flat", "arrow_length", "arrow_density", "flow_after_match", "previous_runs"),
+)
+"""What a figure leaves as the user's view has it."""
+_SHOWN: dict[int, dict[str, Any]] = {
+    1: {"blend": True},
+    2: {"streaks": True},
+    5: {"streaks": True, "part": "commuting"},
+    # it is nothing but noise where it is almost 0
+    6: {"streaks": True, "fade": True, "part": "carried gradient"},
+    8: {"error": True},
+}
+"""What a figure shows besides the functions."""
+Corner = tuple[float, float]
+
+
+def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatArray]]:
+    """Return a figure of the paper, drawn in a view's theme and layout, and the values of functions
+    that no text describes.
+
+    It is set up in a process of its own, in seconds; an `AbfmError` says why it cannot be.
+    """
+    example, given = experiments.stated_apart(figure)
+    parameters = example.problem.parameters
+    document = Document(
+        (Surface(example.problem.mesh, example.name),),
+        tuple(Channel(source, target) for source, target in example.specs),
+        parameters=parameters,
+        result=given,
+        time=parameters.tau if given else 0.0,
+        view=View(**{name: getattr(view, name) for name in _KEPT}, **_SHOWN.get(figure, {})),
+    )
+    return document, example.values
+
+
+class SampleTextures:
+    """The pictures, loaded when they are first asked for, and again when polyscope forgot them."""
+
+    def __init__(self) -> None:
+        self._buffer: Any = None
+
+    def find(self, name: str) -> tuple[imgui.ImTextureRef, Corner, Corner] | None:
+        """A texture, and where in it a sample's picture is; None where nothing is drawn."""
+        if ps.get_render_engine_backend_name() == "openGL_mock":
+            return None
+        try:
+            self._buffer.check_ref_still_valid()
+        except (AttributeError, ValueError):
+            pixels = np.asarray(Image.open(PICTURES).convert("RGBA"), dtype=np.float32) / 255
+            ps.add_color_alpha_image_quantity(_PICTURES, pixels, enabled=False)
+            self._buffer = ps.get_quantity_buffer(_PICTURES, "colors")
+        return imgui.ImTextureRef(int(self._buffer.get_texture_native_id())), *part(name)
+
+
+def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
+    """Draw what the open menu shows, as low and in as many columns as the window asks for."""
+    display = imgui.GetIO().DisplaySize
+    spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
+    parts = {"Meshes": SAMPLES, "Figures of the paper": FIGURE_SAMPLES}
+    room = _SHARE * display[1] - 2 * (line + spacing[1])  # below their headings
+    columns, height = _FEWEST - 1, 0.0
+    while height < line and columns < _MOST:
+        columns += 1
+        height = room / sum(-(-len(part) // columns) for part in parts.values()) - spacing[1]
+    width = min(ui.px(_WIDTH), 0.92 * display[0] / columns - spacing[0])
+    size = (width, max(min(height, ui.px(_HEIGHT)), line))
+    for heading, samples in parts.items():
+        ui.heading(heading)
+        for number, sample in enumerate(samples):
+            if number % columns:
+                ui.beside()
+            if not _is_chosen(ui, sample, files.sample == sample.name, size, textures):
+                continue
+            if sample.figure:
+                make = partial(figure_document, sample.figure)
+                files.open_made(f"figure {sample.figure}", make)
+            else:
+                files.open(asset_path(sample.name))
+
+
+def _is_chosen(
+    ui: Ui, sample: Sample, loaded: bool, size: tuple[float, float], textures: SampleTextures
+) -> bool:
+    """Draw a sample's picture, name, size and what it is about; whether it was chosen."""
+    left, top = imgui.GetCursorScreenPos()
+    flags = imgui.ImGuiSelectableFlags_None
+    chosen = bool(imgui.Selectable(f"##{sample.name}", loaded, flags, size))
+    ui.remember(sample.name, "item", text="checked" if loaded else "")
+    title = f"{sample.name}, {vertices()[sample.name]:,} vertices"
+    ui.tip(f"{title}{', loaded' if loaded else ''}: {sample.about}")
+    draw_list, side = imgui.GetWindowDrawList(), size[1]
+    if (found := textures.find(sample.name)) is not None:
+        texture, first, second = found
+        draw_list.AddImage(texture, (left, top), (left + side, top + side), first, second)
+    line, x = imgui.GetTextLineHeight(), left + side + ui.px(8)
+    texts = [f"{title}{'  (loaded)' if loaded else ''}", sample.about][: max(int(side / line), 1)]
+    y = top + (side - len(texts) * line) / 2
+    for text, color in zip(texts, (ui.colors.ink, ui.colors.muted), strict=False):
+        shown = cut(text, left + size[0] - x, ui.text_width)
+        draw_list.AddText((x, y), imgui.ColorConvertFloat4ToU32(color), shown)
+        y += line
+    return chosen

@@ -1,0 +1,68 @@
+"""The tab Match: what it says of parameters and energies, and where on a slider a value is."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from abfm import Parameters
+from abfm.parameters import CHOICES
+from abfm_viewer.document.document import Run
+from abfm_viewer.panels import energy
+from abfm_viewer.panels import parameters as panel
+from abfm_viewer.widgets.widget_record import Range
+
+
+def test_the_panel_has_every_parameter_and_says_what_it_does():
+    assert sorted(panel._ABOUT) == sorted(entry.name for entry in fields(Parameters))
+    for name, about in panel._ABOUT.items():
+        assert all(word in panel._tip(name) for word in ("Default", "paper", "Bad result?"))
+        assert name in CHOICES or 0 <= about.slider.share_of(getattr(Parameters(), name)) <= 1
+
+
+def run(stages, vertices=(), reaches=(), restarts=()):
+    energies, course = np.ones((len(stages), 3)), (np.array(vertices, int), np.array(reaches))
+    return Run(energies, np.array(stages), restarts, 0.1, "", *course)
+
+
+@pytest.mark.parametrize(
+    ("marked", "stages", "meshes"),
+    [
+        (run([0, 0, 1, 2, 2, 3], [600, 600, 600, 2500, 2500, 2500], [0.0] * 6), [2, 5], [3]),
+        (run([0, 1, 0, 1], [600, 2500, 600, 2500], [0.0] * 4, (2,)), [], [1, 3]),
+        (run([0, 0], [600, 2500], [0.0] * 2, (1,)), [], []),  # a restart is no finer mesh
+        (run([0, 0, 1]), [2], []),
+    ],
+)
+def test_stages_and_finer_meshes_are_marked_apart(marked, stages, meshes):
+    assert energy.starts(marked) == (stages, meshes)
+
+
+def test_what_is_under_the_mouse_is_told():
+    coarse_to_fine = run([0, 0, 2], [600, 600, 2500], [0.5, 0.5, 0])
+    assert energy.course(coarse_to_fine, 0) == "mesh of 600 vertices, reach 0.5, stage 1"
+    assert energy.course(coarse_to_fine, 2) == "mesh of 2,500 vertices, stage 3"
+    assert energy.course(run([0, 0, 1]), 2) == "stage 2"  # of before
+
+
+@pytest.mark.parametrize(
+    ("ends", "values"),
+    [
+        (Range(0.0, 4.0), (0.0, 1.0, 4.0)),
+        (Range(1e-4, 1e4, log=True), (1e-4, 0.02, 1e4)),
+        (Range(0.0, 1.0, log=True), (0.0, 1e-6, 1e-4, 0.5, 1.0)),
+    ],
+)
+def test_a_place_and_its_value_belong_together(ends, values):
+    shares = [ends.share_of(value) for value in values]
+    assert (shares[0], shares[-1]) == (0, 1)
+    assert shares == sorted(shares)
+    for value, share in zip(values, shares, strict=True):
+        assert ends.value_at(share) == pytest.approx(value, rel=1e-9)
+
+
+def test_a_logarithmic_slider_from_0_has_a_stretch_for_0_and_nothing_below_its_decades():
+    ends = Range(0, 1, log=True)
+    assert ends.value_at(0.01) == 0
+    assert ends.value_at(0.05) == pytest.approx(1e-6)
+    assert 0 < ends.share_of(1e-9) < 0.1
