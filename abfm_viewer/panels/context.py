@@ -1,23 +1,23 @@
 """What panels, menus and keys draw with and act on."""
 
-from dataclasses import dataclass
-
 from abfm_viewer.dialogs import Dialogs
+from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import MESHES, SessionFiles
+from abfm_viewer.session.session_files import MESHES, OTHER_MESH, SessionFiles
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.toolkit import Ui
 
 
-@dataclass(frozen=True)
 class Context:
-    ui: Ui
-    session: Session
-    shown: Shown
-    exporter: Exporter
-    files: SessionFiles
-    dialogs: Dialogs
+    """A session and what a window shows it with, which keeps recent files in a state folder."""
+
+    def __init__(self, session: Session, state: StateFolder | None) -> None:
+        self.session, self.shown = session, Shown(session)
+        self.ui, self.dialogs = Ui(), Dialogs()
+        self.exporter = Exporter(session.notices.say)
+        self.files = SessionFiles(session, state, self.dialogs.ask)
+        self.files.ways_out[OTHER_MESH] = self.open_mesh
 
     def open_mesh(self) -> None:
         self.dialogs.open("Open a mesh", MESHES, self.files.open)

@@ -1,7 +1,6 @@
 """The column at the right: the solver always in view, and a tab for each step of the work."""
 
 from collections.abc import Callable
-from functools import partial
 
 from abfm_viewer.panels import energy, export, functions, look, parameters, solver
 from abfm_viewer.panels.context import Context
@@ -25,15 +24,15 @@ STEPS = "steps"
 """Where the tabs are, for the Driver: the button Match has the name of one of them."""
 
 
-def draw(context: Context, rect: Rect, guarded: Callable[[str, Callable[[], None]], None]) -> None:
+def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
     """Draw the column; a part that fails does not take the others with it."""
     ui, session = context.ui, context.session
     document = session.document
     accepted = (document.identity, session.channels, session.parameters, document.mask)
     ui.refusals.accept_after(*accepted, session.result, session.solver.running)
     with window(ui, "panel", rect):
-        guarded("Solver", lambda: solver.draw(context))
+        guarded("Solver", solver.draw, context)
         label = tabs(ui, STEPS, tuple(TABS))
         with child(ui, label, 0, border=False), ui.group(label):
             for part, draw_part in TABS[label].items():
-                guarded(part, partial(draw_part, context))
+                guarded(part, draw_part, context)

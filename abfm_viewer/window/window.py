@@ -19,7 +19,6 @@ from abfm.io import write_atomically
 from abfm_viewer import signals
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.computing.freed_memory import keep_little
-from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import Theme
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.panels import cards, right_panel, status_line, time_bar
@@ -35,13 +34,10 @@ from abfm_viewer.scene.annotations import (
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.pacing import Resting
 from abfm_viewer.scene.scene import Scene
-from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import OTHER_MESH, OTHER_NAME, SessionFiles, open_session
-from abfm_viewer.shown.shown import Shown
+from abfm_viewer.session.session_files import OTHER_NAME, open_session
 from abfm_viewer.widgets import style
 from abfm_viewer.widgets.containers import is_popup_open
-from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect, write_widgets
 from abfm_viewer.window import menus, warm_up
 from abfm_viewer.window.actions import Actions
@@ -102,7 +98,7 @@ def open_window(
     return Window(session, backend, size, state)
 
 
-class Window:
+class Window(Context):
     """Draws a session and passes on what the user does.
 
     `frames` counts those drawn; `errors` are of parts of the window that raised one in the latest
@@ -116,18 +112,10 @@ class Window:
         size: tuple[int, int],
         state: StateFolder | None = None,
     ) -> None:
-        self.session = session
-        self.shown = Shown(session)
-        self.ui = Ui()
-        self.dialogs = Dialogs()
-        self.exporter = Exporter(session.notices.say)
-        self.files = SessionFiles(session, state, self.dialogs.ask)
+        super().__init__(session, state)
         self.preferences = Preferences(session, state) if state else None
         self.recoveries = Recoveries(session, state, self.files, self.dialogs) if state else None
-        parts = (self.ui, session, self.shown, self.exporter, self.files, self.dialogs)
-        self.context = Context(*parts)
-        self.actions = Actions(self.context, lambda: self.mouse.over, self._end)
-        self.files.ways_out[OTHER_MESH] = self.context.open_mesh
+        self.actions = Actions(self, lambda: self.mouse.over, self._end)
         self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0
         self.errors: dict[str, str] = {}
@@ -138,7 +126,7 @@ class Window:
         self._redraws = self._active = False
         self._panel_seconds = self._moved_at = self._last_redraw = 0.0
         self._document: object = None
-        self._style: tuple[Theme, float] | None = None
+        self._style: tuple[Theme, float] = ("light", 0.0)  # none yet
         keep_little()
         opengl.spare_a_core()
         opengl.start(backend, *size, title="abfm")
@@ -222,10 +210,10 @@ class Window:
         with write_atomically(path) as temporary:
             Image.fromarray(np.ascontiguousarray(pixels[:, :, :3])).save(temporary, format="png")
 
-    def guarded(self, part: str, draw: Callable[[], None]) -> None:
+    def guarded(self, part: str, draw: Callable[..., None], *given: object) -> None:
         """Draw a part of the window; if it raises, show the error in its place and live on."""
         try:
-            draw()
+            draw(*given)
         except Exception as error:
             if part not in self.errors:
                 traceback.print_exc()
@@ -247,24 +235,32 @@ class Window:
         view, is_live = self.session.view, not self.ui.capturing
         self.frames += is_live
         keys_are_free = is_live and not is_popup_open()  # else Escape is the menu's or the list's
-        self._follow_style(view.theme, view.ui_scale)
+        if self._style != (look := (view.theme, view.ui_scale)):
+            if self._style[1] != view.ui_scale:
+                ps.set_ui_scale(view.ui_scale)
+            self._style = look
+            self._restyle()
         self.ui.begin_frame(view.ui_scale, view.theme)
         if is_live:
             self.guarded("session", self._update)
         io = imgui.GetIO()
-        self.parts = areas(io.DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
-        self._draw_scene(self.parts.scene, is_live)
+        parts = self.parts = areas(io.DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
+        self._draw_scene(parts.scene, is_live)
         with self.ui.disabled(self.dialogs.is_open):
-            self._draw_panels(self.parts)
+            self.guarded("menu", menus.draw, self.ui, self.actions, self.sample_textures)
+            self.guarded("panel", right_panel.draw, self, parts.panel, self.guarded)
+            self.guarded("time bar", time_bar.draw, self, parts.time_bar)
+            self.guarded("status line", status_line.draw, self, parts.status)
+            self.guarded("messages", cards.draw, self, parts.scene)
         keys_are_free = keys_are_free and not self.dialogs.is_open
-        self.guarded("dialog", lambda: self.dialogs.draw(self.ui))
+        self.guarded("dialog", self.dialogs.draw, self.ui)
         if keys_are_free:
             self.guarded("keyboard", self.actions.do_pressed)
         if is_live:
             self.errors = {part: self.errors[part] for part in self.errors if part in self._drawn}
             self._drawn.clear()
             self.ui.record.end_frame()
-            self.guarded("widget file", lambda: write_widgets(self.ui.widgets, self.frames))
+            self.guarded("widget file", write_widgets, self.ui.widgets, self.frames)
 
     def _draw_scene(self, rect: Rect, is_live: bool) -> None:
         """Draw the surfaces, and let the mouse act on them."""
@@ -274,27 +270,11 @@ class Window:
         pen, has_bar = window_pen(ui), session.view.color_bar
         scene.name_height = name_height(pen)
         scene.room_below = bar_room(pen, bottom - top) if has_bar else 0.0
-        self.guarded("scene", lambda: scene.update(rect))
+        self.guarded("scene", scene.update, rect)
         if is_live:
-            free = not self.dialogs.is_open
-            self.guarded("mouse", lambda: self.mouse.update(session, scene, rect, free))
-        self.guarded("markers", lambda: self.gaussian_markers.draw(ui, session, scene, rect))
-        self.guarded("labels", lambda: draw_annotations(ui, scene, rect, has_bar))
-
-    def _draw_panels(self, parts: Areas) -> None:
-        context = self.context
-        self.guarded("menu", lambda: menus.draw(self.ui, self.actions, self.sample_textures))
-        self.guarded("panel", lambda: right_panel.draw(context, parts.panel, self.guarded))
-        self.guarded("time bar", lambda: time_bar.draw(context, parts.time_bar))
-        self.guarded("status line", lambda: status_line.draw(context, parts.status))
-        self.guarded("messages", lambda: cards.draw(context, parts.scene))
-
-    def _follow_style(self, theme: Theme, scale: float) -> None:
-        if self._style is None or self._style[1] != scale:
-            ps.set_ui_scale(scale)
-        if self._style != (theme, scale):
-            self._style = (theme, scale)
-            self._restyle()
+            self.guarded("mouse", self.mouse.update, session, scene, rect, not self.dialogs.is_open)
+        self.guarded("markers", self.gaussian_markers.draw, ui, session, scene, rect)
+        self.guarded("labels", draw_annotations, ui, scene, rect, has_bar)
 
     def _update(self) -> None:
         if self._moves():
@@ -326,11 +306,11 @@ class Window:
 
     def _dropped(self, files: list[str]) -> None:
         if files:
-            self._once("drop", lambda: self.files.open_first([Path(file) for file in files]))
+            self._once("drop", self.files.open_first, [Path(file) for file in files])
 
-    def _once(self, part: str, do: Callable[[], None]) -> None:
+    def _once(self, part: str, do: Callable[..., None], *given: object) -> None:
         """Do something between frames; an error is shown in the status line only."""
-        self.guarded(part, do)
+        self.guarded(part, do, *given)
         self.errors.pop(part, None)
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:

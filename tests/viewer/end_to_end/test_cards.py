@@ -76,18 +76,15 @@ def test_a_remedy_is_offered_once_by_the_newest_card(gui, tmp_path):
     assert cards(gui) == [first]
 
 
-def test_what_is_told_again_has_one_card_with_the_newest_remedies(gui):
-    done, say = [], gui.session.notices.say
-    say("a problem", True, remedies={"Try again": lambda: done.append("first")})
-    say("another", True)
-    say("a problem", True, remedies={"Try again": lambda: done.append("second")})
+def test_at_most_three_are_shown_and_escape_takes_the_latest(running):
+    gui, notices, done = running, running.session.notices, []
+    for word in ("first", "second"):  # has one card with the newest remedies
+        notices.say("a problem", True, remedies={"Try again": lambda word=word: done.append(word)})
+        notices.say("another", True)
     assert cards(gui) == [["Dismiss"], ["Try again", "Dismiss"]]
     gui.click("Try again")
     assert done == ["second"]
-
-
-def test_at_most_three_are_shown_and_escape_takes_the_latest(running):
-    gui, notices = running, running.session.notices
+    gui.key("esc")
     for number in (0, 1, 2, 3, 4, 4):  # the last no second time
         notices.say(f"problem {number}", is_error=True)
     assert cards(gui) == [["Dismiss"]] * 3

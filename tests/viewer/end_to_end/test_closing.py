@@ -46,6 +46,7 @@ def save_and_close(gui):
 
 def test_saving_and_closing_waits_for_the_run_with_frames(running, tmp_path):
     gui, may_end = running
+    gui.session.solver.pause()
     save_and_close(gui)
     frames = gui.window.frames
     gui.frames(5)
@@ -53,7 +54,10 @@ def test_saving_and_closing_waits_for_the_run_with_frames(running, tmp_path):
     assert not gui.window.closing
     may_end.set()
     gui.wait(lambda _: gui.window.closing)
-    assert load_project(tmp_path / "work.abfm")[0].result.velocity.any()
+    saved = load_project(tmp_path / "work.abfm")[0]
+    assert saved.result.velocity.any()
+    assert saved.result.stop_reason == "cancelled"
+    assert len(saved.runs[0].stages) > 5
 
 
 def test_a_cancelled_close_keeps_the_window_and_the_field(running):
@@ -75,6 +79,7 @@ def test_a_second_attempt_asks_again_and_may_close_at_once(running, tmp_path):
     gui.click("Go back", within="Save before closing?")
     gui.frames(3)
     assert gui.window.files.waiting is None
+    assert not gui.window.closing
     save_and_close(gui)
     gui.key("ctrl+q")
     gui.click("Don't save", within="Save before closing?")

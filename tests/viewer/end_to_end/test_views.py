@@ -110,12 +110,15 @@ def test_axes_are_looked_from_by_menu_and_key_and_undo_returns(gui):
 
 
 def test_reset_is_a_step_and_a_drag_is_none(gui):
-    steps = gui.session.editor.moves
-    gui.input.drag((100, 200), (130, 210))
+    steps, scene, (x, y) = gui.session.editor.moves, gui.window.scene, middle(gui, "source")
+    before = scene.look
+    gui.input.drag((x, y), (x + 60, y + 30))
+    assert not np.allclose(scene.look.front.direction, before.front.direction, atol=0.1)
     assert gui.session.editor.moves == steps
     turned = gui.session.view.look
     gui.menu("View", "Reset camera")
     assert gui.session.view.look is None
+    assert scene.look == before
     gui.key("ctrl+z")
     assert gui.session.view.look == turned
     gui.session.editor.set_parameter(alpha=2.0)

@@ -105,41 +105,34 @@ def test_channels_of_one_kind_can_be_told_apart(gui):
     ]
 
 
-def test_what_is_refused_leaves_the_function_and_the_next_change_takes_the_reason_away(gui):
-    before = gui.session.channels
-    told = {"vertex": "there is no vertex 4242", "height": "'high' is no number"}
-    told["spec"] = "unknown key 'vortex'"
-    texts = {"vertex": "4242", "spec": "gaussian:vortex=1", "height": "high"}
-    for label, text in texts.items():
-        gui.type(label, text, within="source")
-        assert any(told[label] in reason for reason in refusals(gui))
-    assert len(refusals(gui)) == 3
-    assert gui.session.channels == before
-    gui.type("height", "2", within="source")
-    assert refusals(gui) == []
-
-
-def test_a_mistyped_spec_shows_one_error_and_stays_to_be_mended(gui, monkeypatch):
-    notes, note, before = [], Ui.note, spec(gui)
+def test_what_is_refused_leaves_the_function_and_stays_to_be_mended(gui, monkeypatch):
+    notes, note, before = [], Ui.note, gui.session.channels
 
     def heard(ui, text, kind="muted"):
         notes.append((kind, text))
         note(ui, text, kind)
 
+    def told():
+        notes.clear()
+        gui.frames(1)
+        return [text for kind, text in notes if kind == "failure"]
+
     monkeypatch.setattr(Ui, "note", heard)
     gui.type("spec", "gaussian:vortex=1", within="source")
-    notes.clear()
-    gui.frames(1)
-    (told,) = [text for kind, text in notes if kind == "failure"]
-    assert "unknown key 'vortex'" in told
+    (reason,) = told()
+    assert "unknown key 'vortex'" in reason
     assert gui.text_of("spec", within="source") == "gaussian:vortex=1"
-    assert spec(gui) == before
-    gui.drag("width", 0.3, within="target")
-    assert refusals(gui) == []
-    assert gui.text_of("spec", within="source") == before
+    gui.type("vertex", "4242", within="source")
+    gui.type("height", "high", within="source")
+    for reason in ("unknown key 'vortex'", "there is no vertex 4242", "'high' is no number"):
+        assert any(reason in text for text in refusals(gui))
+    assert gui.session.channels == before
+    gui.drag("width", 0.3, within="target")  # the next change takes the reasons away
+    assert refusals(gui) == told() == []
+    assert gui.text_of("spec", within="source") == before[0].source
 
 
-def test_from_a_vertex_that_is_not_there_every_family_can_be_reached(gui):
+def test_every_family_can_be_reached_and_begins_where_the_function_was(gui):
     gui.type("spec", "gaussian:vertex=4242", within="target")
     gui.wait(lambda s: s.error("target"))
     gui.click("Add Gaussian", within="target")
@@ -147,10 +140,7 @@ def test_from_a_vertex_that_is_not_there_every_family_can_be_reached(gui):
     gui.choose("family", "geodesic", within="target")
     assert spec(gui, "target").startswith("geodesic:vertex=")
     gui.wait(lambda s: not s.obstacle)
-
-
-def test_a_new_family_begins_where_the_function_was(gui):
-    gui.type("vertex", "12", within="target")
+    gui.type("spec", "gaussian:vertex=12", within="target")
     gui.choose("family", "indicator", within="target")
     assert spec(gui, "target") == "indicator:vertex=12,radius=0.2"
     gui.choose("family", "coordinate", within="target")
@@ -161,20 +151,20 @@ def test_a_new_family_begins_where_the_function_was(gui):
 
 
 def test_a_gaussian_is_added_and_removed_in_one_step_each(gui):
-    before = gui.session.document
+    session, before = gui.session, gui.session.document
     gui.click("Add Gaussian", within="target")
-    assert (gui.session.document.side, gui.session.document.bump) == ("target", 1)
+    assert active(session) == ("target", 1)
     gui.key("ctrl+z")
-    assert gui.session.document.channels == before.channels
-    assert not gui.session.editor.undo_label
+    assert session.document.channels == before.channels
+    assert not session.editor.undo_label
     gui.key("ctrl+y")
     gui.click("Remove Gaussian", within="target")
-    assert gui.session.document.bump == 0
+    assert session.document.bump == 0
     gui.key("ctrl+z")
     assert len(gaussians(spec(gui, "target"))) == 2
 
 
-def test_gaussians_between_other_terms(gui):
+def test_widgets_change_what_the_text_says(gui):
     gui.type("spec", "gaussian:vertex=3 + coordinate:x + gaussian:vertex=5", within="source")
     assert gui.text_of("family", within="source") == "several terms"
     gui.click("bump 2", within="source")
@@ -183,10 +173,7 @@ def test_gaussians_between_other_terms(gui):
     gui.click("bump 1", within="source")
     gui.click("Remove Gaussian", within="source")
     assert spec(gui) == "coordinate:x + gaussian:vertex=5,width=0.3"
-
-
-def test_a_gaussian_at_a_point_keeps_it_until_a_vertex_is_typed(gui):
-    gui.type("spec", "gaussian:x=1,y=0,z=0", within="source")
+    gui.type("spec", "gaussian:x=1,y=0,z=0", within="source")  # stays there until
     gui.drag("height", -1, within="source")
     gui.type("y", "0.25", within="source")
     gaussian = gaussians(spec(gui))[0]
@@ -194,17 +181,19 @@ def test_a_gaussian_at_a_point_keeps_it_until_a_vertex_is_typed(gui):
     gui.type("vertex", "3,4", within="source")
     assert gaussians(spec(gui))[0].vertex == (3, 4)
     assert "y" not in gui.labels()
-
-
-def test_an_optional_parameter_can_be_set_and_cleared(gui):
     gui.choose("family", "wks", within="source")
     gui.type("width", "0.5", within="source")
     assert spec(gui) == "wks:width=0.5"
     gui.drag("width", 0.8, within="source")
-    gui.type("spec", "wks", within="source")
+    gui.type("spec", "wks", within="source")  # without one again
     gui.type("width", "nothing", within="source")
     assert spec(gui) == "wks"
     assert any("width must be" in reason for reason in refusals(gui))
+    gui.type("spec", "permuted:mirror(permuted:mirror(coordinate:x))", within="source")
+    assert gui.text_of("family", within="source") == "permuted"
+    assert "Browse..." not in gui.labels()
+    gui.choose("family", "geodesic", within="source")
+    assert spec(gui).startswith("permuted:mirror(geodesic:vertex=")
 
 
 def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):
@@ -231,14 +220,6 @@ def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):
     assert spec(gui) == "file:gone.npy"
 
 
-def test_a_map_inside_a_map_is_no_file_of_values(gui):
-    gui.type("spec", "permuted:mirror(permuted:mirror(coordinate:x))", within="source")
-    assert gui.text_of("family", within="source") == "permuted"
-    assert "Browse..." not in gui.labels()
-    gui.choose("family", "geodesic", within="source")
-    assert spec(gui).startswith("permuted:mirror(geodesic:vertex=")
-
-
 # Under the mouse
 
 
@@ -252,89 +233,83 @@ def front(gui):
     return int(np.argmax(EGG.vertices @ np.array(view.direction)))
 
 
-def test_a_drag_is_one_step_and_leaves_the_camera(gui):
-    vertex, before, look = front(gui), gui.session.channels, gui.window.scene.look
-    moved = gui.session.editor.moves
-    gui.drag_on_surface([vertex, *neighbours(vertex)[:2]], surface="target")
-    assert gaussians(spec(gui, "target"))[0].vertex == (neighbours(vertex)[1],)
-    assert gui.session.document.side == "target"
-    assert gui.session.editor.moves - moved >= 3
-    assert gui.window.scene.look == look
+def test_a_drag_is_one_step_and_turns_the_camera_only_without_shift(gui):
+    session, scene, vertex = gui.session, gui.window.scene, front(gui)
+    before, look, moved = session.channels, scene.look, session.editor.moves
+    path = [vertex, *neighbours(vertex)[:2]]
+    gui.drag_on_surface(path, surface="target")
+    assert gaussians(spec(gui, "target"))[0].vertex == (path[-1],)
+    assert session.document.side == "target"
+    assert session.editor.moves - moved >= 3
+    assert scene.look == look
     gui.key("ctrl+z")
-    assert gui.session.channels == before
-    assert not gui.session.editor.undo_label
-
-
-def test_without_shift_the_same_drag_turns_the_camera(gui):
-    vertex, before, look = front(gui), gui.session.channels, gui.window.scene.look
-    gui.pick(vertex, surface="target")
-    gui.key("ctrl+z")
-    gui.drag_on_surface([vertex, *neighbours(vertex)[:2]], surface="target", modifiers=())
-    assert gui.session.channels == before
-    assert (
-        np.linalg.norm(np.subtract(gui.window.scene.look.front.direction, look.front.direction))
-        > 1e-3
-    )
+    assert session.channels == before
+    assert not session.editor.undo_label
+    gui.drag_on_surface(path, surface="target", modifiers=())
+    assert session.channels == before
+    turned = np.subtract(scene.look.front.direction, look.front.direction)
+    assert np.linalg.norm(turned) > 1e-3
 
 
 def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
-    now = [100.0]
+    def width():
+        return gaussians(spec(gui, "target"))[0].width
+
+    now, vertex = [100.0], front(gui)
     monkeypatch.setattr("abfm_viewer.window.mouse.time.perf_counter", lambda: now[0])
-    vertex = front(gui)
-    look, before = gui.window.scene.look, gaussians(spec(gui, "target"))[0].width
+    look, before = gui.window.scene.look, width()
     gui.wheel(1, vertex, surface="target")
     gui.wheel(1, vertex, surface="target")
     now[0] += 10
     gui.frames(2)
     gui.wheel(-1, vertex, surface="target")
-    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(1.12 * before, rel=0.01)
+    assert width() == pytest.approx(1.12 * before, rel=0.01)
     assert gui.window.scene.look == look
     gui.session.undo()
-    assert gaussians(spec(gui, "target"))[0].width == pytest.approx(1.25 * before, rel=0.01)
+    assert width() == pytest.approx(1.25 * before, rel=0.01)
     gui.session.undo()
-    assert gaussians(spec(gui, "target"))[0].width == before
+    assert width() == before
 
 
 def test_where_there_is_no_gaussian_the_status_line_says_what_to_do(gui):
+    session, vertex, given = gui.session, front(gui), gui.session.channels
+    gui.click("Open mesh...", within="Functions")
+    gui.pick(vertex, surface="target")  # a dialog keeps the mouse from it
+    assert session.channels == given
+    gui.key("escape")
     gui.choose("family", "coordinate", within="target")
-    before = gui.session.channels
-    gui.pick(front(gui), surface="target")
-    assert "choose the family gaussian" in gui.session.notices.latest.text
-    gui.pick(front(gui), surface="advected")
-    assert "Shift-click on the source or the target" in gui.session.notices.latest.text
-    assert gui.session.channels == before
+    before = session.channels
+    for surface, told in (
+        ("target", "choose the family gaussian"),
+        ("advected", "Shift-click on the source or the target"),
+    ):
+        gui.pick(vertex, surface=surface)
+        assert told in session.notices.latest.text
+    assert session.channels == before
 
 
 def test_a_click_places_a_point_and_a_drag_does_not(gui):
-    vertex = front(gui)
+    session, vertex = gui.session, front(gui)
+
+    def placed():
+        return len(session.document.lines), len(session.document.points)
+
     gui.pick(vertex, surface="target", modifiers=())
-    assert gui.session.document.lines == gui.session.document.points == ()
-    gui.session.editor.set_view("tool", tool="flow line")
+    assert placed() == (0, 0)
+    session.editor.set_view("tool", tool="flow line")
     gui.pick(vertex, surface="advected", modifiers=())
-    gui.session.editor.set_view("tool", tool="follow a point")
+    session.editor.set_view("tool", tool="follow a point")
     gui.pick(vertex, surface="source", modifiers=())
-    assert len(gui.session.document.lines) == len(gui.session.document.points) == 1
-    (point,) = gui.session.document.points
+    assert placed() == (1, 1)
+    (point,) = session.document.points
     position = np.array(point.barycentric) @ EGG.vertices[EGG.faces[point.face]]
     np.testing.assert_allclose(position, EGG.vertices[vertex], atol=0.02)
-    gui.drag_on_surface(
-        [vertex, neighbours(vertex)[0], neighbours(vertex)[2]], surface="advected", modifiers=()
-    )
+    path = [vertex, *neighbours(vertex)[:3:2]]
+    gui.drag_on_surface(path, surface="advected", modifiers=())
     gui.pick(vertex, surface="source")
-    assert len(gui.session.document.points) == 1
-
-
-def test_a_double_click_which_shows_the_surface_large_places_one_point(gui):
-    gui.session.editor.set_view("tool", tool="flow line")
-    gui.input.move(*gui.place(front(gui), "advected"))
-    gui.input.click(2)
-    assert len(gui.session.document.lines) == 1
+    assert placed() == (1, 1)
+    gui.key("r")
+    gui.input.move(*gui.place(vertex, "advected"))
+    gui.input.click(2)  # which shows the surface large
+    assert placed() == (1, 2)
     assert gui.window.scene.shown == ("advected",)
-
-
-def test_a_dialog_keeps_the_mouse_from_the_surfaces(gui):
-    before = gui.session.channels
-    gui.click("Open mesh...", within="Functions")
-    gui.pick(front(gui), surface="target")
-    assert gui.session.channels == before
-    gui.key("escape")

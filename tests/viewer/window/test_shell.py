@@ -2,7 +2,6 @@
 
 import sys
 from functools import partial
-from pathlib import Path
 from types import SimpleNamespace
 
 import polyscope.imgui as imgui
@@ -20,7 +19,7 @@ from abfm_viewer.window.samples import figure_document
 from tests.mesh_writers import off_file
 from tests.processes import python
 from tests.shapes import icosphere
-from tests.viewer.sessions import ENDLESS, SIZE
+from tests.viewer.sessions import SIZE
 
 SMALL = icosphere(1)
 
@@ -125,9 +124,7 @@ def test_a_mesh_is_opened_by_its_typed_path_and_by_keys(gui, mesh_file, tmp_path
 
 
 def test_ten_thousand_files_do_not_slow_the_window_down(gui, monkeypatch):
-    """Frames have no more to do with them than with a thousand, of which they draw a part as
-    well.
-    """
+    """Frames have no more to do than with a thousand, of which they draw a part as well."""
     lines = []
     for count in (1_000, 10_000):
         listing = Listing(tuple(Entry(f"{number:05}.off", False) for number in range(count)))
@@ -184,6 +181,7 @@ def test_dropped_files_are_opened_or_refused_in_one_line(gui, mesh_file, tmp_pat
     )
     gui.window._dropped([])
     assert gui.errors == {}
+    assert gui.window.files.recent() == [mesh_file]
 
 
 def test_preferences_are_kept_for_the_next_launch(state, launched):
@@ -292,12 +290,6 @@ def test_bad_words_are_one_line_and_status_2(words, expected, capsys):
     assert expected in told
 
 
-def test_recent_files_begin_with_the_one_on_the_command_line(launched, mesh_file):
-    with launched(mesh_file) as gui:
-        assert gui.window.files.recent() == [Path(mesh_file)]
-        assert imgui.GetIO().DisplaySize[0] > 0
-
-
 def test_a_window_has_its_own_sizes_whatever_another_one_left_in_imgui(launched):
     def places():
         with launched() as gui:
@@ -333,29 +325,6 @@ window.close()
 def test_closing_in_the_middle_of_work_leaves_nothing_behind(moment, tmp_path):
     done = python(_CLOSED, moment, str(tmp_path), timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-def test_quitting_during_a_run_asks_and_saves_its_best_field(gui, tmp_path):
-    path = tmp_path / "run.abfm"
-    gui.session.editor.amend(parameters=ENDLESS)
-    gui.window.files.save(path)
-    idle(gui)
-    gui.session.match()
-    gui.wait(lambda s: s.solver.run is not None and len(s.solver.run.stages) > 5)
-    assert not gui.session.saves.unsaved
-    gui.key("ctrl+q")
-    gui.frames(2)
-    gui.click("Go back")
-    assert gui.session.solver.running
-    assert not gui.window.closing
-    gui.session.solver.pause()
-    gui.key("ctrl+q")
-    gui.frames(2)
-    gui.click("Save")
-    gui.wait(lambda s: gui.window.closing)
-    saved = load_project(path)[0]
-    assert saved.result.stop_reason == "cancelled"
-    assert len(saved.runs[0].stages) > 5
 
 
 _PROGRAM = """
