@@ -152,9 +152,7 @@ def course(run: Run, at: int) -> str:
 
 
 def starts(run: Run) -> tuple[list[int], list[int]]:
-    """Return where another stage began on the same mesh, and where a finer mesh did; a restart,
-    which may skip stages, is neither.
-    """
+    """Return where another stage began on the same mesh, and where a finer mesh; not restarts."""
     finer, other = np.diff(run.vertices) > 0, np.diff(run.stages) != 0
     places: list[list[int]] = [(np.flatnonzero(new) + 1).tolist() for new in (other, finer)]
     stages, meshes = ([at for at in found if at not in run.restarts] for found in places)

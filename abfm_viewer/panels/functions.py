@@ -272,10 +272,8 @@ def draw_parameters(
     mesh: TriangleMesh,
     put: Callable[[functions.Family, str], None],
 ) -> None:
-    """Draw a widget for each parameter that a function has, and first the choice of its shape.
-
-    Those without a slider come first, two in a line where there is room. A changed function is put,
-    with the label of the widget that changed it.
+    """Draw the choice of a function's shape and a widget for each parameter, those without a slider
+    first, two in a line; a changed function is put, with the label of the widget that changed it.
     """
     if function.shapes:
         about = ", or ".join(shape.summary for shape in function.shapes.values())
@@ -308,10 +306,7 @@ def draw_parameters(
 
 
 class _Control:
-    """The widget of a parameter: a combo, a slider or a box, whichever its kind of value asks for.
-
-    `ends` are its slider's; None for one that is chosen or typed.
-    """
+    """The widget of a parameter; `ends` are its slider's, None for one that is chosen or typed."""
 
     def __init__(
         self,

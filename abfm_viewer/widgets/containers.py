@@ -31,10 +31,7 @@ _CLEAR = (0.0, 0.0, 0.0, 0.0)
 def _ended(
     ui: Ui, end: Callable[[], object], section: str = "", rect: Rect | None = None
 ) -> Iterator[None]:
-    """Draw a block in a part of the window, which ends for ImGui, too, whatever happens in it.
-
-    By default it is that of the present ImGui window.
-    """
+    """Draw a block in a part of the window, by default ImGui's present one, and end that."""
     try:
         (left, top), width = imgui.GetWindowPos(), imgui.GetWindowWidth()
         area = rect or (left, top, left + width, top + imgui.GetWindowHeight())
@@ -56,10 +53,7 @@ def window(ui: Ui, name: str, rect: Rect) -> Iterator[None]:
 
 @contextmanager
 def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None]:
-    """Draw a window in the middle, in front of everything, from which a veil keeps the mouse.
-
-    Without a height it fits what is in it.
-    """
+    """Draw a window in front of a veil over everything; without a height it fits what is in it."""
     display = imgui.GetIO().DisplaySize
     imgui.SetNextWindowPos((0, 0))
     imgui.SetNextWindowSize(tuple(display))
@@ -84,10 +78,7 @@ def dialog(ui: Ui, title: str, width: float, height: float = 0) -> Iterator[None
 def card(
     ui: Ui, name: str, place: tuple[float, float, float], color: Color, highest: float
 ) -> Iterator[None]:
-    """Draw a window that takes the keyboard from nothing, at a left end, top and width.
-
-    It is as high as what is in it, up to a height; the colour is its edge's.
-    """
+    """Draw a window with a coloured edge and no focus, as high as what is in it, up to a height."""
     left, top, width = place
     imgui.SetNextWindowPos((left, top))
     imgui.SetNextWindowSizeConstraints((width, 0), (width, max(highest, ui.px(40))))
@@ -106,17 +97,15 @@ def card(
 def child(
     ui: Ui, name: str, height: float, border: bool = True, shrinks: bool = False
 ) -> Iterator[None]:
-    """Draw a part of a panel that scrolls by itself; a negative height leaves that much below it.
-
-    One that `shrinks` is as low as what is in it. Others leave room for a scroll bar also where
-    there is none: what is in them stays where it is when more comes.
+    """Draw a part of a panel that scrolls by itself; a negative height leaves that much below it,
+    and one that `shrinks` is as low as what is in it.
     """
     flags = imgui.ImGuiChildFlags_Borders if border else imgui.ImGuiChildFlags_None
     style, room = imgui.GetStyle(), imgui.GetContentRegionAvail()[0]
     if shrinks:
         flags |= imgui.ImGuiChildFlags_AutoResizeY
         imgui.SetNextWindowSizeConstraints((0, 0), (room, height))
-    else:
+    else:  # what is in it stays where it is when a scroll bar comes
         padding = 2 * style.WindowPadding[0] if border else 0
         imgui.SetNextWindowContentSize((room - style.ScrollbarSize - ui.px(4) - padding, 0))
     imgui.BeginChild(name, (0, 0 if shrinks else height), flags)

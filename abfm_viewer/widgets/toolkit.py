@@ -33,9 +33,8 @@ _BOX = 76  # beside a slider, at a scale of 1
 
 
 class Refusals:
-    """Why new values were refused, and what was typed for them, which stays to be mended.
-
-    Both by a widget's name in the present section (`WidgetRecord.path`), until a value is accepted.
+    """Why new values were refused, by `WidgetRecord.path`, and what was typed for them, which stays
+    to be mended until a value is accepted.
     """
 
     def __init__(self, record: WidgetRecord) -> None:
@@ -59,9 +58,8 @@ class Refusals:
 
     @contextmanager
     def refusing(self, name: str, label: str = "") -> Iterator[None]:
-        """Refuse the new value of the widget of this name if the block ends with an error.
-
-        An error that begins with the name begins with the label instead.
+        """Refuse a widget's new value if the block ends with an error, which then begins with its
+        label where it begins with its name.
         """
         self.accept(name)
         try:
@@ -197,11 +195,8 @@ class Ui:
         return cut(text, room + 0.5, self.text_width)
 
     def tip(self, text: str, above: bool = False) -> None:
-        """Give the widget before a tooltip, also where it is disabled. One `above` it hides nothing
-        beside the mouse.
-
-        Who has just clicked wants to see what comes of it: there is none until the mouse moves, nor
-        during a drag.
+        """Give the widget before a tooltip, also where it is disabled, but not during a drag, nor
+        after a click until the mouse moves. One `above` it hides nothing beside the mouse.
         """
         flags = imgui.ImGuiHoveredFlags_AllowWhenDisabled | imgui.ImGuiHoveredFlags_DelayShort
         busy = self._clicked_at is not None or imgui.IsMouseDown(0)
@@ -277,10 +272,7 @@ class Ui:
         tip: str = "",
         width: float = 0,
     ) -> Word:
-        """Draw a choice of one of several words, which may have tooltips; its new value.
-
-        Without a width in pixels it takes what the caption leaves.
-        """
+        """Draw a choice of one of several words, which may have tooltips; its new value."""
         text, name = _text_and_name(label)
         width, caption = self._placed(text, width)
         text = text or name
@@ -325,11 +317,8 @@ class Ui:
         return value
 
     def number(self, label: str, value: float, ends: Range, tip: str) -> float | None:
-        """Draw a slider with a box to type into, which takes values beyond the slider's ends; a
-        new value, or None.
-
-        A text that is no number is refused in place. Whole numbers keep their type in the display.
-        A logarithmic slider from 0 has 0 at its left end, and six decades.
+        """Draw a slider with a box to type into, which takes values beyond the slider's ends and
+        refuses in place what is no number; a new value, or None.
         """
         text, name = _text_and_name(label)
         key = name or text
@@ -379,10 +368,7 @@ class Ui:
         self, label: str, value: str, tip: str = "", *, hint: str = "", width: float = 0
     ) -> str | None:
         """Draw a box to type into; the new text when Enter is pressed or the box is left, else
-        None.
-
-        A text that is then refused stays in the box, to be mended, until Escape or another change
-        that is accepted.
+        None. One that is then refused stays in the box, to be mended or left by Escape.
         """
         width, caption = self._placed(label, width)
         text = self._box(label, value, tip, hint=hint, width=width)

@@ -40,19 +40,14 @@ _KEYS = {"Left": "LeftArrow", "Right": "RightArrow", "Esc": "Escape"}
 
 @dataclass(eq=False)
 class Action:
-    """Something that keys such as "Ctrl+Y or Ctrl+Shift+Z" (on a Mac Cmd) do; `group` is its
-    heading in the list in Help.
-
-    If it `repeats`, holding the key does it again and again. `while_typing` it holds in a text box,
-    too, which then takes what was typed; other keys may mean something there.
-    """
+    """Something that keys do; `group` is its heading in the list in Help."""
 
     group: str
     does: str
-    keys: str
+    keys: str  # such as "Ctrl+Y or Ctrl+Shift+Z"; on a Mac Cmd
     do: Callable[[], None]
-    repeats: bool = False
-    while_typing: bool = False
+    repeats: bool = False  # while the key is held
+    while_typing: bool = False  # also in a text box, which then takes what was typed
 
     @property
     def chords(self) -> list[str]:
@@ -116,12 +111,14 @@ class Actions:
         self.context, self._over, self._close = context, over, close
         self._waiting: Action | None = None
         self._left = ""  # the box that was typed into when a save began: it gets the keyboard back
+        self._session, self._files, self._dialogs = context.session, context.files, context.dialogs
         session = context.session
         set_time, set_view = session.set_time, session.editor.set_view
         files = partial(Action, "Files", while_typing=True)
         self.open_mesh = files("open a mesh", "Ctrl+O", context.open_mesh)
-        what = "open a project or a result"
-        self.open_project = files(what, "Ctrl+Shift+O", self._open_project)
+        title, formats = "Open a project or a result", (PROJECT, RESULT)
+        do = partial(context.dialogs.open, title, formats, context.files.open)
+        self.open_project = files("open a project or a result", "Ctrl+Shift+O", do)
         self.save = files("save the project", "Ctrl+S", self._save)
         what = "save the project under another name"
         self.save_as = files(what, "Ctrl+Shift+S", self._ask_where)
@@ -141,7 +138,8 @@ class Actions:
         self.go_to_end = times("to τ", "End", lambda: set_time(session.parameters.tau))
         views, switch = partial(Action, "View"), self._switch
         self.switch_theme = views("light or dark", "L", self._switch_theme)
-        self.show_shortcuts = views("this list", "F1", self._show_shortcuts)
+        show = self._dialogs.show
+        self.show_shortcuts = views("this list", "F1", lambda: show("Shortcuts", self.listed()))
         do = partial(set_view, "look from the front", look=None)
         self.reset = views("look from the front again", "R", do)
         self.axes = {
@@ -191,16 +189,13 @@ class Actions:
             rows += [(action.keys.replace("Ctrl", COMMAND), action.does) for action in actions]
         return [*rows, ("Mouse", ""), *_MOUSE]
 
-    def _show_shortcuts(self) -> None:
-        self.context.dialogs.show("Shortcuts", self.listed())
-
     def show_messages(self) -> None:
         rows = [
             (f"{time.strftime('%H:%M:%S', time.localtime(entry.time))}   {entry.kind}", entry.text)
-            for entry in self.context.session.notices.log
+            for entry in self._session.notices.log
         ]
         copied = "\n".join(f"{when.replace('   ', ' ')}: {text}" for when, text in rows)
-        self.context.dialogs.show("Messages", rows[::-1] or ["There are none yet."], copied)
+        self._dialogs.show("Messages", rows[::-1] or ["There are none yet."], copied)
 
     def show_about(self) -> None:
         from importlib.metadata import version  # it takes a while to load
@@ -215,33 +210,27 @@ class Actions:
             f"{version('polyscope')}.",
             "MIT licence.",
         ]
-        self.context.dialogs.show("About abfm", lines)
+        self._dialogs.show("About abfm", lines)
 
     # Files
 
-    def _open_project(self) -> None:
-        title, files = "Open a project or a result", self.context.files
-        self.context.dialogs.open(title, (PROJECT, RESULT), files.open)
-
     def _quit(self) -> None:
         """Close the window, after a question if work is unsaved."""
-        session, files, dialogs = self.context.session, self.context.files, self.context.dialogs
-        files.stop_waiting()
-        if files.saving:
-            files.when_saved(self._quit)
-        elif not (session.saves.unsaved_documents or session.solver.running):
+        self._files.stop_waiting()
+        if self._files.saving:
+            self._files.when_saved(self._quit)
+        elif not (self._session.saves.unsaved_documents or self._session.solver.running):
             self._close()
-        elif not dialogs.is_asking(_QUIT):
+        elif not self._dialogs.is_asking(_QUIT):
             answers = {"Save": self._save_and_close, "Don't save": self._close, "Go back": None}
-            dialogs.ask(_QUIT, what_would_be_lost(session), answers)
+            self._dialogs.ask(_QUIT, what_would_be_lost(self._session), answers)
 
     def _save_and_close(self) -> None:
-        session, files = self.context.session, self.context.files
-        if session.solver.running and session.solver.snapshot is not None:
-            files.end_run("saving and closing", self._save_and_close)
+        if self._session.solver.running and self._session.solver.snapshot is not None:
+            self._files.end_run("saving and closing", self._save_and_close)
         else:  # a run without a field so far has nothing to save
-            session.solver.cancel()
-            self._save_all(list(session.saves.unsaved_documents), self._close)
+            self._session.solver.cancel()
+            self._save_all(list(self._session.saves.unsaved_documents), self._close)
 
     def _save_all(self, documents: list[Document], then: Callable[[], None]) -> None:
         if documents:
@@ -253,16 +242,16 @@ class Actions:
         self, then: Callable[[], None] | None = None, document: Document | None = None
     ) -> None:
         """Save a document, by default the present one, where it is; if nowhere, ask where."""
-        session, files = self.context.session, self.context.files
-        document = document or session.document
-        origin = session.saves.origin(document)
-        is_present = document.identity is session.document.identity
-        taken_back = is_present and document is not session.document
+        document = document or self._session.document
+        origin = self._session.saves.origin(document)
+        is_present = document.identity is self._session.document.identity
+        taken_back = is_present and document is not self._session.document
         if origin is None or taken_back:
             self._ask_where(then, document)
             return
-        write = partial(files.save, origin.path, then, document)
-        if files.saving or not origin.changed:  # what is being saved was changed by this window
+        write = partial(self._files.save, origin.path, then, document)
+        # what is being saved was changed by this window
+        if self._files.saving or not origin.changed:
             write()
             return
         text = (
@@ -271,74 +260,68 @@ class Actions:
         )
         other = partial(self._ask_where, then, document)
         answers = {OTHER_NAME: other, "Replace": write, "Go back": None}
-        self.context.dialogs.ask("Replace a changed file?", text, answers)
+        self._dialogs.ask("Replace a changed file?", text, answers)
 
     def _ask_where(
         self, then: Callable[[], None] | None = None, document: Document | None = None
     ) -> None:
-        session, files = self.context.session, self.context.files
-        document = document or session.document
-        origin = session.saves.origin(document)
+        document = document or self._session.document
+        origin = self._session.saves.origin(document)
         name = (origin.path if origin else Path(document.name)).with_suffix(PROJECT).name
-        is_present = document.identity is session.document.identity
+        is_present = document.identity is self._session.document.identity
         title = "Save the project" if is_present else f"Save the project of {document.name}"
 
         def save(path: Path) -> None:
-            files.save(path, then, document)
+            self._files.save(path, then, document)
 
-        self.context.dialogs.save(title, (PROJECT,), name, save)
+        self._dialogs.save(title, (PROJECT,), name, save)
 
     # Solver, time and view
 
     def _pause(self) -> None:
-        solver = self.context.session.solver
+        solver = self._session.solver
         solver.resume() if solver.paused else solver.pause()
 
     def _escape(self) -> None:
-        session = self.context.session
-        view, notices = session.view, session.notices
+        view, notices = self._session.view, self._session.notices
         if notices.cards:
             notices.dismiss(notices.cards[0])
         elif view.large in view.shown_surfaces and len(view.shown_surfaces) > 1:
-            session.editor.amend(view=replace(view, large=""))
+            self._session.editor.amend(view=replace(view, large=""))
         else:
-            session.solver.cancel()
+            self._session.solver.cancel()
 
     def _step(self, share: float) -> None:
-        session = self.context.session
-        session.set_time(session.time + share * session.parameters.tau)
+        self._session.set_time(self._session.time + share * self._session.parameters.tau)
 
     def _switch(self, name: str, what: str) -> None:
-        session = self.context.session
-        shown = getattr(session.view, name)
+        shown = getattr(self._session.view, name)
         step = f"{'hide' if shown else 'show'} {what}"
-        session.editor.set_view(step, "", **{name: not shown})
+        self._session.editor.set_view(step, "", **{name: not shown})
 
     def _switch_theme(self) -> None:
-        session = self.context.session
-        other = "dark" if session.view.theme == "light" else "light"
-        session.editor.set_view("change the theme", theme=other)
+        other = "dark" if self._session.view.theme == "light" else "light"
+        self._session.editor.set_view("change the theme", theme=other)
 
     def _look_from(self, axis: str) -> None:
-        session, front = self.context.session, axis_front(axis)
-        look = session.view.look
+        front, look = axis_front(axis), self._session.view.look
         seen = replace(look, front=front) if look else Look(front)
-        session.editor.set_view(f"look from {axis}", look=seen)
+        self._session.editor.set_view(f"look from {axis}", look=seen)
 
     def hide_or_show(self, name: str) -> None:
         """Hide a surface, unless it is the last one, or show it again."""
-        session, view = self.context.session, self.context.session.view
+        view = self._session.view
         if name in view.hidden:
             others = tuple(one for one in view.hidden if one != name)
-            session.editor.set_view(f"show {name}", hidden=others)
+            self._session.editor.set_view(f"show {name}", hidden=others)
         elif view.shown_surfaces == (name,):
-            session.notices.say(f"{name} is the only surface that is shown")
+            self._session.notices.say(f"{name} is the only surface that is shown")
         else:
             large = "" if view.large == name else view.large
-            session.editor.set_view(f"hide {name}", hidden=(*view.hidden, name), large=large)
+            self._session.editor.set_view(f"hide {name}", hidden=(*view.hidden, name), large=large)
 
     def _hide(self) -> None:
         if name := self._over():
             self.hide_or_show(name)
         else:
-            self.context.session.notices.say("H hides the surface under the mouse: point at one")
+            self._session.notices.say("H hides the surface under the mouse: point at one")

@@ -63,10 +63,8 @@ class Preferences:
 
 
 class Recoveries:
-    """Keeps a session's autosaves in the state folder, and offers those of earlier launches.
-
-    There is a copy of each unsaved document: the present one, with the field of a run that is under
-    way, and those that were left for another mesh.
+    """Keeps a copy of each unsaved document in the state folder, the present one with the field of
+    a run that is under way, and offers those of earlier launches.
     """
 
     def __init__(

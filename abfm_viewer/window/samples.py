@@ -43,9 +43,7 @@ Corner = tuple[float, float]
 
 def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatArray]]:
     """Return a figure of the paper, drawn in a view's theme and layout, and the values of functions
-    that no text describes.
-
-    It is set up in a process of its own, in seconds; an `AbfmError` says why it cannot be.
+    that no text describes; set up in a process of its own, in seconds, or AbfmError says why not.
     """
     example, given = experiments.stated_apart(figure)
     parameters = example.problem.parameters

@@ -10,9 +10,7 @@ from abfm_viewer.scene.opengl import WINDOW, ps
 
 
 class WindowTitle:
-    """Sets the title where it can: by the GLFW that polyscope brings, on Windows by the system;
-    elsewhere nothing.
-    """
+    """Sets the title where it can: by the GLFW that polyscope brings, on Windows by the system."""
 
     def __init__(self) -> None:
         self._now = ""

@@ -85,8 +85,9 @@ def _size(summary: str, default: float | None) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Geodesic(AroundPoints):
-    """Geodesic distance to a vertex, or to the nearest of several, in the mesh's units of length;
-    see :func:`abfm.calculus.geodesic_distance`.
+    """Geodesic distance to a vertex, or to the nearest of several, in the mesh's units of length.
+
+    See :func:`abfm.calculus.geodesic_distance`.
     """
 
     family = "geodesic"
