@@ -30,7 +30,7 @@ FRONTS = [
         "asset_path; "
         "load_mesh(asset_path('human_A.off'))",
         "import abfm_viewer.app, abfm_viewer.cli, abfm_viewer.scene.opengl, "
-        "abfm_viewer.scene.camera; "
+        "abfm_viewer.scene.surfaces; "
         "import abfm_viewer.window.window",
     ],
 )

@@ -9,7 +9,8 @@ from abfm_viewer.panels import time_bar
 
 def shown(gui):
     """The advected function at the shown time, when it is known exactly."""
-    gui.wait(lambda _: gui.window.shown.flow.settled and not gui.window.shown.busy)
+    gui.wait(lambda _: gui.window.shown.flow.settled)
+    gui.wait(lambda _: not gui.window.shown.busy)
     return gui.window.shown.flow.advected().copy()
 
 
