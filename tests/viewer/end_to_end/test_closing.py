@@ -7,11 +7,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
-from abfm_viewer.files.origin import Origin
 
 from abfm_viewer.automation import Driver
 from abfm_viewer.computing.match_apart import MatchApart
-from abfm_viewer.files.project import load_project, save_project
+from abfm_viewer.files.project import Origin, load_project, save_project
 from tests.shapes import icosphere
 from tests.viewer.sessions import ENDLESS, SIZE, opened, solving, until
 
