@@ -1,5 +1,6 @@
 from .channels import channels as channels
 from .eigenbasis import eigenbasis as eigenbasis
+from .eigenbasis import unit_eigenbasis as unit_eigenbasis
 from .geodesics import geodesic_distance as geodesic_distance
 from .operators import averaging as averaging
 from .operators import cotangent_laplacian as cotangent_laplacian

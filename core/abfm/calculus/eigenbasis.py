@@ -40,6 +40,11 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
     return values[:k], functions[:, :k]
 
 
+def unit_eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
+    """Compute the `eigenbasis` of the mesh scaled to unit area, which no unit of length changes."""
+    return eigenbasis(mesh.normalized(), k)
+
+
 @per_mesh
 def _block(mesh: TriangleMesh, size: int) -> tuple[FloatArray, FloatArray]:
     count = len(mesh.vertices)

@@ -39,7 +39,7 @@ def field_example(case: Case, name: str) -> Example:
 
 def stream_field(mesh: TriangleMesh, modes: Mapping[int, float], speed: float) -> FloatArray:
     """Return a smooth field (F, 3) without divergence, tangent to a boundary, by its RMS speed."""
-    basis = calculus.eigenbasis(mesh.normalized(), max(modes) + 1)[1]
+    basis = calculus.unit_eigenbasis(mesh, max(modes) + 1)[1]
     field = slopes(mesh, basis[:, list(modes)] @ np.array(list(modes.values())), turned=True)
     if not mesh.is_closed:
         whole = np.linalg.norm(field)

@@ -8,7 +8,7 @@ import numpy as np
 
 from abfm import Match, PointMap, Problem, TriangleMesh, advect, maps
 from abfm.baselines.reduced_basis import ReducedEnergy, ReducedMatch, reduced_match
-from abfm.calculus import eigenbasis, l2_norm
+from abfm.calculus import l2_norm, unit_eigenbasis
 from abfm.experiments.figure_11 import FEW, MATCHED, Poses, by_extent, coordinates, share_left
 from abfm.experiments.vocabulary import Findings, Measure, Script, Stage, map_findings
 from abfm.flow import flow_lines
@@ -165,7 +165,7 @@ def without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
 def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, PointMap]:
     """Read the maps off a match that began at a start, by flow lines and by nearest neighbours."""
     a, b = start.codomain, start.domain
-    basis = start.pull_back(eigenbasis(a.normalized(), k)[1])
+    basis = start.pull_back(unit_eigenbasis(a, k)[1])
     C = spectral_coefficients(b, found.push(basis, found.parameters.tau), k)
     lines = followed(start, found.velocity, found.parameters.tau)
     return {name + LINES: lines, name + NEIGHBOURS: point_map(a, b, C)}
@@ -188,7 +188,7 @@ def closest_cut_off(poses: Poses, functions: FloatArray) -> PointMap:
 
 def cut_off(mesh: TriangleMesh, k: int) -> FloatArray:
     """Return the `coordinates` in the first k eigenfunctions, (V, 3)."""
-    basis = eigenbasis(mesh.normalized(), k)[1]
+    basis = unit_eigenbasis(mesh, k)[1]
     return np.asarray(basis @ spectral_coefficients(mesh, coordinates(mesh), k))
 
 

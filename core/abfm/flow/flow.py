@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
-from abfm.calculus.eigenbasis import eigenbasis
+from abfm.calculus.eigenbasis import unit_eigenbasis
 from abfm.calculus.vector_fields import check_field, to_frame
 from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.flow.advection import Advection, Discretisation
@@ -106,7 +106,7 @@ class Flow:
         """Return the flow to time ``t`` (tau by default) on coefficients in the first k
         eigenfunctions (section 4): ``Phi^+ exp(-t D_v) Phi``, (k, k).
         """
-        basis = eigenbasis(self.mesh.normalized(), k)[1]
+        basis = unit_eigenbasis(self.mesh, k)[1]
         return spectral_coefficients(self.mesh, self.push(basis, t), k)
 
     @cached_property

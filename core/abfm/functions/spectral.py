@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from abfm.calculus.eigenbasis import eigenbasis
+from abfm.calculus.eigenbasis import unit_eigenbasis
 from abfm.errors import FunctionError
 from abfm.functions.family import COUNT, INDEX, NUMBER, POSITIVE, Family, Slider, parameter
 from abfm.mesh import TriangleMesh
@@ -17,8 +17,8 @@ class Eigenfunction(Family):
     """Eigenfunction of the Laplace-Beltrami operator: 0 is the constant, higher ones oscillate
     faster.
 
-    Scaled to max |f| = 1, sign as in :func:`eigenbasis`; no unit. Within an eigenspace of several
-    dimensions (on a sphere, say) which function is returned is arbitrary but reproducible.
+    Scaled to max |f| = 1, sign as in :func:`~abfm.calculus.eigenbasis`; no unit. Which function
+    comes of an eigenspace of several dimensions (on a sphere, say) is arbitrary but reproducible.
     """
 
     family = "eigenfunction"
@@ -31,13 +31,13 @@ class Eigenfunction(Family):
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         if self.index == 0:
             return np.ones(len(mesh.vertices))
-        f = eigenbasis(mesh.normalized(), self.index + 1)[1][:, self.index]
+        f = unit_eigenbasis(mesh, self.index + 1)[1][:, self.index]
         largest: float = np.abs(f).max()
         return f / largest
 
 
 def _pairs(mesh: TriangleMesh, most: int) -> tuple[FloatArray, FloatArray]:
-    return eigenbasis(mesh.normalized(), min(most, len(mesh.vertices)))
+    return unit_eigenbasis(mesh, min(most, len(mesh.vertices)))
 
 
 def _eigenpairs() -> Any:

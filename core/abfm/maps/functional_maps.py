@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
-from abfm.calculus.eigenbasis import eigenbasis
+from abfm.calculus.eigenbasis import unit_eigenbasis
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import ParameterError
 from abfm.maps.point_maps import PointMap
@@ -89,7 +89,7 @@ def zoom_out(
 
 
 def _basis(mesh: TriangleMesh, k: int) -> FloatArray:
-    return eigenbasis(mesh.normalized(), k)[1]
+    return unit_eigenbasis(mesh, k)[1]
 
 
 def _nearest(C: FloatArray, source: FloatArray, target: FloatArray) -> IntArray:
