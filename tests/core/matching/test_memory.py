@@ -128,22 +128,19 @@ def _meshes(mesh):
     return [mesh, *(found for each in inner for found in _meshes(each))]
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_after_a_match(made, way):
-    looks = []
-    match = abfm.match(
-        *PROBLEM, WAYS[way], on_iteration=lambda now: looks.append(now.advected.shape)
-    )
-    assert len(looks) == len(match.energy_history) > 1
-    assert left(made) == []
+@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS.keys())
+@pytest.mark.parametrize("cancelled", [False, True])
+def test_after_a_match_also_one_that_was_cancelled(made, way, cancelled):
+    control, looks = Control(), []
 
+    def look(now):
+        looks.append(now.advected.shape)
+        if cancelled:
+            control.cancel()
 
-@pytest.mark.parametrize("way", WAYS)
-def test_after_one_that_was_cancelled(made, way):
-    control = Control()
-    given = {"on_iteration": lambda _: control.cancel(), "control": control}
-    match = abfm.match(*PROBLEM, WAYS[way], **given)
-    assert match.stop_reason == "cancelled"
+    match = abfm.match(*PROBLEM, way, on_iteration=look, control=control)
+    assert len(looks) == len(match.energy_history)
+    assert (match.stop_reason == "cancelled") == cancelled == (len(looks) == 1)
     assert left(made) == []
 
 

@@ -34,11 +34,9 @@ def problem(index, parameters=QUICK, mesh=SPHERE):
 
 @pytest.fixture(scope="module", params=["threads", "processes"])
 def executor(request):
-    if request.param == "threads":
-        made = ThreadPoolExecutor(2)
-    else:
-        made = ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
-    with made:
+    spawning = multiprocessing.get_context("spawn")
+    threads = request.param == "threads"
+    with ThreadPoolExecutor(2) if threads else ProcessPoolExecutor(2, spawning) as made:
         yield made
 
 
@@ -96,43 +94,31 @@ def test_an_error_comes_in_the_place_of_its_problem(executor):
 
 
 class Elsewhere(Executor):
-    """Runs a task as on a machine that does not see this one's files and has no mesh yet."""
+    """Runs a task as in another process, which may see a folder in place of this one's."""
 
-    def __init__(self, folder):
-        self.folder = folder
-        self.sizes = []
+    def __init__(self, folder=None):
+        self.folder, self.sizes = folder, []
+        _meshes._kept.clear()
 
     def submit(self, function, task, /):
         future = Future()
-        hidden = task._replace(folder=self.folder / "not here")
         _meshes.here.clear()
-        _meshes._kept.clear()
         self.sizes.append(sum(map(len, task.parcel.values.values())))
-        future.set_result(function(hidden))
+        future.set_result(function(task._replace(folder=self.folder or task.folder)))
         return future
 
 
 def test_who_does_not_see_the_files_gets_the_mesh_with_the_problem(folder):
-    elsewhere = Elsewhere(folder)
+    elsewhere = Elsewhere(folder / "not here")
     [found] = solve_many([problem(0)], elsewhere)
     assert_array_equal(found.velocity, match(problem(0)).velocity)
     assert elsewhere.sizes[0] == 0 < elsewhere.sizes[1]
 
 
 def test_a_process_reads_a_mesh_once(monkeypatch):
-    read = []
-    usual = _Task.mesh
+    read, usual = [], _Task.mesh
     monkeypatch.setattr(_Task, "mesh", lambda *given: read.append(given) or usual(*given))
-    _meshes._kept.clear()
-
-    class Here(Executor):
-        def submit(self, function, task, /):
-            future = Future()
-            _meshes.here.clear()
-            future.set_result(function(task))
-            return future
-
-    assert len(list(solve_many([problem(index) for index in range(3)], Here()))) == 3
+    assert len(list(solve_many([problem(index) for index in range(3)], Elsewhere()))) == 3
     assert len(read) == 1
 
 

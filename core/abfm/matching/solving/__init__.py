@@ -1,1 +1,1 @@
-"""The way down: levels, stages, descent, pause and cancel."""
+"""The descent: levels, stages, descent, pause and cancel."""
