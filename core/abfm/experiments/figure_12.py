@@ -50,10 +50,8 @@ def figure(stage: Stage) -> Script:
     one = left(found.one.advected, slice(longest, longest + 1))
     three = left(found.three.advected, slice(3))
     of_map = share_left(found.reduced.mismatch, found.reduced.start_mismatch)
-    of_start, claim = (
-        "share of the start's mismatch that is left",
-        "the target functions are matched",
-    )
+    claim = "the target functions are matched"
+    of_start = "share of the start's mismatch that is left"
     of_maps, notes = map_findings({name: found.qualities[name] for name in SHOWN})
     measures = (
         Measure("1 function: mismatch", found.one.mismatch),
@@ -65,18 +63,17 @@ def figure(stage: Stage) -> Script:
         *of_maps,
     )
 
-    def panel(
-        mesh: TriangleMesh, functions: FloatArray, label: str, frame: Frame = "other"
-    ) -> Panel:
-        return Panel(mesh, poses.checker(functions[:, [longest, second]]), label, frame)
-
-    panels = (
-        panel(a, coordinates(a), "coordinates"),
-        panel(b, source, "start", "source"),
-        panel(b, target, "target", "target"),
-        panel(b, found.one_carries, "1 function", "field"),
-        panel(b, found.three.advected, "3 functions", "result"),
-        panel(b, found.reduced_functions, "reduced basis"),
+    shown: tuple[tuple[TriangleMesh, FloatArray, str, Frame], ...] = (
+        (a, coordinates(a), "coordinates", "other"),
+        (b, source, "start", "source"),
+        (b, target, "target", "target"),
+        (b, found.one_carries, "1 function", "field"),
+        (b, found.three.advected, "3 functions", "result"),
+        (b, found.reduced_functions, "reduced basis", "other"),
+    )
+    panels = tuple(
+        Panel(mesh, poses.checker(functions[:, [longest, second]]), label, frame)
+        for mesh, functions, label, frame in shown
     )
     wrong = np.abs(source - target).sum(axis=1)
     sheet = Sheet((panels,), seen=(wrong,), one_view=True, notes=notes)

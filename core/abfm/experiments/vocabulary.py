@@ -4,6 +4,7 @@ open; when it goes on it computes, measures and draws, and returns what it found
 
 import math
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
@@ -154,11 +155,9 @@ def stated_apart(figure: int) -> tuple[Example, Match | None]:
     """State the problem of a figure on its own mesh, in a process of its own: eigenfunctions and
     geodesics would stop a window. A given flow comes `as_match`; AbfmError if it cannot be stated.
     """
-    worker = Worker(stateless, f"figure {figure} was not set up: its process has ended; try again")
-    try:
+    ended = f"figure {figure} was not set up: its process has ended; try again"
+    with closing(Worker(stateless, ended)) as worker:
         return worker.call(_stated, figure).result()
-    finally:
-        worker.close()
 
 
 def _stated(_: None, figure: int) -> tuple[Example, Match | None]:
@@ -251,13 +250,10 @@ def maps_of_flow(
     found: Match, name: str, shares: Sequence[float] = (1.0,)
 ) -> dict[str, MapQuality]:
     """Judge the maps that a flow makes of its surface, at some shares of tau, by names to show."""
-    tau = found.parameters.tau
-    return {
-        f"{name} at {'' if share == 1 else f'{share:g} '}τ": map_quality(
-            found.point_map(share * tau)
-        )
-        for share in shares
+    times = {
+        "τ" if share == 1 else f"{share:g} τ": share * found.parameters.tau for share in shares
     }
+    return {f"{name} at {label}": map_quality(found.point_map(t)) for label, t in times.items()}
 
 
 def map_findings(

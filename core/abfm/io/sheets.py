@@ -21,9 +21,7 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """Places (V, 3), in the mesh's units, as colours: x, y, z of its bounding box as red, green,
-    blue.
-    """
+    """Places (V, 3) as colours: x, y, z of the mesh's bounding box as red, green, blue."""
 
     positions: FloatArray
 
@@ -37,9 +35,7 @@ class Checker:
 
 @dataclass(frozen=True, eq=False)
 class Streaks:
-    """Line integral convolution of a field (F, 3), in the colours of a function (V,) if given;
-    `bar` as in `Values`.
-    """
+    """Line integral convolution of a field (F, 3), in the colours of a function (V,) if given."""
 
     velocity: FloatArray
     values: FloatArray | None = None
@@ -48,37 +44,21 @@ class Streaks:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """A picture of a surface; all of a sheet with the same mesh have one camera.
-
-    Attributes
-    ----------
-    label : str
-        Below the picture, short.
-    points : (P, 3) array or None
-        Marked places, in the mesh's units, each in a colour of its own, the same in all panels.
-    lines : tuple of (K, 3) arrays
-        Paths on the surface.
-    arrows : (F, 3) array or None
-        A field as arrows on the surface.
-    tone : "", "good" or "failure"
-        What the label says of a result, which gives it another colour than the frame's.
-    """
+    """A picture of a surface; all of a sheet with the same mesh have one camera."""
 
     mesh: TriangleMesh
     paint: Values | Coordinates | Checker | Streaks
     label: str
     frame: Frame = "other"
-    points: FloatArray | None = None
-    lines: tuple[FloatArray, ...] = ()
-    arrows: FloatArray | None = None
-    tone: Literal["", "good", "failure"] = ""
+    points: FloatArray | None = None  # (P, 3), each marked in a colour, the same in all panels
+    lines: tuple[FloatArray, ...] = ()  # paths on the surface, (K, 3)
+    arrows: FloatArray | None = None  # a field, (F, 3)
+    tone: Literal["", "good", "failure"] = ""  # of the label, in another colour than the frame's
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A curve of a plot: a name for the legend, and places x, y (K,) each; `faint` for what it
-    is compared with.
-    """
+    """A curve of a plot, its name for the legend; `faint` is what others are compared with."""
 
     name: str
     x: FloatArray
@@ -88,9 +68,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Plot:
-    """Curves over axes, whose titles have the units, so many panels wide; a curve that goes beyond
-    the `top` leaves the plot.
-    """
+    """Curves over axes, so many panels wide; one that goes beyond the `top` leaves the plot."""
 
     curves: tuple[Curve, ...]
     x_title: str
@@ -103,21 +81,11 @@ class Plot:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Rows of panels and plots.
-
-    Attributes
-    ----------
-    seen : tuple of (V,) arrays
-        Functions on the first panel's mesh whose remarkable parts the camera must show; by default
-        those of the source and target panels.
-    one_view : bool
-        Whether all meshes are seen from the direction of the first: poses of one body.
-    notes : tuple of str
-        What must be said with the pictures, a line each: they stand below them.
-    """
+    """Rows of panels and plots."""
 
     rows: tuple[tuple[Panel | Plot, ...], ...]
     up: Up = "y"
+    # functions (V,) on the first mesh for the camera to show; by default source and target panels'
     seen: tuple[FloatArray, ...] = ()
-    one_view: bool = False
-    notes: tuple[str, ...] = ()
+    one_view: bool = False  # all meshes from the direction of the first: poses of one body
+    notes: tuple[str, ...] = ()  # lines below the pictures, which must be said with them
