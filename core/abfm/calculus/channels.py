@@ -38,9 +38,7 @@ def constant_part(f: FloatArray) -> float:
 
 
 def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
-    """Keep the known values; every other vertex becomes the mean of its neighbours, (V,): the
-    harmonic extension on the mesh's graph, which never leaves the range of the known values.
-    """
+    """Keep the known values; every other vertex becomes the mean of its neighbours, (V,)."""
     if known.all():
         return values
     i, j = mesh.edges.T

@@ -71,7 +71,7 @@ def path_length(mesh: TriangleMesh, first: int, last: int) -> float:
 
 
 def exact_distances(mesh: TriangleMesh, source: int, targets: IntArray) -> FloatArray:
-    """Return the distances along the surface from a vertex to others (P,), (P,): Mitchell, Mount,
+    """Return distances along the surface from a vertex to others (P,): Mitchell, Mount,
     Papadimitriou, The Discrete Geodesic Problem, SIAM J. Comput. 16(4), 1987.
     """
     none, start = np.zeros(0, dtype=np.int64), np.array([source], dtype=np.int64)

@@ -188,9 +188,8 @@ def cotangent_laplacian(mesh: TriangleMesh) -> Matrix:
 
 
 def stiffness(gradients: FloatArray, weights: FloatArray, owners: IntArray, count: int) -> Matrix:
-    """Return ``sum_f w_f <grad phi_a, grad phi_b>`` of hat functions with gradients (F, 3, 2), in
-    rows and columns by the corners' owners (F, 3): vertices, or, for a quarter of the form on edge
-    functions, edges.
+    """Return ``sum_f w_f <grad phi_a, grad phi_b>`` in rows and columns by the corners' owners (F,
+    3): vertices, or, for a quarter of the form on edge functions, edges.
     """
     entries = np.empty((len(owners), 3, 3))
     stiffnesses(gradients, weights, entries)

@@ -26,9 +26,7 @@ class LinearizedFlow:
         return Trajectory(t, [Segment(f, 1)], f - t * self._derivative(f))
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Apply the adjoint as `ExponentialFlow.backward`: Eq. 8, ``-t D̄_f^T mu``, and
-        ``(id - t D_v)^T mu``.
-        """
+        """Apply the adjoint (Eq. 8): ``-t D̄_f^T mu``, and ``(id - t D_v)^T mu``."""
         pattern = self.pattern
         start, dual = pattern.restricted(trajectory.segments[0].start), pattern.restricted_dual(mu)
         rows = np.repeat(dual, np.diff(pattern.indptr))
@@ -56,9 +54,7 @@ class Advection:
         return self.step * sum(part.rho for part in self.parts)
 
     def forward(self, f: FloatArray, keep: bool = False) -> list[Trajectory]:
-        """Advect ``f`` (V,) to the end: a trajectory per field, of which the last has the result;
-        to ``keep`` the terms that fit is for `backward`.
-        """
+        """Advect ``f`` (V,) to the end: a trajectory per field, the last with the result."""
         trajectories: list[Trajectory] = []
         for part in self.parts:
             trajectories.append(part.forward(f, self.step, keep))
@@ -68,9 +64,7 @@ class Advection:
     def backward(
         self, trajectories: list[Trajectory], mu: FloatArray, gradient: FloatArray
     ) -> None:
-        """Add the derivative by the fields to ``gradient`` (N, F, 2), for that by the result,
-        ``mu``.
-        """
+        """Add the derivative by the fields to ``gradient`` (N, F, 2), for that by the end."""
         for j in reversed(range(len(self.parts))):
             mu = self.parts[j].backward(trajectories[j], mu, gradient[j])
 
@@ -113,10 +107,7 @@ class Advection:
 
 
 class Discretisation:
-    """The functions that are advected on a mesh (one value on each vertex, unless a pattern says
-    so), the steps by which they are, ``exp(-t D_v)`` (Eq. 4) or the linearised ``id - t D_v`` (Eq.
-    5), and their memory.
-    """
+    """How functions are advected on a mesh, on vertices or clusters, and in which memory."""
 
     def __init__(
         self,
@@ -134,9 +125,8 @@ class Discretisation:
         return Discretisation(self.mesh, self.method, clustered_pattern(self.mesh))
 
     def flow(self, fields: FloatArray, tau: float, tolerance: float = TOLERANCE) -> Advection:
-        """Return the flow of N fields (N, F, 2) in a row, in the mesh's units, each for ``tau /
-        N``, with series truncated at a tolerance. Terms that earlier flows keep in the workspace
-        are forgotten.
+        """Return the flow of N fields (N, F, 2) in a row, each for ``tau / N``. Terms that earlier
+        flows keep in the workspace are forgotten.
         """
         self.workspace.release()
         parts = [

@@ -17,9 +17,8 @@ _FEW = 1.5  # times the usual rates: what is gained by less is not worth another
 
 @per_mesh
 def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
-    """Return the cluster of each vertex, (V,), counted from 0; None where none has to be joined.
-    Pairs at the ends of the shortest edges join first; in each round, a cluster joins one other at
-    most.
+    """Return the cluster of each vertex, (V,), or None: in each round, pairs at the ends of the
+    shortest edges join, a cluster one other at most.
     """
     clusters = np.arange(len(mesh.vertices))
     rates = cluster_rates(mesh, clusters)
@@ -45,9 +44,7 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
 
 
 def cluster_rates(mesh: TriangleMesh, clusters: IndexArray) -> FloatArray:
-    """Sum what the entries in each cluster's row of ``D_v`` can be for a field of length 1. A third
-    of a face's area times the gradient of a hat function is a sixth of the opposite edge.
-    """
+    """Sum what the entries in a cluster's row of ``D_v`` can be for a field of length 1."""
     slopes = edge_lengths(mesh)[mesh.face_edges] / 6
     corners = clusters[mesh.faces]
     count = int(clusters.max()) + 1

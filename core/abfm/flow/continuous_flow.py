@@ -137,9 +137,7 @@ class Walker(NamedTuple):
 
 
 def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:
-    """Make a field (F, 3) continuous, with lengths, but not vectors, in a unit; a normal part is
-    dropped, and faces without speed keep none.
-    """
+    """Make a field (F, 3) continuous, with lengths in a unit; faces without speed keep none."""
     flat, gradients = _flat_faces(mesh, unit), hat_gradients(mesh) * unit
     vectors = corner_vectors(mesh, field, unit)
     slopes = np.einsum("fc,fck->fk", vectors, gradients)
@@ -193,9 +191,7 @@ def _complex(pairs: FloatArray) -> IndexArray:
 
 @kernel
 def fit_corners(flat: FlatFaces, field: IndexArray, most: int, vectors: IndexArray) -> None:
-    """Fit vectors at corners (F, 3) to those of faces (F,), of which at most so many meet; a
-    pinched vertex has a vector for each of its fans.
-    """
+    """Fit vectors at corners (F, 3), one for each fan of faces, to those of faces (F,)."""
     corners = flat.corners
     seen = np.zeros(corners.shape, dtype=np.bool_)
     fan = np.empty(most, dtype=np.int64)
@@ -294,11 +290,8 @@ def vector_at(flow: SmoothFlow, f: Face, x: float, y: float) -> tuple[float, flo
 
 @kernel
 def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walker:
-    """Apply the midpoint rule: ``step`` times the field halfway along a walker's way, which is
-    ``step`` times that at its start, becomes its way, seen from where it is.
-
-    The two are compared in one frame because a walk carries its way over every edge. Behind a
-    boundary halfway, unless it may ``slide``, the face is -1 and the way stays.
+    """Apply the midpoint rule: ``step`` times the field halfway along a walker's way becomes its
+    way, in the frame where it is. Behind a boundary, unless it may ``slide``, the face is -1.
     """
     f, x, y, u, v = walker
     g, a, b, p, q = walk_straight(flow, Walker(f, x, y, u / 2, v / 2), slide)
@@ -317,9 +310,7 @@ def midpoint(flow: SmoothFlow, walker: Walker, step: float, slide: bool) -> Walk
 
 @kernel
 def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walker:
-    """Go a walker's way, which is seen from the end, unfolding the faces that it leads over. At a
-    boundary the face is -1, unless it is to ``slide`` on along it.
-    """
+    """Go a walker's way over the faces; at a boundary ``slide`` along it or end with face -1."""
     f, x, y, u, v = walker
     gradients, left, entered = flow.gradients, 1.0, -1
     for _ in range(_CROSSINGS):
@@ -354,9 +345,8 @@ def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walk
 def carry(
     flow: SmoothFlow, sizes: FloatArray, duration: float, faces: IndexArray, places: FloatArray
 ) -> None:
-    """Move points, by faces (P,) and places (P, 2) in their frames, for a time of either sign. A
-    step is also short against the time in which the field changes by as much as it is, so that
-    points near its zeros do not jump.
+    """Move points for a time of either sign, in steps short against that in which the field changes
+    by as much as it is, so that points near its zeros do not jump.
     """
     for i in range(faces.size):
         f, x, y = faces[i], places[i, 0], places[i, 1]

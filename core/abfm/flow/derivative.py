@@ -233,10 +233,7 @@ def grouped_product(
 
 @kernel
 def perron_bound(indptr: IndexArray, indices: IndexArray, values: FloatArray, rounds: int) -> float:
-    """Bound the spectral radius: the best Collatz-Wielandt quotient of ``|matrix|`` of some rounds.
-
-    That of the first round is the maximum norm ``||matrix||_inf``.
-    """
+    """Bound the spectral radius by the best of some Collatz-Wielandt quotients of ``|matrix|``."""
     size = indptr.size - 1
     x, y = np.ones(size), np.empty(size)
     best = np.inf

@@ -49,9 +49,7 @@ _open_counts: list[RowProducts] = []
 
 @contextmanager
 def counted_row_products() -> Iterator[RowProducts]:
-    """Count what all series and adjoints in the process cost inside the block, on any machine: V
-    for each of their terms on V vertices.
-    """
+    """Count what series and adjoints in the process cost: V for each term on V vertices."""
     products = RowProducts()
     _open_counts.append(products)
     try:
@@ -126,9 +124,7 @@ class Segment:
 
 @dataclass
 class Trajectory:
-    """What the adjoint of an advection needs: segments of time ``step`` each, and the final
-    function, which ends with a ``constant`` that the segments are without.
-    """
+    """What an adjoint needs: segments of time ``step``, their end, and what they are without."""
 
     step: float
     segments: list[Segment]
@@ -137,10 +133,7 @@ class Trajectory:
 
 
 class ExponentialFlow:
-    """``exp(-t D_v)`` of the field with frame coefficients ``v`` (F, 2), in the mesh's units.
-
-    ``tolerance`` is where the series is truncated, relative to ``max |f|``, per segment.
-    """
+    """``exp(-t D_v)`` of the field ``v`` (F, 2), truncated relative to ``max |f|``, per segment."""
 
     def __init__(
         self,
@@ -167,9 +160,7 @@ class ExponentialFlow:
         return flow
 
     def forward(self, f: FloatArray, t: float, keep: bool = False) -> Trajectory:
-        """Advect ``f`` (V,) over time ``t`` of either sign; not finite where the flow overflows. To
-        ``keep`` the terms that fit saves `backward` the time to compute them again.
-        """
+        """Advect ``f`` (V,) over time ``t``; ``keep`` its terms for `backward` if they fit."""
         x = abs(t) * self.rho
         if x > _PRODUCT_LIMIT:
             raise AdvectionError(
@@ -224,9 +215,7 @@ class ExponentialFlow:
         return Series(pattern.indptr, pattern.indices, values, pattern.bounds, scale, coefficients)
 
     def backward(self, trajectory: Trajectory, mu: FloatArray, gradient: FloatArray) -> FloatArray:
-        """Apply the adjoint of `forward`: adds the derivative by ``v`` to ``gradient`` (F, 2),
-        returns the derivative by ``f``, for that by ``trajectory.end``, ``mu`` (V,).
-        """
+        """Return the derivative by ``f`` for that by the end, and add that by ``v`` (F, 2)."""
         coefficients = _bessel_coefficients(abs(trajectory.step) * self.rho)
         transposed = self.pattern.transposed(self.values)
         series = self._series_of(transposed, trajectory.step, coefficients)
@@ -244,9 +233,7 @@ class ExponentialFlow:
         return mu
 
     def span(self, f: FloatArray, times: FloatArray) -> FloatArray:
-        """Carry ``f`` to times (T,) of one sign, ordered away from zero, (T, V). One series serves
-        all times of a segment: only its coefficients change. Its terms go with the call.
-        """
+        """Carry ``f`` to times (T,), ordered away from zero, (T, V), by one series a segment."""
         trajectory = self.forward(f, float(times[-1]))
         step, last = trajectory.step, len(trajectory.segments) - 1
         out = np.repeat(trajectory.end[None], len(times), axis=0)
@@ -337,11 +324,9 @@ def _sweep(
 def chebyshev_forward(
     series: Series, truncation: tuple[int, float], f: FloatArray, terms: FloatArray, out: FloatArray
 ) -> tuple[int, float]:
-    """Sum a series into ``out``; returns how many terms were summed (0: coefficients are too few)
-    and ``max |phi_k| / max |f|``.
-
-    ``terms`` (rows, V) receives the ``phi_k`` cyclically. The sum stops after the first term of the
-    ``truncation`` once two terms in a row are below its tolerance times ``max |f|``.
+    """Sum a series into ``out`` until two terms in a row are below a tolerance times ``max |f|``,
+    not before the first of the ``truncation``; returns how many it summed (0: coefficients are too
+    few) and ``max |phi_k| / max |f|``. ``terms`` (rows, V) receives the ``phi_k`` cyclically.
     """
     first, tolerance = truncation
     coefficients = series.coefficients
@@ -407,9 +392,8 @@ def _backward_rows(
 def chebyshev_backward(
     series: Series, terms: FloatArray, count: int, mu: FloatArray, entries: FloatArray
 ) -> FloatArray:
-    """Apply the adjoint of a sum of ``count`` terms: returns the derivative by ``f`` for ``mu`` by
-    ``out``. The series has the values of the transposed matrix, on the same (symmetric) sparsity;
-    the derivative by the value of the transposed entry is added to ``entries``.
+    """Apply the adjoint of a sum of ``count`` terms, for ``mu`` by ``out``, with the values of the
+    transposed matrix; adds the derivative by these to ``entries``.
     """
     blocks = series.bounds.size - 1
     most = _SWEEP if blocks > 1 else 1

@@ -224,9 +224,7 @@ def leave_vertex(flow: FaceFlow, where: IndexArray, b: FloatArray, corner: int) 
 def advance(
     flow: FaceFlow, where: IndexArray, b: FloatArray, rates: FloatArray, time: float
 ) -> tuple[float, int]:
-    """Walk on, as weights grow at some rates, for a time, at most to the next edge or vertex;
-    returns the time that it took, and whether the way goes on.
-    """
+    """Walk on for a time, at most to the next edge or vertex; returns the time that it took."""
     leave, used = -1, time
     for i in range(3):
         if rates[i] < 0.0 and b[i] <= -rates[i] * used:
@@ -253,9 +251,7 @@ def trace(
     path: Path,
     count: int,
 ) -> tuple[int, int]:
-    """Walk from a time to another, writing down every crossing after ``count`` entries of the path;
-    returns how many there are then, and whether the way goes on.
-    """
+    """Walk from a time to another; writes every crossing behind ``count`` of the path."""
     (where, b), (now, end) = walker, span
     rates = np.empty(3)
     status = GOING

@@ -26,9 +26,7 @@ _CHUNK = 256  # vertices of the target whose distances are in memory at a time
 
 
 def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArray:
-    """Return the coefficients (k,) or (k, C) of a function (V,) or (V, C) in k eigenfunctions:
-    ``Phi^T M h``, by the pseudoinverse of ``Phi`` in L2.
-    """
+    """Return coefficients (k,) or (k, C) of a function (V,) or (V, C): ``Phi^T M h``."""
     rows = channels(mesh, h, "h")
     areas = vertex_areas(mesh.normalized())[:, None]
     found: FloatArray = _basis(mesh, k).T @ (areas * rows.T)
@@ -36,16 +34,12 @@ def spectral_coefficients(mesh: TriangleMesh, h: ArrayLike, k: int) -> FloatArra
 
 
 def functional_map(points: PointMap, k: int) -> FloatArray:
-    """Return the functional map of a point map from target to source, in k eigenfunctions of each:
-    ``Phi_target^+ P Phi_source``, (k, k).
-    """
+    """Return ``Phi_target^+ P Phi_source``, (k, k), of a point map from target to source."""
     return spectral_coefficients(points.domain, points.pull_back(_basis(points.codomain, k)), k)
 
 
 def carry(source: TriangleMesh, target: TriangleMesh, C: ArrayLike, h: ArrayLike) -> FloatArray:
-    """Carry a function of the source, of one channel or several, to the target:
-    ``Phi_target C Phi_source^+ h``.
-    """
+    """Carry a function of the source to the target: ``Phi_target C Phi_source^+ h``."""
     matrix = _check(C)
     coefficients = spectral_coefficients(source, h, matrix.shape[1])
     return np.asarray(_basis(target, matrix.shape[0]) @ (matrix @ coefficients))

@@ -71,9 +71,7 @@ class PointMap:
         return self.points.positions
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Compose a function (V',) or (V', C) on the codomain with the map, (V,) or (V, C); the
-        positions of a second map make the composition of both.
-        """
+        """Compose a function (V',) or (V', C) on the codomain with the map, (V,) or (V, C)."""
         return self.points.pull_back(h)
 
     def nearest_vertices(self) -> IntArray:

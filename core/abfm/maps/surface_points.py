@@ -65,17 +65,13 @@ class SurfacePoints:
         return SurfacePoints(self.mesh, self.faces[rows], self.barycentric[rows])
 
     def pull_back(self, h: ArrayLike) -> FloatArray:
-        """Evaluate a vertex function (V,) or (V, C) at the points, linear inside each face, (P,) or
-        (P, C).
-        """
+        """Evaluate a vertex function (V,) or (V, C), linear inside faces, (P,) or (P, C)."""
         at_corners = channels(self.mesh, h, "h")[:, self.mesh.faces[self.faces]]
         values: FloatArray = np.einsum("pc,kpc->pk", self.barycentric, at_corners)
         return values.reshape(-1, *np.shape(h)[1:])
 
     def nearest_vertices(self) -> IntArray:
-        """Round each point to the nearest corner of its own face, (P,), so that it stays on its
-        side of a thin part.
-        """
+        """Round each point to the nearest corner of its own face, (P,)."""
         corners = self.mesh.faces[self.faces]
         squared = ((self.mesh.vertices[corners] - self.positions[:, None]) ** 2).sum(axis=2)
         return np.take_along_axis(corners, squared.argmin(axis=1)[:, None], axis=1)[:, 0]
@@ -109,9 +105,7 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
 
 
 class ClosestPoints:
-    """A tree of boxes around the faces, for `project_onto_surface` that is asked often; not kept
-    with the mesh, as igl's trees must not live when the program ends.
-    """
+    """A tree of faces; not kept with the mesh, as igl's must not live when the program ends."""
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self._mesh, self._tree = mesh, igl.AABB()
@@ -152,10 +146,8 @@ def barycentric_weights(
     corners: IndexArray,
     out: FloatArray,
 ) -> None:
-    """Compute barycentric weights (P, 3) of points (P, 3) on these ``faces``, up to rounding.
-
-    The best of four candidates, the three sides and the inside, by how close each really comes: on
-    a needle or a cap the weights of the inside lose their digits, those of the sides never do.
+    """Compute barycentric weights (P, 3) of points on these ``faces``: of the three sides and the
+    inside what really comes closest, as on a needle the weights of the inside lose their digits.
     """
     sides, offsets, inside, tried = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     for p in range(faces.size):

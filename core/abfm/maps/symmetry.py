@@ -158,9 +158,7 @@ def _principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
 
 
 def _axes_between(group: _Isometries, x: FloatArray, p: int) -> FloatArray:
-    """Return axes (K, 3) of the symmetries that carry vertex p to one like it: as far from the
-    centroid, with as much area around it or apart from the others.
-    """
+    """Return axes (K, 3) of symmetries that carry vertex p to one as far out, alike or apart."""
     distance = np.linalg.norm(x, axis=1)
     unlike = np.abs(distance - distance[p])
     spread: list[int] = []
@@ -195,9 +193,7 @@ def _unit_rows(vectors: FloatArray) -> FloatArray:
 def _screened(
     group: _Isometries, centre: FloatArray, axes: FloatArray, points: FloatArray
 ) -> FloatArray:
-    """Select the axes that carry the points nearest to the surface but do not leave all in place;
-    of those that carry them onto it, as a round surface has many, the ones that move them most.
-    """
+    """Select axes that carry points nearest to the surface, but move them, most before less."""
     carried = _carry(group.linear(axes), centre, points)
     motion = ((carried - points) ** 2).sum(axis=2).mean(axis=1)
     most = np.argsort(-np.round(motion, 6), kind="stable")

@@ -130,9 +130,7 @@ def line_integral_convolution(
 
 
 def _window(steps: float, phases: FloatArray | None) -> FloatArray:
-    """Return weights (P, K) along a streamline, of equal norm: Hann's window, or Hann's ripples
-    that move under it, two, with which all phases are about as different from the next.
-    """
+    """Return weights (P, K) of equal norm: Hann's window, or ripples that move under it."""
     half = max(round(steps / 2), 1)
     along = np.pi * (np.arange(-half, half) + 0.5) / half
     weights = (1 + np.cos(along))[None]
@@ -169,9 +167,7 @@ class Track(NamedTuple):
 
 @kernel
 def direction(flow: SmoothFlow, walker: Walker, step: float, calm: float) -> Walker:
-    """Turn a walker's way into its next step by the midpoint rule, backwards where ``step`` is
-    negative; zero where the field is calm or turns against the way before.
-    """
+    """Turn a walker's way into its next step, zero where the field is calm or turns against it."""
     f, x, y, before_x, before_y = walker
     u, v = vector_at(flow, f, x, y)
     speed = math.copysign(math.sqrt(u * u + v * v), step)
@@ -193,9 +189,8 @@ def direction(flow: SmoothFlow, walker: Walker, step: float, calm: float) -> Wal
 def follow(
     lines: Streamlines, walker: Walker, ahead: int, steps: tuple[int, int], track: Track
 ) -> Walker:
-    """Go on with a walk from a step to another, ahead (1) or back (-1), and keep its track. Where
-    it ends, at a boundary or where the field has no direction, the noise goes straight on in space,
-    so that there is as much of it everywhere.
+    """Go on with a walk from a step to another, ahead (1) or back (-1), and keep its track. Behind
+    its end the noise goes straight on in space, so that there is as much of it everywhere.
     """
     flow, charts, size, parts = lines.flow, lines.charts, lines.size, lines.parts
     place, step, calm = track.place, ahead * lines.step, lines.calm
@@ -329,9 +324,7 @@ def grow(
     lengths: tuple[int, int],
     met: tuple[Track, IndexArray],
 ) -> int:
-    """Walk to one side, half the window and as many steps more as find enough new texels, which are
-    returned; all within ``lengths``.
-    """
+    """Walk to one side, half the window and as many steps more as find enough new texels."""
     half, most = lengths
     track, nearest = met
     known, steps = 0, _CHUNK
@@ -425,9 +418,7 @@ def between_known(lines: Streamlines, nearest: IndexArray, texel: int) -> bool:
 
 @kernel
 def unfold(lines: Streamlines, f: int, b: FloatArray) -> int:
-    """Move a place around face ``f`` into that behind the edge which it is beyond, or to the edge
-    where nothing lies behind it; writes its weights, returns the face.
-    """
+    """Move a place around face ``f`` into that behind an edge, or to the edge; returns the face."""
     c, flow = 0, lines.flow
     for i in range(1, 3):
         if b[i] < b[c]:

@@ -103,10 +103,7 @@ def _lay_out(mesh: TriangleMesh, size: int) -> TextureAtlas:
 
 
 def _pack(legs: FloatArray, size: int) -> tuple[bool, IntArray, IntArray, IntArray]:
-    """Pair triangles with legs (F, 2) in texels, the longer first, and set their rectangles:
-    returns whether all have room, the faces, and rectangles' sizes (n, 2) and lower left corners
-    (n, 2).
-    """
+    """Pair triangles with legs (F, 2) in texels, and set their rectangles, if they fit."""
     lost = 1 + _MARGIN
     heights = np.ceil(legs[:, 1] + 2 * lost - 1e-9)
     widths = np.ceil((legs[:, 0] + lost) / (1 - lost / heights) - 1e-9)
