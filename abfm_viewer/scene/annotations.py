@@ -64,9 +64,7 @@ Part = Text | Strip | Line
 
 @dataclass(frozen=True)
 class Pen:
-    """How large and in which colours things are written; only with ticks are bars outlined,
-    their numbers round, and what stands out beyond the ends written there.
-    """
+    """How things are written; only with ticks bars are outlined and have round numbers."""
 
     scale: float  # of all lengths but the text's
     line: float  # height of a line of text

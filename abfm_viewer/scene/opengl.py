@@ -42,11 +42,7 @@ _LIGHT, _BALL = np.array([-0.35, 0.55, 0.76]), 256
 
 
 def spare_a_core() -> None:
-    """Let Mesa leave a core to the solver where it draws in software: call before `start`.
-
-    Its threads, by default as many as there are cores, would stop the solver's at every frame; the
-    one that asks for the drawing works beside them.
-    """
+    """Let Mesa leave a core to the solver, else stopped at every frame; call before `start`."""
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
     os.environ.setdefault("LP_NUM_THREADS", str(max(cores - 2, 0)))
 
@@ -87,11 +83,7 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
 
 
 def material_pictures() -> NDArray[np.uint8]:
-    """Draw a lit ball for red, green, blue and black, which polyscope blends.
-
-    At most 0.9 is reflected: polyscope's tone mapping brightens, and the light grey of an empty
-    surface should stay below white. Outside of the ball is the light of its rim.
-    """
+    """Draw a lit ball, four times to blend; 0.9 at most, as polyscope's tone mapping brightens."""
     x, y = np.meshgrid(np.linspace(-1, 1, _BALL), np.linspace(1, -1, _BALL))
     radius = np.maximum(np.hypot(x, y), 1)
     x, y = x / radius, y / radius

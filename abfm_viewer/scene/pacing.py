@@ -1,8 +1,7 @@
 """Which frames draw the surfaces anew, and how smoothly.
 
-Where drawing takes longer than a frame, as without a graphics card, surfaces that follow a solve or
-show moving streaks wait, so that the window answers in the other frames. While nothing moves, one
-frame has several samples a pixel for smooth edges, and single ones once something does.
+Where drawing takes longer than a frame, what follows a run or moves waits, so that the window
+answers in the others. While nothing moves, one frame has several samples a pixel.
 """
 
 import time as clock

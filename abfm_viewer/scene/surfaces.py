@@ -59,10 +59,8 @@ class DrawnMesh:
 def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
     """Split the vertices of a mesh along its creases.
 
-    A shape has creases if more of its edges are sharp than half sharp. Where most are half sharp,
-    as on coarse meshes of bodies and on folded cortices, the sharp ones are no creases but bends,
-    and nothing is split. Where most edges lie in planes, as on mechanical parts, the half sharp
-    ones are creases, too.
+    Those are sharp edges if there are more of them than half sharp ones: else, as on coarse bodies
+    and cortices, they are bends. Where most edges lie in planes half sharp ones are creases, too.
     """
     first, second = edge_slots(mesh.face_edges, len(mesh.edges)).T
     (f, c), (g, k) = (np.divmod(slots[second >= 0], 3) for slots in (first, second))

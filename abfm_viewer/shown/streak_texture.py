@@ -20,12 +20,9 @@ def streak_texture(
     values: FloatArray | None = None,
     colors: ColorRange | None = None,
 ) -> FloatImage:
-    """Colours for a texture on `atlas`, whose `corner_coordinates` say where the faces' corners lie
-    in it.
+    """Colours (size, size, 3) in linear light of an image (size, size) of streaks, 0 to 1 or 255.
 
-    It is (size, size, 3), in linear light, row 0 at the bottom. The image (size, size) is that of
-    `line_integral_convolution`, from 0 to 1, or in steps from 0 to 255. Streaks darken the colours
-    of a function (V,), and are grey without.
+    Streaks darken the colours of a function (V,), and are grey without.
     """
     scale = 1 / 255 if image.dtype == np.uint8 else 1.0
     if values is None or colors is None:
