@@ -141,9 +141,8 @@ class WidgetSearch:
                 self._press(tab)
                 yield
                 yield from self._open_sections(within, set())
-        for tab in tabs:
-            if tab.text == "open":
-                self._press(tab)
+        for tab in (tab for tab in tabs if tab.text == "open"):
+            self._press(tab)
 
     def _toggle(self, section: Widget) -> None:
         self.point_at(self._scrolled_to(section), partial(middle, share=0.2))

@@ -99,14 +99,10 @@ class Dialogs:
         self._choose(title, FileChoice(self._begin(), suffixes), on_path)
 
     def save(
-        self,
-        title: str,
-        suffixes: tuple[str, ...],
-        default_name: str,
-        on_path: Callable[[Path], None],
+        self, title: str, suffixes: tuple[str, ...], name: str, on_path: Callable[[Path], None]
     ) -> None:
         """Let the user name a file to write; one that exists is replaced only after a question."""
-        choice = FileChoice(self._begin(), suffixes, saving=True, name=default_name)
+        choice = FileChoice(self._begin(), suffixes, saving=True, name=name)
         self._choose(title, choice, on_path)
 
     def ask(self, title: str, text: str, buttons: Mapping[str, Callable[[], None] | None]) -> None:

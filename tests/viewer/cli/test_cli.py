@@ -313,14 +313,11 @@ def test_info_of_a_refused_mesh_says_so_to_machines_too(tmp_path, abfm):
     assert told.err == f"abfm: {facts['objection']}\n"
 
 
-def test_render_draws_the_channel_and_size_asked_for(result, tmp_path, abfm):
+def test_render_draws_what_was_asked_for_of_results_and_projects(result, tmp_path, abfm, project):
     words = f"render {result} --out {tmp_path}/a.png --size 800x400 --time 0.5 --channel"
     assert f"{tmp_path}/a.png" in abfm(f"{words} 1 --up z").out
     assert pixels(tmp_path / "a.png").shape[:2] == (400, 800)
     assert "channels 0 to 1" in abfm(f"{words} 2", status=2).err
-
-
-def test_render_draws_a_project_as_its_window_shows_it(project, tmp_path, abfm):
     picture = tmp_path / "a.png"
     words = f"render {project} --out {picture} --size 400x300"
     assert abfm(f"{words} --transparent").out == f"wrote {picture} (400 x 300)\n"
@@ -329,11 +326,6 @@ def test_render_draws_a_project_as_its_window_shows_it(project, tmp_path, abfm):
     assert (shown[..., 3].min(), shown[..., 3].max()) == (0, 255)
     abfm(f"{words} --no-color-bar --no-labels --channel 1 --up z --time 0")
     assert pixels(picture).shape == (300, 400, 3)
-
-
-def test_render_makes_sheets_of_projects_and_window_pictures_of_results(
-    result, project, tmp_path, abfm
-):
     for style in ("sheet", "window"):
         pictures = [tmp_path / f"{style}{number}.png" for number in range(2)]
         for path, picture in zip((result, project), pictures, strict=True):
@@ -418,7 +410,7 @@ def test_render_refuses_a_project_without_a_result_and_a_damaged_one(project, tm
     abfm(f"render {tmp_path}/m.npz --out {tmp_path}/a.png", status=2)
 
 
-def test_demo_passes_its_own_test(tmp_path, abfm):
+def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, abfm, monkeypatch):
     out = tmp_path / "made" / "here"
     report = json.loads(abfm(f"demo --out {out} --json --quiet").out)
     assert report["mismatch"] <= 0.05
@@ -428,8 +420,6 @@ def test_demo_passes_its_own_test(tmp_path, abfm):
     with av.open(str(out / "demo.mp4")) as movie:
         assert len(list(movie.decode(video=0))) == 50
 
-
-def test_demo_fails_when_the_mismatch_stays_high(tmp_path, abfm, monkeypatch):
     def no_picture(match):
         raise DrawingError("no time for it")
 
@@ -440,7 +430,7 @@ def test_demo_fails_when_the_mismatch_stays_high(tmp_path, abfm, monkeypatch):
     assert "the self-test failed" in told
 
 
-def test_bench_prints_its_report_for_people_and_machines(abfm, monkeypatch):
+def test_bench_prints_its_report_and_counts_successes(abfm, monkeypatch):
     small = {"subdivision": 2, "subdivisions": (1, 2), "iterations": 20, "repeats": 1, "timings": 1}
     monkeypatch.setattr(laboratory, "Settings", partial(laboratory.Settings, **small))
     told = abfm("bench --seconds 0.3 --json")
@@ -451,9 +441,6 @@ def test_bench_prints_its_report_for_people_and_machines(abfm, monkeypatch):
     told = abfm("bench --seconds 0.3 --quiet")
     assert "finest / coarsest" in told.out
     assert told.err == ""
-
-
-def test_bench_counts_successes_on_given_meshes(abfm):
     success = f"bench --success --only-given --mesh {EIGHT} --problems 1"
     told = abfm(f"{success} --json")
     (row,) = json.loads(told.out)["rows"]

@@ -90,7 +90,7 @@ def test_json_has_the_quality_of_the_map_that_is_asked_for(wild, turned, tmp_pat
         assert (quality.warning is None) == (path is turned or time == 0)
 
 
-def test_texture_coordinates_are_carried_and_brought_back(turned, tmp_path, abfm):
+def test_what_is_carried_comes_back_and_unused_vertices_keep_their_values(turned, tmp_path, abfm):
     mesh = load_match(turned).mesh
     np.save(tmp_path / "uv.npy", mesh.vertices[:, :2])
     there, back = tmp_path / "there.npy", tmp_path / "back.csv"
@@ -98,9 +98,6 @@ def test_texture_coordinates_are_carried_and_brought_back(turned, tmp_path, abfm
     assert np.abs(np.load(there) + mesh.vertices[:, :2]).max() < 0.05
     abfm(f"map {turned} --carry {there} --time -1 --out {back}")
     np.testing.assert_allclose(np.loadtxt(back, delimiter=","), mesh.vertices[:, :2], atol=1e-6)
-
-
-def test_vertices_that_no_face_uses_have_no_place_and_keep_their_values(tmp_path, abfm):
     sphere = icosphere(2)
     mesh = TriangleMesh(np.concatenate([[[9.0, 9, 9]], sphere.vertices]), sphere.faces + 1)
     still = saved(tmp_path / "still.npz", mesh, np.zeros((len(mesh.faces), 3)))

@@ -206,7 +206,7 @@ def test_a_helper_process_ends_with_the_one_that_started_it():
     pytest.fail("the helper lives on")
 
 
-def test_a_reader_that_has_enough_is_no_error():
+def test_what_a_reader_or_an_encoding_lacks_is_no_error():
     process = start("match", "--help")
     process.stdout.close()
     with process.stderr as errors:

@@ -175,15 +175,17 @@ def test_a_project_is_plain_numpy_and_json_and_the_same_one_the_same_bytes(saved
     assert (tmp_path / "again.abfm").read_bytes() == saved.read_bytes()
 
 
-def test_other_number_types_are_converted(saved):
+def test_a_project_in_other_number_types_and_with_other_members_opens(saved):
     velocity = np.asfortranarray(RESULT.velocity)
     faces, vertices = SPHERE.faces.astype("<i4"), SPHERE.vertices.astype(">f8")
     changed(saved, arrays={"mesh/faces": faces, "mesh/vertices": vertices})
     changed(saved, arrays={"result/velocity": velocity, "runs/1/energies": np.ones((2, 3), int)})
     assert_same(load_project(saved)[0], DOCUMENT)
+    rewrite(saved, {"unknown.npy": b"no array", "runs/7/stages.npy": b"none"})
+    assert load_project(saved)[0].name == DOCUMENT.name
 
 
-def test_fields_and_remedies_that_an_older_version_did_not_have_take_their_defaults(saved):
+def test_fields_that_an_older_version_did_not_have_take_their_defaults(saved):
     assert RESULT.verdict.remedies
     assert load_project(saved)[0].result.verdict == RESULT.verdict
     changed(saved, lambda content: content["document"].update(view={"theme": "dark"}))
@@ -468,11 +470,6 @@ def test_what_is_not_an_array_is_small_and_nothing_is_unpacked_to_more_than_the_
     assert "is compressed" in error_line(saved)
     rewrite(saved, {"project.json": members(saved)["project.json"] + b" " * (2 << 20)})
     assert "project.json has" in error_line(saved)
-
-
-def test_only_members_that_belong_to_a_project_are_read(saved):
-    rewrite(saved, {"unknown.npy": b"no array", "runs/7/stages.npy": b"none"})
-    assert load_project(saved)[0].name == DOCUMENT.name
 
 
 def test_files_of_another_kind_are_named(tmp_path):

@@ -41,15 +41,12 @@ def test_edges_are_smooth_and_have_the_colours_inside():
     assert rim.max() <= inside.max() + 3
 
 
-def test_on_a_ground_the_colours_mix():
+def test_on_a_ground_the_colours_mix_and_afterwards_pictures_are_small_again():
     pixels = sphere(160, 120, transparent=False, ground=(1.0, 0.0, 0.0))
     assert pixels.shape == (120, 160, 3)
     assert pixels[0, 0].tolist() == [255, 0, 0]
     row = pixels[60, :80, 0].astype(int) - pixels[60, :80, 1]
     assert ((row > 20) & (row < 235)).any()
-
-
-def test_afterwards_pictures_are_small_and_quick_again():
     sphere(100, 80, transparent=True)
     assert ps.get_window_size() == (64, 64)
     assert len(np.unique(ps.screenshot_to_buffer()[..., 3])) <= 2

@@ -246,7 +246,7 @@ def test_small_overshoots_are_not_worth_a_word(sign):
         assert len(captions(of(SOURCE, Panel(SPHERE, Values(over), "over", "result")))) == lines
 
 
-def test_places_are_measured_by_the_bounding_box():
+def test_what_places_and_notes_say():
     inside, outside = 1.1 * SPHERE.vertices, SPHERE.vertices.copy()
     outside[5, 2] = SPHERE.vertices[:, 2].max() + 3 * np.ptp(SPHERE.vertices[:, 2])
     places = (("near", inside), ("far", outside))
@@ -254,9 +254,6 @@ def test_places_are_measured_by_the_bounding_box():
     assert "'far' lie up to 3 times the bounding box's extent outside" in line
     flat = square(4)
     assert captions(of(Panel(flat, Coordinates(np.add(flat.vertices, [0, 0, 1e-6])), "flat"))) == []
-
-
-def test_notes_come_first_and_other_cells_have_nothing_to_hide():
     x = np.linspace(0, 1, 5)
     plot = Plot((Curve("a", x, x),), "x", "y", "", top=0.5)
     checker = Panel(SPHERE, Checker(1e6 * SPHERE.vertices[:, :2]), "c")
@@ -354,7 +351,7 @@ def test_a_label_that_is_too_long_is_cut_down_to_its_cell():
     assert (cut[:, :8] == 255).all()
 
 
-def test_a_legend_without_a_free_place_stands_above_the_plot():
+def test_plots_have_room_for_their_legends_and_titles():
     x = np.linspace(0, 1, 40)
     few = tuple(Curve(f"curve {k}", x, k * x) for k in (0, 1))
     many = tuple(Curve(f"curve {k}", x, 0 * x + k) for k in range(12))
@@ -364,9 +361,6 @@ def test_a_legend_without_a_free_place_stands_above_the_plot():
         axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)
         top = np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0]
         assert (top < 25) == inside
-
-
-def test_the_title_of_an_axis_is_whole_in_a_low_plot():
     x = np.linspace(0, 1, 20)
     titled, bare = (
         np.asarray(plot_picture(Plot((Curve("", x, x),), "t", name, ""), (500, 160), 20))
