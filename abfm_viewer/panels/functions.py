@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
+from typing import TypeAlias
 
 import abfm
 from abfm import FunctionError, TriangleMesh, functions
@@ -18,6 +19,8 @@ from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Range
 
+Put: TypeAlias = "Callable[[functions.Family, str], None]"
+"""Takes a changed function and the label of the widget that changed it."""
 _LONGEST = 16  # letters
 _BY_MOUSE = "On the source or target; a click moves it there, and Shift-wheel sets its width."
 _ADD_CHANNEL = (
@@ -266,14 +269,9 @@ def _begun(example: str, mesh: TriangleMesh, vertex: int) -> functions.Spec:
     return functions.parse(example.format(vertex=vertex, middle=middle))
 
 
-def draw_parameters(
-    ui: Ui,
-    function: functions.Family,
-    mesh: TriangleMesh,
-    put: Callable[[functions.Family, str], None],
-) -> None:
+def draw_parameters(ui: Ui, function: functions.Family, mesh: TriangleMesh, put: Put) -> None:
     """Draw the choice of a function's shape and a widget for each parameter, those without a slider
-    first, two in a line; a changed function is put, with the label of the widget that changed it.
+    first, two in a line.
     """
     if function.shapes:
         about = ", or ".join(shape.summary for shape in function.shapes.values())
@@ -293,66 +291,67 @@ def draw_parameters(
     ]
     short = [control for control in controls if control.ends is None]
     for pair in (short[at : at + 2] for at in range(0, len(short), 2)):
-        widths = ui.halves(*(control.name for control in pair)) if len(pair) == 2 else (0.0,)
+        names = [control.parameter.name for control in pair]
+        widths = ui.halves(*names) if len(pair) == 2 else (0.0,)
         for number, (control, width) in enumerate(zip(pair, widths, strict=True)):
             if number and width:
                 ui.beside()
             control.draw(width)
-        for control in pair:
-            ui.refusal(control.name)
+        for name in names:
+            ui.refusal(name)
     for control in controls:
         if control.ends is not None:
             control.draw()
 
 
+@dataclass(frozen=True)
 class _Control:
-    """The widget of a parameter; `ends` are its slider's, None for one that is chosen or typed."""
+    """The widget of a parameter."""
 
-    def __init__(
-        self,
-        ui: Ui,
-        function: functions.Family,
-        mesh: TriangleMesh,
-        put: Callable[[functions.Family, str], None],
-        parameter: functions.Parameter,
-    ) -> None:
-        self._ui, self._function, self._mesh, self._put = ui, function, mesh, put
-        self._parameter, self.name = parameter, parameter.name
-        self._value = getattr(function, parameter.name)
-        self.ends: Range | None = None
-        if not parameter.kind.choices and self._value is not None:
-            slider = parameter.slider
-            found = slider(function, mesh) if callable(slider) else slider
-            self.ends = found and Range(found.low, found.high, found.log, parameter.kind.whole)
+    ui: Ui
+    function: functions.Family
+    mesh: TriangleMesh
+    put: Put
+    parameter: functions.Parameter
+
+    @cached_property
+    def ends(self) -> Range | None:
+        """Those of its slider; None for one that is chosen or typed."""
+        kind, slider = self.parameter.kind, self.parameter.slider
+        if kind.choices or getattr(self.function, self.parameter.name) is None:
+            return None
+        found = slider(self.function, self.mesh) if callable(slider) else slider
+        return found and Range(found.low, found.high, found.log, kind.whole)
 
     def draw(self, width: float = 0) -> None:
-        ui, parameter, kind, value = self._ui, self._parameter, self._parameter.kind, self._value
+        ui, parameter = self.ui, self.parameter
+        name, kind, value = parameter.name, parameter.kind, getattr(self.function, parameter.name)
         tip = sentence(parameter.summary + (f" ({parameter.unit})" if parameter.unit else ""))
         new: object = value
         if kind.choices and value is not None:
-            new = ui.combo(self.name, value, kind.choices, tip, width)
+            new = ui.combo(name, value, kind.choices, tip, width)
         elif self.ends is not None:
-            number = ui.number(self.name, float(value), self.ends, tip)
+            number = ui.number(name, float(value), self.ends, tip)
             if number is not None:
                 new = round(number) if kind.whole and number == round(number) else number
         else:
             hint = "" if parameter.required else parameter.empty
             written = "" if value is None else str(value)
             written = ",".join(map(str, value)) if isinstance(value, tuple) else written
-            typed = ui.text(self.name, written, tip, hint=hint, width=width)
+            typed = ui.text(name, written, tip, hint=hint, width=width)
             if typed is not None:
                 new = typed if typed.strip() or parameter.required else parameter.default
         if new != value:
-            self._change(new)
+            self._change(name, new)
 
-    def _change(self, new: object) -> None:
+    def _change(self, name: str, new: object) -> None:
         """Take a new value, or say in place why not."""
-        parameters = self._function.parameters()
-        replaced = {other.name: None for other in parameters if other.instead_of == self.name}
-        with self._ui.refusals.refusing(self.name):
-            changed = replace(self._function, **{self.name: new}, **replaced)
+        parameters = self.function.parameters()
+        replaced = {other.name: None for other in parameters if other.instead_of == name}
+        with self.ui.refusals.refusing(name):
+            changed = replace(self.function, **{name: new}, **replaced)
             for parameter in changed.parameters():
                 if parameter.kind is functions.VERTICES:
                     for vertex in getattr(changed, parameter.name) or ():
-                        self._mesh.local_vertex(vertex)
-            self._put(changed, self.name)
+                        self.mesh.local_vertex(vertex)
+            self.put(changed, name)

@@ -15,8 +15,6 @@ from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Range
 
 _OWN, _DEFAULTS = "own values", "defaults"
-_DEFAULTS_TIP = "What is best for most meshes and functions."
-_PRESET_TIP = "All parameters at once: the defaults, or a row of the paper's Table 1."
 _INITIAL = Parameters()
 _FIELDS = {entry.name: entry for entry in fields(Parameters)}
 
@@ -84,8 +82,7 @@ _REMEDIES = {
 }
 """What another value mends."""
 _MAIN = ("alpha", "sigma", "beta", "tau", "reach")
-_NONLINEAR, _OF_BRACKETS = ("gradient",), ("substeps", "quadrature")
-_MASK_TIP = (
+_MASK = (
     "A function that weighs the mismatch at each vertex, 0 or more: where it is 0, anything may "
     "happen. Any spec, for example indicator:vertex=12,radius=0.3 or expression:x>0. Empty: every "
     "vertex counts alike.\nNot in the paper. Bad result in one region: give it more weight."
@@ -101,13 +98,17 @@ def draw(context: Context) -> None:
     draw_switches(ui, session)
     with section(ui, "Advanced", False) as is_open:
         if is_open:
-            is_linearised = parameters.method == "linearised"
-            is_adjoint = parameters.gradient == "adjoint"
+            useless = {"substeps", "quadrature"} if parameters.gradient == "adjoint" else set()
+            if parameters.method == "linearised":
+                useless = {"gradient", "substeps", "quadrature"}
             for name in [name for name in _ABOUT if name not in _MAIN]:
-                useless = is_linearised and name in (*_NONLINEAR, *_OF_BRACKETS)
-                with ui.disabled(useless or (is_adjoint and name in _OF_BRACKETS)):
+                with ui.disabled(name in useless):
                     _control(ui, session, name)
-            _mask(ui, session)
+            spec = ui.text("mask", session.document.mask, _MASK, hint="none: all vertices count")
+            if spec is not None:
+                with ui.refusals.refusing("mask"):
+                    session.editor.set_mask(spec.strip())
+            ui.refusal("mask", otherwise=session.error("mask"))
             tip = "All parameters as they are at first."
             if ui.button("Reset to defaults", tip, enabled=parameters != _INITIAL, width=-1):
                 session.editor.reset_parameters()
@@ -118,9 +119,10 @@ def _preset(ui: Ui, session: Session) -> None:
     shown = now.name if now else _DEFAULTS if session.parameters == _INITIAL else _OWN
     rows = {row.name: row for row in TABLE_1.values()}
     tips = {_OWN: ""} if shown == _OWN else {}
-    tips[_DEFAULTS] = _DEFAULTS_TIP
+    tips[_DEFAULTS] = "What is best for most meshes and functions."
     tips |= {name: f"{TITLES[row.figure]}\n\n{NOTE}" for name, row in rows.items()}
-    chosen = ui.combo("preset", shown, tips, f"{_PRESET_TIP}\n\n{tips[shown]}".strip())
+    about = "All parameters at once: the defaults, or a row of the paper's Table 1."
+    chosen = ui.combo("preset", shown, tips, f"{about}\n\n{tips[shown]}".strip())
     if chosen == shown:
         return
     if chosen == _DEFAULTS:
@@ -144,14 +146,6 @@ def _control(ui: Ui, session: Session, name: str) -> None:
             session.editor.set_parameter(name, f"change {about.label}", **{name: new})
     if name in CHOICES:
         ui.refusal(name)
-
-
-def _mask(ui: Ui, session: Session) -> None:
-    spec = ui.text("mask", session.document.mask, _MASK_TIP, hint="none: all vertices count")
-    if spec is not None:
-        with ui.refusals.refusing("mask"):
-            session.editor.set_mask(spec.strip())
-    ui.refusal("mask", otherwise=session.error("mask"))
 
 
 @cache
