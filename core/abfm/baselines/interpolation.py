@@ -50,10 +50,9 @@ def linear_blend(f: ArrayLike, g: ArrayLike, t: float, tau: float = 1.0) -> Floa
 class HeatKernel:
     """Heat flow on a surface: a positive symmetric smoothing that keeps the integral.
 
-    Implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation. L has the cotangent weights
-    of the edges, without the negative ones: every entry is positive on every mesh, and exact to
-    rounding. Each step's tail decays like ``exp(-d / sqrt(s))``: several steps are like a
-    Gaussian up to distances of about ``sqrt(2 steps) width``, a fraction of sqrt(area).
+    Implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation, L without negative weights:
+    every entry is positive, and exact to rounding. Several steps are like a Gaussian up to
+    distances of about ``sqrt(2 steps) width``, a fraction of sqrt(area).
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:

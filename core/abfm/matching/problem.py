@@ -48,15 +48,6 @@ class Problem:
     terms : sequence of DataTerm
         What else is to be matched, on ``mesh.normalized()``.
 
-    Attributes
-    ----------
-    terms : tuple of DataTerm
-        All of them: first that of source and target.
-    functions : FunctionTerm
-        That one.
-    channels_given : bool
-        Source and target came as (V, C); else as (V,).
-
     Raises
     ------
     AbfmError
@@ -74,11 +65,11 @@ class Problem:
     """
 
     mesh: TriangleMesh
-    terms: tuple[DataTerm, ...]
+    terms: tuple[DataTerm, ...]  # all of them: first that of source and target
     parameters: Parameters
     start: FloatArray | None
     functions: FunctionTerm
-    channels_given: bool
+    channels_given: bool  # source and target came as (V, C); else as (V,)
 
     def __init__(
         self,

@@ -158,10 +158,7 @@ class Extrema(NamedTuple):
 
 
 def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
-    """Persistence above 0 of each peak of a function (V,), largest first; for pits give ``-f``.
-
-    The first is the range; a plateau, also at the boundary, is one peak; a constant has none.
-    """
+    """Persistence above 0 of each peak of a function (V,), largest first; for pits give ``-f``."""
     if not np.ptp(f) > _ROUNDING * np.abs(f).max():
         return np.empty(0)
     falling = np.argsort(-f, kind="stable")  # of equal values the first one counts as higher
@@ -214,8 +211,7 @@ def _count(persistences: tuple[FloatArray, FloatArray], least: float) -> Extrema
 def _deaths(edges: IndexArray, rank: IndexArray) -> IndexArray:
     """Rank at which the peak at each rank meets a higher one, (V,); rank 0 is the highest vertex.
 
-    A vertex that is no peak meets one at its own rank; the highest peak lasts to the end.
-    Components of what is above are kept by their highest ranks, by the order of lower ends.
+    Other vertices meet one at their own rank; the highest peak lasts to the end.
     """
     size = rank.size
     starts = np.zeros(size + 1, dtype=np.int64)

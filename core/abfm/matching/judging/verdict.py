@@ -106,11 +106,7 @@ class Outcome:
 
 
 def advice(functions: FunctionTerm, outcome: Outcome, parameters: Parameters) -> Verdict:
-    """Say what a match came to, why, and what to do.
-
-    What no flow can do comes first; then whether flow lines confirm the mismatch; then its size;
-    and where it is large, the most telling cause.
-    """
+    """Say what a match came to, why, and what to do: what no flow can do comes first."""
     case = _Case(functions, outcome, parameters)
     return case.impossible() or case.unconfirmed() or case.by_size() or case.not_reached()
 

@@ -26,8 +26,7 @@ from abfm.types import FloatArray, IntArray
 
 SUBDIVIDED_LIMIT = 200_000
 """Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
-FEW = 20_000
-"""Vertices that `estimate` asks at most."""
+FEW = 20_000  # vertices that `estimate` asks at most
 _MOST_CUT = 256  # faces that `estimate` cuts into parts
 _APART, _TIMES = 0.05, 2.0  # witnesses that differ by more than both do not agree
 

@@ -48,11 +48,7 @@ class Progress:
 
 @dataclass(eq=False)
 class Incumbent:
-    """What is known to be best while something is tried out, on the same level.
-
-    If anything ends the trial early, the descent is back at the incumbent, or stays with what the
-    trial has found if that leaves at most ``mismatch``: 0 where only its end is to be trusted.
-    """
+    """What a trial returns to if anything ends it early, unless it has found what leaves less."""
 
     descent: Descent
     progress: Progress  # may be replaced meanwhile
@@ -72,11 +68,7 @@ class Incumbent:
 
 
 class Descent:
-    """Runs stages; what is to come of them is for the caller to say.
-
-    The progress may be set to what it was before, on the same level, or to ``Progress()`` to begin
-    anew; the levels are at first those with the mesh itself.
-    """
+    """Runs stages; ``progress`` may be set to what it was on the same level, or to begin anew."""
 
     def __init__(self, energy: MatchingEnergy, record: Record) -> None:
         self.levels = on_the_mesh(energy)
@@ -160,9 +152,8 @@ class Descent:
     def balance(self, stage: Stage) -> Evaluation:
         """Weigh flow lines against the discrete advection; the best round and the reason stay.
 
-        Neither is the flow. With ``g + b (f_tau - f o phi)`` as target a perfect match has
-        ``(1 - b) f_tau + b (f o phi) = g``, so that both share what divides them. After a round
-        that costs the discrete mismatch too much, or gains nothing, the share is halved.
+        With ``g + b (f_tau - f o phi)`` as target a match has ``(1 - b) f_tau + b (f o phi) = g``.
+        After a round that costs the mismatch too much, or gains nothing, ``b`` is halved.
         """
         energy = self.levels[stage.level].energy
         if not is_walked(energy):
@@ -256,9 +247,8 @@ def calmed(
 ) -> Point:
     """Smooth fields (N, F, 2) from a coarser mesh as little as keeps their discrete flow calm.
 
-    It grows where normal parts of a field jump over edges, most of which smoothing on the scale of
-    an edge takes away. Returns what ``evaluate`` gives, beside the relative mismatch, of fields
-    that leave about as much as before, or of the best ones tried; of zero where none is finite.
+    Returns what ``evaluate`` gives, beside the relative mismatch, of fields that leave about as
+    much as before, or of the best ones tried; of zero where none is finite.
     """
     area = 1 / len(mesh.vertices)
     calm, least = None, np.inf

@@ -27,10 +27,8 @@ from abfm.types import FloatArray, IndexArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-COARSEST = 2500
-"""Vertices of the coarsest mesh where their number is chosen here."""
-RATIO = 4.0
-"""Of the numbers of vertices of a mesh and the next coarser one."""
+COARSEST = 2500  # vertices of the coarsest mesh where their number is chosen here
+RATIO = 4.0  # of the numbers of vertices of a mesh and the next coarser one
 # times as many vertices as the coarsest mesh: smaller meshes are solved on themselves alone
 _WORTH = 3.0
 _EDGES = 3.0  # that a function's features span at least on a mesh of their own choice
@@ -41,11 +39,7 @@ _INTERVAL = 0.05  # seconds between two tests of whether to go on waiting
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """Between a coarse and a fine mesh of one surface, in the same units, by closest points.
-
-    Functions are interpolated from coarse to fine and averaged the other way. Fields are made
-    continuous, read at the points closest to the vertices, and turned onto the faces between them.
-    """
+    """Between a coarse and a fine mesh of one surface, in the same units, by closest points."""
 
     coarse: TriangleMesh
     fine: TriangleMesh
@@ -113,9 +107,7 @@ def turn_onto_faces(
     face_normals: FloatArray,
     frames: FloatArray,
 ) -> FloatArray:
-    """Return means of vectors (V, 3) at corners of faces, as coefficients (F, 2) in their frames,
-    each rotated as the shortest rotation takes its unit normal (V, 3) to that of the face.
-    """
+    """Return means at corners, (F, 2), of vectors (V, 3) turned from their normals to faces'."""
     out = np.zeros((faces.shape[0], 2))
     for f in range(faces.shape[0]):
         n = face_normals[f]

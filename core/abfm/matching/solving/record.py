@@ -23,22 +23,15 @@ class StopReason(StrEnum):
     As text it reads like its value: ``match.stop_reason == "cancelled"``.
     """
 
-    CONVERGED = "converged"
-    """The gradient is as small as the tolerance asks, or as rounding allows."""
-    GOAL_REACHED = "goal reached"
-    """The mismatch is so small that flow lines seldom confirm less."""
-    NO_PROGRESS = "no progress"
-    """The energy fell too little to go on."""
+    CONVERGED = "converged"  # the gradient is as small as the tolerance asks, or rounding allows
+    GOAL_REACHED = "goal reached"  # the mismatch is so small that flow lines seldom confirm less
+    NO_PROGRESS = "no progress"  # the energy fell too little to go on
     ITERATION_LIMIT = "iteration limit"
-    LINE_SEARCH_FAILED = "line search failed"
-    """No step lowers the energy any more, which is often rounding."""
+    LINE_SEARCH_FAILED = "line search failed"  # no step lowers the energy: often rounding
     CANCELLED = "cancelled"
-    OUT_OF_MEMORY = "out of memory"
-    """Memory ran out, and the best field that had been found is kept."""
-    GIVEN = "given"
-    """The field was not sought."""
-    UNKNOWN = "unknown"
-    """Of files of before, which had the verdict in its place."""
+    OUT_OF_MEMORY = "out of memory"  # the best field that had been found is kept
+    GIVEN = "given"  # the field was not sought
+    UNKNOWN = "unknown"  # of files of before, which had the verdict in its place
 
     @property
     def is_early(self) -> bool:

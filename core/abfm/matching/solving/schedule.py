@@ -6,18 +6,13 @@ from typing import NamedTuple
 
 from abfm.parameters import Parameters
 
-REACHED = 0.5
-"""Mismatch at which a search for the target has found it."""
+REACHED = 0.5  # mismatch at which a search for the target has found it
 _SURE = 0.2  # the same where less smooth attempts are still to be made
-CLOSE = 0.03
-"""Mismatch at which a match on the mesh itself is close enough: flow lines seldom confirm less."""
-_CLOSE_ON_COARSER = 0.04
-MATCHED = 0.05
-"""Mismatch up to which functions are matched; a match that leaves more goes on with a smaller
-sigma and alpha.
-"""
-NEARLY = 0.15
-"""Mismatch up to which functions are nearly matched."""
+# mismatch at which a match on the mesh itself is close enough, as flow lines seldom confirm less,
+# and on coarser ones
+CLOSE, _CLOSE_ON_COARSER = 0.03, 0.04
+# mismatch up to which functions are matched, or nearly; with more a match goes on, with less sigma
+MATCHED, NEARLY = 0.05, 0.15
 # a stage goes on while its energy falls by this share within so many iterations
 _PAYING, _OVER = 0.03, 6
 _PAYING_WELL = 0.1  # the same where a stage with less smoothness follows, if it is needed
@@ -67,9 +62,8 @@ class Attempt(NamedTuple):
 def search(p: Parameters, levels: int, clustered: bool = False) -> list[Attempt]:
     """Attempts to find the target on the coarsest level, made until it is found.
 
-    Each begins with the norm that reaches far and ends with that of the parameters, the first one
-    with their alpha, others with less. Without reach there is one, the paper's: all sigmas but the
-    last. ``levels`` and ``clustered`` are those of `finish`.
+    Each begins with the norm that reaches far, the first one with the parameters' alpha, others
+    with less. Without reach there is one, the paper's: all sigmas but the last.
     """
     meshes = levels - clustered
     fixed, sigmas = _is_fixed(p, meshes), p.stage_sigmas()

@@ -206,10 +206,8 @@ class Solver:
         return x.x if isinstance(x, Evaluation) else x
 
     def _confirming(self, stage: Stage, start: FloatArray | Evaluation, is_end: bool) -> Evaluation:
-        """Run a stage where sigma was raised.
-
-        What closing stages find stays where flow lines leave less, or it matches and they leave
-        about as much; else it is undone once it matches or the last one ends.
+        """Run a stage where sigma was raised; what closing stages find stays where flow lines leave
+        less, or it matches and they leave about as much, else it is undone.
         """
         descent, (before, progress) = self._descent, self._confirmed
         energy, is_closing = descent.levels[stage.level].energy, stage.needed_above > 0

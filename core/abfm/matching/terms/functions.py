@@ -172,11 +172,10 @@ class FunctionTerm:
 class SmoothedNorm:
     """``c A_w (A + s L)^-1 A_w`` on vertex functions, ``s = reach^2``: one Cholesky solve.
 
-    Where source and target do not touch, the derivative of ``||f_tau - g||^2`` by the field says
-    "shrink", never "move". Measured through the smoothing, with masses ``A`` and the cotangent
-    stiffness ``L``, it is felt as far as ``sqrt(s)``; the kernel is positive definite: the
-    linearisation of optimal transport's distance [Peyre, ESAIM: COCV 24 (2018)]. ``areas`` (V,) are
-    ``A_w``, with the mask; by ``c`` differences (C, V) measure the same as in L2.
+    Where source and target do not touch, the derivative in L2 says "shrink", never "move"; through
+    this smoothing it is felt as far as ``sqrt(s)``. The kernel is positive definite: optimal
+    transport's distance, linearised [Peyre, ESAIM: COCV 24 (2018)]. ``areas`` (V,) are ``A_w``,
+    with the mask; by ``c`` differences (C, V) measure the same as in L2.
     """
 
     def __init__(
