@@ -1,8 +1,5 @@
-"""A plugin of pytest: every widget that the window shows to the tests of this folder is used by one
-of them.
-
-That is known when all of them ran, in whatever order and in however many processes; then a widget
-that none used is a failure of the whole run.
+"""A plugin of pytest: when all tests of this folder ran, in whatever order and in however many
+processes, a widget that the window showed and none used is a failure of the whole run.
 """
 
 from contextlib import contextmanager
@@ -11,29 +8,19 @@ from pathlib import Path
 import pytest
 
 FOLDER = Path(__file__).parent
-DYNAMIC = (
-    "File/Recent",
-    "Open a mesh",
-    "Open a project or a result",
-    "Open values",
-    "Open a vertex map",
-)
-"""Places whose labels are the names of files."""
+# places whose labels are the names of files
+_OPENING = ("Open a mesh", "Open a project or a result", "Open values", "Open a vertex map")
+DYNAMIC = ("File/Recent", *_OPENING)
 _SAVING = ("Save a ", "Save the ", "Export the ")
 _OUTPUT = "widgets"
 
 
 class WidgetCoverage:
-    """Names of widgets that were seen where they could be used, and of those that were used.
-
-    A name is the section, menu or dialog that a widget is in, and its label.
-    """
+    """Names of widgets that were seen where they could be used, and of those that were used."""
 
     def __init__(self, config):
-        self.seen = set()
-        self.used = set()
         self._config = config
-        self._files = set()
+        self.seen, self.used, self._files = set(), set(), set()
 
     @contextmanager
     def recording(self):
