@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import THREADS, error_line, same
+from abfm_viewer.computing.background import error_line, same
 from abfm_viewer.document.document import Document
 from abfm_viewer.files.project import Origin, save_project
 from abfm_viewer.files.state_folder import StateFolder
@@ -41,6 +41,8 @@ class Autosave:
         self._last = clock()
         self._state: object = None
         self._has_copy = False
+        # other than daemons it ends its work though nobody closes it
+        self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
         with suppress(OSError):  # what an earlier process with this one's number left
             self.path.replace(
@@ -72,7 +74,7 @@ class Autosave:
         self._last = self._clock()
         if not same(state, self._state):
             self._state, self._has_copy = state, True
-            self._future = THREADS.submit(self._write, state, content, origin)
+            self._future = self._writer.submit(self._write, state, content, origin)
         else:
             with suppress(OSError):
                 os.utime(self.path)  # the heartbeat that `recoverable` looks for
@@ -94,7 +96,7 @@ class Autosave:
             self.path.unlink()
 
     def close(self) -> None:
-        wait([self._future] if self._future else [])
+        self._writer.shutdown()
 
     def _write(self, state: object, content: Callable[[], Content], origin: Origin | None) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,7 +17,7 @@ from abfm import MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.mesh.files import READERS
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import THREADS, error_line
+from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import Channel, Document, Identity, Run, Surface, View
 from abfm_viewer.document.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.document.verdict_words import capital
@@ -98,6 +98,8 @@ class SessionFiles:
         self._session = session
         self._state = state
         self._ask = ask
+        # other than daemons it ends its work though nobody closes it
+        self._writer = ThreadPoolExecutor(1, thread_name_prefix="save")
         # files being written: what to do when one is, and what to do after that
         self._writing: list[tuple[Future[Origin], Do, list[Do]]] = []
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
@@ -178,15 +180,14 @@ class SessionFiles:
         session, notices = self._session, self._session.notices
         document = document or session.document
         functions, left = session.functions_of(document), session.saves.left(document)
-        before, actions = [future for future, *_ in self._writing], [then] if then else []
+        actions = [then] if then else []
         notices.say(f"saving {path.name} ...")
 
         def write() -> Origin:
-            wait(before)
             save_project(path, document, known_values(document, functions))
             return Origin.of(path)
 
-        future = THREADS.submit(write)
+        future = self._writer.submit(write)
 
         def go_on() -> None:
             for action in actions:
@@ -229,7 +230,7 @@ class SessionFiles:
             self._state.add_recent(path)
 
     def close(self) -> None:
-        wait([future for future, *_ in self._writing])
+        self._writer.shutdown()
 
     def _read_mesh(self, path: Path) -> Do:
         try:

@@ -10,7 +10,6 @@ from dataclasses import replace
 import pytest
 
 from abfm.io.atomic import temporary_file
-from abfm_viewer.computing.background import THREADS
 from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.project import load_project
@@ -164,7 +163,7 @@ def test_an_offer_where_nothing_is_to_be_done_does_nothing(autosave, clock, monk
         with monkeypatch.context() as patched:
             for name in ("utime", "unlink", "replace"):
                 patched.setattr(os, name, lambda *_: pytest.fail("a file was touched"))
-            patched.setattr(THREADS, "submit", lambda *_: pytest.fail("a copy was begun"))
+            patched.setattr(autosave._writer, "submit", lambda *_: pytest.fail("a copy was begun"))
             autosave.offer(document, lambda: pytest.fail("the content was asked for"), unsaved)
 
     offer_idly(DOCUMENT, unsaved=False)

@@ -12,12 +12,14 @@ import pytest
 from abfm import MeshError, Parameters, load_match, match
 from abfm_viewer.computing.background import Jobs
 from abfm_viewer.document.document import Channel
+from abfm_viewer.files.project import load_project
 from abfm_viewer.session import session_files
 from abfm_viewer.session.loading import Load, Loading
 from abfm_viewer.session.notices import Notices
 from abfm_viewer.session.session_files import open_session
 from abfm_viewer.window.samples import figure_document
 from tests.mesh_writers import off_text
+from tests.processes import python
 from tests.shapes import icosphere
 from tests.viewer.sessions import ENDLESS, QUICK, matched, solving, until
 
@@ -126,6 +128,30 @@ def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch
     assert [one for one in done if "written" in one] == [f"written {name}" for name in "abc"]
     assert done[-1] == "end"
     assert sorted(path.name for path in tmp_path.glob("*.abfm")) == ["a.abfm", "b.abfm", "c.abfm"]
+
+
+def test_what_is_being_written_is_written_though_the_program_ends_without_closing(tmp_path):
+    code = """if True:
+        import sys, time
+        from pathlib import Path
+        from abfm_viewer.files.autosave import Autosave, StateFolder
+        from abfm_viewer.session import session_files
+        from abfm_viewer.session.session import Session
+        from tests.shapes import icosphere
+
+        def slow(*_):
+            time.sleep(0.5)
+            return {}
+
+        session, folder = Session(icosphere(1), "sphere"), Path(sys.argv[1])
+        session_files.known_values = slow
+        session_files.SessionFiles(session, None, print).save(folder / "saved.abfm")
+        copies = Autosave(StateFolder(folder), seconds=0)
+        copies.offer(session.document, lambda: (session.document, slow()), True)
+    """
+    done = python(code, str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert [load_project(path)[0].name for path in tmp_path.iterdir()] == ["sphere", "sphere"]
 
 
 def test_changes_made_while_saving_stay_unsaved(desk, tmp_path):
