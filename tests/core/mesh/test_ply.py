@@ -83,6 +83,12 @@ REFUSED = {
         "a list has the length -3",
     ),
     "too long a list": (text(b"3 0 1 2", b"200 0 1 2"), "cut off: it has fewer rows of face"),
+    "a list beyond all bytes": (
+        BIG.replace(b"element face", b"property list uint64 char q\nelement face").replace(
+            b"end_header\n", b"end_header\n" + bytes(24) + b"\xff" * 8
+        ),
+        "cut off: it has fewer rows of vertex",
+    ),
     "too many rows": (text(b"face 1", b"face 1000000000000"), "cut off"),
     "rows of nothing": (
         b"ply\nformat ascii 1.0\nelement vertex 1000000000000\nend_header\n",

@@ -154,44 +154,45 @@ class _Body:
 
     def _walk(self, element: _Element, wanted: Sequence[str]) -> dict[str, _Column]:
         """Return the same where lengths of lists must be read to know where the next row begins."""
-        order, data, position = self._order or "=", self._data, self._position
-        found: dict[str, tuple[array[Any], array[int]]] = {}
+        data, position = self._data, self._position
+        found: dict[str, tuple[bytearray, array[int]]] = {}
         steps = []
         for p in element.properties:
-            code, length_code = (p.code, p.length_code) if self._order else ("d", "d")
-            length = struct.Struct(order + length_code) if p.length_code else None
+            code = self._order + p.length_code if self._order else "=d"
             if p.name in wanted:
-                found[p.name] = array(code), array("q")
-            steps.append((length, code, struct.calcsize(order + code), found.get(p.name)))
+                found[p.name] = bytearray(), array("q")
+            length = struct.Struct(code) if p.length_code else None
+            steps.append((length, self._kind(p.code).itemsize, found.get(p.name)))
         try:
             for _ in range(element.rows):
-                for length, code, size, kept in steps:
+                for length, size, kept in steps:
                     count = 1
                     if length:
                         count = _whole(length.unpack_from(data, position)[0])
                         position += length.size
                     if count < 0:
                         raise ValueError(f"a list has the length {count}")
+                    end = position + count * size
+                    if end > len(data):
+                        raise _cut_off(element)
                     if kept:
-                        kept[0].extend(struct.unpack_from(f"{order}{count}{code}", data, position))
+                        kept[0].extend(data[position:end])
                         kept[1].append(count)
-                    position += count * size
+                    position = end
         except struct.error as error:
             raise _cut_off(element) from error
-        if position > len(data):
-            raise _cut_off(element)
         self._position = position
         kept_ones = [p for p in element.properties if p.name in found]
         return {p.name: self._column(p, *found[p.name]) for p in kept_ones}
 
-    def _column(self, p: _Property, *kept: Any) -> _Column:
-        values, counts = (np.frombuffer(each, each.typecode) for each in kept)
+    def _column(self, p: _Property, content: bytearray, counts: Sequence[int]) -> _Column:
+        values = np.frombuffer(content, self._kind(p.code))
         if not self._order and p.code not in "fd":
             wrong = ~((np.abs(values) <= _LARGEST) & (values == np.floor(values)))
             if wrong.any():
                 raise _not_whole(values[wrong][0])
             values = values.astype(np.int64)
-        return values, counts if p.length_code else None
+        return values, np.asarray(counts, np.int64) if p.length_code else None
 
 
 def _whole(value: float) -> int:
