@@ -164,9 +164,9 @@ def _add_mesh_sizes(report: Report, settings: Settings, tell: Progress) -> None:
         cost[size] = gradient / advection
         seconds[size] = {"advection": advection, "energy_and_gradient": gradient}
     report["ratios"]["gradient_to_advection"] = cost
-    coarsest, *_, finest = 2 * list(cost)
+    sizes = list(cost)  # coarse to fine
     report["ratios"]["iterations_finest_to_coarsest"] = {
-        name: _ratio(counts[finest], counts[coarsest]) for name, counts in reached.items()
+        name: _ratio(counts[sizes[-1]], counts[sizes[0]]) for name, counts in reached.items()
     }
 
 

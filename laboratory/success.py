@@ -299,8 +299,8 @@ def run_trial(
     )
     with suppress(AbfmError):  # of fields along which flow lines do not end
         said = found.verify(subdivided=False)
-        known = replace(record, verified=said.mismatch)
-        return replace(known, folded=said.folded, overturned=said.overturned)
+        folded, overturned = said.folded, said.overturned
+        return replace(record, verified=said.mismatch, folded=folded, overturned=overturned)
     return record
 
 

@@ -172,21 +172,18 @@ class Descent:
                     break
                 discrete = energy.relative_mismatch(known.advected)
                 lines = energy.relative_mismatch(walked)
+                if lines > _APART:
+                    break
                 score = float(np.sqrt((1 - weight) * discrete**2 + weight * lines**2))
-                is_better = not (discrete > allowed or score >= least)
-                gains_little = is_better and score > _BETTER * least
-                if lines <= _APART and is_better:
+                if discrete > allowed or score >= least:
+                    share /= 2
+                    is_over = share < _LEAST_SHARE * weight
+                else:
+                    is_over = score > _BETTER * least
                     best, least, away = known, score, known.advected - walked
                     incumbent.progress = replace(self.progress, best=best)
-                elif lines <= _APART:
-                    share /= 2
-                if (
-                    lines > _APART
-                    or gains_little
-                    or share < _LEAST_SHARE * weight
-                    or energy.terms.relative_size(away) < _GAP
-                    or len(self._record.history) > stage.until
-                ):
+                near = energy.terms.relative_size(away) < _GAP
+                if is_over or near or len(self._record.history) > stage.until:
                     break
                 known = self.minimise(part, best.x, share * away)
         self.progress = replace(self.progress, best=incumbent.progress.best)
