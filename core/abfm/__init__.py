@@ -3,6 +3,9 @@ function to another.
 
 Names are imported when they are first used, here and in the rooms, so that a program that only
 reads meshes starts without the solver. ``__init__.pyi`` beside each ``__init__.py`` lists them.
+
+What is refused is an AbfmError, whatever asks for it: of the kind of what does not fit (a function,
+a mesh, a parameter, a file, the length of a flow), saying what was given and what is expected.
 """
 
 import pkgutil

@@ -52,7 +52,8 @@ class HeatKernel:
 
     Implicit Euler steps ``(G_V + s L)^-1 G_V`` with one factorisation, L without negative weights:
     every entry is positive, and exact to rounding. Several steps are like a Gaussian up to
-    distances of about ``sqrt(2 steps) width``, a fraction of sqrt(area).
+    distances of about ``sqrt(2 steps) width``; the width, the flat kernel's standard deviation
+    along an axis, is a fraction of sqrt(area).
     """
 
     def __init__(self, mesh: TriangleMesh, width: float, steps: int) -> None:

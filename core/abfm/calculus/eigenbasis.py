@@ -26,7 +26,8 @@ def eigenbasis(mesh: TriangleMesh, k: int) -> tuple[FloatArray, FloatArray]:
     ``sum_i M_ii phi_i psi_i``. The sign makes the integral of ``phi^3`` positive; where that
     vanishes (by a symmetry), the first vertex with at least half of the largest absolute value.
     The same mesh gives the same bits whatever was computed before: pairs are computed, and cached,
-    in blocks of 32, 64, 128, 256, 384, ... and k only cuts the smallest block that holds it.
+    in blocks of 32, 64, 128, 256, 384, ... and k only cuts the smallest block that holds it. Where
+    eigenvalues repeat, the basis is arbitrary and may differ between blocks.
     """
     count = len(mesh.vertices)
     most = min(count, BLOCKS[-1])

@@ -24,8 +24,8 @@ LARGEST_DISTANCE, RMS_DISTANCE, FOLDED = 0.1, 0.02, 0.1
 
 @dataclass(frozen=True, eq=False)
 class MapAccuracy:
-    """Geodesic distances between images and true images, over the square root of the surface's
-    area.
+    """Geodesic distances (S,) between images and true images, over the square root of the surface's
+    area, and the vertices (S,), ascending, that they are of.
     """
 
     vertices: IntArray
@@ -98,7 +98,9 @@ def _distance(mesh: TriangleMesh, vertex: int, face: int, barycentric: FloatArra
 
 @dataclass(frozen=True)
 class MapQuality:
-    """Numbers that tell a map from none."""
+    """Numbers that tell a map from none: how far its points were from the surface before they were
+    brought onto it, in sqrt(area), and the share of the faces, 0 to 1, that it turns over.
+    """
 
     largest_distance: float
     rms_distance: float
