@@ -2,6 +2,7 @@
 found, though it matches in a process that may be killed.
 """
 
+import itertools
 import os
 import signal
 import threading
@@ -41,8 +42,11 @@ def solver():
 
 
 @pytest.fixture
-def running(solver, functions):
-    """One with a run that goes on until it is told otherwise, and has made some steps."""
+def running(solver, functions, monkeypatch):
+    """One with a run that goes on until it is told otherwise, and has made some steps; no field
+    comes over that nobody asked for.
+    """
+    monkeypatch.setattr(solver_module, "FIRST", 1e9)
     solver.start(problem(ENDLESS), functions)
     until(lambda: rows(solver) > 3)
     return solver
@@ -65,6 +69,7 @@ def cancelled(solver):
 
 
 def killed(solver):
+    until(lambda: not process_of(solver).has_ended)  # that of an earlier run may have
     os.kill(process_of(solver).pid, signal.SIGKILL)
     left = ended(solver)
     assert solver.failed
@@ -202,12 +207,16 @@ def test_the_fields_of_an_iterate_come_when_they_are_asked_for_and_are_known_for
 
 
 def test_a_paused_run_stands_still_goes_on_and_ends_with_the_best_field_when_cancelled(running):
+    def stands_still():
+        count = rows(running)
+        time.sleep(0.2)
+        return rows(running) == count
+
     running.pause()
     assert (running.paused, running.running) == (True, True)
-    time.sleep(0.3)  # the evaluation under way ends
+    until(stands_still)  # when the evaluation under way has ended
+    assert stands_still()
     count = rows(running)
-    time.sleep(0.2)
-    assert rows(running) == count
     running.resume()
     assert not running.paused
     until(lambda: rows(running) > count + 3)
@@ -256,13 +265,16 @@ def test_a_run_follows_another_problem_from_the_field_that_was_there(running):
 
 
 def test_restarts_in_a_row_leave_each_problem_some_iterations(running):
-    for number in range(40):
-        running.follow_problem(problem(replace(ENDLESS, sigma=1e-3 * (1 + number / 100))))
-        time.sleep(0.01)
+    numbers = itertools.count()
+
+    def change():
+        sigma = 1e-3 * (1 + next(numbers) / 1000)
+        running.follow_problem(problem(replace(ENDLESS, sigma=sigma)))
+
+    until(lambda: change() or len(running.run.restarts) > 4)
     until(lambda: running.snapshot.problem is running.problem)
     _, run = cancelled(running)
     restarts = np.array([0, *run.restarts])
-    assert len(restarts) > 2
     assert np.diff(restarts).min() >= 3
 
 

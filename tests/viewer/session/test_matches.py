@@ -1,6 +1,6 @@
 """A session's runs: begun, followed, failed; remedies, and what is shown of a match that ended."""
 
-import time
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -90,11 +90,13 @@ def test_alpha_is_followed_when_the_mouse_lets_go_and_a_gaussian_while_it_is_dra
     endless.update()
     assert endless.solver.problem.parameters.alpha == 0.4
     endless.dragging = True
-    for number in range(60):
-        endless.editor.set_spec("target", f"gaussian:x={number / 100},y=1,z=0,width=0.15", "drag")
-        endless.update()
-        time.sleep(0.01)
-    assert len(endless.solver.run.restarts) > 1
+    places = itertools.count()
+
+    def drag():
+        spec = f"gaussian:x={next(places) / 1000},y=1,z=0,width=0.15"
+        endless.editor.set_spec("target", spec, "drag")
+
+    until(lambda: drag() or len(endless.solver.run.restarts) > 1, endless)
     endless.dragging = False
     until(lambda: endless.solver.snapshot.problem == endless.problem, endless)
     endless.editor.seal()
