@@ -151,7 +151,12 @@ def _made(path: Path, is_folder: bool) -> int:
                 path.touch(exist_ok=False)
             return -1
         new = os.O_RDONLY if is_folder else os.O_RDWR | os.O_CREAT | os.O_EXCL
-        descriptor = os.open(path, new, 0o666)
+        try:
+            descriptor = os.open(path, new, 0o666)
+        except FileNotFoundError:
+            if is_folder:  # it was taken for abandoned, and removed, as soon as it was made
+                continue
+            raise
         with suppress(OSError):  # a file system without locks, where nobody gets one
             fcntl.flock(descriptor, fcntl.LOCK_EX)
         if os.fstat(descriptor).st_nlink:

@@ -161,7 +161,7 @@ def test_the_keyboard_returns_to_the_box_after_a_save(gui, tmp_path):
     gui.key("ctrl+s")
     gui.frames(3)
     gui.click("Cancel", "Save the project")
-    gui.wait(lambda _: imgui.GetIO().WantTextInput, 5)
+    gui.wait(lambda _: imgui.GetIO().WantTextInput)
     assert gui.session.active.source == "gaussian:vertex=3,width=0.2"
     gui.input.write("coordinate:x")
     gui.key("enter")

@@ -52,9 +52,9 @@ def test_open_match_and_see_the_flow(tmp_path):
         gui.double_click("somebody.off")
         gui.wait(lambda s: s.document.name == "somebody.off" and ready(s))
         match(gui)
-        gui.wait(lambda s: s.player.playing, 10)
+        gui.wait(lambda s: s.player.playing)
         assert session.time < session.parameters.tau
-        gui.wait(lambda s: not s.player.playing, 20)
+        gui.wait(lambda s: not s.player.playing)
         assert session.time == session.parameters.tau
         assert session.view.streaks or session.view.arrows
         assert session.result.verdict.kind in ("matched", "nearly")

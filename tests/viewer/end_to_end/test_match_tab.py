@@ -233,6 +233,6 @@ def test_the_table_has_a_row_for_each_iteration(matched, tmp_path):
     matched.click("Export CSV...")
     matched.type("file name", "energies")
     path = tmp_path / "energies.csv"
-    matched.wait(lambda _: path.exists(), 5)
+    matched.wait(lambda _: path.exists())
     rows = list(csv.reader(path.read_text().splitlines()))
     assert len(rows) == 1 + len(matched.session.result.energy_history)

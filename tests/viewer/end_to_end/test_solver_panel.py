@@ -32,11 +32,16 @@ def test_pause_holds_the_run_and_resume_goes_on(running):
     solver = running.session.solver
     running.click("Pause")
     running.wait(lambda s: s.solver.paused)
-    for _ in range(15):  # half a second, in which the evaluation that was under way ends
-        running.window.frame()
+
+    def stands_still(_=None):
+        held = solver.snapshot
+        for _ in range(8):
+            running.window.frame()
+        return solver.snapshot is held
+
+    running.wait(stands_still)  # when the evaluation that was under way has ended
+    assert stands_still()
     held = solver.snapshot
-    running.frames(10)
-    assert solver.snapshot is held
     running.click("Resume")
     running.wait(lambda s: s.solver.snapshot is not held)
     running.wait(lambda s: s.solver.snapshot.iteration.iteration > 5)

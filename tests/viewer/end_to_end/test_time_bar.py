@@ -72,20 +72,20 @@ def test_playing_repeats_as_it_is_told(matched):
     matched.choose("repeat", "ping-pong")
     matched.type("time", "0.9")
     matched.click("Play")
-    matched.wait(lambda s: s.time > 0.95, 5)
-    matched.wait(lambda s: s.time < 0.8, 5)
+    matched.wait(lambda s: s.time > 0.95)
+    matched.wait(lambda s: s.time < 0.8)
     matched.click("Pause", within="time bar")
     assert not player.playing
     matched.choose("repeat", "loop")
     matched.type("time", "0.9")
     matched.key("space")
-    matched.wait(lambda s: s.time < 0.5, 5)
+    matched.wait(lambda s: s.time < 0.5)
     matched.key("space")
     matched.choose("repeat", "once")
     matched.check("beyond τ")
     matched.type("time", "1.8")
     matched.click("Play")
-    matched.wait(lambda s: not s.player.playing, 5)
+    matched.wait(lambda s: not s.player.playing)
     assert matched.session.time == 2
 
 
