@@ -9,7 +9,7 @@ import traceback
 from collections import deque
 from concurrent.futures import wait
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -82,6 +82,7 @@ class Course:
         self.newest: Snapshot | None = None
         # total, regularity, mismatch; stage, vertices, reach
         self._rows: list[tuple[float, float, float, int, int, float]] = []
+        self._shares: list[dict[str, float]] = []
         self._restarts: list[int] = []
         self._run = Memo[Run]()
         self._recent: deque[float] = deque(maxlen=_RECENT)  # when they came
@@ -97,6 +98,7 @@ class Course:
     def add(self, now: abfm.Iteration) -> None:
         self._recent.append(clock.monotonic())
         energies = (now.energy, now.regularity, now.mismatch_energy)
+        self._shares.append(now.shares)
         self._rows.append((*energies, now.stage, now.vertices, now.reach))
 
     @property
@@ -112,7 +114,12 @@ class Course:
             table = np.array(rows)
             stages, vertices = (table[:, column].astype(np.int64) for column in (3, 4))
             label = f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {parameters.sigma:g}"
-            return Run(table[:, :3], stages, restarts, mismatch, label, vertices, table[:, 5])
+            run = Run(table[:, :3], stages, restarts, mismatch, label, vertices, table[:, 5])
+            words = tuple(dict.fromkeys(word for row in self._shares for word in row))
+            if len(words) == 1:
+                return run
+            shares = [[row.get(word, 0.0) for word in words] for row in self._shares[: len(rows)]]
+            return replace(run, words=words, shares=np.array(shares))
 
         made_of = (len(rows), mismatch, parameters, restarts)
         return self._run.get(made_of, make) if rows else None

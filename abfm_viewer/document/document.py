@@ -175,10 +175,19 @@ class Run:
     label: str  # what was solved, in a few words
     vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     reaches: FloatArray = field(default_factory=lambda: np.zeros(0))
+    words: tuple[str, ...] = ()  # of the data terms, where there are T > 1
+    shares: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (n, T), of the mismatch
 
     @property
     def has_course(self) -> bool:
         return len(self.vertices) > 0
+
+    @property
+    def curves(self) -> dict[str, FloatArray]:
+        """The total and all terms, (n,), by the words of the window."""
+        total, regularity, mismatch = self.energies.T
+        terms = dict(zip(self.words, self.shares.T, strict=True)) or {"closeness": mismatch}
+        return {"energy": total, "smoothness": regularity} | terms
 
 
 class Identity:

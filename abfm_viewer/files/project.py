@@ -39,6 +39,7 @@ _COURSE = _RUN | {
     "vertices": Entry("integer", ("n",), low=0),
     "reaches": Entry("real", ("n",), low=0),
 }
+_SHARES = {"shares": Entry("real", ("n", "T"), low=0)}
 _PLAIN = ("parameters", "verdict", "remedies")  # parts of a result that are no arrays
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in _PLAIN}
 _ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}
@@ -97,9 +98,9 @@ def save_project(
     arrays = {f"mesh/{name}": getattr(surface.mesh, name) for name in _MESH}
     runs = []
     for number, run in enumerate(document.runs):
-        names = _COURSE if run.has_course else _RUN
+        names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
         arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in names}
-        runs.append(to_plain(run, without=_COURSE) | {"has_course": run.has_course})
+        runs.append(to_plain(run, without=_COURSE | _SHARES) | {"has_course": run.has_course})
     result = None
     if document.result is not None:
         result = abfm.matching.match_arrays(document.result)
@@ -208,6 +209,7 @@ def _document(
 
 def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
     entries = _COURSE if state.pop("has_course", False) else _RUN
+    entries = entries | (_SHARES if state.get("words") else {})
     parts = check_arrays(arrays, entries, f"runs/{number}/")
     return cast(Run, from_plain(Run, state, f"project.runs[{number}]", **parts))
 
@@ -233,6 +235,8 @@ def _check(document: Document) -> None:
         rows = run.stages.size
         inside = all(0 <= row <= rows for row in run.restarts)
         _require(inside, f"run {number} of {rows} rows restarts outside them")
+        named = not run.words or run.shares.shape[1] == len(run.words)
+        _require(named, f"run {number} has {run.shares.shape[1]} shares of {len(run.words)} terms")
     for function in document.functions:
         terms_from_files(function.spec)
     for weight in (channel.weight for channel in document.channels):

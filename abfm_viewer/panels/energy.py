@@ -1,7 +1,8 @@
 """The energy over the iterations: of the run that goes on or ended last, and of those before."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,6 @@ from abfm_viewer.widgets.containers import plot
 from abfm_viewer.widgets.toolkit import Ui
 
 _LOWEST, _HIGHEST = 150, 240
-_NAMES = ("energy", "smoothness", "closeness")
 _SHORTEST_AXIS = 10  # iterations
 _NO_RUN = (
     "Appears here while the solver runs: the energy of each iteration, with its smoothness and "
@@ -75,14 +75,16 @@ def _export(session: Session, run: Run, path: Path) -> None:
 
 
 def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
-    curves = [_positive(run.energies[:, column]) for column in range(3)]
+    curves = {name: _positive(values) for name, values in run.curves.items()}
     totals = [_positive(earlier.energies[:, 0]) for earlier in previous]
     last = max(len(run.stages), *(len(total) for total in totals), _SHORTEST_AXIS + 1) - 1
-    values = np.concatenate([*curves, *totals])
+    values = np.concatenate([*curves.values(), *totals])
     values = values[np.isfinite(values)]
     low, high = (0.7 * values.min(), 1.5 * values.max()) if len(values) else (0.1, 10.0)
-    colors = (ui.colors.muted, ui.colors.smoothness, ui.colors.closeness)
-    _legend(ui, colors)
+    terms = cycle((ui.colors.closeness, ui.colors.good, ui.colors.accent))
+    colors = (ui.colors.muted, ui.colors.smoothness, *islice(terms, len(curves) - 2))
+    inks = dict(zip(curves, colors, strict=True))
+    _legend(ui, inks)
     room, (stages, meshes) = imgui.GetContentRegionAvail()[1], starts(run)
     height = min(max(room, ui.px(_LOWEST)), ui.px(_HIGHEST))  # as high as fits
     with plot(ui, "energy plot", height, _PLOT) as is_drawn:
@@ -98,14 +100,14 @@ def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
         _marks("##stages", stages, (*ui.colors.muted[:3], 0.7), ui.px(1))
         _marks("##meshes", meshes, (*ui.colors.muted[:3], 0.9), ui.px(2.5))
         _marks("##restarts", run.restarts, ui.colors.marker, ui.px(1.5))
-        for name, curve, color in zip(_NAMES, curves, colors, strict=True):
-            _line(name, curve, color, ui.px(1.8))
+        for name, curve in curves.items():
+            _line(name, curve, inks[name], ui.px(1.8))
         _hover(ui, run)
 
 
-def _legend(ui: Ui, colors: Sequence[Color]) -> None:
+def _legend(ui: Ui, colors: Mapping[str, Color]) -> None:
     side, (_, spacing) = 0.6 * imgui.GetTextLineHeight(), imgui.GetStyle().ItemSpacing
-    for number, (name, color) in enumerate(zip(_NAMES, colors, strict=True)):
+    for number, (name, color) in enumerate(colors.items()):
         if number:
             ui.beside_if_fits(name)
         left, top = imgui.GetCursorScreenPos()
@@ -127,7 +129,7 @@ def _hover(ui: Ui, run: Run) -> None:
     at = int(np.clip(round(mouse_x), 0, len(run.stages) - 1))
     _marks("##here", [at], ui.colors.ink, ui.px(1))
     lines = [f"iteration {at}{', restarted here' if at in run.restarts else ''}", course(run, at)]
-    lines += [f"{name} {energy:.4g}" for name, energy in zip(_NAMES, run.energies[at], strict=True)]
+    lines += [f"{name} {values[at]:.4g}" for name, values in run.curves.items()]
     imgui.SetTooltip("\n".join(lines))
 
 

@@ -502,3 +502,21 @@ def test_before_anything_that_moves_was_shown_there_is_nothing_to_fetch(clock):
     assert course.newest is None
     course.fetch(Snapshot(PROBLEM, later, later))
     assert course.newest is not None
+
+
+def test_a_run_of_several_terms_has_a_curve_for_each():
+    course = begun(10)
+    now = SimpleNamespace(energy=6.0, regularity=1.0, mismatch_energy=5.0)
+    now.stage, now.vertices, now.reach, now.shares = 0, 10, 0.0, {"closeness": 5.0}
+    course.add(now)
+    assert list(course.run(0.1, QUICK).curves) == ["energy", "smoothness", "closeness"]
+    course.begin(replace(PROBLEM))  # landmarks are set while it runs
+    now.shares = {"closeness": 3.0, "landmarks": 2.0}
+    course.add(now)
+    curves = course.run(0.1, QUICK).curves
+    assert {name: list(values) for name, values in curves.items()} == {
+        "energy": [6, 6],
+        "smoothness": [1, 1],
+        "closeness": [5, 3],
+        "landmarks": [0, 2],
+    }

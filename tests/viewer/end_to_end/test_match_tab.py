@@ -2,7 +2,7 @@
 
 import csv
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import polyscope.imgui as imgui
 import pytest
@@ -227,6 +227,11 @@ def test_hovering_shows_values(matched, monkeypatch):
     total, _, mismatch = matched.session.result.energy_history[at]
     assert f"{total:.4g}" in shown[-1]
     assert f"{mismatch:.4g}" in shown[-1]
+    [run] = matched.session.document.runs
+    terms = {"words": ("closeness", "landmarks"), "shares": run.energies[:, 1:]}
+    matched.session.editor.change("two terms", runs=(replace(run, **terms),))
+    matched.hover("energy plot")
+    assert f"closeness {run.energies[at, 1]:.4g}\nlandmarks {mismatch:.4g}" in shown[-1]
 
 
 def test_the_table_has_a_row_for_each_iteration(matched, tmp_path):

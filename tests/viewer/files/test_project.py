@@ -55,6 +55,7 @@ KNOWN = {"permuted:map ☃.txt(file:x.npy)": Y, "file:x.npy": X}
 XY, YX = np.stack([X, Y], axis=1), np.stack([Y, X], axis=1)
 RESULT = match(SPHERE, XY, YX, Parameters(iterations=5), mask=X**2, weights=[1, 0.5])
 COURSE = np.array([12, 42]), np.array([0.5, 0.0])
+TERMS = ("closeness", "landmarks"), np.array([[2.0, 1.0], [1.0, 0.0]])
 PLAIN = Problem(SPHERE, RESULT.source, RESULT.target, RESULT.parameters)
 DOCUMENT = Document(
     (Surface(SPHERE, "a ☃ sphere\udc80", Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))),),
@@ -71,6 +72,7 @@ DOCUMENT = Document(
     runs=(
         Run(RESULT.energy_history, RESULT.stages, (2, len(RESULT.stages)), 0.25, "alpha 1"),
         Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "on two meshes", *COURSE),
+        Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "of two terms", *COURSE, *TERMS),
         Run(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), (), 1.0, "cancelled at once"),
     ),
     time=1 / 3,
@@ -213,6 +215,11 @@ def test_what_was_written_before_there_were_verdicts_meshes_and_reach_means_the_
     assert math.isnan(opened.result.verified_mismatch)
     assert math.isnan(opened.result.folded)
     assert not any(run.has_course for run in opened.runs)
+
+
+def test_every_term_of_a_run_has_its_share(saved):
+    changed(saved, lambda content: content["runs"][2].update(words=["one"]))
+    assert "run 2 has 2 shares of 1 terms" in error_line(saved)
 
 
 def test_large_meshes_are_kept_as_they_are_and_once(tmp_path):
@@ -383,7 +390,7 @@ def test_arrays_that_do_not_fit_are_named(saved, name, array, words):
         ("", "format_version", None, "format_version is None"),
         ("", "file_vertex_count", 12, "vertex_ids has an index outside 0 to 11"),
         ("", "file_vertex_count", 10**15, "1000000000000000 vertices, and 42 are used"),
-        ("", "runs", [RUN | {"restarts": []}] * 4, "runs/3"),
+        ("", "runs", [RUN | {"restarts": []}] * 5, "runs/4"),
         ("", "runs", [RUN | {"restarts": [99]}], "restarts"),
         ("", "known", ["a", "b", "c"], "known/2"),
         ("", "document", None, "project.document"),

@@ -24,7 +24,7 @@ from abfm.flow.advection import Advection, Discretisation
 from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Trajectory
 from abfm.matching.objective.regularizer import Regularizer, regularizer
 from abfm.matching.problem import Problem, check_fields
-from abfm.matching.terms.data_term import DataTerms, Measure
+from abfm.matching.terms.data_term import DataTerms, Sum
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
 from abfm.types import FloatArray
@@ -34,11 +34,15 @@ from abfm.workers.control import checkpoint
 @dataclass(frozen=True)
 class Evaluation:
     x: FloatArray  # frame coefficients (N, F, 2) of the fields
-    energy: float  # total and its two terms; infinite where the flow overflows
+    energy: float  # total and its terms; infinite where the flow overflows
     regularity: float
-    mismatch: float
+    shares: tuple[float, ...]  # of the data terms in the mismatch
     advected: FloatArray  # what the data terms want carried, carried to the end time, (C, V)
     differentiate: Callable[[], FloatArray]  # faster before than after the next evaluation
+
+    @property
+    def mismatch(self) -> float:
+        return float(sum(self.shares))
 
     @cached_property
     def gradient(self) -> FloatArray:
@@ -129,8 +133,8 @@ class Objective:
 
     regularity: Regularizer  # ``R``, by ``apply``
     carried: FloatArray  # functions (C, V) that the data terms want carried
-    # the data terms' energy, and its derivative, by what was carried
-    missed: Callable[[FloatArray], tuple[float, FloatArray]]
+    # each data term's energy, and the derivative of their sum, by what was carried
+    missed: Callable[[FloatArray], tuple[tuple[float, ...], FloatArray]]
     advect: Callable[[FloatArray], Advection]  # the flow of frame coefficients (N, F, 2)
     step: float  # time of each field
     gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
@@ -140,16 +144,18 @@ class Objective:
             momentum = self.step * np.stack([self.regularity.apply(v) for v in x])
             regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(x).ravel())
             try:
-                mismatch, advected, differentiate = self._mismatch(x)
+                shares, advected, differentiate = self._mismatch(x)
             except AdvectionError:
-                mismatch, differentiate = np.inf, partial(np.full, x.shape, np.nan)
+                shares, differentiate = (np.inf,), partial(np.full, x.shape, np.nan)
                 advected = np.full_like(self.carried, np.nan)
-        total = regularity + mismatch
+        total = regularity + float(sum(shares))
         return Evaluation(
-            x, total, regularity, mismatch, advected, lambda: momentum + differentiate()
+            x, total, regularity, shares, advected, lambda: momentum + differentiate()
         )
 
-    def _mismatch(self, x: FloatArray) -> tuple[float, FloatArray, Callable[[], FloatArray]]:
+    def _mismatch(
+        self, x: FloatArray
+    ) -> tuple[tuple[float, ...], FloatArray, Callable[[], FloatArray]]:
         flow, gradient = self.advect(x), self.gradient(x)
         trajectories, advected = [], np.empty_like(self.carried)
         for c, f in enumerate(self.carried):
@@ -157,10 +163,10 @@ class Objective:
             advected[c] = trajectories[c][-1].end
             if not np.isfinite(advected[c]).all():
                 raise AdvectionError("the advected function overflows")
-        value, residuals = self.missed(advected)
-        if not np.isfinite(value):
+        shares, residuals = self.missed(advected)
+        if not np.isfinite(sum(shares)):
             raise AdvectionError("the mismatch overflows")
-        return value, advected, partial(gradient.of_fields, flow, trajectories, residuals)
+        return shares, advected, partial(gradient.of_fields, flow, trajectories, residuals)
 
 
 class MatchingEnergy:
@@ -217,7 +223,7 @@ class MatchingEnergy:
         A ``reach`` is that of the data terms, an ``offset`` (C, V) what they may leave; a tolerance
         truncates the advection, and the gradient is that of the truncated sum.
         """
-        missed = self.measure(reach).value_and_residual
+        missed = self.measure(reach).shares_and_residual
         return Objective(
             self.regularizer(alpha),
             self.terms.carried,
@@ -247,7 +253,7 @@ class MatchingEnergy:
             known[alpha] = Regularizer(self.mesh, alpha, self.parameters.order)
         return known[alpha]
 
-    def measure(self, reach: float) -> Measure:
+    def measure(self, reach: float) -> Sum:
         """Return the norm of the data terms, for early stages with a reach."""
         if reach not in self._measures:
             self._measures[reach] = self.terms.measure(self.parameters, reach)

@@ -84,6 +84,7 @@ class Iteration:
     energy: float  # total and its terms, on the mesh of this level scaled to unit area
     regularity: float
     mismatch_energy: float
+    shares: dict[str, float]  # of that, the data terms' by their words
     mismatch: float  # ``||f_tau - g|| / ||g||`` on the mesh of this level
     evaluations: int  # of energy and gradient so far
     look: Look
@@ -154,6 +155,9 @@ class Record:
             return
         energy, number = levels[stage.level].energy, len(self.history) - 1
         carried = point.advected[: len(energy.functions.source)]
+        shares: dict[str, float] = {}
+        for term, share in zip(energy.terms.terms, point.shares, strict=True):
+            shares[term.word] = shares.get(term.word, 0.0) + share
         iteration = Iteration(
             iteration=number,
             stage=len(self.schedule) - 1,
@@ -166,6 +170,7 @@ class Record:
             energy=point.energy,
             regularity=point.regularity,
             mismatch_energy=point.mismatch,
+            shares=shares,
             mismatch=energy.relative_mismatch(point.advected),
             evaluations=self.evaluations,
             look=Found(point.x, carried, levels[stage.level :], number),

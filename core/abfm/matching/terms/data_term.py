@@ -39,7 +39,12 @@ class Measure(Protocol):
 
 
 class DataTerm(Protocol):
-    """What is to be matched, on a mesh of unit area; immutable."""
+    """What is to be matched, on a mesh of unit area; immutable.
+
+    Its ``word`` is that of its curve in the plot of the energy.
+    """
+
+    word: str
 
     @property
     def carried(self) -> FloatArray:
@@ -84,9 +89,9 @@ class DataTerms:
         pairs = zip(self.terms, self.split(difference), strict=True)
         return math.hypot(*(term.relative_size(own) for term, own in pairs))
 
-    def measure(self, parameters: Parameters, reach: float) -> Measure:
+    def measure(self, parameters: Parameters, reach: float) -> Sum:
         """Make the sum of the terms' norms."""
-        return _Sum(self.split, [term.measure(parameters, reach) for term in self.terms])
+        return Sum(self.split, [term.measure(parameters, reach) for term in self.terms])
 
     def split(self, functions: FloatArray) -> list[FloatArray]:
         """Return each term's own of functions (C, V)."""
@@ -95,20 +100,23 @@ class DataTerms:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sum:
+class Sum:
+    """The norms of several terms."""
+
     split: Callable[[FloatArray], list[FloatArray]]
     measures: Sequence[Measure]
 
-    def value_and_residual(
+    def shares_and_residual(
         self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
-    ) -> tuple[float, FloatArray]:
+    ) -> tuple[tuple[float, ...], FloatArray]:
+        """Return each term's energy, and the derivative (C, V) of their sum."""
         offsets = [None] * len(self.measures) if offset is None else self.split(offset)
         parts = [
             measure.value_and_residual(own, sigma, left)
             for measure, own, left in zip(self.measures, self.split(carried), offsets, strict=True)
         ]
-        values, residuals = zip(*parts, strict=True)
-        return float(sum(values)), np.concatenate(residuals)
+        shares, residuals = zip(*parts, strict=True)
+        return shares, np.concatenate(residuals)
 
     def value(self, carried: FloatArray, sigma: float) -> float:
         pairs = zip(self.measures, self.split(carried), strict=True)

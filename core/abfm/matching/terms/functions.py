@@ -45,6 +45,8 @@ class FunctionTerm:
     larger deviation of both from their means, in L2 over all channels; 1 where both are constant.
     """
 
+    word = "closeness"
+
     def __init__(
         self,
         mesh: TriangleMesh,

@@ -30,6 +30,8 @@ FIELD = 0.2 * wavy_field(MESH, 1)[None]
 class Places:
     """Where vertices come from: ``|x o phi^-1 - p|^2 / 2`` at some of them."""
 
+    word = "places"
+
     def __init__(self, mesh, vertices, places):
         self.mesh, self.vertices, self.places = mesh, vertices, places
         self.carried = np.ascontiguousarray(mesh.vertices.T)
@@ -92,7 +94,7 @@ def test_a_residual_is_the_derivative_of_the_value(sigma, reach):
         FunctionTerm(MESH, channels, channels[:, ::-1], 1 + MESH.vertices[:, 2], [1.0, 2.5]),
         both().terms[1],
     )
-    for term in (*terms, DataTerms(terms)):
+    for term in terms:
         measure, rng = term.measure(P, reach), np.random.default_rng(0)
         step = 1e-5 * rng.normal(size=term.carried.shape)
         for offset in (None, rng.normal(size=step.shape)):
@@ -110,10 +112,18 @@ def test_terms_add_up_and_are_carried_together():
     problem = both()
     first, second = problem.terms
     terms, functions = DataTerms(problem.terms), np.concatenate([G[None], MESH.vertices.T])
-    value, _ = terms.measure(P, 0.0).value_and_residual(functions, 0.1)
-    parts = first.measure(P, 0.0).value(functions[:1], 0.1), second.relative_mismatch(functions[1:])
-    assert parts == (0, 1)
-    assert value == pytest.approx(np.linalg.norm(MESH.vertices[17] - MESH.vertices[0]) ** 2 * 50)
+    shares, residual = terms.measure(P, 0.0).shares_and_residual(functions, 0.1)
+    assert second.relative_mismatch(functions[1:]) == 1
+    distance = np.linalg.norm(MESH.vertices[17] - MESH.vertices[0])
+    assert shares == (0, pytest.approx(distance**2 * 50))
+    assert terms.measure(P, 0.0).value(functions, 0.1) == sum(shares)
+    own = [
+        term.measure(P, 0.0).value_and_residual(part, 0.1, 0.3 * part)
+        for term, part in ((first, functions[:1]), (second, functions[1:]))
+    ]
+    shares, residual = terms.measure(P, 0.0).shares_and_residual(functions, 0.1, 0.3 * functions)
+    assert shares == tuple(value for value, _ in own)
+    assert np.array_equal(residual, np.concatenate([of_term for _, of_term in own]))
     assert terms.relative_mismatch(functions) == 1
     at_rest = np.hypot(first.relative_mismatch(F[None]), 1)
     assert terms.relative_mismatch(terms.carried) == pytest.approx(at_rest)
@@ -122,8 +132,11 @@ def test_terms_add_up_and_are_carried_together():
 def test_a_second_term_has_an_exact_gradient_and_is_matched():
     energy = MatchingEnergy(both(alpha=0.05, sigma=0.1))
     assert taylor_order(energy, FIELD, 0.02 * wavy_field(MESH, 2)[None]) >= 1.9
-    few = {"iterations": 60, "levels": 1}
-    found, alone = abfm.match(both(**few)), abfm.match(MESH, F, G, Parameters(**few))
+    few, told = {"iterations": 60, "levels": 1}, []
+    found = abfm.match(both(**few), on_iteration=told.append)
+    alone = abfm.match(MESH, F, G, Parameters(**few))
+    assert all(list(now.shares) == ["closeness", "places"] for now in told)
+    assert all(sum(now.shares.values()) == now.mismatch_energy for now in told)
     assert found.advected.shape == (len(F), 1)
     apart, without = (
         np.linalg.norm(match.push(MESH.vertices, 1.0)[17] - MESH.vertices[0])
