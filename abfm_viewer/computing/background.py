@@ -7,6 +7,7 @@ import time
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -109,9 +110,9 @@ class Latest(Generic[Value]):
         self._compute(key, compute)
         return self.value
 
-    def newest(self, about: object, key: object, compute: Callable[[], Value]) -> Value | None:
-        """Return what was computed for this key, or until then the last that was about the same."""
-        found = self.ask((about, key), compute)
+    def newest(self, about: object, compute: Callable[..., Value], *given: object) -> Value | None:
+        """Return what is computed of what is given, or until then the last about the same."""
+        found = self.ask((about, given), partial(compute, *given))
         with self._condition:
             is_fit = isinstance(self.key, tuple) and same(self.key[0], about)
             return self.value if found is None and is_fit else found

@@ -5,7 +5,6 @@ answers in the others. While nothing moves, one frame has several samples a pixe
 """
 
 import time as clock
-from collections.abc import Callable
 
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session import Session
@@ -69,18 +68,16 @@ class Pacing:
 class Resting:
     """Decides how many `samples` along a side of a pixel a window's frame has."""
 
-    def __init__(
-        self, session: Session, is_real: bool, now: Callable[[], float] = clock.perf_counter
-    ) -> None:
+    def __init__(self, session: Session, is_real: bool) -> None:
         self.samples = 1
-        self._session, self._is_real, self._now = session, is_real, now
-        self._moved_at = now()
+        self._session, self._is_real = session, is_real
+        self._moved_at = clock.perf_counter()
 
     def update(self, moves: bool, seconds: float) -> None:
         """Take in whether the coming frame differs, and the seconds of a single sample."""
         if not self._is_real:
             return
-        now, samples = self._now(), self.samples
+        now, samples = clock.perf_counter(), self.samples
         if moves or self._session.solver.running or self._session.player.playing:
             self._moved_at, samples = now, 1
         elif samples == 1 and now >= self._moved_at + STILL:

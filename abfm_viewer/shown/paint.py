@@ -13,8 +13,7 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, on_ground, place_colors
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front, Theme
-from abfm_viewer.shown.field_quantities import Field
-from abfm_viewer.shown.shown import Shown
+from abfm_viewer.shown.shown import Field, Shown
 
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _LEAST_RANGE = 1e-12

@@ -1,35 +1,273 @@
-"""What pictures show of a session: everything that is computed from it."""
+"""What pictures show of a session: everything that is computed from it off the frame loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
 
 import abfm
+from abfm import AbfmError
+from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
-from abfm_viewer.computing.background import Jobs, Latest, Memo
+from abfm_viewer import shown
+from abfm_viewer.appearance.colormaps import ColorRange
+from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.document.document import (
+    EXTRAPOLATION,
+    HODGE_PARTS,
+    SIDES,
+    Coloring,
+    FieldPart,
+    Point,
+)
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.field_quantities import FieldQuantities
-from abfm_viewer.shown.shown_flow import ShownFlow
+from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
+
+# vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
+_LARGEST = 15_000
+# along a side; fewer in the window, where textures change while one looks
+_TEXELS, _TEXELS_OF_PICTURES = 1024, 2048
+_LEAST_TEXELS_PER_FACE, _MOST_TEXELS = 12, 16384
+_PHASES = 16  # of moving streaks that are computed; those between are blended
+_SHOWN_PHASES = 32  # of moving streaks in the window
+_EXACT = 1e-6
 
 
-class MassTransport(Jobs):
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A part of the flow's field, or a related one; `shares` are of the squared norm."""
+
+    mesh: TriangleMesh
+    velocity: FloatArray  # (F, 3), in the input's units
+    speed: FloatArray  # (F,)
+    shares: dict[FieldPart, float] = field(default_factory=dict)
+    unit: str = "the mesh's length per time"  # of the speed
+    note: str = ""  # what else is to be said, if anything
+    dimension: int = 1  # the power of a length in the unit
+
+    def relative_speed(self) -> tuple[FloatArray, str]:
+        """Return the speed (F,) with sqrt(area) as the unit of length, and its unit."""
+        unit = self.unit.replace("the mesh's length", "length").replace("length", "sqrt(area)")
+        return self.speed * self.mesh.length_scale**-self.dimension, unit
+
+
+def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
+    velocity, shares, note = flow.velocity[segment], {}, ""
+    if part == "commuting":
+        velocity, bracket = commuting(flow, segment)
+        note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
+    elif part != "whole":
+        found = abfm.calculus.helmholtz_hodge(flow.mesh, velocity)
+        parts = dict(zip(HODGE_PARTS, found, strict=True))
+        areas = abfm.calculus.face_areas(flow.mesh)
+        norms = {name: float(areas @ (v**2).sum(axis=1)) for name, v in parts.items()}
+        shares = {name: norm / max(sum(norms.values()), 1e-300) for name, norm in norms.items()}
+        velocity = parts[part]
+    return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), shares, note=note)
+
+
+def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
+    """The smoothest field (F, 3) that commutes, and the bracket, or why there is none."""
+    if not flow.final:
+        raise AbfmError("the field that commutes is computed when the run has ended")
+    count = len(flow.mesh.vertices)
+    if count > _LARGEST:
+        raise AbfmError(
+            f"commuting fields are computed on up to {_LARGEST:,} vertices; this mesh has {count:,}"
+        )
+    velocity = flow.velocity[segment]
+    if not velocity.any():
+        raise AbfmError("the field is zero, with which every field commutes")
+    found = abfm.calculus.commuting_fields(flow.mesh, velocity)[0]
+    return found, abfm.calculus.relative_bracket(flow.mesh, velocity, found)
+
+
+def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Field:
+    """The gradient of a function (V,), carried along the flow's fields to a time."""
+    mesh = flow.mesh
+    gradient = (abfm.calculus.gradient(mesh) @ function).reshape(-1, 2)
+    carried = abfm.calculus.to_ambient(mesh, gradient)
+    ends = np.linspace(0, flow.parameters.tau, len(flow.velocity) + 1)
+    ends[-1] = max(ends[-1], time)  # beyond tau the last field goes on
+    for velocity, start, end in zip(flow.velocity, ends, ends[1:], strict=False):
+        if time > start:
+            carried = abfm.calculus.pushforward(mesh, velocity, carried, min(end, time) - start)
+    speed = np.linalg.norm(carried, axis=1)
+    return Field(mesh, carried, speed, unit="the source's unit per length", dimension=-1)
+
+
+def derivative(field: Field, kind: Coloring) -> FloatArray:
+    calculus, mesh = abfm.calculus, field.mesh
+    operator = calculus.divergence if kind == "divergence" else calculus.curl
+    return np.asarray(operator(mesh) @ calculus.to_frame(mesh, field.velocity).ravel())
+
+
+@dataclass(frozen=True, eq=False)
+class Streaks:
+    """Grey textures (P, size, size), 0 to 255, phases of streaks, and their atlas."""
+
+    field: Field
+    atlas: abfm.streaks.TextureAtlas
+    images: NDArray[np.uint8]
+
+    def at(self, phase: float) -> NDArray[np.uint8]:
+        place = phase % 1 * len(self.images)
+        before, share = int(place), place % 1
+        first: NDArray[np.uint8] = self.images[before % len(self.images)]
+        if share < _EXACT or len(self.images) == 1:
+            return first
+        second = self.images[(before + 1) % len(self.images)]
+        blended: NDArray[np.float32] = np.float32(1 - share) * first + np.float32(share) * second
+        return (blended + np.float32(0.5)).astype(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """Colours (size, size, 3) in linear light, on the streaks' atlas."""
+
+    streaks: Streaks
+    colors: abfm.streaks.FloatImage
+
+
+def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
+    """Streaks along a field, in textures at least `size` wide, more on meshes with many faces."""
+    needed = int(np.sqrt(_LEAST_TEXELS_PER_FACE * len(field.mesh.faces)))
+    size = min(max(size, needed), _MOST_TEXELS)
+    phases = np.arange(_PHASES) / _PHASES if moving else None
+    atlas, images = abfm.streaks.line_integral_convolution(
+        field.mesh, field.velocity, size=size, fade=fade, phase=phases
+    )
+    rounded = [
+        (255 * image + np.float32(0.5)).astype(np.uint8) for image in images.reshape(-1, size, size)
+    ]
+    return Streaks(field, atlas, np.stack(rounded))
+
+
+def coloured(streaks: Streaks, phase: float, values: FloatArray, colors: ColorRange) -> Texture:
+    image = streaks.at(phase)
+    return Texture(streaks, shown.streak_texture(streaks.atlas, image, values, colors))
+
+
+class FieldQuantities(Jobs):
+    """Answers with what was computed last for the same mesh or field; None before."""
+
+    def __init__(self, session: Session, flow: ShownFlow) -> None:
+        super().__init__(session.at_once)
+        self._session, self._flow = session, flow
+        self._field: Latest[Field] = self.latest()
+        self._scalar: Latest[FloatArray] = self.latest()
+        self._distortion: Latest[abfm.maps.Distortion] = self.latest()
+        self._quality: Latest[abfm.maps.MapQuality] = self.latest()
+        self._streaks: Latest[Streaks] = self.latest()
+        self._texture: Latest[Texture] = self.latest()
+        self._lines: Latest[list[abfm.flow.FlowLine]] = self.latest()
+        self._paths: Latest[list[abfm.flow.FlowLine]] = self.latest()
+
+    @property
+    def finding(self) -> bool:
+        return self._field.busy
+
+    @property
+    def convolving(self) -> bool:
+        return self._streaks.busy
+
+    def field(self) -> Field | None:
+        flow, time, part = self._flow.state, self._flow.time, self._session.view.part
+        if flow is None:
+            return None
+        if part == "carried gradient":
+            source = self._session.values("source")
+            if source is None:
+                return None
+            return self._field.newest(flow.mesh, carried_gradient, flow, source, time)
+        count = flow.parameters.segments
+        segment = min(int(time / flow.parameters.tau * count * (1 - 1e-12)), count - 1)
+        return self._field.newest(flow.mesh, field_part, flow, segment, part)
+
+    def scalar(self) -> FloatArray | None:
+        if (field := self.field()) is None:
+            return None
+        return self._scalar.newest(field.mesh, derivative, field, self._session.view.coloring)
+
+    def distortion(self) -> abfm.maps.Distortion | None:
+        flow, time = self._flow.state, self._flow.time
+        if flow is None:
+            return None
+        return self._distortion.newest(
+            flow.mesh, lambda *of: _map_back(*of).distortion(), flow, -time
+        )
+
+    def map_quality(self) -> abfm.maps.MapQuality | None:
+        """Judge the map that is shown: to where values came from, or to where faces go."""
+        flow, time = self._flow.state, self._flow.time
+        if flow is None:
+            return None
+        if self._session.view.coloring in ("area distortion", "conformal distortion"):
+            time = -time
+        return self._quality.newest(
+            flow.mesh, lambda *of: abfm.maps.map_quality(_map_back(*of)), flow, time
+        )
+
+    def texture(self, values: FloatArray, colors: ColorRange) -> Texture | None:
+        """Return streaks coloured by a function (V,), lately an earlier one; None before any."""
+        field, view = self.field(), self._session.view
+        if field is None or self._session.solver.running:
+            return None
+        size = _TEXELS_OF_PICTURES if self.at_once else _TEXELS
+        streaks = self._streaks.newest(field, convolved, field, size, view.fade, view.animate)
+        if streaks is None:
+            return None
+        phase = 0.0 if len(streaks.images) == 1 else self._session.player.phase
+        if not self.at_once:
+            phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
+        return self._texture.newest(field, coloured, streaks, phase, values, colors)
+
+    def lines(self) -> list[abfm.flow.FlowLine]:
+        """Follow the points that were clicked on, against the flow for tau, and with it."""
+        flow, field, points = self._flow.state, self.field(), self._session.document.lines
+        if flow is None or field is None or not points:
+            return []
+        mesh, tau = field.mesh, flow.parameters.tau
+
+        def compute() -> list[abfm.flow.FlowLine]:
+            starts, lines = _starts(mesh, points), partial(abfm.flow.flow_lines, mesh)
+            return [line for t in (-tau, tau) for line in lines(field.velocity, starts, t)]
+
+        return self._lines.ask((field, points, tau), compute) or []
+
+    def paths(self) -> list[abfm.flow.FlowLine]:
+        """The ways of the points that are followed, to the end of the time bar."""
+        flow, points = self._flow.state, self._session.document.points
+        if flow is None or not points:
+            return []
+
+        def compute() -> list[abfm.flow.FlowLine]:
+            mesh, tau = flow.mesh, flow.parameters.tau
+            starts = _starts(mesh, points)
+            return abfm.flow.flow_lines(mesh, flow.velocity, starts, EXTRAPOLATION * tau, tau)
+
+        return self._paths.ask((flow, points), compute) or []
+
+
+class MassTransport(Latest[FloatArray]):
     """Optimal transport between source and target at the shown time, at most tau."""
 
     def __init__(self, session: Session) -> None:
         super().__init__(session.at_once)
         self._session = session
-        self._values: Latest[FloatArray] = self.latest()
-        self._note = Memo[str]()
 
     @property
     def note(self) -> str:
         """Say what transport leaves out of the functions; nothing if nothing."""
-        source, target = self._session.values("source"), self._session.values("target")
-        if source is None or target is None or self.error:
+        found = [self._session.values(side) for side in SIDES]
+        known = [values for values in found if values is not None]
+        least = min((float(values.min()) for values in known), default=0.0)
+        if least >= 0 or len(known) < len(found) or self.error:
             return ""
-
-        def make() -> str:
-            least = min(float(source.min()), float(target.min()))
-            text = f"optimal transport takes values below 0, down to {least:.3g}, as 0"
-            return text if least < 0 else ""
-
-        return self._note.get((source, target), make)
+        return f"optimal transport takes values below 0, down to {least:.3g}, as 0"
 
     def values(self) -> FloatArray | None:
         """The interpolation (V,); None before there is any, or where there cannot be."""
@@ -39,9 +277,8 @@ class MassTransport(Jobs):
             return None
         problem = (session.surface().mesh, source, target)
         share = min(session.time / session.parameters.tau, 1.0)
-        return self._values.newest(
-            problem, share, lambda: abfm.baselines.optimal_transport(*problem, share, sharpen=True)
-        )
+        transport = partial(abfm.baselines.optimal_transport, sharpen=True)
+        return self.newest(problem, transport, *problem, share)
 
 
 class Shown:
@@ -68,5 +305,16 @@ class Shown:
         return "computing streaks" if self.quantities.convolving else ""
 
     def close(self) -> None:
-        for jobs in (self.quantities, self.mass_transport, self.flow):
-            jobs.close()
+        for one in (self.quantities, self.mass_transport, self.flow):
+            one.close()
+
+
+def _map_back(flow: FlowState, time: float) -> abfm.PointMap:
+    """Return the map to where values came from at a time; below 0 its inverse."""
+    places = flow.carry(flow.mesh.vertices, np.array([time]))[0]
+    return abfm.PointMap.project(flow.mesh, flow.mesh, places)
+
+
+def _starts(mesh: TriangleMesh, points: tuple[Point, ...]) -> abfm.maps.SurfacePoints:
+    faces, weights = zip(*((p.face, p.barycentric) for p in points), strict=True)
+    return abfm.maps.SurfacePoints(mesh, np.array(faces), np.array(weights))

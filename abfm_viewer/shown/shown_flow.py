@@ -100,8 +100,7 @@ class Carried:
         return self._span.error or (self._span.value.note if self._span.value else "")
 
     def _known(self, state: FlowState, function: FloatArray) -> Span | None:
-        key = (state, function)
-        return self._span.newest(function.shape, key, partial(span, state, function))
+        return self._span.newest(function.shape, span, state, function)
 
     def is_ready(self, state: FlowState, function: FloatArray) -> bool:
         if not self._at_once:

@@ -6,7 +6,7 @@ import pytest
 
 from abfm_viewer.automation import Driver
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown import field_quantities
+from abfm_viewer.shown import shown
 from abfm_viewer.window import window
 from tests.shapes import icosphere
 from tests.viewer.desk import Desk
@@ -65,4 +65,4 @@ def coarse_streaks(monkeypatch):
     as there are texels.
     """
     for name in ("_TEXELS", "_TEXELS_OF_PICTURES"):
-        monkeypatch.setattr(field_quantities, name, 512)
+        monkeypatch.setattr(shown, name, 512)

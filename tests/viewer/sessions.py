@@ -31,8 +31,7 @@ def opened(parameters=QUICK, channel=PAIR):
     session = Session(SPHERE, "sphere")
     view = replace(session.view, flow_after_match=False)  # tests look at what stands still
     session.editor.amend(channels=(channel,), parameters=parameters, view=view)
-    until(lambda: not session.obstacle, session)
-    return session
+    return ready(session)
 
 
 def until(condition, session=None, seconds=30):
@@ -43,6 +42,12 @@ def until(condition, session=None, seconds=30):
         if session:
             session.update()
         time.sleep(0.002)
+
+
+def ready(session):
+    """The session with its functions known."""
+    until(lambda: not session.obstacle, session)
+    return session
 
 
 def matched(session):

@@ -85,8 +85,7 @@ class Asking(RuleBasedStateMachine):
         return key
 
     def answer(self, key):
-        about, name = key
-        return self.latest.newest((VALUES, EQUAL)[about], name, lambda: self.compute(key))
+        return self.latest.newest((VALUES, EQUAL)[key[0]], self.compute, key)
 
     @rule(key=keys)
     def ask(self, key):
@@ -99,8 +98,7 @@ class Asking(RuleBasedStateMachine):
     @rule(key=keys)
     def ask_strictly(self, key):
         self.last = key
-        about, name = key
-        full = ((VALUES, EQUAL)[about], name)
+        full = ((VALUES, EQUAL)[key[0]], (key,))
         assert self.latest.ask(full, lambda: self.compute(key)) in (None, key)
 
     @rule()
@@ -114,9 +112,8 @@ class Asking(RuleBasedStateMachine):
     @invariant()
     def what_is_wanted_waits_runs_or_is_finished(self):
         if self.last is not None and not self.latest.busy:
-            about, name = self.last
-            assert self.latest.key[0] is (VALUES, EQUAL)[about]
-            assert self.latest.key[1] == name
+            assert self.latest.key[0] is (VALUES, EQUAL)[self.last[0]]
+            assert self.latest.key[1] == (self.last,)
 
     def teardown(self):
         if self.last is not None:

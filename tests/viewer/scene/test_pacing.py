@@ -63,7 +63,8 @@ def window(monkeypatch):
     found = SimpleNamespace(session=session, samples=[], time=0.0, size=(1280, 800))
     fake = SimpleNamespace(set_SSAA_factor=found.samples.append, get_window_size=lambda: found.size)
     monkeypatch.setattr(pacing, "ps", fake)
-    found.resting = Resting(session, True, now=lambda: found.time)
+    monkeypatch.setattr(pacing, "clock", SimpleNamespace(perf_counter=lambda: found.time))
+    found.resting = Resting(session, True)
 
     def frame(after, moves=False, seconds=FAST):
         found.time += after
@@ -114,7 +115,7 @@ def test_fewer_samples_where_drawing_takes_long_and_in_large_windows(
 
 
 def test_off_the_screen_nothing_rests(window):
-    hidden = Resting(window.session, False, now=lambda: window.time)
+    hidden = Resting(window.session, False)
     window.time = 10 * STILL
     hidden.update(False, FAST)
     assert window.samples == []

@@ -16,13 +16,9 @@ from abfm_viewer.session.session import Session
 from tests.mesh_writers import off_text
 from tests.processes import children
 from tests.shapes import icosphere
-from tests.viewer.sessions import matched, until
+from tests.viewer.sessions import matched, ready, until
 
 PAIRS = Channel("coordinate:x", "coordinate:y")
-
-
-def ready(session):
-    until(lambda: not session.obstacle, session)
 
 
 @pytest.fixture

@@ -14,7 +14,17 @@ from abfm_viewer.document.document import Channel, View
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.session import Session
 from tests.shapes import torus
-from tests.viewer.sessions import ENDLESS, PAIR, SPHERE, end_run, matched, opened, solving, until
+from tests.viewer.sessions import (
+    ENDLESS,
+    PAIR,
+    SPHERE,
+    end_run,
+    matched,
+    opened,
+    ready,
+    solving,
+    until,
+)
 
 TORUS = torus(24, 12)
 FAR = Channel("gaussian:x=0,y=0,z=1,width=0.12", "gaussian:x=0,y=0.5,z=-0.87,width=0.12")
@@ -108,7 +118,7 @@ def test_the_result_for_a_mesh_that_was_replaced_is_unsaved_work_and_not_shown(e
     solving(endless)
     endless.set_mesh(TORUS, "torus")
     end_run(endless)
-    until(lambda: not endless.obstacle, endless)
+    ready(endless)
     assert (endless.result, endless.document.runs, endless.solver.finished) == (None, (), False)
     [left] = endless.saves.unsaved_documents
     assert left.surface().mesh is SPHERE
@@ -123,7 +133,7 @@ def test_the_result_for_a_mesh_that_was_replaced_is_unsaved_work_and_not_shown(e
 def test_undo_does_not_leave_a_mesh_that_is_being_matched(session):
     session.set_mesh(TORUS, "torus")
     session.editor.set_parameter(**ENDLESS.to_dict())
-    until(lambda: not session.obstacle, session)
+    ready(session)
     solving(session)
     session.undo()
     session.undo()

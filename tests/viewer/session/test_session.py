@@ -12,7 +12,7 @@ from abfm_viewer.session.editor import LONGEST, Editor
 from abfm_viewer.session.player import SECONDS, Player
 from abfm_viewer.session.session import Session
 from tests.shapes import torus
-from tests.viewer.sessions import EGG, PAIR, QUICK, SPHERE, matched, until
+from tests.viewer.sessions import EGG, PAIR, QUICK, SPHERE, matched, ready, until
 
 TORUS = torus(24, 12)
 
@@ -23,10 +23,6 @@ def fresh():
     session = Session(SPHERE, "sphere")
     yield session
     session.close()
-
-
-def ready(session):
-    until(lambda: not session.obstacle, session)
 
 
 def test_a_new_mesh_gets_functions_to_match(fresh):
@@ -58,21 +54,18 @@ def test_functions_that_cannot_be_evaluated_stand_in_the_way(session):
     assert session.document.mask == "indicator:vertex=100000,radius=1"
 
 
-@pytest.mark.parametrize("mask", ["expression:0*x", "coordinate:x"])
-def test_a_mask_without_a_meaning_stands_in_the_way(session, mask):
-    session.editor.set_mask(mask)
-    until(lambda: "computed" not in session.obstacle, session)
-    assert session.obstacle == "the mask must not be negative, nor zero everywhere"
-    session.editor.set_mask("expression:x*x")
-    ready(session)
-
-
-@pytest.mark.parametrize("factor", ["1e300", "1e-40"])
-def test_functions_beyond_the_screens_precision_are_refused(session, factor):
-    session.editor.set_spec("source", f"expression:{factor}*x")
-    until(lambda: "scale it" in session.obstacle, session)
-    session.undo()
-    ready(session)
+def test_masks_without_a_meaning_and_functions_beyond_the_screens_precision_are_refused(session):
+    for mask in ("expression:0*x", "coordinate:x"):
+        session.editor.set_mask(mask)
+        until(lambda: "computed" not in session.obstacle, session)
+        assert session.obstacle == "the mask must not be negative, nor zero everywhere"
+        session.editor.set_mask("expression:x*x")
+        ready(session)
+    for factor in ("1e300", "1e-40"):
+        session.editor.set_spec("source", f"expression:{factor}*x")
+        until(lambda: "scale it" in session.obstacle, session)
+        session.undo()
+        ready(session)
 
 
 def test_values_of_one_mesh_are_never_shown_on_another(fresh):
@@ -207,15 +200,6 @@ def test_undo_goes_back_to_the_very_start_and_redo_to_the_end(editor):
     assert (editor.undo_label, editor.redo_label) == ("move to 3", "")
 
 
-def test_changes_with_the_same_merge_key_are_one_step(editor):
-    for moment in (0.1, 0.2, 0.3):
-        move(editor, moment, "time")
-    editor.undo()
-    assert editor.document.time == 0
-    editor.redo()
-    assert editor.document.time == 0.3
-
-
 @pytest.mark.parametrize("between", ["seal", "undo and redo", "another step"])
 def test_what_happens_between_two_drags_keeps_them_apart(editor, between):
     editor.seal()  # nothing to seal yet
@@ -234,22 +218,23 @@ def test_what_happens_between_two_drags_keeps_them_apart(editor, between):
     assert left.time == 0.1
 
 
-def test_a_change_forgets_what_was_undone(editor):
-    move(editor, 1)
+def test_a_drag_is_one_step_amending_none_and_a_change_forgets_what_was_undone(editor):
+    start = editor.document
+    for moment in (0.1, 0.2, 0.3):
+        move(editor, moment, "time")
     editor.undo()
+    assert editor.document is start
+    editor.redo()
+    assert editor.document.time == 0.3
+    moves = editor.moves
+    editor.amend(time=1.5)
+    assert editor.moves == moves
+    editor.undo()
+    assert editor.document is start
     move(editor, 2)
     assert editor.redo_label == ""
     editor.redo()
     assert editor.document.time == 2
-
-
-def test_amending_leaves_no_step_and_undo_steps_over_it(editor):
-    start = editor.document
-    move(editor, 1)
-    editor.document = replace(editor.document, time=1.5)
-    assert editor.moves == 1
-    editor.undo()
-    assert editor.document is start
 
 
 def test_what_the_mouse_turned_stays_unless_a_step_chose_another_look(editor):

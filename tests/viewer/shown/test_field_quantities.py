@@ -7,8 +7,8 @@ import abfm
 from abfm import AbfmError, Parameters
 from abfm.calculus import commuting_fields, gradient, pushforward, relative_bracket, to_ambient
 from abfm_viewer.appearance.colormaps import color_range, linear_table
-from abfm_viewer.shown import field_quantities
-from abfm_viewer.shown.field_quantities import carried_gradient
+from abfm_viewer.shown import shown as shown_module
+from abfm_viewer.shown.shown import carried_gradient
 from abfm_viewer.shown.shown_flow import FlowState
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
@@ -19,7 +19,7 @@ from tests.viewer.sessions import SPHERE, matched, until
 
 @pytest.fixture(autouse=True)
 def _coarse(monkeypatch):
-    monkeypatch.setattr(field_quantities, "_TEXELS", 128)
+    monkeypatch.setattr(shown_module, "_TEXELS", 128)
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ def test_moving_streaks_are_computed_once_for_all_phases_which_lead_back_to_the_
     session.editor.set_view("show", animate=True)
     first = texture(shown)
     streaks = first.streaks
-    assert len(streaks.images) == field_quantities._PHASES
+    assert len(streaks.images) == shown_module._PHASES
     session.player.phase = (session.player.phase + 0.4) % 1
     second = texture(shown)
     assert second.streaks is streaks
@@ -194,8 +194,8 @@ def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monk
     for factor, final, why in ((0, True, "zero"), (1, False, "ended")):
         state = FlowState(flow.mesh, factor * flow.velocity, flow.parameters, final)
         with pytest.raises(AbfmError, match=why):
-            field_quantities.commuting(state, 0)
-    monkeypatch.setattr(field_quantities, "_LARGEST", 100)
+            shown_module.commuting(state, 0)
+    monkeypatch.setattr(shown_module, "_LARGEST", 100)
     for part, why in (("commuting", "up to 100 vertices; this mesh has 642"), ("whole", "")):
         session.editor.set_view("show", part=part)
         shown.quantities.field()
@@ -208,7 +208,7 @@ def test_a_commuting_field_that_cannot_be_computed_says_why(session, shown, monk
 
 def test_the_whole_field_after_one_that_commutes_was_asked_for(session, shown, held):
     begun, may_end = held(
-        field_quantities, "field_part", lambda flow, segment, part: part == "commuting"
+        shown_module, "field_part", lambda flow, segment, part: part == "commuting"
     )
     session.editor.set_view("arrows", arrows=True)
     until(lambda: shown.quantities.field() is not None, session)
@@ -243,7 +243,7 @@ def test_optimal_transport_at_a_time_after_another_one_was_asked_for(session, sh
     assert transport.busy
     assert values(0.5) is half
     may_end.set()
-    until(lambda: not transport._values.is_at_work, session)
+    until(lambda: not transport.is_at_work, session)
     assert values(0.5) is half
     assert not transport.busy
     until(lambda: values(0.9) is not half, session)

@@ -9,9 +9,8 @@ from abfm import TriangleMesh, baselines
 from abfm.baselines import linear_blend, optimal_transport
 from abfm_viewer.document.document import COLORINGS
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.field_quantities import Field
 from abfm_viewer.shown.paint import Painter, _most
-from abfm_viewer.shown.shown import Shown
+from abfm_viewer.shown.shown import Field, Shown
 from tests.viewer.sessions import SPHERE, until
 
 
