@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from abfm import Flow, TriangleMesh
+from abfm import Flow
 from abfm.calculus import l2_norm
 from abfm.experiments import fields
 from abfm.experiments import vocabulary as words
@@ -11,9 +11,8 @@ from abfm.flow import flow_lines
 from abfm.io.sheets import Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.maps import project_onto_surface
 from abfm.mesh.shapes import sphere
-from abfm.types import FloatArray, IntArray
+from abfm.types import FloatArray
 
-CLAIM = "The flow map of a vector field advects a function, without explicit flow lines."
 FUNCTION, MAP = "function", "point map"
 
 _MODES = {3: 1.0, 4: 1.0, 6: 0.5}
@@ -24,7 +23,7 @@ _LINES = 24
 _CLOSE, _ORDER = 0.05, 1.0
 
 
-def figure(stage: Stage) -> Script:
+def figure_2(stage: Stage) -> Script:
     """Advect an eigenfunction, and follow the flow lines; again on finer and finer spheres."""
     mesh, name = (
         stage.surface("eight.off, Loop subdivided", words.smoothed, "eight.off", 1)
@@ -39,39 +38,52 @@ def figure(stage: Stage) -> Script:
     f = example.problem.source[:, 0]
     here = differences(flow, f, _TIMES)
     stage.report("flow lines on spheres", 0.4)
-    balls = [sphere(level) for level in ((2, 3) if stage.small else (3, 4, 5))]
-    shears = [Flow(ball, shear(ball)) for ball in balls]
-    there = [differences(each, bump(each.mesh.vertices), _TIMES) for each in shears]
-    stage.report("flow lines", 0.95)
-
     against = "advected function against flow lines"
+    measures: list[Measure] = []
+    there = {}
+    for level in (2, 3) if stage.small else (3, 4, 5):
+        ball = sphere(level)
+        x, y, z = ball.vertices.T
+        # rotates about z with angular velocity 1 + z, and so came from there within tau
+        shear = Flow(ball, fields.slopes(ball, -(z + z**2 / 2), turned=True))
+        cosine, sine = np.cos(1 + z), np.sin(1 + z)
+        came = np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=1)
+        before, after = (np.exp(4 * (p @ [0.8, 0.0, 0.6] - 1)) for p in (ball.vertices, came))
+        size = f"{len(x):,} vertices"
+        there[f"sphere, {size}"] = off = differences(shear, before, _TIMES)
+        error = fields.relative_difference(ball, shear.push(before), after)
+        exact = f"sphere of {size}: advected function"
+        measures += [
+            Measure(f"sphere of {size}: {against}, relative L2", off[FUNCTION][-1]),
+            Measure(f"{exact} against the exact solution, relative L2", error),
+            Measure(f"sphere of {size}: point map against flow lines, in sqrt(area)", off[MAP][-1]),
+        ]
+    stage.report("flow lines", 0.95)
     quarter, half, whole = here[FUNCTION][[1, 3, 7]]
     of_map = "point map against flow lines at tau, root mean square, in sqrt(area)"
     claim = "the flow map of a vector field is used to advect a function"
-    measures = [
+    measures[:0] = [
         Measure(f"{against} at t = 0.25 tau, relative L2", quarter),
         Measure(f"{against} at t = 0.5 tau, relative L2", half),
         Measure(f"{against} at t = 1 tau, relative L2", whole, claim, whole <= _CLOSE),
         Measure(of_map, here[MAP][-1]),
     ]
-    for ball, each, along in zip(balls, there, shears, strict=True):
-        came = bump(sheared_back(ball.vertices, 1.0))
-        error = fields.relative_difference(ball, along.push(bump(ball.vertices)), came)
-        name_of = f"sphere of {len(ball.vertices):,} vertices"
-        measures += [
-            Measure(f"{name_of}: {against}, relative L2", each[FUNCTION][-1]),
-            Measure(f"{name_of}: advected function against the exact solution, relative L2", error),
-            Measure(f"{name_of}: point map against flow lines, in sqrt(area)", each[MAP][-1]),
-        ]
     for what in (FUNCTION, MAP):
-        order = np.log2(there[-2][what][-1] / there[-1][what][-1])
+        coarse, fine = (off[what][-1] for off in [*there.values()][-2:])
+        order = np.log2(coarse / fine)
         text = (
             f"order in the edge length in which the difference of the {what} falls between the "
             "finest spheres"
         )
         measures.append(Measure(text, order, "tends to the flow under refinement", order >= _ORDER))
 
-    starts = project_onto_surface(mesh, mesh.vertices[spread(mesh, _LINES)])
+    x = mesh.vertices  # flow lines start far from each other through space
+    chosen = [int(np.argmax(((x - x.mean(axis=0)) ** 2).sum(axis=1)))]
+    nearest = np.full(len(x), np.inf)
+    while len(chosen) < _LINES:
+        nearest = np.minimum(nearest, ((x - x[chosen[-1]]) ** 2).sum(axis=1))
+        chosen.append(int(np.argmax(nearest)))
+    starts = project_onto_surface(mesh, x[chosen])
     lines = tuple(line.positions for line in flow_lines(mesh, flow.velocity[0], starts, flow.tau))
     halfway, end = flow.push(f, [flow.tau / 2, flow.tau])
     panels = (
@@ -80,18 +92,19 @@ def figure(stage: Stage) -> Script:
         Panel(mesh, Values(halfway), "t = τ/2"),
         Panel(mesh, Values(end), "t = τ, flow lines", lines=lines),
     )
-
-    def plot(what: str, axis: str, label: str) -> Plot:
-        on_balls = (
-            Curve(f"sphere, {len(ball.vertices):,} vertices", _TIMES, each[what], faint=True)
-            for ball, each in zip(balls, there, strict=True)
+    plots = tuple(
+        Plot(
+            (
+                Curve("this surface", _TIMES, here[what]),
+                *(Curve(name, _TIMES, off[what], faint=True) for name, off in there.items()),
+            ),
+            *("t / τ", axis, label),
+            log_y=True,
         )
-        curves = (Curve("this surface", _TIMES, here[what]), *on_balls)
-        return Plot(curves, "t / τ", axis, label, log_y=True)
-
-    plots = (
-        plot(FUNCTION, "difference, relative L2", against),
-        plot(MAP, "difference, sqrt(area)", "point map against flow lines"),
+        for what, axis, label in (
+            (FUNCTION, "difference, relative L2", against),
+            (MAP, "difference, sqrt(area)", "point map against flow lines"),
+        )
     )
     setting = (
         f"{words.sized(name, mesh)}; the rotated gradient of eigenfunctions "
@@ -106,42 +119,10 @@ def differences(flow: Flow, f: FloatArray, times: FloatArray) -> dict[str, Float
     mesh = flow.mesh
     places = fields.feet(mesh, flow.velocity[0], times)
     functions = zip(flow.push(f, times), fields.carried(mesh, places, f), strict=True)
-    maps = zip(flow.push(mesh.vertices, times), places, strict=True)
     off = [fields.relative_difference(mesh, h, walked) for h, walked in functions]
-    apart = [
-        l2_norm(mesh, project_onto_surface(mesh, points).positions - walked)
-        for points, walked in maps
-    ]
+    points = [project_onto_surface(mesh, x).positions for x in flow.push(mesh.vertices, times)]
+    apart = [l2_norm(mesh, x - walked) for x, walked in zip(points, places, strict=True)]
     return {
         FUNCTION: np.array(off),
         MAP: np.array(apart) / mesh.length_scale**2,  # root mean square
     }
-
-
-def spread(mesh: TriangleMesh, count: int) -> IntArray:
-    """Choose vertices far from each other through space, (count,)."""
-    chosen = [int(np.argmax(((mesh.vertices - mesh.vertices.mean(axis=0)) ** 2).sum(axis=1)))]
-    nearest = np.full(len(mesh.vertices), np.inf)
-    while len(chosen) < count:
-        squares = ((mesh.vertices - mesh.vertices[chosen[-1]]) ** 2).sum(axis=1)
-        nearest = np.minimum(nearest, squares)
-        chosen.append(int(np.argmax(nearest)))
-    return np.array(chosen)
-
-
-def shear(ball: TriangleMesh) -> FloatArray:
-    """Rotate the unit sphere about z with angular velocity 1 + z, (F, 3)."""
-    z = ball.vertices[:, 2]
-    return fields.slopes(ball, -(z + z**2 / 2), turned=True)
-
-
-def sheared_back(points: FloatArray, t: float) -> FloatArray:
-    """Find where the shear's flow lines through points (P, 3) of the sphere come from."""
-    x, y, z = points.T
-    cosine, sine = np.cos((1 + z) * t), np.sin((1 + z) * t)
-    return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], axis=1)
-
-
-def bump(points: FloatArray) -> FloatArray:
-    """Evaluate a bump on the sphere at points (P, 3)."""
-    return np.asarray(np.exp(4 * (points @ [0.8, 0.0, 0.6] - 1)))

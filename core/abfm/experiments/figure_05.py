@@ -14,11 +14,6 @@ from abfm.io.sheets import Panel, Sheet, Streaks
 from abfm.mesh.shapes import gourd, gourd_radius
 from abfm.types import FloatArray
 
-CLAIM = (
-    "The kernel of ad_v consists of many fields that commute with v, of which the smoothest is "
-    "shown."
-)
-
 _SPEED = 0.25  # of v, in sqrt(area) per unit of time
 _OTHERS = 8  # smooth fields to compare the bracket with
 
@@ -31,32 +26,62 @@ class Case(fields.Case):
     roughness: float = np.nan
 
 
-def figure(stage: Stage) -> Script:
+def figure_5(stage: Stage) -> Script:
     """Find the smoothest fields that commute with rotations, or with a field that stirs a mesh."""
     if stage.mesh is None:
-        surfaces = known_cases((1, 2) if stage.small else (1, 2, 4))
-        kind = "the rotation about the axis"
-    else:
-        v = fields.stirring(stage.mesh, 1, _SPEED)
         surfaces, kind = (
-            [[Case(stage.name, stage.mesh, v)]],
-            "the turned gradient of eigenfunction 1",
+            known_cases((1, 2) if stage.small else (1, 2, 4)),
+            "rotation about the axis",
         )
+    else:
+        case = Case(stage.name, stage.mesh, fields.stirring(stage.mesh, 1, _SPEED))
+        surfaces, kind = [[case]], "turned gradient of eigenfunction 1"
     yield fields.field_example(surfaces[0][-1], surfaces[0][-1].name)
 
     measures: list[Measure] = []
     rows = []
     for number, levels in enumerate(surfaces):
         case = levels[-1]
+        name, mesh, v = case.name, case.mesh, case.v
         stage.report(fields.refined(levels), number / len(surfaces))
-        found = [commuting_fields(level.mesh, level.v)[0] for level in levels]
-        measures += measured(levels, found)
-        # where u may be a multiple of v from place to place, with its speed
+        found = [(level, commuting_fields(level.mesh, level.v)[0]) for level in levels]
+        u = found[-1][1]
+        brackets = [relative_bracket(level.mesh, level.v, w) for level, w in found]
+        others = commuting_fields(mesh, v, min(_OTHERS, len(mesh.faces)), weight=0)
+        usual = float(np.median([relative_bracket(mesh, v, w) for w in others]))
+        # how far first v then u ends from first u then v
+        x, along_v, along_u = mesh.vertices, Flow(mesh, v), Flow(mesh, u)
+        one, other = along_u.push(along_v.push(x)), along_v.push(along_u.push(x))
+        exchanged = float(np.linalg.norm(one - other) / np.linalg.norm(one - x))
+        areas, coefficients = face_areas(mesh), to_frame(mesh, u).ravel()
+        energy = float(coefficients @ (hodge_laplacian(mesh) @ coefficients))
+        rough = energy * float(areas.sum()) / float(areas @ (u**2).sum(axis=1))
+        of_bracket, commutes = "bracket norm relative to both fields", "u commutes with v"
+        of_usual = f"the same, median of the {len(others)} smoothest fields orthogonal to v"
+        exchange = "distance of the ends when the two flows are exchanged, over the way"
+        roughness = "roughness of u, squared div and curl times area over squared norm"
+        measures += [
+            Measure(f"{name}: {of_bracket}", brackets[-1], commutes, brackets[-1] < 0.1 * usual),
+            Measure(f"{name}: {of_usual}", usual),
+            Measure(f"{name}: {exchange}", exchanged),
+            Measure(f"{name}: {roughness}", rough),
+        ]
+        if errors := [distance(c.mesh, w, c.u) for c, w in found if c.u is not None]:
+            order, of_errors = (np.log2(x[-2] / x[-1]) for x in (brackets, errors))
+            exact, claim = f"{name}: relative L2 error against the exact u", "u is the smoothest"
+            reproduces = errors[-1] < 0.1
+            measures += [
+                Measure(f"{name}: order of the bracket norm in the edge length", order),
+                Measure(exact, errors[-1], f"{claim} field that commutes with v", reproduces),
+                Measure(f"{name}: order of that error", of_errors),
+                Measure(f"{name}: roughness of the exact u", case.roughness),
+            ]
+        # without colours where u may be a multiple of v from place to place, with its speed
         paint = fields.coloured if case.u is None else lambda mesh, field: Streaks(field)
-        v_panel = Panel(case.mesh, paint(case.mesh, case.v), "v", "field")
-        rows.append((v_panel, Panel(case.mesh, paint(case.mesh, found[-1]), "u", "result")))
+        v_panel = Panel(mesh, paint(mesh, v), "v", "field")
+        rows.append((v_panel, Panel(mesh, paint(mesh, u), "u", "result")))
     setting = (
-        f"{'; '.join(map(fields.refined, surfaces))}. v is {kind}; u is "
+        f"{'; '.join(map(fields.refined, surfaces))}. v is the {kind}; u is "
         "orthogonal to v in L2 and minimises its Hodge energy plus the squared bracket, weighted "
         "by sqrt(area) over the edge length. Bracket norms are sqrt(area) |[v, u]| / (|v| |u|), of "
         "root mean squares."
@@ -64,50 +89,10 @@ def figure(stage: Stage) -> Script:
     return Findings(measures, Sheet(tuple(rows)), setting)
 
 
-def measured(levels: Sequence[Case], found: Sequence[FloatArray]) -> list[Measure]:
-    """Measure the fields that were found on a surface, coarse to fine."""
-    case, u = levels[-1], found[-1]
-    name, mesh, v = case.name, case.mesh, case.v
-    pairs = list(zip(levels, found, strict=True))
-    brackets = [relative_bracket(level.mesh, level.v, w) for level, w in pairs]
-    others = commuting_fields(mesh, v, min(_OTHERS, len(mesh.faces)), weight=0)
-    usual = float(np.median([relative_bracket(mesh, v, w) for w in others]))
-    commutes, same = brackets[-1] < 0.1 * usual, f"{name}: the same, median of the {len(others)}"
-    bracket = f"{name}: bracket norm relative to both fields"
-    exchange = f"{name}: distance of the ends when the two flows are exchanged, over the way"
-    rough = f"{name}: roughness of u, squared div and curl times area over squared norm"
-    areas, coefficients = face_areas(mesh), to_frame(mesh, u).ravel()
-    energy = float(coefficients @ (hodge_laplacian(mesh) @ coefficients))
-    measures = [
-        Measure(bracket, brackets[-1], "u commutes with v", commutes),
-        Measure(f"{same} smoothest fields orthogonal to v", usual),
-        Measure(exchange, exchanged(mesh, v, u)),
-        Measure(rough, energy * float(areas.sum()) / float(areas @ (u**2).sum(axis=1))),
-    ]
-    errors = [distance(level.mesh, w, level.u) for level, w in pairs if level.u is not None]
-    if errors:
-        order = np.log2(brackets[-2] / brackets[-1])
-        exact, claim = f"{name}: relative L2 error against the exact u", "u is the smoothest field"
-        measures += [
-            Measure(f"{name}: order of the bracket norm in the edge length", order),
-            Measure(exact, errors[-1], f"{claim} that commutes with v", errors[-1] < 0.1),
-            Measure(f"{name}: order of that error", np.log2(errors[-2] / errors[-1])),
-            Measure(f"{name}: roughness of the exact u", case.roughness),
-        ]
-    return measures
-
-
 def distance(mesh: TriangleMesh, u: FloatArray, exact: FloatArray) -> float:
     """Return the relative L2 error of a field that is determined up to a factor."""
     scaled, found = (fields.with_speed(mesh, field, _SPEED) for field in (exact, u))
     return min(fields.relative_norm(mesh, found - signed, signed) for signed in (scaled, -scaled))
-
-
-def exchanged(mesh: TriangleMesh, v: FloatArray, u: FloatArray) -> float:
-    """Return how far first v then u ends from first u then v, over the way, in RMS."""
-    x, along_v, along_u = mesh.vertices, Flow(mesh, v), Flow(mesh, u)
-    one, other = along_u.push(along_v.push(x)), along_v.push(along_u.push(x))
-    return float(np.linalg.norm(one - other) / np.linalg.norm(one - x))
 
 
 def known_cases(sizes: Sequence[int]) -> list[list[Case]]:

@@ -10,14 +10,12 @@ from abfm.mesh.shapes import five_limbs
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
-CLAIM = "The result highly matches the target, and the interpolation path is smooth."
-
 _SHOWN = (0.25, 0.5, 0.75)  # of tau
 _BOUND = 0.1
 _SMOOTH_TURN, _SMOOTH_ENERGY = 0.5, 1.5
 
 
-def figure(stage: Stage) -> Script:
+def figure_7(stage: Stage) -> Script:
     """Match eigenfunctions 7 and 8, the constant being number 0."""
     mesh, name = stage.surface("five limbs", five_limbs, 800 if stage.small else 2500)
     f, g = function(mesh, "eigenfunction:7"), function(mesh, "eigenfunction:8")

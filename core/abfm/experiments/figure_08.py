@@ -10,11 +10,6 @@ from abfm.io.sheets import Panel, Sheet, Streaks, Values
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
 
-CLAIM = (
-    "The matched field is very close to the one that made the target, and the error between the "
-    "functions very small."
-)
-
 _MODES = {2: 1.0, 5: 0.7}
 _WAY = 0.15  # root mean square over the surface, in sqrt(area)
 _SIGNIFICANT = 0.2  # of the largest slope
@@ -22,7 +17,7 @@ _BOUND = 0.02
 _CLOSE = 0.1  # what "very close to the original field" is taken for
 
 
-def figure(stage: Stage) -> Script:
+def figure_8(stage: Stage) -> Script:
     """Match an eigenfunction to what a smooth field makes of it, and compare the fields."""
     eight = ("eight.off", 1 if stage.small else 2)
     mesh, name = stage.surface("eight.off, Loop subdivided", words.smoothed, *eight)
@@ -66,26 +61,24 @@ def figure(stage: Stage) -> Script:
         Measure("mismatch, relative L2", found.mismatch),
         *witnesses,
     )
-    rows = (
-        (
-            Panel(mesh, Streaks(given), "given field v₀", "field"),
-            Panel(mesh, Values(speed(mesh, given), "speed"), "|v₀|", "field"),
-            Panel(mesh, Values(f), "source f", "source"),
-            Panel(mesh, Values(g), f"target g = f at τ = {tau:g}", "target"),
-        ),
-        (
-            Panel(mesh, Streaks(velocity), "found field v", "result"),
-            Panel(mesh, Values(speed(mesh, velocity), "speed"), "|v|", "result"),
-            Panel(mesh, Values(matched), label, "result"),
-            Panel(mesh, Values(difference, "|g − matched|"), "|g − matched|"),
-        ),
+    above = (
+        Panel(mesh, Streaks(given), "given field v₀", "field"),
+        Panel(mesh, Values(speed(mesh, given), "speed"), "|v₀|", "field"),
+        Panel(mesh, Values(f), "source f", "source"),
+        Panel(mesh, Values(g), f"target g = f at τ = {tau:g}", "target"),
+    )
+    below = (
+        Panel(mesh, Streaks(velocity), "found field v", "result"),
+        Panel(mesh, Values(speed(mesh, velocity), "speed"), "|v|", "result"),
+        Panel(mesh, Values(matched), label, "result"),
+        Panel(mesh, Values(difference, "|g − matched|"), "|g − matched|"),
     )
     setting = (
         f"{words.sized(name, mesh)}; the rotated gradient of eigenfunctions "
         f"{' and '.join(map(str, _MODES))} carries eigenfunction 7 to τ = {tau:g}, "
         f"on average {_WAY:g} sqrt(area) far.{note}"
     )
-    return Findings(measures, Sheet(rows), setting)
+    return Findings(measures, Sheet((above, below)), setting)
 
 
 def seen_rate(mesh: TriangleMesh, field: FloatArray, path: FloatArray) -> float:

@@ -1,38 +1,54 @@
-"""Figure 11: two functions with jumps become smooth ones. In figures 11 to 13 coordinates of pose A
-go to B by a point map of few eigenfunctions; targets are those of the true map, cut off at more.
+"""Figures 11 to 13: coordinates of pose A go to B by a point map of few eigenfunctions; targets are
+those of the true map, cut off at more. ``docs/figures/figure-13.md`` says how maps are read off.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from abfm import MeshError, PointMap, Problem, TriangleMesh
-from abfm.calculus import vertex_areas
+from abfm import Match, MeshError, PointMap, Problem, TriangleMesh, advect, maps
+from abfm.baselines.reduced_basis import ReducedEnergy, ReducedMatch, reduced_match
+from abfm.calculus import l2_norm, unit_eigenbasis, vertex_areas
 from abfm.experiments import vocabulary as words
 from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage
-from abfm.io.sheets import Checker, Panel, Sheet, Values
-from abfm.maps import functional_map, point_map
-from abfm.maps.functional_maps import carry
+from abfm.flow import flow_lines
+from abfm.io.sheets import Checker, Curve, Panel, Plot, Sheet, Values
+from abfm.maps import MapQuality, SurfacePoints, functional_map, point_map
+from abfm.maps.functional_maps import carry, spectral_coefficients
 from abfm.mesh import per_mesh
 from abfm.parameters import TABLE_1, Row
 from abfm.types import FloatArray, IntArray
 
-CLAIM = (
-    "Two non-smooth functions are matched to smooth versions of them at once, and the required "
-    "functions are achieved."
-)
-FEW = 10
-"""Eigenfunctions of the start map."""
-MATCHED = 0.1
-"""Share of the first mismatch that may be left where functions count as matched."""
+ONE, THREE, REDUCED = "1 function", "3 functions", "reduced basis"
+BOTH, AGAIN = "3 functions, both cut off", "ZoomOut, then 3 functions, both cut off"
+CUT_OFF, LINES, NEIGHBOURS = ", cut off alike", ", flow lines", ", nearest neighbours"
+START, NO_FLOW, ZOOM_OUT = "start", "no flow", "no flow: ZoomOut of the start"
+TARGETS = "no flow: nearest surface points of the target coordinates"
 
+_FEW = 10  # eigenfunctions of the start map
 _MANY, _MANY_SMALL = 100, 30
 _FEWEST_VERTICES = 60
 _BEND = np.pi / 3
-_FIELDS = 16  # of the checkerboard, along the longest axis
+_CHECKS = 16  # fields of the checkerboard, along the longest axis
+_MATCHED = 0.1  # share of the first mismatch that may be left where functions count as matched
+_STEP = 10  # of ZoomOut
+_FIELDS, _SIGMA = 50, 0.1  # of the reduced basis
+_SHOWN = (START, TARGETS, ONE, THREE, REDUCED)  # in the pictures
+_OURS = (BOTH, BOTH + NEIGHBOURS, AGAIN + NEIGHBOURS)
+_REFERENCES = (START, TARGETS, THREE + LINES, REDUCED + NEIGHBOURS, ZOOM_OUT)
+_PAIRS = (  # a map with a flow, and what the same data give without one, read off alike
+    (THREE, TARGETS),
+    (THREE + CUT_OFF, TARGETS + CUT_OFF),
+    (BOTH, TARGETS + CUT_OFF),
+    *((name + NEIGHBOURS, NO_FLOW + NEIGHBOURS) for name in (ONE, THREE, BOTH, REDUCED)),
+    (AGAIN + NEIGHBOURS, ZOOM_OUT),
+)
+_ALL_UP_TO, _MEASURED = 1500, 500  # vertices whose errors are measured
+_BOUND = 0.05
+_ERRORS = np.linspace(0, 0.15, 301)
 
 
-def figure(stage: Stage) -> Script:
+def figure_11(stage: Stage) -> Script:
     """Match two coordinates of pose A on pose B at once, and see what is left at every vertex."""
     poses = Poses.of(stage)
     axes = sorted(by_extent(poses.a)[:2].tolist())
@@ -51,7 +67,7 @@ def figure(stage: Stage) -> Script:
     measures = (
         Measure("mean pointwise sum of absolute errors before, sqrt(area)", weights @ before),
         Measure("mean pointwise sum of absolute errors after, sqrt(area)", weights @ after),
-        Measure(of_sum, left, claim, left <= MATCHED),
+        Measure(of_sum, left, claim, left <= _MATCHED),
         Measure("largest pointwise sum of errors before, sqrt(area)", before.max()),
         Measure("largest pointwise sum of errors after, sqrt(area)", after.max()),
         Measure("mismatch", found.mismatch),
@@ -68,6 +84,108 @@ def figure(stage: Stage) -> Script:
     return Findings(measures, sheet, poses.setting(problem, axes))
 
 
+def figure_12(stage: Stage) -> Script:
+    """Match the three coordinates of pose A on pose B, and show two as texture coordinates."""
+    poses = Poses.of(stage)
+    example = poses.example(TABLE_1[12], [0, 1, 2], stage.small)
+    yield example
+
+    a, b, problem = poses.a, poses.b, example.problem
+    found = compare(poses, problem, stage)
+    source, target = problem.source, problem.target
+    longest, second, _ = by_extent(a).tolist()
+
+    def left(after: FloatArray, channels: slice) -> float:
+        wanted = target[:, channels]
+        before = l2_norm(b, source[:, channels] - wanted)
+        return share_left(l2_norm(b, after - wanted), before)
+
+    one = left(found.one.advected, slice(longest, longest + 1))
+    three = left(found.three.advected, slice(3))
+    of_map = share_left(found.reduced.mismatch, found.reduced.start_mismatch)
+    claim = "the target functions are matched"
+    of_start = "share of the start's mismatch that is left"
+    of_maps, notes = words.map_findings({name: found.qualities[name] for name in _SHOWN})
+    measures = (
+        Measure("1 function: mismatch", found.one.mismatch),
+        Measure(f"1 function: {of_start}", one, claim, one <= _MATCHED),
+        Measure("3 functions: mismatch", found.three.mismatch),
+        Measure(f"3 functions: {of_start}", three, claim, three <= _MATCHED),
+        Measure(f"reduced basis: {of_start}", left(found.reduced_functions, slice(3))),
+        Measure("reduced basis: share of the functional map's mismatch left", of_map),
+        *of_maps,
+    )
+
+    def checker(functions: FloatArray) -> Checker:
+        return poses.checker(functions[:, [longest, second]])
+
+    panels = (
+        Panel(a, checker(coordinates(a)), "coordinates"),
+        Panel(b, checker(source), "start", "source"),
+        Panel(b, checker(target), "target", "target"),
+        Panel(b, checker(found.one_carries), "1 function", "field"),
+        Panel(b, checker(found.three.advected), "3 functions", "result"),
+        Panel(b, checker(found.reduced_functions), "reduced basis"),
+    )
+    wrong = np.abs(source - target).sum(axis=1)
+    sheet = Sheet((panels,), seen=(wrong,), one_view=True, notes=notes)
+    return Findings(measures, sheet, f"{poses.setting(problem, [0, 1, 2])}. {found.setting}")
+
+
+def figure_13(stage: Stage) -> Script:
+    """Measure the maps of figure 12, and plot the share of vertices under an error."""
+    poses = Poses.of(stage)
+    example = poses.example(TABLE_1[12], [0, 1, 2], stage.small)
+    yield example
+
+    found = compare(poses, example.problem, stage)
+    most = _ALL_UP_TO if len(poses.b.vertices) <= _ALL_UP_TO else _MEASURED
+    accuracies = {}
+    for number, (name, points) in enumerate(found.maps.items()):
+        stage.report("measuring the maps", 0.85 + 0.15 * number / len(found.maps))
+        accuracies[name] = maps.map_accuracy(points, most=most)
+    shares = {name: each.share_under(_ERRORS) for name, each in accuracies.items()}
+
+    def less(ours: str, theirs: str) -> float:
+        return accuracies[ours].mean - accuracies[theirs].mean
+
+    measures = []
+    for reading in ("", NEIGHBOURS):
+        theirs = REDUCED + reading
+        for name in (ONE, THREE):
+            ours, better = name + reading, f"{name}: a better reconstruction than [COC15]"
+            apart, behind = less(ours, theirs), (shares[theirs] - shares[ours]).max()
+            most_behind = 100 * max(float(behind), 0.0)
+            of_mean = f"{ours}: mean error less that of the reduced basis{reading}, sqrt(area)"
+            of_curve = f"{ours}: most that its curve is below the reduced basis'{reading}, %"
+            measures.append(Measure(of_mean, apart, better, apart < 0))
+            measures.append(Measure(of_curve, most_behind, better, most_behind == 0))
+    for ours in (THREE, THREE + LINES, THREE + NEIGHBOURS):
+        text, apart = f"{ours}: mean error less the start's, sqrt(area)", less(ours, START)
+        measures.append(Measure(text, apart, "the map is improved", apart < 0))
+    adds = "what the flow adds: mean error of"
+    measures += [
+        Measure(f"{adds} '{ours}' less that of '{without}', sqrt(area)", less(ours, without))
+        for ours, without in _PAIRS
+    ]
+    for name, accuracy in accuracies.items():
+        share = 100 * float(accuracy.share_under(_BOUND))
+        measures += [
+            Measure(f"{name}: mean error, sqrt(area)", accuracy.mean),
+            Measure(f"{name}: largest error, sqrt(area)", accuracy.maximum),
+            Measure(f"{name}: vertices with an error under {_BOUND:g} sqrt(area), %", share),
+        ]
+    of_maps, notes = words.map_findings({name: found.qualities[name] for name in (*_SHOWN, *_OURS)})
+    shown = (THREE, ONE, REDUCED, BOTH + NEIGHBOURS, *_REFERENCES)
+    plotted = tuple(Curve(name, _ERRORS, 100 * shares[name], name in _REFERENCES) for name in shown)
+    plot = Plot(plotted, "geodesic error, √area", "vertices, %", "errors of the maps", width=3)
+    setting = (
+        f"{poses.setting(example.problem, [0, 1, 2])}. {found.setting}. Errors at "
+        f"{len(accuracies[THREE].errors):,} vertices"
+    )
+    return Findings((*measures, *of_maps), Sheet(((plot,),), notes=notes), setting)
+
+
 @dataclass(frozen=True, eq=False)
 class Poses:
     """Two poses, vertex by vertex; where on A the start takes B's; the true map cut off (k, k)."""
@@ -82,21 +200,20 @@ class Poses:
     @classmethod
     def of(cls, stage: Stage) -> "Poses":
         """Return the bundled humans, or a mesh and itself, bent."""
-        mesh = stage.mesh
-        if mesh is None:
+        if stage.mesh is None:
             a, b, name = words.bundled("human_A.off"), words.bundled("human_B.off"), "human_B.off"
             told = "human_B.off against human_A.off, the same vertices in another pose"
+        elif len(stage.mesh.vertices) < _FEWEST_VERTICES:
+            raise MeshError(
+                f"the mesh has {len(stage.mesh.vertices)} vertices; for {_MANY} eigenfunctions, or "
+                f"a third of the number of vertices, give one with at least {_FEWEST_VERTICES}"
+            )
         else:
-            if len(mesh.vertices) < _FEWEST_VERTICES:
-                raise MeshError(
-                    f"the mesh has {len(mesh.vertices)} vertices; for {_MANY} eigenfunctions, or a "
-                    f"third of the number of vertices, give one with at least {_FEWEST_VERTICES}"
-                )
-            a, b, name = mesh, bent(mesh), "bent mesh"
+            a, b, name = stage.mesh, bent(stage.mesh), "bent mesh"
             bend = f"{np.degrees(_BEND):.0f}°"
             told = f"the mesh bent by {bend} against itself, as no second pose is known"
         truth = PointMap.of_vertices(b, a)
-        start = point_map(a, b, functional_map(truth, FEW))
+        start = point_map(a, b, functional_map(truth, _FEW))
         many = min(_MANY_SMALL if stage.small else _MANY, len(b.vertices) // 3)
         return cls(a, b, name, told, start, functional_map(truth, many))
 
@@ -116,7 +233,7 @@ class Poses:
         return (
             f"{words.sized(self.words, self.b)}. Functions: coordinates "
             f"{', '.join('xyz'[x] for x in axes)} of A in units of sqrt(area); start: by the "
-            f"nearest neighbour in the spectral embedding, {FEW} eigenfunctions; targets: by the "
+            f"nearest neighbour in the spectral embedding, {_FEW} eigenfunctions; targets: by the "
             f"true functional map, {k} x {k}. Parameters of Table 1, "
             f"{problem.parameters.iterations} iterations"
         )
@@ -124,7 +241,7 @@ class Poses:
     def checker(self, functions: FloatArray) -> Checker:
         """Return two coordinate functions (V, 2) as a checkerboard, on either pose."""
         extent = np.ptp(coordinates(self.a), axis=0).max()
-        return Checker(functions * (0.5 * _FIELDS / extent))
+        return Checker(functions * (0.5 * _CHECKS / extent))
 
 
 @per_mesh
@@ -158,3 +275,122 @@ def bent(mesh: TriangleMesh) -> TriangleMesh:
     moved[:, along] = middle[along] + height * np.sin(angle)
     moved[:, deep] = middle[deep] + radius - height * np.cos(angle)
     return TriangleMesh(moved, mesh.faces)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Matches, all three coordinates as two of them carry them, and the maps read off."""
+
+    one: Match
+    three: Match
+    one_carries: FloatArray
+    reduced: ReducedMatch
+    reduced_functions: FloatArray
+    maps: dict[str, PointMap]
+    qualities: dict[str, MapQuality]
+    setting: str
+
+
+def compare(poses: Poses, problem: Problem, stage: Stage) -> Comparison:
+    """Match by all methods; kept with the mesh, so that the second figure need not wait."""
+    a, b, p, k = poses.a, poses.b, problem.parameters, len(poses.wanted)
+    key = (__name__, p, poses.wanted.shape)
+    if key in b.cache:
+        kept: Comparison = b.cache[key]
+        return kept
+    source, target, longest = problem.source, problem.target, by_extent(a)[:1]
+    alone = Problem(b, source[:, longest], target[:, longest], p)
+    one = stage.match(alone, "matching one function", (0.0, 0.2))
+    three = stage.match(problem, "matching three functions", (0.2, 0.4))
+    read = without_flow(poses, target)
+    cut = cut_off(a, k)
+    for name, start, text, shares in (
+        (BOTH, poses.start, "matching three functions, cut off", (0.4, 0.6)),
+        (AGAIN, read[ZOOM_OUT], "refining a good map", (0.6, 0.8)),
+    ):
+        # sources are cut off as the targets are, so that a true start has nothing to correct
+        found = stage.match(Problem(b, start.pull_back(cut), target, p), text, shares)
+        read[name] = closest_cut_off(poses, found.advected)
+        read |= by_flow(start, k, name, found)
+    stage.report("matching in a reduced basis", 0.8)
+    count, begin = min(_FIELDS, k // 2), functional_map(poses.start, k)
+    reduced = reduced_match(ReducedEnergy(b, begin, poses.wanted, replace(p, sigma=_SIGMA), count))
+    one_carries = one.push(source, p.tau)
+    reduced_functions = advect(b, reduced.velocity, source, p.tau)
+    read |= {
+        THREE: closest(poses, three.advected),
+        THREE + CUT_OFF: closest_cut_off(poses, three.advected),
+        ONE: closest(poses, one_carries),
+        REDUCED: closest(poses, reduced_functions),
+        **by_flow(poses.start, k, THREE, three),
+        **by_flow(poses.start, k, ONE, one),
+        REDUCED + LINES: followed(poses.start, reduced.velocity[None], p.tau),
+        REDUCED + NEIGHBOURS: point_map(a, b, reduced.functional_map),
+    }
+    qualities = {name: maps.map_quality(points) for name, points in read.items()}
+    setting = (
+        f"Reduced basis: {k} eigenfunctions, {2 * count} fields, sigma {_SIGMA:g}. Maps: the "
+        "closest points of A to the carried coordinates; among A's coordinates cut off as the "
+        "targets are; the start map composed with exact flow lines; or nearest neighbours by "
+        "the flow's functional map"
+    )
+    b.cache[key] = compared = Comparison(
+        one, three, one_carries, reduced, reduced_functions, read, qualities, setting
+    )
+    return compared
+
+
+def without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:
+    """Return the start, and what else the start and the targets (V, 3) say as they are, by name."""
+    a, b, k = poses.a, poses.b, len(poses.wanted)
+    zoomed = maps.zoom_out(a, b, functional_map(poses.start, _FEW), k, _STEP)
+    return {
+        START: poses.start,
+        TARGETS: closest(poses, target),
+        TARGETS + CUT_OFF: closest_cut_off(poses, target),
+        NO_FLOW + NEIGHBOURS: point_map(a, b, functional_map(poses.start, k)),
+        ZOOM_OUT: point_map(a, b, zoomed),
+    }
+
+
+def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, PointMap]:
+    """Read the maps off a match that began at a start, by flow lines and by nearest neighbours."""
+    a, b = start.codomain, start.domain
+    basis = start.pull_back(unit_eigenbasis(a, k)[1])
+    C = spectral_coefficients(b, found.push(basis, found.parameters.tau), k)
+    lines = followed(start, found.velocity, found.parameters.tau)
+    return {name + LINES: lines, name + NEIGHBOURS: point_map(a, b, C)}
+
+
+def closest(poses: Poses, functions: FloatArray) -> PointMap:
+    """Read three functions (V, 3) on B as coordinates of A: the closest points of A."""
+    a = poses.a
+    origin = a.vertices[0] - coordinates(a)[0] * a.length_scale
+    return PointMap.project(poses.b, a, functions * a.length_scale + origin)
+
+
+def closest_cut_off(poses: Poses, functions: FloatArray) -> PointMap:
+    """Read three functions (V, 3) on B as A's coordinates, cut off as the targets are."""
+    a = poses.a
+    found = maps.project_onto_surface(
+        TriangleMesh(cut_off(a, len(poses.wanted)), a.faces), functions
+    )
+    distances = found.distances_from(functions) * a.length_scale
+    return PointMap(poses.b, a, found.faces, found.barycentric, distances)
+
+
+def cut_off(mesh: TriangleMesh, k: int) -> FloatArray:
+    """Return the `coordinates` in the first k eigenfunctions, (V, 3)."""
+    basis = unit_eigenbasis(mesh, k)[1]
+    return np.asarray(basis @ spectral_coefficients(mesh, coordinates(mesh), k))
+
+
+def followed(start: PointMap, velocity: FloatArray, tau: float) -> PointMap:
+    """Compose a map with flow lines of fields (N, F, 3), followed back exactly."""
+    a, b = start.codomain, start.domain
+    lines = flow_lines(b, -velocity[::-1], maps.vertex_points(b), tau, tau)
+    faces, places = (
+        [getattr(line, name)[-1] for line in lines] for name in ("faces", "barycentric")
+    )
+    origins = SurfacePoints(b, np.array(faces), np.array(places))
+    return PointMap.project(b, a, origins.pull_back(start.positions))

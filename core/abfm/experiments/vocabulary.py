@@ -1,6 +1,4 @@
-"""The words of a figure's script, a generator: it states its problem and yields it for the app to
-open; when it goes on it computes, measures and draws, and returns what it found.
-"""
+"""The words of a figure's script: it yields its problem, then computes, measures and draws."""
 
 import math
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
@@ -130,15 +128,42 @@ class Findings:
 Script = Generator[Example, None, Findings]
 
 
+_TOGETHER = {3: 1, 10: 9, 12: 11, 13: 11}  # figures in the module of another
+_CLAIMS = {
+    1: "A single vector field advects the source to a function that matches the target, and "
+    "interpolates smoothly.",
+    2: "The flow map of a vector field advects a function, without explicit flow lines.",
+    3: "The result matches the target, and values are displaced in space, as by optimal transport.",
+    4: "Linear advection works well for short times and oscillates for longer ones; nonlinear "
+    "advection stays smooth.",
+    5: "The kernel of ad_v consists of many fields that commute with v, of which the smoothest is "
+    "shown.",
+    6: "exp(t ad_v) transports a field u over the flow lines of v, here to t = 0.125 and 0.25.",
+    7: "The result highly matches the target, and the interpolation path is smooth.",
+    8: "The matched field is very close to the one that made the target, and the error between the "
+    "functions very small.",
+    9: "One field's flow is the continuous symmetry map; at 2 τ some drift is noticeable, yet it "
+    "is relatively small.",
+    10: "A smooth field generates a continuous symmetric mapping although the geometry contains "
+    "creases.",
+    11: "Two non-smooth functions are matched to smooth versions of them at once, and the required "
+    "functions are achieved.",
+    12: "Matching one coordinate function or all three brings the target functions about.",
+    13: "Matching only three functions reconstructs the map better than the method [COC15] in a "
+    "reduced basis.",
+}
+
+
 def script(figure: int, stage: Stage) -> Script:
     """Return the script of a figure of the paper."""
-    found: Script = import_module(f"abfm.experiments.figure_{figure:02}").figure(stage)
+    module = import_module(f"abfm.experiments.figure_{_TOGETHER.get(figure, figure):02}")
+    found: Script = getattr(module, f"figure_{figure}")(stage)
     return found
 
 
 def claim(figure: int) -> str:
     """Return what the paper shows with a figure."""
-    return str(import_module(f"abfm.experiments.figure_{figure:02}").CLAIM)
+    return _CLAIMS[figure]
 
 
 def findings_of(script: Script) -> Findings:
@@ -170,8 +195,8 @@ def as_match(example: Example) -> Match | None:
     if example.flow is None:
         return None
     problem, velocity = example.problem, example.flow.velocity
-    energy = MatchingEnergy(problem)
     fields = to_frame(problem.mesh, velocity / problem.mesh.length_scale)
+    energy = MatchingEnergy(problem)
     evaluated = energy.objective(problem.parameters.sigma).evaluate(fields)
     mismatch = energy.relative_mismatch(evaluated.advected)
     kind: Kind = "matched" if mismatch <= MATCHED else "not reached"
@@ -250,24 +275,23 @@ def maps_of_flow(
     found: Match, name: str, shares: Sequence[float] = (1.0,)
 ) -> dict[str, MapQuality]:
     """Judge the maps that a flow makes of its surface, at some shares of tau, by names to show."""
-    times = {
-        "τ" if share == 1 else f"{share:g} τ": share * found.parameters.tau for share in shares
-    }
-    return {f"{name} at {label}": map_quality(found.point_map(t)) for label, t in times.items()}
-
-
-def map_findings(
-    qualities: Mapping[str, MapQuality],
-) -> tuple[list[Measure], tuple[str, ...]]:
-    """Return how far maps leave the surface and fold it, and which are not to be trusted."""
-    measures = [
-        Measure(f"{name}: {what}", value)
-        for name, quality in qualities.items()
-        for what, value in (
-            ("off_surface, largest, sqrt(area)", quality.largest_distance),
-            ("off_surface, RMS, sqrt(area)", quality.rms_distance),
-            ("folded, % of the faces", 100 * quality.folded),
+    return {
+        f"{name} at {'' if share == 1 else f'{share:g} '}τ": map_quality(
+            found.point_map(share * found.parameters.tau)
         )
-    ]
-    faults = [f"{name} ({quality.faults})" for name, quality in qualities.items() if quality.faults]
+        for share in shares
+    }
+
+
+def map_findings(qualities: Mapping[str, MapQuality]) -> tuple[list[Measure], tuple[str, ...]]:
+    """Return how far maps leave the surface and fold it, and which are not to be trusted."""
+    measures, faults = [], []
+    for name, quality in qualities.items():
+        measures += [
+            Measure(f"{name}: off_surface, largest, sqrt(area)", quality.largest_distance),
+            Measure(f"{name}: off_surface, RMS, sqrt(area)", quality.rms_distance),
+            Measure(f"{name}: folded, % of the faces", 100 * quality.folded),
+        ]
+        if quality.faults:
+            faults.append(f"{name} ({quality.faults})")
     return measures, (f"Not to be trusted as maps: {'; '.join(faults)}.",) if faults else ()

@@ -10,9 +10,17 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm.calculus.operators import cotangent_laplacian, l2_norm
 from abfm.errors import MeshError
 from abfm.experiments import Stage
-from abfm.experiments import figure_12 as maps
-from abfm.experiments.figure_11 import Poses, bent, by_extent, coordinates
-from abfm.experiments.figure_12 import NEIGHBOURS, TARGETS, compare, cut_off
+from abfm.experiments import figure_11 as maps
+from abfm.experiments.figure_11 import (
+    NEIGHBOURS,
+    TARGETS,
+    Poses,
+    bent,
+    by_extent,
+    compare,
+    coordinates,
+    cut_off,
+)
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, map_accuracy
