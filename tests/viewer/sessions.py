@@ -64,6 +64,18 @@ def solving(session, rows=5):
     return session
 
 
+def hold(session):
+    """Pause the run, and wait until the evaluation under way has ended."""
+    session.solver.pause()
+
+    def stands_still():
+        held = session.solver.snapshot
+        time.sleep(0.2)
+        return session.solver.snapshot is held
+
+    until(stands_still)
+
+
 def end_run(session):
     """End the run, if there is one, and take its best field."""
     session.solver.cancel()

@@ -11,7 +11,7 @@ from abfm import AdvectionError
 from abfm_viewer.computing.background import Jobs
 from abfm_viewer.shown.paint import Painter
 from abfm_viewer.shown.shown_flow import Carried, FlowState, span
-from tests.viewer.sessions import PAIR, QUICK, SPHERE, matched, opened, solving, until
+from tests.viewer.sessions import PAIR, QUICK, SPHERE, hold, matched, opened, solving, until
 
 
 @pytest.fixture(scope="module")
@@ -157,8 +157,7 @@ def test_a_channel_that_the_run_does_not_have_is_carried_by_its_field(endless, w
     shown = watched(endless)
     solving(endless)
     endless.solver.follow = False
-    endless.solver.pause()
-    sleep(0.1)
+    hold(endless)
     endless.editor.duplicate_channel()
     assert endless.document.channel == 1
     advected, iterate = settle(shown), endless.solver.snapshot.shown
@@ -168,8 +167,7 @@ def test_a_channel_that_the_run_does_not_have_is_carried_by_its_field(endless, w
 def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(endless, watched):
     shown = watched(endless)
     solving(endless)
-    endless.solver.pause()
-    sleep(0.1)
+    hold(endless)
     iterate = endless.solver.snapshot.shown
     np.testing.assert_array_equal(shown.flow.advected(), iterate.advected[:, 0])
     assert not shown.flow.state.final
@@ -219,7 +217,7 @@ def test_what_does_not_change_stays_the_same_array(session, share, shown):
 def test_while_the_exact_values_come_the_blended_ones_stay_the_same_array(endless, watched):
     shown = watched(endless)
     solving(endless)
-    endless.solver.pause()
+    hold(endless)
     endless.set_time(0.3)
     until(lambda: (shown.flow.advected(), not shown.flow.busy)[1], endless)
     assert shown.flow.advected() is shown.flow.advected()
