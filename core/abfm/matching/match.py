@@ -168,7 +168,10 @@ class Match:
         return verify(self.problem, self.velocity, subdivided)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a result file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        """Write a result file (``.npz``, no pickles), whole or not at all, or raise ResultError.
+
+        Of the data terms it keeps the functions alone.
+        """
         results.save_arrays(path, results.mesh_arrays(self.mesh) | match_arrays(self))
 
 
