@@ -15,10 +15,9 @@ from abfm import load_mesh
 from abfm.assets import asset_path
 from abfm.parameters import FIGURES
 from abfm.types import FloatArray
-from abfm_viewer.appearance.samples import COLUMNS, PICTURES, SIDE, TABLE
+from abfm_viewer.appearance.samples import COLUMNS, MESHES, PICTURES, SIDE, TABLE
 from abfm_viewer.computing.defaults import best_front, default_functions
 from abfm_viewer.document.document import Channel, Document, Surface, View
-from abfm_viewer.document.samples import MESHES
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.window.samples import figure_document
 

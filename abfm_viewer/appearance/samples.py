@@ -1,9 +1,17 @@
-"""The small pictures of the samples, in one image, and how many vertices each sample has."""
+"""The bundled meshes; small pictures of all samples in one image, and their vertices' number."""
 
 import json
 from functools import cache
 from pathlib import Path
 
+MESHES = {
+    "human_A.off": "A human, coarse",
+    "human_B.off": "The same human, vertex by vertex, in another pose",
+    "human_fine_A.off": "The first human with more triangles",
+    "eight.off": "Two holes, and fields that go around them",
+    "fandisk.off": "A mechanical part with sharp edges",
+}
+"""The bundled meshes, and a few words for each."""
 PICTURES = Path(__file__).with_name("samples.png")
 """Squares of `SIDE` pixels, `COLUMNS` in a row, in the order of the table."""
 TABLE = Path(__file__).with_name("samples.json")

@@ -17,9 +17,9 @@ from abfm import MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.mesh.files import READERS
 from abfm.types import FloatArray
+from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import Channel, Document, Identity, Run, Surface, View
-from abfm_viewer.document.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.files.project import Origin, load_project, save_project
 from abfm_viewer.session.functions import known_values

@@ -11,11 +11,12 @@ from PIL import Image
 
 from abfm import experiments
 from abfm.assets import asset_path
+from abfm.parameters import FIGURES, TITLES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.samples import PICTURES, part, vertices
+from abfm_viewer.appearance.samples import MESHES, PICTURES, part, vertices
 from abfm_viewer.document.document import Channel, Document, Surface, View
-from abfm_viewer.document.samples import FIGURE_SAMPLES, SAMPLES, Sample
+from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
@@ -81,7 +82,8 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
     """Draw what the open menu shows, as low and in as many columns as the window asks for."""
     display = imgui.GetIO().DisplaySize
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
-    parts = {"Meshes": SAMPLES, "Figures of the paper": FIGURE_SAMPLES}
+    figures = {f"Figure {n}": capital(TITLES[n]) for n in FIGURES}
+    parts = {"Meshes": MESHES, "Figures of the paper": figures}
     room = _SHARE * display[1] - 2 * (line + spacing[1])  # below their headings
     columns, height = _FEWEST - 1, 0.0
     while height < line and columns < _MOST:
@@ -91,34 +93,37 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
     size = (width, max(min(height, ui.px(_HEIGHT)), line))
     for heading, samples in parts.items():
         ui.heading(heading)
-        for number, sample in enumerate(samples):
+        for number, (name, about) in enumerate(samples.items()):
             if number % columns:
                 ui.beside()
-            if not _is_chosen(ui, sample, files.sample == sample.name, size, textures):
+            if not _is_chosen(ui, (name, about), files.sample == name, size, textures):
                 continue
-            if sample.figure:
-                make = partial(figure_document, sample.figure)
-                files.open_made(f"figure {sample.figure}", make)
+            if name in MESHES:
+                files.open(asset_path(name))
             else:
-                files.open(asset_path(sample.name))
+                files.open_made(name.lower(), partial(figure_document, int(name.split()[1])))
 
 
 def _is_chosen(
-    ui: Ui, sample: Sample, loaded: bool, size: tuple[float, float], textures: SampleTextures
+    ui: Ui,
+    sample: tuple[str, str],
+    loaded: bool,
+    size: tuple[float, float],
+    textures: SampleTextures,
 ) -> bool:
     """Draw a sample's picture, name, size and what it is about; whether it was chosen."""
-    left, top = imgui.GetCursorScreenPos()
+    (name, about), (left, top) = sample, imgui.GetCursorScreenPos()
     flags = imgui.ImGuiSelectableFlags_None
-    chosen = bool(imgui.Selectable(f"##{sample.name}", loaded, flags, size))
-    ui.remember(sample.name, "item", text="checked" if loaded else "")
-    title = f"{sample.name}, {vertices()[sample.name]:,} vertices"
-    ui.tip(f"{title}{', loaded' if loaded else ''}: {sample.about}")
+    chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
+    ui.remember(name, "item", text="checked" if loaded else "")
+    title = f"{name}, {vertices()[name]:,} vertices"
+    ui.tip(f"{title}{', loaded' if loaded else ''}: {about}")
     draw_list, side = imgui.GetWindowDrawList(), size[1]
-    if (found := textures.find(sample.name)) is not None:
+    if (found := textures.find(name)) is not None:
         texture, first, second = found
         draw_list.AddImage(texture, (left, top), (left + side, top + side), first, second)
     line, x = imgui.GetTextLineHeight(), left + side + ui.px(8)
-    texts = [f"{title}{'  (loaded)' if loaded else ''}", sample.about][: max(int(side / line), 1)]
+    texts = [f"{title}{'  (loaded)' if loaded else ''}", about][: max(int(side / line), 1)]
     y = top + (side - len(texts) * line) / 2
     for text, color in zip(texts, (ui.colors.ink, ui.colors.muted), strict=False):
         shown = cut(text, left + size[0] - x, ui.text_width)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from abfm_viewer.automation import Driver
+from abfm_viewer.computing.background import Jobs
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown import shown
 from abfm_viewer.window import window
@@ -26,6 +27,13 @@ def session():
     session = opened()
     yield session
     session.close()
+
+
+@pytest.fixture
+def jobs():
+    jobs = Jobs()
+    yield jobs
+    jobs.close()
 
 
 @pytest.fixture

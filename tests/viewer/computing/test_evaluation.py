@@ -24,12 +24,9 @@ def apart():
 @pytest.mark.parametrize(
     "spec", ["gaussian:vertex=7,width=0.2", "eigenfunction:3", "coordinate:x + geodesic:vertex=0"]
 )
-def test_values_are_the_same(apart, spec):
+def test_values_and_defaults_are_the_same(apart, spec):
     np.testing.assert_array_equal(apart.evaluate(spec), function(SPARSE, spec))
     assert apart._worker.pid
-
-
-def test_defaults_are_the_same(apart):
     assert apart.defaults() == default_functions(SPARSE)
 
 

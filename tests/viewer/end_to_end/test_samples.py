@@ -11,9 +11,8 @@ from abfm import load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.experiments import Stage, as_match, script
 from abfm.parameters import FIGURES
-from abfm_viewer.appearance.samples import PICTURES, SIDE, vertices
+from abfm_viewer.appearance.samples import MESHES, PICTURES, SIDE, vertices
 from abfm_viewer.automation import Driver
-from abfm_viewer.document.samples import MESHES
 from abfm_viewer.scene.scene import Scene
 from tests.shapes import icosphere
 

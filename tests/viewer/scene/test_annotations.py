@@ -98,14 +98,11 @@ def told(monkeypatch):
     return at
 
 
-def test_the_mouse_tells_a_name_that_is_cut(told):
+def test_the_mouse_tells_a_name_and_a_title_that_are_cut(told):
     # "source", "advected", "linear blend"
     names = scene(300, columns=5)
     assert [told((x, 10), names) for x in (25, 75, 125)] == [[], ["advected"], ["linear blend"]]
     assert told((125, 10), names, captures=True) == []
-
-
-def test_the_mouse_tells_a_title_that_is_cut(told):
     nothing = SimpleNamespace(shown=())
     long, short = (bar_parts(title, RANGE, (0, 0, 60, 20), PEN) for title in ("a long one", "bar"))
     assert told((30, 10), nothing, long) == ["a long one"]

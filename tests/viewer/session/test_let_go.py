@@ -39,11 +39,12 @@ def show(session, *names):
         ready(session)
 
 
-def undo(session, steps):
+def undo(session, steps, waits=True):
     for _ in range(steps):
         session.undo()
         session.update()
-    ready(session)
+    if waits:
+        ready(session)
 
 
 def threads():
@@ -56,9 +57,7 @@ def test_meshes_that_were_left_have_no_threads_and_are_there_after_undo(session)
     most = len(threads()) + 1  # one more may have been needed at a time
     show(session, *(f"mesh {number}" for number in range(30)))
     until(lambda: len(threads()) <= most, session)
-    for _ in range(31):
-        session.undo()
-        session.update()
+    undo(session, 31, waits=False)
     assert session.surface().mesh is first
     assert session.values("source") is values  # what is shown of it is there at once
     assert session.outdated is False

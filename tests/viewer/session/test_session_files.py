@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from abfm import MeshError, Parameters, load_match, match
-from abfm_viewer.computing.background import Jobs
 from abfm_viewer.document.document import Channel
 from abfm_viewer.files.project import load_project
 from abfm_viewer.session import session_files
@@ -317,13 +316,6 @@ def quick():
     quick = Slow()
     quick.may_go_on.set()
     return quick
-
-
-@pytest.fixture
-def jobs():
-    jobs = Jobs()
-    yield jobs
-    jobs.close()
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from abfm_viewer.document.document import COLORINGS
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import Painter, _most
 from abfm_viewer.shown.shown import Field, Shown
-from tests.viewer.sessions import SPHERE, until
+from tests.viewer.sessions import SPHERE, ready, until
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def show(session, **values):
 
 def set_source(session, spec):
     session.editor.set_spec("source", spec)
-    until(lambda: not session.obstacle, session)
+    ready(session)
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,9 @@ def test_surfaces_stand_in_the_order_of_the_flow(session, view, names):
     assert session.view.shown_surfaces == names
 
 
-def test_all_functions_share_one_range_and_one_bar(session, painter):
+def test_all_functions_share_one_bar_and_one_range_and_signed_ones_have_zero_in_the_middle(
+    session, painter
+):
     show(session, blend=True, transport=True)
     until(lambda: painter.paint("optimal transport"))
     paints = [painter.paint(name) for name in session.view.shown_surfaces]
@@ -57,9 +59,6 @@ def test_all_functions_share_one_range_and_one_bar(session, painter):
     high = max(session.values(side).max() for side in ("source", "target"))
     assert 0 < low < 1e-6  # so the range begins at 0
     assert {(paint.colors.low, paint.colors.high) for paint in paints} == {(0.0, high)}
-
-
-def test_a_signed_function_has_a_range_with_zero_in_the_middle(session, painter):
     set_source(session, "eigenfunction:2")
     colors = painter.paint("source").colors
     assert colors.low == -colors.high < 0
@@ -141,7 +140,7 @@ def test_negative_functions_have_no_optimal_transport_and_say_why(session, shown
     assert "f is negative at" in shown.mass_transport.error
     assert painter.paint("linear blend") is not None
     session.undo()
-    until(lambda: not session.obstacle, session)
+    ready(session)
     assert settled_transport(shown, painter).title == "optimal transport"
     assert not shown.mass_transport.error
 
@@ -173,7 +172,7 @@ def test_a_side_without_values_shows_none_and_the_other_one_stays(session, paint
     assert np.ptp(bare.values) == 0
     assert painter.paint("target") is None  # keeps what it showed: no range is known
     session.undo()
-    until(lambda: not session.obstacle, session)
+    ready(session)
     assert painter.paint("source").title == "source"
     np.testing.assert_array_equal(painter.paint("target").values, target)
 

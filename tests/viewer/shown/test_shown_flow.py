@@ -8,10 +8,9 @@ import pytest
 
 import abfm
 from abfm import AdvectionError
-from abfm_viewer.computing.background import Jobs
 from abfm_viewer.shown.paint import Painter
 from abfm_viewer.shown.shown_flow import Carried, FlowState, span
-from tests.viewer.sessions import PAIR, QUICK, SPHERE, hold, matched, opened, solving, until
+from tests.viewer.sessions import PAIR, QUICK, SPHERE, hold, matched, opened, ready, solving, until
 
 
 @pytest.fixture(scope="module")
@@ -28,13 +27,6 @@ def source(match):
 @pytest.fixture
 def state(match):
     return FlowState(SPHERE, match.velocity, match.parameters)
-
-
-@pytest.fixture
-def jobs():
-    jobs = Jobs()
-    yield jobs
-    jobs.close()
 
 
 @pytest.fixture
@@ -64,10 +56,7 @@ def test_a_span_has_the_exact_function_at_tau_and_hardly_another_between(match, 
     assert (over.times[0], over.times[-1]) == (0, 2)
     for time, tolerance in ((0.0, 1e-7), (1.0, 1e-6), (2.0, 1e-6), (0.517, 2e-3), (1.813, 2e-3)):
         assert distance(over.at(time), match.advect(time)) < tolerance
-
-
-def test_several_columns_are_carried_at_once(match, state):
-    over = span(state, SPHERE.vertices)
+    over = span(state, SPHERE.vertices)  # several columns at once
     assert over.frames.shape == (len(over.times), len(SPHERE.vertices), 3)
     assert distance(over.at(1.0), match.push(SPHERE.vertices, 1.0)) < 1e-6
 
@@ -87,15 +76,12 @@ def test_a_flow_that_is_too_fast_for_any_time_is_an_error_and_no_end(match, sour
     assert carried.at(state, source, 0.5, settled=True) is None
 
 
-def test_at_time_0_the_function_is_there_at_once(source, state, carried, jobs):
-    assert carried.at(state, source, 0.0, settled=True) is source
-    assert not jobs.busy
-
-
-def test_scrubbing_shows_blends_and_a_settled_time_is_exact(
+def test_time_0_needs_nothing_scrubbing_shows_blends_and_a_settled_time_is_exact(
     match, state, source, carried, jobs, held
 ):
     _, may_end = held(FlowState, "carry")
+    assert carried.at(state, source, 0.0, settled=True) is source
+    assert not jobs.busy
     assert carried.at(state, source, 0.3, settled=False) is None
     may_end.set()
     until(lambda: not jobs.busy)
@@ -147,7 +133,7 @@ def test_after_a_match_its_end_is_shown(session, shown):
 
 def test_an_outdated_end_is_not_shown_but_what_the_flow_makes_of_the_source_now(session, shown):
     session.editor.set_spec("source", "coordinate:x")
-    until(lambda: not session.obstacle, session)
+    ready(session)
     sleep(0.2)
     expected = carry(shown, session.parameters.tau)
     np.testing.assert_allclose(settle(shown), expected, atol=1e-12)
