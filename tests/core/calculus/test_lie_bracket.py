@@ -167,23 +167,6 @@ def test_pushforward_turns_a_field_along_with_the_sphere(t):
     assert last_order(errors) > 0.5
 
 
-def test_pushforward_of_rotations_turns_the_axis():
-    """The rotation about y, carried by that about x, is the one about the turned axis."""
-    errors = []
-    for mesh in SPHERES:
-        spin, field, expected = (
-            rotation_field(mesh, axis)
-            for axis in ([1, 0, 0], [0, 1, 0], [0, np.cos(0.25), np.sin(0.25)])
-        )
-        right, wrong = (
-            relative_error(mesh, pushforward(mesh, spin, field, t), expected) for t in (0.25, -0.25)
-        )
-        errors.append(right)
-        assert wrong == pytest.approx(2 * np.sin(0.25), abs=0.01)
-    assert errors[-1] < 0.015
-    assert last_order(errors) > 0.5
-
-
 def test_pushforward_has_order_one():
     """Turning a torus about its axis by half a radian."""
     errors = []
@@ -197,16 +180,12 @@ def test_pushforward_has_order_one():
     assert last_order(errors) == pytest.approx(1, abs=0.05)
 
 
-def test_pullback_undoes_the_pushforward(mesh):
+def test_pullback_undoes_the_pushforward_and_a_field_is_carried_to_itself_by_its_own_flow(mesh):
     v, u = wavy_field(mesh, 1), wavy_field(mesh, 2)
     carried = pushforward(mesh, v, u, 0.3)
     close(pushforward(mesh, v, carried, -0.3), u, abs(carried).max())
     close(pushforward(mesh, v, pushforward(mesh, v, u, 0.1), 0.2), carried, abs(carried).max())
     close(pushforward(mesh, v, u, 0.0), u, abs(u).max())
-
-
-def test_a_field_is_carried_to_itself_by_its_own_flow(mesh):
-    v = wavy_field(mesh, 1)
     close(pushforward(mesh, v, v, 0.2), v, abs(v).max())
 
 
@@ -233,12 +212,9 @@ def test_bad_input_is_refused_in_words(call, error, words):
         call(mesh, wavy_field(mesh, 1))
 
 
-def random_matrix():
-    rng = np.random.default_rng(0)
-    return Matrix(sparse.random_array((40, 40), density=0.2, rng=rng, data_sampler=rng.normal))
-
-
-RANDOM, X = random_matrix(), np.random.default_rng(1).normal(size=40)
+RNG = np.random.default_rng(0)
+RANDOM = Matrix(sparse.random_array((40, 40), density=0.2, rng=RNG, data_sampler=RNG.normal))
+X = np.random.default_rng(1).normal(size=40)
 
 
 @pytest.mark.parametrize("t", [0.0, 1e-9, 0.3, -0.3, 4.0])
@@ -252,12 +228,6 @@ def test_exponential_of_many_steps_stays_accurate():
     turn = Matrix(np.array([[0.0, -1.0], [1.0, 0.0]]))
     found = exponential_action(turn, np.array([1.0, 0.0]), 100.0)
     near(found, [np.cos(100), np.sin(100)], 1e-13)
-
-
-def test_times_of_an_exponential_add_up():
-    half, whole = (exponential_action(RANDOM, X, t) for t in (0.5, 1.0))
-    np.testing.assert_allclose(exponential_action(RANDOM, half, 0.5), whole, atol=1e-12)
-    np.testing.assert_allclose(exponential_action(RANDOM, half, -0.5), X, atol=1e-12)
 
 
 def test_exponential_of_nilpotent_and_zero_matrices():

@@ -16,7 +16,7 @@ from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
 from tests.core.reading.hostile import npy_of, one_byte_changed
 from tests.processes import python
-from tests.shapes import ellipsoid, icosphere
+from tests.shapes import ellipsoid, icosphere, with_loose_vertex
 
 MESH, TINY = icosphere(1), icosphere(0)
 COUNT, FEW = len(MESH.vertices), len(TINY.vertices)
@@ -300,21 +300,10 @@ def test_what_is_wrong_fits_one_line(tmp_path, name, content, words):
     assert error_line(tmp_path / name, FORMS[1])
 
 
-def test_a_line_of_another_length_is_named_without_advice_to_programmers(tmp_path):
-    (tmp_path / "a.csv").write_text("1,2\n3,4\n5,6,7\n")
-    assert error_line(tmp_path / "a.csv").endswith("columns changed from 2 to 3 at row 3")
-
-
-NOT_THERE = [
-    "missing.npy",
-    "~no_such_user/a.npy",
-    "x" * 300 + ".npy",
-    "missing/a.txt",
-    "missing.gii",
-]
-
-
-@pytest.mark.parametrize("path", NOT_THERE)
+@pytest.mark.parametrize(
+    "path",
+    ["missing.npy", "~no_such_user/a.npy", "x" * 300 + ".npy", "missing/a.txt", "missing.gii"],
+)
 def test_files_that_cannot_be_read_say_why(tmp_path, monkeypatch, path):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FunctionError, match=r"cannot be read: \w"):
@@ -331,7 +320,9 @@ def test_devices_pipes_and_folders_are_refused(tmp_path, suffix, form):
         assert f"cannot be read: {why}" in error_line(tmp_path / f"{name}{suffix}", form)
 
 
-def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path):
+def test_a_line_of_another_length_is_named_without_advice_and_names_are_made_printable(tmp_path):
+    (tmp_path / "a.csv").write_text("1,2\n3,4\n5,6,7\n")
+    assert error_line(tmp_path / "a.csv").endswith("columns changed from 2 to 3 at row 3")
     for name in ("a\nb.csv", "\x1b[31m.csv", "x" * 200 + ".csv"):
         (tmp_path / name).write_bytes(b"")
         assert "it is empty" in error_line(tmp_path / name)
@@ -410,7 +401,7 @@ def test_maps_to_meshes_of_files_with_many_more_vertices_need_no_room(tmp_path):
 
 
 def test_a_mesh_may_come_with_the_numbers_of_its_vertices():
-    whole = TriangleMesh(np.insert(TINY.vertices, 5, 9.0, axis=0), TINY.faces + (TINY.faces >= 5))
+    whole = with_loose_vertex(TINY)
     ids = np.delete(np.arange(FEW + 1), 5)
     again = TriangleMesh(TINY.vertices, TINY.faces, numbers=(ids, FEW + 1))
     assert again.messages == whole.messages

@@ -1,13 +1,12 @@
 """Values of the families, against surfaces and spectra where the answer is known."""
 
-from pathlib import Path
-
 import numpy as np
 import potpourri3d
 import pytest
 import trimesh
 from numpy.testing import assert_allclose, assert_array_equal
 
+from abfm.assets import asset_path
 from abfm.calculus.channels import extend
 from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.geodesics import geodesic_distance
@@ -16,9 +15,15 @@ from abfm.errors import FunctionError
 from abfm.functions import function
 from abfm.functions.local_shape import gaussian_curvature, mean_curvature, mixed_areas
 from abfm.mesh import TriangleMesh, load_mesh
-from tests.shapes import hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
-
-ASSETS = Path(__file__).parents[3] / "assets"
+from tests.shapes import (
+    hemisphere,
+    icosphere,
+    open_cylinder,
+    square,
+    tetrahedron,
+    torus,
+    with_loose_vertex,
+)
 
 
 @pytest.mark.parametrize(("subdivisions", "error"), [(3, 0.051), (4, 0.030), (5, 0.020)])
@@ -31,7 +36,7 @@ def test_geodesic_distance_on_the_sphere(subdivisions, error):
 
 
 def test_geodesic_distance_on_an_uneven_mesh_is_near_the_shortest_paths():
-    mesh = load_mesh(ASSETS / "human_A.off")
+    mesh = load_mesh(asset_path("human_A.off"))
     targets = np.arange(20, len(mesh.vertices), 60)
     paths = potpourri3d.EdgeFlipGeodesicSolver(mesh.vertices, mesh.faces)
     lines = [paths.find_geodesic_path(10, int(target)) for target in targets]
@@ -81,13 +86,11 @@ def pinched_sphere():
 
 
 def test_vertices_count_as_the_file_does():
-    sphere = icosphere(2)
-    vertices = np.insert(sphere.vertices, 4, 0.0, axis=0)
-    repaired = TriangleMesh(vertices, sphere.faces + (sphere.faces >= 4))
-    expected = function(sphere, "gaussian:vertex=9")
-    assert_array_equal(function(repaired, "gaussian:vertex=10"), expected)
+    mesh = with_loose_vertex(icosphere(2))
+    expected = function(icosphere(2), "gaussian:vertex=9")
+    assert_array_equal(function(mesh, "gaussian:vertex=10"), expected)
     with pytest.raises(FunctionError):
-        function(repaired, "gaussian:vertex=4")
+        function(mesh, "gaussian:vertex=5")
 
 
 def test_gaussian_on_the_sphere():
@@ -158,7 +161,7 @@ def test_curvature_at_a_boundary_is_carried_over_from_the_inside():
 
 @pytest.mark.parametrize("name", ["eight", "human_A", "fandisk"])
 def test_gaussian_curvature_and_mixed_areas_have_the_right_totals(name):
-    mesh = load_mesh(ASSETS / f"{name}.off")
+    mesh = load_mesh(asset_path(f"{name}.off"))
     areas = mixed_areas(mesh)
     assert_allclose(areas.sum(), mesh.length_scale**2, rtol=1e-12)
     assert areas.min() > 0
