@@ -114,7 +114,7 @@ def test_a_mesh_is_opened_by_its_typed_path_and_by_keys(gui, mesh_file, tmp_path
     opened(gui, 42)
     gui.session.undo()
     gui.key("ctrl+o")
-    gui.wait(lambda s: mesh_file.name in gui.labels(), 5)
+    gui.wait(lambda s: mesh_file.name in gui.labels())
     gui.key("down")
     gui.key("down")
     while gui.text_of(mesh_file.name) != "chosen":
@@ -130,7 +130,7 @@ def test_ten_thousand_files_do_not_slow_the_window_down(gui, monkeypatch):
         listing = Listing(tuple(Entry(f"{number:05}.off", False) for number in range(count)))
         monkeypatch.setattr(file_dialog, "read_folder", partial(lambda found, *_: found, listing))
         gui.key("ctrl+o")
-        gui.wait(lambda s: "00000.off" in gui.labels(), 10)
+        gui.wait(lambda s: "00000.off" in gui.labels())
         assert len(gui.window.ui.widgets) < 700
         gui.input.move(280, 200)
         lines.append(lines_run(lambda: gui.frames(10)))
@@ -157,7 +157,7 @@ def lines_run(work):
 
 def test_an_error_after_a_dialog_is_shown_and_the_window_lives(gui, mesh_file, capsys):
     gui.window.dialogs.open("Open", (".off",), lambda path: 1 / 0)
-    gui.wait(lambda s: mesh_file.name in gui.labels(), 5)
+    gui.wait(lambda s: mesh_file.name in gui.labels())
     gui.click(mesh_file.name)
     gui.click("Open")
     gui.frames(3)
@@ -230,7 +230,7 @@ def test_a_damaged_copy_is_told_once(state, launched):
     state.path.mkdir()
     crashed.write_bytes(b"PK")
     with launched() as gui:
-        gui.wait(lambda s: s.notices.latest.is_error, 10)
+        gui.wait(lambda s: s.notices.latest.is_error)
         assert "unsaved work of an earlier launch is kept in" in gui.session.notices.latest.text
     assert not crashed.exists()
     assert (state.path / f"unreadable-{crashed.name}").read_bytes() == b"PK"
