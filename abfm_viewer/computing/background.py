@@ -180,10 +180,6 @@ class Jobs:
         return next((one.error for one in self._all if one.error), "")
 
     @property
-    def step(self) -> Step | None:
-        return next((one.step for one in self._all if one.busy and one.step), None)
-
-    @property
     def busy(self) -> bool:
         return any(one.busy for one in self._all)
 

@@ -86,9 +86,7 @@ def test_a_coarse_mesh_gets_wider_ones_but_no_wider_than_an_even_mesh_needs():
     assert width(mesh) > WIDTH
     for spec in specs(mesh):
         assert 3.5 < resolution(mesh, function(mesh, spec)) < 4.6
-
-
-def test_where_they_would_span_hardly_an_edge_they_are_farther_apart_and_wider():
+    # where they would span hardly an edge they are farther apart and wider
     coarse, fine = (ellipsoid(subdivisions, 3.0, 1.0, 1.0) for subdivisions in (1, 4))
     shares = []
     for mesh in (coarse, fine):

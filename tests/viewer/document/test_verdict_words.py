@@ -99,10 +99,15 @@ def shown_share(match):
     return float(re.findall(r"([0-9.]+)%", words)[0])
 
 
-def test_percents_have_as_many_digits_as_one_reads():
+def test_percents_have_as_many_digits_as_one_reads_sentences_a_capital_and_one_is_no_plural():
     values = [1e-5, 1e-4, 0.00094, 0.0096, 0.0149, 0.0996, 0.995]
     said = ["less than 0.01%", "0.01%", "0.09%", "1%", "1%", "10%", "100%"]
     assert [verdict_words.share(value) for value in values] == said
+    counts = [verdict_words.counted(number, "iteration") for number in (0, 1, 2)]
+    assert counts == ["0 iterations", "1 iteration", "2 iterations"]
+    assert verdict_words.capital("opening Bear.OFF") == "Opening Bear.OFF"
+    assert verdict_words.sentence("the target is ||g|| = 0") == "The target is ||g|| = 0."
+    assert verdict_words.capital("") == ""
 
 
 def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
@@ -112,6 +117,13 @@ def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
         ("iteration limit", "it stopped after the 12 iterations it was given"),
     ):
         assert why(replace(found, stop_reason=reason)) == told
+    for reason, start, words in (  # of what did not come to its end
+        ("cancelled", "cancelled: 2% left", "best field so far"),
+        ("given", "field given", "Play"),
+    ):
+        match = replace(found, stop_reason=reason)
+        assert (headline(match), tone(match)) == (start, "ink")
+        assert words in why(match)
 
 
 def test_what_is_not_known_is_left_out(found):
@@ -136,25 +148,6 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
     assert second == "Go on.\nStarts a run from the present field."
 
 
-@pytest.mark.parametrize(
-    ("reason", "start", "words"),
-    [("cancelled", "cancelled: 2% left", "best field so far"), ("given", "field given", "Play")],
-)
-def test_what_did_not_come_to_its_end_has_words_of_its_own(found, reason, start, words):
-    match = replace(found, stop_reason=reason)
-    assert headline(match) == start
-    assert tone(match) == "ink"
-    assert words in why(match)
-
-
 def test_a_place_names_mesh_stage_and_reach(found, iterations):
     assert place(iterations[0]) == "mesh 1/2, stage 1, reach 0.5"
     assert place(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
-
-
-def test_sentences_begin_with_a_capital_and_one_is_no_plural():
-    counts = [verdict_words.counted(number, "iteration") for number in (0, 1, 2)]
-    assert counts == ["0 iterations", "1 iteration", "2 iterations"]
-    assert verdict_words.capital("opening Bear.OFF") == "Opening Bear.OFF"
-    assert verdict_words.sentence("the target is ||g|| = 0") == "The target is ||g|| = 0."
-    assert verdict_words.capital("") == ""

@@ -269,17 +269,14 @@ def test_what_the_user_does_stops_it(flowing):
         assert not flowing.player.playing
 
 
-def test_a_cancelled_run_shows_what_it_has(endless):
+def test_a_cancelled_run_shows_what_it_has_and_one_whose_flow_is_switched_off_none(endless):
+    end_run(solving(endless))
+    assert (endless.player.playing, endless.time) == (False, endless.parameters.tau)
+    assert not shows_flow(endless)
     endless.switch_flow_after_match()
     end_run(solving(endless))
     assert endless.result.stop_reason == "cancelled"
     assert endless.player.playing
-
-
-def test_a_flow_that_is_switched_off_is_not_played(session):
-    matched(session)
-    assert (session.player.playing, session.time) == (False, session.parameters.tau)
-    assert not shows_flow(session)
 
 
 @pytest.fixture
