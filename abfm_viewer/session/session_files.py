@@ -96,7 +96,7 @@ class SessionFiles:
 
     def __init__(self, session: Session, state: StateFolder | None, ask: Ask) -> None:
         self._session = session
-        self._state = state
+        self.state = state
         self._ask = ask
         # other than daemons it ends its work though nobody closes it
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="save")
@@ -201,7 +201,8 @@ class SessionFiles:
             notices.mend(SAVING)
             session.saves.mark(document, future.result(), left)
             notices.say(f"saved {path}")
-            self._remember(path)
+            if self.state:
+                self.state.add_recent(path)
             go_on()
 
         self._writing.append((future, end, actions))
@@ -217,17 +218,6 @@ class SessionFiles:
         while self._writing and self._writing[0][0].done():
             _, end, _ = self._writing.pop(0)
             end()
-
-    def recent(self) -> list[Path]:
-        return self._state.recent() if self._state else []
-
-    def forget_recent(self) -> None:
-        if self._state:
-            self._state.clear_recent()
-
-    def _remember(self, path: Path) -> None:
-        if self._state:
-            self._state.add_recent(path)
 
     def close(self) -> None:
         self._writer.shutdown()
@@ -273,6 +263,7 @@ class SessionFiles:
         left, unsaved = self._session.document.name, self._session.saves.unsaved
         show()
         self._session.notices.mend(OPENING)
-        self._remember(path)
+        if self.state:
+            self.state.add_recent(path)
         back = f" Undo returns to {left}, which was not saved." if unsaved else ""
         self._session.notices.say(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")

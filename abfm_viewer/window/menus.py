@@ -53,15 +53,15 @@ def _file(ui: Ui, actions: Actions) -> None:
     _items(ui, {"Open mesh...": actions.open_mesh, "Open project...": actions.open_project})
     with menu(ui, "Recent") as is_open:
         if is_open:
-            recent = files.recent()
+            recent = files.state.recent() if files.state else []
             for path in recent:
                 if menu_item(ui, _short(path)):
                     files.open(path)
             if not recent:
                 menu_item(ui, "no files yet", enabled=False)
             imgui.Separator()
-            if menu_item(ui, "Clear recent", enabled=bool(recent)):
-                files.forget_recent()
+            if menu_item(ui, "Clear recent", enabled=bool(recent)) and files.state:
+                files.state.clear_recent()
     imgui.Separator()
     _items(ui, {"Save project": actions.save, "Save project as...": actions.save_as})
     imgui.Separator()

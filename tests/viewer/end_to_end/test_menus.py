@@ -56,7 +56,7 @@ def test_a_mesh_is_opened_and_is_recent_then(tmp_path, sphere_file):
         faces = gui.session.surface().mesh.faces
         np.testing.assert_array_equal(faces, load_mesh(sphere_file).faces)
         gui.menu("File", "Recent", "Clear recent")
-        assert files.recent() == []
+        assert files.state.recent() == []
         assert not gui.errors
 
 

@@ -181,7 +181,7 @@ def test_dropped_files_are_opened_or_refused_in_one_line(gui, mesh_file, tmp_pat
     )
     gui.window._dropped([])
     assert gui.errors == {}
-    assert gui.window.files.recent() == [mesh_file]
+    assert gui.window.files.state.recent() == [mesh_file]
 
 
 def test_preferences_are_kept_for_the_next_launch(state, launched):
