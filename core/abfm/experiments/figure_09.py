@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from abfm import Match, MeshError, Parameters, Problem, TriangleMesh, maps
+from abfm import Match, MeshError, Parameters, Problem, TriangleMesh, function, maps
 from abfm.assets import asset_path
 from abfm.calculus import averaging, face_normals
 from abfm.calculus.geodesics import exact_distances
@@ -46,25 +46,41 @@ def figure_9(stage: Stage) -> Script:
         one = stage.match(alone, "one function", (0.35, 0.5))
         uncooled = replace(p, cooling_stages=1, iterations=min(p.iterations, 150))
         hot = stage.match(scene.problem(scene.places(), uncooled), "without cooling", (0.5, 0.75))
+        of_one, of_hot = scene.mean_errors(one, hot)
         energies = [match.energy_history[-1, 0] for match in (hot, found)]
         measures += [
             Measure("mismatch with one Gaussian as the only function", one.mismatch),
-            Measure("map error with one Gaussian only, mean", scene.mean_error(one)),
+            Measure("map error with one Gaussian only, mean", of_one),
             Measure("energy without cooling over the energy here", energies[0] / energies[1]),
-            Measure("map error without cooling, mean", scene.mean_error(hot)),
+            Measure("map error without cooling, mean", of_hot),
         ]
     if stage.mesh is None:
-        row, more, of_mirror = mirrored(stage, replace(p, iterations=15) if stage.small else p)
-        rows.append(row)
-        measures += more
-        judged |= of_mirror
+        # a function and its mirror image, and the mirror as a map, which is out of reach
+        p = replace(p, iterations=15) if stage.small else p
+        human = words.bundled("human_A.off")
+        mirror = Symmetric(human, "human_A.off", maps.detect_symmetry(human, "mirror"))
+        image = mirror.symmetry.vertex_map
+        bumps = stage.match(mirror.example(p).problem, "mirror", (0.75, 0.85))
+        as_map = stage.match(mirror.problem(mirror.places(), p), "mirror, as a map", (0.85, 1.0))
+        of_bumps, of_map = mirror.mean_errors(bumps, as_map)
+        other = read_vertex_map(human, str(asset_path("human.symperm.txt"))) != image
+        goal = Panel(human, Coordinates(human.vertices[image]), "the mirror as a map", "target")
+        end = Panel(human, Coordinates(as_map.advected), "matched: not reached", "result")
+        rows.append((*function_row(bumps, "mirrored function")[:4], goal, end))
+        measures += [
+            Measure("mirror: vertices where the detected map is not the file's", other.sum()),
+            Measure("mirror: mismatch of the function", bumps.mismatch),
+            Measure("mirror: map error, mean", of_bumps),
+            Measure("mirror: mismatch of the three coordinates", as_map.mismatch),
+            Measure("mirror: map error with the three coordinates, mean", of_map),
+        ]
+        judged |= words.maps_of_flow(as_map, "mirror, three coordinates, the map")
     of_maps, notes = words.map_findings(judged)
     setting = (
         f"{scene.words()} Printed parameters, but sigma is cooled to {p.sigma:g} in three stages."
     )
-    return Findings(
-        [*measures, *of_maps], Sheet(tuple(rows), seen=scene.seen(), notes=notes), setting
-    )
+    sheet = Sheet(tuple(rows), seen=scene.seen(), notes=notes)
+    return Findings([*measures, *of_maps], sheet, setting)
 
 
 def figure_10(stage: Stage) -> Script:
@@ -86,39 +102,8 @@ def figure_10(stage: Stage) -> Script:
     return Findings(measures, Sheet(rows, "z", scene.seen(), notes=notes), scene.words())
 
 
-def mirrored(
-    stage: Stage, p: Parameters
-) -> tuple[tuple[Panel, ...], list[Measure], dict[str, maps.MapQuality]]:
-    """Match the human to its mirror image: a function, and as a map, which is out of reach."""
-    mesh = words.bundled("human_A.off")
-    scene = Symmetric(mesh, "human_A.off", maps.detect_symmetry(mesh, "mirror"))
-    image = scene.symmetry.vertex_map
-    found = stage.match(scene.example(p).problem, "mirror", (0.75, 0.85))
-    as_map = stage.match(scene.problem(scene.places(), p), "mirror, as a map", (0.85, 1.0))
-    other = read_vertex_map(mesh, str(asset_path("human.symperm.txt"))) != image
-    row = (
-        *function_row(found, "mirrored function")[:4],
-        Panel(mesh, Coordinates(mesh.vertices[image]), "the mirror as a map", "target"),
-        Panel(mesh, Coordinates(as_map.advected), "matched: not reached", "result"),
-    )
-    numbers = {
-        "vertices where the detected map is not the file's": other.sum(),
-        "mismatch of the function": found.mismatch,
-        "map error, mean": scene.mean_error(found),
-        "mismatch of the three coordinates": as_map.mismatch,
-        "map error with the three coordinates, mean": scene.mean_error(as_map),
-    }
-    measures = [Measure(f"mirror: {name}", value) for name, value in numbers.items()]
-    return row, measures, words.maps_of_flow(as_map, "mirror, three coordinates, the map")
-
-
 def detected(mesh: TriangleMesh) -> Symmetry:
-    """Find the rotation by 180 degrees that a mesh has, or else its mirror plane; MeshError if it
-    has neither.
-
-    A rotation that turns the surface over, as one about an axis in a flat one, acts on it as a
-    mirror: no flow reaches it, and mirrors go before it.
-    """
+    """Find the rotation by 180 degrees that a mesh has, or else its mirror plane, or MeshError."""
     errors, found = {}, None
     for kind in reversed(maps.KINDS):
         try:
@@ -126,6 +111,7 @@ def detected(mesh: TriangleMesh) -> Symmetry:
         except maps.SymmetryError as error:
             errors[kind] = error.error
             continue
+        # one that turns the surface over acts on it as a mirror, which no flow reaches
         normals = averaging(mesh) @ face_normals(mesh)
         aligned = (normals @ found.linear.T * normals[found.vertex_map]).sum()
         if kind == "mirror" or float(aligned) >= 0:
@@ -160,7 +146,7 @@ class Symmetric:
 
     def problem(self, specs: Iterable[str], p: Parameters) -> Problem:
         """Return functions and these after the symmetry."""
-        source = words.evaluated(self.mesh, specs)
+        source = np.stack([function(self.mesh, spec) for spec in specs], axis=1)
         return Problem(self.mesh, source, source[self.symmetry.vertex_map], p)
 
     @property
@@ -196,7 +182,7 @@ class Symmetric:
 
     def seen(self) -> tuple[FloatArray, ...]:
         """Return functions that are large where the marks are, for the camera to show them."""
-        return tuple(words.evaluated(self.mesh, map(self.bump, self.marks)).T)
+        return tuple(function(self.mesh, self.bump(mark)) for mark in self.marks)
 
     @property
     def sample(self) -> IntArray:
@@ -204,10 +190,12 @@ class Symmetric:
         count = len(self.mesh.vertices)
         return np.linspace(0, count - 1, min(_SAMPLE, count)).astype(np.int64)
 
-    def mean_error(self, match: Match) -> float:
-        """Return the mean distance of the map at tau along the surface, in sqrt(area)."""
-        wanted = self.symmetry.vertex_map[self.sample]
-        return float(geodesics(self.mesh, wanted, match.point_map().points[self.sample]).mean())
+    def mean_errors(self, *matches: Match) -> list[float]:
+        """Return the mean distances of the maps at tau along the surface, in sqrt(area)."""
+        rows = self.sample
+        ends = [match.point_map().points[rows] for match in matches]
+        found = geodesics(self.mesh, self.symmetry.vertex_map[rows], *ends)
+        return [float(distances.mean()) for distances in found]
 
     def measured(self, match: Match) -> list[Measure]:
         """Measure mismatch, map error and drift, with exact flow lines, walked back, as witness."""
@@ -236,16 +224,13 @@ class Symmetric:
 
     def map_row(self, match: Match) -> tuple[Panel, ...]:
         """Show places as colours, carried by the flow, and marked points that move with it."""
-        mesh, tau = self.mesh, match.parameters.tau
-        return tuple(
-            Panel(
-                mesh,
-                Coordinates(match.push(mesh.vertices, share * tau)),
-                label,
-                points=match.point_map(-share * tau).positions[self.marks],
-            )
-            for share, label in _SHOWN.items()
-        )
+        panels = []
+        for share, label in _SHOWN.items():
+            time = share * match.parameters.tau
+            places = Coordinates(match.push(self.mesh.vertices, time))
+            points = match.point_map(-time).positions[self.marks]
+            panels.append(Panel(self.mesh, places, label, points=points))
+        return tuple(panels)
 
     def words(self) -> str:
         """Say what is matched, in a sentence."""
@@ -260,14 +245,10 @@ class Symmetric:
 
 
 def geodesics(mesh: TriangleMesh, vertices: IntArray, *ends: maps.SurfacePoints) -> FloatArray:
-    """Measure the distance in sqrt(area) along the surface from each of P vertices to its own
-    point, for K sets of points, (K, P).
-
-    Exact on faces around the vertex and at vertices, elsewhere linear between the exact distances
-    of a face's corners, which is never less than the distance.
-    """
+    """Measure how far in sqrt(area) along the surface P vertices are from K points each, (K, P)."""
     distances = np.array([points.distances_from(mesh.vertices[vertices]) for points in ends])
     far = np.array([(mesh.faces[points.faces] != vertices[:, None]).all(axis=1) for points in ends])
+    # far ones linearly between the exact distances of a face's corners: never less than exact
     for i in np.flatnonzero(far.any(axis=0)):
         corners = np.concatenate([mesh.faces[points.faces[i]] for points in ends])
         exact = exact_distances(mesh, vertices[i], corners)

@@ -389,8 +389,6 @@ def followed(start: PointMap, velocity: FloatArray, tau: float) -> PointMap:
     """Compose a map with flow lines of fields (N, F, 3), followed back exactly."""
     a, b = start.codomain, start.domain
     lines = flow_lines(b, -velocity[::-1], maps.vertex_points(b), tau, tau)
-    faces, places = (
-        [getattr(line, name)[-1] for line in lines] for name in ("faces", "barycentric")
-    )
+    faces, places = zip(*((line.faces[-1], line.barycentric[-1]) for line in lines), strict=True)
     origins = SurfacePoints(b, np.array(faces), np.array(places))
     return PointMap.project(b, a, origins.pull_back(start.positions))

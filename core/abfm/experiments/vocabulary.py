@@ -1,7 +1,7 @@
 """The words of a figure's script: it yields its problem, then computes, measures and draws."""
 
 import math
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import lru_cache
@@ -235,11 +235,6 @@ def sized(name: str, *meshes: TriangleMesh) -> str:
 def gaussian(mesh: TriangleMesh, vertex: int, width: float) -> str:
     """Return the spec of a Gaussian."""
     return f"gaussian:vertex={mesh.vertex_ids[vertex]},width={width:g}"
-
-
-def evaluated(mesh: TriangleMesh, specs: Iterable[str]) -> FloatArray:
-    """Evaluate functions that are given as text, (V, C)."""
-    return np.stack([function(mesh, spec) for spec in specs], axis=1)
 
 
 def carried_example(flow: Flow, name: str, source: str, target: str) -> Example:

@@ -41,8 +41,7 @@ def test_a_kernel_that_changes_reaches_those_that_call_it_from_another_file(tmp_
     assert len(list((tmp_path / "__pycache__").glob("upper.h_*.nbi"))) == 2
 
 
-@pytest.mark.parametrize("damage", [b"", b"junk", bytes(1000)])
-def test_a_damaged_file_of_compiled_code_is_compiled_anew(tmp_path, damage):
+def test_a_damaged_file_of_compiled_code_is_compiled_anew(tmp_path):
     code = (
         "from abfm.numerics.kernels import inner; import numpy; "
         "print(inner(numpy.ones(3), numpy.ones(3)), len(inner.stats.cache_hits))"
@@ -54,12 +53,13 @@ def test_a_damaged_file_of_compiled_code_is_compiled_anew(tmp_path, damage):
         return done.stdout.split()
 
     assert run() == ["3.0", "0"]
-    files = [*tmp_path.rglob("*.nb?")]
-    assert len(files) == 2
-    for file in files:
-        file.write_bytes(damage)
-    assert run() == ["3.0", "0"]
-    assert run() == ["3.0", "1"]
+    for damage in (b"", b"junk", bytes(1000)):
+        files = [*tmp_path.rglob("*.nb?")]
+        assert len(files) == 2
+        for file in files:
+            file.write_bytes(damage)
+        assert run() == ["3.0", "0"], damage
+        assert run() == ["3.0", "1"], damage
 
 
 @pytest.mark.parametrize("value", ["0", "many"])
