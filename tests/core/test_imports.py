@@ -1,5 +1,8 @@
-"""What importing costs: names are there at once, what computes them comes when they are used."""
+"""What importing costs: names are there at once, what computes them comes when they are used; and
+examples in docstrings run.
+"""
 
+import doctest
 import inspect
 import json
 import pkgutil
@@ -93,3 +96,10 @@ def test_importing_all_names_takes_those_of_no_other_modules():
         "'flow' in globals())"
     )
     assert python(code).stdout == "text True False\n"
+
+
+@pytest.mark.parametrize("name", ["abfm.flow.flow", "abfm.matching.match", "abfm.matching.problem"])
+def test_examples_show_what_they_say(name):
+    found = doctest.testmod(import_module(name))
+    assert found.attempted > 0
+    assert found.failed == 0

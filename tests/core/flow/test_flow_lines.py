@@ -156,7 +156,7 @@ def test_equal_fields_are_one_field():
     near(ends(flow_lines(mesh, np.stack([velocity] * 4), start, 1.2, tau=1.0)), ends(one), 1e-10)
 
 
-def test_slides_along_an_edge_between_opposing_faces():
+def test_slides_along_an_edge_between_opposing_faces_and_rests_between_equal_ones():
     """Filippov: the mean of (1, 0.4) and (-3, 0.8) with no part across the edge is (0, 0.5)."""
     mesh, velocity = strip([1, 0.4, 0], [-3, 0.8, 0])
     start = SurfacePoints(mesh, np.array([0]), np.array([[0.6, 0.3, 0.1]]))
@@ -166,9 +166,6 @@ def test_slides_along_an_edge_between_opposing_faces():
     near(line.at(meets), line.positions[0] + meets * np.array([1, 0.4, 0]), 1e-15)
     near(line.at(0.5) - line.at(meets), [0, 0.5 * (0.5 - meets), 0], 1e-15)
     near(longer.positions[-1], [0, 1, 0], 1e-15)
-
-
-def test_rests_on_an_edge_between_equal_opponents():
     mesh, velocity = strip([1, 0, 0], [-2, 0, 0])
     [line] = flow_lines(mesh, velocity, centre(mesh, 0), 5.0)
     assert line.ended == "stagnation"

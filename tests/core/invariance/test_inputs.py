@@ -1,15 +1,21 @@
-"""Whatever a Python user may give for functions, fields and numbers: taken for what it is, or
-refused in one line.
+"""Whatever a user may give for functions, fields, numbers and parameters, also at the ends of what
+they may be: a right result, or a reason in one line, and no warning.
 """
+
+from dataclasses import fields
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import abfm
 from abfm import baselines, calculus, flow, maps
 from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.matching.terms.functions import LARGEST, SMALLEST
+from abfm.parameters import CHOICES, PAPER, Parameters
 from tests.core.fields import bump, wavy_field
-from tests.core.invariance.moves import MESHES
+from tests.core.invariance.moves import MESHES, examples
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -20,14 +26,8 @@ PARAMETERS = abfm.Parameters(iterations=1)
 START = maps.vertex_points(MESH, [3])
 
 
-def locked(x):
-    x = x.copy()
-    x.flags.writeable = False
-    return x
-
-
 SAME = {
-    "read-only": locked,
+    "read-only": lambda x: np.broadcast_to(x, x.shape),
     "column after column": np.asfortranarray,
     "every second row": lambda x: np.repeat(x, 2, axis=0)[::2],
     "backwards": lambda x: x[::-1].copy()[::-1],
@@ -148,9 +148,161 @@ def test_other_numbers_are_taken_or_refused(what):
         refused(OF_NUMBERS[what], number)
 
 
-def test_functions_are_copied_when_they_are_taken():
-    source, target = F.copy(), G.copy()
-    energy = abfm.MatchingEnergy(MESH, source, target, PARAMETERS)
-    source[:] = target[:] = 7
-    assert np.array_equal(energy.functions.source, [F])
-    assert np.array_equal(energy.functions.target, [G])
+FLAT = np.zeros(len(MESH.vertices))
+POINTS = np.eye(len(MESH.vertices))
+COURSES = [
+    {},
+    {"method": "linearised"},
+    {"preconditioner": "none"},
+    {"gradient": "bracket"},
+    {**PAPER, "sigma": 0.1},
+]
+
+
+def matched(f, g, start=None, **changes):
+    match = abfm.match(MESH, f, g, Parameters(**{"iterations": 3, **changes}), start=start)
+    for values in (match.velocity, match.advected, match.energy_history):
+        assert np.isfinite(values).all()
+    assert np.isfinite(match.mismatch)
+    assert match.verdict.reason
+    return match
+
+
+def outcome_of(call):
+    """The mismatch, or why there is none."""
+    try:
+        return str(call().mismatch)
+    except abfm.AbfmError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("course", COURSES, ids=str)
+def test_alike_constant_or_far_apart(course):
+    for f in (F, FLAT, FLAT + 3, -0.0 * F):
+        match = matched(f, f, **course)
+        assert (match.mismatch, match.verdict.kind, match.velocity.any()) == (0, "matched", False)
+    assert "the source is constant" in matched(FLAT, G, **course).verdict.reason
+    assert "the target is constant" in matched(F, FLAT + 1, **course).verdict.reason
+    assert matched(FLAT + 1, FLAT + 2, **course).verdict.kind == "impossible"
+    assert matched(-F, F, **course).verdict.kind == "impossible"
+    far = matched(POINTS[3], POINTS[80], **course).verdict
+    assert far.kind in ("not reached", "nearly", "matched")
+
+
+@examples(5)
+@given(exponent=st.floats(-6, 6), course=st.sampled_from(COURSES[:2]))
+def test_a_constant_added_to_both_changes_no_field(exponent, course):
+    """Up to the rounding ``eps |c|`` of the functions, of size 1, which each iteration lets grow.
+
+    When a stage is close enough is a share of ``||g||``, so that stages of a fixed length are
+    compared.
+    """
+    shift = np.copysign(10 ** abs(exponent), exponent)
+    course = {"balance": 0, "stage_iterations": 1, **course}
+    plain, raised = (matched(F + c, G + c, **course) for c in (0, shift))
+    tolerance, largest = 1e-6 + 1e-8 * abs(shift), np.abs(plain.velocity).max()
+    assert np.abs(raised.velocity - plain.velocity).max() <= tolerance * largest
+    assert np.abs(raised.advected - shift - plain.advected).max() <= tolerance
+
+
+@examples(5)
+@given(exponent=st.integers(-300, 300), course=st.sampled_from(COURSES[:4]))
+def test_the_unit_of_functions_does_not_matter(exponent, course):
+    """With a relative sigma, to the last bit for powers of two."""
+    expected = matched(F, G, **course)
+    match = matched(2.0**exponent * F, 2.0**exponent * G, **course)
+    for name in ("velocity", "energy_history", "mismatch", "verified_mismatch"):
+        assert np.array_equal(getattr(match, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e12, 2 * SMALLEST, LARGEST / 2])
+def test_any_unit_does_up_to_rounding(size):
+    match, expected = matched(size * F, size * G), matched(F, G)
+    assert np.abs(match.velocity - expected.velocity).max() < 1e-9 * np.abs(expected.velocity).max()
+
+
+@pytest.mark.parametrize("unit", ["relative", "absolute"])
+@pytest.mark.parametrize("size", [5e-324, 1e-300, 1e-162, 1e-101, 1e101, 1e200, 1e300, 1.7e308])
+def test_functions_whose_squares_leave_the_numbers_are_refused(size, unit):
+    words = "over- or underflow; scale both"
+    with pytest.raises(abfm.FunctionError, match=words):
+        matched(size * F, size * G, sigma_unit=unit)
+    with pytest.raises(abfm.FunctionError, match=words):
+        abfm.verify(abfm.Problem(MESH, size * F, size * G), np.zeros((len(MESH.faces), 3)))
+
+
+@pytest.mark.parametrize("reach", [0.0, 1.0])
+@pytest.mark.parametrize("speed", [10.0, 100.0, 1e4, 1e8, 1e200, 1e308])
+def test_a_start_that_is_too_fast_is_refused_or_left(speed, reach):
+    start = speed * np.random.default_rng(0).normal(size=(len(MESH.faces), 3)).clip(-1, 1)
+    outcome = outcome_of(lambda: matched(F, G, start=start, reach=reach))
+    assert outcome.startswith("start: the ") or float(outcome) < 2
+
+
+def test_a_start_that_lets_values_grow_a_hundredfold_is_calmed():
+    start = 3 * np.random.default_rng(0).normal(size=(len(MESH.faces), 3)).clip(-1, 1)
+    assert abfm.Flow(MESH, start).push(F, 1.0).max() > 100 * F.max()
+    assert matched(F, G, start=start, reach=0, iterations=40).mismatch < 0.5
+
+
+def ends():
+    """Every parameter at the ends of its range."""
+    found = []
+    for entry in fields(Parameters):
+        if entry.name in CHOICES:
+            found += [(entry.name, choice) for choice in CHOICES[entry.name]]
+            continue
+        least, most, without_least = entry.metadata["range"]
+        if entry.type == "int":
+            found += [(entry.name, least), (entry.name, most)]
+        else:
+            low = [] if without_least else [least]
+            found += [(entry.name, value) for value in (*low, max(1e-30, 1.000001 * least), most)]
+    return found
+
+
+@pytest.mark.parametrize(("name", "value"), ends(), ids=str)
+def test_every_parameter_at_its_bounds(name, value):
+    bounded = {"gradient": "adjoint"} if name in ("substeps", "quadrature", "segments") else {}
+    if (name, value) == ("segments", 1000):
+        value = Parameters(segments=1000).segments // 50  # flow lines of all of them take seconds
+    outcome = outcome_of(lambda: matched(F, G, **{"iterations": 2, **bounded, name: value}))
+    assert name in outcome or float(outcome) < 2
+
+
+@pytest.mark.parametrize(("name", "value"), ends(), ids=str)
+def test_beyond_its_bounds_no_parameter_is_taken(name, value):
+    if name in CHOICES:
+        wrong = [value + "s", None, 1, ["hodge"], np.arange(1000), "\n" * 100]
+    else:
+        entry = next(entry for entry in fields(Parameters) if entry.name == name)
+        least, most, _ = entry.metadata["range"]
+        wrong = [np.nan, np.inf, 10**400, -(10**400), 10**5000, "1", None, 1j, [1]]
+        wrong += [-1e-9 if least == 0 else least - 1, most + 1 if most < 1e30 else 1e31]
+        wrong += [1.5] if entry.type == "int" else [1e-31]
+    for refused in wrong:
+        with pytest.raises(abfm.ParameterError) as error:
+            Parameters(**{name: refused})
+        assert name in str(error.value)
+        assert len(str(error.value)) < 250
+        assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("unit", ["relative", "absolute"])
+@pytest.mark.parametrize("weight", [1e-30, 1e30])
+@pytest.mark.parametrize("size", [SMALLEST, LARGEST])
+@pytest.mark.parametrize("sigma", [1e-30, 1e30])
+def test_ends_of_all_units_together(sigma, size, weight, unit):
+    f, g = (0.99 * size * h / F.max() if size == LARGEST else 2 * size * h for h in (F, G))
+    p = Parameters(iterations=2, sigma=sigma, sigma_unit=unit)
+    mask = np.full(len(FLAT), weight)
+    outcome = outcome_of(lambda: abfm.match(MESH, f, g, p, weights=[weight], mask=mask))
+    assert "scale" in outcome or 0 < float(outcome) < 2
+
+
+@pytest.mark.parametrize("name", ["mask", "weights"])
+def test_masks_and_weights_of_no_usual_size_are_refused(name):
+    count = len(FLAT) if name == "mask" else 1
+    for value in (1e-31, 1e31, 5e-324, 1e308):
+        with pytest.raises(abfm.ParameterError, match=f"{name} is .* at most"):
+            abfm.match(MESH, F, G, **{name: np.full(count, value)})

@@ -142,6 +142,8 @@ def test_of_several_symmetries_the_one_that_moves_most_is_chosen():
     for kind, axis in (("mirror", [1, 0, 0]), ("rotation", [0, 0, 1])):
         found = detect_symmetry(SYMMETRIC["ellipsoid"], kind)
         assert_allclose(np.abs(found.axis), axis, atol=1e-9)
+    # the plane of a flat surface is no mirror
+    assert detect_symmetry(square(6), "mirror").axis[2] == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -153,10 +155,6 @@ def test_surfaces_without_symmetry_are_refused_with_the_best_error(name, kind):
     assert refused.value.error > 0.05
     assert f"{refused.value.error:.3g} sqrt(area)" in str(refused.value)
     assert detect_symmetry(mesh, kind, tolerance=1).error == refused.value.error
-
-
-def test_the_plane_of_a_flat_surface_is_no_mirror():
-    assert detect_symmetry(square(6), "mirror").axis[2] == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize(

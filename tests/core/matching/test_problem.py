@@ -99,11 +99,11 @@ def test_terms_with_arrays_of_the_same_name_are_told_apart(tmp_path):
 
 @given(st.floats(-1e6, 1e6))
 def test_it_does_not_change_with_what_it_was_given(value):
-    f, mask = F.copy(), np.ones(len(F))
+    f, g, mask = F.copy(), G.copy(), np.ones(len(F))
     start = np.zeros((1, len(SPHERE.faces), 3))
-    made = abfm.Problem(SPHERE, f, G, mask=mask, start=start)
+    made = abfm.Problem(SPHERE, f, g, mask=mask, start=start)
     before = made.digest
-    f[0] = mask[1] = start[0, 0, 0] = value
+    f[0] = g[2] = mask[1] = start[0, 0, 0] = value
     assert made._with().digest == before
 
 

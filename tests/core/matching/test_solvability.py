@@ -129,6 +129,7 @@ def test_what_vanished_and_what_stood_still():
     assert not stood_still(problem, (at(20))[None])
     # as the target has it
     assert not vanished(term(at(0), 0.01 * at(90)), (0.01 * at(30))[None])
+    assert distance(term(at(0), 2 * at(0))) == 0  # nothing is too much
 
 
 @given(st.floats(10, 80))
@@ -139,10 +140,6 @@ def test_the_distance_is_that_between_gaussians(degrees):
     # what they share cancels, and leaves centres farther apart
     assert apart * 0.95 <= found <= apart + 0.04 * 0.04 * 4 / apart
     assert found == distance(FunctionTerm(mesh, g, f))
-
-
-def test_no_distance_where_nothing_is_too_much():
-    assert distance(term(at(0), 2 * at(0))) == 0
 
 
 def test_peaks_are_not_told_where_a_mask_hides_some():
@@ -190,14 +187,10 @@ def slow_persistence(mesh, f):
     return sorted((value for value in found if value > 0), reverse=True)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_gaussians_are_counted(count):
-    assert peaks(FINE, gaussians(count)) == (count, 1)
-
-
 @given(SEEDS, st.integers(1, 3))
 def test_noise_below_the_bound_adds_none(seed, count):
     noise = np.random.default_rng(seed).uniform(-0.04, 0.04, len(FINE.vertices))
+    assert peaks(FINE, gaussians(count)) == (count, 1)
     assert peaks(FINE, gaussians(count) + noise) == (count, 1)
     assert len(persistence(FINE, gaussians(count) + noise)) > 3
 

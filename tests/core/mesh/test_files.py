@@ -1,4 +1,8 @@
-"""Reading mesh files: what is in them comes out in their own order."""
+"""Reading mesh files: what is in them comes out in their own order, PLY in all its spellings, and
+polygons as triangles that lie in them.
+"""
+
+import struct
 
 import numpy as np
 import pytest
@@ -8,10 +12,10 @@ from hypothesis import strategies as st
 
 from abfm.errors import MeshError
 from abfm.mesh import load_mesh
+from abfm.mesh.readers import contents as readers
+from abfm.mesh.readers.contents import split_polygons
 from tests.mesh_writers import STL_WRITERS, WRITERS, exported, off_text, ply_bytes, write
 from tests.shapes import icosphere, open_cylinder, square, tetrahedron, torus
-
-QUAD_AND_TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 1]])
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +158,8 @@ def test_what_else_a_file_may_have_leaves_vertices_and_faces_alone(tmp_path, nam
 
 @pytest.mark.parametrize("kind", ["obj", "off", "ascii", "binary_little_endian"])
 def test_polygons_are_split_in_the_order_of_the_file(tmp_path, kind):
-    points, polygons = QUAD_AND_TRIANGLE, [[0, 1, 2, 3], [1, 4, 2]]
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 1]])
+    polygons = [[0, 1, 2, 3], [1, 4, 2]]
     if kind == "obj":
         lines = [f"v {x} {y} {z}" for x, y, z in points]
         lines += ["f " + " ".join(str(i + 1) for i in polygon) for polygon in polygons]
@@ -197,3 +202,226 @@ def test_largest_component_of_a_file(tmp_path):
     mesh = load_mesh(path, largest_component=True)
     assert mesh.vertex_ids.tolist() == list(range(4, 46))
     assert mesh.local_vertex(4) == 0
+
+
+HEADER = b"""ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+"""
+TEXT = HEADER + b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+
+
+def ply_text(old, new):
+    assert old in TEXT
+    return TEXT.replace(old, new)
+
+
+def binary(end, order="little", name=b"end_header"):
+    """The first byte of what follows the header is that of a line feed."""
+    header = HEADER.replace(b"ascii", f"binary_{order}_endian".encode()).replace(b"\n", end)
+    header = header.replace(b"end_header", name).replace(b"float", b"double")
+    sign = "<" if order == "little" else ">"
+    first = struct.unpack(f"{sign}d", b"\x0a" * 8)[0]
+    rows = [struct.pack(f"{sign}3d", *row) for row in ((first, 0, 0), (1, 0, 0), (0, 1, 0))]
+    return header + b"".join(rows) + struct.pack(f"{sign}B3i", 3, 0, 1, 2)
+
+
+ACCEPTED_PLY = {
+    "CRLF": ply_text(b"\n", b"\r\n"),
+    "CR": ply_text(b"\n", b"\r"),
+    "binary": binary(b"\n"),
+    "binary CRLF": binary(b"\r\n"),
+    "binary CR": binary(b"\r", "big"),
+    "words after the end": ply_text(b"end_header", b"end_header made by hand"),
+    "blanks after the end": binary(b"\n", name=b"end_header  "),
+    "a comment that names the end": ply_text(b"1.0\n", b"1.0\ncomment end_header follows\n"),
+    "a comment of the end alone": binary(b"\n").replace(
+        b"element face", b"comment\ncomment end_header\nelement face"
+    ),
+    "comments in the body": ply_text(b"0 0 0\n", b"comment a\n0 0 0\n").replace(
+        b"0 1 0\n", b"comment 9 9 9\n0 1 0\n"
+    )
+    + b"comment\n",
+    "a blank before": ply_text(b"element face 1", b"  element  face 1"),
+    "lists elsewhere": ply_text(b"element face", b"property list uchar float w\nelement face")
+    .replace(b"0 0 0\n", b"0 0 0 0\n", 1)
+    .replace(b"1 0 0\n0 1 0\n", b"1 0 0 2 7 7\n0 1 0 1 5\n"),
+    "another element without columns": ply_text(
+        b"element face 1", b"element nothing 1000000000000\nelement face 1"
+    ),
+}
+
+
+@pytest.mark.parametrize("content", ACCEPTED_PLY.values(), ids=ACCEPTED_PLY)
+def test_ply_in_all_spellings_is_read(tmp_path, content):
+    mesh = load_mesh(write(tmp_path, "a.ply", content))
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+    assert mesh.vertices[1:].tolist() == [[1, 0, 0], [0, 1, 0]]
+
+
+BIG = ply_bytes(tetrahedron().vertices, tetrahedron().faces.tolist(), "binary_big_endian")
+REFUSED_PLY = {
+    "float indices": (ply_text(b"uchar int", b"uchar float"), "of type float"),
+    "double indices": (BIG.replace(b"uchar int", b"uchar float"), "numbers of type float"),
+    "float lengths": (ply_text(b"uchar", b"float"), "a length of type"),
+    "fractional index": (ply_text(b"3 0 1 2", b"3 0 1 1.5"), "1.5 where a whole number is"),
+    "no list": (ply_text(b"list uchar int", b"int"), "no list property"),
+    "x is a list": (ply_text(b"float x", b"list uchar float x"), "no property"),
+    "negative length": (
+        ply_text(b"uchar", b"char").replace(b"3 0 1 2", b"-3 0 1 2"),
+        "a list has the length -3",
+    ),
+    "too long a list": (ply_text(b"3 0 1 2", b"200 0 1 2"), "cut off: it has fewer rows of face"),
+    "a list beyond all bytes": (
+        BIG.replace(b"element face", b"property list uint64 char q\nelement face").replace(
+            b"end_header\n", b"end_header\n" + bytes(24) + b"\xff" * 8
+        ),
+        "cut off: it has fewer rows of vertex",
+    ),
+    "too many rows": (ply_text(b"face 1", b"face 1000000000000"), "cut off"),
+    "rows of nothing": (
+        b"ply\nformat ascii 1.0\nelement vertex 1000000000000\nend_header\n",
+        "no property",
+    ),
+    "negative rows": (ply_text(b"vertex 3", b"vertex -3"), "does not know: element vertex -3"),
+    "two corners": (ply_text(b"3 0 1 2", b"2 0 1"), "face 0, counting from 0, has 2 corners"),
+    "a large index": (
+        ply_text(b"3 0 1 2", b"3 0 1 99999999999999999999"),
+        r"1e\+20 where a whole number is .* at most 16 digits",
+    ),
+    "no end": (ply_text(b"end_header", b"comment end_header"), "begin with a PLY header"),
+    "a long word": (ply_text(b"ascii", b"a" * 10**5), "its format is a{40},"),
+}
+
+
+@pytest.mark.parametrize(("content", "message"), REFUSED_PLY.values(), ids=REFUSED_PLY)
+def test_ply_of_what_is_no_number_or_not_there_is_refused(tmp_path, content, message):
+    with pytest.raises(MeshError, match=message) as caught:
+        load_mesh(write(tmp_path, "a.ply", content))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 500
+
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def split(points, *rows):
+    sizes = np.array([len(row) for row in rows])
+    corners = np.concatenate(rows).astype(np.int64)
+    return split_polygons(np.asarray(points, dtype=np.float64), sizes, corners)
+
+
+def area_vectors(points, faces):
+    a, b, c = np.moveaxis(points[faces], 1, 0)
+    return np.cross(b - a, c - a) / 2
+
+
+def star(random, count):
+    """A jagged polygon (n, 2) around the origin, counterclockwise, that begins anywhere."""
+    angle = 2 * np.pi / count * (np.arange(count) + random.uniform(0, 0.9, count))
+    radius = random.uniform(0.1, 1, count)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    return np.roll(points, random.integers(count), axis=0)
+
+
+def untangled(random, count):
+    """A simple polygon (n, 2) through random points: sides are exchanged until none cross."""
+    points = random.uniform(-1, 1, (count, 2))
+    changed = True
+    while changed:
+        changed = False
+        for i in range(count - 1):
+            for j in range(i + 2, count - (i == 0)):
+                a, b, c, d = points[i], points[i + 1], points[j], points[(j + 1) % count]
+                now, then = (((a, b), (c, d)), ((a, c), (b, d)))
+                lengths = [sum(np.linalg.norm(p - q) for p, q in pairs) for pairs in (now, then)]
+                if lengths[1] < lengths[0] - 1e-12:
+                    points[i + 1 : j + 1] = points[i + 1 : j + 1][::-1].copy()
+                    changed = True
+    x, y = points.T
+    return points if x @ np.roll(y, -1) > y @ np.roll(x, -1) else points[::-1].copy()
+
+
+def turned(random, plane):
+    """A plane polygon anywhere in space."""
+    frame, _ = np.linalg.qr(random.normal(size=(3, 3)))
+    return plane @ frame[:2] + random.normal(size=3)
+
+
+@pytest.mark.parametrize("make", [star, untangled])
+@given(seed=seeds, count=st.integers(4, 25))
+def test_triangles_cover_a_simple_polygon_once(make, seed, count):
+    """None looks away, and areas add up to its own: they neither overlap nor leave anything out."""
+    random = np.random.default_rng(seed)
+    plane = make(random, count)
+    points = turned(random, plane)
+    contents = split(points, np.arange(count))
+    areas = area_vectors(points, contents.faces)
+    area = np.linalg.norm(areas.sum(axis=0))
+    x, y = plane.T
+    assert len(contents.faces) == count - 2
+    assert (areas @ (areas.sum(axis=0) / area)).min() > -1e-12
+    assert area == pytest.approx((x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
+    np.testing.assert_allclose(np.linalg.norm(areas, axis=1).sum(), area, rtol=1e-9)
+    assert len(contents.messages) == 1
+
+
+@given(seed=seeds, count=st.integers(4, 40))
+def test_convex_polygons_are_fans(seed, count):
+    random = np.random.default_rng(seed)
+    angle = np.cumsum(random.uniform(0.2, 1, count))
+    angle *= 2 * np.pi / (angle[-1] + 0.2)
+    points = turned(random, np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    fan = [[0, k, k + 1] for k in range(1, count - 1)]
+    assert split(points, np.arange(count)).faces.tolist() == fan
+
+
+@pytest.mark.parametrize("shift", range(4))
+def test_a_concave_quad_is_cut_through_its_dent(shift):
+    dart = np.array([[0.0, 0, 0], [3, -1, 0], [1, 0, 0], [3, 1, 0]])  # the dent is corner 2
+    row = np.roll(np.arange(4), shift)
+    faces = split(dart, row).faces
+    assert all({0, 2} <= set(face) for face in faces.tolist())
+    assert np.linalg.norm(area_vectors(dart, faces), axis=1).sum() == pytest.approx(1)
+
+
+def test_a_corner_on_a_straight_side_makes_no_flat_triangle():
+    """The fan around corner 0 would have one: 0, 1 and 2 lie on a line."""
+    points = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
+    areas = np.linalg.norm(area_vectors(np.array(points), split(points, range(5)).faces), axis=1)
+    assert areas.min() > 0.1
+    assert areas.sum() == pytest.approx(4)
+
+
+def test_the_others_keep_their_fans_and_places():
+    points = [[0.0, 0, 0], [3, -1, 0], [1, 0, 0], [3, 1, 0], [4, 0, 0], [4, 4, 0]]
+    contents = split(points, [0, 4, 5], [1, 2, 3, 0], [2, 1, 4, 3], [3, 4, 5])
+    assert contents.faces[0].tolist() == [0, 4, 5]
+    assert {0, 2} <= set(contents.faces[1]) & set(contents.faces[2])
+    assert contents.faces[3:].tolist() == [[2, 1, 4], [2, 4, 3], [3, 4, 5]]
+
+
+def test_what_crosses_itself_is_a_fan_with_a_warning():
+    """Winds twice around its middle: a pentagram."""
+    angle = 4 * np.pi * np.arange(5) / 5 + 0.1
+    points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    contents = split(points, range(5))
+    assert contents.faces.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
+    told = "warning: 1 of them cross themselves (for example face 0, counting from 0)"
+    assert contents.messages[1].startswith(told)
+
+
+@pytest.mark.parametrize("bound", ["_MOST_CORNERS", "_MOST_WORK"])
+def test_polygons_that_would_take_for_ever_are_refused(tmp_path, monkeypatch, bound):
+    monkeypatch.setattr(readers, bound, 9)
+    monkeypatch.setattr(readers, "_WORK_OF_A_CORNER", 1)
+    points = star(np.random.default_rng(0), 10).tolist()
+    lines = ["OFF 10 1 0", *(f"{x!r} {y!r} 0" for x, y in points), "10 0 1 2 3 4 5 6 7 8 9"]
+    with pytest.raises(MeshError, match=r"10 corners.*split polygons into triangles"):
+        load_mesh(write(tmp_path, "a.off", "\n".join(lines)))

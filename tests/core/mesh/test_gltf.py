@@ -99,12 +99,8 @@ def node(**changes):
     return {"nodes": [{"mesh": 0, **changes}]}
 
 
-def positions(**changes):
-    return {"accessors": [POSITIONS | changes, CORNERS]}
-
-
-def corners(**changes):
-    return {"accessors": [POSITIONS, CORNERS | changes]}
+def accessors(of_positions, of_corners):
+    return {"accessors": [POSITIONS | of_positions, CORNERS | of_corners]}
 
 
 def view(**changes):
@@ -130,16 +126,16 @@ REFUSED = {
     "negative node": ({"scenes": [{"nodes": [-1]}]}, r"names nodes\[-1\], but has 1 nodes"),
     "words as nodes": ({"nodes": "all"}, "its nodes is no array"),
     "no accessor": ({"accessors": [POSITIONS]}, r"names accessors\[1\], but has 1 accessors"),
-    "sparse": (positions(sparse=SPARSE), "accessor 0 is sparse"),
-    "many": (positions(count=10**9), "announces 1000000000 entries"),
+    "sparse": (accessors({"sparse": SPARSE}, {}), "accessor 0 is sparse"),
+    "many": (accessors({"count": 10**9}, {}), "announces 1000000000 entries"),
     "no data": ({"accessors": [WITHOUT_VIEW, CORNERS]}, "0 has no buffer view: export without com"),
     "one place": (view(byteStride=0), "ask for what the buffer"),
     "outside": (view(byteOffset=40), "the buffer of 48 bytes does not have"),
     "before": (view(byteOffset=-8), "the buffer of 48 bytes does not have"),
-    "of another kind": (positions(type="VEC4"), "not made of positions"),
-    "float corners": (corners(componentType=5126), "not made of corners"),
-    "two corners": (corners(count=2), "do not make whole triangles"),
-    "few positions": (positions(count=2), "mesh 0 names vertex 2 of 2"),
+    "of another kind": (accessors({"type": "VEC4"}, {}), "not made of positions"),
+    "float corners": (accessors({}, {"componentType": 5126}), "not made of corners"),
+    "two corners": (accessors({}, {"count": 2}), "do not make whole triangles"),
+    "few positions": (accessors({"count": 2}, {}), "mesh 0 names vertex 2 of 2"),
     "glTF 1": ({"asset": {"version": "1.0"}}, "it is glTF 1.0; only glTF 2 is read"),
     "buffer elsewhere": (buffer("none.bin"), r"names is missing: .*none\.bin"),
     "a device": (buffer("/dev/zero"), "it is a device"),

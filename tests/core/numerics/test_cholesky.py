@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from abfm.numerics import cholesky
 from abfm.numerics.cholesky import factor
 from tests.processes import python
 
@@ -34,12 +35,18 @@ def test_nothing_stays_of_those_that_are_forgotten_and_none_is_reported_in_the_e
 
 
 @pytest.mark.parametrize("unknowns", [0, 1, 2, 50])
-def test_it_solves(unknowns):
+@pytest.mark.parametrize("by_cholespy", [True, False])
+def test_it_solves(unknowns, by_cholespy, monkeypatch):
+    if not by_cholespy:
+        monkeypatch.setattr(cholesky, "CholeskySolverD", None)
     rng = np.random.default_rng(unknowns)
     root = sparse.random_array((unknowns, unknowns), density=0.1, rng=rng)
     matrix = sparse.csr_array(root @ root.T + sparse.eye_array(unknowns))
-    x = rng.standard_normal(unknowns)
-    np.testing.assert_allclose(factor(matrix)(matrix @ x), x, atol=1e-10)
+    solve = factor(matrix)
+    for x in rng.standard_normal((2, unknowns)):
+        given = matrix @ x
+        np.testing.assert_allclose(solve(given), x, atol=1e-12)
+        np.testing.assert_array_equal(given, matrix @ x)  # input is left alone
 
 
 RUNS = """

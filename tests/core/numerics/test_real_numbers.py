@@ -77,11 +77,3 @@ def test_a_flow_refuses_fields_functions_and_times_that_are_no_numbers(given):
         with pytest.raises(AbfmError, match="expected") as refused:
             use(*what)
         assert len(str(refused.value)) < 200
-
-
-def test_what_is_changed_afterwards_does_not_change_a_result():
-    f, mask = X.copy(), np.ones(COUNT)
-    found = abfm.match(MESH, f, Y, Parameters(iterations=0), mask=mask)
-    f[:], mask[:] = 7.0, 7.0
-    assert_array_equal(found.source[:, 0], X)
-    assert_array_equal(found.mask, np.ones(COUNT))

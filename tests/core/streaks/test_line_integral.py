@@ -13,17 +13,9 @@ from abfm.flow.flow_lines import flow_lines
 from abfm.maps.surface_points import project_onto_surface
 from abfm.streaks.line_integral import line_integral_convolution
 from tests.core.fields import rotation_field, tangent, wavy_field
-from tests.core.texel_weights import texel_weights
+from tests.core.texel_weights import filtered, texel_weights
 from tests.core.verification import near
 from tests.shapes import disc, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
-
-
-def filtered(image, places):
-    """Bilinear filtering of a texture at places (n, 2), column and row."""
-    low = np.minimum(np.floor(places - 0.5).astype(int), len(image) - 2)
-    (x, y), (u, v) = low.T, (places - 0.5 - low).T
-    rows = [(1 - u) * image[y + d, x] + u * image[y + d, x + 1] for d in (0, 1)]
-    return (1 - v) * rows[0] + v * rows[1]
 
 
 def looked_up(atlas, image, points):

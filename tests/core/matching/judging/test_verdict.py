@@ -158,12 +158,6 @@ def test_a_source_that_vanished_is_told():
     assert "wider functions" in advice(problem, outcome, replace(USUAL, reach=1.0)).advice
 
 
-def test_a_source_that_stood_still_for_want_of_iterations_gets_more():
-    verdict = matched(at(0), at(90), iterations=0).verdict
-    assert "0 iterations" in verdict.reason
-    assert labels(verdict) == ["More time", "Continue"]
-
-
 def test_a_source_that_stood_still_is_told():
     cold = replace(USUAL, sigma=10.0, cooling_stages=1)
     match = abfm.match(SPHERE, at(0, 0.1), at(90, 0.1), cold)
@@ -237,10 +231,10 @@ def test_iterations_that_ran_out():
     assert (nearly.kind, nearly.remedies) == ("nearly", verdict.remedies)
     assert labels(imagined(at(0), at(45), at(53), limit, few, verified=0.9)) == ["More time"]
     assert labels(imagined(at(0), at(45), at(50), limit)) == ["Reach further"]
-
-
-def test_iterations_that_ran_out_long_after_the_energy_stopped_falling():
-    given = at(0), at(60), at(30), "iteration limit"
+    still = matched(at(0), at(90), iterations=0).verdict
+    assert "0 iterations" in still.reason
+    assert labels(still) == ["More time", "Continue"]
+    given = at(0), at(60), at(30), limit
     what = "what is left differs, or would cost more smoothness than it gains"
     assert imagined(*given, energies=np.ones(30)).reason.endswith(what)
     assert "still falling" in imagined(*given, energies=np.linspace(2, 1, 30)).reason

@@ -1,4 +1,4 @@
-"""Parameters are checked when they are made."""
+"""Parameters are checked when they are made, and Table 1."""
 
 from dataclasses import fields
 
@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import abfm
-from abfm.parameters import PAPER
+from abfm import ParameterError, Parameters
+from abfm.parameters import PAPER, TABLE_1, row_of
 
 
 def test_segments_follow_the_method():
-    assert abfm.Parameters().segments == 1
-    assert abfm.Parameters(method="linearised").segments == 10
-    assert abfm.Parameters(method="linearised", segments=3).segments == 3
+    assert Parameters().segments == 1
+    assert Parameters(method="linearised").segments == 10
+    assert Parameters(method="linearised", segments=3).segments == 3
 
 
 @pytest.mark.parametrize(
@@ -47,42 +47,82 @@ def test_segments_follow_the_method():
     ],
 )
 def test_bad_values_are_refused_in_words(changes, words):
-    with pytest.raises(abfm.ParameterError, match=words):
-        abfm.Parameters(**changes)
+    with pytest.raises(ParameterError, match=words):
+        Parameters(**changes)
 
 
 def test_numpy_scalars_become_plain_numbers():
-    p = abfm.Parameters(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
+    p = Parameters(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
     kinds = [type(value) for value in (p.tau, p.memory, p.segments, p.iterations)]
     assert kinds == [float, int, int, int]
 
 
 def test_round_trip_and_unknown_names():
-    p = abfm.Parameters(alpha=3.0, method="linearised", segments=4)
-    assert abfm.Parameters.from_dict(p.to_dict()) == p
-    with pytest.raises(abfm.ParameterError, match="unknown parameter 'aplha'"):
-        abfm.Parameters.from_dict({"aplha": 1})
+    p = Parameters(alpha=3.0, method="linearised", segments=4)
+    assert Parameters.from_dict(p.to_dict()) == p
+    with pytest.raises(ParameterError, match="unknown parameter 'aplha'"):
+        Parameters.from_dict({"aplha": 1})
 
 
 def test_what_was_written_before_there_was_more_than_the_papers_energy_means_it():
     """A dictionary that names nothing of what is new."""
     old = {"tau": 2.0, "alpha": 0.02, "sigma": 1e-3, "iterations": 150}
-    assert abfm.Parameters.from_dict(old) == abfm.Parameters(**old, **PAPER)
-    assert abfm.Parameters.from_dict({}) == abfm.Parameters(**PAPER)
+    assert Parameters.from_dict(old) == Parameters(**old, **PAPER)
+    assert Parameters.from_dict({}) == Parameters(**PAPER)
     for name, value in PAPER.items():
-        assert abfm.Parameters.from_dict({name: value}) == abfm.Parameters(**{name: value})
-    assert abfm.Parameters(**PAPER) != abfm.Parameters()
+        assert Parameters.from_dict({name: value}) == Parameters(**{name: value})
+    assert Parameters(**PAPER) != Parameters()
     assert "order" not in old
 
 
 def test_every_parameter_says_what_it_does():
-    assert all(entry.metadata["help"] for entry in fields(abfm.Parameters))
+    assert all(entry.metadata["help"] for entry in fields(Parameters))
 
 
 @given(sigma=st.floats(1e-8, 1e3), stages=st.integers(1, 6), iterations=st.integers(0, 1000))
 def test_cooling_ends_at_sigma_within_the_iterations(sigma, stages, iterations):
-    p = abfm.Parameters(sigma=sigma, cooling_stages=stages, iterations=iterations)
+    p = Parameters(sigma=sigma, cooling_stages=stages, iterations=iterations)
     assert len(p.stage_sigmas()) == len(p.stage_limits()) == stages
     assert p.stage_sigmas()[-1] == sigma
     assert p.stage_sigmas() == sorted(p.stage_sigmas(), reverse=True)
     assert sum(p.stage_limits()[:-1]) <= iterations
+
+
+PRINTED = """
+Fig. 1  | 1  | 1    | 0    | 1e-2* | -  | 10
+Fig. 3  | 2  | 1e+3 | 1e-5 | 1e-4  | -  | 40
+Fig. 7  | 1  | 1e+3 | 0    | 1e-1* | 20 | -
+Fig. 8  | 10 | 1e+3 | 0    | 1e-2* | -  | 200
+Fig. 9  | 1  | 1    | 1e-4 | 5e-3  | -  | 20
+Fig. 10 | 1  | 1e+3 | 0    | 1e-2* | -  | 20
+Fig. 11 | 1  | 1    | 0    | 1e-2* | 10 | -
+Fig. 12 | 1  | 1    | 0    | 1e-2* | 10 | -
+"""
+
+
+@pytest.mark.parametrize(
+    ("row", "printed"), [*zip(TABLE_1.values(), PRINTED.strip().splitlines(), strict=True)]
+)
+def test_a_row_is_as_printed(row, printed):
+    name, tau, alpha, beta, sigma, N, n = (cell.strip() for cell in printed.split("|"))
+    parameters = row.parameters(iterations=7)
+    assert row.name == name
+    assert parameters.iterations == 7
+    found = (parameters.tau, parameters.alpha, parameters.beta)
+    assert found == (float(tau), float(alpha), float(beta))
+    assert parameters.stage_sigmas()[0] == pytest.approx(float(sigma.strip("*")))
+    assert parameters.cooling_stages == (3 if sigma.endswith("*") else 1)
+    if n == "-":
+        assert (parameters.method, parameters.segments) == ("linearised", int(N))
+    else:
+        found = (parameters.method, parameters.segments, parameters.substeps)
+        assert found == ("nonlinear", 1, int(n))
+
+
+@pytest.mark.parametrize("row", TABLE_1.values())
+def test_a_row_has_the_energy_of_the_paper_and_is_recognised_until_a_value_changes(row):
+    p = row.parameters(iterations=7)
+    assert (p.order, p.sigma_unit, p.reach, p.levels, p.balance) == (1, "absolute", 0, 1, 0)
+    assert row_of(p).values == row.values
+    for other in (row.parameters(order=2), row.parameters(alpha=2.0), Parameters()):
+        assert row_of(other) is None

@@ -1,0 +1,306 @@
+"""The door by which files come in, and arrays of NumPy and GIFTI: only plain files, only as much as
+they hold, no bombs, and none that does not fit its file.
+"""
+
+import base64
+import errno
+import gzip
+import io
+import os
+import socket
+import zlib
+from pathlib import Path
+
+import nibabel
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from numpy.testing import assert_array_equal
+
+from abfm.errors import one_line
+from abfm.reading import array_from, gifti_arrays, inflated, open_plain, read_bytes
+from tests.core.reading.hostile import gifti, gifti_bomb, npy, npy_of, one_byte_changed
+
+
+def test_a_file_comes_whole(tmp_path):
+    (tmp_path / "a").write_bytes(b"\r\n\0whole")
+    (tmp_path / "link").symlink_to("a")
+    assert read_bytes(tmp_path / "a") == read_bytes(tmp_path / "link") == b"\r\n\0whole"
+
+
+def test_what_is_no_plain_file_is_refused_and_nothing_waits(tmp_path, monkeypatch):
+    os.mkfifo(tmp_path / "pipe")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "link").symlink_to("pipe")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind("socket")
+        for name, kind in (
+            *(("pipe", "a pipe"), ("link", "a pipe"), ("socket", "a socket")),
+            *(("/dev/zero", "a device"), ("/dev/urandom", "a device"), (".", "directory")),
+            *(("none", "No such file"), ("none\0", "No such file"), ("a" * 300, "too long")),
+        ):
+            with pytest.raises(OSError, match=kind) as caught:
+                read_bytes(name)
+            assert kind in caught.value.strerror
+
+
+def test_a_file_that_becomes_a_pipe_before_it_is_opened_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "a").touch()
+    os.mkfifo(tmp_path / "pipe")
+    plain = os.stat(tmp_path / "a")
+    monkeypatch.setattr(os, "stat", lambda _: plain)
+    with pytest.raises(OSError, match="a pipe"):
+        read_bytes(tmp_path / "pipe")
+
+
+def test_no_more_is_read_than_there_was_and_than_is_allowed(tmp_path):
+    (tmp_path / "a").write_bytes(bytes(100))
+    with pytest.raises(OSError, match="100 bytes, and at most 99") as caught:
+        read_bytes(tmp_path / "a", most=99)
+    assert caught.value.errno == errno.EFBIG
+    with open_plain(tmp_path / "a", most=100) as file:
+        assert file.read() == bytes(100)
+
+
+@pytest.mark.parametrize("packed", [gzip.compress, zlib.compress])
+def test_compressed_data_comes_back_up_to_a_bound(packed):
+    content = os.urandom(1000) + bytes(9000)
+    data = packed(content)
+    assert inflated(data) == inflated(data, most=10_000) == content
+    with pytest.raises(ValueError, match="hold more than 9999"):
+        inflated(data, most=9999)
+    damaged = bytearray(data)
+    damaged[len(data) // 2] ^= 1
+    for bad in (data[:1], data[:10], data[:-1], bytes(damaged)):
+        with pytest.raises(ValueError, match="damaged or cut short"):
+            inflated(bad)
+
+
+def test_a_bomb_is_refused_when_it_has_given_its_bound():
+    with pytest.raises(ValueError, match="hold more than 67108864"):
+        inflated(gzip.compress(bytes(80 << 20), 1))
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [
+        (ValueError("a\n\tb\x1b[31m\u202e"), "a b?[31m?"),
+        (MemoryError(), "MemoryError"),
+        (FileNotFoundError(2, "No such file", "/a/b"), "No such file"),
+        (Path("/a\nb/\udcff"), "/a b/?"),
+        (ValueError("x" * 1000), "x" * 147 + "..." + "x" * 50),
+        ("y" * 200, "y" * 200),
+    ],
+)
+def test_whatever_is_told_fits_one_line(given, line):
+    assert one_line(given) == line
+
+
+def saved(array, version=1):
+    file = io.BytesIO()
+    np.lib.format.write_array(file, array, version=(version, 0))
+    return file.getvalue()
+
+
+kinds = st.one_of(
+    arrays.integer_dtypes(endianness="?"),
+    arrays.unsigned_integer_dtypes(endianness="?"),
+    arrays.floating_dtypes(endianness="?"),
+    arrays.boolean_dtypes(),
+    arrays.complex_number_dtypes(),
+    arrays.unicode_string_dtypes(),
+)
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    array=arrays.arrays(kinds, arrays.array_shapes(min_dims=0, max_dims=4, min_side=0, max_side=4)),
+    version=st.sampled_from([1, 2, 3]),
+    turned=st.booleans(),
+)
+def test_what_numpy_writes_comes_back(array, version, turned):
+    array = np.asfortranarray(array) if turned else array
+    found = array_from(saved(array, version))
+    assert_array_equal(found, array, strict=True)
+    assert found.flags.writeable
+    assert found.flags.f_contiguous == array.flags.f_contiguous
+
+
+def test_headers_of_other_writers_are_read():
+    data = np.arange(6.0).tobytes()
+    expected = np.arange(6.0).reshape(2, 3)
+    for header in (
+        "{'shape': (2, 3), 'fortran_order': False, 'descr': '<f8'}",
+        '{"descr":"<f8","fortran_order":False,"shape":(2,3)}',
+        "{'descr': '<f8', 'fortran_order': False, 'shape': (2L, 3L), }",
+        "{'descr': 'f8', 'fortran_order': False, 'shape': (2, 3,), }" + " " * 3000,
+    ):
+        assert_array_equal(array_from(npy(header, data, version=2)), expected)
+
+
+def described(**changes):
+    entries = {"descr": "'<f8'", "fortran_order": "False", "shape": "(1,)"} | changes
+    text = ", ".join(f"'{name}': {value}" for name, value in entries.items())
+    return npy("{" + text + ", }", bytes(8))
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "header is damaged"),
+        (b"PK\x03\x04" * 9, "magic string is not correct"),
+        (b"\x93NUMPY\x04\x00", "version 1, 2 or 3"),
+        (b"\x93NUMPY\x01\x00", "header is damaged"),
+        (b"\x93NUMPY\x02\x00\xff\xff\xff\xffabc", "header is damaged"),
+        (npy("{" * 5000), "header is damaged"),
+        (npy("[" * 5000), "header is damaged"),
+        (npy_of("(1,,2)", data=bytes(16)), "header is damaged"),
+        (npy_of("(2)(", data=bytes(16)), "header is damaged"),
+        (npy_of("3", data=bytes(24)), "header is damaged"),
+        (described(fortran_order="None"), "header is damaged"),
+        (described(a="()"), "header is damaged"),
+        (npy_of("(10000000000000,)"), "80000000000000"),
+        (npy_of("(6442450944,)", data=bytes(8)), "size is not what its header says: 8 bytes"),
+        (npy_of("(1,)", data=bytes(9)), "9 bytes follow"),
+        (npy_of("(-1,)"), r"of shape \(-1,\) have -8"),
+        (npy_of("(-1, -1)", data=bytes(8)), r"of shape \(-1, -1\)"),
+        (npy_of("(99999999999999999999999,)"), "size is not"),
+        (npy_of("(0, 999999999999999999, 999999999999999999)"), "array"),
+        (npy_of("(3,)", "|O", bytes(24)), "its type is object"),
+        (npy_of("(999999999,)", "<U0"), "its type is"),
+        (npy_of("(1,)", "<U99999999999"), "header is damaged"),
+        (npy_of("(1,)", "<f7", bytes(7)), "header is damaged"),
+        (npy_of("(1,)", "|V8", bytes(8)), "its type is"),
+        (npy_of("(1,)", "<M8[s]", bytes(8)), "its type is"),
+        (described(descr="[('a', '<f8')]"), "its type is"),
+        (npy_of("(2,)", "|b1", b"\x01\x02"), "boolean is neither 0 nor 1"),
+    ],
+)
+def test_headers_that_do_not_fit_are_refused(content, words):
+    with pytest.raises(ValueError, match=words) as caught:
+        array_from(content)
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    "array", [np.arange(12.0).reshape(3, 4), np.array(True), np.array("text"), np.arange(300)]
+)
+def test_one_wrong_byte_gives_an_array_of_the_same_size_or_is_refused(array):
+    content = saved(array)
+    refused = 0
+    for changed in one_byte_changed(content, 128):
+        try:
+            found = array_from(changed)
+        except ValueError:
+            refused += 1
+        else:
+            assert found.nbytes == array.nbytes
+    assert refused > 50
+
+
+NINE = np.arange(9, dtype="<f4")
+
+
+@pytest.mark.parametrize("encoding", ["ASCII", "B64BIN", "B64GZ"])
+@pytest.mark.parametrize("endian", ["little", "big"])
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("kind", ["float32", "int32", "uint8"])
+def test_what_nibabel_writes_is_read_as_nibabel_reads_it(tmp_path, encoding, endian, order, kind):
+    random = np.random.default_rng(0)
+    arrays = [
+        nibabel.gifti.GiftiDataArray(
+            (100 * random.random(shape)).astype(kind),
+            intent=intent,
+            datatype=f"NIFTI_TYPE_{kind.upper()}",
+            encoding=f"GIFTI_ENCODING_{encoding}",
+            endian=endian,
+            ordering=order,
+        )
+        for shape, intent in (((7, 3), "NIFTI_INTENT_POINTSET"), ((5,), "NIFTI_INTENT_SHAPE"))
+    ]
+    name = "a.gii" if kind == "uint8" else "a.gii.gz"
+    nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), tmp_path / name)
+    found, expected = gifti_arrays(tmp_path / name), nibabel.load(tmp_path / name).darrays
+    assert [array.intent for array in found] == ["NIFTI_INTENT_POINTSET", "NIFTI_INTENT_SHAPE"]
+    for array, other in zip(found, expected, strict=True):
+        assert array.values.dtype == kind
+        assert_array_equal(array.values, other.data)
+
+
+def test_values_from_a_file_beside_it(tmp_path):
+    def beside(name, offset="4"):
+        more = f'ExternalFileName="{name}" ExternalFileOffset="{offset}"'
+        (tmp_path / "a.gii").write_bytes(gifti("", encoding="ExternalFileBinary", more=more))
+        [array] = gifti_arrays(tmp_path / "a.gii")
+        return array.values.tolist()
+
+    (tmp_path / "a.bin").write_bytes(NINE.tobytes())
+    os.mkfifo(tmp_path / "pipe")
+    assert beside("a.bin") == [1, 2, 3]
+    for name, offset, words in (
+        ("a.bin", "28", "has 8 bytes; expected 12"),
+        ("a.bin", "-4", "whole number"),
+        ("/dev/zero", "0", "a device"),
+        ("pipe", "0", "a pipe"),
+        ("none", "0", "No such file"),
+        (".", "0", "directory"),
+    ):
+        with pytest.raises((OSError, ValueError), match=words):
+            beside(name, offset)
+
+
+ONE = 'Dimensionality="1" Dim0="{}"'
+LARGE, TOO_MUCH = ONE.format(4000000000), "more than a file of this size may hold"
+PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "no XML, or cut short"),
+        (bytes(100), "no XML"),
+        (gifti("1 2 3")[:-20], "cut short"),
+        (b"<a><GIFTI/></a>", "not GIFTI"),
+        (b'<!DOCTYPE GIFTI [<!ENTITY a "aaaa">]><GIFTI>&a;</GIFTI>', "declares entities"),
+        (gifti("1 2 3", LARGE), TOO_MUCH),
+        (gifti(PACKED, LARGE, "GZipBase64Binary"), TOO_MUCH),
+        (gifti("", LARGE, "ExternalFileBinary", 'ExternalFileName="a"'), TOO_MUCH),
+        (gifti_bomb(ONE.format(1000)), "hold more than 4000, the most"),
+        (gzip.compress(bytes(65 << 20), 1), "hold more than 67108864, the most"),
+        (
+            gifti(PACKED, ONE.format(10), "GZipBase64Binary"),
+            "has 36 bytes; expected 40",
+        ),
+        (gifti(PACKED, ONE.format(8), "GZipBase64Binary"), "hold more than 32"),
+        (gifti("AAAA", encoding="Base64Binary"), "has 3 bytes; expected 12"),
+        (gifti("A", encoding="Base64Binary"), "base64"),
+        (gifti("1 2"), "an array of 3 numbers has 2"),
+        (gifti("1 2 x"), "something else among them"),
+        (gifti("1 2 3", ""), "has 0 dimensions"),
+        (gifti("1 2 3", 'Dimensionality="9999999"'), "dimensions; expected 1 to 6"),
+        (gifti("1 2 3", ONE.format(-3)), "Dim0 '-3'; expected a whole number"),
+        (gifti("1 2 3", 'Dimensionality="1"'), "Dim0 ''"),
+        (gifti("1 2 3", encoding="x" * 1000), "Encoding 'xxx"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(tmp_path, content, words):
+    (tmp_path / "a.gii").write_bytes(content)
+    with pytest.raises(ValueError, match=words) as caught:
+        gifti_arrays(tmp_path / "a.gii")
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    "content",
+    [gifti("1 2 3"), gifti(PACKED, 'Dimensionality="2" Dim0="3" Dim1="3"', "GZipBase64Binary")],
+)
+def test_one_wrong_byte_gives_arrays_or_is_refused(tmp_path, content):
+    for changed in one_byte_changed(content):
+        (tmp_path / "a.gii").write_bytes(changed)
+        try:
+            found = gifti_arrays(tmp_path / "a.gii")
+        except (OSError, ValueError):
+            continue
+        assert all(array.values.size <= 9 for array in found)
