@@ -26,8 +26,6 @@ SURFACES = {
     "no inner vertices": open_cylinder(7, 1),
     "triangle": TriangleMesh([[0, 0, 0], [1, 0, 0], [0.2, 0.7, 0]], [[0, 1, 2]]),
 }
-CLOSED = [name for name, mesh in SURFACES.items() if mesh.is_closed]
-WITH_BOUNDARY = [name for name in SURFACES if name not in CLOSED]
 LOOPS = {"torus": 2, "genus two": 4, "cylinder": 1, "no inner vertices": 1}
 """Independent loops of each surface (first Betti number), 0 where not listed."""
 

@@ -66,15 +66,6 @@ def test_bracket_is_the_printed_operator_on_tangent_planes(mesh):
     close(to_frame(mesh, found).ravel(), expected, scale)
 
 
-def test_bracket_is_bilinear_and_antisymmetric(mesh):
-    v, u, w = (wavy_field(mesh, seed) for seed in range(3))
-    vu, vw = lie_bracket_of(mesh, v, u), lie_bracket_of(mesh, v, w)
-    scale = largest_bracket(mesh)
-    close(lie_bracket_of(mesh, v, 2 * u - 3 * w), 2 * vu - 3 * vw, scale)
-    close(lie_bracket_of(mesh, u, v), -vu, scale)
-    close(lie_bracket_of(mesh, v, v), 0, scale)
-
-
 def first(mesh):
     """``sin v d/du + d/dv``."""
     return exact.face_field(mesh, lambda u, v: np.sin(v), lambda u, v: 1.0)

@@ -278,17 +278,3 @@ SPOILT = np.where(np.arange(60).reshape(20, 3) == 10, np.nan, FIELD)
 def test_what_does_not_fit_is_refused(words, field, start, times):
     with pytest.raises(ParameterError, match=words):
         flow_lines(BALL, field, centre(start, 0), *times)
-
-
-@pytest.mark.parametrize(
-    ("words", "faces", "weights"),
-    [
-        ("barycentric", [0], [[np.nan, 0, 0]]),
-        ("barycentric", [0], [[np.inf, 0, 0]]),
-        ("points have faces", [0.5], [[1, 0, 0]]),
-        ("expected 0 to 19", [20], [[1, 0, 0]]),
-    ],
-)
-def test_what_are_no_points_is_refused(words, faces, weights):
-    with pytest.raises(ParameterError, match=words):
-        SurfacePoints(BALL, faces, weights)

@@ -50,10 +50,7 @@ def test_geodesic_distance_to_the_nearest_of_several_and_to_a_point():
     assert_array_equal(function(mesh, "geodesic:vertex=3,50,200"), np.min(apart, axis=0))
     x, y, z = 1.2 * mesh.vertices[50]
     assert_array_equal(function(mesh, f"geodesic:x={x!s},y={y!s},z={z!s}"), apart[1])
-
-
-def test_vertices_for_distances_may_be_numbers_as_a_file_has_them():
-    mesh = icosphere(1)
+    # numbers as a file has them
     found = geodesic_distance(mesh, np.array([3.0, 7.0]))
     assert_array_equal(found, geodesic_distance(mesh, [3, 7]))
 

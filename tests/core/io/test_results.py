@@ -1,20 +1,25 @@
-"""Result files: what was saved comes back, and files that lie are refused: about sizes, in zips
-that overlap or are compressed, and in values that make no sense.
+"""Result files: what was saved comes back, also of matches, and files that lie are refused: about
+sizes, in zips that overlap or are compressed, and in values that make no sense.
 """
 
 import json
 import os
+import pickle
 import shutil
 import zipfile
+from dataclasses import asdict, replace
 from functools import partial
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_array_equal, assert_equal
 
-from abfm import Parameters, ResultError, load_match, match
+from abfm import Control, Parameters, ResultError, load_match, match
 from abfm.io import FORMAT_VERSION, load_arrays, save_arrays
 from abfm.io.results import open_archive
+from abfm.matching import Remedy, Verdict, prepare
+from abfm.parameters import PAPER
+from tests.core.fields import bump
 from tests.core.reading import hostile
 from tests.core.reading.hostile import members, npy_of, refusal, zipped
 from tests.processes import ROOT, python
@@ -223,6 +228,9 @@ def test_shapes_are_held_against_sizes(saved, shape):
     assert "velocity" in match_error(saved)
 
 
+UNKNOWN = '[{"label": "", "words": "", "parameters": {"sigmma": 1}}]'
+
+
 def parameters(more):
     return np.array(f'{{"tau": 1, {more}}}')
 
@@ -261,11 +269,14 @@ def parameters(more):
         ("parameters", parameters('"alpha": [[[[]]]]'), "alpha is [[[[]]]]"),
         ("parameters", parameters('"method": []'), "method is []"),
         ("remedies", np.array("[" * 9000), "the remedies are '[[["),
-        ("remedies", np.array("5"), "the remedies are '5'"),
         ("remedies", np.array('{"a": 1}'), "the remedies are"),
         ("remedies", np.array('[{"label": [], "words": ""}]'), "the label of a remedy is no str"),
         ("remedies", np.array('[{"label": "", "words": "", "parameters": 3}]'), "the remedies are"),
-        ("verdict", np.array(["pink", "", ""]), "the verdict is 'pink'"),
+        ("remedies", np.array("[{}]"), "JSON of what has label, words, parameters, goes_on"),
+        ("remedies", np.array("{"), "the remedies are '{'; expected a list in JSON"),
+        ("remedies", np.array("3"), "the remedies are '3'; expected a list in JSON"),
+        ("remedies", np.array(UNKNOWN), "unknown parameter 'sigmma'"),
+        ("verdict", np.array(["pink", "", ""]), "is 'pink'; expected one of matched, nearly"),
         ("verdict", np.full((3,), "\ud800").astype("<U1"), "cannot be shown"),
         ("verdict", npy_of("(3,)", "<U1", b"\xff" * 12), "verdict"),
         ("channels_given", npy_of("()", "|b1", b"\x02"), "neither 0 nor 1"),
@@ -357,3 +368,88 @@ def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path, name):
         load_match(tmp_path / name)
     assert str(caught.value).isprintable()
     assert "no result file of abfm" in str(caught.value)
+
+
+MESH = icosphere(2)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    f, g = bump(MESH, [0, 0, 1], 0.2), bump(MESH, [0, 0.8, 0.6], 0.2)
+    return match(MESH, f, g, Parameters(iterations=8, levels=2, segments=2))
+
+
+@pytest.fixture
+def file(whole, path):
+    whole.save(path)
+    return path
+
+
+def test_everything_comes_back(whole, file):
+    loaded = load_match(file)
+    assert np.isfinite([whole.verified_mismatch, whole.folded]).all()
+    values = "mismatch verified_mismatch folded stop_reason verdict parameters channels_given"
+    for name in values.split():
+        assert getattr(loaded, name) == getattr(whole, name)
+    for name in ("source", "target", "advected", "velocity", "energy_history", "stages", "weights"):
+        assert_array_equal(getattr(loaded, name), getattr(whole, name))
+    assert_equal(asdict(loaded.verify(subdivided=False)), asdict(whole.verify(subdivided=False)))
+    before = file.read_bytes()
+    loaded.save(file)
+    assert file.read_bytes() == before
+
+
+def test_a_match_goes_to_another_process_without_what_was_computed_from_it(whole):
+    prepare(whole.mesh, Parameters(levels=2))  # keeps a coarser mesh and a lock
+    there = whole.advect([-0.5, 0.5, 1.0])
+    sent = pickle.dumps(whole)
+    assert len(sent) < 200_000  # the memory that flows work in alone is larger
+    came = pickle.loads(sent)
+    assert_array_equal(came.advect([-0.5, 0.5, 1.0]), there)
+    assert not came.mesh.vertices.flags.writeable
+
+
+def test_what_is_not_known_stays_unknown(path):
+    control = Control()
+    control.cancel(briefly=True)
+    f = bump(MESH, [0, 0, 1], 0.2)
+    whole = match(MESH, f, f[::-1].copy(), control=control)
+    whole.save(path)
+    loaded = load_match(path)
+    for one in (whole, loaded):
+        assert np.isnan([one.verified_mismatch, one.folded]).all()
+    assert loaded.stop_reason == "cancelled"
+
+
+@pytest.mark.parametrize(("mismatch", "kind"), [(0.03, "matched"), (0.4, "not reached")])
+def test_a_file_without_the_new_entries_is_one_of_the_papers_energy(whole, file, mismatch, kind):
+    given = whole.parameters.to_dict()
+    former = json.dumps({name: given[name] for name in given if name not in PAPER})
+    known = {"parameters": former, "mismatch": mismatch, "stop_reason": "converged"}
+    new = dict.fromkeys(("verdict", "verified_mismatch", "folded"))
+    put(file, **{name: np.array(value) for name, value in known.items()}, **new)
+    loaded = load_match(file)
+    assert loaded.parameters == Parameters(**given | PAPER)
+    assert loaded.verdict == Verdict(kind, "converged", "")
+    assert np.isnan([loaded.verified_mismatch, loaded.folded]).all()
+    assert_array_equal(loaded.velocity, whole.velocity)
+    again = match(MESH, loaded.source, loaded.target, loaded.parameters, start=loaded.velocity)
+    assert again.energy_history[-1, 0] <= again.energy_history[0, 0]
+
+
+def test_remedies_come_back_and_files_without_them_have_none(whole, file):
+    closer = Remedy("Match closer", "smaller", {"sigma": 0.5, "order": 1})
+    remedies = Remedy("Continue", "go on", {}, True), closer
+    judged = replace(whole, verdict=replace(whole.verdict, remedies=remedies))
+    judged.save(file)
+    assert load_match(file).verdict == judged.verdict
+    put(file, remedies=None)
+    assert load_match(file).verdict == replace(whole.verdict, remedies=())
+
+
+def test_an_entry_whose_name_is_no_text_is_told_in_words(saved):
+    content = bytearray(saved.read_bytes())
+    content[7] |= 8  # the name of the first entry is UTF-8
+    content[30] = 0xFF  # its first letter
+    saved.write_bytes(content)
+    assert "byte 0, counting from 0, is no text in UTF-8" in match_error(saved)

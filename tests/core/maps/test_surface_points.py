@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from abfm.assets import asset_path
 from abfm.calculus.operators import face_areas, l2_norm
-from abfm.errors import AbfmError, FunctionError
+from abfm.errors import AbfmError, FunctionError, ParameterError
 from abfm.flow.flow import Flow
 from abfm.maps.distortion import distortion
 from abfm.maps.point_maps import PointMap
-from abfm.maps.surface_points import POINTS_PER_QUERY, project_onto_surface
+from abfm.maps.surface_points import POINTS_PER_QUERY, SurfacePoints, project_onto_surface
 from abfm.mesh import TriangleMesh, load_mesh
 from tests.core.fields import rotation_field
 from tests.core.verification import near
@@ -162,6 +162,14 @@ def test_what_is_no_map_is_refused():
     ):
         with pytest.raises(AbfmError, match=words):
             PointMap(mesh, mesh, wrong_faces, wrong_weights)
+    for face, weight, words in (
+        (0, np.nan, "barycentric"),
+        (0, np.inf, "barycentric"),
+        (0.5, 1, "points have faces"),
+        (20, 1, "expected 0 to 19"),
+    ):
+        with pytest.raises(ParameterError, match=words):
+            SurfacePoints(mesh, [face], [[weight, 0, 0]])
 
 
 def test_the_nearest_vertex_stays_on_its_side_of_a_thin_part():

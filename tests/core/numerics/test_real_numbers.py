@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-import abfm
-from abfm import AbfmError, FunctionError, Parameters
+from abfm import FunctionError
 from abfm.numerics.real_numbers import real_numbers
 from tests.shapes import icosphere
 
-MESH = icosphere(1)
-X, Y, _ = MESH.vertices.T
+X = icosphere(1).vertices[:, 0]
 COUNT = len(X)
 
 
@@ -54,26 +52,3 @@ def test_what_holds_no_real_numbers_is_one_short_line(given):
     with pytest.raises(FunctionError, match=r"^f .*; expected real numbers$") as refused:
         real_numbers(given, "f", FunctionError)
     assert len(str(refused.value)) < 200
-
-
-@pytest.mark.parametrize("place", ["f", "g", "mask", "weights", "start"])
-@pytest.mark.parametrize("given", [*NO_NUMBERS.values(), [], 3.0, X[:-1], np.full(COUNT, np.nan)])
-def test_a_match_refuses_what_does_not_fit(place, given):
-    arguments = {"f": X, "g": Y, place: given}
-    with pytest.raises(AbfmError) as refused:
-        abfm.match(MESH, parameters=Parameters(iterations=0), **arguments)
-    assert "\n" not in str(refused.value)
-    assert len(str(refused.value)) < 200
-
-
-@pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
-def test_a_flow_refuses_fields_functions_and_times_that_are_no_numbers(given):
-    flow = abfm.Flow(MESH, np.zeros((len(MESH.faces), 3)), 1.0)
-    for use, what in (
-        (abfm.Flow, (MESH, given, 1.0)),
-        (flow.push, (given, 1)),
-        (flow.push, (X, given)),
-    ):
-        with pytest.raises(AbfmError, match="expected") as refused:
-            use(*what)
-        assert len(str(refused.value)) < 200

@@ -269,10 +269,7 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (gifti("", LARGE, "ExternalFileBinary", 'ExternalFileName="a"'), TOO_MUCH),
         (gifti_bomb(ONE.format(1000)), "hold more than 4000, the most"),
         (gzip.compress(bytes(65 << 20), 1), "hold more than 67108864, the most"),
-        (
-            gifti(PACKED, ONE.format(10), "GZipBase64Binary"),
-            "has 36 bytes; expected 40",
-        ),
+        (gifti(PACKED, ONE.format(10), "GZipBase64Binary"), "has 36 bytes; expected 40"),
         (gifti(PACKED, ONE.format(8), "GZipBase64Binary"), "hold more than 32"),
         (gifti("AAAA", encoding="Base64Binary"), "has 3 bytes; expected 12"),
         (gifti("A", encoding="Base64Binary"), "base64"),

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse.linalg import expm_multiply
 
 from abfm import MatchingEnergy, Parameters
-from abfm.calculus.operators import function_norm_matrix, l2_norm, vector_norm_matrix
+from abfm.calculus.operators import function_norm_matrix, vector_norm_matrix
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.parameters import PAPER
 from tests.core.fields import bump, wavy_field
@@ -260,12 +260,3 @@ def test_the_source_carried_is_that_of_the_evaluation():
     E, v = energy(OPEN, 3, segments=2), frames(OPEN, 2)
     assert_array_equal(E.advected(v), E.objective(0.2).evaluate(v).advected)
     assert np.isnan(E.advected(1e9 * v)).all()
-
-
-def test_norms_relative_to_the_target():
-    E = energy(OPEN, 3)
-    source, target, mask = E.functions.source, E.functions.target, E.functions.mask
-    assert E.relative_mismatch(2 * target) == pytest.approx(1, rel=1e-12)
-    root = np.sqrt(E.functions.weights)[:, None]
-    apart, size = (l2_norm(OPEN, (root * h).T, mask) for h in (source - target, target))
-    assert E.relative_mismatch(source) == pytest.approx(apart / size, rel=1e-12)

@@ -9,12 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from abfm.calculus.operators import (
-    face_areas,
-    hat_gradients,
-    mollified_shapes,
-    vector_norm_matrix,
-)
+from abfm.calculus.operators import face_areas, hat_gradients, mollified_shapes, vector_norm_matrix
 from abfm.calculus.vector_fields import to_frame
 from abfm.matching import match
 from abfm.matching.objective.regularizer import Regularizer, regularizer
