@@ -148,14 +148,13 @@ def test_blas_gets_one_thread_unless_the_user_says_otherwise():
 
 def test_what_cannot_draw_says_so_in_one_line(tmp_path):
     """Without libEGL polyscope would crash; ctypes is made to miss it."""
-    code = (
+    done = python(
         "import ctypes, sys, abfm_viewer.cli.commands\n"
         "from abfm_viewer.cli import main\n"
         "def missing(name): raise OSError(f'{name}: cannot open shared object file')\n"
         "ctypes.CDLL = missing\n"
         f"sys.exit(main(['demo', '--quiet', '--out', {str(tmp_path)!r}]))"
     )
-    done = python(code)
     assert (done.returncode, done.stderr.count("\n")) == (0, 1)
     assert done.stderr.startswith("note: no picture and no movie: cannot draw")
     assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]

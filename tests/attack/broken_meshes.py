@@ -55,8 +55,7 @@ class _Draft:
             self.faces = np.delete(self.faces, face, axis=0)
 
     def third_face(self, face, _):
-        third = [*self.faces[face, :2], len(self.vertices)]
-        self.faces = np.concatenate([self.faces, [third]])
+        self.faces = np.concatenate([self.faces, [[*self.faces[face, :2], len(self.vertices)]]])
         place = self.random.choice(_SHAPES).vertices[0] + 5
         self.vertices = np.concatenate([self.vertices, [place]])
 
@@ -66,8 +65,7 @@ class _Draft:
     def near(self, face, _):
         here, there = self.faces[face, :2] % len(self.vertices)  # an index may be wrong by now
         offset = self.vertices[here] - self.vertices[there]
-        nearness = 10.0 ** self.random.uniform(-17, -3)
-        self.vertices[here] = self.vertices[there] + nearness * offset
+        self.vertices[here] = self.vertices[there] + 10.0 ** self.random.uniform(-17, -3) * offset
 
     def glued(self, _, vertex):
         self.faces[self.faces == vertex] = self.random.randrange(len(self.vertices))
@@ -99,8 +97,7 @@ class _Draft:
         self.faces = np.concatenate([self.faces, self.faces[:, ::-1]])
 
     def unused_vertex(self, _, vertex):
-        place = self.random.choice(_NUMBERS)
-        self.vertices = np.insert(self.vertices, vertex, place, axis=0)
+        self.vertices = np.insert(self.vertices, vertex, self.random.choice(_NUMBERS), axis=0)
 
 
 # in the order that the seeds count in

@@ -100,8 +100,7 @@ def _as_ply(size):
     vertices, faces = _grid(int((size / 38) ** 0.5))
     rows = np.zeros(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
     rows["count"], rows["corners"] = 3, faces
-    header = _binary(len(vertices), len(faces))
-    return header + vertices.astype("<f4").tobytes() + rows.tobytes()
+    return _binary(len(vertices), len(faces)) + vertices.astype("<f4").tobytes() + rows.tobytes()
 
 
 def _gltf_data(vertices, faces, **changes):

@@ -112,8 +112,7 @@ def gzip_bomb(random):
 def gltf(random):
     """Accessors without buffers, nodes in circles, NaN matrices, nesting, devices as buffers."""
     accessor = {"componentType": 5126, "type": "VEC3", "count": random.choice(_MANY)}
-    count = random.choice((3, *_MANY))
-    indices = {"componentType": 5125, "type": "SCALAR", "count": count}
+    indices = {"componentType": 5125, "type": "SCALAR", "count": random.choice((3, *_MANY))}
     tree = gltf_header(accessors=[accessor, indices], bufferViews=None, buffers=None)
     act = random.randrange(7)
     if act == 0:
@@ -184,8 +183,7 @@ def ply_headers(random):
 def extremes(random):
     """Coordinates at the ends of what numbers can be."""
     scale = random.choice((1e-320, 1e-300, 1e-160, 1e-30, 1e30, 1e150, 1e160, 1e300, 1.7e308))
-    shift = random.choice((0.0, 1e10, 1e16, 1e300))
-    vertices = WHOLE.vertices * scale + shift
+    vertices = WHOLE.vertices * scale + random.choice((0.0, 1e10, 1e16, 1e300))
     name, write = random.choice((("a.off", off_text), ("a.obj", obj_text)))
     return _mesh(name, write(vertices, WHOLE.faces))
 
@@ -252,8 +250,7 @@ def bombs(random):
             archive.comment = b"PK\5\6" * 10**4
         else:
             header = "{" + " " * 9 * 10**6 + "}"
-            entry = zipfile.ZipInfo("format_version.npy")
-            archive.writestr(entry, _npy(header, version=b"\2\0"))
+            archive.writestr(zipfile.ZipInfo("format_version.npy"), _npy(header, version=b"\2\0"))
     return Specimen(name, specimen.door, file.getvalue()[: 10 << 20])
 
 

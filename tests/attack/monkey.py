@@ -69,8 +69,7 @@ class Monkey:
             opened.callback(setattr, evaluation, "OWN_PROCESS_FROM", before)
         self.files = monkey_files(self.folder)
         opened.enter_context(self._watched())
-        driver = Driver(mesh, backend="openGL_mock", size=(1100, 800))
-        self.gui = opened.enter_context(driver)
+        self.gui = opened.enter_context(Driver(mesh, backend="openGL_mock", size=(1100, 800)))
         self.gui.window.dialogs.folder = self.folder
         self._settle()
         self.gui.session.reset_history()

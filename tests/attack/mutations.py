@@ -150,8 +150,7 @@ def packed_numbers(random, data):
 def inserted(random, data):
     begin = _place(random, data)
     some = random.randbytes(random.choice((1, 2, 7, 300)))
-    piece = random.choice((some, b"\n" * 200, b" " * 200, bytes(64)))
-    return data[:begin] + piece + data[begin:]
+    return data[:begin] + random.choice((some, b"\n" * 200, b" " * 200, bytes(64))) + data[begin:]
 
 
 def deleted(random, data):

@@ -37,8 +37,7 @@ _PATIENCE = 120.0  # seconds by the clock, for what waits without computing
 
 def run_victim(part, attacker, about):
     """The main program of a part that attacks with the file that its function makes of a seed."""
-    name = f"tests.attack.{part}:{attacker}"
-    with Victim(part, name, ROOT / "out" / "attack") as victim:
+    with Victim(part, f"tests.attack.{part}:{attacker}", ROOT / "out" / "attack") as victim:
         run(victim.attempt, about)
 
 

@@ -97,8 +97,7 @@ def test_without_opengl_the_numbers_are_there(known, tmp_path, monkeypatch, abfm
         raise DrawingError("cannot draw without OpenGL")
 
     monkeypatch.setattr(pictures, "figure_picture", refuse)
-    said = abfm(f"figure 7 --out {tmp_path} --quiet")
-    assert "cannot draw without OpenGL" in said.err
+    assert "cannot draw without OpenGL" in abfm(f"figure 7 --out {tmp_path} --quiet").err
     assert [path.name for path in tmp_path.iterdir()] == ["figure-7.json"]
 
 
@@ -159,8 +158,7 @@ def test_the_page_has_everything_and_says_what_fails():
     assert {link[1:] for link in parsed.links if link.startswith("#")} <= set(parsed.ids)
     [picture] = [link for link in parsed.links if link.startswith("data:")]
     assert base64.b64decode(picture.partition(",")[2]).startswith(b"\x89PNG")
-    failing = Measure("mismatch", 0.2, "matches", False, 0.05)
-    text = page([Entry(3, "t", "c", measures=(failing,))])
+    text = page([Entry(3, "t", "c", measures=(Measure("mismatch", 0.2, "matches", False, 0.05),))])
     assert re.search(r"0\.05 <span class=\"bad\">no</span>", text)
     assert text.count('class="bad">no') == 2
     text = Balanced(page([])).text

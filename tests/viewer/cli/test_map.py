@@ -80,8 +80,7 @@ def test_json_has_the_quality_of_the_map_that_is_asked_for(wild, turned, tmp_pat
     for path, time in ((wild, 0.5), (wild, -0.5), (wild, 0.0), (turned, 1.0)):
         said = abfm(f"map {path} --time {time} --out {tmp_path}/map.txt --json")
         told = json.loads(said.out)["quality"]
-        match = load_match(path)
-        quality = map_quality(match.point_map(time))
+        quality = map_quality(load_match(path).point_map(time))
         assert told["off_surface"] == quality.largest_distance
         assert told["off_surface_rms"] == quality.rms_distance
         assert told["folded"] == quality.folded

@@ -173,14 +173,13 @@ def test_what_is_in_use_is_removed_also_when_another_signal_comes_meanwhile(tmp_
 
 
 def test_a_signal_that_is_to_be_ignored_stays_ignored():
-    script = (
+    done = python(
         "import os, signal; from abfm_viewer.signals import leave_on_signals, taken_over\n"
         "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
         "leave_on_signals('abfm')\n"
         "with taken_over(print): os.kill(os.getpid(), signal.SIGHUP)\n"
         "os.kill(os.getpid(), signal.SIGHUP)\n"
     )
-    done = python(script)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
@@ -193,8 +192,7 @@ def test_a_helper_process_ends_with_the_one_that_started_it():
         "print(process.pid, os.getpgid(process.pid) != os.getpgid(0), flush=True)\n"
         "os.kill(os.getpid(), 9)\n"
     )
-    done = python(script, capture_output=False, stdout=subprocess.PIPE)
-    helper, is_apart = done.stdout.split()
+    helper, is_apart = python(script, capture_output=False, stdout=subprocess.PIPE).stdout.split()
     assert is_apart == "True"  # Ctrl-C on a terminal goes to a whole group
     for _ in range(600):
         try:

@@ -62,8 +62,7 @@ def test_a_bad_file_says_everything_until_it_is_dismissed_or_mended(gui, tmp_pat
 
 
 def test_a_remedy_is_offered_once_by_the_newest_card(gui, tmp_path):
-    bad = [tmp_path / name for name in ("one.off", "two.off")]
-    for count, path in enumerate(bad, 1):
+    for count, path in enumerate([tmp_path / name for name in ("one.off", "two.off")], 1):
         path.write_text("OFF\nnonsense\n")
         gui.window._dropped([str(path)])
         gui.wait(lambda s, count=count: len(s.notices.cards) == count)
@@ -217,8 +216,7 @@ def test_the_title_says_what_is_open_and_whether_it_is_saved(gui, tmp_path):
 
 def test_closing_names_what_was_left(matched, tmp_path):
     gui, found = matched, matched.session.result
-    path = off_file(tmp_path / "b.off", icosphere(1))
-    gui.window.files.open(path)
+    gui.window.files.open(off_file(tmp_path / "b.off", icosphere(1)))
     gui.wait(lambda s: s.document.name == "b.off" and s.channels)
     gui.key("ctrl+q")
     assert gui.window.dialogs.is_asking("Save before closing?")

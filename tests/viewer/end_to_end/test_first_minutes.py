@@ -102,8 +102,7 @@ def test_change_sigma_while_it_runs(running):
 
 def test_save_kill_and_recover(tmp_path):
     egg, state = ellipsoid(2, 1, 0.7, 0.55), tmp_path / "state"
-    mesh = off_file(tmp_path / "egg.off", egg)
-    command = [sys.executable, "-c", _WORK, str(mesh), str(state)]
+    command = [sys.executable, "-c", _WORK, str(off_file(tmp_path / "egg.off", egg)), str(state)]
     app = subprocess.Popen(command, stderr=subprocess.PIPE)
     try:
         end = time.monotonic() + 240

@@ -14,7 +14,7 @@ from tests.viewer.sessions import match
 
 
 def test_a_number_is_typed_and_dragged_and_undone(gui):
-    values = {
+    for label, (typed, slid) in {
         "alpha": (10, 0.1),
         "beta": (0.001, 1e-2),
         "order": (1, 2),
@@ -30,8 +30,7 @@ def test_a_number_is_typed_and_dragged_and_undone(gui):
         "memory": (8, 50),
         "max_displacement": (0.2, 0.05),
         "tolerance": (0.001, 0.01),
-    }
-    for label, (typed, slid) in values.items():
+    }.items():
         default = getattr(gui.session.parameters, label)
         gui.type(label, f"{typed:g}")
         assert getattr(gui.session.parameters, label) == typed, label

@@ -139,8 +139,7 @@ def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
     gui.wait(lambda s: s.saves.path == path and s.parameters.sigma == 0.03)
     assert "Undo returns to" in gui.session.notices.latest.text
     opened = session.document
-    kept = "channels parameters mask time view lines points channel side bump"
-    for name in kept.split():
+    for name in "channels parameters mask time view lines points channel side bump".split():
         assert getattr(opened, name) == getattr(saved, name), name
     meshes = [document.surface().mesh for document in (opened, saved)]
     np.testing.assert_array_equal(*(mesh.vertices for mesh in meshes))
@@ -218,8 +217,7 @@ def test_themes_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
 
 def test_the_flow_is_seen_after_a_match_unless_that_is_switched_off(gui):
     session, player = gui.session, gui.session.player
-    short = replace(session.parameters, iterations=20, cooling_stages=1)
-    session.editor.amend(parameters=short)
+    session.editor.amend(parameters=replace(session.parameters, iterations=20, cooling_stages=1))
     gui.menu("View", "Flow after a match")
     assert session.view.flow_after_match
     player.speed = 4.0

@@ -75,8 +75,7 @@ def test_a_bundled_mesh_opens_like_a_file(samples, name):
     np.testing.assert_array_equal(samples.session.surface().mesh.vertices, mesh.vertices)
     assert vertices()[name] == len(mesh.vertices)
     assert samples.window.files.state.recent()[0] == asset_path(name)
-    checked = [w.label for w in opened_menu(samples) if w.text == "checked"]
-    assert checked == [name]
+    assert [w.label for w in opened_menu(samples) if w.text == "checked"] == [name]
     samples.key("esc")
 
 
@@ -105,10 +104,9 @@ def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(samples):
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 def test_the_menu_fits_into_the_window(samples, scale):
     samples.session.editor.set_view("scale", ui_scale=scale)
-    entries = opened_menu(samples)
     assert all(
         0 <= w.rect[0] < w.rect[2] <= SIZE[0] and 0 < w.rect[1] < w.rect[3] <= SIZE[1]
-        for w in entries
+        for w in opened_menu(samples)
     )
     samples.key("esc")
     samples.session.editor.set_view("scale", ui_scale=1.0)

@@ -228,8 +228,7 @@ def test_large_meshes_are_kept_as_they_are_and_once(tmp_path):
     f = mesh.vertices[:, :1]
     problem = Problem(mesh, f, f, RESULT.parameters)
     result = replace(RESULT, problem=problem, advected=f, velocity=velocity)
-    document = Document((Surface(mesh, "large"),), result=result)
-    save_project(path, document, {"file:x.npy": f[:, 0]})
+    save_project(path, Document((Surface(mesh, "large"),), result=result), {"file:x.npy": f[:, 0]})
     held = [mesh.vertices, mesh.faces, mesh.vertex_ids, velocity, *4 * [f]]
     assert path.stat().st_size < sum(array.nbytes for array in held) + 50_000
     opened, known = load_project(path)
@@ -546,8 +545,7 @@ def test_opening_loads_no_solver_before_there_is_a_result(tmp_path):
         "load_project(sys.argv[1]);"
         "print(sorted({'numba', 'scipy', 'igl', 'cholespy', 'polyscope'} & set(sys.modules)))"
     )
-    done = python(code, tmp_path / "p.abfm", check=True)
-    assert done.stdout == "[]\n"
+    assert python(code, tmp_path / "p.abfm", check=True).stdout == "[]\n"
 
 
 def test_missing_fields_take_their_defaults_and_needed_ones_are_named():

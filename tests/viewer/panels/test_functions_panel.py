@@ -229,8 +229,7 @@ def neighbours(vertex):
 
 def front(gui):
     """A vertex in the middle of the view."""
-    view = gui.session.surface().front
-    return int(np.argmax(EGG.vertices @ np.array(view.direction)))
+    return int(np.argmax(EGG.vertices @ np.array(gui.session.surface().front.direction)))
 
 
 def test_a_drag_is_one_step_and_turns_the_camera_only_without_shift(gui):
@@ -247,8 +246,7 @@ def test_a_drag_is_one_step_and_turns_the_camera_only_without_shift(gui):
     assert not session.editor.undo_label
     gui.drag_on_surface(path, surface="target", modifiers=())
     assert session.channels == before
-    turned = np.subtract(scene.look.front.direction, look.front.direction)
-    assert np.linalg.norm(turned) > 1e-3
+    assert np.linalg.norm(np.subtract(scene.look.front.direction, look.front.direction)) > 1e-3
 
 
 def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
@@ -304,8 +302,7 @@ def test_a_click_places_a_point_and_a_drag_does_not(gui):
     (point,) = session.document.points
     position = np.array(point.barycentric) @ EGG.vertices[EGG.faces[point.face]]
     np.testing.assert_allclose(position, EGG.vertices[vertex], atol=0.02)
-    path = [vertex, *neighbours(vertex)[:3:2]]
-    gui.drag_on_surface(path, surface="advected", modifiers=())
+    gui.drag_on_surface([vertex, *neighbours(vertex)[:3:2]], surface="advected", modifiers=())
     gui.pick(vertex, surface="source")
     assert placed() == (1, 1)
     gui.key("r")

@@ -53,8 +53,7 @@ def _states(gui):
     player.playing = False
     yield "matched"
     found, verdict = session.result, two_channels_with_other_peaks()
-    advised = replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict)
-    session.editor.amend(result=advised)
+    session.editor.amend(result=replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict))
     yield "advised"
     session.editor.amend(result=found)
     gui.window.exporter.message = _WRITTEN

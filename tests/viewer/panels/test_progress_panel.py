@@ -40,8 +40,7 @@ def test_functions_tell_what_takes_long_also_from_their_process(own_process, mon
     told = []
     with progress.telling(told.append):
         functions.evaluate("eigenfunction:3")
-    tasks = [now.task for now in told if now]
-    assert "computing eigenfunctions: 32" in tasks
+    assert "computing eigenfunctions: 32" in [now.task for now in told if now]
     assert told[-1] is None
     functions.retire()
 

@@ -34,8 +34,7 @@ def test_edges_are_smooth_and_have_the_colours_inside():
     assert alpha[60, 80] == 255
     assert len(np.unique(alpha)) == 17
     pixels = sphere(320, 240, transparent=True)
-    edge = (pixels[..., 3] > 60) & (pixels[..., 3] < 200)
-    rim = pixels[edge, :3].astype(int)
+    rim = pixels[(pixels[..., 3] > 60) & (pixels[..., 3] < 200), :3].astype(int)
     inside = pixels[pixels[..., 3] == 255][:, :3].astype(int)
     assert inside.min() - 3 <= rim.min()
     assert rim.max() <= inside.max() + 3

@@ -191,8 +191,7 @@ def test_what_lies_on_surfaces_stands_out_from_them(document, shown, theme):
 def test_a_checkerboard_has_about_twenty_squares_across(document):
     checker = viewed(document, coloring="checker", layout="advected only")
     row = drawn(checker, time=0.0)[SIZE[1] // 2 + 4]  # not where squares meet
-    is_blue = row[:, 2] - row[:, 0] > 60
-    assert 14 <= np.abs(np.diff(is_blue.astype(int))).sum() <= 40
+    assert 14 <= np.abs(np.diff((row[:, 2] - row[:, 0] > 60).astype(int))).sum() <= 40
 
 
 def test_turning_surfaces_stay_in_the_picture_and_come_back(document):

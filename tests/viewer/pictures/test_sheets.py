@@ -76,8 +76,7 @@ def colors(picture):
 
 def spread(pixels):
     """Standard deviation of the lightness over what is solid."""
-    solid = pixels[pixels[..., 3] == 255][:, :3]
-    return float(solid.mean(axis=1).std())
+    return float(pixels[pixels[..., 3] == 255][:, :3].mean(axis=1).std())
 
 
 @given(ASPECTS, st.integers(0, 3))
@@ -116,8 +115,7 @@ def test_the_widest_row_fills_the_sheet_unless_panels_would_be_too_tall():
 def test_a_sphere_is_a_round_patch_in_the_colours_of_the_map():
     mesh = icosphere(4)
     alpha = draw(Panel(mesh, Values(np.ones(len(mesh.vertices))), ""), 200)[..., 3] / 255
-    radius = 100 / 1.08
-    assert alpha.sum() == pytest.approx(np.pi * radius**2, rel=0.02)
+    assert alpha.sum() == pytest.approx(np.pi * (100 / 1.08) ** 2, rel=0.02)
     assert alpha[0].max() == 0
     ys, xs = np.nonzero(alpha > 0.5)
     assert (xs.mean(), ys.mean()) == pytest.approx((99.5, 99.5), abs=1)
@@ -125,8 +123,7 @@ def test_a_sphere_is_a_round_patch_in_the_colours_of_the_map():
     pixels = draw(Panel(mesh, Values(np.sign(mesh.vertices[:, 0])), ""), 200)
     solid = pixels[pixels[..., 3] == 255][:, :3] / 255
     for color in table("abfm diverging")[[0, -1]]:
-        distance = np.linalg.norm(solid - color, axis=1)
-        assert distance.min() < 0.12
+        assert np.linalg.norm(solid - color, axis=1).min() < 0.12
 
 
 def test_one_sheet_shows_source_times_match_and_target_as_they_are_asked_for(match):
@@ -209,8 +206,7 @@ def test_the_label_at_tau_says_how_well_it_matches_in_the_colour_that_means_it(
     assert labels[2:] == [f"t = 2, {headline(judged)}", "target"]
     assert not any("matched" in label for label in labels) or kind == "matched"
     for color in (LIGHT.good, LIGHT.failure):
-        found = (pixels == rgb(color)).all(axis=2).any()
-        assert found == (color == tone)
+        assert (pixels == rgb(color)).all(axis=2).any() == (color == tone)
 
 
 def test_functions_of_one_title_share_the_range_of_source_and_target():
@@ -258,8 +254,7 @@ def test_what_places_and_notes_say():
     plot = Plot((Curve("a", x, x),), "x", "y", "", top=0.5)
     checker = Panel(SPHERE, Checker(1e6 * SPHERE.vertices[:, :2]), "c")
     assert captions(of(checker, Panel(SPHERE, Streaks(ROTATION), "s"), plot)) == []
-    wild = Panel(SPHERE, Values(9 * Y), "b", "result")
-    noted = of(SOURCE, wild, notes=("a map that is none",))
+    noted = of(SOURCE, Panel(SPHERE, Values(9 * Y), "b", "result"), notes=("a map that is none",))
     assert captions(noted)[0] == "a map that is none"
     assert len(captions(noted)) == 2
 
@@ -359,8 +354,7 @@ def test_plots_have_room_for_their_legends_and_titles():
         picture = np.asarray(plot_picture(Plot(curves, "t", "y", ""), (500, 300), 18))
         # the y axis' line is black
         axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)
-        top = np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0]
-        assert (top < 25) == inside
+        assert (np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0] < 25) == inside
     x = np.linspace(0, 1, 20)
     titled, bare = (
         np.asarray(plot_picture(Plot((Curve("", x, x),), "t", name, ""), (500, 160), 20))

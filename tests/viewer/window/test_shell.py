@@ -258,7 +258,7 @@ def test_while_a_mesh_waits_for_its_functions_the_window_draws_half_of_the_time(
 
 
 def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
-    code = (
+    done = python(
         "import sys; from abfm_viewer.scene import opengl; from pathlib import Path\n"
         "from abfm_viewer.window.window import open_window\n"
         "import abfm_viewer.session.session as s; s.Session._find_defaults = lambda self: None\n"
@@ -267,7 +267,6 @@ def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
         "set(sys.modules)))\n"
         "print(window.errors); window.close()"
     )
-    done = python(code)
     assert done.stdout == "[]\n{}\n", done.stderr
 
 
