@@ -16,8 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.attack import promises
-from tests.attack.trial import Tally, Trial
+from tests.attack.trial import Tally, Trial, text_table, write
 from tests.processes import ROOT
 
 SHARES = {
@@ -62,9 +61,9 @@ def main():
         return subprocess.call([sys.executable, "-m", f"tests.attack.{part}", "--seed", seed])
     seed = secrets.randbelow(10**6) * 10**3 if asked.seed is None else asked.seed
     tallies = attack(asked.only or list(SHARES), asked.minutes * 60, seed, asked.workers)
-    print(promises.text_table(tallies))
+    print(text_table(tallies))
     if asked.write:
-        promises.write(tallies)
+        write(tallies)
     return int(any(tally.faults for tally in tallies.values()))
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import pytest
 
 from abfm_viewer.document.document import Document, Surface
-from tests.attack import doors, kills, monkey, promises, signals
+from tests.attack import doors, kills, monkey, signals, trial
 from tests.attack.hostile import hostile
 from tests.attack.monkey import Endurance, counts, differences
 from tests.attack.mutations import mutant
@@ -105,14 +105,14 @@ def test_all_parts_together_make_a_table():
 
 def test_the_page_adds_up_over_runs(tmp_path, monkeypatch):
     page = tmp_path / "promises.md"
-    page.write_text(f"before\n{promises.BEGIN}\n{promises.END}\nafter\n")
-    monkeypatch.setattr(promises, "PAGE", page)
-    monkeypatch.setattr(promises, "TOTALS", tmp_path / "attack.json")
+    page.write_text(f"before\n{trial.BEGIN}\n{trial.END}\nafter\n")
+    monkeypatch.setattr(trial, "PAGE", page)
+    monkeypatch.setattr(trial, "TOTALS", tmp_path / "attack.json")
     for seed in range(2):
         tally = Tally("mutations")
-        for trial in (Trial("a", seed, "ok", seconds=seed), Trial("a", 9, "fault", "it broke")):
-            tally.add(trial)
-        promises.write({"mutations": tally})
+        for one in (Trial("a", seed, "ok", seconds=seed), Trial("a", 9, "fault", "it broke")):
+            tally.add(one)
+        trial.write({"mutations": tally})
     text = page.read_text()
     assert text.startswith("before\n")
     assert text.endswith("after\n")

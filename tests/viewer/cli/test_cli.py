@@ -124,7 +124,7 @@ def test_bad_input_is_one_clear_line_and_status_2(words, expected, abfm, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_several_components_are_refused_with_the_way_out(tmp_path, abfm):
+def test_meshes_are_refused_with_the_way_out_and_to_machines_too(tmp_path, abfm):
     spheres = [trimesh.creation.icosphere(2, radius=radius) for radius in (1.0, 0.3)]
     spheres[1].apply_translation([3, 0, 0])
     path = tmp_path / "two.off"
@@ -133,6 +133,12 @@ def test_several_components_are_refused_with_the_way_out(tmp_path, abfm):
     facts = json.loads(abfm(f"info {path} --largest-component --json").out)
     assert facts["vertices"] == 162
     assert facts["messages"]
+    path = tmp_path / "fan.off"
+    path.write_text("OFF\n5 3 0\n0 0 0\n0 0 1\n1 0 0\n-1 1 0\n-1 -1 0\n3 0 1 2\n3 0 1 3\n3 0 1 4\n")
+    told = abfm(f"info {path} --json", status=2)
+    facts = json.loads(told.out)
+    assert facts["usable"] is False
+    assert told.err == f"abfm: {facts['objection']}\n"
 
 
 def test_match_reports_and_writes_what_it_found(tmp_path, abfm):
@@ -199,9 +205,7 @@ def test_progress_tells_meshes_stages_and_reach(tmp_path, abfm):
 
 
 @pytest.mark.parametrize(("extra", "is_told"), [("", True), ("--quiet", False)])
-def test_what_is_expected_to_take_seconds_is_said_with_an_estimate(
-    extra, is_told, tmp_path, monkeypatch, capsys
-):
+def test_what_takes_seconds_is_said_with_an_estimate(extra, is_told, tmp_path, monkeypatch, capsys):
     slow = ("factoring for distances", "checking by flow lines")
     monkeypatch.setattr(progress, "_rates", dict.fromkeys(slow, (1.0, 0)))
     pair = "--source gaussian:vertex=0 --target gaussian:vertex=300 --iterations=5 --levels=1"
@@ -232,9 +236,7 @@ def test_a_mask_is_a_function_or_its_file(as_file, tmp_path, abfm):
     assert match.mask == pytest.approx(expected)
 
 
-def test_a_warm_start_begins_where_the_earlier_result_ended_on_the_same_mesh(
-    tmp_path, abfm, result
-):
+def test_a_warm_start_begins_where_the_earlier_result_ended(tmp_path, abfm, result):
     first, second = tmp_path / "first.npz", tmp_path / "second.npz"
     one_stage = "--cooling-stages 1 --reach 0 --levels 1 --balance 0"
     abfm(f"{MATCH} {first} {one_stage} --iterations 8", status=UNREACHED)
@@ -302,15 +304,6 @@ def test_names_that_cannot_be_printed_stay_on_their_lines(tmp_path, capsys):
         lines = capsys.readouterr().out.splitlines()
         assert all(line.isprintable() for line in lines)
         assert told.format(tmp_path) in "".join(lines)
-
-
-def test_info_of_a_refused_mesh_says_so_to_machines_too(tmp_path, abfm):
-    path = tmp_path / "fan.off"
-    path.write_text("OFF\n5 3 0\n0 0 0\n0 0 1\n1 0 0\n-1 1 0\n-1 -1 0\n3 0 1 2\n3 0 1 3\n3 0 1 4\n")
-    told = abfm(f"info {path} --json", status=2)
-    facts = json.loads(told.out)
-    assert facts["usable"] is False
-    assert told.err == f"abfm: {facts['objection']}\n"
 
 
 def test_render_draws_what_was_asked_for_of_results_and_projects(result, tmp_path, abfm, project):

@@ -275,9 +275,7 @@ NAMES = ["a\nb.off", "a\rb\x1b[2J.off", "\udcff.off", "a" * 50_000 + ".off", "\u
         "bench --part NAME",
     ],
 )
-def test_names_of_all_letters_and_lengths_are_one_bounded_line(
-    words, name, tmp_path, monkeypatch, capsys
-):
+def test_names_of_all_letters_are_one_bounded_line(words, name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").touch()
     used = [word.replace("NAME", name).replace("EIGHT", EIGHT) for word in words.split()]

@@ -41,9 +41,7 @@ def test_folders_come_first_and_hidden_and_other_files_are_left_out(folder):
     assert names == ["Apple/", "zebra/", "A.OBJ", "b.off", "two words.off", "ünïcode ☃.off"]
 
 
-def test_large_folders_are_cut_with_a_note_and_nothing_more_is_asked_of_their_files(
-    tmp_path, monkeypatch
-):
+def test_large_folders_are_cut_with_a_note_and_asked_no_more(tmp_path, monkeypatch):
     """A disk far away takes its time for any question but names and which are folders."""
     names = [f"{number:05}.off" for number in range(MOST + 5)]
     told = [SimpleNamespace(name=name, is_dir=lambda: False) for name in reversed(names)]

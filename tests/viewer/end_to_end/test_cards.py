@@ -47,7 +47,7 @@ def test_a_mesh_of_several_components_is_opened_by_its_remedy(gui, two_spheres):
     assert cards(gui) == []
 
 
-def test_a_bad_file_says_everything_until_it_is_dismissed_or_mended(gui, tmp_path):
+def test_a_bad_file_has_a_card_until_it_is_mended_and_the_newest_one_the_remedy(gui, tmp_path):
     bad = tmp_path / "bad.off"
     bad.write_text("OFF\nnonsense\n")
     gui.window._dropped([str(bad)])
@@ -59,9 +59,6 @@ def test_a_bad_file_says_everything_until_it_is_dismissed_or_mended(gui, tmp_pat
     gui.click("Try again")
     gui.wait(lambda s: s.document.name == "bad.off")
     assert cards(gui) == []
-
-
-def test_a_remedy_is_offered_once_by_the_newest_card(gui, tmp_path):
     for count, path in enumerate([tmp_path / name for name in ("one.off", "two.off")], 1):
         path.write_text("OFF\nnonsense\n")
         gui.window._dropped([str(path)])
@@ -113,22 +110,19 @@ def test_cards_take_no_click_beside_them_and_no_keys(gui):
     assert imgui.GetIO().WantCaptureMouse
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_a_card_is_in_front_of_the_surfaces(gui, tmp_path, theme):
-    gui.session.editor.set_view("theme", theme=theme)
-    gui.session.notices.say("a problem " * 30, is_error=True)
-    gui.frames(3)
-    card, scene = (
-        next(w for w in gui.window.ui.widgets if w.section == "message 1"),
-        gui.window.parts.scene,
-    )
-    left, top, right, bottom = map(int, card.area)
-    assert scene[0] <= left < right <= scene[2]
-    gui.screenshot(tmp_path / "a.png")
-    pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"), dtype=int)
-    inside = pixels[top + 4 : bottom - 4, left + 4 : right - 4].reshape(-1, 3)
-    panel = np.array(gui.window.ui.colors.panel[:3]) * 255
-    assert (np.abs(inside - panel).max(axis=1) < 6).mean() > 0.5
+def test_a_card_is_in_front_of_the_surfaces(gui, tmp_path):
+    for theme in ("light", "dark"):
+        gui.session.editor.set_view("theme", theme=theme)
+        gui.session.notices.say("a problem " * 30, is_error=True)
+        gui.frames(3)
+        card = next(w for w in gui.window.ui.widgets if w.section == "message 1")
+        left, top, right, bottom = map(int, card.area)
+        assert gui.window.parts.scene[0] <= left < right <= gui.window.parts.scene[2]
+        gui.screenshot(tmp_path / "a.png")
+        pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"), dtype=int)
+        inside = pixels[top + 4 : bottom - 4, left + 4 : right - 4].reshape(-1, 3)
+        panel = np.array(gui.window.ui.colors.panel[:3]) * 255
+        assert (np.abs(inside - panel).max(axis=1) < 6).mean() > 0.5
 
 
 def test_a_save_that_fails_is_tried_again_or_goes_elsewhere(gui, tmp_path):

@@ -52,12 +52,25 @@ def test_a_slider_goes_where_it_is_dragged(gui):
             assert float(slider.text) == value, label
 
 
-def test_what_is_not_there_is_named_with_what_is_near(gui):
+def test_what_is_not_there_is_named_and_what_is_closed_is_opened(gui):
+    def opened():
+        return [(w.label, w.kind) for w in gui.window.ui.widgets if w.text == "open"]
+
+    before = opened()
+    with pytest.raises(DriverError):
+        gui.click("nowhere")
+    assert opened() == before == [("Functions", "tab")]
+    gui.check("previous runs", False)
+    assert not gui.session.view.previous_runs
+    assert opened() == [("Match", "tab")]
+    gui.type("memory", "7")
+    assert gui.session.parameters.memory == 7
+    assert opened() == [("Match", "tab"), ("Advanced", "section")]
     vain = "waited 0.1 s in vain; solver: running, busy: no, status line: empty"
     for told, act, *words in (
         ("no 'Mtach' in the window; did you mean 'Match'", gui.click, "Mtach"),
         ("no 'zzz' in 'File' in the window; labels are File, ", gui.click, "zzz", "File"),
-        ("'Undo' is grey", gui.click, "Undo"),
+        ("'Redo' is grey", gui.click, "Redo"),
         ("time goes from 0 to 2, not to 3", gui.drag, "time", 3),
         (r"no key 'ctrl\+nonsense'", gui.key, "ctrl+nonsense"),
         ("no surface 'ghost'; surfaces are source, ", gui.pick, 3, "ghost"),
@@ -86,22 +99,6 @@ def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
     disabled.add("target")
     gui.click("bump")
     assert pressed == ["target", "source"]
-
-
-def test_what_is_closed_is_opened_and_stays_as_it_was_where_nothing_was_found(gui):
-    def opened():
-        return [(w.label, w.kind) for w in gui.window.ui.widgets if w.text == "open"]
-
-    before = opened()
-    with pytest.raises(DriverError):
-        gui.click("nowhere")
-    assert opened() == before == [("Functions", "tab")]
-    gui.check("previous runs", False)
-    assert not gui.session.view.previous_runs
-    assert opened() == [("Match", "tab")]
-    gui.type("memory", "7")
-    assert gui.session.parameters.memory == 7
-    assert opened() == [("Match", "tab"), ("Advanced", "section")]
 
 
 def test_the_button_match_is_not_the_tab(gui):
@@ -178,12 +175,11 @@ def test_without_pictures_everything_but_pictures_works():
     code = """
 from abfm_viewer.automation import Driver
 from tests.shapes import icosphere
-from tests.viewer.sessions import QUICK
+from tests.viewer.sessions import QUICK, match
 for size in ((1280, 800), (1000, 640)):
     with Driver(icosphere(2), backend="openGL_mock", size=size) as gui:
         gui.session.editor.amend(parameters=QUICK)
-        gui.click("Match")
-        gui.wait(lambda s: s.solver.finished)
+        match(gui)
         gui.type("alpha", "10")
         gui.drag("time", 0.5)
         before = gui.session.channels

@@ -3,7 +3,7 @@
 from abfm_viewer.panels import right_panel, solver, status_line, time_bar
 from abfm_viewer.widgets.containers import child, section
 from abfm_viewer.window import menus, window
-from tests.viewer.sessions import QUICK
+from tests.viewer.sessions import QUICK, match
 
 PARTS = {"menu": menus, "time bar": time_bar, "status line": status_line, "Solver": solver}
 PANELS = [(tab, part) for tab, parts in right_panel.TABS.items() for part in parts]
@@ -22,7 +22,7 @@ def lives(gui):
     return gui.window.frames > before + 3
 
 
-def test_a_part_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys):
+def test_a_part_or_a_solver_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys):
     places = {part: (module, "draw") for part, module in PARTS.items()}
     for part, place in (places | {"labels": (window, "draw_annotations")}).items():
         with monkeypatch.context() as patch:
@@ -35,12 +35,17 @@ def test_a_part_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys):
         gui.frames(2)
         assert gui.errors == {}
         assert capsys.readouterr().err.count("Traceback") == 1
+    with monkeypatch.context() as patch:
+        patch.setattr("abfm_viewer.computing.match_apart.MatchApart.match", fail)
+        match(gui)
+    assert gui.session.solver.failed
+    assert gui.session.notices.latest.text == "the solver stopped: RuntimeError: the roof leaks"
     gui.session.editor.amend(parameters=QUICK)
-    gui.click("Match")
-    gui.wait(lambda s: s.solver.finished)
+    match(gui)
+    assert not gui.session.solver.failed
 
 
-def test_a_panel_that_fails_leaves_the_others(gui, monkeypatch):
+def test_a_panel_that_fails_leaves_the_others_and_imgui_whole_also_halfway(gui, monkeypatch):
     for tab, panel in PANELS:
         gui.click(tab, within=right_panel.STEPS)
         with monkeypatch.context() as patch:
@@ -53,8 +58,6 @@ def test_a_panel_that_fails_leaves_the_others(gui, monkeypatch):
         gui.frames(2)
         assert gui.errors == {}
 
-
-def test_panels_that_fail_halfway_leave_imgui_whole(gui, monkeypatch):
     def draw(context):
         ui = context.ui
         with (
@@ -102,16 +105,3 @@ def test_a_scene_a_session_and_a_dialog_that_fail(gui, monkeypatch):
         gui.frames(2)
         assert not gui.window.dialogs.is_open
     assert lives(gui)
-
-
-def test_a_solver_that_fails_says_why(gui, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr("abfm_viewer.computing.match_apart.MatchApart.match", fail)
-        gui.click("Match")
-        gui.wait(lambda s: s.solver.finished)
-    assert gui.session.solver.failed
-    assert gui.session.notices.latest.text == "the solver stopped: RuntimeError: the roof leaks"
-    gui.session.editor.amend(parameters=QUICK)
-    gui.click("Match")
-    gui.wait(lambda s: s.solver.finished)
-    assert not gui.session.solver.failed

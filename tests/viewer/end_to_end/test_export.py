@@ -29,7 +29,7 @@ def exported(gui, button, path):
     assert not gui.window.exporter.failed, gui.window.exporter.message
 
 
-def test_sizes_and_settings(matched):
+def test_sizes_and_settings_are_taken_and_results_and_tables_read_again(matched, tmp_path):
     exporter, (left, top, right, bottom) = matched.window.exporter, matched.window.parts.scene
 
     def size():
@@ -52,9 +52,17 @@ def test_sizes_and_settings(matched):
     movie = exporter.movie
     assert (movie.seconds, movie.fps) == (0.5, 10)
     assert (movie.start, movie.end, movie.turntable) == (0.25, 2, -180)
+    for suffix in (".npz", ".ply", ".vtu", ".csv"):
+        exported(matched, "Save result...", tmp_path / f"match{suffix}")
+    again = abfm.load_match(tmp_path / "match.npz")
+    np.testing.assert_array_equal(again.velocity, matched.session.result.velocity)
+    with (tmp_path / "match.csv").open() as table:
+        assert len(list(csv.reader(table))) == 1 + len(again.energy_history)
+    for suffix in (".ply", ".vtu"):
+        assert (tmp_path / f"match{suffix}").stat().st_size > 10_000
 
 
-def test_a_picture_has_its_size_and_its_ground(small, tmp_path):
+def test_a_picture_has_its_size_and_its_ground_and_a_movie_is_given_up(small, tmp_path):
     exported(small, "Save picture...", tmp_path / "plain.png")
     plain = Image.open(tmp_path / "plain.png")
     assert plain.size == (400, 300)
@@ -65,20 +73,6 @@ def test_a_picture_has_its_size_and_its_ground(small, tmp_path):
     alpha = np.asarray(Image.open(tmp_path / "bare.png").convert("RGBA"))[:, :, 3]
     assert alpha.min() == 0
     assert alpha.max() == 255
-
-
-@pytest.mark.parametrize("suffix", [".gif", ".mp4"])
-def test_a_movie_has_its_frames_and_its_size(small, tmp_path, suffix):
-    film = tmp_path / f"film{suffix}"
-    exported(small, "Save movie...", film)
-    with av.open(film) as movie:
-        frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
-    assert len(frames) == 5
-    assert frames[0].shape == (300, 400, 3)
-    assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5
-
-
-def test_a_movie_is_given_up(small, tmp_path):
     small.type("seconds", "20")
     small.click("Save movie...")
     small.type("file name", "long.mp4")
@@ -88,12 +82,12 @@ def test_a_movie_is_given_up(small, tmp_path):
     assert not (tmp_path / "long.mp4").exists()
 
 
-def test_results_and_tables_are_read_again(matched, tmp_path):
-    for suffix in (".npz", ".ply", ".vtu", ".csv"):
-        exported(matched, "Save result...", tmp_path / f"match{suffix}")
-    again = abfm.load_match(tmp_path / "match.npz")
-    np.testing.assert_array_equal(again.velocity, matched.session.result.velocity)
-    with (tmp_path / "match.csv").open() as table:
-        assert len(list(csv.reader(table))) == 1 + len(again.energy_history)
-    for suffix in (".ply", ".vtu"):
-        assert (tmp_path / f"match{suffix}").stat().st_size > 10_000
+def test_a_movie_has_its_frames_and_its_size(small, tmp_path):
+    for suffix in (".gif", ".mp4"):
+        film = tmp_path / f"film{suffix}"
+        exported(small, "Save movie...", film)
+        with av.open(film) as movie:
+            frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
+        assert len(frames) == 5
+        assert frames[0].shape == (300, 400, 3)
+        assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5

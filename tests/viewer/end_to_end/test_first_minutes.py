@@ -6,8 +6,6 @@ import subprocess
 import sys
 import time
 
-import pytest
-
 from abfm.assets import asset_path
 from abfm_viewer.automation import Driver
 from tests.mesh_writers import off_file
@@ -90,14 +88,6 @@ def test_a_figure_from_samples(gui):
     cancel(gui)
     assert not gui.session.outdated
     assert gui.session.result.mismatch < 1
-
-
-def test_change_sigma_while_it_runs(running):
-    running.drag("sigma", 0.1)
-    running.wait(lambda s: s.solver.snapshot.problem.parameters.sigma > 0.05)
-    cancel(running)
-    assert running.session.result.parameters.sigma == pytest.approx(0.1, rel=0.2)
-    assert running.session.document.runs[-1].restarts
 
 
 def test_save_kill_and_recover(tmp_path):

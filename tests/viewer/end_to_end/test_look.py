@@ -37,7 +37,7 @@ def test_the_advected_surface_shows_the_field_and_the_map(matched):
 
 
 @pytest.mark.usefixtures("coarse_streaks")
-def test_arrows_and_streaks(matched):
+def test_arrows_streaks_flow_lines_and_points_come_and_go(matched):
     session = matched.session
     matched.check("arrows")
     matched.drag("length", 0.2)
@@ -61,9 +61,6 @@ def test_arrows_and_streaks(matched):
     for label in ("animate", "fade with speed", "arrows", "streaks"):
         matched.check(label, False)
     calm(matched)
-
-
-def test_clicks_start_flow_lines_and_follow_points(matched):
     for tool, name, clear in (
         ("flow line", "lines", "Clear lines"),
         ("follow a point", "points", "Clear points"),

@@ -65,18 +65,16 @@ def test_the_method_decides_what_can_be_set(gui):
     gui.choose("method", "nonlinear")
 
 
-def test_what_makes_no_sense_is_refused_in_place(gui):
+def test_what_makes_no_sense_is_refused_in_place_and_stays_to_be_mended_until_escape(gui):
+    reasons, start = gui.window.ui.refusals.reasons, gui.session.parameters
     for label, text in (("alpha", "-1"), ("sigma", "0"), ("tau", "much"), ("iterations", "inf")):
         before = gui.session.parameters
         gui.type(label, text)
         assert gui.session.parameters == before
-        assert gui.window.ui.refusals.reasons, label
+        assert reasons, label
         gui.drag(label, 0.5 if label != "iterations" else 50)
-        assert not gui.window.ui.refusals.reasons, label
-
-
-def test_a_refused_text_stays_to_be_mended_until_escape(gui):
-    reasons = gui.window.ui.refusals.reasons
+        assert not reasons, label
+    gui.session.editor.amend(parameters=start)
     gui.type("alpha", "1o")
     gui.frames(3)
     assert gui.text_of("alpha", kind="box") == "1o"
@@ -97,26 +95,21 @@ def test_a_refused_text_stays_to_be_mended_until_escape(gui):
     gui.key("escape")
 
 
-@pytest.mark.parametrize("way", ["another value", "match", "undo"])
-def test_an_error_goes_with_what_is_accepted_later(gui, way):
-    gui.type("beta", "0.1")
-    gui.type("sigma", "0")
-    gui.frames(3)
-    assert len(gui.window.ui.refusals.reasons) == 1
-    if way == "another value":
-        gui.type("reach", "0.5")
-    elif way == "match":
-        gui.click("Match")
-        gui.wait(lambda s: s.solver.running or s.result)
-        gui.session.solver.cancel()
-    else:
-        gui.key("ctrl+z")
-    gui.frames(2)
-    assert not gui.window.ui.refusals.reasons
-    assert gui.text_of("sigma", kind="box") == f"{Parameters().sigma:g}"
+def test_an_error_goes_with_what_is_accepted_later(gui):
+    for act, *words in ((gui.key, "ctrl+z"), (gui.type, "reach", "0.5"), (gui.click, "Match")):
+        gui.type("beta", "0.1")
+        gui.type("sigma", "0")
+        gui.frames(3)
+        assert len(gui.window.ui.refusals.reasons) == 1
+        act(*words)
+        gui.frames(2)
+        assert not gui.window.ui.refusals.reasons
+        assert gui.text_of("sigma", kind="box") == f"{Parameters().sigma:g}"
+    assert gui.session.solver.running or gui.session.result
+    gui.session.solver.cancel()
 
 
-def test_five_parameters_are_in_sight_all_have_widgets_and_no_label_is_code(gui):
+def test_five_parameters_are_in_sight_and_all_have_widgets_and_letters(gui):
     gui.click("Match", within=STEPS)
     sliders = [w for w in gui.window.ui.widgets if w.kind == "slider" and w.section == "Match"]
     assert {w.name: w.label for w in sliders} == {
@@ -131,9 +124,6 @@ def test_five_parameters_are_in_sight_all_have_widgets_and_no_label_is_code(gui)
     widgets = gui.window.ui.widgets
     assert not [w.label for w in widgets if "_" in w.label]
     assert {entry.name for entry in fields(Parameters)} <= {w.name for w in widgets}
-
-
-def test_the_font_has_the_papers_letters(gui):
     missing = imgui.CalcTextSize("\uffff")[0]
     shapes = {imgui.CalcTextSize(20 * letter)[0] for letter in "ασβτ"}
     assert len(shapes) > 1
@@ -214,7 +204,13 @@ def test_it_grows_during_a_run_and_keeps_earlier_ones(matched):
     assert len(session.document.runs) == 2
 
 
-def test_hovering_shows_values(matched, monkeypatch):
+def test_the_table_has_each_iteration_and_hovering_shows_it(matched, tmp_path, monkeypatch):
+    matched.click("Export CSV...")
+    matched.type("file name", "energies")
+    path = tmp_path / "energies.csv"
+    matched.wait(lambda _: path.exists())
+    rows = list(csv.reader(path.read_text().splitlines()))
+    assert len(rows) == 1 + len(matched.session.result.energy_history)
     shown = []
     monkeypatch.setattr("polyscope.imgui.SetTooltip", shown.append)
     matched.frames(5)
@@ -231,12 +227,3 @@ def test_hovering_shows_values(matched, monkeypatch):
     matched.session.editor.change("two terms", runs=(replace(run, **terms),))
     matched.hover("energy plot")
     assert f"closeness {run.energies[at, 1]:.4g}\nlandmarks {mismatch:.4g}" in shown[-1]
-
-
-def test_the_table_has_a_row_for_each_iteration(matched, tmp_path):
-    matched.click("Export CSV...")
-    matched.type("file name", "energies")
-    path = tmp_path / "energies.csv"
-    matched.wait(lambda _: path.exists())
-    rows = list(csv.reader(path.read_text().splitlines()))
-    assert len(rows) == 1 + len(matched.session.result.energy_history)

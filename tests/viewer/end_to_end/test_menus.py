@@ -60,7 +60,7 @@ def test_a_mesh_is_opened_and_is_recent_then(tmp_path, sphere_file):
         assert not gui.errors
 
 
-def test_folders_are_gone_through(gui, tmp_path, sphere_file):
+def test_folders_are_gone_through_to_open_and_to_save(gui, tmp_path, sphere_file):
     (tmp_path / "inner").mkdir()
     gui.menu("File", "Open mesh...")
     gui.double_click("inner/")
@@ -77,10 +77,6 @@ def test_folders_are_gone_through(gui, tmp_path, sphere_file):
     gui.double_click(sphere_file.name)
     sphere_opened(gui)
     assert gui.window.dialogs.folder == tmp_path
-
-
-def test_folders_are_gone_through_to_save(gui, tmp_path):
-    (tmp_path / "inner").mkdir()
     (tmp_path / "older.abfm").touch()
     gui.menu("File", "Save project as...")
     gui.click("older.abfm")
@@ -139,7 +135,8 @@ def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
     gui.wait(lambda s: s.saves.path == path and s.parameters.sigma == 0.03)
     assert "Undo returns to" in gui.session.notices.latest.text
     opened = session.document
-    for name in "channels parameters mask time view lines points channel side bump".split():
+    kept = "channels parameters mask time view lines points channel side bump"
+    for name in kept.split():
         assert getattr(opened, name) == getattr(saved, name), name
     meshes = [document.surface().mesh for document in (opened, saved)]
     np.testing.assert_array_equal(*(mesh.vertices for mesh in meshes))
@@ -175,7 +172,7 @@ def test_undo_goes_back_to_the_start_and_redo_to_the_end(gui):
         assert getattr(session.document, name) == getattr(end, name), name
 
 
-def test_every_layout_color_map_and_scale(gui):
+def test_layouts_color_maps_scales_themes_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
     before = gui.session.view
     for layout in (*LAYOUTS[1:], LAYOUTS[0]):
         gui.menu("View", "Layout", layout)
@@ -195,8 +192,6 @@ def test_every_layout_color_map_and_scale(gui):
     take_back(gui)
     assert gui.session.view == before
 
-
-def test_themes_isolines_and_the_color_bar_come_and_go(gui, tmp_path):
     def picture():
         gui.screenshot(tmp_path / "a.png")
         return np.asarray(Image.open(tmp_path / "a.png").convert("RGB"), int)
@@ -234,7 +229,7 @@ def test_the_flow_is_seen_after_a_match_unless_that_is_switched_off(gui):
     assert not player.playing
 
 
-def test_entries_lead_where_they_say(gui):
+def test_entries_lead_where_they_say_and_every_shortcut_has_its_own_action(gui, monkeypatch):
     gui.session.editor.set_parameter(alpha=3.0)
     gui.click("Reset to defaults", within="Edit")
     assert gui.session.parameters == Parameters()
@@ -246,9 +241,6 @@ def test_entries_lead_where_they_say(gui):
         gui.click("Look")
         gui.menu("File", entry)
         assert gui.text_of("Export", kind="tab") == "open"
-
-
-def test_every_shortcut_is_listed_and_does_something_of_its_own(gui, monkeypatch):
     actions, called = gui.window.actions, []
     listed = "\n".join(keys for keys, _ in actions.listed())
     for action in actions.all:

@@ -134,7 +134,7 @@ def test_gaussians_by_mouse(gui, side):
     assert gui.session.channels == before
 
 
-def test_values_and_vertex_maps_from_files(gui, tmp_path):
+def test_values_and_vertex_maps_from_files_and_by_symmetry(gui, tmp_path):
     side = "target"
     rng = np.random.default_rng(0)
     values, order = rng.normal(size=len(EGG.vertices)), rng.permutation(len(EGG.vertices))
@@ -163,10 +163,7 @@ def test_values_and_vertex_maps_from_files(gui, tmp_path):
     gui.type("column", "b", within=side)
     settled(gui)
     np.testing.assert_allclose(gui.session.values(side), 2 * values)
-
-
-def test_vertex_maps_by_symmetry(gui):
-    """The egg is symmetric; whatever the map, the function is the one that its text names."""
+    # the egg is symmetric; whatever the map, the function is the one that its text names
     side = "source"
     for word in ("mirror", "rotation"):
         gui.choose("vertex map", word, within=side)

@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw
 
 from abfm_viewer.automation import Driver
 from abfm_viewer.session import notices
-from tests.viewer.sessions import EGG
+from tests.viewer.sessions import EGG, match
 
 SNAPSHOTS = Path(__file__).parents[2] / "snapshots"
 _BLOCK = 40  # pixels
@@ -75,8 +75,7 @@ def test_the_window_in_its_main_states(tmp_path, request, monkeypatch):
         # it depends on the machine's speed
         gui.session.editor.amend(view=replace(gui.session.view, flow_after_match=False))
         check("start.png")
-        gui.click("Match")
-        gui.wait(lambda s: s.solver.finished)
+        match(gui)
         check("matched.png")
         gui.window.ui.open_tab = "Match"
         check("energy.png")

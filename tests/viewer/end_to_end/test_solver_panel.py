@@ -28,7 +28,7 @@ def test_match_runs_to_its_end_and_shows_the_result(gui):
     assert [gui.is_enabled(label) for label in ("Match", "Pause", "Cancel")] == [True, False, False]
 
 
-def test_pause_holds_the_run_and_resume_goes_on(running):
+def test_pause_holds_the_run_and_resume_goes_on_by_button_and_key(running):
     solver = running.session.solver
     running.click("Pause")
     running.wait(lambda s: s.solver.paused)
@@ -49,10 +49,8 @@ def test_pause_holds_the_run_and_resume_goes_on(running):
     assert solver.reason == running.session.result.stop_reason == "cancelled"
     assert len(running.session.result.energy_history) > 5
     assert running.is_enabled("Match")
-
-
-def test_keys_do_the_same(running):
-    solver = running.session.solver
+    running.key("ctrl+enter")  # keys do the same
+    assert solver.running
     running.key("p")
     assert solver.paused
     running.key("p")
@@ -60,8 +58,6 @@ def test_keys_do_the_same(running):
     running.key("esc")
     running.wait(lambda s: s.solver.finished)
     assert solver.reason == "cancelled"
-    running.key("ctrl+enter")
-    assert solver.running
 
 
 @pytest.mark.parametrize("paused", [False, True])
@@ -74,9 +70,14 @@ def test_a_changed_parameter_restarts_the_run_from_its_field(running, paused):
         running.click("Resume")
     running.wait(lambda s: s.solver.snapshot.problem.parameters.sigma == 0.015)
     assert running.session.solver.run.restarts
+    running.drag("sigma", 0.1)
     running.drag("alpha", 1.0)
     running.wait(lambda s: s.solver.snapshot.problem.parameters.alpha == s.parameters.alpha > 0.5)
     assert running.session.solver.running
+    cancel(running)
+    assert running.session.result.parameters == running.session.parameters
+    assert running.session.parameters.sigma == pytest.approx(0.1, rel=0.2)
+    assert running.session.document.runs[-1].restarts
 
 
 def test_without_restarts_a_changed_parameter_waits_for_the_next_match(running):

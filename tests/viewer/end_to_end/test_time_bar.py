@@ -34,7 +34,7 @@ def test_scrubbing_goes_from_the_source_to_the_match_and_beyond(matched):
     assert "extrapolated" not in paints["target"].title
 
 
-def test_time_is_dragged_typed_and_stepped_by_button_and_key(matched):
+def test_time_is_dragged_typed_and_stepped_and_playing_repeats_as_it_is_told(matched):
     session = matched.session
     for act, time in (
         (lambda: matched.drag("time", 0.3), 0.3),
@@ -63,9 +63,6 @@ def test_time_is_dragged_typed_and_stepped_by_button_and_key(matched):
         assert session.time == pytest.approx(time)
     matched.type("time", "99")
     assert session.time == 2
-
-
-def test_playing_repeats_as_it_is_told(matched):
     player = matched.session.player
     matched.drag("speed", 4.0)
     assert player.speed == pytest.approx(4)

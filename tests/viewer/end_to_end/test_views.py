@@ -93,23 +93,7 @@ def test_a_drag_beside_a_surface_leaves_it_upright_and_one_on_it_turns_it_freely
     assert abs(upright()[0]) > 0.01
 
 
-def test_axes_are_looked_from_by_menu_and_key_and_undo_returns(gui):
-    gui.input.drag((100, 200), (130, 210))
-    turned = gui.session.view.look
-    for axis in AXES:
-        sign, name = (-1 if axis.startswith("-") else 1), axis[-1]
-        keys = name if sign > 0 else f"shift+{name}"
-        for act, words in ((gui.menu, ("View", "Look from", axis)), (gui.key, (keys,))):
-            act(*words)
-            front = gui.session.view.look.front
-            assert front == axis_front(axis)
-            np.testing.assert_allclose(np.linalg.det(front.axes), 1)
-            assert sign * front.direction["xyz".index(name)] == 1
-            gui.key("ctrl+z")
-            assert gui.session.view.look == turned
-
-
-def test_reset_is_a_step_and_a_drag_is_none(gui):
+def test_reset_is_a_step_a_drag_is_none_and_undo_returns_from_axes_looked_from_by_menu_and_key(gui):
     steps, scene, (x, y) = gui.session.editor.moves, gui.window.scene, middle(gui, "source")
     before = scene.look
     gui.input.drag((x, y), (x + 60, y + 30))
@@ -128,22 +112,33 @@ def test_reset_is_a_step_and_a_drag_is_none(gui):
     assert gui.session.view.look == again != turned  # what the mouse does meanwhile stays
     gui.key("r")
     assert gui.session.view.look is None
+    gui.input.drag((100, 200), (130, 210))
+    turned = gui.session.view.look
+    for axis in AXES:
+        sign, name = (-1 if axis.startswith("-") else 1), axis[-1]
+        keys = name if sign > 0 else f"shift+{name}"
+        for act, words in ((gui.menu, ("View", "Look from", axis)), (gui.key, (keys,))):
+            act(*words)
+            front = gui.session.view.look.front
+            assert front == axis_front(axis)
+            np.testing.assert_allclose(np.linalg.det(front.axes), 1)
+            assert sign * front.direction["xyz".index(name)] == 1
+            gui.key("ctrl+z")
+            assert gui.session.view.look == turned
 
 
-@pytest.mark.parametrize(
-    ("label", "name", "key"), [("Wireframe", "wireframe", "w"), ("Flat shading", "flat", "f")]
-)
-def test_wireframe_and_flat_shading_come_and_go(gui, label, name, key, tmp_path):
-    before = picture(gui, tmp_path)
-    gui.menu("View", label)
-    assert getattr(gui.session.view, name)
-    assert np.abs(picture(gui, tmp_path) - before).mean() > 0.05
-    gui.key("ctrl+z")
-    assert not getattr(gui.session.view, name)
-    assert np.abs(picture(gui, tmp_path) - before).mean() < 0.01
-    for expected in (True, False):
-        gui.key(key)
-        assert getattr(gui.session.view, name) is expected
+def test_wireframe_and_flat_shading_come_and_go(gui, tmp_path):
+    for label, name, key in (("Wireframe", "wireframe", "w"), ("Flat shading", "flat", "f")):
+        before = picture(gui, tmp_path)
+        gui.menu("View", label)
+        assert getattr(gui.session.view, name)
+        assert np.abs(picture(gui, tmp_path) - before).mean() > 0.05
+        gui.key("ctrl+z")
+        assert not getattr(gui.session.view, name)
+        assert np.abs(picture(gui, tmp_path) - before).mean() < 0.01
+        for expected in (True, False):
+            gui.key(key)
+            assert getattr(gui.session.view, name) is expected
 
 
 def test_surfaces_are_hidden_and_shown_by_menu_and_keys(gui, tmp_path):

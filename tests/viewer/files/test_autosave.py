@@ -196,9 +196,7 @@ def test_copies_of_ended_processes_come_latest_first(tmp_path):
     Recovery(tmp_path / "none" / "autosave-1.abfm", 0).discard()
 
 
-def test_what_an_earlier_process_of_the_same_number_left_is_not_overwritten(
-    autosave, clock, tmp_path
-):
+def test_what_a_process_of_the_same_number_left_is_not_overwritten(autosave, clock, tmp_path):
     """In a container every launch may have the same number."""
     offer(autosave, CHANGED)
     later = Autosave(StateFolder(tmp_path), clock=clock)

@@ -55,9 +55,7 @@ def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_pa
     assert {path.name for path in tmp_path.iterdir()} == written | {kept.name}
 
 
-def test_where_another_file_holds_the_result_nothing_is_written_elsewhere(
-    match, tmp_path, monkeypatch
-):
+def test_a_result_that_one_file_holds_is_not_written_elsewhere(match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ResultError, match=r"cannot write .*gone.* space left$"):
         outputs.write_all([tmp_path / "gone" / "m.vtu", tmp_path / "m.npz"], match)

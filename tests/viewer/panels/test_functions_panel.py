@@ -91,20 +91,6 @@ def spec(gui, side="source"):
     return gui.session.active.spec(side)
 
 
-def test_channels_of_one_kind_can_be_told_apart(gui):
-    channels = (
-        Channel("coordinate:x", "permuted:mirror(coordinate:x)"),
-        Channel("expression:x*x+y*y+z*z+x*y*z*x", "gaussian:vertex=1 + gaussian:vertex=2"),
-        Channel("eigenfunction:7", "geodesic:vertex=3", 2),
-    )
-    gui.session.editor.change("three channels", channels=channels)
-    assert [label for label in gui.labels() if label[1:3] == ": "] == [
-        "1: coordinate x to coordinate x, mirror",
-        "2: x*x+y*y+z*z+x... to 2 gaussians",
-        "3: eigenfunction 7 to geodesic, weight 2",
-    ]
-
-
 def test_what_is_refused_leaves_the_function_and_stays_to_be_mended(gui, monkeypatch):
     notes, note, before = [], Ui.note, gui.session.channels
 
@@ -164,7 +150,7 @@ def test_a_gaussian_is_added_and_removed_in_one_step_each(gui):
     assert len(gaussians(spec(gui, "target"))) == 2
 
 
-def test_widgets_change_what_the_text_says(gui):
+def test_widgets_change_what_the_text_says_and_channels_of_one_kind_can_be_told_apart(gui):
     gui.type("spec", "gaussian:vertex=3 + coordinate:x + gaussian:vertex=5", within="source")
     assert gui.text_of("family", within="source") == "several terms"
     gui.click("bump 2", within="source")
@@ -194,6 +180,17 @@ def test_widgets_change_what_the_text_says(gui):
     assert "Browse..." not in gui.labels()
     gui.choose("family", "geodesic", within="source")
     assert spec(gui).startswith("permuted:mirror(geodesic:vertex=")
+    channels = (
+        Channel("coordinate:x", "permuted:mirror(coordinate:x)"),
+        Channel("expression:x*x+y*y+z*z+x*y*z*x", "gaussian:vertex=1 + gaussian:vertex=2"),
+        Channel("eigenfunction:7", "geodesic:vertex=3", 2),
+    )
+    gui.session.editor.change("three channels", channels=channels)
+    assert [label for label in gui.labels() if label[1:3] == ": "] == [
+        "1: coordinate x to coordinate x, mirror",
+        "2: x*x+y*y+z*z+x... to 2 gaussians",
+        "3: eigenfunction 7 to geodesic, weight 2",
+    ]
 
 
 def test_the_vertex_map_stays_when_what_is_inside_changes(gui, tmp_path):

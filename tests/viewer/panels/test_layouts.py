@@ -150,8 +150,10 @@ def test_each_tab_fits_one_screen(layouts):
     assert {layout["tab"] for layout in shown} == {"Functions", "Match", "Look", "Export"}
 
 
-def test_nothing_is_cut_off_at_the_side(layouts):
+def test_nothing_is_cut_off_at_the_side_and_surfaces_have_most_of_the_width(layouts):
     for layout in layouts:
+        left, _, right, _ = layout["parts"]["scene"]
+        assert right - left > layout["size"][0] / 2, where(layout)
         for part in (*layout["widgets"], *layout["lines"]):
             (left, _, right, _), (start, _, end, _) = part["rect"], part["area"]
             what = f"{part.get('label') or part['text']!r}: {where(layout)}"
@@ -184,17 +186,13 @@ def test_words_fit_their_widgets_or_are_told_in_full(drawn):
                 assert widget["tip"].startswith(widget["label"]), place
 
 
-def test_no_widget_covers_another(layouts):
+def test_no_widget_or_text_covers_another(layouts):
     for layout in layouts:
         for one, other, over in overlaps(w for w in layout["widgets"] if w["kind"] != "menu"):
             # a dialog is in front of everything
             in_front = "A title" in (one["section"], other["section"])
             what = f"{one['label']!r} and {other['label']!r}: {where(layout)}"
             assert in_front or over <= _ROUNDING, what
-
-
-def test_no_text_is_written_over_another(layouts):
-    for layout in layouts:
         for one, other, over in overlaps(
             part for part in (*layout["notes"], *layout["lines"]) if part["text"]
         ):
@@ -235,21 +233,11 @@ def test_nothing_jumps_from_one_state_to_the_next(drawn):
             assert left_top == pytest.approx(before, abs=_ROUNDING), f"{key}: {place}"
 
 
-def test_behind_a_dialog_everything_is_grey(drawn):
+def test_behind_a_dialog_all_is_grey_and_what_changes_something_has_a_tooltip(drawn):
+    kinds = ("slider", "box", "button", "checkbox", "combo")
     for widget, layout, place in drawn:
         if layout["state"] == "asked" and widget["section"] != "A title":
             assert not widget["enabled"], f"{widget['label']!r}: {place}"
-
-
-def test_surfaces_have_most_of_the_width(layouts):
-    for layout in layouts:
-        left, _, right, _ = layout["parts"]["scene"]
-        assert right - left > layout["size"][0] / 2, where(layout)
-
-
-def test_what_a_user_changes_something_with_has_a_tooltip(drawn):
-    kinds = ("slider", "box", "button", "checkbox", "combo")
-    for widget, layout, place in drawn:
         if widget["section"].split("/")[0] == layout["tab"] and widget["kind"] in kinds:
             assert widget["tip"], f"{widget['label']!r}: {place}"
 

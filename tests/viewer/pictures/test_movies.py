@@ -131,9 +131,7 @@ def test_what_is_raised_on_the_way_leaves_the_older_file(suffix, error, tmp_path
         ("close", av.error.OSError(5, "Input/output error"), "Input/output error"),
     ],
 )
-def test_an_encoder_that_fails_is_one_line_and_leaves_the_older_file(
-    suffix, case, tmp_path, monkeypatch
-):
+def test_an_encoder_that_fails_leaves_the_older_file(suffix, case, tmp_path, monkeypatch):
     what, error, message = case
 
     def failing_open(*words, **options):

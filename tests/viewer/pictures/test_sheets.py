@@ -119,7 +119,6 @@ def test_a_sphere_is_a_round_patch_in_the_colours_of_the_map():
     assert alpha[0].max() == 0
     ys, xs = np.nonzero(alpha > 0.5)
     assert (xs.mean(), ys.mean()) == pytest.approx((99.5, 99.5), abs=1)
-    mesh = icosphere(4)
     pixels = draw(Panel(mesh, Values(np.sign(mesh.vertices[:, 0])), ""), 200)
     solid = pixels[pixels[..., 3] == 255][:, :3] / 255
     for color in table("abfm diverging")[[0, -1]]:
@@ -189,9 +188,7 @@ def test_panels_have_frames_labels_and_a_colour_bar_beside_them():
 @pytest.mark.parametrize(
     ("kind", "tone"), [("matched", LIGHT.good), ("not reached", LIGHT.failure), ("nearly", None)]
 )
-def test_the_label_at_tau_says_how_well_it_matches_in_the_colour_that_means_it(
-    match, kind, tone, monkeypatch
-):
+def test_the_label_at_tau_says_how_well_it_matches_in_colour(match, kind, tone, monkeypatch):
     """The word "matched" stands on no picture of a match that is none."""
     drawn = []
 
@@ -323,7 +320,6 @@ def test_a_plot_has_its_curves_colours_and_size_unless_they_grow_beyond_bounds()
     assert picture.size == (500, 300)
     for code in CURVE_COLORS[:2]:
         assert tuple(bytes.fromhex(code[1:])) in colors(picture)
-    x = np.linspace(0, 1, 20)
     calm, wild = Curve("calm", x, x), Curve("wild", x, np.exp(20 * x))
     blue = tuple(bytes.fromhex(CURVE_COLORS[1][1:]))
     whole, cut = (
@@ -355,7 +351,6 @@ def test_plots_have_room_for_their_legends_and_titles():
         # the y axis' line is black
         axis = np.flatnonzero((picture[:, :250] == 0).all(axis=2).sum(axis=0) > 100)
         assert (np.flatnonzero((picture[:, axis[-1]] == 0).all(axis=1))[0] < 25) == inside
-    x = np.linspace(0, 1, 20)
     titled, bare = (
         np.asarray(plot_picture(Plot((Curve("", x, x),), "t", name, ""), (500, 160), 20))
         for name in ("m" * 18, "")

@@ -59,9 +59,7 @@ def test_a_run_whose_process_has_just_ended_is_no_problem_of_copies(desk, copies
     assert copies()
 
 
-def test_meshes_that_were_left_with_nothing_unsaved_have_no_copies_and_no_threads(
-    desk, recoveries, copies, tmp_path
-):
+def test_meshes_left_with_nothing_unsaved_have_no_copies(desk, recoveries, copies, tmp_path):
     def writers():
         return [one for one in threading.enumerate() if one.name.startswith("autosave")]
 

@@ -105,7 +105,7 @@ def test_keys_typed_into_a_box_do_nothing_else(gui):
 # Dialogs
 
 
-def test_a_mesh_is_opened_by_its_typed_path_and_by_keys(gui, mesh_file, tmp_path):
+def test_a_mesh_is_opened_by_path_or_keys_and_dropped_or_refused(gui, mesh_file, tmp_path):
     gui.key("ctrl+o")
     gui.frames(3)
     gui.type("folder", str(tmp_path / "nowhere.off"))
@@ -121,6 +121,18 @@ def test_a_mesh_is_opened_by_its_typed_path_and_by_keys(gui, mesh_file, tmp_path
         gui.key("down")
     gui.key("enter")
     opened(gui, 42)
+    gui.session.undo()
+    gui.window._dropped([str(mesh_file), str(tmp_path / "second.off")])
+    assert "the first of 2" in gui.session.notices.latest.text
+    opened(gui, 42)
+    gui.window._dropped([str(tmp_path / "song.mp3")])
+    assert gui.session.notices.latest.is_error
+    assert gui.session.notices.latest.text.startswith(
+        "song.mp3 cannot be opened: expected a file that ends in .obj"
+    )
+    gui.window._dropped([])
+    assert gui.errors == {}
+    assert gui.window.files.state.recent() == [mesh_file]
 
 
 def test_ten_thousand_files_do_not_slow_the_window_down(gui, monkeypatch):
@@ -170,21 +182,7 @@ def test_an_error_after_a_dialog_is_shown_and_the_window_lives(gui, mesh_file, c
 # Closing, dropped files, preferences, recovery
 
 
-def test_dropped_files_are_opened_or_refused_in_one_line(gui, mesh_file, tmp_path):
-    gui.window._dropped([str(mesh_file), str(tmp_path / "second.off")])
-    assert "the first of 2" in gui.session.notices.latest.text
-    opened(gui, 42)
-    gui.window._dropped([str(tmp_path / "song.mp3")])
-    assert gui.session.notices.latest.is_error
-    assert gui.session.notices.latest.text.startswith(
-        "song.mp3 cannot be opened: expected a file that ends in .obj"
-    )
-    gui.window._dropped([])
-    assert gui.errors == {}
-    assert gui.window.files.state.recent() == [mesh_file]
-
-
-def test_preferences_are_kept_for_the_next_launch(state, launched):
+def test_preferences_are_kept_for_the_next_launch_and_senseless_ones_left_out(state, launched):
     with launched() as gui:
         gui.key("l")
         gui.menu("View", "UI scale", "1.25")
@@ -199,6 +197,12 @@ def test_preferences_are_kept_for_the_next_launch(state, launched):
         assert not gui.session.view.flow_after_match
         assert not gui.session.saves.unsaved
         assert gui.session.editor.undo_label == ""
+    senseless = {"theme": "pink", "ui_scale": 1e9, "follow": "maybe", "flow_after_match": 1}
+    for name, value in senseless.items():
+        state.set_preference(name, value)
+    with launched() as gui:
+        assert (gui.session.view.theme, gui.session.view.ui_scale) == ("light", 1)
+        assert gui.session.view.flow_after_match
 
 
 def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path, launched):
@@ -216,15 +220,6 @@ def test_the_look_of_an_opened_project_is_no_preference(state, tmp_path, launche
     assert state.preferences() == {"theme": "light", "ui_scale": 1}
 
 
-def test_senseless_preferences_are_left_out(state, launched):
-    senseless = {"theme": "pink", "ui_scale": 1e9, "follow": "maybe", "flow_after_match": 1}
-    for name, value in senseless.items():
-        state.set_preference(name, value)
-    with launched() as gui:
-        assert (gui.session.view.theme, gui.session.view.ui_scale) == ("light", 1)
-        assert gui.session.view.flow_after_match
-
-
 def test_a_damaged_copy_is_told_once(state, launched):
     crashed = state.path / "autosave-999999999.abfm"  # more than processes are counted to
     state.path.mkdir()
@@ -240,9 +235,7 @@ def test_a_damaged_copy_is_told_once(state, launched):
 
 
 @pytest.mark.parametrize(("bare", "rest"), [(None, 0.002), (0.0, 0.07)])
-def test_while_a_mesh_waits_for_its_functions_the_window_draws_half_of_the_time(
-    gui, monkeypatch, bare, rest
-):
+def test_a_window_that_waits_for_functions_draws_half_of_the_time(gui, monkeypatch, bare, rest):
     now, slept = [100.0], []
 
     def draw():
