@@ -66,16 +66,13 @@ def test_commands_shown_exist(capsys):
     assert shown == set(re.findall(r"^    (\w+)  ", capsys.readouterr().out, re.MULTILINE))
 
 
-def test_pictures_and_linked_files_are_there():
+def test_pictures_and_linked_files_are_there_and_every_figure_has_its_page():
     linked = {}
     for page in PAGES:
         links = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text("utf-8"))
         linked[page] = {(page.parent / link).resolve() for link in links if "://" not in link}
         assert {link for link in linked[page] if not link.exists()} == set()
     assert ROOT / "docs/images/demo.png" in linked[ROOT / "README.md"]
-
-
-def test_every_figure_has_a_page_with_its_picture_and_a_row_in_the_list():
     figures = ROOT / "docs/figures"
     listed = (figures / "README.md").read_text("utf-8")
     for name in (f"figure-{figure:02}" for figure in FIGURES):

@@ -186,7 +186,9 @@ def test_what_is_being_opened_is_shown_with_a_way_out(gui, tmp_path, monkeypatch
     assert not [w for w in gui.window.ui.widgets if w.section == "opening"]
 
 
-def test_the_log_has_everything_and_can_be_copied(gui, tmp_path):
+def test_the_log_can_be_copied_and_the_title_says_what_is_open_and_whether_it_is_saved(
+    gui, tmp_path
+):
     gui.session.notices.say("first a notice")
     gui.window._dropped([str(tmp_path / "song.mp3")])
     gui.menu("Help", "Messages")
@@ -195,9 +197,6 @@ def test_the_log_has_everything_and_can_be_copied(gui, tmp_path):
     assert lines[0].endswith("notice: first a notice")
     assert "error: song.mp3 cannot be opened" in lines[1]
     gui.click("Close", "Messages")
-
-
-def test_the_title_says_what_is_open_and_whether_it_is_saved(gui, tmp_path):
     saves = gui.session.saves
     assert saves.title == "mesh"
     gui.session.editor.set_parameter(alpha=2)

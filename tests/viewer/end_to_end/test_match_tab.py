@@ -13,7 +13,7 @@ from abfm_viewer.panels.right_panel import STEPS
 from tests.viewer.sessions import match
 
 
-def test_a_number_is_typed_and_dragged_and_undone(gui):
+def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be_set(gui):
     for label, (typed, slid) in {
         "alpha": (10, 0.1),
         "beta": (0.001, 1e-2),
@@ -40,9 +40,6 @@ def test_a_number_is_typed_and_dragged_and_undone(gui):
         assert getattr(gui.session.parameters, label) == typed, label
         gui.key("ctrl+z")
         assert getattr(gui.session.parameters, label) == default, label
-
-
-def test_the_method_decides_what_can_be_set(gui):
     assert not gui.is_enabled("substeps")
     for gradient in ("adjoint", "bracket"):
         gui.choose("gradient", gradient)
@@ -130,7 +127,7 @@ def test_five_parameters_are_in_sight_and_all_have_widgets_and_letters(gui):
     assert 20 * missing not in shapes
 
 
-def test_presets_set_and_defaults_return(gui):
+def test_presets_set_defaults_return_and_a_mask_weighs_the_mismatch(gui):
     rows = list(TABLE_1.values())
     for preset in (*rows[1:], rows[0]):
         gui.choose("preset", preset.name)
@@ -152,9 +149,6 @@ def test_presets_set_and_defaults_return(gui):
     assert gui.session.parameters.alpha == 12
     gui.choose("preset", "defaults")
     assert gui.session.parameters == Parameters()
-
-
-def test_a_mask_weighs_the_mismatch(gui):
     gui.type("mask", "nonsense:")
     assert gui.session.document.mask == ""
     gui.type("mask", "expression:x>0")

@@ -18,7 +18,9 @@ def folder(tmp_path):
     return StateFolder(tmp_path / "not there yet" / "state")
 
 
-def test_recent_files_come_latest_first_and_once(folder, tmp_path):
+def test_recent_files_come_latest_first_and_once_and_what_is_none_is_not_listed(
+    folder, tmp_path, monkeypatch
+):
     files = [tmp_path / f"mesh {number}.off" for number in range(12)]
     for file in files:
         file.touch()
@@ -29,9 +31,6 @@ def test_recent_files_come_latest_first_and_once(folder, tmp_path):
     assert files[11] not in folder.recent()
     folder.clear_recent()
     assert folder.recent() == []
-
-
-def test_what_is_no_file_is_not_listed(folder, tmp_path, monkeypatch):
     (tmp_path / "a.off").touch()
     monkeypatch.chdir(tmp_path)
     folder.add_recent(Path("a.off"))

@@ -118,7 +118,18 @@ def test_what_is_refused_leaves_the_function_and_stays_to_be_mended(gui, monkeyp
     assert gui.text_of("spec", within="source") == before[0].source
 
 
-def test_every_family_can_be_reached_and_begins_where_the_function_was(gui):
+def test_a_gaussian_is_added_in_one_step_and_every_family_can_be_reached_from_it(gui):
+    session, before = gui.session, gui.session.document
+    gui.click("Add Gaussian", within="target")
+    assert active(session) == ("target", 1)
+    gui.key("ctrl+z")
+    assert session.document.channels == before.channels
+    assert not session.editor.undo_label
+    gui.key("ctrl+y")
+    gui.click("Remove Gaussian", within="target")
+    assert session.document.bump == 0
+    gui.key("ctrl+z")
+    assert len(gaussians(spec(gui, "target"))) == 2
     gui.type("spec", "gaussian:vertex=4242", within="target")
     gui.wait(lambda s: s.error("target"))
     gui.click("Add Gaussian", within="target")
@@ -134,20 +145,6 @@ def test_every_family_can_be_reached_and_begins_where_the_function_was(gui):
     gui.choose("family", "gaussian", within="target")
     highest = int(np.argmax(EGG.vertices[:, 1]))
     assert gaussians(spec(gui, "target"))[0].vertex == (highest,)
-
-
-def test_a_gaussian_is_added_and_removed_in_one_step_each(gui):
-    session, before = gui.session, gui.session.document
-    gui.click("Add Gaussian", within="target")
-    assert active(session) == ("target", 1)
-    gui.key("ctrl+z")
-    assert session.document.channels == before.channels
-    assert not session.editor.undo_label
-    gui.key("ctrl+y")
-    gui.click("Remove Gaussian", within="target")
-    assert session.document.bump == 0
-    gui.key("ctrl+z")
-    assert len(gaussians(spec(gui, "target"))) == 2
 
 
 def test_widgets_change_what_the_text_says_and_channels_of_one_kind_can_be_told_apart(gui):
