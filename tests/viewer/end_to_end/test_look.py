@@ -22,7 +22,7 @@ def calm(gui):
     gui.frames(3)
 
 
-def test_the_advected_surface_shows_the_field_and_the_map(matched):
+def test_the_advected_surface_shows_field_and_map_and_comparisons_have_their_own(matched):
     for coloring in ("speed", "divergence", "curl", *MAPS):
         matched.choose("color by", coloring)
         assert matched.session.view.coloring == coloring
@@ -34,6 +34,27 @@ def test_the_advected_surface_shows_the_field_and_the_map(matched):
         matched.choose("part", part)
         assert matched.session.view.part == part
         calm(matched)
+    scene, session = matched.window.scene, matched.session
+    for label, count in (("linear blend", 4), ("error", 5)):
+        matched.check(label)
+        calm(matched)
+        assert len(scene.names) == count
+    matched.type("time", "0.5")
+    calm(matched)
+    source, target = (session.values(side) for side in ("source", "target"))
+    blend = scene.paints["linear blend"].values
+    np.testing.assert_allclose(blend, 0.5 * (source + target), atol=1e-6)
+    matched.check("linear blend", False)
+    matched.check("optimal transport")
+    matched.wait(lambda _: not matched.window.shown.mass_transport.busy)
+    assert scene.names == ("source", "advected", "optimal transport", "error", "target")
+    found, weights = scene.paints["optimal transport"].values, vertex_areas(session.surface().mesh)
+    assert weights @ found == pytest.approx(0.5 * (weights @ source + weights @ target))
+    assert abs(found - 0.5 * (source + target)).max() > 0.2
+    matched.check("optimal transport", False)
+    matched.check("error", False)
+    matched.frames(2)
+    assert scene.names == ("source", "advected", "target")
 
 
 @pytest.mark.usefixtures("coarse_streaks")
@@ -109,30 +130,6 @@ def test_numbers_of_the_last_run_are_gone_during_a_new_one(matched, notes):
     assert not told()
     cancel(matched)
     assert told()
-
-
-def test_the_comparison_has_surfaces_of_its_own(matched):
-    scene, session = matched.window.scene, matched.session
-    for label, count in (("linear blend", 4), ("error", 5)):
-        matched.check(label)
-        calm(matched)
-        assert len(scene.names) == count
-    matched.type("time", "0.5")
-    calm(matched)
-    source, target = (session.values(side) for side in ("source", "target"))
-    blend = scene.paints["linear blend"].values
-    np.testing.assert_allclose(blend, 0.5 * (source + target), atol=1e-6)
-    matched.check("linear blend", False)
-    matched.check("optimal transport")
-    matched.wait(lambda _: not matched.window.shown.mass_transport.busy)
-    assert scene.names == ("source", "advected", "optimal transport", "error", "target")
-    found, weights = scene.paints["optimal transport"].values, vertex_areas(session.surface().mesh)
-    assert weights @ found == pytest.approx(0.5 * (weights @ source + weights @ target))
-    assert abs(found - 0.5 * (source + target)).max() > 0.2
-    matched.check("optimal transport", False)
-    matched.check("error", False)
-    matched.frames(2)
-    assert scene.names == ("source", "advected", "target")
 
 
 def test_arrows_follow_a_run_no_more_often_than_the_surface_and_the_user_at_once(gui, monkeypatch):

@@ -75,7 +75,7 @@ def test_escape_closes_a_menu_or_a_list_and_leaves_the_run(running):
     running.wait(lambda s: s.solver.finished)
 
 
-def test_a_drag_beside_a_surface_leaves_it_upright_and_one_on_it_turns_it_freely(gui):
+def test_a_drag_beside_a_surface_leaves_it_upright_and_picks_are_right_wherever_it_is_turned(gui):
     def upright():
         view = gui.window.scene.view
         return view.rotation @ view.upright
@@ -91,6 +91,20 @@ def test_a_drag_beside_a_surface_leaves_it_upright_and_one_on_it_turns_it_freely
     gui.key("r")
     gui.input.drag((x + 10, y), (x + 10, y + 20), (x - 10, y + 20))
     assert abs(upright()[0]) > 0.01
+    gui.key("r")
+    scene, mesh, (x, y) = gui.window.scene, gui.session.surface().mesh, middle(gui, "source")
+    gui.input.drag((x, y), (x + 40, y + 25))
+    for zoom in (0, 8):
+        point_at(gui, "advected")
+        gui.input.wheel(zoom)
+        for name in SURFACES:
+            x, y = middle(gui, name)
+            for place in ((x, y), (x + 20, y - 15), (x - 12, y + 9)):
+                hit = scene.pick(place)
+                assert hit.surface == name
+                point = np.array(hit.point.barycentric) @ mesh.vertices[mesh.faces[hit.point.face]]
+                off = np.hypot(*(scene.projected(name, point)[0, :2] - (np.floor(place) + 0.5)))
+                assert off < 1.0
 
 
 def test_reset_is_a_step_a_drag_is_none_and_undo_returns_from_axes_looked_from_by_menu_and_key(gui):
@@ -177,22 +191,6 @@ def test_surfaces_are_hidden_and_shown_by_menu_and_keys(gui, tmp_path):
         assert name not in scene.shown
         gui.menu("View", "Surfaces", name)
         assert name in scene.shown
-
-
-def test_picks_are_right_wherever_surfaces_are_turned_and_zoomed(gui):
-    scene, mesh, (x, y) = gui.window.scene, gui.session.surface().mesh, middle(gui, "source")
-    gui.input.drag((x, y), (x + 40, y + 25))
-    for zoom in (0, 8):
-        point_at(gui, "advected")
-        gui.input.wheel(zoom)
-        for name in SURFACES:
-            x, y = middle(gui, name)
-            for place in ((x, y), (x + 20, y - 15), (x - 12, y + 9)):
-                hit = scene.pick(place)
-                assert hit.surface == name
-                point = np.array(hit.point.barycentric) @ mesh.vertices[mesh.faces[hit.point.face]]
-                off = np.hypot(*(scene.projected(name, point)[0, :2] - (np.floor(place) + 0.5)))
-                assert off < 1.0
 
 
 def test_a_mesh_is_seen_at_once_and_stays_as_it_appears(gui, monkeypatch, tmp_path):
