@@ -95,7 +95,9 @@ def test_at_most_three_are_shown_and_escape_takes_the_latest(running):
     gui.wait(lambda s: s.solver.finished)
 
 
-def test_cards_take_no_click_beside_them_and_no_keys(gui):
+def test_cards_take_no_click_beside_them_and_no_keys_and_are_in_front_of_the_surfaces(
+    gui, tmp_path
+):
     gui.click("Match", "steps")
     gui.click("sigma")
     assert imgui.GetIO().WantTextInput
@@ -108,9 +110,6 @@ def test_cards_take_no_click_beside_them_and_no_keys(gui):
     assert not imgui.GetIO().WantCaptureMouse
     gui.input.move(*card.rect[:2])
     assert imgui.GetIO().WantCaptureMouse
-
-
-def test_a_card_is_in_front_of_the_surfaces(gui, tmp_path):
     for theme in ("light", "dark"):
         gui.session.editor.set_view("theme", theme=theme)
         gui.session.notices.say("a problem " * 30, is_error=True)

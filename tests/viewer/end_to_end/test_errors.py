@@ -22,7 +22,9 @@ def lives(gui):
     return gui.window.frames > before + 3
 
 
-def test_a_part_or_a_solver_that_fails_is_named_and_comes_back(gui, monkeypatch, capsys):
+def test_a_part_a_solver_a_scene_a_session_and_a_dialog_that_fail_come_back(
+    gui, monkeypatch, capsys
+):
     places = {part: (module, "draw") for part, module in PARTS.items()}
     for part, place in (places | {"labels": (window, "draw_annotations")}).items():
         with monkeypatch.context() as patch:
@@ -43,6 +45,28 @@ def test_a_part_or_a_solver_that_fails_is_named_and_comes_back(gui, monkeypatch,
     gui.session.editor.amend(parameters=QUICK)
     match(gui)
     assert not gui.session.solver.failed
+    for method in ("update", "pick"):
+        with monkeypatch.context() as patch:
+            patch.setattr(gui.window.scene, method, fail)
+            gui.input.move(100, 200)
+            gui.input.hold("shift", True)
+            gui.input.click()
+            gui.input.hold("shift", False)
+            assert set(gui.errors) <= {"scene", "mouse", "labels"}
+            assert lives(gui)
+        gui.frames(2)
+    with monkeypatch.context() as patch:
+        patch.setattr(gui.session, "update", fail)
+        gui.frames(2)
+        assert gui.errors == {"session": "RuntimeError: the roof leaks"}
+    gui.frames(2)
+    assert lives(gui)
+    with monkeypatch.context() as patch:
+        patch.setattr("abfm_viewer.dialogs.dialogs.Message.draw", fail)
+        gui.menu("Help", "About")
+        gui.frames(2)
+        assert not gui.window.dialogs.is_open
+    assert lives(gui)
 
 
 def test_a_panel_that_fails_leaves_the_others_and_imgui_whole_also_halfway(gui, monkeypatch):
@@ -80,28 +104,3 @@ def test_a_panel_that_fails_leaves_the_others_and_imgui_whole_also_halfway(gui, 
     assert gui.errors == {}
     gui.type("alpha", "3")
     assert gui.session.parameters.alpha == 3
-
-
-def test_a_scene_a_session_and_a_dialog_that_fail(gui, monkeypatch):
-    for method in ("update", "pick"):
-        with monkeypatch.context() as patch:
-            patch.setattr(gui.window.scene, method, fail)
-            gui.input.move(100, 200)
-            gui.input.hold("shift", True)
-            gui.input.click()
-            gui.input.hold("shift", False)
-            assert set(gui.errors) <= {"scene", "mouse", "labels"}
-            assert lives(gui)
-        gui.frames(2)
-    with monkeypatch.context() as patch:
-        patch.setattr(gui.session, "update", fail)
-        gui.frames(2)
-        assert gui.errors == {"session": "RuntimeError: the roof leaks"}
-    gui.frames(2)
-    assert lives(gui)
-    with monkeypatch.context() as patch:
-        patch.setattr("abfm_viewer.dialogs.dialogs.Message.draw", fail)
-        gui.menu("Help", "About")
-        gui.frames(2)
-        assert not gui.window.dialogs.is_open
-    assert lives(gui)

@@ -16,7 +16,7 @@ def settled(gui):
     gui.wait(lambda s: not s.obstacle)
 
 
-def test_channels_are_added_copied_weighted_swapped_and_removed(gui):
+def test_channels_and_gaussians_are_added_changed_and_removed_by_widget(gui):
     session = gui.session
     first = session.channels[0]
     gui.click("Add", within="Functions")
@@ -36,6 +36,28 @@ def test_channels_are_added_copied_weighted_swapped_and_removed(gui):
     assert not gui.is_enabled("Remove")
     take_back(gui)
     assert session.channels == (first,)
+    side = "source"
+
+    def bumps():
+        return gaussians(gui.session.active.spec(side))
+
+    gui.click("Open mesh...", within="Functions")
+    gui.key("escape")
+    gui.type("vertex", "12", within=side)
+    gui.drag("width", 0.2, within=side)
+    gui.type("width", "0.15", within=side)
+    gui.click("Add Gaussian", within=side)
+    assert [bump.width for bump in bumps()] == [0.15, 0.15]
+    for metric in ("euclidean", "geodesic"):
+        gui.choose("metric", metric, within=side)
+    gui.type("height", "0.5", within=side)
+    gui.drag("height", -1, within=side)
+    gui.click("bump 1", within=side)
+    assert bumps()[0].vertex == (12,)
+    gui.click("bump 2", within=side)
+    gui.click("Remove Gaussian", within=side)
+    assert len(bumps()) == 1
+    settled(gui)
 
 
 def test_controls_of_the_families(gui):
@@ -88,31 +110,6 @@ def test_controls_of_the_families(gui):
         write(name, number, within=side)
     settled(gui)
     assert spec() == "gaussian:x=0.5,y=0.25,z=-0.125,width=0.2"
-
-
-def test_gaussians_by_widget(gui):
-    side = "source"
-
-    def bumps():
-        return gaussians(gui.session.active.spec(side))
-
-    gui.click("Open mesh...", within="Functions")
-    gui.key("escape")
-    gui.type("vertex", "12", within=side)
-    gui.drag("width", 0.2, within=side)
-    gui.type("width", "0.15", within=side)
-    gui.click("Add Gaussian", within=side)
-    assert [bump.width for bump in bumps()] == [0.15, 0.15]
-    for metric in ("euclidean", "geodesic"):
-        gui.choose("metric", metric, within=side)
-    gui.type("height", "0.5", within=side)
-    gui.drag("height", -1, within=side)
-    gui.click("bump 1", within=side)
-    assert bumps()[0].vertex == (12,)
-    gui.click("bump 2", within=side)
-    gui.click("Remove Gaussian", within=side)
-    assert len(bumps()) == 1
-    settled(gui)
 
 
 @pytest.mark.parametrize("side", ["source", "target"])
