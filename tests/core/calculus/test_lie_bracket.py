@@ -214,14 +214,11 @@ def test_exponential_equals_the_dense_one_of_scipy(t):
     near(exponential_action(RANDOM, X, t), expected, 1e-12 * abs(expected).max())
 
 
-def test_exponential_of_many_steps_stays_accurate():
+def test_exponentials_of_many_steps_and_of_nilpotent_and_zero_matrices():
     """A rotation by 100 rad takes 25 steps."""
     turn = Matrix(np.array([[0.0, -1.0], [1.0, 0.0]]))
     found = exponential_action(turn, np.array([1.0, 0.0]), 100.0)
     near(found, [np.cos(100), np.sin(100)], 1e-13)
-
-
-def test_exponential_of_nilpotent_and_zero_matrices():
     shift = Matrix(np.diag([1.0, 2.0, 3.0], 1))
     expected = expm(shift.toarray()) @ np.ones(4)
     np.testing.assert_allclose(exponential_action(shift, np.ones(4), 1.0), expected, rtol=1e-15)

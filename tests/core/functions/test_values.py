@@ -98,9 +98,6 @@ def test_gaussian_on_the_sphere():
     assert_allclose(narrow, np.exp(-(d**2) / (2 * 0.12**2)), atol=0.02)
     deep = function(mesh, "gaussian:vertex=0,height=-3")
     assert_allclose(deep, -3 * np.exp(-(d**2) / 0.02), atol=0.06)
-
-
-def test_euclidean_gaussian_is_exact():
     mesh = icosphere(3, radius=2.0)
     d = np.linalg.norm(mesh.vertices - mesh.vertices[3], axis=1) / mesh.length_scale
     found = function(mesh, "gaussian:vertex=3,width=0.2,metric=euclidean")
@@ -174,14 +171,11 @@ def cone_mean(length, widest):
     return float(np.average(length(angles)[kept], weights=1 / angles[kept]))
 
 
-def test_shape_diameter_of_the_sphere():
+def test_shape_diameter_of_the_sphere_and_of_a_plate():
     # beyond, normals are within 90 degrees
     exact = cone_mean(lambda angle: 2 * 3.0 * np.cos(angle), np.pi / 4)
     assert_allclose(exact / 3, 1.717, atol=1e-3)
     assert_allclose(function(icosphere(4, radius=3.0), "shape-diameter"), exact, rtol=0.02)
-
-
-def test_shape_diameter_of_a_plate():
     box = trimesh.creation.box(extents=[4.0, 4.0, 0.2]).subdivide_to_size(0.3)
     box.merge_vertices()  # which older versions leave to the caller
     mesh = TriangleMesh(box.vertices, box.faces)

@@ -87,7 +87,7 @@ def test_share_under_a_bound_counts(errors, bounds):
     assert accuracy.median <= accuracy.maximum
 
 
-def test_reports_have_the_numbers():
+def test_reports_have_the_numbers_and_every_bound_warns_alone():
     assert MapAccuracy(np.arange(4), np.array([0.0, 0.01, 0.06, 0.3])).report() == (
         "geodesic error: mean 0.0925, median 0.0350, largest 0.3000; "
         "50.0 % under 0.05, 75.0 % under 0.1, 75.0 % under 0.25"
@@ -95,6 +95,9 @@ def test_reports_have_the_numbers():
     assert MapQuality(0.25, 0.0125, 0.031).report() == (
         "off the surface: largest 0.25, RMS 0.0125 sqrt(area); folded: 3.1 % of the faces"
     )
+    for over in np.diag([1.01 * LARGEST, 1.01 * RMS, 1.01 * FOLDED]):
+        assert "\n" not in MapQuality(*over).warning
+    assert MapQuality(LARGEST, RMS, FOLDED).warning is None
 
 
 def test_what_does_not_fit_is_refused():
@@ -150,12 +153,6 @@ def test_folds_are_judged_on_the_surface_that_the_map_leads_to():
     assert map_quality(PointMap.of_vertices(mesh, turned)).folded == 0
     inside_out = TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
     assert distortion(mesh, mesh.vertices, inside_out).flipped.all()
-
-
-def test_every_bound_warns_alone():
-    for over in np.diag([1.01 * LARGEST, 1.01 * RMS, 1.01 * FOLDED]):
-        assert "\n" not in MapQuality(*over).warning
-    assert MapQuality(LARGEST, RMS, FOLDED).warning is None
 
 
 SURFACES = {

@@ -151,7 +151,7 @@ def test_a_map_is_made_of_faces_and_weights():
     near(again.distortion().singular_values, 1, 1e-12)
 
 
-def test_what_is_no_map_is_refused():
+def test_what_is_no_map_and_positions_of_other_vertices_are_refused():
     mesh, count = icosphere(0), 12
     faces, weights = np.zeros(count, dtype=int), np.full((count, 3), 1 / 3)
     for wrong_faces, wrong_weights, words in (
@@ -170,6 +170,10 @@ def test_what_is_no_map_is_refused():
     ):
         with pytest.raises(ParameterError, match=words):
             SurfacePoints(mesh, [face], [[weight, 0, 0]])
+    with pytest.raises(AbfmError, match="5 mapped positions for 12 vertices"):
+        distortion(icosphere(0), np.zeros((5, 3)))
+    with pytest.raises(AbfmError, match="not finite"):
+        distortion(icosphere(0), np.full((12, 3), np.nan))
 
 
 def test_the_nearest_vertex_stays_on_its_side_of_a_thin_part():
@@ -246,10 +250,3 @@ def test_distortion_of_collapsed_faces():
         assert not found.flipped.any()
     assert_array_equal(point.singular_values, 0)
     assert (line.singular_values[:, 0] > 0).any()
-
-
-def test_distortion_refuses_positions_of_other_vertices():
-    with pytest.raises(AbfmError, match="5 mapped positions for 12 vertices"):
-        distortion(icosphere(0), np.zeros((5, 3)))
-    with pytest.raises(AbfmError, match="not finite"):
-        distortion(icosphere(0), np.full((12, 3), np.nan))

@@ -241,13 +241,10 @@ def test_a_start_whose_flow_is_worse_than_none_is_as_good_as_none(levels):
     assert kept.velocity.any()  # where nothing is searched, it is what was given
 
 
-def test_without_reach_any_start_is_gone_on_from():
+def test_without_reach_any_start_is_gone_on_from_also_one_too_fast_for_flow_lines():
     p = replace(QUICK, iterations=3, reach=0, levels=2)
     _, seen = matched(60, p, start=wavy_field(SPHERE, 1))
     assert {one.vertices for one in seen} == {len(SPHERE.vertices)}
-
-
-def test_a_start_too_fast_for_flow_lines_is_gone_on_from_all_the_same():
     p = replace(QUICK, iterations=2, reach=0)
     match, _ = matched(60, p, SMALL, start=rotation_field(SMALL, [0, 0, 900]))
     assert np.isfinite(match.mismatch)

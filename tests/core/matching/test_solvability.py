@@ -197,13 +197,10 @@ def test_noise_below_the_bound_adds_none(seed, count):
     assert len(persistence(FINE, gaussians(count) + noise)) > 3
 
 
-def test_a_constant_has_no_peaks():
+def test_a_constant_has_no_peaks_and_a_plateau_one():
     for value in (0.0, 0.1, -7.0):
         assert peaks(FINE, np.full(len(FINE.vertices), value)) == (0, 0)
     assert peaks(FINE, 0.1 + 1e-17 * FINE.vertices[:, 0]) == (0, 0)
-
-
-def test_plateaus_are_one_peak_each():
     x, y, _ = FINE.vertices.T
     assert_array_equal(persistence(FINE, (x > 0.5).astype(float)), [1])
     assert peaks(FINE, (np.abs(x) > 0.5).astype(float), 0.0) == (2, 1)
@@ -293,15 +290,12 @@ def test_a_gaussian_is_as_wide_as_it_is(width):
         assert_allclose(resolution(mesh, gaussian(mesh, vertex, width)), width, rtol=0.15)
 
 
-def test_constants_scales_and_units_do_not_matter():
+def test_constants_scales_and_units_do_not_matter_and_a_subdivided_mesh_has_twice_as_many_edges():
     mesh = torus(60, 40)
     f = gaussian(mesh, 100, 4)
     found = resolution(mesh, f)
     assert_allclose(resolution(mesh, 1000 - 3 * f), found, rtol=1e-9)
     assert_allclose(resolution(TriangleMesh(1e-5 * mesh.vertices, mesh.faces), f), found, rtol=1e-9)
-
-
-def test_twice_as_many_edges_on_the_subdivided_mesh():
     f = gaussian(BALL, 100, 4)
     found = resolution(subdivided(BALL), interpolated(BALL, f))
     assert_allclose(found, 2 * resolution(BALL, f), rtol=0.1)

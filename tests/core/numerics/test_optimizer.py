@@ -31,12 +31,14 @@ def rosenbrock(x):
     return Point(float(rosen(x)), rosen_der(x))
 
 
-def test_rosenbrock_reaches_the_minimum_of_scipy():
+def test_rosenbrock_reaches_the_minimum_of_scipy_and_a_stationary_start_is_converged():
     start = np.array([-1.2, 1.0, 0.5, -0.7, 1.3])
     state, energies = run(LBFGS(rosenbrock, tolerance=1e-9), start)
     expected = minimize(rosen, start, jac=rosen_der, method="BFGS").x
     assert state.x == pytest.approx(expected, abs=1e-5)
     assert all(after < before for before, after in pairwise(energies))
+    search = LBFGS(rosenbrock)
+    assert search.stop_reason(search.init(np.ones(3))) == "converged"
 
 
 def test_a_perfect_preconditioner_needs_one_step():
@@ -78,11 +80,6 @@ def test_nothing_lower_is_a_named_failure_that_keeps_the_iterate():
     assert search.stop_reason(state) == "line search failed"
     assert np.array_equal(state.x, [1.0, 2.0])
     assert energies == [5.0, 5.0]
-
-
-def test_a_stationary_start_is_converged():
-    search = LBFGS(rosenbrock)
-    assert search.stop_reason(search.init(np.ones(3))) == "converged"
 
 
 @example(bend=1.0, wave=1.0, first=1e-4, shift=2.75)

@@ -106,15 +106,12 @@ def test_texels_are_shared_out_by_area():
     assert texels.sum() > 0.6 * 1024**2
 
 
-def test_does_not_depend_on_the_unit():
+def test_an_atlas_does_not_depend_on_the_unit_and_is_made_once():
     mesh = torus(12, 9)
     scaled = TriangleMesh(1e-3 * mesh.vertices, mesh.faces)
     one, other = texture_atlas(mesh, 256), texture_atlas(scaled, 256)
     assert_allclose(other.texel_length, 1e-3 * one.texel_length, rtol=1e-3)
     near(other.corners, one.corners, 3)
-
-
-def test_is_made_once():
     mesh = icosphere(1)
     assert texture_atlas(mesh, 128) is texture_atlas(mesh, 128)
     assert texture_atlas(mesh, 128) is not texture_atlas(mesh, 129)
@@ -126,22 +123,19 @@ def test_half_a_million_faces():
     assert len(np.unique(atlas.texel_faces)) == 500_000
 
 
-def test_too_small_a_texture_is_refused_with_the_least_size():
+def test_too_small_a_texture_and_functions_of_other_meshes_are_refused():
     mesh = icosphere(2)
     with pytest.raises(ParameterError, match="320 faces: take 52 or more"):
         texture_atlas(mesh, 51)
     assert len(np.unique(texture_atlas(mesh, 52).texel_faces)) >= 320
+    with pytest.raises(FunctionError, match="11 values"):
+        texture_atlas(icosphere(0), 64).affine(np.zeros(11))
 
 
 @pytest.mark.parametrize("size", [0, -5, 3, 2.5, 100_000])
 def test_sizes_out_of_range_are_refused(size):
     with pytest.raises(ParameterError, match="expected a whole number of texels from 4 to 16384"):
         texture_atlas(tetrahedron(), size)
-
-
-def test_functions_of_other_meshes_are_refused():
-    with pytest.raises(FunctionError, match="11 values"):
-        texture_atlas(icosphere(0), 64).affine(np.zeros(11))
 
 
 def looked_up(atlas, image, points):
@@ -350,7 +344,7 @@ def test_streaks_of_later_phases_move_along_the_flow():
     assert distances[best] > 0.02 * 0.15 * BALL.length_scale
 
 
-def test_phases_are_periodic_and_of_even_contrast():
+def test_phases_are_periodic_of_even_contrast_and_one_by_one_the_same():
     atlas, images = line_integral_convolution(BALL, SPIN, size=256, phase=np.linspace(0, 1, 9))
     assert images.shape == (9, 256, 256)
     near(images[-1], images[0], 1e-5)
@@ -358,9 +352,6 @@ def test_phases_are_periodic_and_of_even_contrast():
     steps = [np.abs(after - before).mean() for before, after in pairwise(seen)]
     assert max(steps) < 1.3 * min(steps)
     assert_allclose([values.std() for values in seen], seen[0].std(), rtol=0.1)
-
-
-def test_phases_one_by_one_are_the_same():
     _, images = line_integral_convolution(BALL, SPIN, size=128, phase=[0.0, 0.3])
     _, alone = line_integral_convolution(BALL, SPIN, size=128, phase=0.0)
     assert_array_equal(images[0], alone)

@@ -190,7 +190,7 @@ def test_of_other_alphas_only_the_latest_is_kept():
     gc.collect()
     assert [one() is not None for one in known] == [False, False, True]
     assert E.regularizer() is usual
-    assert E.clustered().regularizer() is usual
+    assert E.clustered().regularizer() is energy(OPEN).regularizer() is usual
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -152,7 +152,7 @@ def test_factors_in_processes_of_their_own_give_the_same_bits():
     assert sorted(elsewhere) == [False, True]
 
 
-def test_a_process_that_was_ended_is_told_as_want_of_memory():
+def test_a_process_that_was_ended_is_told_as_want_of_memory_and_one_that_nobody_needs_ends():
     with factoring_apart(1):
         solve = factor(sparse.csr_array(2 * sparse.eye_array(3)))
     assert_allclose(solve(np.array([2.0, 4.0, 6.0])), [1, 2, 3], rtol=1e-12)
@@ -160,9 +160,6 @@ def test_a_process_that_was_ended_is_told_as_want_of_memory():
     for _ in range(2):
         with pytest.raises(MemoryError, match="has ended"):
             solve(np.ones(3))
-
-
-def test_a_factor_that_nobody_needs_ends_its_process():
     with factoring_apart(1):
         solve = factor(sparse.csr_array(sparse.eye_array(3)))
     solve(np.ones(3))

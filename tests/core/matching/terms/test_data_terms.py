@@ -155,13 +155,6 @@ def test_another_norm_of_fields_has_an_exact_gradient():
     assert taylor_order(evaluate, FIELD, 0.02 * wavy_field(MESH, 2)[None]) >= 1.9
 
 
-def test_norms_of_fields_are_made_once_for_an_alpha_and_kept_with_the_mesh():
-    energy = MatchingEnergy(MESH, F, G, P)
-    usual, other = energy.regularizer(), energy.regularizer(0.3)
-    assert (usual.alpha, usual.order, other.alpha) == (P.alpha, P.order, 0.3)
-    assert MatchingEnergy(MESH, G, F, P).regularizer() is usual
-
-
 REACHES = [0.05, 0.5, 2.0]
 ONE = np.ones(1)
 
@@ -248,13 +241,6 @@ def test_at_the_start_the_energy_is_that_of_l2():
         found = E.objective(0.1, reach).evaluate(np.zeros(E.shape))
         assert found.energy == pytest.approx(expected, rel=1e-9)
         assert E.measure(reach) is E.measure(reach)
-
-
-def test_equal_functions_have_no_mismatch_and_no_derivative():
-    E = MatchingEnergy(MESH, F, F)
-    found = E.objective(0.1, 0.5).evaluate(np.zeros(E.shape))
-    assert found.energy == 0
-    assert not found.gradient.any()
 
 
 @pytest.mark.parametrize("degrees", [60, 100, 140])
