@@ -11,10 +11,11 @@ from abfm import ParameterError, Parameters
 from abfm.parameters import PAPER, TABLE_1, row_of
 
 
-def test_segments_follow_the_method():
+def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
     assert Parameters().segments == 1
     assert Parameters(method="linearised").segments == 10
     assert Parameters(method="linearised", segments=3).segments == 3
+    assert all(entry.metadata["help"] for entry in fields(Parameters))
 
 
 @pytest.mark.parametrize(
@@ -51,17 +52,14 @@ def test_bad_values_are_refused_in_words(changes, words):
         Parameters(**changes)
 
 
-def test_numpy_scalars_become_plain_numbers():
-    p = Parameters(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
-    kinds = [type(value) for value in (p.tau, p.memory, p.segments, p.iterations)]
-    assert kinds == [float, int, int, int]
-
-
-def test_round_trip_and_unknown_names():
+def test_round_trip_unknown_names_and_plain_numbers():
     p = Parameters(alpha=3.0, method="linearised", segments=4)
     assert Parameters.from_dict(p.to_dict()) == p
     with pytest.raises(ParameterError, match="unknown parameter 'aplha'"):
         Parameters.from_dict({"aplha": 1})
+    p = Parameters(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
+    kinds = [type(value) for value in (p.tau, p.memory, p.segments, p.iterations)]
+    assert kinds == [float, int, int, int]
 
 
 def test_what_was_written_before_there_was_more_than_the_papers_energy_means_it():
@@ -73,10 +71,6 @@ def test_what_was_written_before_there_was_more_than_the_papers_energy_means_it(
         assert Parameters.from_dict({name: value}) == Parameters(**{name: value})
     assert Parameters(**PAPER) != Parameters()
     assert "order" not in old
-
-
-def test_every_parameter_says_what_it_does():
-    assert all(entry.metadata["help"] for entry in fields(Parameters))
 
 
 @given(sigma=st.floats(1e-8, 1e3), stages=st.integers(1, 6), iterations=st.integers(0, 1000))

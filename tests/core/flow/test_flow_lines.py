@@ -119,16 +119,13 @@ def test_a_reversed_field_returns():
         assert distances.max() < 0.05
 
 
-def test_negative_times_run_backwards():
+def test_negative_times_run_backwards_and_lines_start_at_the_points_that_are_given():
     mesh = square(6)
     [line] = flow_lines(mesh, constant(mesh, [0.1, 0, 0]), centre(mesh, 30), -2.0)
     assert line.times[-1] == -2
     for t in (0.0, -0.7, -2.0):
         near(line.at(t), line.positions[0] + [0.1 * t, 0, 0], 1e-15)
     near(line.at(-9), line.positions[-1], 0)
-
-
-def test_lines_start_at_the_points_that_are_given():
     mesh = icosphere(2)
     field, points = rotation_field(mesh, AXIS), project_onto_surface(mesh, mesh.vertices[:7])
     lines = flow_lines(mesh, field, points, 0.0)

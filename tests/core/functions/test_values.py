@@ -288,16 +288,12 @@ def squared_modes(x):
     return np.where(MODES > 0, 2, 1)[:, None] * np.cos(np.pi * MODES[:, None] * x) ** 2
 
 
-def test_heat_kernel_signature_of_the_square():
+def test_signatures_of_the_square():
     mesh = square(40)
     weights = np.exp(-(np.pi**2) * MODES**2 * 0.02)
     x, y, _ = mesh.vertices.T
     exact = (weights @ squared_modes(x)) * (weights @ squared_modes(y)) / weights.sum() ** 2
     assert_allclose(function(mesh, "hks:time=0.02"), exact, rtol=0.02)
-
-
-def test_wave_kernel_signature_of_the_square():
-    mesh = square(40)
     eigenvalues = np.pi**2 * (MODES[:, None] ** 2 + MODES**2)
     eigenvalues[0, 0] = np.nan
     weights = np.nan_to_num(np.exp(-((4.0 - np.log(eigenvalues)) ** 2) / (2 * 0.3**2)))

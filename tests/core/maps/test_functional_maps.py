@@ -107,15 +107,12 @@ def test_definition_with_the_pseudoinverse_as_oracle():
     assert_allclose(functional_map(points, 7), expected, atol=1e-10)
 
 
-def test_carried_functions_are_those_of_the_point_map(isometric):
+def test_carried_functions_are_those_of_the_point_map_and_coefficients_the_weights(isometric):
     a, b, truth = isometric
     smooth = basis(a, 12) @ np.random.default_rng(2).normal(size=(12, 2))
     for h in (smooth, smooth[:, 0]):
         found = carry(a, b, functional_map(truth, 12), h)
         assert_allclose(found, truth.pull_back(h), atol=1e-6)
-
-
-def test_coefficients_of_a_combination_are_its_weights():
     mesh, weights = ellipsoid(2, 1, 2, 3), np.arange(1.0, 6)
     assert_allclose(spectral_coefficients(mesh, basis(mesh, 5) @ weights, 5), weights)
 

@@ -107,7 +107,7 @@ def test_it_does_not_change_with_what_it_was_given(value):
     assert made._with().digest == before
 
 
-def test_it_cannot_be_changed():
+def test_it_cannot_be_changed_and_it_and_its_match_are_written_in_few_words():
     with pytest.raises(AttributeError, match="does not change"):
         problem().parameters = P
     made = abfm.Problem(SPHERE, F, G, mask=np.ones(len(F)), start=np.zeros((len(SPHERE.faces), 3)))
@@ -115,9 +115,6 @@ def test_it_cannot_be_changed():
         assert array is not None
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 2
-
-
-def test_it_and_its_match_are_written_in_few_words():
     assert repr(problem()).startswith("Problem(TriangleMesh(")
     found = repr(abfm.match(problem()))
     assert "mismatch=" in found

@@ -166,13 +166,10 @@ def test_meshes_that_are_shown_again_and_again_are_refused(tmp_path, monkeypatch
         load_mesh(write(tmp_path, "b.glb", glb(header, data)))
 
 
-def test_endless_scenes_are_refused(tmp_path, monkeypatch):
+def test_endless_scenes_and_deep_json_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(gltf, "_MOST_PARTS", 50)
     nodes = [*({"children": [k + 1]} for k in range(60)), {"mesh": 0}]
     with pytest.raises(MeshError, match="node 51 is beyond the first 50"):
         load_mesh(write(tmp_path, "a.glb", glb(gltf_header(nodes=nodes))))
-
-
-def test_deep_json_is_no_traceback(tmp_path):
     with pytest.raises(MeshError, match="its JSON is nested too deeply"):
         load_mesh(write(tmp_path, "a.gltf", b"[" * 100_000))

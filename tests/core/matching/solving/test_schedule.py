@@ -162,7 +162,7 @@ def test_warm_starts_begin_on_the_mesh_with_the_last_sigma(changes):
     assert [stage.balanced for stage in plan] == [False] * (len(plan) - 1) + [p.balance > 0]
 
 
-def test_sigmas_fall_towards_the_last_and_below_it_only_where_needed():
+def test_sigmas_fall_towards_the_last_and_below_it_only_where_needed_and_must_pay_well_before():
     plan = stages(Parameters(cooling_stages=4, balance=0.0))
     sigmas = [stage.sigma for stage in plan if not stage.reach]
     assert sigmas == sorted(sigmas, reverse=True)
@@ -173,6 +173,10 @@ def test_sigmas_fall_towards_the_last_and_below_it_only_where_needed():
         assert next_one.alpha / one.alpha == pytest.approx((next_one.sigma / one.sigma) ** 2)
     assert {stage.alpha for stage in plan if not stage.needed_above} == {Parameters().alpha}
     assert all(stage.needed_above > 0 and stage.goal == stage.needed_above for stage in below)
+    for levels, warm in ((1, False), (1, True), (3, False), (3, True)):
+        plan = finish(Parameters(), levels, Found(warm))
+        usual = {stage.paying for stage in plan if stage.needed_above == 0}
+        assert min(usual) > max(stage.paying for stage in plan if stage.needed_above > 0)
 
 
 def test_a_stage_pays_while_its_energy_falls():
@@ -184,13 +188,6 @@ def test_a_stage_pays_while_its_energy_falls():
     assert stage.pays(still[:5])  # too early to tell
     assert replace(stage, fixed=True).pays(still)
     assert not stage.pays([math.inf] * 40)
-
-
-def test_stages_that_less_smooth_ones_follow_must_pay_well():
-    for levels, warm in ((1, False), (1, True), (3, False), (3, True)):
-        plan = finish(Parameters(), levels, Found(warm))
-        usual = {stage.paying for stage in plan if stage.needed_above == 0}
-        assert min(usual) > max(stage.paying for stage in plan if stage.needed_above > 0)
 
 
 @given(
