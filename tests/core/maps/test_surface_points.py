@@ -120,7 +120,7 @@ def test_what_are_no_points_in_space_is_refused(points, words):
         project_onto_surface(icosphere(0), points)
 
 
-def test_pulling_back_is_linear_in_each_face():
+def test_pulling_back_is_linear_in_each_face_and_a_matrix_whose_rows_sum_to_one():
     mesh = torus(8, 6)
     found = project_onto_surface(mesh, np.random.default_rng(1).normal(size=(30, 3)))
     near(found.pull_back(mesh.vertices), found.positions, 1e-15)
@@ -129,9 +129,6 @@ def test_pulling_back_is_linear_in_each_face():
     near(values, found.positions @ [1, 2, 3] - 4, 1e-14)
     with pytest.raises(FunctionError, match="11 values were given for a mesh of 48 vertices"):
         found.pull_back(np.zeros(11))
-
-
-def test_pulling_back_by_a_map_is_a_matrix_whose_rows_sum_to_one():
     a, b = icosphere(1), torus(8, 6)
     found = PointMap.project(a, b, 2 * a.vertices)
     matrix, h = found.to_matrix(), np.random.default_rng(0).normal(size=(len(b.vertices), 2))

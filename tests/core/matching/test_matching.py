@@ -78,9 +78,9 @@ def test_plain_lbfgs_is_available_and_slower():
     assert preconditioned.energy_history[-1, 0] < 0.5 * plain.energy_history[-1, 0]
 
 
-def test_the_result_is_what_it_says():
-    (f, g), p = pair(SPHERE), abfm.Parameters(**PAPER, iterations=12)
-    match = matched(p)
+def test_the_result_is_what_it_says_and_every_row_of_its_history_was_told():
+    (f, g), p, seen = pair(SPHERE), abfm.Parameters(**PAPER, iterations=12), []
+    match = matched(p, on_iteration=seen.append)
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
     assert np.abs(np.einsum("nfx,fx->nf", match.velocity, face_normals(SPHERE))).max() < 1e-12
     D = directional_derivative(SPHERE, to_frame(SPHERE, match.velocity[0]))
@@ -95,6 +95,12 @@ def test_the_result_is_what_it_says():
     assert match.stop_reason == "iteration limit"
     assert match.verdict.kind == "not reached"
     assert len(match.energy_history) == len(match.stages) == 13
+    assert [item.iteration for item in seen] == list(range(13))
+    rows = [[item.energy, item.regularity, item.mismatch_energy] for item in seen]
+    assert np.array_equal(rows, match.energy_history)
+    assert np.array_equal(seen[-1].velocity, match.velocity)
+    assert seen[-1].mismatch == match.mismatch
+    assert seen[-1].evaluations >= 13
 
 
 def test_several_channels_and_weights():
@@ -119,17 +125,6 @@ def test_mask_frees_what_it_hides():
     (f, g), hidden = pair(SPHERE), SPHERE.vertices[:, 2] > 0
     changed = abfm.match(SPHERE, f, np.where(hidden, 7.0, g), FEW, mask=~hidden)
     assert matched(FEW, mask=~hidden).velocity == pytest.approx(changed.velocity, abs=1e-9)
-
-
-def test_callback_sees_every_row_of_the_history():
-    seen = []
-    match = matched(abfm.Parameters(**PAPER, iterations=12), on_iteration=seen.append)
-    assert [item.iteration for item in seen] == list(range(13))
-    rows = [[item.energy, item.regularity, item.mismatch_energy] for item in seen]
-    assert np.array_equal(rows, match.energy_history)
-    assert np.array_equal(seen[-1].velocity, match.velocity)
-    assert seen[-1].mismatch == match.mismatch
-    assert seen[-1].evaluations >= 13
 
 
 def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):

@@ -301,16 +301,12 @@ def test_constants_scales_and_units_do_not_matter_and_a_subdivided_mesh_has_twic
     assert_allclose(found, 2 * resolution(BALL, f), rtol=0.1)
 
 
-def test_the_narrower_of_two_bumps_counts():
+def test_the_narrower_of_two_bumps_counts_and_edges_where_the_function_varies():
     mesh = icosphere(5)
     narrow, wide = gaussian(mesh, 0, 2), gaussian(mesh, int(mesh.vertices[:, 2].argmin()), 12)
     assert resolution(mesh, wide) > 10
     assert 2 < resolution(mesh, narrow + wide) < 3
     assert resolution(mesh, pair(wide, narrow)) == resolution(mesh, narrow)
-
-
-def test_edges_count_where_the_function_varies():
-    """Inside a fine patch of a mesh that is coarse elsewhere."""
     even = square(40)
     uneven = TriangleMesh(even.vertices**2 * [1, 1, 0], even.faces)  # fine towards one corner
     fine, coarse = (resolution(uneven, bump(uneven, [x, x, 0], 0.05)) for x in (0.1, 0.8))
