@@ -1,11 +1,4 @@
-"""The Lie bracket of fields and transport by its exponential: Eq. 11 as printed, exact brackets,
-rotations.
-
-On smoothly varying meshes the bracket has order 1, as the derivative of values that are constant on
-faces; what it does to functions has order 2. Icospheres have kinks along the edges of all their
-coarser levels, where averages err more: there the bracket has order 1/2 in L2, 0 in the maximum
-norm, and 2 when it is tested against a smooth field.
-"""
+"""Lie brackets and transport by their exponential: Eq. 11 as printed, exact brackets, rotations."""
 
 import numpy as np
 import pytest
@@ -31,6 +24,7 @@ from tests.core.verification import near
 from tests.shapes import icosphere, square
 
 TORI = exact.refined(4)
+# kinks along coarser edges: the bracket has order 1/2 in L2, 2 when tested against smooth fields
 SPHERES = [icosphere(level) for level in (2, 3, 4)]
 
 
@@ -77,9 +71,7 @@ def second(mesh):
 
 
 def test_bracket_and_its_derivative_converge():
-    """``[first, second] = -cos u cos v d/du - sin v sin u d/dv`` has order 1, also in the maximum
-    norm, and Eq. 10, ``D_[v,u] f = D_v D_u f - D_u D_v f``, order 2.
-    """
+    """``[first, second] = -cos u cos v d/du - sin v sin u d/dv``, and Eq. 10, in maximum norms."""
     errors = []
     for mesh in TORI:
         answer = exact.face_field(

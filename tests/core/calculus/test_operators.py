@@ -1,11 +1,4 @@
-"""Identities, kernels, invariances, boundaries of the operators, with libigl and SciPy as oracles;
-then orders of convergence under refinement, against exact derivatives and spectra.
-
-A gradient that is constant on each face has order 1, averaged to the vertices of a smoothly varying
-mesh order 2; so do divergence, curl, and every eigenvalue.
-Icospheres have irregular vertices and kinks along the edges of all their coarser levels, where
-pointwise errors fall more slowly.
-"""
+"""Operators against identities, libigl, SciPy, and exact derivatives and spectra in the limit."""
 
 import igl
 import numpy as np
@@ -16,16 +9,9 @@ from scipy.sparse.linalg import eigsh
 
 from abfm.calculus import operators as op
 from abfm.calculus.vector_fields import directional_derivative, to_ambient, to_frame
+from tests.core import surfaces
 from tests.core import torus_calculus as exact
 from tests.core.fields import tangent
-from tests.core.surfaces import (
-    LOOPS,
-    SURFACES,
-    edge_divergence,
-    last_order,
-    random_function,
-    relative_error,
-)
 from tests.core.verification import near
 from tests.shapes import icosphere, open_cylinder, square, torus
 
@@ -76,7 +62,7 @@ def test_gradients_of_linear_functions_are_exact(mesh):
 
 def test_libigl_agrees(mesh):
     vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
-    f = random_function(mesh)
+    f = surfaces.random_function(mesh)
     close(op.cotangent_laplacian(mesh).toarray(), -igl.cotmatrix(vertices, faces).toarray())
     close(in_space(mesh, op.gradient(mesh) @ f), (igl.grad(vertices, faces) @ f).reshape(3, -1).T)
     close(op.face_areas(mesh), igl.doublearea(vertices, faces) / 2)
@@ -92,7 +78,7 @@ def test_averaging_keeps_constants_and_is_the_adjoint_of_the_mean_over_corners(m
     average, ones = op.averaging(mesh), np.ones(len(mesh.vertices))
     close(average @ np.ones(len(mesh.faces)), ones)
     h = np.random.default_rng(1).normal(size=len(mesh.faces))
-    for f in (ones, random_function(mesh)):
+    for f in (ones, surfaces.random_function(mesh)):
         at_vertices = (op.vertex_areas(mesh) * f) @ (average @ h)
         at_faces = (op.face_areas(mesh) * f[mesh.faces].mean(axis=1)) @ h
         assert at_vertices == pytest.approx(at_faces, abs=1e-12)
@@ -100,14 +86,14 @@ def test_averaging_keeps_constants_and_is_the_adjoint_of_the_mean_over_corners(m
 
 def test_divergence_and_curl_are_adjoint_to_the_gradients(mesh):
     """``<f, div v> = -<grad f, v>`` and ``<f, curl v> = -<J grad f, v>`` by the masses."""
-    v, f, mass = random_field(mesh), random_function(mesh), op.field_mass(mesh)
+    v, f, mass = random_field(mesh), surfaces.random_function(mesh), op.field_mass(mesh)
     h = np.random.default_rng(1).normal(size=len(mesh.edges))
     slope, edge_slope = op.gradient(mesh) @ f, op.edge_gradient(mesh) @ h
     f_mass, h_mass = op.vertex_areas(mesh) * f, op.edge_areas(mesh) * h
     for weighted, operator, gradient in (
         (f_mass, op.divergence(mesh), slope),
         (f_mass, op.curl(mesh), op.rotation(mesh) @ slope),
-        (h_mass, edge_divergence(mesh), edge_slope),
+        (h_mass, surfaces.edge_divergence(mesh), edge_slope),
     ):
         size = np.linalg.norm(mass @ gradient) * np.linalg.norm(v)
         assert weighted @ (operator @ v) == pytest.approx(-gradient @ (mass @ v), abs=1e-12 * size)
@@ -119,7 +105,7 @@ def test_gradients_have_no_curl_and_turned_gradients_no_divergence(mesh):
     gradient, turned = op.gradient(mesh), op.rotation(mesh) @ op.gradient(mesh)
     for operator, field in ((op.curl(mesh), gradient), (op.divergence(mesh), turned)):
         assert relative_size((operator @ field)[inner], operator, field) < 1e-13
-    at_edges = edge_divergence(mesh)
+    at_edges = surfaces.edge_divergence(mesh)
     assert relative_size((at_edges @ turned)[:, inner], at_edges, turned) < 1e-13
 
 
@@ -129,14 +115,14 @@ def test_ranges_of_the_hodge_gradients_are_orthogonal(mesh):
     assert relative_size(a.T @ mass @ b, a.T, mass, b) < 1e-13
 
 
-@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("name", surfaces.SURFACES)
 def test_harmonic_fields_count_the_loops(name):
-    mesh = SURFACES[name]
+    mesh = surfaces.SURFACES[name]
     laplacian = op.hodge_laplacian(mesh).toarray()
     close(laplacian, laplacian.T)
     values = eigh(laplacian, op.field_mass(mesh).toarray(), eigvals_only=True)
     assert values.min() > -1e-11 * values.max()
-    assert (values < 1e-9 * values.max()).sum() == LOOPS.get(name, 0)
+    assert (values < 1e-9 * values.max()).sum() == surfaces.LOOPS.get(name, 0)
 
 
 @pytest.mark.parametrize("mesh", [SPHERES[0], torus(9, 6), square(5), open_cylinder(8, 3)])
@@ -151,10 +137,8 @@ def test_hodge_spectrum_is_that_of_two_scalar_problems(mesh):
 
 
 def test_function_norm_is_the_integral(mesh):
-    """``int w f^2 + beta w |grad f|^2``, with the least weight of its corners on every face;
-    values without weight do not matter.
-    """
-    f, w = random_function(mesh), np.random.default_rng(1).random(len(mesh.vertices))
+    """``int w f^2 + beta w |grad f|^2``, on faces by their least weight; 0 leaves a value out."""
+    f, w = surfaces.random_function(mesh), np.random.default_rng(1).random(len(mesh.vertices))
     squared_slope = ((op.gradient(mesh) @ f).reshape(-1, 2) ** 2).sum(axis=1)
     for weight, at_vertices, at_faces in ((None, 1.0, 1.0), (w, w, w[mesh.faces].min(axis=1))):
         expected = (at_vertices * op.vertex_areas(mesh) * f**2).sum()
@@ -169,7 +153,7 @@ def test_vector_norm_is_the_integral(mesh):
     """``int |v|^2 + alpha (div v)^2 + alpha (curl v)^2``, at edges and inner vertices."""
     v, inner = random_field(mesh), ~mesh.is_boundary_vertex
     expected = v @ (op.field_mass(mesh) @ v)
-    expected += 0.3 * (op.edge_areas(mesh) * (edge_divergence(mesh) @ v) ** 2).sum()
+    expected += 0.3 * (op.edge_areas(mesh) * (surfaces.edge_divergence(mesh) @ v) ** 2).sum()
     expected += 0.3 * (op.vertex_areas(mesh) * (op.curl(mesh) @ v) ** 2)[inner].sum()
     assert v @ (op.vector_norm_matrix(mesh, 0.3) @ v) == pytest.approx(expected)
 
@@ -233,9 +217,10 @@ def slopes(mesh):
 
 def test_gradient_has_order_one_on_faces():
     errors = [
-        relative_error(m, slopes(m), exact_gradient(m.vertices[m.faces].mean(axis=1))) for m in TORI
+        surfaces.relative_error(m, slopes(m), exact_gradient(m.vertices[m.faces].mean(axis=1)))
+        for m in TORI
     ]
-    assert last_order(errors) == pytest.approx(1, abs=0.02)
+    assert surfaces.last_order(errors) == pytest.approx(1, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -253,10 +238,12 @@ def test_gradient_has_order_one_on_faces():
 )
 def test_values_on_vertices_have_order_two(values, answer):
     errors = [abs(values(mesh) - answer(mesh.vertices)).max() for mesh in TORI]
-    assert last_order(errors) == pytest.approx(2, abs=0.05)
+    assert surfaces.last_order(errors) == pytest.approx(2, abs=0.05)
 
 
 def test_directional_derivative_on_the_sphere_has_order_one_and_a_half():
+    """Less than 2: icospheres have kinks along the edges of all their coarser levels."""
+
     def bent(points):
         x, y, z = points.T
         return np.stack([np.sin(2 * y), z, np.cos(x)], axis=1)
@@ -269,8 +256,8 @@ def test_directional_derivative_on_the_sphere_has_order_one_and_a_half():
         w -= (w * mesh.vertices).sum(axis=1)[:, None] * mesh.vertices
         slope = np.stack([y * z, x * z, x * y], axis=1)
         values = directional_derivative(mesh, to_frame(mesh, v)) @ (x * y * z)
-        errors.append(relative_error(mesh, values, (w * slope).sum(axis=1)))
-    assert last_order(errors) > 1.5
+        errors.append(surfaces.relative_error(mesh, values, (w * slope).sum(axis=1)))
+    assert surfaces.last_order(errors) > 1.5
 
 
 def lowest(stiffness, mass, count):
@@ -298,8 +285,8 @@ def test_hodge_eigenvalues_of_the_unit_sphere(part):
         assert values[0] == pytest.approx(0, abs=1e-9)
         errors.append(abs(values[1:] - answer))
     assert errors[-1].max() < 0.05
-    assert (last_order(errors) > 1.8).all()
-    assert last_order([error.max() for error in errors]) == pytest.approx(2, abs=0.05)
+    assert (surfaces.last_order(errors) > 1.8).all()
+    assert surfaces.last_order([error.max() for error in errors]) == pytest.approx(2, abs=0.05)
 
 
 def test_hodge_eigenvalues_of_the_unit_square():
@@ -309,7 +296,7 @@ def test_hodge_eigenvalues_of_the_unit_square():
         curl_free, divergence_free = (lowest(*part, 4) for part in hodge_parts(square(n)))
         found = np.array([*curl_free[1:], divergence_free[0]]) / np.pi**2
         errors.append(abs(found - [1, 1, 2, 2]))
-    assert last_order(errors) == pytest.approx(2, abs=0.05)
+    assert surfaces.last_order(errors) == pytest.approx(2, abs=0.05)
 
 
 def test_fields_of_the_unit_square_leave_the_boundary_alone():
@@ -326,4 +313,4 @@ def test_fields_of_the_unit_square_leave_the_boundary_alone():
         normal = np.where(along_y, v[at_side, 0], v[at_side, 1])
         flux.append(abs(normal).max() / abs(v).max())
     assert values[0] == pytest.approx(np.pi**2, rel=2e-3)
-    assert last_order(flux) > 0.9
+    assert surfaces.last_order(flux) > 0.9

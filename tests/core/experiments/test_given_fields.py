@@ -7,14 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.calculus import operators as op
+from abfm.calculus import vector_fields as vf
 from abfm.calculus.eigenbasis import eigenbasis
-from abfm.calculus.vector_fields import (
-    directional_derivative,
-    helmholtz_hodge,
-    lie_bracket_of,
-    to_ambient,
-    to_frame,
-)
 from abfm.errors import MeshError
 from abfm.experiments import figure_05, figure_06
 from abfm.experiments.fields import carried, feet, root_mean_square, stream_field
@@ -126,18 +120,18 @@ class TestFigure4:
     def test_one_step_errs_by_the_square_of_the_time(self):
         mesh = ellipsoid(2, 1, 0.7, 0.5)
         field, f = stream_field(mesh, {2: 1.0, 3: 1.0}, 0.3), function(mesh, "eigenfunction:5")
-        slope = directional_derivative(mesh, to_frame(mesh, field)) @ f
+        slope = vf.directional_derivative(mesh, vf.to_frame(mesh, field)) @ f
         errors = [np.abs(f - t * slope - advect(mesh, field, f, t)).max() for t in (0.02, 0.01)]
         assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
 
     def test_there_are_as_many_linear_steps_as_the_fastest_oscillation_allows(self):
-        """Steps of length h make one of frequency w larger by ``sqrt(1 + (h w)^2)`` each, and until
-        tau by a million.
-        """
+        """A step h lets one of frequency w grow by ``sqrt(1 + (h w)^2)``, all until tau by a million."""
         mesh = ellipsoid(3, 1, 0.7, 0.5)
         uneven = TriangleMesh(mesh.vertices * (0.02 + mesh.vertices[:, :1] ** 2) ** 0.5, mesh.faces)
         example, findings = run(4, uneven)
-        derivative = directional_derivative(uneven, to_frame(uneven, example.flow.velocity[0]))
+        derivative = vf.directional_derivative(
+            uneven, vf.to_frame(uneven, example.flow.velocity[0])
+        )
         exact = np.abs(np.linalg.eigvals(derivative.toarray())).max()
         steps = steps_taken(findings)
         assert steps > 40  # and not as few as there can be, one between any two of the times
@@ -182,7 +176,7 @@ class TestFigure5:
             errors = abs(eigenvalues * op.face_areas(mesh).sum() / case.roughness - 1)
             slopes = op.gradient(mesh) @ functions[:, errors.argmin()]
             eigenvalue_errors.append(errors.min())
-            fields = [to_ambient(mesh, slopes.reshape(-1, 2)), case.u]
+            fields = [vf.to_ambient(mesh, slopes.reshape(-1, 2)), case.u]
             u, exact = (field / norm(mesh, field) for field in fields)
             field_errors.append(min(norm(mesh, u - exact), norm(mesh, u + exact)))
         assert last_order(eigenvalue_errors) > 1.5
@@ -192,7 +186,7 @@ class TestFigure5:
 
     def test_the_exact_answer_on_the_torus_is_harmonic(self):
         errors = [
-            norm(c.mesh, c.u - helmholtz_hodge(c.mesh, c.u)[2]) / norm(c.mesh, c.u)
+            norm(c.mesh, c.u - vf.helmholtz_hodge(c.mesh, c.u)[2]) / norm(c.mesh, c.u)
             for c in figure_05.known_cases((1, 2))[1]
         ]
         assert errors[-1] < 0.05
@@ -245,9 +239,7 @@ class TestFigure6:
 
     @pytest.mark.parametrize("index", range(3), ids=names)
     def test_exact_answers_solve_the_equation_of_the_pushforward(self, index):
-        """``d/dt u = -[v, u]``, from the field on and back after a full turn: on the torus in the
-        angles, where ``v`` is constant and the components move along.
-        """
+        """``d/dt u = -[v, u]``, and a full turn leads back; on the torus in the angles."""
         levels = figure_06.known_cases((1, 2))[index]
         case = levels[0]
         assert_array_equal(case.exact(0.0), case.u)
@@ -256,7 +248,7 @@ class TestFigure6:
         errors = []
         for case in levels:
             rate = (case.exact(1e-4) - case.exact(-1e-4)) / 2e-4
-            bracket = lie_bracket_of(case.mesh, case.v, case.u)
+            bracket = vf.lie_bracket_of(case.mesh, case.v, case.u)
             errors.append(np.linalg.norm(rate + bracket) / np.linalg.norm(rate))
         assert errors[1] < min(0.6 * errors[0], 0.3)
 

@@ -11,16 +11,6 @@ from abfm.calculus.operators import cotangent_laplacian, l2_norm
 from abfm.errors import MeshError
 from abfm.experiments import Stage
 from abfm.experiments import figure_11 as maps
-from abfm.experiments.figure_11 import (
-    NEIGHBOURS,
-    TARGETS,
-    Poses,
-    bent,
-    by_extent,
-    compare,
-    coordinates,
-    cut_off,
-)
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import FOLDED, LARGEST_DISTANCE, RMS_DISTANCE, map_accuracy
@@ -36,13 +26,13 @@ SMALL = Stage(small=True)
 @pytest.fixture(scope="module")
 def poses():
     """The bundled humans."""
-    return Poses.of(SMALL)
+    return maps.Poses.of(SMALL)
 
 
 @pytest.fixture(scope="module")
 def comparison(poses):
     """What figures 12 and 13 have found."""
-    return compare(poses, ran(12)[0].problem, SMALL)
+    return maps.compare(poses, ran(12)[0].problem, SMALL)
 
 
 @pytest.mark.parametrize("figure", [11, 12, 13])
@@ -58,7 +48,7 @@ def test_matching_comes_nearer_the_targets(comparison):
     problem = ran(12)[0].problem
     mesh, error = problem.mesh, problem.source - problem.target
     assert l2_norm(mesh, comparison.three.advected - problem.target) < l2_norm(mesh, error)
-    longest = by_extent(mesh)[0]
+    longest = maps.by_extent(mesh)[0]
     one = l2_norm(mesh, comparison.one.advected[:, 0] - problem.target[:, longest])
     assert one < 0.7 * l2_norm(mesh, error[:, longest])
     assert comparison.reduced.mismatch < comparison.reduced.start_mismatch
@@ -75,9 +65,9 @@ def test_targets_are_smoother_than_the_start():
 def test_coordinates_where_they_belong_are_the_identity_and_without_a_flow_maps_stay(poses):
     still = maps.followed(poses.start, np.zeros((2, len(poses.b.faces), 3)), 1.0)
     assert_allclose(still.positions, poses.start.positions, atol=1e-9)
-    found = maps.closest(poses, coordinates(poses.a))
+    found = maps.closest(poses, maps.coordinates(poses.a))
     assert_allclose(found.positions, poses.a.vertices, atol=1e-9)
-    found = maps.closest_cut_off(poses, cut_off(poses.a, len(poses.wanted)))
+    found = maps.closest_cut_off(poses, maps.cut_off(poses.a, len(poses.wanted)))
     assert_allclose(found.positions, poses.a.vertices, atol=1e-7)
     assert_allclose(found.distances, 0, atol=1e-9)
 
@@ -85,31 +75,31 @@ def test_coordinates_where_they_belong_are_the_identity_and_without_a_flow_maps_
 def test_coordinates_have_no_unit_and_cut_off_they_are_their_own_projection():
     mesh = ellipsoid(3, 1, 1.2, 2)
     moved = TriangleMesh(7 * mesh.vertices + [1, 2, 3], mesh.faces)
-    assert_allclose(coordinates(moved), coordinates(mesh), atol=1e-12)
-    cut = cut_off(mesh, 20)
-    whole = spectral_coefficients(mesh, coordinates(mesh), 20)
+    assert_allclose(maps.coordinates(moved), maps.coordinates(mesh), atol=1e-12)
+    cut = maps.cut_off(mesh, 20)
+    whole = spectral_coefficients(mesh, maps.coordinates(mesh), 20)
     assert_allclose(spectral_coefficients(mesh, cut, 20), whole, atol=1e-9)
     assert_allclose(spectral_coefficients(mesh, cut, 30)[20:], 0, atol=1e-9)
 
 
 def test_with_both_cut_off_a_true_start_has_much_less_to_correct():
-    poses = Poses.of(Stage())
+    poses = maps.Poses.of(Stage())
     target = poses.example(TABLE_1[12], [0, 1, 2], False).problem.target
     truth = PointMap.of_vertices(poses.b, poses.a)
-    cut = truth.pull_back(cut_off(poses.a, len(poses.wanted)))
-    left, whole = (l2_norm(poses.b, source - target) for source in (cut, coordinates(poses.a)))
+    cut = truth.pull_back(maps.cut_off(poses.a, len(poses.wanted)))
+    left, whole = (l2_norm(poses.b, source - target) for source in (cut, maps.coordinates(poses.a)))
     assert left < 0.4 * whole
 
 
 def test_what_needs_no_flow_is_read_off_the_targets_and_the_start(poses):
     target = ran(13)[0].problem.target
     read = maps.without_flow(poses, target)
-    assert_array_equal(read[TARGETS].positions, maps.closest(poses, target).positions)
+    assert_array_equal(read[maps.TARGETS].positions, maps.closest(poses, target).positions)
     assert read[maps.START] is poses.start
     errors = {name: map_accuracy(points, most=200).mean for name, points in read.items()}
     assert errors[maps.START] > 0.01  # wrong enough to correct
     assert errors[maps.ZOOM_OUT] < 0.7 * errors[maps.START]
-    assert errors[TARGETS + maps.CUT_OFF] < errors[TARGETS]
+    assert errors[maps.TARGETS + maps.CUT_OFF] < errors[maps.TARGETS]
 
 
 def test_a_flow_that_stands_still_reads_as_no_flow(poses):
@@ -118,23 +108,23 @@ def test_a_flow_that_stands_still_reads_as_no_flow(poses):
     still = np.zeros((parameters.segments, len(poses.b.faces), 3))
     found = match(poses.b, problem.source, problem.target, parameters, start=still)
     read = maps.by_flow(poses.start, len(poses.wanted), "still", found)
-    expected = maps.without_flow(poses, problem.target)[maps.NO_FLOW + NEIGHBOURS]
-    assert_array_equal(read["still" + NEIGHBOURS].positions, expected.positions)
+    expected = maps.without_flow(poses, problem.target)[maps.NO_FLOW + maps.NEIGHBOURS]
+    assert_array_equal(read["still" + maps.NEIGHBOURS].positions, expected.positions)
     assert_allclose(read["still" + maps.LINES].positions, poses.start.positions, atol=1e-9)
 
 
 def test_figure_13_says_what_the_flow_adds_and_draws_shares_that_only_rise(comparison):
     findings = ran(13)[1]
     measured = values(findings)
-    targets = map_accuracy(comparison.maps[TARGETS], most=1500).mean
-    assert measured[f"{TARGETS}: mean error, sqrt(area)"] == targets
+    targets = map_accuracy(comparison.maps[maps.TARGETS], most=1500).mean
+    assert measured[f"{maps.TARGETS}: mean error, sqrt(area)"] == targets
     adds = "what the flow adds: mean error of"
     added = {name: value for name, value in measured.items() if name.startswith(adds)}
     assert len(added) == 8
-    name = f"{adds} '3 functions' less that of '{TARGETS}', sqrt(area)"
+    name = f"{adds} '3 functions' less that of '{maps.TARGETS}', sqrt(area)"
     assert added[name] == measured["3 functions: mean error, sqrt(area)"] - targets
     [plot] = findings.sheet.rows[0]
-    assert TARGETS in [curve.name for curve in plot.curves]
+    assert maps.TARGETS in [curve.name for curve in plot.curves]
     for curve in plot.curves:
         assert (np.diff(curve.y) >= 0).all()
         assert 0 <= curve.y.min() <= curve.y.max() <= 100
@@ -160,7 +150,7 @@ def test_figures_with_maps_measure_them_as_maps(figure):
 
 def test_second_figure_has_the_first_ones_matches(poses):
     first, second = (stated(figure).problem for figure in (12, 13))
-    assert compare(poses, first, SMALL) is compare(Poses.of(SMALL), second, SMALL)
+    assert maps.compare(poses, first, SMALL) is maps.compare(maps.Poses.of(SMALL), second, SMALL)
 
 
 @pytest.mark.parametrize("mesh", [torus(24, 12), open_cylinder(16, 12), ellipsoid(3, 1, 1.2, 2)])
@@ -171,7 +161,7 @@ def test_other_meshes_are_bent(mesh):
 
 def test_bending_keeps_lengths_along_the_middle():
     tube = open_cylinder(16, 40, radius=0.05)
-    curved = bent(tube)
+    curved = maps.bent(tube)
     i, j = tube.edges.T
     before, after = (np.linalg.norm(m.vertices[i] - m.vertices[j], axis=1) for m in (tube, curved))
     radius = 2 / (np.pi / 3)

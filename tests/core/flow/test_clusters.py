@@ -60,12 +60,7 @@ def seamed(n, gap):
     return TriangleMesh(lines.reshape(-1, 3), square(n).faces)
 
 
-EVEN = {
-    "sphere": icosphere(3),
-    "torus": torus(40, 16),
-    "square": square(16),
-    "hemisphere": hemisphere(7),
-}
+EVEN = {"sphere": icosphere(3), "torus": torus(40, 16), "square": square(16), "half": hemisphere(7)}
 UNEVEN = {
     "knots": knotted(icosphere(3), 4, 0.01),
     "knot, boundary": knotted(square(12), 1, 0.1),

@@ -147,12 +147,9 @@ def test_a_rotating_sphere_turns_with_order_two(backwards):
     near(observed_orders([4, 2, 1], errors), 2, 0.1)
 
 
-def test_a_torus_turned_about_its_axis_turns_with_order_two():
+def test_a_torus_turns_about_its_axis_with_order_two_and_a_disc_along_its_boundary():
     errors = errors_of_turns([torus(n, n // 2) for n in (24, 48, 96)], [0, 0, 1.0], 1.0)
     assert observed_orders([4, 2, 1], errors).min() > 1.8
-
-
-def test_a_disc_turns_along_its_boundary():
     errors = errors_of_turns([disc(n) for n in (8, 16, 32)], [0, 0, 1.0], 1.5)
     assert errors[-1] < 0.001
     # one less on the boundary itself, which is a line
@@ -177,7 +174,7 @@ def test_there_and_back_is_the_identity_in_the_limit():
     assert observed_orders([4, 2, 1], errors).min() > 1.5
 
 
-def test_several_fields_follow_each_other():
+def test_several_fields_follow_each_other_and_equal_ones_are_one():
     """Two quarter turns that do not commute, in this order; backwards the last is undone first."""
     mesh, axes = icosphere(4), np.pi / 2 * np.array([[1.0, 0, 0], [0, 0, 1.0]])
     flow = ContinuousFlow(mesh, np.stack([rotation_field(mesh, axis) for axis in axes]), 2.0)
@@ -185,9 +182,6 @@ def test_several_fields_follow_each_other():
     turn = (second * first).as_matrix()
     near(flow.destinations().positions, mesh.vertices @ turn.T, 0.02)
     near(flow.origins().positions, mesh.vertices @ turn, 0.02)
-
-
-def test_equal_fields_in_a_row_are_one():
     mesh = torus(48, 24)
     field = wavy_field(mesh, 2)
     once, thrice = (ContinuousFlow(mesh, np.stack([field] * n), 0.3) for n in (1, 3))

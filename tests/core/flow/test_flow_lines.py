@@ -134,7 +134,7 @@ def test_negative_times_run_backwards_and_lines_start_at_the_points_that_are_giv
     assert flow_lines(mesh, field, vertex_points(mesh, np.zeros(0, int)), 1.0) == []
 
 
-def test_each_field_lasts_its_part_and_the_last_goes_on():
+def test_each_field_lasts_its_part_the_last_goes_on_and_equal_ones_are_one():
     mesh = square(6)
     fields = constant(mesh, [0.1, 0, 0], [0, 0, 0], [0, 0.15, 0])
     [line] = flow_lines(mesh, fields, centre(mesh, 30), 4.0, tau=3.0)
@@ -144,9 +144,6 @@ def test_each_field_lasts_its_part_and_the_last_goes_on():
     assert line.ended == "time"
     [back] = flow_lines(mesh, fields, centre(mesh, 30), -0.5, tau=3.0)
     near(back.positions[-1] - back.positions[0], [-0.05, 0, 0], 1e-15)
-
-
-def test_equal_fields_are_one_field():
     mesh = torus(12, 9)
     velocity, start = wavy_field(mesh, 4), random_start(mesh, 10)
     one = flow_lines(mesh, velocity, start, 1.2)
@@ -211,15 +208,12 @@ def test_ends_at_the_boundary():
     near(ends(lines)[:, 2], 0, 1e-13)
 
 
-def test_a_zero_field_leaves_points_where_they_are():
+def test_a_zero_field_leaves_points_where_they_are_and_a_long_way_ends_at_the_limit(monkeypatch):
     mesh = icosphere(1)
     for line in flow_lines(mesh, np.zeros((len(mesh.faces), 3)), random_start(mesh, 5), 1.0):
         assert line.ended == "stagnation"
         assert_array_equal(line.times, [0])
         near(line.at(0.5), line.positions[0], 0)
-
-
-def test_ends_at_the_step_limit(monkeypatch):
     monkeypatch.setattr(MODULE, "STEP_LIMIT", 1000)
     mesh = icosphere(2)
     [line] = flow_lines(mesh, rotation_field(mesh, AXIS), centre(mesh, 0), 1e300)

@@ -81,10 +81,9 @@ class Move:
         return self.scale**power * (v @ self.rotation.T)[self.numbers(mesh)[1]]
 
 
-_ANGLES = st.floats(-3, 3)
 MOVES = st.builds(
     Move,
-    turn=st.tuples(_ANGLES, _ANGLES, _ANGLES),
+    turn=st.tuples(*[st.floats(-3, 3)] * 3),
     scale=st.floats(-6, 6).map(lambda exponent: 10.0**exponent),
     shift=st.tuples(*[st.floats(-5, 5)] * 3),
     seed=st.none() | st.integers(0, 1000),

@@ -1,6 +1,4 @@
-"""Whatever a user may give for functions, fields, numbers and parameters, also at the ends of what
-they may be: a right result, or a reason in one line, and no warning.
-"""
+"""Whatever users may give, up to its ends: a right result or a reason in one line, no warning."""
 
 from dataclasses import fields
 
@@ -203,11 +201,7 @@ def test_alike_constant_or_far_apart(course):
 @examples(5)
 @given(exponent=st.floats(-6, 6), course=st.sampled_from(COURSES[:2]))
 def test_a_constant_added_to_both_changes_no_field(exponent, course):
-    """Up to the rounding ``eps |c|`` of the functions, of size 1, which each iteration lets grow.
-
-    When a stage is close enough is a share of ``||g||``, so that stages of a fixed length are
-    compared.
-    """
+    """Up to rounding ``eps |c|``; stages are of fixed length, as else they end by ``||g||``."""
     shift = np.copysign(10 ** abs(exponent), exponent)
     course = {"balance": 0, "stage_iterations": 1, **course}
     plain, raised = (matched(F + c, G + c, **course) for c in (0, shift))

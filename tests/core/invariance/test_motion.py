@@ -1,10 +1,4 @@
-"""What does not depend on where a mesh is, in which unit, and in which order its parts are
-numbered.
-
-Every tolerance is a fraction of the largest value. Coordinates carry the rounding ``eps X`` of the
-farthest vertex at X, which here is at most 10 sqrt(area), over edges of 0.05 sqrt(area) and more:
-5e-14 in what is made of differences.
-"""
+"""What does not depend on place, unit and numbering of meshes; tolerances are relative."""
 
 import numpy as np
 import pytest
@@ -12,24 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import abfm
+from abfm import calculus as op
 from abfm.baselines import HeatKernel, optimal_transport
-from abfm.calculus import (
-    cotangent_laplacian,
-    curl,
-    divergence,
-    edge_lengths,
-    eigenbasis,
-    face_areas,
-    geodesic_distance,
-    gradient,
-    helmholtz_hodge,
-    hodge_laplacian,
-    lie_bracket_of,
-    pushforward,
-    to_ambient,
-    to_frame,
-    vertex_areas,
-)
 from abfm.flow import flow_lines
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.functions import families
@@ -40,7 +18,8 @@ from tests.shapes import disc, icosphere, open_cylinder, square
 
 pytestmark = pytest.mark.filterwarnings("error")
 
-ROUNDING = 1e-11  # of sums and quotients of differences of coordinates
+# of differences of coordinates: eps times 10 sqrt(area), over edges of 0.05 sqrt(area), is 5e-14
+ROUNDING = 1e-11
 SOLVES = 1e-9  # of linear systems, whose condition is below 1e4 on these meshes
 SPECTRAL = 1e-7  # of eigenfunctions: rounding over gaps between eigenvalues
 BY_NAME = st.sampled_from(sorted(MESHES))
@@ -59,30 +38,34 @@ def test_operators_and_fields(name, move):
     x, y, _ = mesh.vertices.T / mesh.length_scale
     f, v, u = np.sin(3 * x) + y, wavy_field(mesh, 1), wavy_field(mesh, 2)
     h, w, q = move.function(mesh, f), move.field(mesh, v), move.field(mesh, u)
-    assert_alike(vertex_areas(other), move.function(mesh, vertex_areas(mesh), 2), ROUNDING)
-    assert_alike(face_areas(other), move.on_faces(mesh, face_areas(mesh), 2), ROUNDING)
-    assert_alike(np.sort(edge_lengths(other)), move.scale * np.sort(edge_lengths(mesh)), ROUNDING)
+    assert_alike(op.vertex_areas(other), move.function(mesh, op.vertex_areas(mesh), 2), ROUNDING)
+    assert_alike(op.face_areas(other), move.on_faces(mesh, op.face_areas(mesh), 2), ROUNDING)
+    assert_alike(
+        np.sort(op.edge_lengths(other)), move.scale * np.sort(op.edge_lengths(mesh)), ROUNDING
+    )
     for operator, by, moved_by, power in (
-        (gradient, (f, h), move.field, -1),
-        (divergence, (v, w), move.function, 0),
-        (curl, (v, w), move.function, 0),
-        (cotangent_laplacian, (f, h), move.function, 0),
-        (hodge_laplacian, (v, w), move.field, 1),
+        (op.gradient, (f, h), move.field, -1),
+        (op.divergence, (v, w), move.function, 0),
+        (op.curl, (v, w), move.function, 0),
+        (op.cotangent_laplacian, (f, h), move.function, 0),
+        (op.hodge_laplacian, (v, w), move.field, 1),
     ):
         before, after = (
-            operator(m) @ (x if x.ndim == 1 else to_frame(m, x).ravel())
+            operator(m) @ (x if x.ndim == 1 else op.to_frame(m, x).ravel())
             for m, x in zip((mesh, other), by, strict=True)
         )
         if moved_by == move.field:
             before, after = (
-                to_ambient(m, x.reshape(-1, 2)) for m, x in ((mesh, before), (other, after))
+                op.to_ambient(m, x.reshape(-1, 2)) for m, x in ((mesh, before), (other, after))
             )
         assert_alike(after, moved_by(mesh, before, power), ROUNDING)
-    bracket, carried = lie_bracket_of(mesh, v, u), pushforward(mesh, v, u, 0.1)
-    assert_alike(lie_bracket_of(other, w, q), move.field(mesh, bracket), ROUNDING)
-    assert_alike(pushforward(other, w, q, 0.1), move.field(mesh, carried), SOLVES)
+    bracket, carried = op.lie_bracket_of(mesh, v, u), op.pushforward(mesh, v, u, 0.1)
+    assert_alike(op.lie_bracket_of(other, w, q), move.field(mesh, bracket), ROUNDING)
+    assert_alike(op.pushforward(other, w, q, 0.1), move.field(mesh, carried), SOLVES)
     whole = np.abs(w).max()  # parts may be rounding
-    for part, expected in zip(helmholtz_hodge(other, w), helmholtz_hodge(mesh, v), strict=True):
+    for part, expected in zip(
+        op.helmholtz_hodge(other, w), op.helmholtz_hodge(mesh, v), strict=True
+    ):
         assert np.abs(part - move.field(mesh, expected)).max() <= SOLVES * whole
 
 
@@ -129,20 +112,20 @@ def test_distances_heat_and_eigenfunctions(name, move):
     mesh, other = MESHES[name], move.mesh(MESHES[name])
     old = move.numbers(mesh)[0]
     place = int(np.flatnonzero(old == 7)[0])
-    distances = move.function(mesh, geodesic_distance(mesh, 7), 1)
-    assert_alike(geodesic_distance(other, place), distances, SPECTRAL)
+    distances = move.function(mesh, op.geodesic_distance(mesh, 7), 1)
+    assert_alike(op.geodesic_distance(other, place), distances, SPECTRAL)
     f, g = bump(mesh, mesh.vertices[3], 0.3), bump(mesh, mesh.vertices[30], 0.3)
     heated = [HeatKernel(m, 0.2, 4)(x) for m, x in ((mesh, f), (other, move.function(mesh, f)))]
     assert_alike(heated[1], move.function(mesh, heated[0]), SOLVES)
     moved = optimal_transport(other, move.function(mesh, f), move.function(mesh, g), 0.4)
     # where its iteration stops
     assert_alike(moved, move.function(mesh, optimal_transport(mesh, f, g, 0.4)), 1e-4)
-    values, functions = eigenbasis(mesh, 12)
-    again, others = eigenbasis(other, 12)
+    values, functions = op.eigenbasis(mesh, 12)
+    again, others = op.eigenbasis(other, 12)
     assert_alike(again, values / move.scale**2, SPECTRAL)
     apart = np.diff(values) > 1e-3 * values[-1]
     for k in np.flatnonzero(np.append(True, apart) & np.append(apart, False)):
-        phi, areas = functions[:, k], vertex_areas(mesh)
+        phi, areas = functions[:, k], op.vertex_areas(mesh)
         sign = np.sign(others[:, k] @ move.function(mesh, phi))
         skewed = abs(areas @ phi**3) > 1e-3 * (areas @ abs(phi) ** 3)
         assert sign > 0 or not skewed
@@ -154,7 +137,7 @@ def test_distances_heat_and_eigenfunctions(name, move):
 def test_eigenspaces_of_several_dimensions(move):
     """The first three eigenfunctions of a sphere are any; the sum of their squares is not."""
     mesh = icosphere(2)
-    spanned = [(eigenbasis(m, 4)[1][:, 1:] ** 2).sum(axis=1) for m in (mesh, move.mesh(mesh))]
+    spanned = [(op.eigenbasis(m, 4)[1][:, 1:] ** 2).sum(axis=1) for m in (mesh, move.mesh(mesh))]
     assert_alike(spanned[1], move.function(mesh, spanned[0], -2), SPECTRAL)
 
 

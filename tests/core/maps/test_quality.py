@@ -191,14 +191,11 @@ def folded_over(x):
     return np.abs(x * [2, 1, 1] - [1, 0, 0])
 
 
-def test_a_reflection_folds_every_face_and_a_collapsed_surface_none():
+def test_a_reflection_folds_every_face_a_collapsed_surface_none_and_folding_half_over_half():
     mesh, ball = square(6), icosphere(3)
     assert shares(mesh, by_positions(mesh, lambda x: x * [-1, 1, 1] + [1, 0, 0])) == (1, 1)
     assert shares(ball, by_positions(ball, lambda x: x * [-1, 1, 1])) == (1, 1)
     assert shares(mesh, by_positions(mesh, lambda x: x * [0, 1, 1] + [0.3, 0, 0]))[0] == 0
-
-
-def test_a_map_that_folds_half_of_the_plane_over_folds_that_half():
     mesh = square(40)
     folded, overturned = shares(mesh, by_positions(mesh, folded_over))
     left = (mesh.vertices[mesh.faces].mean(axis=1)[:, 0] < 0.5).mean()

@@ -187,9 +187,7 @@ def test_the_nearest_vertex_stays_on_its_side_of_a_thin_part():
 
 
 def test_maps_of_a_rotating_sphere_have_order_two():
-    """Where values came from, there and back, functions pulled back; distortion one less: it takes
-    one derivative of the map, whose error is rough.
-    """
+    """Places, the way back, functions; distortion one less: it takes a derivative of the map."""
     errors = []
     for level in (3, 4):
         mesh = icosphere(level)

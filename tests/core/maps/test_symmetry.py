@@ -13,21 +13,12 @@ from abfm.errors import ParameterError
 from abfm.experiments.vocabulary import bundled
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh, shapes
-from tests.shapes import (
-    disc,
-    ellipsoid,
-    hemisphere,
-    icosphere,
-    open_cylinder,
-    square,
-    tetrahedron,
-    torus,
-)
+from tests.shapes import disc, ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
 
 BOX = trimesh.creation.box()
 HUMAN = bundled("human_A.off")
 SYMMETRIC = {
-    "sphere": icosphere(3),
+    "sphere": shapes.sphere(3),
     "ellipsoid": ellipsoid(3, 1, 0.7, 0.5),
     "tetrahedron": tetrahedron(),
     "torus": torus(24, 12),
@@ -129,8 +120,8 @@ def test_noise_moves_the_plane_little_and_shows_in_the_error(level, seed):
 
 def test_a_mirror_of_the_shape_that_the_mesh_does_not_have():
     turn = Rotation.from_rotvec([0.3, 0.2, 0.1])
-    turned = turn.apply(icosphere(3).vertices.copy()) * [1, 0.7, 0.5]
-    found = detect_symmetry(TriangleMesh(turned, icosphere(3).faces), "mirror")
+    turned = turn.apply(shapes.sphere(3).vertices.copy()) * [1, 0.7, 0.5]
+    found = detect_symmetry(TriangleMesh(turned, shapes.sphere(3).faces), "mirror")
     assert not found.is_permutation
     assert 1e-6 < found.error < 0.01
     assert np.abs(found.axis).max() > np.cos(np.radians(1))

@@ -1,6 +1,4 @@
-"""Texture atlases, where linear filtering reads no texels but a face's own, and line integral
-convolution, whose grey levels stay along the flow and change across it.
-"""
+"""Atlases, where linear filtering reads no texels but a face's own, and streaks along the flow."""
 
 from itertools import pairwise
 
@@ -14,21 +12,13 @@ from abfm.errors import FunctionError, ParameterError
 from abfm.flow.flow_lines import flow_lines
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
+from abfm.mesh.shapes import sphere
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm.streaks.texture_atlas import texture_atlas
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.texel_weights import filtered, texel_weights
 from tests.core.verification import near
-from tests.shapes import (
-    disc,
-    ellipsoid,
-    hemisphere,
-    icosphere,
-    open_cylinder,
-    square,
-    tetrahedron,
-    torus,
-)
+from tests.shapes import disc, ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
 
 NEEDLES = TriangleMesh(torus(9, 7).vertices * [1, 1e-5, 0.3], torus(9, 7).faces)
 MESHES = {
@@ -36,7 +26,7 @@ MESHES = {
     "one triangle": (TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), 16),
     "uneven": (ellipsoid(3, 5, 1, 0.1), 512),
     "needles": (NEEDLES, 256),
-    "no room to spare": (icosphere(2), 52),
+    "no room to spare": (sphere(2), 52),
     "boundary": (disc(7), 300),
 }
 cases = pytest.mark.parametrize(("mesh", "size"), MESHES.values(), ids=MESHES.keys())
@@ -112,7 +102,7 @@ def test_an_atlas_does_not_depend_on_the_unit_and_is_made_once():
     one, other = texture_atlas(mesh, 256), texture_atlas(scaled, 256)
     assert_allclose(other.texel_length, 1e-3 * one.texel_length, rtol=1e-3)
     near(other.corners, one.corners, 3)
-    mesh = icosphere(1)
+    mesh = sphere(1)
     assert texture_atlas(mesh, 128) is texture_atlas(mesh, 128)
     assert texture_atlas(mesh, 128) is not texture_atlas(mesh, 129)
 
@@ -124,12 +114,12 @@ def test_half_a_million_faces():
 
 
 def test_too_small_a_texture_and_functions_of_other_meshes_are_refused():
-    mesh = icosphere(2)
+    mesh = sphere(2)
     with pytest.raises(ParameterError, match="320 faces: take 52 or more"):
         texture_atlas(mesh, 51)
     assert len(np.unique(texture_atlas(mesh, 52).texel_faces)) >= 320
     with pytest.raises(FunctionError, match="11 values"):
-        texture_atlas(icosphere(0), 64).affine(np.zeros(11))
+        texture_atlas(sphere(0), 64).affine(np.zeros(11))
 
 
 @pytest.mark.parametrize("size", [0, -5, 3, 2.5, 100_000])
@@ -171,7 +161,7 @@ def used(atlas, image):
 @pytest.mark.parametrize("level", [2, 3, 4, 5])
 def test_streaks_lie_along_the_flow_on_any_mesh(level):
     """On finer and coarser spheres, against the circles of a rotation and across them."""
-    mesh, axis = icosphere(level), np.array([0.2, -0.3, 1.0]) / np.linalg.norm([0.2, -0.3, 1.0])
+    mesh, axis = sphere(level), np.array([0.2, -0.3, 1.0]) / np.linalg.norm([0.2, -0.3, 1.0])
     atlas, image = line_integral_convolution(mesh, rotation_field(mesh, axis), size=1024)
     points = on_sphere(4000)
     points = points[np.linalg.norm(np.cross(axis, points), axis=1) > 0.3]
@@ -184,7 +174,7 @@ def test_streaks_lie_along_the_flow_on_any_mesh(level):
 
 
 def test_streaks_lie_along_exact_flow_lines():
-    mesh = icosphere(5)
+    mesh = sphere(5)
     field = wavy_field(mesh, 2)
     atlas, image = line_integral_convolution(mesh, field, size=1024)
     start, distance = project_onto_surface(mesh, on_sphere(1500)), 4 * mesh.length_scale / 400
@@ -199,9 +189,7 @@ def test_streaks_lie_along_exact_flow_lines():
 
 
 def test_lines_of_a_smooth_field_do_not_show_the_mesh():
-    """On a coarse flat mesh streaks of a rotation turn with it inside each face, where the face's
-    own vector does not. Their direction is that of the structure tensor.
-    """
+    """By their structure tensor, streaks of a rotation turn inside faces, whose vectors do not."""
     mesh, centre, count = square(9), np.array([0.53, 0.46, 0.0]), 300
     field = np.cross([0, 0, 1], mesh.vertices[mesh.faces].mean(axis=1) - centre)
     atlas, image = line_integral_convolution(mesh, field, size=1024, width=1 / 150, length=0.2)
@@ -241,7 +229,7 @@ def test_streaks_are_as_wide_on_any_texture():
 
 def test_streaks_go_on_across_the_edges_of_faces():
     """What two faces show along their common edge is the same."""
-    mesh = icosphere(3)
+    mesh = sphere(3)
     field, middles = rotation_field(mesh, [0, 0, 1]), []
     atlas, image = line_integral_convolution(mesh, field, size=1024, width=1 / 200)
     for face in mesh.edge_faces.T:
@@ -253,7 +241,7 @@ def test_streaks_go_on_across_the_edges_of_faces():
 
 
 def test_contrast_is_full_and_even():
-    mesh = icosphere(4)
+    mesh = sphere(4)
     atlas, image = line_integral_convolution(mesh, rotation_field(mesh, [0, 0, 1]), size=1024)
     values, faces = used(atlas, image)
     height = np.abs(mesh.vertices[mesh.faces].mean(axis=1)[faces, 2])
@@ -287,13 +275,11 @@ def test_streaks_run_evenly_up_to_a_boundary():
 
 
 def test_no_field_is_plain_grey():
-    mesh = icosphere(2)
+    mesh = sphere(2)
     _, image = line_integral_convolution(mesh, np.zeros((len(mesh.faces), 3)), size=128, fade=True)
     assert_array_equal(image, 0.5)
-    half, still = (
-        rotation_field(mesh, [0, 0, 1]),
-        mesh.vertices[mesh.faces].mean(axis=1)[:, 0] > 0.5,
-    )
+    half = rotation_field(mesh, [0, 0, 1])
+    still = mesh.vertices[mesh.faces].mean(axis=1)[:, 0] > 0.5
     half[still] = 0
     atlas, image = line_integral_convolution(mesh, half, size=256)
     values, faces = used(atlas, image)
@@ -303,7 +289,7 @@ def test_no_field_is_plain_grey():
 
 def test_contrast_fades_with_speed_and_ends_at_a_zero_of_the_field():
     """Around the pole of a rotation it grows in proportion to the distance."""
-    mesh = icosphere(4)
+    mesh = sphere(4)
     field = rotation_field(mesh, [0, 0, 1])
     atlas, image = line_integral_convolution(mesh, field, size=1024, fade=True)
     values, faces = used(atlas, image)
@@ -328,7 +314,7 @@ def test_only_the_direction_matters():
         near(each, image, 0.01)
 
 
-BALL = icosphere(3)
+BALL = sphere(3)
 SPIN = rotation_field(BALL, [0, 0, 1])
 
 

@@ -1,6 +1,4 @@
-"""What is told of long work: shares that only grow, estimates that are times, and what is
-unknown said to be so.
-"""
+"""What is told of long work: shares that only grow, times, and what is unknown said to be so."""
 
 import math
 import threading

@@ -1,6 +1,4 @@
-"""Functions called in a process of its own, as here, but that they can be ended; the messages that
-go there; and threads, as many as are needed at once, gone after a while.
-"""
+"""Functions called in a process of its own that can be ended, messages to it, and threads."""
 
 import gc
 import os
