@@ -53,8 +53,8 @@ def test_operators_are_the_full_ones_between_eigenfunctions():
     assert_allclose(np.tensordot(a, energy.operators, 1), expected, atol=1e-12)
 
 
-def test_energy_is_its_definition_and_infinite_at_overflow():
-    energy, (a, _) = problem()
+def test_energy_is_its_definition_infinite_at_overflow_and_its_gradient_passes_the_taylor_test():
+    energy, (a, direction) = problem()
     difference = expm(-0.7 * np.tensordot(a, energy.operators, 1)) @ energy.start - energy.target
     laplacian = hodge_basis(energy.mesh, 4)[0]
     expected = 0.5 * (a @ ((1 + 0.3 * laplacian) * a) + (difference**2).sum() / 0.2**2)
@@ -62,10 +62,6 @@ def test_energy_is_its_definition_and_infinite_at_overflow():
     value, slope = energy(1e6 * a)
     assert value == np.inf
     assert not slope.any()
-
-
-def test_gradient_passes_the_taylor_test():
-    energy, (a, direction) = problem()
     value, slope = energy(a)
     steps = 0.1 * 0.5 ** np.arange(4, 10)
     rest = [abs(energy(a + h * direction)[0] - value - h * slope @ direction) for h in steps]

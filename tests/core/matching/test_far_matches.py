@@ -210,7 +210,7 @@ def test_cancelled_from_another_thread_also_while_paused(control):
     assert len(results[0].energy_history) == 5
 
 
-def test_a_start_near_the_target_is_gone_on_from():
+def test_a_start_near_the_target_is_gone_on_from_and_else_the_way_is_looked_for_again():
     p, field = replace(QUICK, levels=2, balance=0), rotation_field(SPHERE, [-np.deg2rad(60), 0, 0])
     match, seen = matched(60, p, start=field)
     assert {one.level for one in seen} == {0}
@@ -218,9 +218,6 @@ def test_a_start_near_the_target_is_gone_on_from():
     assert_allclose(seen[0].velocity[0], field, atol=1e-12)
     assert seen[0].sigma == p.sigma
     assert match.mismatch <= seen[0].mismatch
-
-
-def test_from_a_start_far_from_the_target_the_way_is_looked_for_again():
     p, field = replace(QUICK, levels=2), rotation_field(SPHERE, [np.deg2rad(60), 0, 0])
     match, seen = matched(60, p, start=field)
     assert {one.level for one in seen} == {0, 1}
@@ -313,7 +310,7 @@ def test_flow_lines_at_once_are_those_of_the_verification(mesh):
         assert match.folded == pytest.approx(found.folded, abs=1e-12)
 
 
-def test_the_papers_stages_are_plain_ones_of_sigma_on_one_mesh_in_the_norm_of_first_order():
+def test_the_papers_stages_are_plain_ones_of_sigma_in_either_unit_in_the_norm_of_first_order():
     p = Parameters(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=40)
     match, seen = matched(40, p, SMALL, 0.2)
     assert {(one.level, one.levels, one.reach) for one in seen} == {(0, 1, 0.0)}
@@ -326,9 +323,6 @@ def test_the_papers_stages_are_plain_ones_of_sigma_on_one_mesh_in_the_norm_of_fi
     for stage in range(3):
         assert (np.diff(match.energy_history[match.stages == stage, 0]) <= 0).all()
     assert match.mismatch < 0.05
-
-
-def test_with_the_papers_one_stage_iterates_are_the_same_whatever_sigmas_unit():
     absolute = Parameters(**PAPER, sigma=0.05, cooling_stages=1, iterations=15)
     one, _ = matched(40, absolute, SMALL, 0.2)
     relative = 0.05 / one.problem.functions.function_size

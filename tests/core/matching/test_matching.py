@@ -50,9 +50,7 @@ def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name):
     assert len(match.energy_history) <= 501
 
 
-@pytest.mark.parametrize(
-    "mesh", [SPHERE, hemisphere(12), torus(30, 12)], ids=["sphere", "hemisphere", "torus"]
-)
+@pytest.mark.parametrize("mesh", [SPHERE, hemisphere(12), torus(30, 12)])
 @pytest.mark.parametrize(
     "changes",
     [
@@ -196,7 +194,7 @@ def test_pause_holds_and_resume_continues_to_the_same_result():
     assert np.array_equal(results[0].velocity, matched(FEW).velocity)
 
 
-def test_warm_start_goes_on_from_the_field():
+def test_warm_start_goes_on_from_the_field_and_never_ends_worse_at_sigma():
     p = abfm.Parameters(iterations=10, cooling_stages=1, sigma=0.01)
     first = matched(p)
     second = matched(p, start=first.velocity)
@@ -205,6 +203,12 @@ def test_warm_start_goes_on_from_the_field():
     assert abfm.match(SPHERE, *pair(SPHERE, 0, 61), p, start=first.velocity).mismatch < 1
     split = matched(replace(p, segments=3, iterations=0), start=first.velocity[0])
     assert split.mismatch == pytest.approx(first.mismatch, rel=1e-6)
+    p = abfm.Parameters(**PAPER, iterations=40)
+    first = matched(p)
+    second = matched(replace(p, iterations=5), start=first.velocity)
+    assert second.energy_history[-1, 0] < first.energy_history[-1, 0]
+    assert set(first.stages) == {0, 1, 2}
+    assert set(second.stages) == {0}
 
 
 @pytest.mark.parametrize(("given", "wanted"), [(2, 4), (4, 2), (3, 2), (2, 3), (3, 3)])
@@ -222,19 +226,8 @@ def test_fields_for_another_tau_move_as_far():
     assert_allclose(second.advected, first.advected, atol=1e-9)
 
 
-def test_warm_start_never_ends_worse_at_sigma():
-    p = abfm.Parameters(**PAPER, iterations=40)
-    first = matched(p)
-    second = matched(replace(p, iterations=5), start=first.velocity)
-    assert second.energy_history[-1, 0] < first.energy_history[-1, 0]
-    assert set(first.stages) == {0, 1, 2}
-    assert set(second.stages) == {0}
-
-
 @settings(max_examples=15, deadline=None)
-@given(
-    exponent=st.floats(-6, 8), alpha=st.floats(-8, 6), sigma=st.floats(-6, 3), tau=st.floats(-3, 2)
-)
+@given(st.floats(-6, 8), st.floats(-8, 6), st.floats(-6, 3), st.floats(-3, 2))
 def test_wild_parameters_end_finite_and_no_worse(exponent, alpha, sigma, tau):
     f, g = (10.0**exponent * h for h in pair(SPHERE))
     p = abfm.Parameters(iterations=8, alpha=10**alpha, sigma=10**sigma, tau=10**tau)

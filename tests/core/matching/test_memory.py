@@ -48,12 +48,6 @@ def test_the_best_field_so_far_is_kept(monkeypatch, tmp_path):
     assert abfm.load_match(tmp_path / "m.npz").stop_reason == "out of memory"
 
 
-def test_without_a_field_it_is_an_error(monkeypatch):
-    full_after(monkeypatch, 0)
-    with pytest.raises(MemoryError):
-        abfm.match(SPHERE, F, G)
-
-
 def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
     def estimate(*_):
         raise MemoryError
@@ -76,13 +70,16 @@ def test_what_an_earlier_search_found_outlives_one_that_runs_out_of_memory(monke
     assert match.mismatch <= 1.01 * min(seen)
 
 
-def test_memory_that_runs_out_for_the_caller_is_the_callers():
+def test_it_is_an_error_where_memory_runs_out_for_the_caller_or_without_a_field(monkeypatch):
     def note(now):
         if now.iteration == 3:
             raise MemoryError("of the caller")
 
     with pytest.raises(MemoryError, match="of the caller"):
         abfm.match(SPHERE, F, G, on_iteration=note)
+    full_after(monkeypatch, 0)
+    with pytest.raises(MemoryError, match="Unable to allocate"):
+        abfm.match(SPHERE, F, G)
 
 
 BALL = icosphere(3)
@@ -94,7 +91,6 @@ WAYS = {
     "with the bracket": Parameters(gradient="bracket", levels=1, iterations=4),
     "without a preconditioner": Parameters(preconditioner="none", levels=1, iterations=4),
 }
-KINDS = (MatchingEnergy, Workspace, Descent, Record, Regularizer)
 
 
 @pytest.fixture
@@ -109,7 +105,7 @@ def made(monkeypatch):
 
         return init
 
-    for kind in KINDS:
+    for kind in (MatchingEnergy, Workspace, Descent, Record, Regularizer):
         monkeypatch.setattr(kind, "__init__", noting(kind.__init__))
     gc.collect()
     gc.disable()

@@ -36,17 +36,19 @@ def made(request):
     return problem() if request.param == "whole" else abfm.Problem(SPHERE, F, G)
 
 
-def parts(made):
-    return made.source, made.target
-
-
-def test_the_short_form_of_match_is_the_same():
-    one, other = abfm.match(problem()), abfm.match(SPHERE, *parts(problem()), P, **GIVEN)
+def test_match_takes_a_problem_or_what_makes_one_which_is_the_same():
+    made = problem()
+    one, other = abfm.match(made), abfm.match(SPHERE, made.source, made.target, P, **GIVEN)
     assert np.array_equal(one.velocity, other.velocity)
     assert one.problem.digest == other.problem.digest == problem(start=None).digest
+    with pytest.raises(AbfmError, match="takes a Problem, or"):
+        abfm.match(SPHERE)
+    for more, named in (((P,), {}), ((), {"mask": np.ones(len(F))})):
+        with pytest.raises(AbfmError, match="takes a Problem alone"):
+            abfm.match(problem(), *more, **named)
 
 
-def test_it_comes_back_from_a_file(made, tmp_path):
+def test_it_comes_back_from_a_file_and_from_another_process(made, tmp_path):
     made.save(tmp_path / "p.npz")
     loaded = abfm.load_problem(tmp_path / "p.npz")
     assert loaded.digest == made.digest
@@ -54,9 +56,6 @@ def test_it_comes_back_from_a_file(made, tmp_path):
     assert loaded.parameters == made.parameters
     for name, array in made.arrays().items():
         assert np.array_equal(loaded.arrays()[name], array), name
-
-
-def test_it_comes_back_from_another_process(made):
     copy = pickle.loads(pickle.dumps(made))
     assert copy.digest == made.digest
     assert copy.functions.mesh is copy.mesh.normalized()
@@ -73,14 +72,15 @@ def test_its_digest_is_the_same_in_every_process(tmp_path):
 
 
 def test_its_digest_tells_all_that_it_is_made_of():
+    f, g = problem().source, problem().target
     others = [
         problem(mask=None),
         problem(weights=[1.0, 0.6]),
         problem(start=None),
         problem().with_parameters(abfm.Parameters(iterations=6)),
         problem().starting_from(0 * GIVEN["start"]),
-        abfm.Problem(SPHERE, problem().target, problem().source, P, **GIVEN),
-        abfm.Problem(icosphere(2, 2.0), *parts(problem()), P, **GIVEN | {"start": None}),
+        abfm.Problem(SPHERE, g, f, P, **GIVEN),
+        abfm.Problem(icosphere(2, 2.0), f, g, P, **GIVEN | {"start": None}),
         abfm.Problem(SPHERE, F, G),
         abfm.Problem(SPHERE, F[:, None], G[:, None]),
     ]
@@ -143,14 +143,6 @@ def test_it_cannot_be_changed_and_it_and_its_match_are_written_in_few_words():
 def test_what_does_not_fit_is_refused_at_once(changes, words):
     with pytest.raises(AbfmError, match=words):
         abfm.Problem(**{"mesh": SPHERE, "f": F, "g": G} | changes)
-
-
-def test_match_takes_a_problem_or_what_makes_one():
-    with pytest.raises(AbfmError, match="takes a Problem, or"):
-        abfm.match(SPHERE)
-    for more, named in (((P,), {}), ((), {"mask": np.ones(len(F))})):
-        with pytest.raises(AbfmError, match="takes a Problem alone"):
-            abfm.match(problem(), *more, **named)
 
 
 def test_a_file_that_is_no_problem_is_refused(tmp_path):

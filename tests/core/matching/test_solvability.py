@@ -7,22 +7,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.calculus.operators import l2_norm
+from abfm.matching import solvability
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.solvability import (
-    Extrema,
-    different_peaks,
-    distance,
-    peaks,
-    peaks_apart,
-    persistence,
-    range_bound,
-    resolution,
-    source_is_constant,
-    squeezed,
-    stood_still,
-    target_is_constant,
-    vanished,
-)
+from abfm.matching.solvability import Extrema, peaks, persistence, range_bound, resolution
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, subdivided
@@ -57,9 +44,10 @@ def pair(one, other):
 
 
 @given(SEEDS)
-def test_the_mismatch_is_that_of_the_norms_and_the_solvers(seed):
-    problem = random_problem(seed)
-    source, target = problem.source, problem.target
+def test_the_mismatch_is_the_norms_and_the_solvers_and_no_order_of_values_is_below_its_bound(seed):
+    """Values in any order, or any between least and largest, are all a flow could give."""
+    problem, rng = random_problem(seed), np.random.default_rng(seed)
+    source, target, bound = problem.source, problem.target, range_bound(problem)
     given = {"mask": problem.mask, "weights": problem.weights}
     energy = MatchingEnergy(SPHERE, source.T, target.T, **given)
     found = problem.relative_mismatch(source)
@@ -69,17 +57,10 @@ def test_the_mismatch_is_that_of_the_norms_and_the_solvers(seed):
     assert found == pytest.approx(norms[0] / norms[1], rel=1e-12)
     apart = source - (source @ problem.areas / problem.areas.sum())[:, None]
     assert problem.deviation(source) == pytest.approx(problem.norm(apart), rel=1e-12)
-
-
-@given(SEEDS)
-def test_nothing_with_the_sources_values_comes_below_the_bound(seed):
-    """Its values in any order, or any between its least and largest, are all a flow could give."""
-    problem, rng = random_problem(seed), np.random.default_rng(seed)
-    source, bound = problem.source, range_bound(problem)
     low, high = source.min(axis=1, keepdims=True), source.max(axis=1, keepdims=True)
     for made in (rng.permuted(source, axis=1), rng.uniform(low, high, source.shape)):
         assert problem.relative_mismatch(made) >= bound
-    best = np.clip(problem.target, low, high)
+    best = np.clip(target, low, high)
     assert problem.relative_mismatch(best) == pytest.approx(bound, rel=1e-12)
 
 
@@ -112,53 +93,50 @@ def test_only_what_counts_is_bounded_and_constant():
     assert range_bound(term(source, target, mask)) == 0
     both = term(pair(source, source), pair(source, target), None, [1.0, 0])
     assert range_bound(both) == 0
-    assert not source_is_constant(both)
-    assert different_peaks(both) is None
+    assert not solvability.source_is_constant(both)
+    assert solvability.different_peaks(both) is None
     outside = flat.copy()
     outside[:5] = 1
-    assert source_is_constant(term(flat, at(0)))
+    assert solvability.source_is_constant(term(flat, at(0)))
     # its values may come from anywhere
-    assert not source_is_constant(term(outside, at(0), mask))
-    assert target_is_constant(term(at(0), outside, mask))
-    assert not target_is_constant(term(at(0), outside))
+    assert not solvability.source_is_constant(term(outside, at(0), mask))
+    assert solvability.target_is_constant(term(at(0), outside, mask))
+    assert not solvability.target_is_constant(term(at(0), outside))
 
 
-def test_what_vanished_and_what_stood_still():
-    problem = term(at(0), at(90))
-    assert vanished(problem, (0.01 * at(30) + 0.1)[None])
-    assert not vanished(problem, (0.5 * at(30))[None])
-    assert stood_still(problem, (at(0) + 0.01 * at(30))[None])
-    assert not stood_still(problem, (at(20))[None])
+def test_what_vanished_what_stood_still_and_what_was_squeezed_not_moved():
+    f, halfway, g = at(0), at(45), at(90)
+    problem = term(f, g)
+    assert solvability.vanished(problem, (0.01 * at(30) + 0.1)[None])
+    assert not solvability.vanished(problem, (0.5 * at(30))[None])
+    assert solvability.stood_still(problem, (f + 0.01 * at(30))[None])
+    assert not solvability.stood_still(problem, (at(20))[None])
     # as the target has it
-    assert not vanished(term(at(0), 0.01 * at(90)), (0.01 * at(30))[None])
-    assert distance(term(at(0), 2 * at(0))) == 0  # nothing is too much
+    assert not solvability.vanished(term(f, 0.01 * g), (0.01 * at(30))[None])
+    assert solvability.distance(term(f, 2 * f)) == 0  # nothing is too much
+    assert solvability.squeezed(problem, 0.5 * f[None])
+    assert not solvability.squeezed(problem, 0.8 * f[None])  # not yet
+    assert not solvability.squeezed(problem, halfway[None])
+    assert not solvability.squeezed(problem, 0.5 * g[None])  # it moved, and came smaller
+    assert not solvability.squeezed(term(f, 0.4 * f), 0.5 * f[None])  # as the target is smaller
 
 
 @given(st.floats(10, 80))
 def test_the_distance_is_that_between_gaussians(degrees):
     mesh, apart = square(20), degrees / 200
     f, g = (bump(mesh, [0.5, y, 0], 0.04) for y in (0.3, 0.3 + apart))
-    found = distance(FunctionTerm(mesh, f, g))
+    found = solvability.distance(FunctionTerm(mesh, f, g))
     # what they share cancels, and leaves centres farther apart
     assert apart * 0.95 <= found <= apart + 0.04 * 0.04 * 4 / apart
-    assert found == distance(FunctionTerm(mesh, g, f))
+    assert found == solvability.distance(FunctionTerm(mesh, g, f))
 
 
 def test_peaks_are_not_told_where_a_mask_hides_some():
     one, two = at(0, 0.1), np.maximum(at(0, 0.1), at(120, 0.1))
-    assert different_peaks(term(one, two)) == (0, (1, 1), (2, 1))
-    assert different_peaks(term(one, two, (SPHERE.vertices[:, 2] > 0).astype(float))) is None
-    assert different_peaks(term(pair(two, two), pair(two, one))) == (1, (2, 1), (1, 1))
-
-
-def test_squeezing_is_told_from_moving_by_which_of_them_lowers_the_mismatch():
-    f, halfway, g = at(0), at(45), at(90)
-    problem = term(f, g)
-    assert squeezed(problem, 0.5 * f[None])
-    assert not squeezed(problem, 0.8 * f[None])  # not yet
-    assert not squeezed(problem, halfway[None])
-    assert not squeezed(problem, 0.5 * g[None])  # it moved, and came smaller
-    assert not squeezed(term(f, 0.4 * f), 0.5 * f[None])  # as the target is smaller
+    assert solvability.different_peaks(term(one, two)) == (0, (1, 1), (2, 1))
+    half = (SPHERE.vertices[:, 2] > 0).astype(float)
+    assert solvability.different_peaks(term(one, two, half)) is None
+    assert solvability.different_peaks(term(pair(two, two), pair(two, one))) == (1, (2, 1), (1, 1))
 
 
 def gaussians(count):
@@ -197,7 +175,7 @@ def test_noise_below_the_bound_adds_none(seed, count):
     assert len(persistence(FINE, gaussians(count) + noise)) > 3
 
 
-def test_a_constant_has_no_peaks_and_a_plateau_one():
+def test_a_constant_has_no_peaks_a_plateau_one_and_the_edge_of_a_surface_some():
     for value in (0.0, 0.1, -7.0):
         assert peaks(FINE, np.full(len(FINE.vertices), value)) == (0, 0)
     assert peaks(FINE, 0.1 + 1e-17 * FINE.vertices[:, 0]) == (0, 0)
@@ -205,9 +183,6 @@ def test_a_constant_has_no_peaks_and_a_plateau_one():
     assert_array_equal(persistence(FINE, (x > 0.5).astype(float)), [1])
     assert peaks(FINE, (np.abs(x) > 0.5).astype(float), 0.0) == (2, 1)
     assert peaks(FINE, np.sign(x * y) * (np.abs(x * y) > 0.2)) == (2, 2)
-
-
-def test_the_edge_of_a_surface_has_peaks():
     mesh = square(12)
     x, y, _ = mesh.vertices.T
     assert peaks(mesh, x) == (1, 1)
@@ -266,16 +241,22 @@ def test_functions_that_are_near_are_never_told_different(seed):
     rng = np.random.default_rng(seed)
     f = np.sin(6 * FINE.vertices @ rng.normal(size=(3, 2))).sum(axis=1)
     g = f + rng.uniform(-0.09, 0.09, len(f)) * np.ptp(f)
-    assert peaks_apart(FINE, f, g) is None
+    assert solvability.peaks_apart(FINE, f, g) is None
 
 
 def test_functions_with_other_peaks_are_told():
-    found = peaks_apart(FINE, gaussians(1), gaussians(3))
+    found = solvability.peaks_apart(FINE, gaussians(1), gaussians(3))
     assert found == (Extrema(1, 1), Extrema(3, 1))
     assert str(found[1]) == "3 peaks and 1 pit"
-    assert peaks_apart(FINE, -gaussians(3), -gaussians(1)) == (Extrema(1, 3), Extrema(1, 1))
-    assert peaks_apart(FINE, gaussians(2), -3 * gaussians(2)) == (Extrema(2, 1), Extrema(1, 2))
-    assert peaks_apart(FINE, gaussians(2), gaussians(2)) is None
+    assert solvability.peaks_apart(FINE, -gaussians(3), -gaussians(1)) == (
+        Extrema(1, 3),
+        Extrema(1, 1),
+    )
+    assert solvability.peaks_apart(FINE, gaussians(2), -3 * gaussians(2)) == (
+        Extrema(2, 1),
+        Extrema(1, 2),
+    )
+    assert solvability.peaks_apart(FINE, gaussians(2), gaussians(2)) is None
 
 
 def gaussian(mesh, vertex, edges):

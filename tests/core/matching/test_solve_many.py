@@ -19,8 +19,7 @@ from abfm.parameters import PAPER
 from tests.core.fields import bump
 from tests.shapes import icosphere
 
-SPHERE, OTHER = icosphere(2), icosphere(2)
-OTHER = type(SPHERE)(1.1 * SPHERE.vertices, SPHERE.faces)
+SPHERE, OTHER = icosphere(2), icosphere(2, 1.1)
 QUICK = Parameters(iterations=5)
 ENDLESS = Parameters(
     **PAPER, iterations=100_000, max_displacement=1e-3, tolerance=0, cooling_stages=1

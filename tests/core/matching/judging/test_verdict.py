@@ -1,6 +1,4 @@
-"""The verdict: each cause is told from a match that has it, or functions made for it; and remedies,
-that they are allowed, fit, and help.
-"""
+"""The verdict: each cause is told where it is; remedies are allowed, fit, and help."""
 
 import itertools
 import json
@@ -66,12 +64,17 @@ def labels(found):
     return [remedy.label for remedy in found.remedies]
 
 
-def test_a_match_needs_no_advice():
+def test_a_match_needs_no_advice_and_neither_vanishes_nor_stands_still():
     match = matched(at(0), at(45))
     reason = f"the mismatch fell from 0.86 to {match.mismatch:.2g}"
     assert judged(match) == Verdict("matched", reason, "")
     assert judged(match, verified=0.08).kind == "matched"
     assert "(0.08 by flow lines)" in judged(match, verified=0.08).reason
+    problem, seen = FunctionTerm(SPHERE, at(0), at(45)), []
+    abfm.match(SPHERE, at(0), at(45), Parameters(iterations=30), on_iteration=seen.append)
+    assert len(seen) == 31
+    assert not any(vanished(problem, now.advected.T) or now.warning for now in seen)
+    assert not stood_still(problem, seen[-1].advected.T)
 
 
 @settings(deadline=None)
@@ -108,7 +111,7 @@ def test_functions_are_judged_by_what_varies_however_small_beside_a_constant():
         assert judged(matched(1 + size * f, flat, iterations=2)).kind == "impossible"
 
 
-def test_values_that_the_source_lacks_are_impossible_whatever_the_discrete_flow_shows():
+def test_values_that_the_source_lacks_are_impossible_and_told_of_the_channel_that_lacks_most():
     match = matched(at(0, 0.2), 2 * at(30, 0.2))
     assert match.mismatch < 0.05
     verdict = judged(match)
@@ -118,9 +121,6 @@ def test_values_that_the_source_lacks_are_impossible_whatever_the_discrete_flow_
     assert "to 1, and no flow changes values: 0.31 is the least left" in verdict.reason
     assert verdict.advice == "scale or clip one of the functions"
     assert judged(matched(at(0, 0.2), 1.3 * at(30, 0.2))).kind == "nearly"
-
-
-def test_values_are_told_for_the_channel_that_lacks_most():
     f, g = np.stack([at(0), at(20)], axis=1), np.stack([at(10), 2 * at(30)], axis=1)
     assert "in channel 2 the target has values from" in judged(matched(f, g, iterations=2)).reason
     weighed = abfm.match(SPHERE, f, g, Parameters(iterations=2), weights=[1, 0])
@@ -174,14 +174,6 @@ def test_a_source_that_stood_still_is_told():
     assert not stood_still(problem, match.target.T)
 
 
-def test_a_match_that_goes_well_neither_vanishes_nor_stands_still():
-    problem, seen = FunctionTerm(SPHERE, at(0), at(45)), []
-    abfm.match(SPHERE, at(0), at(45), Parameters(iterations=30), on_iteration=seen.append)
-    assert len(seen) == 31
-    assert not any(vanished(problem, now.advected.T) or now.warning for now in seen)
-    assert not stood_still(problem, seen[-1].advected.T)
-
-
 def test_other_peaks_are_matched_in_part_at_best():
     """The discrete flow splits a peak; unless flow lines do so too, this is no match."""
     match = matched(at(0), at(50) + at(-50))
@@ -194,26 +186,24 @@ def test_other_peaks_are_matched_in_part_at_best():
     assert "no flow changes that" in imagined(at(0), at(50) + at(-50), at(50)).reason
 
 
-def test_what_flow_lines_do_not_confirm_is_not_reached():
-    verdict = imagined(at(0), at(40), at(40), verified=0.4)
+def test_what_flow_lines_do_not_confirm_is_not_reached_and_folds_count_unless_they_confirm_it():
+    given = at(0), at(40), at(40)
+    verdict = imagined(*given, verified=0.4)
     assert verdict.kind == "not reached"
     why = "by flow lines the mismatch is 0.4, so the discrete flow is not one here"
     assert verdict.reason.endswith(why)
     further = "a larger reach, such as 1 of sqrt(area) and the course of the defaults"
     assert verdict.advice == f"{further}; or a finer mesh"
-    nearly = imagined(at(0), at(40), at(40), verified=0.2)
+    nearly = imagined(*given, verified=0.2)
     assert nearly.kind == "nearly"
     assert "confirm less" in nearly.reason
-
-
-def test_folds_count_unless_flow_lines_confirm_the_match():
-    verdict = imagined(at(0), at(40), at(40), folded=0.15)
+    verdict = imagined(*given, folded=0.15)
     assert verdict.kind == "not reached"
     assert verdict.reason.endswith("15% of the faces are folded, which no flow does")
-    confirmed = imagined(at(0), at(40), at(40), folded=0.15, verified=0.02)
+    confirmed = imagined(*given, folded=0.15, verified=0.02)
     assert confirmed.kind == "matched"
     assert confirmed.advice == "do not trust its point map, where 15% of the faces are folded"
-    assert imagined(at(0), at(40), at(40), folded=0.05).advice == ""
+    assert imagined(*given, folded=0.05).advice == ""
 
 
 def test_iterations_that_ran_out():
@@ -335,7 +325,7 @@ def test_a_larger_tau_is_a_smaller_sigma():
     assert_allclose(long.energy_history[:, 0], slow.energy_history[:, 0] / 4, rtol=1e-6)
 
 
-def test_a_remedy_changes_only_what_differs_and_is_plain_for_json():
+def test_a_remedy_changes_only_what_differs_and_lowers_a_raised_sigma_as_an_absolute_one():
     blind = remedies(USUAL, 120).further()
     assert blind.parameters["reach"] == 1.0
     assert {"order", "levels", "sigma", "sigma_unit", "iterations"} <= blind.parameters.keys()
@@ -344,9 +334,6 @@ def test_a_remedy_changes_only_what_differs_and_is_plain_for_json():
     assert near.parameters == {"reach": 1.0}
     for remedy in (blind, near):
         assert json.loads(json.dumps(asdict(remedy))) == asdict(remedy)
-
-
-def test_sigma_that_was_raised_is_lowered_as_an_absolute_one():
     assert remedies(Parameters()).closer().parameters == {"sigma": 0.0067}
     raised = remedies(Parameters(), unmatched=0.3).closer().parameters
     assert raised["sigma_unit"] == "absolute"

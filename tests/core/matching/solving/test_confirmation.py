@@ -57,7 +57,7 @@ def asked(mesh, f, g, field=0.0):
     return confirmation(energy, energy.objective(0.2).evaluate(x), 0.2)
 
 
-def test_of_no_motion_the_difference_is_left():
+def test_of_no_motion_the_difference_is_left_and_neither_scales_nor_order_matter():
     f, g = signals()
     energy, found = MatchingEnergy(SPHERE, f, g), asked(SPHERE, f, g)
     areas = vertex_areas(energy.mesh)
@@ -67,10 +67,7 @@ def test_of_no_motion_the_difference_is_left():
     assert_allclose(found.energy, 0.5 * (found.left / 0.2) ** 2, rtol=1e-9)
     expected = energy.objective(0.2).evaluate(np.zeros(energy.shape)).energy
     assert_allclose(found.energy, expected, rtol=1e-9)
-
-
-def test_scales_of_both_functions_and_the_order_of_vertices_and_faces_change_nothing():
-    (f, g), field = signals(), 0.3 * wavy_field(SPHERE, 0)
+    field = 0.3 * wavy_field(SPHERE, 0)
     expected = asked(SPHERE, f, g, field)
     for scale in (1e-3, 7.0):
         assert_allclose(asked(SPHERE, scale * f, scale * g, field), expected, rtol=1e-9)
@@ -79,7 +76,7 @@ def test_scales_of_both_functions_and_the_order_of_vertices_and_faces_change_not
     assert_allclose(there, expected, rtol=1e-4)  # steps of flow lines begin at other corners
 
 
-def test_signals_that_smooth_flows_do_not_match_raise_sigma_to_what_is_left_at_any_scale():
+def test_signals_that_smooth_flows_do_not_match_raise_a_relative_sigma_to_what_is_left():
     solver = solved()
     assert 0.1 < solver.unmatched < 0.5
     sigmas = [stage.sigma for stage in solver.record.schedule]
@@ -92,23 +89,15 @@ def test_signals_that_smooth_flows_do_not_match_raise_sigma_to_what_is_left_at_a
         assert sigma > 0.999 * Parameters().sigma / 3**4
     assert solver.record.schedule[-1].sigma == solver.unmatched
     assert_allclose(solved(4.0).unmatched, solved().unmatched, rtol=1e-12)
-
-
-def test_an_absolute_sigma_is_never_raised():
     solver = solved(unit="absolute")
     assert np.isnan(solver.unmatched)
     assert solver.energy.parameters.sigma in [stage.sigma for stage in solver.record.schedule]
 
 
-def test_the_verdict_tells_that_sigma_was_raised():
-    match = abfm.match(SPHERE, *signals())
+def test_the_verdict_tells_a_raised_sigma_and_what_flow_lines_confirm_keeps_its_course(monkeypatch):
+    match, found = (abfm.match(SPHERE, *given) for given in (signals(), gaussians()))
     assert f"sigma raised to {solved().unmatched:.2g}" in match.verdict.reason
-    plain = abfm.match(SPHERE, *gaussians())
-    assert "raised" not in plain.verdict.reason
-
-
-def test_what_flow_lines_confirm_keeps_its_course(monkeypatch):
-    found = abfm.match(SPHERE, *gaussians())
+    assert "raised" not in found.verdict.reason
     monkeypatch.setattr(abfm.matching.solving.schedule, "gradual", lambda p, levels, clustered: [])
     before = abfm.match(SPHERE, *gaussians())
     assert_array_equal(found.velocity, before.velocity)

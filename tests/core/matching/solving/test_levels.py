@@ -160,13 +160,10 @@ def transfer(fine):
     return Transfer(coarsened(fine, len(fine.vertices) // 4), fine)
 
 
-@pytest.fixture(params=FINE.values(), ids=FINE.keys())
-def pair(request):
-    return transfer(request.param)
-
-
-def test_both_ways_are_averages(pair):
-    """Constants stay; no weight is negative, so that no value lies beyond those that were there."""
+@pytest.mark.parametrize("fine", FINE.values(), ids=FINE.keys())
+def test_both_ways_are_averages_and_they_are_the_adjoint_of_interpolation(fine):
+    """No weight is negative; and ``<f, P h> = <P* f, h>`` with the fine areas."""
+    pair = transfer(fine)
     few, many = (len(mesh.vertices) for mesh in (pair.coarse, pair.fine))
     for carried, before, after in (
         (pair.function_to_fine, few, many),
@@ -177,12 +174,7 @@ def test_both_ways_are_averages(pair):
         matrix = carried(np.eye(before)).T
         assert (matrix >= 0).all()
         assert_allclose(matrix.sum(axis=1), 1, rtol=1e-12)
-
-
-def test_averages_are_the_adjoint_of_interpolation(pair):
-    """``<f, P h> = <P* f, h>`` with the fine areas."""
-    f, h = random_function(pair.fine), random_function(pair.coarse)
-    areas = vertex_areas(pair.fine)
+    f, h, areas = random_function(fine), random_function(pair.coarse), vertex_areas(fine)
     covered = pair.interpolation.T @ areas
     assert (covered > 0).mean() > 0.95
     there = (areas * f) @ pair.function_to_fine(np.where(covered > 0, h, 0.0))

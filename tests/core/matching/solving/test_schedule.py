@@ -18,12 +18,7 @@ def stages(p, levels=1, warm=False, clustered=False):
     return (ways[0].stages if ways and not warm else []) + finish(p, levels, Found(warm), clustered)
 
 
-@given(
-    sigma=st.floats(1e-6, 1e3),
-    factor=st.floats(1.5, 20),
-    count=st.integers(1, 8),
-    iterations=st.integers(0, 2000),
-)
+@given(st.floats(1e-6, 1e3), st.floats(1.5, 20), st.integers(1, 8), st.integers(0, 2000))
 def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count, iterations):
     """Every sigma from the largest to its value, each early one with its share."""
     cooling = {"sigma": sigma, "cooling_factor": factor, "cooling_stages": count}
@@ -54,22 +49,17 @@ def test_fixed_numbers_of_iterations_are_kept():
                 assert (ends[-1].iterations, ends[-1].until) == (p.iterations, p.iterations)
 
 
-any_course = given(
+ANY = st.builds(
+    Parameters,
     reach=st.sampled_from([0.0, 0.3, 1.0]),
-    meshes=st.integers(1, 5),
     iterations=st.integers(0, 1000),
-    count=st.integers(1, 5),
-    warm=st.booleans(),
-    clustered=st.booleans(),
+    cooling_stages=st.integers(1, 5),
 )
 
 
-@any_course
-def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
-    reach, meshes, iterations, count, warm, clustered
-):
-    p = Parameters(reach=reach, iterations=iterations, cooling_stages=count)
-    levels = meshes + clustered
+@given(ANY, st.integers(1, 5), st.booleans(), st.booleans())
+def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(p, meshes, warm, clustered):
+    levels, iterations = meshes + clustered, p.iterations
     plan = stages(p, levels, warm, clustered)
     found = [stage for way in search(p, levels, clustered) for stage in way.stages]
     for stage in found + gradual(p, levels, clustered):
@@ -89,13 +79,9 @@ def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(
             assert stage.until <= 0.75 * iterations
 
 
-@any_course
-def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_clusters(
-    reach, meshes, iterations, count, warm, clustered
-):
+@given(ANY, st.integers(1, 5), st.booleans())
+def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_clusters(p, meshes, warm):
     """The course is that of a mesh without thin triangles."""
-    p = Parameters(reach=reach, iterations=iterations, cooling_stages=count)
-    is_fixed = reach == 0 and meshes == 1
     assert search(p, meshes + 1, True) == search(p, meshes)
     assert gradual(p, meshes + 1, True) == gradual(p, meshes)
     plan = finish(p, meshes + 1, Found(warm), True)
@@ -106,8 +92,8 @@ def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_clusters(
         assert replace(one, until=0) == replace(other, until=0)
     assert [stage.balanced for stage in held] == [False] * (len(held) - 1) + [True]
     assert not any(stage.balanced for stage in itself)
-    assert all(stage.last and stage.until == iterations for stage in itself)
-    if is_fixed:
+    assert all(stage.last and stage.until == p.iterations for stage in itself)
+    if p.reach == 0 and meshes == 1:
         assert held == alone
         assert itself == [replace(next(stage for stage in held if stage.last), level=meshes)]
         assert itself[0].fixed
@@ -118,8 +104,8 @@ def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_clusters(
     assert [stage.sigma for stage in itself] == [stage.sigma for stage in last]
     assert len(itself) > 1
     for stage, before in zip(held, alone, strict=True):
-        assert stage.until <= min(before.until, 0.9 * iterations)
-    assert all(stage.iterations <= max(1, 0.15 * iterations) for stage in itself)
+        assert stage.until <= min(before.until, 0.9 * p.iterations)
+    assert all(stage.iterations <= max(1, 0.15 * p.iterations) for stage in itself)
 
 
 @pytest.mark.parametrize("levels", [1, 3])
@@ -190,16 +176,8 @@ def test_a_stage_pays_while_its_energy_falls():
     assert not stage.pays([math.inf] * 40)
 
 
-@given(
-    raised=st.floats(1e-3, 50),
-    meshes=st.integers(1, 3),
-    clustered=st.booleans(),
-    count=st.integers(1, 4),
-    warm=st.booleans(),
-)
-def test_a_raised_sigma_is_the_only_one_and_closing_stages_go_on_below_the_parameters(
-    raised, meshes, clustered, count, warm
-):
+@given(st.floats(1e-3, 50), st.integers(1, 3), st.booleans(), st.integers(1, 4), st.booleans())
+def test_a_raised_sigma_is_the_last_before_closing_ones(raised, meshes, clustered, count, warm):
     p, levels = Parameters(cooling_stages=count), meshes + clustered
     plan, last = finish(p, levels, Found(warm, raised), clustered), max(p.sigma, raised)
     assert {stage.sigma for stage in plan if not stage.needed_above} == {last}
