@@ -125,7 +125,7 @@ class TestFigure4:
         assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
 
     def test_there_are_as_many_linear_steps_as_the_fastest_oscillation_allows(self):
-        """A step h lets one of frequency w grow by ``sqrt(1 + (h w)^2)``, all until tau by a million."""
+        """A step h lets frequency w grow by ``sqrt(1 + (h w)^2)``, all of them by a million."""
         mesh = ellipsoid(3, 1, 0.7, 0.5)
         uneven = TriangleMesh(mesh.vertices * (0.02 + mesh.vertices[:, :1] ** 2) ** 0.5, mesh.faces)
         example, findings = run(4, uneven)
