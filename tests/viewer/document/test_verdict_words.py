@@ -126,10 +126,12 @@ def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
         assert words in why(match)
 
 
-def test_what_is_not_known_is_left_out(found):
+def test_numbers_that_are_not_known_and_places_that_need_no_word_are_left_out(found, iterations):
     assert numbers(found) == "0.0123, 0.03 by flow lines, 0.1% folded"
     assert numbers(replace(found, verified_mismatch=math.nan)) == "0.0123, 0.1% folded"
     assert numbers(replace(found, verified_mismatch=math.nan, folded=math.nan)) == "0.0123"
+    assert place(iterations[0]) == "mesh 1/2, stage 1, reach 0.5"
+    assert place(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
 
 
 def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found):
@@ -146,8 +148,3 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
     first, second = map(verdict_words.changes, remedies)
     assert first == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
     assert second == "Go on.\nStarts a run from the present field."
-
-
-def test_a_place_names_mesh_stage_and_reach(found, iterations):
-    assert place(iterations[0]) == "mesh 1/2, stage 1, reach 0.5"
-    assert place(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"

@@ -17,31 +17,10 @@ from abfm import Match, Parameters, Problem, ResultError, StopReason, TriangleMe
 from abfm.matching import Verdict
 from abfm.parameters import PAPER
 from abfm_viewer.appearance.colormaps import NAMES
-from abfm_viewer.document.document import (
-    CLICK_TOOLS,
-    COLORINGS,
-    FIELD_PARTS,
-    LAYOUTS,
-    THEMES,
-    Channel,
-    Document,
-    Front,
-    Look,
-    Point,
-    Run,
-    Surface,
-    View,
-)
-from abfm_viewer.files.project import (
-    MEMBER,
-    Origin,
-    from_plain,
-    load_origin,
-    load_project,
-    save_project,
-    terms_from_files,
-    to_plain,
-)
+from abfm_viewer.document import document as documents
+from abfm_viewer.document.document import Channel, Document, Front, Look, Point, Run, Surface, View
+from abfm_viewer.files import project
+from abfm_viewer.files.project import Origin, load_origin, load_project, save_project
 from tests.core.reading import hostile
 from tests.core.reading.hostile import members, npy_of, refusal, rewrite, zipped
 from tests.processes import python
@@ -57,6 +36,7 @@ KNOWN = {"permuted:map ☃.txt(file:x.npy)": Y, "file:x.npy": X}
 XY, YX = np.stack([X, Y], axis=1), np.stack([Y, X], axis=1)
 RESULT = match(SPHERE, XY, YX, Parameters(iterations=5), mask=X**2, weights=[1, 0.5])
 COURSE = np.array([12, 42]), np.array([0.5, 0.0])
+CANCELLED = Verdict("nearly", StopReason.CANCELLED, "")
 TERMS = ("closeness", "landmarks"), np.array([[2.0, 1.0], [1.0, 0.0]])
 PLAIN = Problem(SPHERE, RESULT.source, RESULT.target, RESULT.parameters)
 DOCUMENT = Document(
@@ -138,6 +118,7 @@ def assert_same(value, expected, where="document"):
         Document((Surface(WHOLE, "no channels"),), view=View(look=None)),
         replace(DOCUMENT, result=replace(RESULT, problem=PLAIN), runs=()),
         replace(DOCUMENT, result=replace(RESULT, verified_mismatch=math.nan, folded=math.nan)),
+        replace(DOCUMENT, result=replace(RESULT, verdict=CANCELLED)),
     ],
     ids=lambda document: document.name.encode("ascii", "replace"),
 )
@@ -151,21 +132,6 @@ def test_everything_comes_back(tmp_path, document):
         assert_same(values[spec], array)
 
 
-def test_the_result_is_on_the_document_s_mesh_and_flows_and_vertices_keep_their_numbers(saved):
-    opened, _ = load_project(saved)
-    mesh = opened.surface().mesh
-    assert opened.result.mesh is mesh
-    assert_array_equal(opened.result.advect(0.5), RESULT.advect(0.5))
-    assert (len(mesh.vertices), mesh.file_vertex_count) == (42, 43)
-    assert mesh.local_vertex(6) == 5
-
-
-def test_a_verdict_may_give_the_words_of_an_enumeration(tmp_path):
-    result = replace(RESULT, verdict=Verdict("nearly", StopReason.CANCELLED, ""))
-    save_project(tmp_path / "p.abfm", replace(DOCUMENT, result=result), KNOWN)
-    assert load_project(tmp_path / "p.abfm")[0].result.verdict == result.verdict
-
-
 def test_a_project_is_plain_numpy_and_json_and_the_same_one_the_same_bytes(saved, tmp_path):
     with zipfile.ZipFile(saved) as archive:
         content = json.loads(archive.read("project.json"))
@@ -175,6 +141,11 @@ def test_a_project_is_plain_numpy_and_json_and_the_same_one_the_same_bytes(saved
     assert content["document"]["view"]["theme"] == "dark"
     assert content["known"] == sorted(KNOWN)
     opened, values = load_project(saved)
+    mesh = opened.surface().mesh
+    assert opened.result.mesh is mesh  # and flows, and vertices keep their numbers
+    assert_array_equal(opened.result.advect(0.5), RESULT.advect(0.5))
+    assert (len(mesh.vertices), mesh.file_vertex_count) == (42, 43)
+    assert mesh.local_vertex(6) == 5
     save_project(tmp_path / "again.abfm", opened, dict(reversed(values.items())))
     assert (tmp_path / "again.abfm").read_bytes() == saved.read_bytes()
 
@@ -250,20 +221,20 @@ def turned(angle):
 fronts = st.builds(turned, st.floats(-10, 10))
 views = st.builds(
     View,
-    theme=st.sampled_from(THEMES),
+    theme=st.sampled_from(documents.THEMES),
     ui_scale=st.floats(0.5, 4),
-    layout=st.sampled_from(LAYOUTS),
+    layout=st.sampled_from(documents.LAYOUTS),
     colormap=st.sampled_from(["automatic", *NAMES]),
     isolines=st.booleans(),
     isoline_count=st.integers(1, 100),
-    coloring=st.sampled_from(COLORINGS),
+    coloring=st.sampled_from(documents.COLORINGS),
     arrow_length=st.floats(0.001, 10),
     arrow_density=st.floats(0, 1),
     look=st.none() | st.builds(Look, fronts, st.floats(0.2, 200), st.none() | vectors),
     flat=st.booleans(),
     hidden=st.lists(st.sampled_from(["source", "error"]), unique=True).map(tuple),
-    part=st.sampled_from(FIELD_PARTS),
-    tool=st.sampled_from(CLICK_TOOLS),
+    part=st.sampled_from(documents.FIELD_PARTS),
+    tool=st.sampled_from(documents.CLICK_TOOLS),
 )
 specs = st.builds(
     "gaussian:vertex={},width={!r}".format, st.integers(0, 42), st.floats(1e-300, 1e300)
@@ -307,20 +278,17 @@ def same_shape(opened):
     assert opened[0].result.velocity.shape == (1, F, 3)
 
 
-def test_flipped_bits_and_one_wrong_byte_of_a_header_are_noticed(saved):
+def test_a_cut_flipped_bits_and_one_wrong_byte_of_a_header_are_noticed(saved, tmp_path):
+    whole, damaged = saved.read_bytes(), tmp_path / "damaged.abfm"
+    for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
+        damaged.write_bytes(whole[:length])
+        assert "no project of abfm, or damaged" in error_line(damaged)
     content = members(saved)
     for other in hostile.one_byte_changed(content["result/velocity.npy"], 128):
         saved.write_bytes(zipped(content | {"result/velocity.npy": other}))
         hostile.load_or_refuse(saved, load_project, same_shape)
     saved.write_bytes(zipped(content))
     hostile.with_flipped_bits(saved, load_project, lambda opened: assert_same(opened[0], DOCUMENT))
-
-
-def test_a_file_that_was_cut_short_is_noticed(saved, tmp_path):
-    whole, damaged = saved.read_bytes(), tmp_path / "damaged.abfm"
-    for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
-        damaged.write_bytes(whole[:length])
-        assert "no project of abfm, or damaged" in error_line(damaged)
 
 
 @pytest.mark.parametrize("member", ["project.json", "mesh/faces", "runs/1/stages", "result/mask"])
@@ -537,7 +505,7 @@ READ = "permuted:b.txt(file:a.npy + coordinate:x)"
     ],
 )
 def test_terms_that_read_files(spec, terms):
-    assert terms_from_files(spec) == terms
+    assert project.terms_from_files(spec) == terms
 
 
 def test_opening_loads_no_solver_before_there_is_a_result(tmp_path):
@@ -551,17 +519,17 @@ def test_opening_loads_no_solver_before_there_is_a_result(tmp_path):
 
 
 def test_missing_fields_take_their_defaults_and_needed_ones_are_named():
-    assert from_plain(View, {}, "view") == View()
+    assert project.from_plain(View, {}, "view") == View()
     with pytest.raises(ValueError, match="also target"):
-        from_plain(Channel, {"source": "a"}, "channel")
+        project.from_plain(Channel, {"source": "a"}, "channel")
     with pytest.raises(ValueError, match="finite"):
-        from_plain(Channel, {"source": "a", "target": "b", "weight": True}, "channel")
+        project.from_plain(Channel, {"source": "a", "target": "b", "weight": True}, "channel")
 
 
 @given(st.lists(st.builds(Channel, st.text(), st.text(), numbers)).map(tuple))
 def test_any_text_survives_json(channels):
-    plain = json.loads(json.dumps(channels, default=to_plain))
-    assert from_plain(tuple[Channel, ...], plain, "channels") == channels
+    plain = json.loads(json.dumps(channels, default=project.to_plain))
+    assert project.from_plain(tuple[Channel, ...], plain, "channels") == channels
 
 
 # Files that are known from earlier: whether they are still there, and as they were
@@ -612,6 +580,6 @@ def test_a_copy_says_of_which_file_it_is_as_long_as_that_is_there(origin, tmp_pa
 def test_copies_may_say_anything_of_their_origin(tmp_path, text):
     path = tmp_path / "p.abfm"
     save_project(path, Document((Surface(WHOLE, "sphere"),)), {}, Origin.of(tmp_path / "q.abfm"))
-    rewrite(path, {MEMBER: text.encode()})
+    rewrite(path, {project.MEMBER: text.encode()})
     assert load_origin(path) is None
     assert load_project(path)[0].name == "sphere"

@@ -18,9 +18,7 @@ def folder(tmp_path):
     return StateFolder(tmp_path / "not there yet" / "state")
 
 
-def test_recent_files_come_latest_first_and_once_and_what_is_none_is_not_listed(
-    folder, tmp_path, monkeypatch
-):
+def test_recent_files_come_latest_first_and_once_and_only_files(folder, tmp_path, monkeypatch):
     files = [tmp_path / f"mesh {number}.off" for number in range(12)]
     for file in files:
         file.touch()

@@ -17,9 +17,7 @@ SUFFIXES = [".mp4", ".gif"]
 
 
 def frames(count, height=120, width=160):
-    """A wave of colours in a disc on a dark ground; the length of a white bar in the corner
-    tells the number.
-    """
+    """A wave of colours in a disc on a dark ground; the length of a white bar is the number."""
     y, x = np.mgrid[:height, :width]
     disc = (x - width / 2) ** 2 + (y - height / 2) ** 2 < (0.4 * height) ** 2
     colors = np.round(255 * table("abfm diverging")).astype(np.uint8)

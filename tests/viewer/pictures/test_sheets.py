@@ -14,29 +14,11 @@ from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Stre
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import LIGHT
 from abfm_viewer.document.verdict_words import headline
+from abfm_viewer.pictures import panels, sheets
 from abfm_viewer.pictures.canvas import rgb
-from abfm_viewer.pictures.panels import (
-    CLAMPED,
-    POINT_COLORS,
-    cameras,
-    captions,
-    color_ranges,
-    panel_pictures,
-)
+from abfm_viewer.pictures.panels import cameras, captions, color_ranges
 from abfm_viewer.pictures.plots import CURVE_COLORS, plot_picture
-from abfm_viewer.pictures.sheets import (
-    DEFAULT_WIDTH,
-    LABEL,
-    MARGIN,
-    TALLEST_PANEL,
-    WIDEST,
-    figure_picture,
-    grid,
-    laid_out,
-    match_picture,
-    sheet_picture,
-    wrapped,
-)
+from abfm_viewer.pictures.sheets import figure_picture, match_picture, sheet_picture
 from tests.shapes import ellipsoid, icosphere, square
 
 SPHERE = icosphere(3)
@@ -62,7 +44,7 @@ def of(*row, **options):
 
 def draw(panel, size=160):
     """One panel, (size, size, 4)."""
-    [picture] = panel_pictures(
+    [picture] = panels.panel_pictures(
         of(panel), [(size, size)], color_ranges(of(panel)), cameras(of(panel), (1.0, 1.0))
     )
     return np.asarray(picture)
@@ -81,22 +63,22 @@ def spread(pixels):
 
 @given(ASPECTS, st.integers(0, 3))
 def test_cells_keep_apart_inside_the_sheet_and_have_one_height(rows, bars):
-    layout = laid_out(rows, bars)
+    layout = sheets.laid_out(rows, bars)
     assert len(layout.bars) == bars
-    assert layout.width <= WIDEST + 8  # rounding of each cell's width
+    assert layout.width <= sheets.WIDEST + 8  # rounding of each cell's width
     heights = {place.height for row in layout.rows for place in row}
     assert len(heights) == 1
-    assert heights.pop() <= TALLEST_PANEL
+    assert heights.pop() <= sheets.TALLEST_PANEL
     for row, aspects in zip(layout.rows, rows, strict=True):
-        assert row[0].left >= MARGIN
-        assert row[-1].left + row[-1].width <= layout.width - MARGIN + 1
+        assert row[0].left >= sheets.MARGIN
+        assert row[-1].left + row[-1].width <= layout.width - sheets.MARGIN + 1
         for left, right in pairwise(row):
             assert left.left + left.width < right.left
         for place, aspect in zip(row, aspects, strict=True):
             assert place.width == pytest.approx(aspect * place.height, abs=1 + 0.5 * aspect)
     for above, below in pairwise(layout.rows):
-        assert above[0].top + above[0].height + LABEL < below[0].top
-    end = layout.rows[-1][0].top + layout.rows[-1][0].height + LABEL
+        assert above[0].top + above[0].height + sheets.LABEL < below[0].top
+    end = layout.rows[-1][0].top + layout.rows[-1][0].height + sheets.LABEL
     assert end <= layout.height
     for left, top, right, bottom in layout.bars:
         assert end < top < bottom < layout.height
@@ -106,10 +88,10 @@ def test_cells_keep_apart_inside_the_sheet_and_have_one_height(rows, bars):
 
 
 def test_the_widest_row_fills_the_sheet_unless_panels_would_be_too_tall():
-    assert laid_out([[1.0] * 6, [1.0]], 0).width == pytest.approx(WIDEST, abs=6)
-    single = laid_out([[1.0]], 0)
-    assert single.rows[0][0].height == TALLEST_PANEL
-    assert single.width < WIDEST / 2
+    assert sheets.laid_out([[1.0] * 6, [1.0]], 0).width == pytest.approx(sheets.WIDEST, abs=6)
+    single = sheets.laid_out([[1.0]], 0)
+    assert single.rows[0][0].height == sheets.TALLEST_PANEL
+    assert single.width < sheets.WIDEST / 2
 
 
 def test_a_sphere_is_a_round_patch_in_the_colours_of_the_map():
@@ -127,7 +109,7 @@ def test_a_sphere_is_a_round_patch_in_the_colours_of_the_map():
 
 def test_one_sheet_shows_source_times_match_and_target_as_they_are_asked_for(match):
     pixels = np.asarray(match_picture(match))
-    assert pixels.shape[1] == DEFAULT_WIDTH
+    assert pixels.shape[1] == sheets.DEFAULT_WIDTH
     assert {WHITE, BLUE, BLACK, RED} <= colors(pixels)
     assert len(colors(pixels)) > 1000
     assert (pixels == 255).all(axis=2).mean() > 0.15
@@ -145,8 +127,8 @@ def test_one_sheet_shows_source_times_match_and_target_as_they_are_asked_for(mat
     size=st.none() | st.tuples(st.integers(320, 4000), st.integers(240, 3000)),
 )
 def test_panels_stay_on_the_sheet_and_apart(count, aspect, size):
-    layout = grid(count, aspect, size)
-    assert layout.width == (DEFAULT_WIDTH if size is None else size[0])
+    layout = sheets.grid(count, aspect, size)
+    assert layout.width == (sheets.DEFAULT_WIDTH if size is None else size[0])
     assert size is None or layout.height == size[1]
     places = [place for row in layout.rows for place in row]
     assert len(places) >= count
@@ -163,14 +145,14 @@ def test_panels_stay_on_the_sheet_and_apart(count, aspect, size):
 
 @pytest.mark.parametrize(("aspect", "columns"), [(0.5, 6), (1.0, 3), (4.0, 2)])
 def test_a_sheet_of_free_size_has_pleasant_proportions(aspect, columns):
-    layout = grid(6, aspect)
+    layout = sheets.grid(6, aspect)
     assert len(layout.rows[0]) == columns
     assert 1 < layout.width / layout.height < 5
 
 
 def test_panels_have_frames_labels_and_a_colour_bar_beside_them():
     ones = Values(np.ones(len(X)))
-    layout = grid(2, 1.0, (900, 400))
+    layout = sheets.grid(2, 1.0, (900, 400))
     sheet = of(Panel(SPHERE, ones, "first", "source"), Panel(SPHERE, ones, "second", "target"))
     pixels = np.asarray(sheet_picture(sheet, cameras(sheet), layout, ImageFont.load_default))
     assert pixels.shape == (400, 900, 3)
@@ -233,7 +215,7 @@ def test_what_colours_hide_is_said_with_its_true_extremes(paint):
 @pytest.mark.parametrize("sign", [1, -1])
 def test_small_overshoots_are_not_worth_a_word(sign):
     extent = 2 * abs(Y).max()
-    for share, lines in ((0.9 * CLAMPED, 0), (1.1 * CLAMPED, 1)):
+    for share, lines in ((0.9 * panels.CLAMPED, 0), (1.1 * panels.CLAMPED, 1)):
         over = Y.copy()
         over[np.argmax(sign * Y)] += sign * share * extent
         assert len(captions(of(SOURCE, Panel(SPHERE, Values(over), "over", "result")))) == lines
@@ -265,12 +247,12 @@ def test_captions_stand_below_everything_else_in_lines_of_the_sheet():
     assert (noted[height:] < 128).any()
     assert (noted[:, -10:] == 255).all()
     text = " ".join(f"word{number}" for number in range(60))
-    lines = wrapped([text, "short"], 300, lambda line: 11.0 * len(line))
+    lines = sheets.wrapped([text, "short"], 300, lambda line: 11.0 * len(line))
     assert max(map(len, lines)) <= 300 / 11
     assert " ".join(lines) == f"{text} short"
     assert lines[-1] == "short"
     assert 5 < len(lines) < 30
-    assert wrapped(["unbreakable" * 20], 100, len) == ["unbreakable" * 20]
+    assert sheets.wrapped(["unbreakable" * 20], 100, len) == ["unbreakable" * 20]
 
 
 PAINTS = {
@@ -301,7 +283,7 @@ def test_marks_are_drawn():
     for name, mark in marks.items():
         drawn = draw(Panel(SPHERE, Values(0 * X), "x", **{name: mark})).astype(int)
         assert (np.abs(drawn - bare).sum(axis=-1) > 60).sum() > 20
-    assert len(set(POINT_COLORS)) == len(POINT_COLORS)
+    assert len(set(panels.POINT_COLORS)) == len(panels.POINT_COLORS)
 
 
 def test_a_sheet_has_the_papers_frames_and_labels():

@@ -12,18 +12,7 @@ from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import palette
 from abfm_viewer.scene import annotations
-from abfm_viewer.scene.annotations import (
-    Line,
-    Pen,
-    Strip,
-    Text,
-    bar_parts,
-    bar_room,
-    bars_in_a_line,
-    laid_out,
-    tell_what_is_cut,
-    ticks,
-)
+from abfm_viewer.scene.annotations import Line, Pen, Strip, Text, bar_parts, bar_room, ticks
 from abfm_viewer.shown.paint import Paint
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
@@ -72,7 +61,7 @@ def strips(parts):
 @pytest.mark.parametrize("right", [240, 320, 480, 1000])
 @pytest.mark.parametrize("columns", [1, 3, 5])
 def test_nothing_lies_over_something_else_or_beyond_the_edge(right, columns):
-    found = laid_out(scene(right, columns=columns), (0, 0, right, 600), PEN)
+    found = annotations.laid_out(scene(right, columns=columns), (0, 0, right, 600), PEN)
     rects = [rect_of(one) for one in found if isinstance(one, Strip) or one.text]
     for a, b in combinations(rects, 2):
         across, down = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
@@ -92,7 +81,7 @@ def told(monkeypatch):
         io.WantCaptureMouse = captures
         monkeypatch.setattr(annotations.imgui, "GetMousePos", lambda: place)
         found.clear()
-        tell_what_is_cut(what, parts, PEN)
+        annotations.tell_what_is_cut(what, parts, PEN)
         return list(found)
 
     return at
@@ -112,7 +101,9 @@ def test_the_mouse_tells_a_name_and_a_title_that_are_cut(told):
 @pytest.mark.parametrize("right", [240, 480, 1000])
 def test_in_a_low_window_bars_are_a_line_and_leave_the_surfaces_most_of_the_height(right):
     height = 320
-    found = laid_out(scene(right, columns=5), (0, 0, right, height), LARGE, labels=False)
+    found = annotations.laid_out(
+        scene(right, columns=5), (0, 0, right, height), LARGE, labels=False
+    )
     bars, written = strips(found), {one.text for one in texts(found)}
     assert len(bars) == 2
     rects = [rect_of(one, LARGE.line) for one in found]
@@ -131,7 +122,9 @@ def test_in_a_low_window_bars_are_a_line_and_leave_the_surfaces_most_of_the_heig
 )
 def test_titles_of_bars_in_a_line_are_whole_or_up_to_a_comma_or_not_there(right, expected):
     whole = "|t - a|, at most 0.0423, and whatever else there may be to say of a mere bar"
-    found = bars_in_a_line({"function": RANGE, whole: ERROR[1]}, (0, 0, right, 32), LARGE)
+    found = annotations.bars_in_a_line(
+        {"function": RANGE, whole: ERROR[1]}, (0, 0, right, 32), LARGE
+    )
     assert [one.text for one in texts(found)][::3] == expected
     assert [one.title for one in strips(found)] == [
         "" if title == all_of_it else all_of_it

@@ -38,7 +38,7 @@ def test_a_course_goes_with_the_flow_also_where_it_was_walked_against_it(duratio
     np.testing.assert_allclose(through.lengths, course.lengths)
 
 
-def test_an_arrow_lies_on_the_surface_from_its_start_to_its_tip():
+def test_an_arrow_lies_on_the_surface_to_its_tip_a_short_one_is_thin_and_there_may_be_none():
     course = overlays.course_of(SPHERE, around())
     vertices, faces = overlays.arrow_ribbons([course, course], HALF)
     heights = np.linalg.norm(UNIT * vertices, axis=1) - 1
@@ -52,9 +52,6 @@ def test_an_arrow_lies_on_the_surface_from_its_start_to_its_tip():
     widest = np.abs(vertices[:, 2] - course.places[0, 2])
     assert np.ptp(turned) == pytest.approx(np.ptp(angles(course.places)), rel=0.02)
     assert turned[widest.argmax()] > np.quantile(turned, 0.6)  # the head is at the end
-
-
-def test_a_short_arrow_is_thin_and_there_may_be_none():
     course = overlays.course_of(SPHERE, around(0.01))
     vertices, _ = overlays.arrow_ribbons([course], HALF)
     assert np.linalg.norm(vertices - vertices.mean(axis=0), axis=1).max() < 0.01
@@ -136,13 +133,10 @@ def test_the_fast_ones_have_the_full_length_and_one_outlier_leaves_them_that():
     assert np.sort(lengths(velocity))[-2] == pytest.approx(0.1, rel=0.1)
     assert lengths(velocity).max() < 0.13
     np.testing.assert_allclose(lengths(1e-100 * velocity), lengths(velocity), rtol=1e-6)
-
-
-def test_a_field_that_moves_nothing_but_one_face_has_one_arrow_in_it():
     velocity = np.zeros((len(COARSE.faces), 3))
     hidden = np.setdiff1d(np.arange(len(COARSE.faces)), overlays.evenly_spread(COARSE, 0.5))[0]
     a, b, _ = COARSE.vertices[COARSE.faces[hidden]]
-    velocity[hidden] = 1e-100 * (b - a)
+    velocity[hidden] = 1e-100 * (b - a)  # a field that moves nothing but one face
     assert len(lengths(velocity)) == 1
     assert 0 < lengths(velocity)[0] <= 0.1
     assert len(lengths(0 * velocity)) == 0

@@ -78,9 +78,7 @@ def test_in_a_low_slot_the_name_stands_beside_the_surface():
         ((900, 600), "column", 1),
     ],
 )
-def test_six_surfaces_fill_the_window_in_rows_that_its_shape_or_the_layout_asks_for(
-    size, layout, columns
-):
+def test_six_surfaces_fill_the_window_in_rows_that_shape_or_layout_ask_for(size, layout, columns):
     found = made(6, (0, 0, *size), layout=layout).values()
     assert len({slot.rect[0] for slot in found}) == columns
     filled = [(slot.rect[2] - slot.name[0]) * (slot.rect[3] - slot.name[1]) for slot in found]
@@ -138,11 +136,8 @@ def test_every_surface_fits_its_slot_from_every_side_and_fills_it_from_the_front
     assert max(np.ptp(x) / (2 * half[0]), np.ptp(y) / (2 * half[1])) == pytest.approx(1)
 
 
-TURNED = Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix()
-
-
 def test_all_surfaces_look_alike_and_the_matrix_puts_points_where_they_are_projected():
-    seen = view(1.7, np.array([0.5, 0.1, 0]), TURNED)
+    seen = view(1.7, np.array([0.5, 0.1, 0]), Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix())
     places = [seen.projected(name, POINTS) - [*PLACES[name].middle, 0] for name in NAMES]
     np.testing.assert_allclose(places[1:], [places[0]] * 2, atol=1e-9)
     matrix = seen.matrix("advected", WINDOW)
@@ -179,8 +174,11 @@ def test_surfaces_move_with_the_mouse(delta):
     np.testing.assert_allclose(moved, np.broadcast_to([*delta, 0], moved.shape), atol=1e-9)
 
 
-def test_surfaces_cannot_be_lost():
+def test_the_surface_under_the_mouse_is_the_nearest_slot_and_none_can_be_lost():
     seen = view()
+    assert seen.slot_at((450, 5)) == "advected"
+    assert seen.slot_at((-20, 900)) == "source"
+    assert seen.slot_at((890, 250)) == "target"
     for _ in range(50):
         seen = again(seen.moved((500.0, -300.0)))
     assert np.linalg.norm(seen.target - seen.home) <= seen.radius * (1 + 1e-9)
@@ -218,13 +216,6 @@ def test_what_faces_the_viewer_goes_where_the_turntable_is_dragged(delta):
     after = again(seen.orbited(delta)).projected("source", point)
     moved = (after - seen.projected("source", point))[0, :2]
     assert moved @ delta > 0.99 * np.linalg.norm(moved) * 9
-
-
-def test_the_surface_under_the_mouse_is_the_nearest_slot():
-    seen = view()
-    assert seen.slot_at((450, 5)) == "advected"
-    assert seen.slot_at((-20, 900)) == "source"
-    assert seen.slot_at((890, 250)) == "target"
 
 
 @pytest.mark.parametrize("zoom", [0.3, 1.0, 5.0])

@@ -63,9 +63,7 @@ def test_pictures_are_the_same(plain, scale, offset):
 
 @pytest.mark.parametrize(("scale", "offset"), PLACES[2:4])
 def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
-    """Arrows and a flow line are drawn, a vertex is picked where it is seen, and a moved camera
-    is kept.
-    """
+    """Arrows and a line are drawn, a vertex is picked where it is seen, a moved camera is kept."""
     save_project(tmp_path / "egg.abfm", document(moved(scale, offset)), {})
     with Driver(str(tmp_path / "egg.abfm"), size=(640, 480)) as gui:
         gui.session.editor.set_view("look", arrows=True)

@@ -86,7 +86,9 @@ def test_a_cancelled_movie_leaves_the_older_file(exporter, document, out):
     assert list(out.iterdir()) == [path]
 
 
-def test_what_goes_wrong_in_the_process_is_told(exporter, document, out):
+def test_what_goes_wrong_in_the_process_is_told_and_what_would_is_refused_before(
+    exporter, document, out, monkeypatch
+):
     unknown = replace(document, channels=(Channel("gaussian:vertex=99999", CHANNEL.target),))
     exporter.save_picture(out / "a.png", unknown, dict)
     exporter.wait()
@@ -94,11 +96,6 @@ def test_what_goes_wrong_in_the_process_is_told(exporter, document, out):
     assert exporter.message.startswith("gaussian:vertex=99999: ")
     assert "\n" not in exporter.message
     assert list(out.iterdir()) == []
-
-
-def test_what_cannot_be_written_is_refused_before_anything_is_drawn(
-    exporter, document, out, monkeypatch
-):
     monkeypatch.setattr("subprocess.Popen", None)
     for save, name, told in (
         (exporter.save_picture, "none/a.png", "there is no folder"),
@@ -115,9 +112,7 @@ def test_what_cannot_be_written_is_refused_before_anything_is_drawn(
     assert list(out.iterdir()) == []
 
 
-def test_large_systems_are_factored_apart_in_the_thread_of_an_export(
-    exporter, document, out, monkeypatch
-):
+def test_exports_factor_large_systems_apart(exporter, document, out, monkeypatch):
     asked = []
     monkeypatch.setattr(outputs, "write", lambda *_: asked.append(is_factored_apart(10**9)))
     exporter.save_result(out / "a.npz", document.result)

@@ -1,6 +1,4 @@
-"""Opening and saving through a session: nothing is lost unasked, what is in no file is known, no
-run is ended by opening something, and files are read in the background, the newest.
-"""
+"""Opening and saving through a session: nothing is lost, no run ended, and no window held."""
 
 import threading
 import time
@@ -164,12 +162,8 @@ def test_changes_made_while_saving_stay_unsaved(desk, tmp_path):
 
 
 def test_a_session_begins_with_any_kind_of_file_and_nothing_to_undo(desk, tmp_path):
-    f, g, few = (
-        desk.session.values("source"),
-        desk.session.values("target"),
-        Parameters(iterations=3),
-    )
-    found = match(desk.session.surface().mesh, f, g, few)
+    f, g = map(desk.session.values, ("source", "target"))
+    found = match(desk.session.surface().mesh, f, g, Parameters(iterations=3))
     found.save(tmp_path / "m.npz")
     channels = (Channel("coordinate:x", "coordinate:y"),)
     desk.session.editor.change("solve", result=found, channels=channels)

@@ -44,9 +44,7 @@ def shown(session, watched):
 
 @pytest.fixture
 def held(monkeypatch):
-    """Hold a function of a module up where a condition of its arguments holds: events that say
-    that it has begun, and that it may end.
-    """
+    """Hold a module's function up where its arguments are such: events begun, and may end."""
 
     def hold(module, name, condition=lambda *_: True):
         begun, may_end, compute = threading.Event(), threading.Event(), getattr(module, name)

@@ -52,7 +52,7 @@ def texture(shown):
     return found
 
 
-def test_streaks_are_computed_once_and_take_the_colours_of_every_time(session, shown, convolutions):
+def test_streaks_are_computed_once_a_result_for_every_time(session, shown, convolutions):
     at_end = texture(shown)
     assert texture(shown) is at_end
     session.set_time(0.0)
@@ -60,6 +60,10 @@ def test_streaks_are_computed_once_and_take_the_colours_of_every_time(session, s
     assert at_start.streaks is at_end.streaks
     assert abs(at_start.colors - at_end.colors).max() > 0.2
     assert len(convolutions) == 1
+    session.editor.set_parameter(alpha=1.0)
+    matched(session)
+    assert texture(shown).streaks is not at_end.streaks
+    assert len(convolutions) == 2
 
 
 def test_what_is_still_to_come_is_said(session, shown, held):
@@ -79,7 +83,7 @@ def test_what_is_still_to_come_is_said(session, shown, held):
     assert shown.busy == ""
 
 
-def test_coloured_streaks_are_those_of_the_function_and_darker(session, shown):
+def test_coloured_streaks_are_those_of_the_function_and_darker_and_others_grey(session, shown):
     found = texture(shown)
     atlas, values, colors = found.streaks.atlas, shown.flow.advected(), colors_of(session)
     white = np.ones((atlas.size, atlas.size), dtype=np.float32)
@@ -92,21 +96,15 @@ def test_coloured_streaks_are_those_of_the_function_and_darker(session, shown):
     share = np.clip((function - colors.low) / (colors.high - colors.low), 0, 1)
     expected = linear_table(colors.colormap, 1024)[(1023 * share + 1e-6).astype(int)]
     np.testing.assert_allclose(bright[rows, columns], expected, rtol=0, atol=0.01)
-
-
-def test_streaks_without_a_function_are_grey(shown):
-    streaks = texture(shown).streaks
-    image = streaks.images[0]
-    grey = streak_texture(streaks.atlas, image)
-    of_shares = streak_texture(streaks.atlas, (image / 255).astype(np.float32))
+    image = found.streaks.images[0]
+    grey = streak_texture(atlas, image)
+    of_shares = streak_texture(atlas, (image / 255).astype(np.float32))
     np.testing.assert_allclose(grey, of_shares, atol=1e-6)
     assert (grey[..., 0] == grey[..., 2]).all()
     assert grey[image == 255].min() > grey[image == 0].max()
 
 
-def test_moving_streaks_are_computed_once_for_all_phases_which_lead_back_to_the_first(
-    session, shown, convolutions
-):
+def test_moving_streaks_are_computed_once_and_lead_back_to_the_first(session, shown, convolutions):
     session.editor.set_view("show", animate=True)
     first = texture(shown)
     streaks = first.streaks
@@ -132,14 +130,6 @@ def test_fading_streaks_have_less_contrast(session, shown, convolutions):
     faces = full.atlas.texel_faces
     slow = (faces >= 0) & (faded.field.speed[faces] < 0.2 * faded.field.speed.max())
     assert faded.images[0][slow].std() < 0.35 * full.images[0][slow].std()
-    assert len(convolutions) == 2
-
-
-def test_another_result_has_other_streaks(session, shown, convolutions):
-    first = texture(shown)
-    session.editor.set_parameter(alpha=1.0)
-    matched(session)
-    assert texture(shown).streaks is not first.streaks
     assert len(convolutions) == 2
 
 

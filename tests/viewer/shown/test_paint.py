@@ -48,9 +48,7 @@ def test_surfaces_stand_in_the_order_of_the_flow(session, view, names):
     assert session.view.shown_surfaces == names
 
 
-def test_all_functions_share_one_bar_and_one_range_and_signed_ones_have_zero_in_the_middle(
-    session, painter
-):
+def test_functions_share_one_bar_and_range_with_zero_in_the_middle_of_signed_ones(session, painter):
     show(session, blend=True, transport=True)
     until(lambda: painter.paint("optimal transport"))
     paints = [painter.paint(name) for name in session.view.shown_surfaces]
@@ -90,34 +88,24 @@ def test_surfaces_that_do_not_change_are_not_drawn_again(session, coloring, shar
     assert all(now is before for now, before in zip(paints(), paints(), strict=True))
 
 
-def test_the_linear_blend_follows_the_time(session, shown):
-    show(session, blend=True)
-    tau = session.parameters.tau
-    for time, share in ((0.0, 0.0), (0.25 * tau, 0.25), (tau, 1.0), (1.5 * tau, 1.0)):
-        session.editor.amend(time=time)
-        expected = linear_blend(session.values("source"), session.values("target"), share, 1.0)
-        np.testing.assert_allclose(Painter(shown).paint("linear blend").values, expected)
-
-
 def settled_transport(shown, painter):
     """What the surface of optimal transport shows when nothing better is to come."""
     until(lambda: (painter.paint("optimal transport"), shown.mass_transport.busy)[1] is False)
     return painter.paint("optimal transport")
 
 
-def test_optimal_transport_follows_the_time_and_ends_at_tau(session, shown, painter):
-    show(session, transport=True)
-    tau = session.parameters.tau
-    for time, share in ((0.25 * tau, 0.25), (tau, 1.0), (1.5 * tau, 1.0)):
+def test_blend_and_transport_follow_the_time_and_end_at_tau(session, shown, painter):
+    show(session, blend=True, transport=True)
+    tau, (source, target) = session.parameters.tau, map(session.values, ("source", "target"))
+    for time, share in ((0.0, 0.0), (0.25 * tau, 0.25), (tau, 1.0), (1.5 * tau, 1.0)):
         session.editor.amend(time=time)
-        source, target = session.values("source"), session.values("target")
+        expected = linear_blend(source, target, share, 1.0)
+        np.testing.assert_allclose(Painter(shown).paint("linear blend").values, expected)
         expected = optimal_transport(session.surface().mesh, source, target, share, sharpen=True)
         np.testing.assert_array_equal(settled_transport(shown, painter).values, expected)
 
 
-def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(
-    session, held, shown, painter
-):
+def test_until_a_time_is_computed_transport_shows_the_one_before(session, held, shown, painter):
     show(session, transport=True)
     session.editor.amend(time=0.0)
     before = settled_transport(shown, painter)
@@ -131,7 +119,7 @@ def test_until_a_time_is_computed_optimal_transport_shows_the_one_before(
     assert abs(settled_transport(shown, painter).values - before.values).max() > 0.1
 
 
-def test_negative_functions_have_no_optimal_transport_and_say_why(session, shown, painter):
+def test_negative_functions_have_no_transport_or_one_without_and_say_so(session, shown, painter):
     show(session, transport=True)
     set_source(session, "eigenfunction:2")
     bare = settled_transport(shown, painter)
@@ -142,7 +130,12 @@ def test_negative_functions_have_no_optimal_transport_and_say_why(session, shown
     session.undo()
     ready(session)
     assert settled_transport(shown, painter).title == "optimal transport"
-    assert not shown.mass_transport.error
+    assert (shown.mass_transport.error, shown.mass_transport.note) == ("", "")
+    gaussians = "gaussian:x=1,y=0,z=0,width=0.15 + gaussian:x=-1,y=0,z=0,width=0.15,height=-0.005"
+    set_source(session, gaussians)
+    assert settled_transport(shown, painter).values.min() >= 0
+    told = "optimal transport takes values below 0, down to -0.005, as 0"
+    assert shown.mass_transport.note == told
 
 
 def test_the_error_is_that_of_the_shown_time_and_its_range_ends_with_it(session, shown):
@@ -231,14 +224,3 @@ def test_labels_tell_of_extrapolation_and_of_values_beyond_the_colors(session, s
         assert painter.paint("advected") is painter.paint("advected")
     show(session, coloring="checker")
     until(lambda: Painter(shown).paint("advected").title == "carried checker, extrapolated")
-
-
-def test_what_optimal_transport_leaves_out_is_told(session, shown, painter):
-    show(session, transport=True)
-    assert settled_transport(shown, painter).title == "optimal transport"
-    assert shown.mass_transport.note == ""
-    gaussians = "gaussian:x=1,y=0,z=0,width=0.15 + gaussian:x=-1,y=0,z=0,width=0.15,height=-0.005"
-    set_source(session, gaussians)
-    assert settled_transport(shown, painter).values.min() >= 0
-    told = "optimal transport takes values below 0, down to -0.005, as 0"
-    assert shown.mass_transport.note == told

@@ -127,10 +127,6 @@ def carry(shown, time):
     return shown.flow.state.carry(shown.session.values("source"), np.array([time]))[0]
 
 
-def test_after_a_match_its_end_is_shown(session, shown):
-    np.testing.assert_array_equal(shown.flow.advected(), session.result.advected[:, 0])
-
-
 def test_an_outdated_end_is_not_shown_but_what_the_flow_makes_of_the_source_now(session, shown):
     session.editor.set_spec("source", "coordinate:x")
     ready(session)
@@ -169,7 +165,8 @@ def test_during_a_run_the_newest_picture_is_shown_at_tau_and_followed_elsewhere(
     until(lambda: not np.allclose(shown.flow.advected(), early, atol=1e-4), endless)
 
 
-def test_after_another_tau_the_shown_time_keeps_its_place_in_the_flow(session, shown):
+def test_after_a_match_its_end_is_shown_and_after_another_tau_the_same_place(session, shown):
+    np.testing.assert_array_equal(shown.flow.advected(), session.result.advected[:, 0])
     session.set_time(0.5)
     session.editor.set_parameter(tau=2.0)
     assert (session.time, session.document.end) == (1.0, 4.0)
