@@ -249,11 +249,7 @@ def error_line(path, form="file:{}"):
     [
         ("a.npy", b"PK\x03\x04", "not a table of numbers"),
         ("a.npy", b"\x93NUMPY\x01\x00", "not a table of numbers"),
-        (
-            "a.npy",
-            b"\x93NUMPY\x01\x00v\x00{'descr': '<f8', 'fortran_order': False, 'shape': (10**15,), }",
-            "not a table",
-        ),
+        ("a.npy", npy_of("(10**15,)"), "not a table"),
         ("a.npy", npy_of("(6442450944,)", data=bytes(8)), "size is not what its header says"),
         ("a.npy", npy_of("(12,)", "|O", bytes(96)), "type is object"),
         ("a.npy", b"\x93NUMPY\x01\x00v\x00" + b"(" * 118, "header is damaged"),
@@ -275,8 +271,7 @@ def error_line(path, form="file:{}"):
         ("a.txt", b"1 " * 100_000, "has 100000 columns"),
         ("a.txt", b"1" * 100_000, "1 values were given"),
         (
-            "a.txt",
-            b"1\n\xff",
+            *("a.txt", b"1\n\xff"),
             "not a table of numbers: byte 2, counting from 0, is no text in UTF-8",
         ),
         ("a.txt", b"1\n2\n", f"2 values were given for a mesh of {COUNT} vertices"),

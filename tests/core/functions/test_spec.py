@@ -1,8 +1,4 @@
-"""The text form of functions: what it means, its round trip, and the errors that mend it; and
-formulas: right values, and nothing but arithmetic.
-"""
-
-from __future__ import annotations
+"""The text form of functions: its meaning, round trip and errors; and formulas, arithmetic only."""
 
 import numpy as np
 import pytest

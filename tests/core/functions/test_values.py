@@ -15,15 +15,8 @@ from abfm.errors import FunctionError
 from abfm.functions import function
 from abfm.functions.local_shape import gaussian_curvature, mean_curvature, mixed_areas
 from abfm.mesh import TriangleMesh, load_mesh
-from tests.shapes import (
-    hemisphere,
-    icosphere,
-    open_cylinder,
-    square,
-    tetrahedron,
-    torus,
-    with_loose_vertex,
-)
+from tests import shapes
+from tests.shapes import hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 
 @pytest.mark.parametrize(("subdivisions", "error"), [(3, 0.051), (4, 0.030), (5, 0.020)])
@@ -83,7 +76,7 @@ def pinched_sphere():
 
 
 def test_vertices_count_as_the_file_does():
-    mesh = with_loose_vertex(icosphere(2))
+    mesh = shapes.with_loose_vertex(icosphere(2))
     expected = function(icosphere(2), "gaussian:vertex=9")
     assert_array_equal(function(mesh, "gaussian:vertex=10"), expected)
     with pytest.raises(FunctionError):
@@ -297,7 +290,6 @@ def test_signatures_of_the_square():
     eigenvalues = np.pi**2 * (MODES[:, None] ** 2 + MODES**2)
     eigenvalues[0, 0] = np.nan
     weights = np.nan_to_num(np.exp(-((4.0 - np.log(eigenvalues)) ** 2) / (2 * 0.3**2)))
-    x, y, _ = mesh.vertices.T
     exact = np.einsum("ab,an,bn->n", weights, squared_modes(x), squared_modes(y)) / weights.sum()
     assert_allclose(function(mesh, "wks:energy=4,width=0.3"), exact, rtol=0.05)
 

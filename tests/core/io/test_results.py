@@ -1,6 +1,4 @@
-"""Result files: what was saved comes back, also of matches, and files that lie are refused: about
-sizes, in zips that overlap or are compressed, and in values that make no sense.
-"""
+"""Result files: what was saved comes back, also of matches, and files that lie are refused."""
 
 import json
 import os
@@ -173,16 +171,12 @@ def test_damage_is_noticed(path):
         assert "cut short" in error_line(path)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"velocity": np.full((1, 18, 3), np.nan)}, rf"m\.npz not written: velocity {INFINITE}"),
-        ({"colour": np.ones(3)}, "no place for colour"),
-    ],
-)
-def test_what_would_not_load_is_not_saved(path, change, words):
-    with pytest.raises(ResultError, match=words):
-        save_arrays(path, result_arrays() | change)
+def test_what_would_not_load_is_not_saved(path):
+    nans = result_arrays() | {"velocity": np.full((1, 18, 3), np.nan)}
+    with pytest.raises(ResultError, match=rf"m\.npz not written: velocity {INFINITE}"):
+        save_arrays(path, nans)
+    with pytest.raises(ResultError, match="no place for colour"):
+        save_arrays(path, result_arrays() | {"colour": np.ones(3)})
     assert os.listdir(path.parent) == []
 
 
@@ -220,14 +214,6 @@ def test_one_wrong_byte_of_a_header_is_noticed_though_the_zip_is_whole(saved):
             hostile.load_or_refuse(saved, load_match, same_shape)
 
 
-@pytest.mark.parametrize(
-    "shape", ["(6442450944,)", "(1, 9999999999, 3)", "(999999999999999999, 0, 3)"]
-)
-def test_shapes_are_held_against_sizes(saved, shape):
-    put(saved, velocity=npy_of(shape, data=bytes(8)))
-    assert "velocity" in match_error(saved)
-
-
 UNKNOWN = '[{"label": "", "words": "", "parameters": {"sigmma": 1}}]'
 
 
@@ -248,6 +234,9 @@ def parameters(more):
         ("target", -1e308 * ONES, "target has the value -1e+308"),
         ("advected", 1e155 * ONES, "advected has the value 1e+155"),
         ("velocity", 1e300 * FIELD, "velocity has the value 1e+300; expected up to 1e+154"),
+        ("velocity", npy_of("(6442450944,)", data=bytes(8)), "velocity"),
+        ("velocity", npy_of("(1, 9999999999, 3)", data=bytes(8)), "velocity"),
+        ("velocity", npy_of("(999999999999999999, 0, 3)", data=bytes(8)), "velocity"),
         ("folded", np.array(1.5), "folded has the value 1.5; expected 0 to 1"),
         ("folded", np.array(np.nan), "folded has values that are not finite"),
         ("stages", np.full(3, -1), "stages has"),
@@ -287,11 +276,6 @@ def test_values_that_make_no_sense_are_named(saved, name, value, words):
     assert words in match_error(saved)
 
 
-def test_large_and_small_values_that_were_once_written_load(saved):
-    put(saved, source=1e-160 * ONES, target=1e150 * ONES, velocity=1e140 * FIELD)
-    assert load_match(saved).source.max() == 1e-160
-
-
 def test_a_vertex_that_no_face_uses_is_refused(saved):
     arrays = load_arrays(saved)
     kept = ~(arrays["faces"] == V - 1).any(axis=1)
@@ -318,7 +302,9 @@ def test_vertices_that_the_mesh_file_had_besides_need_no_room(saved):
     )
 
 
-def test_members_that_are_not_listed_are_not_read(saved):
+def test_extreme_values_load_and_members_that_are_not_listed_are_not_read(saved):
+    put(saved, source=1e-160 * ONES, target=1e150 * ONES, velocity=1e140 * FIELD)
+    assert load_match(saved).source.max() == 1e-160
     content = members(saved)
     zeros = npy_of("(100000000,)", "|u1", bytes(100_000_000))
     for unknown, method in ((b"no array", zipfile.ZIP_STORED), (zeros, zipfile.ZIP_DEFLATED)):
@@ -328,7 +314,7 @@ def test_members_that_are_not_listed_are_not_read(saved):
 
 def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved, tmp_path):
     content, whole = members(saved), "more bytes than a zip of this size can hold"
-    data = npy_of("(2, 40000000)", "|u1") + bytes(80_000_000)
+    data = npy_of("(2, 40000000)", "|u1", bytes(80_000_000))
     saved.write_bytes(zipped(content | {"source.npy": data}, zipfile.ZIP_DEFLATED))
     assert whole in match_error(saved)
     saved.write_bytes(zipped(content | {"source.npy": bytes(1000)}, zipfile.ZIP_LZMA))
@@ -342,14 +328,17 @@ def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved, tmp_path):
         assert all(archive.read(name) for name in names)
 
 
-def test_a_zip_that_lies_about_a_size_is_refused(saved):
-    packed = hostile.bomb(64 << 20)
+def test_a_zip_that_lies_about_a_size_or_names_an_entry_in_no_text_is_refused(saved):
+    packed, named = hostile.bomb(64 << 20), bytearray(saved.read_bytes())
     whole = zipped(members(saved) | {"mask.npy": packed})
+    named[7] |= 8  # the name of the first entry is UTF-8
+    named[30] = 0xFF  # its first letter
+    saved.write_bytes(named)
+    assert "byte 0, counting from 0, is no text in UTF-8" in match_error(saved)
     for size in (1 << 40, 100, len(packed) - 1):
         for width in (4, 8):
-            truth, lie = len(packed), size % 256**width
-            lying = whole.replace(truth.to_bytes(width, "little"), lie.to_bytes(width, "little"))
-            saved.write_bytes(lying)
+            truth, lie = (n.to_bytes(width, "little") for n in (len(packed), size % 256**width))
+            saved.write_bytes(whole.replace(truth, lie))
             match_error(saved)
 
 
@@ -364,10 +353,9 @@ def test_devices_and_pipes_are_refused(tmp_path):
 @pytest.mark.parametrize("name", ["a\nb.npz", "\x1b[31m.npz", "\u202e.npz", "x" * 200 + ".npz"])
 def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path, name):
     (tmp_path / name).write_bytes(b"no zip")
-    with pytest.raises(ResultError) as caught:
+    with pytest.raises(ResultError, match="no result file of abfm") as caught:
         load_match(tmp_path / name)
     assert str(caught.value).isprintable()
-    assert "no result file of abfm" in str(caught.value)
 
 
 MESH = icosphere(2)
@@ -410,15 +398,13 @@ def test_a_match_goes_to_another_process_without_what_was_computed_from_it(whole
 
 
 def test_what_is_not_known_stays_unknown(path):
-    control = Control()
+    control, f = Control(), bump(MESH, [0, 0, 1], 0.2)
     control.cancel(briefly=True)
-    f = bump(MESH, [0, 0, 1], 0.2)
     whole = match(MESH, f, f[::-1].copy(), control=control)
     whole.save(path)
-    loaded = load_match(path)
-    for one in (whole, loaded):
+    for one in (whole, load_match(path)):
         assert np.isnan([one.verified_mismatch, one.folded]).all()
-    assert loaded.stop_reason == "cancelled"
+        assert one.stop_reason == "cancelled"
 
 
 @pytest.mark.parametrize(("mismatch", "kind"), [(0.03, "matched"), (0.4, "not reached")])
@@ -445,11 +431,3 @@ def test_remedies_come_back_and_files_without_them_have_none(whole, file):
     assert load_match(file).verdict == judged.verdict
     put(file, remedies=None)
     assert load_match(file).verdict == replace(whole.verdict, remedies=())
-
-
-def test_an_entry_whose_name_is_no_text_is_told_in_words(saved):
-    content = bytearray(saved.read_bytes())
-    content[7] |= 8  # the name of the first entry is UTF-8
-    content[30] = 0xFF  # its first letter
-    saved.write_bytes(content)
-    assert "byte 0, counting from 0, is no text in UTF-8" in match_error(saved)

@@ -1,6 +1,4 @@
-"""Reading mesh files: what is in them comes out in their own order, PLY in all its spellings, and
-polygons as triangles that lie in them.
-"""
+"""Reading mesh files: what is in them comes out in their own order, and polygons as triangles."""
 
 import struct
 
@@ -16,12 +14,6 @@ from abfm.mesh.readers import contents as readers
 from abfm.mesh.readers.contents import split_polygons
 from tests.mesh_writers import STL_WRITERS, WRITERS, exported, off_text, ply_bytes, write
 from tests.shapes import icosphere, open_cylinder, square, tetrahedron, torus
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("meshes")
-
 
 shapes = st.sampled_from([icosphere(1), torus(6, 5), square(3), open_cylinder(5, 2)])
 
@@ -147,9 +139,6 @@ end_header
 
 @pytest.mark.parametrize("name", HAND_MADE)
 def test_what_else_a_file_may_have_leaves_vertices_and_faces_alone(tmp_path, name):
-    """Comments, colours, blank lines, textures, groups, materials, several solids, other elements:
-    the order of the file survives.
-    """
     mesh = load_mesh(write(tmp_path, name, HAND_MADE[name]))
     assert mesh.vertex_ids.tolist() == ([1, 2, 3, 4] if name == "a.obj" else [0, 1, 2, 3])
     assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
@@ -241,9 +230,7 @@ ACCEPTED_PLY = {
     "words after the end": ply_text(b"end_header", b"end_header made by hand"),
     "blanks after the end": binary(b"\n", name=b"end_header  "),
     "a comment that names the end": ply_text(b"1.0\n", b"1.0\ncomment end_header follows\n"),
-    "a comment of the end alone": binary(b"\n").replace(
-        b"element face", b"comment\ncomment end_header\nelement face"
-    ),
+    "a comment of the end": binary(b"\n").replace(b"1.0", b"1.0\ncomment\ncomment end_header"),
     "comments in the body": ply_text(b"0 0 0\n", b"comment a\n0 0 0\n").replace(
         b"0 1 0\n", b"comment 9 9 9\n0 1 0\n"
     )
@@ -252,9 +239,7 @@ ACCEPTED_PLY = {
     "lists elsewhere": ply_text(b"element face", b"property list uchar float w\nelement face")
     .replace(b"0 0 0\n", b"0 0 0 0\n", 1)
     .replace(b"1 0 0\n0 1 0\n", b"1 0 0 2 7 7\n0 1 0 1 5\n"),
-    "another element without columns": ply_text(
-        b"element face 1", b"element nothing 1000000000000\nelement face 1"
-    ),
+    "one without columns": ply_text(b"element f", b"element nothing 1000000000000\nelement f"),
 }
 
 
@@ -273,10 +258,7 @@ REFUSED_PLY = {
     "fractional index": (ply_text(b"3 0 1 2", b"3 0 1 1.5"), "1.5 where a whole number is"),
     "no list": (ply_text(b"list uchar int", b"int"), "no list property"),
     "x is a list": (ply_text(b"float x", b"list uchar float x"), "no property"),
-    "negative length": (
-        ply_text(b"uchar", b"char").replace(b"3 0 1 2", b"-3 0 1 2"),
-        "a list has the length -3",
-    ),
+    "length -3": (ply_text(b"uchar", b"char").replace(b"\n3", b"\n-3"), "a list has the length -3"),
     "too long a list": (ply_text(b"3 0 1 2", b"200 0 1 2"), "cut off: it has fewer rows of face"),
     "a list beyond all bytes": (
         BIG.replace(b"element face", b"property list uint64 char q\nelement face").replace(
@@ -285,10 +267,7 @@ REFUSED_PLY = {
         "cut off: it has fewer rows of vertex",
     ),
     "too many rows": (ply_text(b"face 1", b"face 1000000000000"), "cut off"),
-    "rows of nothing": (
-        b"ply\nformat ascii 1.0\nelement vertex 1000000000000\nend_header\n",
-        "no property",
-    ),
+    "no data": (b"ply\nformat ascii 1.0\nelement vertex %d\nend_header\n" % 10**12, "no property"),
     "negative rows": (ply_text(b"vertex 3", b"vertex -3"), "does not know: element vertex -3"),
     "two corners": (ply_text(b"3 0 1 2", b"2 0 1"), "face 0, counting from 0, has 2 corners"),
     "a large index": (

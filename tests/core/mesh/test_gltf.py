@@ -16,11 +16,6 @@ from tests.mesh_writers import write
 from tests.shapes import icosphere
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("scenes")
-
-
 def random_nodes(random, count):
     """Nodes of a forest that all show mesh 0, placed in all ways; and its roots."""
     parents = [-1, *(int(random.integers(-1, k)) for k in range(1, count))]

@@ -1,6 +1,4 @@
-"""The door by which files come in, and arrays of NumPy and GIFTI: only plain files, only as much as
-they hold, no bombs, and none that does not fit its file.
-"""
+"""The door by which files come in, and arrays of NumPy and GIFTI: plain files, and no bombs."""
 
 import base64
 import errno
@@ -21,13 +19,7 @@ from numpy.testing import assert_array_equal
 
 from abfm.errors import one_line
 from abfm.reading import array_from, gifti_arrays, inflated, open_plain, read_bytes
-from tests.core.reading.hostile import gifti, gifti_bomb, npy, npy_of, one_byte_changed
-
-
-def test_a_file_comes_whole(tmp_path):
-    (tmp_path / "a").write_bytes(b"\r\n\0whole")
-    (tmp_path / "link").symlink_to("a")
-    assert read_bytes(tmp_path / "a") == read_bytes(tmp_path / "link") == b"\r\n\0whole"
+from tests.core.reading.hostile import bomb, gifti, npy, npy_of, one_byte_changed
 
 
 def test_what_is_no_plain_file_is_refused_and_nothing_waits(tmp_path, monkeypatch):
@@ -55,7 +47,10 @@ def test_a_file_that_becomes_a_pipe_before_it_is_opened_is_refused(tmp_path, mon
         read_bytes(tmp_path / "pipe")
 
 
-def test_no_more_is_read_than_there_was_and_than_is_allowed(tmp_path):
+def test_a_file_comes_whole_and_no_more_than_there_was_and_than_is_allowed(tmp_path):
+    (tmp_path / "a").write_bytes(b"\r\n\0whole")
+    (tmp_path / "link").symlink_to("a")
+    assert read_bytes(tmp_path / "a") == read_bytes(tmp_path / "link") == b"\r\n\0whole"
     (tmp_path / "a").write_bytes(bytes(100))
     with pytest.raises(OSError, match="100 bytes, and at most 99") as caught:
         read_bytes(tmp_path / "a", most=99)
@@ -104,14 +99,8 @@ def saved(array, version=1):
     return file.getvalue()
 
 
-kinds = st.one_of(
-    arrays.integer_dtypes(endianness="?"),
-    arrays.unsigned_integer_dtypes(endianness="?"),
-    arrays.floating_dtypes(endianness="?"),
-    arrays.boolean_dtypes(),
-    arrays.complex_number_dtypes(),
-    arrays.unicode_string_dtypes(),
-)
+kinds = arrays.integer_dtypes() | arrays.unsigned_integer_dtypes() | arrays.floating_dtypes()
+kinds |= arrays.boolean_dtypes() | arrays.complex_number_dtypes() | arrays.unicode_string_dtypes()
 
 
 @settings(deadline=None, max_examples=100)
@@ -129,7 +118,6 @@ def test_what_numpy_writes_comes_back(array, version, turned):
 
 
 def test_headers_of_other_writers_are_read():
-    data = np.arange(6.0).tobytes()
     expected = np.arange(6.0).reshape(2, 3)
     for header in (
         "{'shape': (2, 3), 'fortran_order': False, 'descr': '<f8'}",
@@ -137,7 +125,7 @@ def test_headers_of_other_writers_are_read():
         "{'descr': '<f8', 'fortran_order': False, 'shape': (2L, 3L), }",
         "{'descr': 'f8', 'fortran_order': False, 'shape': (2, 3,), }" + " " * 3000,
     ):
-        assert_array_equal(array_from(npy(header, data, version=2)), expected)
+        assert_array_equal(array_from(npy(header, expected.tobytes(), 2)), expected)
 
 
 def described(**changes):
@@ -253,6 +241,7 @@ def test_values_from_a_file_beside_it(tmp_path):
 
 ONE = 'Dimensionality="1" Dim0="{}"'
 LARGE, TOO_MUCH = ONE.format(4000000000), "more than a file of this size may hold"
+BOMB = base64.b64encode(bomb(65 << 20)).decode()
 PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
 
 
@@ -267,7 +256,7 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (gifti("1 2 3", LARGE), TOO_MUCH),
         (gifti(PACKED, LARGE, "GZipBase64Binary"), TOO_MUCH),
         (gifti("", LARGE, "ExternalFileBinary", 'ExternalFileName="a"'), TOO_MUCH),
-        (gifti_bomb(ONE.format(1000)), "hold more than 4000, the most"),
+        (gifti(BOMB, ONE.format(1000), "GZipBase64Binary"), "hold more than 4000, the most"),
         (gzip.compress(bytes(65 << 20), 1), "hold more than 67108864, the most"),
         (gifti(PACKED, ONE.format(10), "GZipBase64Binary"), "has 36 bytes; expected 40"),
         (gifti(PACKED, ONE.format(8), "GZipBase64Binary"), "hold more than 32"),
