@@ -36,22 +36,13 @@ _PATIENCE = 600.0  # seconds without a line
 def main():
     """The program; its exit status."""
     parser = argparse.ArgumentParser(prog="./run attack", description=__doc__)
-    parser.add_argument("--minutes", type=float, default=10, help="how long (default: 10)")
-    parser.add_argument(
-        "--seed", type=int, help="of the first trial of every part (default: another one each time)"
-    )
-    parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, help="at a time (default: one per core)"
-    )
-    parser.add_argument(
-        "--only", choices=SHARES, action="append", help="this part alone; may be repeated"
-    )
-    parser.add_argument(
-        "--repeat", metavar="PART:SEED", help="repeat one trial and say what came of it"
-    )
-    parser.add_argument(
-        "--write", action="store_true", help="add the numbers to the table of docs/promises.md"
-    )
+    add, cores = parser.add_argument, os.cpu_count() or 1
+    add("--minutes", type=float, default=10, help="how long (default: 10)")
+    add("--seed", type=int, help="of each part's first trial (default: another one each time)")
+    add("--workers", type=int, default=cores, help="at a time (default: one per core)")
+    add("--only", choices=SHARES, action="append", help="this part alone; may be repeated")
+    add("--repeat", metavar="PART:SEED", help="repeat one trial and say what came of it")
+    add("--write", action="store_true", help="add the numbers to the table of docs/promises.md")
     asked = parser.parse_args()
     if asked.repeat:
         part, _, seed = asked.repeat.rpartition(":")

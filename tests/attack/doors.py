@@ -23,11 +23,10 @@ class BrokenPromiseError(Exception):
 
 
 _INNER = re.compile(
-    r"\b__\w+__\b|NoneType|object has no attribute|not subscriptable|unhashable|slice indices|No "
-    r"module named|usecols"
-    r"|invalid literal|could not convert|base 10|codec can't|set_int_max"
-    r"|positional argument|\w+\(\) (argument|takes)|has no len|not iterable|unsupported "
-    r"operand|<\w+ object"
+    r"\b__\w+__\b|NoneType|object has no attribute|not subscriptable|unhashable|slice indices"
+    r"|No module named|usecols|invalid literal|could not convert|base 10|codec can't|set_int_max"
+    r"|positional argument|\w+\(\) (argument|takes)|has no len|not iterable"
+    r"|unsupported operand|<\w+ object"
 )
 """Words that only programmers understand, unless they are the user's own."""
 
@@ -108,15 +107,13 @@ def _check_match(match):
         is_right = values.shape == (V, C) and np.isfinite(values).all()
         _hold(is_right, f"a result whose {name} has shape {values.shape}")
     velocity, mask = match.velocity, match.mask
-    is_right = velocity.ndim == 3 and velocity.shape[1:] == (F, 3)
-    _hold(is_right, "a result with a field of a wrong shape")
+    _hold(velocity.shape[1:] == (F, 3), "a result with a field of a wrong shape")
     _hold(np.isfinite(velocity).all(), "a result with a field that is not finite")
     is_positive = (match.weights >= 0).all() and (mask is None or (mask >= 0).all())
     _hold(is_positive, "a result of negative weights")
     _hold(len(match.energy_history) == len(match.stages), "a result with a history of two lengths")
     _hold(0 <= match.mismatch < np.inf, f"a result with the mismatch {match.mismatch}")
-    has_verdict = match.verdict.kind != "" and isinstance(match.stop_reason, str)
-    _hold(has_verdict, "a result without a verdict")
+    _hold(match.verdict.kind and isinstance(match.stop_reason, str), "a result without a verdict")
 
 
 def _project(path):
@@ -150,8 +147,7 @@ def _session():
 
 def _recent(path):
     state = StateFolder(path.parent)
-    are_paths = all(isinstance(known, Path) for known in state.recent())
-    _hold(are_paths, "recent files that are no paths")
+    _hold(all(isinstance(p, Path) for p in state.recent()), "recent files that are no paths")
     was_file = path.is_file() and not path.is_symlink()
     state.add_recent(path)
     _hold(path in state.recent() or not was_file, "a recent file is forgotten")

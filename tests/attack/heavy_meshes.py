@@ -73,9 +73,8 @@ def _grid(side):
     """Vertices (side^2, 3) and faces of a bumpy square."""
     x, y = (axis.ravel() for axis in np.meshgrid(np.arange(side), np.arange(side), indexing="ij"))
     a = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
-    faces = np.concatenate(
-        [np.stack([a, a + side, a + 1], 1), np.stack([a + 1, a + side, a + side + 1], 1)]
-    )
+    lower, upper = (a, a + side, a + 1), (a + 1, a + side, a + side + 1)
+    faces = np.concatenate([np.stack(half, axis=1) for half in (lower, upper)])
     return np.stack([x, y, np.sin(x) + np.cos(y)], axis=1), faces
 
 
@@ -89,9 +88,8 @@ def _grid_as_text(size, header, vertex, face, first):
 
 def _as_stl(size):
     vertices, faces = _grid(int((size / 100) ** 0.5))
-    record = np.zeros(
-        len(faces), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")]
-    )
+    parts = [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")]
+    record = np.zeros(len(faces), parts)
     record["corners"] = vertices[faces]
     return bytes(80) + struct.pack("<I", len(faces)) + record.tobytes()
 
@@ -254,22 +252,6 @@ def _text_ply(size):
     return filled(header, b"0 0 0\n", size // 2) + b"3 0 1 2\n" * (size // 16)
 
 
-_PLY = {
-    **{
-        name: lambda size, header=header, row=row: filled(header(size), row, size)
-        for name, (header, row) in _ROWS.items()
-    },
-    "lists.ply": lambda size: filled(_binary(3, size), b"\0", size * 2)[: size + 200],
-    "rows_of_nothing.ply": lambda size: ply_header("ascii", _HUGE),
-    "no_columns.ply": lambda size: ply_header(BINARY, _HUGE, "element face 1"),
-    "properties.ply": lambda size: ply_header(
-        "ascii", "element vertex 1", *["property char x"] * (size // 17)
-    ),
-    "elements.ply": lambda size: ply_header("ascii", *["element a 0"] * (size // 12)),
-    "text.ply": _text_ply,
-}
-
-
 def _many_nodes(size):
     """A node for every few bytes, and a scene that names the first again and again."""
     text = json.dumps(gltf_header(nodes=["NODES"], scenes=[{"nodes": ["SCENE"]}]))
@@ -290,7 +272,6 @@ def _primitives(size):
 
 
 def _gltf_nodes(count):
-    """So many nodes of the same mesh, all in the scene."""
     return {"nodes": [{"mesh": 0}] * count, "scenes": [{"nodes": list(range(count))}]}
 
 
@@ -330,7 +311,18 @@ HEAVY = {
     "convex.off": lambda size: _polygon(size, "convex"),
     "jagged.off": lambda size: _polygon(size, "jagged"),
     "zeros.stl": lambda size: bytes(80) + struct.pack("<I", size // 50) + bytes(size // 50 * 50),
-    **_PLY,
+    **{
+        name: lambda size, header=header, row=row: filled(header(size), row, size)
+        for name, (header, row) in _ROWS.items()
+    },
+    "lists.ply": lambda size: filled(_binary(3, size), b"\0", size * 2)[: size + 200],
+    "rows_of_nothing.ply": lambda size: ply_header("ascii", _HUGE),
+    "no_columns.ply": lambda size: ply_header(BINARY, _HUGE, "element face 1"),
+    "properties.ply": lambda size: ply_header(
+        "ascii", "element vertex 1", *["property char x"] * (size // 17)
+    ),
+    "elements.ply": lambda size: ply_header("ascii", *["element a 0"] * (size // 12)),
+    "text.ply": _text_ply,
     "brackets.gltf": lambda size: b"[" * size,
     "nodes.glb": _many_nodes,
     "list_of_nodes.glb": lambda size: glb(gltf_header(**_gltf_nodes(size // 22))),
@@ -345,6 +337,4 @@ HEAVY = {
     "ascii.gii": _ascii_gifti,
     "deflated.gii": _deflated_gifti,
 }
-"""Name of the file: its contents of about so many bytes, which make a reader work as much as
-they can.
-"""
+"""Name of the file: its contents of about so many bytes, which make a reader work hard."""

@@ -46,8 +46,7 @@ _MOST_MEMORY = 6 << 30  # bytes of address space
 # seconds, and what there may be at the end over what there was after them
 _EARLY, _MOST_GROWTH = 300.0, 1.1
 _BUG = re.compile(
-    r"\b(?:Type|Key|Index|Attribute|Value|Runtime|Assertion|Name|Lookup"
-    r"|Arithmetic|Recursion)Error: "
+    r"\b(Type|Key|Index|Attribute|Value|Runtime|Assertion|Name|Lookup|Arithmetic|Recursion)Error: "
 )
 _ENDS = ("Go back", "Cancel", "Close", "OK", "Later", "No", "Don't replace")
 
@@ -91,15 +90,11 @@ class Monkey:
         self._settle()
         self._save_all()
         faults = "; ".join(self._faults)
-        return Trial(
-            "monkey/apart" if self._apart else "monkey",
-            seed,
-            "fault" if faults else "ok",
-            faults and f"{faults} | {', '.join(done)}",
-            round(time.process_time() - began, 3),
-            threads=threading.active_count(),
-            resident=counts()["megabytes"],
-        )
+        kind = "monkey/apart" if self._apart else "monkey"
+        detail = faults and f"{faults} | {', '.join(done)}"
+        seconds, now = round(time.process_time() - began, 3), counts()
+        kept = {"threads": now["threads"], "resident": now["megabytes"]}
+        return Trial(kind, seed, "fault" if faults else "ok", detail, seconds, **kept)
 
     def _fault(self, what):
         text = " ".join(what.split())
@@ -130,12 +125,8 @@ class Monkey:
 
     def usable(self, *kinds, label=""):
         """Widgets of these kinds that were drawn last and are not grey, or those of a label."""
-        return [
-            w
-            for w in self.gui.window.ui.widgets
-            if w.enabled and w.kind in kinds and w.label not in LEFT_ALONE
-            if not label or w.label == label
-        ]
+        ready = [w for w in self.gui.window.ui.widgets if w.enabled and w.kind in kinds]
+        return [w for w in ready if w.label not in LEFT_ALONE and label in ("", w.label)]
 
     def widget(self, chance, *kinds, label=""):
         self.gui.frames(1)
@@ -252,10 +243,8 @@ class Monkey:
 
 def differences(one, other):
     """What two documents differ in, apart from what is no step of undo."""
-    one, other = (
-        replace(each, view=replace(each.view, look=None, large=""), time=0.0)
-        for each in (one, other)
-    )
+    steady = [replace(d.view, look=None, large="") for d in (one, other)]
+    one, other = (replace(d, view=v, time=0.0) for d, v in zip((one, other), steady, strict=True))
     names = [each.name for each in fields(Document)]
     return [name for name in names if getattr(one, name) != getattr(other, name)]
 

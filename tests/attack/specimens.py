@@ -153,20 +153,16 @@ def _projects():
     plain = Document((Surface(MESH, "a ball"),), (Channel("gaussian:vertex=7", "coordinate:y"),))
     front = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
     stages, coarse = np.array([0, 1]), (np.array([12, 42]), np.array([0.5, 0.0]))
+    first = Channel("file:x.npy + gaussian:vertex=7", "coordinate:y")
+    run = Run(result.energy_history, result.stages, (2,), 0.25, "alpha 1")
     rich = Document(
         (Surface(MESH, "a ball", front),),
-        channels=(
-            Channel("file:x.npy + gaussian:vertex=7", "coordinate:y"),
-            Channel("eigenfunction:2", "wks:energy=0.5", 0.5),
-        ),
+        channels=(first, Channel("eigenfunction:2", "wks:energy=0.5", 0.5)),
         channel=1,
         parameters=result.parameters,
         mask="indicator:axis=x,above=0.0",
         result=result,
-        runs=(
-            Run(result.energy_history, result.stages, (2,), 0.25, "alpha 1"),
-            Run(np.ones((2, 3)), stages, (), 0.5, "two meshes", *coarse),
-        ),
+        runs=(run, Run(np.ones((2, 3)), stages, (), 0.5, "two meshes", *coarse)),
         time=0.25,
         lines=(Point(3, (0.25, 0.25, 0.5)),),
         points=(Point(0, (1.0, 0.0, 0.0)),),

@@ -86,9 +86,7 @@ def asked_for(about, **options):
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--seed", type=int, default=0, help="of the first trial")
     parser.add_argument("--count", type=int, default=1, help="of trials, each with the next seed")
-    parser.add_argument(
-        "--seconds", type=float, default=float("inf"), help="after which no trial begins"
-    )
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="no trial begins later")
     for name, settings in options.items():
         parser.add_argument(f"--{name}", **settings)
     return parser.parse_args()
@@ -106,10 +104,7 @@ def run(attempt, about):
 
 def _row(tally):
     counts = [f"{count:,}" for count in (tally.trials, tally.ok, tally.refused, tally.fault_count)]
-    measured = [
-        f"{number:.2g}" if 0 < number < 10 else f"{number:.0f}"
-        for number in (tally.seconds, tally.megabytes)
-    ]
+    measured = [f"{n:.2g}" if 0 < n < 10 else f"{n:.0f}" for n in (tally.seconds, tally.megabytes)]
     return [tally.part.replace("_", " "), *counts, *("" if n == "0" else n for n in measured)]
 
 
@@ -117,10 +112,7 @@ def text_table(tallies):
     """Lines for the terminal, the faults below."""
     rows = [_HEADS, *map(_row, tallies.values())]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [
-        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-        for row in rows
-    ]
+    lines = ["  ".join(map(str.rjust, row, widths)) for row in rows]
     for tally in tallies.values():
         lines += [f"{command}\n    {detail}" for command, detail in tally.faults]
         if tally.fault_count > len(tally.faults):
@@ -140,10 +132,7 @@ def write(tallies):
             setattr(total, worst, max(getattr(total, worst), getattr(tally, worst)))
         found = [(command, detail.replace(f"{ROOT}/", "")) for command, detail in tally.faults]
         total.faults = list(dict.fromkeys([*map(tuple, total.faults), *found]))
-    plain = {
-        part: {name: value for name, value in vars(total).items() if name != "part"}
-        for part, total in totals.items()
-    }
+    plain = {part: {k: v for k, v in vars(t).items() if k != "part"} for part, t in totals.items()}
     TOTALS.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)

@@ -26,11 +26,8 @@ from tests.attack.doors import BrokenPromiseError, enter
 from tests.attack.trial import Trial, run
 from tests.processes import ROOT
 
-SECONDS, MEGABYTES = 10, 1000
-"""The most CPU time that a file may take, and the most memory by which the process may grow, for
-files up to:
-"""
-LARGEST = 10 << 20
+# the most CPU time that a file may take, and memory by which the process may grow, up to a size
+SECONDS, MEGABYTES, LARGEST = 10, 1000, 10 << 20
 _ADDRESS_SPACE = 3 << 30
 _PATIENCE = 120.0  # seconds by the clock, for what waits without computing
 

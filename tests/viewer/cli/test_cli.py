@@ -5,6 +5,7 @@ import re
 import shutil
 from dataclasses import asdict, fields, replace
 from functools import partial
+from unittest.mock import Mock
 
 import av
 import numpy as np
@@ -55,12 +56,6 @@ def pixels(path):
     return np.asarray(Image.open(path)).astype(int)
 
 
-def test_without_words_it_shows_all_commands(abfm):
-    out = abfm("").out
-    for command in ("match", "demo", "figure", "map", "render", "info", "bench"):
-        assert f"\n    {command} " in out
-
-
 @pytest.mark.parametrize("words", ["--help", "match --help", "--version"])
 def test_help_and_version_end_well_and_help_names_every_parameter(words, capsys):
     with pytest.raises(SystemExit) as ended:
@@ -77,7 +72,10 @@ def test_help_and_version_end_well_and_help_names_every_parameter(words, capsys)
         assert f"{said} was not reached" in " ".join(out.split())
 
 
-def test_what_argparse_gives_the_parsers_of_commands_reaches_them():
+def test_without_words_all_commands_are_shown_and_argparse_reaches_their_parsers(abfm):
+    out = abfm("").out
+    for command in ("match", "demo", "figure", "map", "render", "info", "bench"):
+        assert f"\n    {command} " in out
     commands = Parser(prog="abfm", description="").add_subparsers()
     # Python 3.14: color
     assert commands.add_parser("match", description="", epilog="the end").epilog == "the end"
@@ -220,10 +218,10 @@ def test_channels_and_weights_reach_the_solver_and_what_is_not_known_is_null(res
     assert match.source.shape == (315, 2)
     assert match.weights == pytest.approx([1, 0.01])
     assert match.target[:, 1] == pytest.approx(match.mesh.vertices[:, 1])
-    match = replace(load_match(result), verified_mismatch=float("nan"), folded=float("nan"))
-    described = Outcome(match, 1.0, [], False).to_dict()
-    assert described["verified_mismatch"] is described["folded"] is None
-    assert "flow lines" not in Outcome(match, 1.0, [], False).summary().splitlines()[0]
+    match = replace(match, verified_mismatch=float("nan"), folded=float("nan"))
+    outcome = Outcome(match, 1.0, [], False)
+    assert outcome.to_dict()["verified_mismatch"] is outcome.to_dict()["folded"] is None
+    assert "flow lines" not in outcome.summary().splitlines()[0]
 
 
 @pytest.mark.parametrize("as_file", [False, True])
@@ -288,9 +286,7 @@ def test_info_tells_the_facts_of_a_mesh_and_its_symmetries(abfm):
 def test_names_that_cannot_be_printed_stay_on_their_lines(tmp_path, capsys):
     folder = tmp_path / "a\nb\x1b[31m"
     folder.mkdir()
-    mesh, result, table, picture = (
-        str(folder / f"c\n.{suffix}") for suffix in ("off", "npz", "txt", "png")
-    )
+    mesh, result, table, picture = (str(folder / f"c\n.{s}") for s in ("off", "npz", "txt", "png"))
     shutil.copy(EIGHT, mesh)
     match = ["match", mesh, *argv(f"{PAIR} {SHORT}"), "--out", result]
     render = ["render", result, "--out", picture, "--size", "320x240"]
@@ -306,7 +302,7 @@ def test_names_that_cannot_be_printed_stay_on_their_lines(tmp_path, capsys):
         assert told.format(tmp_path) in "".join(lines)
 
 
-def test_render_draws_what_was_asked_for_of_results_and_projects(result, tmp_path, abfm, project):
+def test_render_draws_and_tells_what_was_asked_for(result, tmp_path, abfm, project):
     words = f"render {result} --out {tmp_path}/a.png --size 800x400 --time 0.5 --channel"
     assert f"{tmp_path}/a.png" in abfm(f"{words} 1 --up z").out
     assert pixels(tmp_path / "a.png").shape[:2] == (400, 800)
@@ -324,6 +320,10 @@ def test_render_draws_what_was_asked_for_of_results_and_projects(result, tmp_pat
         for path, picture in zip((result, project), pictures, strict=True):
             abfm(f"render {path} --style {style} --size 640x400 --out {picture}")
         assert (pixels(pictures[0]) == pixels(pictures[1])).all()
+    words = "--size 320x240 --seconds 0.3 --fps 10 --progress"
+    *frames, last = abfm(f"render {result} --out {tmp_path}/a.mp4 {words}").out.splitlines()
+    assert list(map(json.loads, frames)) == [{"frame": n, "count": 3} for n in (1, 2, 3)]
+    assert last.startswith("wrote ")
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".gif"])
@@ -357,13 +357,6 @@ def test_render_draws_streaks_that_move_in_a_loop_or_fade(result, tmp_path, abfm
         abfm(f"render {result} {style} {words}")
     plain, full, faded = (pixels(tmp_path / f"{number}.png") for number in range(3))
     assert 0.1 < np.abs(faded - plain).mean() < np.abs(full - plain).mean()
-
-
-def test_render_tells_machines_of_every_frame(result, tmp_path, abfm):
-    words = "--size 320x240 --seconds 0.3 --fps 10 --progress"
-    *frames, last = abfm(f"render {result} --out {tmp_path}/a.mp4 {words}").out.splitlines()
-    assert list(map(json.loads, frames)) == [{"frame": n, "count": 3} for n in (1, 2, 3)]
-    assert last.startswith("wrote ")
 
 
 @pytest.mark.parametrize(
@@ -412,10 +405,7 @@ def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, a
     assert pixels(out / "demo.png").shape[1] == DEFAULT_WIDTH
     with av.open(str(out / "demo.mp4")) as movie:
         assert len(list(movie.decode(video=0))) == 50
-
-    def no_picture(match):
-        raise DrawingError("no time for it")
-
+    no_picture = Mock(side_effect=DrawingError("no time for it"))
     monkeypatch.setattr("abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1))
     monkeypatch.setattr("abfm_viewer.pictures.match_picture", no_picture)
     told = abfm(f"demo --out {tmp_path} --quiet", status=1).err

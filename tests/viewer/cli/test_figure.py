@@ -5,6 +5,7 @@ import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from unittest.mock import Mock
 
 import pytest
 import trimesh
@@ -56,7 +57,7 @@ def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, abfm):
     assert said.err.startswith("figure 7: ")
 
 
-def test_what_the_sheet_says_stands_in_every_output(known, tmp_path, abfm, monkeypatch):
+def test_outputs_say_what_the_sheet_does_also_without_opengl(known, tmp_path, abfm, monkeypatch):
     said = abfm(f"figure all --out {tmp_path} --quiet --json")
     [described] = json.loads(said.out)["figures"]
     assert described == json.loads((tmp_path / "figure-7.json").read_text())
@@ -69,9 +70,14 @@ def test_what_the_sheet_says_stands_in_every_output(known, tmp_path, abfm, monke
     assert "no map" in json.loads((tmp_path / "figure-7.json").read_text())["notes"]
     assert "no map" in (tmp_path / "index.html").read_text()
     assert "note: figure 7: no map\n" in said.err
+    refuse = Mock(side_effect=DrawingError("cannot draw without OpenGL"))
+    monkeypatch.setattr(pictures, "figure_picture", refuse)
+    bare = tmp_path / "bare"
+    assert "cannot draw without OpenGL" in abfm(f"figure 7 --out {bare} --quiet").err
+    assert [path.name for path in bare.iterdir()] == ["figure-7.json"]
 
 
-def test_another_mesh_is_named_and_stands_upright(small, tmp_path, abfm):
+def test_another_mesh_stands_upright_or_is_refused_with_the_reason(small, tmp_path, abfm):
     mesh = tmp_path / "long.off"
     trimesh.creation.capsule(height=3, radius=0.5, count=(12, 12)).export(mesh)
     sizes = []
@@ -81,24 +87,12 @@ def test_another_mesh_is_named_and_stands_upright(small, tmp_path, abfm):
             sizes.append(image.size)
     assert sizes[1][1] > 1.1 * sizes[0][1]  # upright panels are narrow, so that they may be high
     assert "long.off" in json.loads((tmp_path / "figure-7.json").read_text())["setting"]
-
-
-def test_what_a_mesh_does_not_allow_is_refused_or_told_on_the_page(small, tmp_path, abfm):
     mesh = tmp_path / "box.off"
     trimesh.creation.box().export(mesh)
     words = f"--mesh {mesh} --out {tmp_path} --quiet"
     assert abfm(f"figure 7 {words}", status=2).err == "abfm: too few vertices\n"
     abfm(f"figure all {words}")
     assert "Not on this mesh: too few vertices" in (tmp_path / "index.html").read_text()
-
-
-def test_without_opengl_the_numbers_are_there(known, tmp_path, monkeypatch, abfm):
-    def refuse(sheet, notes):
-        raise DrawingError("cannot draw without OpenGL")
-
-    monkeypatch.setattr(pictures, "figure_picture", refuse)
-    assert "cannot draw without OpenGL" in abfm(f"figure 7 --out {tmp_path} --quiet").err
-    assert [path.name for path in tmp_path.iterdir()] == ["figure-7.json"]
 
 
 @pytest.mark.parametrize(
@@ -117,9 +111,6 @@ def test_bad_words_are_refused_in_one_line(words, expected, abfm, tmp_path, monk
     assert expected in abfm(f"figure {words}", status=2).err
 
 
-_VOID = {"meta", "img"}
-
-
 class Balanced(HTMLParser):
     """Checks that every tag is closed, and collects text and links."""
 
@@ -130,7 +121,7 @@ class Balanced(HTMLParser):
         assert self.open == []
 
     def handle_starttag(self, tag, attributes):
-        if tag not in _VOID:
+        if tag not in ("meta", "img"):
             self.open.append(tag)
         named = dict(attributes)
         self.ids.append(named.get("id"))

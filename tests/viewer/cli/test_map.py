@@ -30,28 +30,23 @@ def turned(tmp_path_factory):
     return saved(tmp_path_factory.mktemp("map") / "turned.npz", mesh, velocity, "expression:-x")
 
 
-def test_the_map_is_half_a_turn_and_works_in_functions(turned, tmp_path, abfm):
+def test_the_map_is_half_a_turn_works_in_functions_and_its_errors_are_told(turned, tmp_path, abfm):
     for name in ("map.txt", "map.npy", "map.csv"):
         said = abfm(f"map {turned} --out {tmp_path / name}")
         assert said.out.startswith("off the surface: largest 0.0")
         assert said.out.endswith(f"0.0 % of the faces\nwrote {tmp_path / name}\n")
         assert said.err == ""
-    mesh = load_match(turned).mesh
-    found = np.load(tmp_path / "map.npy")
-    assert np.abs(mesh.vertices[found] - mesh.vertices * [-1, -1, 1]).max() < 0.1
+    mesh, found = load_match(turned).mesh, np.load(tmp_path / "map.npy")
+    places = mesh.vertices * [-1, -1, 1]
+    assert np.abs(mesh.vertices[found] - places).max() < 0.1
     values = function(mesh, f"permuted:{tmp_path / 'map.txt'}(coordinate:x)")
     np.testing.assert_array_equal(values, mesh.vertices[found, 0])
-
-
-def test_errors_against_a_known_map_are_told(turned, tmp_path, abfm):
-    vertices = load_match(turned).mesh.vertices
-    places = vertices * [-1, -1, 1]
-    half_turn = [np.argmin(np.linalg.norm(vertices - place, axis=1)) for place in places]
+    half_turn = [np.argmin(np.linalg.norm(mesh.vertices - p, axis=1)) for p in places]
     np.savetxt(tmp_path / "truth.txt", half_turn, fmt="%d")
     told = abfm(f"map {turned} --truth {tmp_path}/truth.txt --json").out
     right = json.loads(told)["accuracy"]
     assert right["mean"] < 0.03
-    assert right["vertices"] == len(vertices)
+    assert right["vertices"] == len(mesh.vertices)
     assert "\ngeodesic error: mean 0." in abfm(f"map {turned} --truth identity").out
     told = abfm(f"map {turned} --truth identity --time 0 --json").out
     assert json.loads(told)["accuracy"]["maximum"] < 1e-6
@@ -81,10 +76,9 @@ def test_json_has_the_quality_of_the_map_that_is_asked_for(wild, turned, tmp_pat
         said = abfm(f"map {path} --time {time} --out {tmp_path}/map.txt --json")
         told = json.loads(said.out)["quality"]
         quality = map_quality(load_match(path).point_map(time))
-        assert told["off_surface"] == quality.largest_distance
-        assert told["off_surface_rms"] == quality.rms_distance
-        assert told["folded"] == quality.folded
-        assert told["warning"] == quality.warning
+        distances = (told["off_surface"], told["off_surface_rms"])
+        assert distances == (quality.largest_distance, quality.rms_distance)
+        assert (told["folded"], told["warning"]) == (quality.folded, quality.warning)
         assert said.err == (f"warning: {quality.warning}\n" if quality.warning else "")
         assert (quality.warning is None) == (path is turned or time == 0)
 

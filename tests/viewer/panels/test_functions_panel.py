@@ -30,7 +30,7 @@ def active(session):
     return session.document.side, session.document.bump
 
 
-def test_the_chosen_gaussian_moves_and_stays_chosen(session):
+def test_the_chosen_gaussian_moves_and_stays_chosen_and_another_side_begins_with_its_first(session):
     session.editor.select(side="source", bump=2)
     active_gaussian.move(session, "source", 9, "drag")
     assert vertices(session, "source") == [1, 2, 9]
@@ -42,9 +42,6 @@ def test_the_chosen_gaussian_moves_and_stays_chosen(session):
     session.undo()
     assert vertices(session, "target") == [4, 5]
     assert active(session) == ("source", 2)
-
-
-def test_another_side_begins_with_its_first_gaussian(session):
     active_gaussian.move(session, "target", 4, "drag")  # where it is there already
     assert session.document.side == "target"
     session.editor.select(side="source", bump=2)
@@ -54,7 +51,7 @@ def test_another_side_begins_with_its_first_gaussian(session):
     assert session.document.bump == 1
 
 
-def test_the_wheel_widens_within_limits(session):
+def test_the_wheel_widens_within_limits_and_what_cannot_be_moved_says_what_to_do(session):
     session.editor.select(side="source", bump=1)
     for turns, width in (
         (1, pytest.approx(0.112, abs=5e-4)),
@@ -66,9 +63,6 @@ def test_the_wheel_widens_within_limits(session):
         assert widths == [0.1, width, 0.1]
     session.undo()
     assert session.active.source == TWO
-
-
-def test_what_cannot_be_moved_says_what_to_do(session):
     assert active_gaussian.why_fixed(session, "source") == ""
     session.editor.set_spec("source", "coordinate:x")
     assert "choose the family gaussian" in active_gaussian.why_fixed(session, "source")
@@ -226,7 +220,7 @@ def front(gui):
     return int(np.argmax(EGG.vertices @ np.array(gui.session.surface().front.direction)))
 
 
-def test_a_drag_is_one_step_and_turns_the_camera_only_without_shift(gui):
+def test_a_drag_is_one_step_and_without_a_gaussian_or_shift_does_what_it_should(gui):
     session, scene, vertex = gui.session, gui.window.scene, front(gui)
     before, look, moved = session.channels, scene.look, session.editor.moves
     path = [vertex, *neighbours(vertex)[:2]]
@@ -241,6 +235,19 @@ def test_a_drag_is_one_step_and_turns_the_camera_only_without_shift(gui):
     gui.drag_on_surface(path, surface="target", modifiers=())
     assert session.channels == before
     assert np.linalg.norm(np.subtract(scene.look.front.direction, look.front.direction)) > 1e-3
+    gui.click("Open mesh...", within="Functions")
+    gui.pick(vertex, surface="target")  # a dialog keeps the mouse from it
+    assert session.channels == before
+    gui.key("escape")
+    gui.choose("family", "coordinate", within="target")
+    before = session.channels
+    for surface, told in (
+        ("target", "choose the family gaussian"),
+        ("advected", "Shift-click on the source or the target"),
+    ):
+        gui.pick(vertex, surface=surface)
+        assert told in session.notices.latest.text
+    assert session.channels == before
 
 
 def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
@@ -261,23 +268,6 @@ def test_two_bursts_of_the_wheel_are_two_steps(gui, monkeypatch):
     assert width() == pytest.approx(1.25 * before, rel=0.01)
     gui.session.undo()
     assert width() == before
-
-
-def test_where_there_is_no_gaussian_the_status_line_says_what_to_do(gui):
-    session, vertex, given = gui.session, front(gui), gui.session.channels
-    gui.click("Open mesh...", within="Functions")
-    gui.pick(vertex, surface="target")  # a dialog keeps the mouse from it
-    assert session.channels == given
-    gui.key("escape")
-    gui.choose("family", "coordinate", within="target")
-    before = session.channels
-    for surface, told in (
-        ("target", "choose the family gaussian"),
-        ("advected", "Shift-click on the source or the target"),
-    ):
-        gui.pick(vertex, surface=surface)
-        assert told in session.notices.latest.text
-    assert session.channels == before
 
 
 def test_a_click_places_a_point_and_a_drag_does_not(gui):

@@ -200,7 +200,8 @@ def test_no_widget_or_text_covers_another(layouts):
             assert one["area"] != other["area"] or over <= _ROUNDING, what
 
 
-def test_remedies_are_in_view(layouts):
+def test_remedies_and_advice_that_no_button_carries_out_are_in_view(layouts):
+    """Advice with its cause, at an ordinary scale; else as much as has room."""
     for layout in layouts:
         remedies = [widget for widget in layout["widgets"] if widget["section"] == "verdict"]
         are_there = layout["state"] in ("matched", "exported", "asked")
@@ -208,10 +209,6 @@ def test_remedies_are_in_view(layouts):
         for widget in remedies:
             below = widget["rect"][3] - widget["area"][3]
             assert below <= _ROUNDING, f"{widget['label']!r}: {where(layout)}"
-
-
-def test_advice_that_no_button_carries_out_is_in_view_as_a_whole(layouts):
-    """With its cause, at an ordinary scale; else as much as has room."""
     whole = "To try: smooth the function that has more of them, or expect a match in part."
     for layout in (layout for layout in layouts if layout["state"] == "advised"):
         (advice,) = [note for note in layout["notes"] if note["text"].startswith("To try: ")]
