@@ -17,7 +17,7 @@ from abfm.calculus.vector_fields import (
     to_frame,
 )
 from abfm.errors import AdvectionError, ParameterError
-from tests.core import torus_calculus as exact
+from tests.core.calculus import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.surfaces import SURFACES, last_order, relative_error
 from tests.core.verification import near

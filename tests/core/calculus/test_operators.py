@@ -10,7 +10,7 @@ from scipy.sparse.linalg import eigsh
 from abfm.calculus import operators as op
 from abfm.calculus.vector_fields import directional_derivative, to_ambient, to_frame
 from tests.core import surfaces
-from tests.core import torus_calculus as exact
+from tests.core.calculus import torus_calculus as exact
 from tests.core.fields import tangent
 from tests.core.verification import near
 from tests.shapes import icosphere, open_cylinder, square, torus

@@ -11,7 +11,7 @@ from abfm.calculus import vector_fields as vf
 from abfm.errors import ParameterError
 from abfm.mesh import TriangleMesh
 from tests.core import surfaces
-from tests.core import torus_calculus as exact
+from tests.core.calculus import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.verification import near
 from tests.shapes import disc, ellipsoid, icosphere, torus

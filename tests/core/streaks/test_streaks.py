@@ -16,7 +16,7 @@ from abfm.mesh.shapes import sphere
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm.streaks.texture_atlas import texture_atlas
 from tests.core.fields import rotation_field, tangent, wavy_field
-from tests.core.texel_weights import filtered, texel_weights
+from tests.core.streaks.texel_weights import filtered, texel_weights
 from tests.core.verification import near
 from tests.shapes import disc, ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
 

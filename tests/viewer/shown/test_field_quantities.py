@@ -12,7 +12,7 @@ from abfm_viewer.shown.shown import carried_gradient
 from abfm_viewer.shown.shown_flow import FlowState
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
-from tests.core.texel_weights import texel_weights
+from tests.core.streaks.texel_weights import texel_weights
 from tests.shapes import icosphere
 from tests.viewer.sessions import SPHERE, matched, until
 
