@@ -80,6 +80,19 @@ def test_fields_without_divergence_keep_integral_and_norm(name):
     assert areas @ advected**2 == pytest.approx(areas @ f**2, rel=1e-12)
 
 
+def test_rotation_of_the_sphere_turns_linear_functions():
+    """``D_v z = (e_x cross p)_z = y`` for the rotation about x."""
+    errors = []
+    for mesh in map(icosphere, (2, 3, 4)):
+        derivative = vf.directional_derivative(
+            mesh, vf.to_frame(mesh, rotation_field(mesh, [1, 0, 0]))
+        )
+        turned = derivative @ mesh.vertices[:, 2]
+        errors.append(surfaces.relative_error(mesh, turned, mesh.vertices[:, 1]))
+    assert errors[-1] < 4e-3
+    assert surfaces.last_order(errors) > 1.5
+
+
 def test_product_rule_has_order_two():
     errors = []
     for mesh in exact.refined(4):

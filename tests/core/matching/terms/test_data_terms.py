@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 import abfm
 from abfm.calculus.operators import face_areas, l2_norm, vertex_areas
@@ -13,9 +14,10 @@ from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.terms.data_term import DataTerms
 from abfm.matching.terms.functions import FunctionTerm, SmoothedNorm
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from tests.core.fields import bump, rotation_field, wavy_field
-from tests.core.surfaces import SURFACES, random_function
+from tests.core.surfaces import SURFACES, moved, random_function
 from tests.core.verification import observed_orders, taylor_order
 from tests.shapes import icosphere
 
@@ -223,6 +225,19 @@ def test_where_the_mask_is_zero_nothing_counts():
     far = metric(mesh, 0.5, vertex_areas(mesh) * seen)
     assert not far(np.where(seen, 0.0, 7.0)).any()
     assert not far(random_function(mesh, 5))[~seen].any()
+
+
+@pytest.mark.parametrize("scale", [1e-6, 64.0, 1e9])
+def test_energy_and_gradient_do_not_depend_on_units_place_and_rotation(scale):
+    mesh = icosphere(2)
+    f, g = bump(mesh, [0, 0, 1], 0.15), bump(mesh, [0, 1, 0], 0.15)
+    rotation = Rotation.from_rotvec([0.3, 1.0, -0.4]).as_matrix()
+    elsewhere = TriangleMesh(scale * moved(mesh, rotation).vertices, mesh.faces)
+    here, there = (MatchingEnergy(each, f, g) for each in (mesh, elsewhere))
+    x = 0.3 * np.random.default_rng(0).normal(size=here.shape)
+    one, other = here.objective(0.1, 0.7).evaluate(x), there.objective(0.1, 0.7).evaluate(x)
+    assert other.energy == pytest.approx(one.energy, rel=1e-9)
+    assert_allclose(other.gradient, one.gradient, rtol=0, atol=1e-7 * np.abs(one.gradient).max())
 
 
 def test_at_the_start_the_energy_is_that_of_l2():
