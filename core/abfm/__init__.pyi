@@ -23,6 +23,7 @@ from .matching.match import Match as Match
 from .matching.match import load_match as load_match
 from .matching.match import match as match
 from .matching.objective.matching_energy import MatchingEnergy as MatchingEnergy
+from .matching.path import PathStep as PathStep
 from .matching.problem import Problem as Problem
 from .matching.problem import load_problem as load_problem
 from .matching.solve_many import Monitor as Monitor

@@ -33,6 +33,7 @@ _MOST_TOLD, _LONGEST_TEXT = 400, 10_000  # characters
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read in bounded steps
 _KINDS: dict[str, tuple[str, Any]] = {
     "real": ("fiu", np.float64),
+    "single": ("fiu", np.float32),
     "integer": ("iu", np.int64),
     "boolean": ("b", np.bool_),
     "text": ("U", np.str_),
@@ -51,6 +52,7 @@ class Entry(NamedTuple):
     may_be_empty: bool = False
     low: float = -math.inf
     high: float = math.inf
+    may_be_unknown: bool = False  # NaN
 
     def check(self, name: str, array: NDArray[Any], sizes: dict[str, int]) -> NDArray[Any]:
         """Return an array in its own type; ``sizes`` holds what was fixed before, and learns."""
@@ -77,9 +79,11 @@ class Entry(NamedTuple):
                 limit = f"more than {_LONGEST_TEXT} characters, or some that cannot be shown"
                 raise ValueError(f"{name} has {limit}")
             return
-        if self.kind == "real" and not np.isfinite(array).all():
+        if self.may_be_unknown:
+            array = array[~np.isnan(array)]
+        if self.kind in ("real", "single") and not np.isfinite(array).all():
             raise ValueError(f"{name} has values that are not finite")
-        for value in (array.min(), array.max()):
+        for value in (array.min(), array.max()) if array.size else ():
             if not self.low <= value <= self.high:
                 bounds = f"{self.low:g} to {self.high:g}"
                 raise ValueError(f"{name} has the value {value:g}; expected {bounds}")
@@ -115,6 +119,11 @@ _MATCH = {
     "folded": Entry("real", (), required=False, low=0, high=1),
     "verdict": Entry("text", (3,), required=False),
     "remedies": Entry("text", (), required=False),
+    # sigma, alpha, reach, mismatch, by flow lines, folded, log2 J, log2 R, times refined
+    "path_steps": Entry("real", ("S", 9), required=False, low=0, may_be_unknown=True),
+    "path_step": Entry("integer", (), required=False, low=0),  # which of them the match is
+    # the others' fields side by side, in lengths of the mesh: squares of more overflow
+    "path_velocity": Entry("single", ("N", "P", 3), required=False, low=-1e30, high=1e30),
 }
 MATCH_ENTRIES = _FUNCTIONS | _MATCH | _DATA
 

@@ -8,6 +8,8 @@ from .match import load_match as load_match
 from .match import match as match
 from .match import match_arrays as match_arrays
 from .match import match_of as match_of
+from .path import PathStep as PathStep
+from .path import path_table as path_table
 from .problem import Problem as Problem
 from .problem import load_problem as load_problem
 from .solvability import peaks as peaks

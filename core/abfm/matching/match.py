@@ -6,7 +6,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, get_args, overload
 
@@ -20,9 +20,11 @@ from abfm.io import results
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.matching.judging import verdict as verdicts
+from abfm.matching.judging.measures import measured
 from abfm.matching.judging.verdict import Remedy, Verdict
-from abfm.matching.judging.verification import Verification, estimate, verify
+from abfm.matching.judging.verification import Verification, verify
 from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.path import PathStep, path_arrays, path_of
 from abfm.matching.problem import Problem, problem_of
 from abfm.matching.solving.record import Iteration, StopReason
 from abfm.matching.solving.solve import Solver
@@ -64,6 +66,10 @@ class Match:
         Why it stopped.
     verdict : Verdict
         What the match came to, why, and what to try.
+    path : tuple of PathStep
+        The fields that it found on its way, from smooth to close; unless given, this field alone.
+    step : int
+        Which of them the match is.
     """
 
     problem: Problem
@@ -76,6 +82,16 @@ class Match:
     folded: float
     stop_reason: StopReason
     verdict: Verdict
+    path: tuple[PathStep, ...] = field(default=(), repr=False)
+    step: int = 0
+
+    def __post_init__(self) -> None:
+        # a copy with another field is on no path
+        if not self.path or self.path[self.step].velocity is not self.velocity:
+            p = self.parameters
+            known = self.velocity, self.mismatch, self.verified_mismatch, self.folded
+            alone = PathStep(p.sigma, p.alpha, p.reach, *known)
+            self.__dict__.update(path=(alone,), step=0)
 
     @property
     def mesh(self) -> TriangleMesh:
@@ -145,6 +161,34 @@ class Match:
             If ``h`` does not fit the mesh, or the flow overflows or is too long.
         """
         return self.flow.push(h, t)
+
+    def at_step(self, step: int) -> Match:
+        """Return what the match is at another step of its path: its field, judged by itself.
+
+        IndexError if there is none of that number.
+        """
+        if step == self.step:
+            return self
+        found, functions = self.path[step], self.problem.functions
+        p = self.parameters
+        carried = Flow(self.mesh, found.velocity, p.tau, p.method).push(self.source)
+        outcome = verdicts.Outcome(
+            np.ascontiguousarray(carried.T),
+            found.mismatch,
+            self.stop_reason,
+            found.verified_mismatch,
+            found.folded,
+        )
+        return replace(
+            self,
+            velocity=found.velocity,
+            advected=carried,
+            mismatch=found.mismatch,
+            verified_mismatch=found.verified_mismatch,
+            folded=found.folded,
+            verdict=verdicts.advice(functions, outcome, p),
+            step=step % len(self.path),
+        )
 
     def start_for(self, parameters: Parameters) -> FloatArray:
         """The fields (N, F, 3) as a start with other parameters: by another tau as far."""
@@ -248,22 +292,26 @@ def match(
     advected = carried[: len(energy.functions.source)]
     mismatch = energy.relative_mismatch(carried)
     may_end = reason is not StopReason.CANCELLED or control.brief
-    velocity, verified, folded = to_ambient(energy.mesh, fields), np.nan, np.nan
+    velocity, said = to_ambient(energy.mesh, fields), dict[str, float]()
     with controlled(control, lambda: may_end):  # else it is checked though it was cancelled
         try:
             checkpoint()
             with step("checking by flow lines", len(energy.mesh.vertices)):
-                verified, folded = estimate(energy, velocity)
+                said = measured(energy, velocity)
         except (ParameterError, MemoryError):  # too fast for walks, or no memory for them
             pass
         except CancelledError:
             reason = StopReason.CANCELLED
     history, stages = np.array(record.history), np.array(record.stage_of)
     last = history[stages == stages[-1], 0]
+    p = energy.parameters
+    velocity *= energy.length_scale
+    end = PathStep(p.sigma, p.alpha, p.reach, velocity, mismatch, **said)
+    verified, folded = end.verified_mismatch, end.folded
     outcome = verdicts.Outcome(advected, mismatch, reason, verified, folded, last, solver.unmatched)
     return Match(
         problem=the_problem.starting_from(None),
-        velocity=velocity * energy.length_scale,
+        velocity=velocity,
         advected=advected.T.copy(),
         energy_history=history,
         stages=stages,
@@ -271,7 +319,8 @@ def match(
         verified_mismatch=verified,
         folded=folded,
         stop_reason=reason,
-        verdict=verdicts.advice(energy.functions, outcome, energy.parameters),
+        verdict=verdicts.advice(energy.functions, outcome, p),
+        path=(end,),
     )
 
 
@@ -292,7 +341,9 @@ def _problem_of(*problem: Any, **given: Any) -> Problem:
 def match_arrays(match: Match) -> dict[str, Any]:
     """Return what files hold of a match besides its mesh; what is not known is left out."""
     verdict = match.verdict
-    parts = {name: getattr(match, name) for name in results.MATCH_ENTRIES if name != "remedies"}
+    parts = path_arrays(match.path, match.step, match.mesh)
+    own = results.MATCH_ENTRIES.keys() - parts.keys() - {"remedies", "path_velocity"}
+    parts |= {name: getattr(match, name) for name in results.MATCH_ENTRIES if name in own}
     parts["parameters"] = json.dumps(match.parameters.to_dict())
     parts["verdict"] = verdict.kind, verdict.reason, verdict.advice
     if verdict.remedies:
@@ -328,6 +379,9 @@ def match_of(
             f"velocity has the value {fastest:.3g}; expected up to {results.LARGEST:g} length "
             "scales of the mesh"
         )
+    if any(name.startswith("path_") for name in arrays):
+        parts["path"], parts["step"] = path_of(arrays, parts["velocity"], mesh)
+    parts = {name: part for name, part in parts.items() if not name.startswith("path_")}
     reason = StopReason.of_file(parts["stop_reason"])
     if verdict is None:
         left = verdicts.confirmed_mismatch(parts["mismatch"], parts["verified_mismatch"])

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from abfm.errors import MeshError
 from abfm.mesh.triangle_mesh import TriangleMesh
 from abfm.types import FloatArray
 
@@ -28,3 +29,14 @@ def interpolated(mesh: TriangleMesh, values: ArrayLike) -> FloatArray:
     given = np.asarray(values, dtype=np.float64)
     start, end = mesh.edges.T
     return np.concatenate([given, given[start] / 2 + given[end] / 2])
+
+
+def times_subdivided(faces: int, mesh: TriangleMesh) -> int:
+    """Return k for the faces of the mesh subdivided k times, 4^k of its own; MeshError if other."""
+    k = max(faces // len(mesh.faces), 1).bit_length() // 2
+    if faces != 4**k * len(mesh.faces):
+        raise MeshError(
+            f"{faces} faces; expected those of the mesh, {len(mesh.faces)}, or of its midpoint "
+            f"subdivision, {4 * len(mesh.faces)}, {16 * len(mesh.faces)}, ..."
+        )
+    return k

@@ -13,7 +13,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from abfm import Match, Parameters, Problem, ResultError, StopReason, TriangleMesh, match
+from abfm import (
+    Match,
+    Parameters,
+    PathStep,
+    Problem,
+    ResultError,
+    StopReason,
+    TriangleMesh,
+    match,
+)
 from abfm.matching import Verdict
 from abfm.parameters import PAPER
 from abfm_viewer.appearance.colormaps import NAMES
@@ -97,7 +106,7 @@ def assert_same(value, expected, where="document"):
     elif isinstance(expected, TriangleMesh):
         for name in ("vertices", "faces", "vertex_ids", "file_vertex_count", "edges", "face_edges"):
             assert_same(getattr(value, name), getattr(expected, name), f"{where}.{name}")
-    elif isinstance(expected, Document | Match | Run | Surface):
+    elif isinstance(expected, Document | Match | PathStep | Run | Surface):
         for name in (one.name for one in fields(expected) if one.name != "identity"):
             assert_same(getattr(value, name), getattr(expected, name), f"{where}.{name}")
     elif isinstance(expected, Problem):

@@ -1,0 +1,124 @@
+"""The path of a match from smooth to close: the fields that it found on its way, and their cost."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abfm.mesh import TriangleMesh
+from abfm.mesh.subdivision import times_subdivided
+from abfm.types import FloatArray
+
+COLUMNS = (
+    "sigma",
+    "alpha",
+    "reach",
+    "mismatch",
+    "by flow lines",
+    "folded",
+    "log2 J",
+    "log2 R",
+    "refined",
+)
+
+
+_MOST_REFINED = 10  # times: more faces than memory holds
+
+
+@dataclass(frozen=True, eq=False)
+class PathStep:
+    """What was found with one sigma; what is unknown is NaN.
+
+    Attributes
+    ----------
+    sigma, alpha, reach : float
+        As in `Parameters`, those of this step.
+    velocity : (N, 4^k F, 3) array
+        Tangent fields, in the input's length unit per unit of time, on the mesh or on its midpoint
+        subdivision made k times.
+    mismatch, verified_mismatch, folded : float
+        As of a `Match`.
+    log2_area, log2_shape : float
+        Means, by area, of ``|log2 J|`` and ``|log2 R|``, with ``J = s_1 s_2`` and ``R = s_1 / s_2``
+        of the stretches of the map along flow lines.
+    """
+
+    sigma: float
+    alpha: float
+    reach: float
+    velocity: FloatArray = field(repr=False)
+    mismatch: float
+    verified_mismatch: float = math.nan
+    folded: float = math.nan
+    log2_area: float = math.nan
+    log2_shape: float = math.nan
+
+
+_NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]
+
+
+def path_table(path: Sequence[PathStep], mesh: TriangleMesh) -> list[str]:
+    """Return a path as lines of CSV, a header of `COLUMNS` first; `refined` are k of the mesh."""
+    rows = [
+        [*(f"{getattr(each, name):.6g}" for name in _NUMBERS), str(_refined(each, mesh))]
+        for each in path
+    ]
+    return [",".join(row) for row in ([*COLUMNS], *rows)]
+
+
+def _refined(step: PathStep, mesh: TriangleMesh) -> int:
+    return times_subdivided(step.velocity.shape[1], mesh)
+
+
+def path_arrays(path: Sequence[PathStep], own: int, mesh: TriangleMesh) -> dict[str, Any]:
+    """Return what files hold of a path besides the fields of its ``own`` step: a row of numbers a
+    step, and the others' fields side by side in single precision, in lengths of the mesh.
+    """
+    rows = [[*(getattr(e, name) for name in _NUMBERS), _refined(e, mesh)] for e in path]
+    arrays: dict[str, Any] = {"path_steps": np.array(rows), "path_step": own}
+    others = [each.velocity for number, each in enumerate(path) if number != own]
+    if others:
+        fields = np.concatenate(others, axis=1) / mesh.length_scale
+        arrays["path_velocity"] = fields.astype(np.float32)
+    return arrays
+
+
+def path_of(
+    arrays: Mapping[str, NDArray[Any]], velocity: FloatArray, mesh: TriangleMesh
+) -> tuple[tuple[PathStep, ...], int]:
+    """Return the path of `path_arrays` and the number of its own step, whose fields are given;
+    ValueError if they do not fit.
+    """
+    missing = {"path_steps", "path_step"} - arrays.keys()
+    if missing:
+        raise ValueError(f"it lacks {' and '.join(sorted(missing))}")
+    rows, own = arrays["path_steps"], int(arrays["path_step"])
+    levels = rows[:, -1]
+    if not (np.isin(levels, np.arange(_MOST_REFINED + 1))).all():
+        raise ValueError(f"path_steps were refined {levels} times; expected whole numbers")
+    if own >= len(rows):
+        raise ValueError(f"path_step is {own}; expected a number below {len(rows)}")
+    refined = times_subdivided(velocity.shape[1], mesh)
+    if levels[own] != refined:
+        raise ValueError(
+            f"path_steps say that step {own} was refined {levels[own]:g} times; its field was "
+            f"{refined} times"
+        )
+    sizes = len(mesh.faces) * 4 ** levels.astype(np.int64)
+    sizes[own] = 0
+    expected = (len(velocity), int(sizes.sum()), 3)
+    fields = arrays.get("path_velocity", np.zeros((len(velocity), 0, 3)))
+    if fields.shape != expected:
+        raise ValueError(f"path_velocity has shape {fields.shape}; expected {expected}")
+    parts = np.split(fields, np.cumsum(sizes)[:-1], axis=1)
+    path = (
+        PathStep(
+            velocity=velocity if step == own else part.astype(np.float64) * mesh.length_scale,
+            **dict(zip(_NUMBERS, map(float, row), strict=False)),
+        )
+        for step, (row, part) in enumerate(zip(rows, parts, strict=True))
+    )
+    return tuple(path), own

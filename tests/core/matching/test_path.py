@@ -1,0 +1,127 @@
+"""The path of a match: what flow lines say of its fields, its steps as matches, table, files."""
+
+import csv
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm import MatchingEnergy, Parameters, PathStep, ResultError, load_match, match
+from abfm.io import load_arrays, save_arrays
+from abfm.matching import path_table
+from abfm.matching.judging.measures import measured
+from abfm.matching.path import COLUMNS
+from tests.core.fields import bump
+from tests.shapes import icosphere, square
+
+MESH = icosphere(2)
+FACES = len(MESH.faces)
+
+
+@pytest.fixture(scope="module")
+def found():
+    one, other = bump(MESH, MESH.vertices[3], 0.3), bump(MESH, MESH.vertices[20], 0.3)
+    return match(MESH, one, other, Parameters(iterations=30))
+
+
+@pytest.fixture(scope="module")
+def longer(found):
+    """The match with two steps before its own, one of them on the subdivision."""
+    half = PathStep(1.0, 0.1, 0.3, 0.5 * found.velocity, 0.4, 0.45, 0.0, 0.1, 0.2)
+    fine = replace(half, velocity=np.repeat(half.velocity, 4, axis=1), verified_mismatch=math.nan)
+    return replace(found, path=(half, fine, *found.path), step=2)
+
+
+def test_a_rotation_keeps_areas_and_shapes_and_no_flow_leaves_all_and_a_swelling_is_log2_of_it():
+    sphere = icosphere(4)
+    energy = MatchingEnergy(sphere, *(bump(sphere, sphere.vertices[i], 0.3) for i in (0, 1)))
+    centres = sphere.normalized().vertices[sphere.faces].mean(axis=1)
+    still = measured(energy, np.zeros((1, len(sphere.faces), 3)))
+    assert still["verified_mismatch"] == pytest.approx(
+        energy.relative_mismatch(energy.functions.source), rel=1e-6
+    )
+    turned = measured(energy, np.cross([0, 0, 1.0], centres)[None])
+    for said in (still, turned):
+        assert said["folded"] == 0
+        assert said["log2_area"] < 4e-3
+        assert said["log2_shape"] < 8e-3
+    flat = square(16)
+    plane = MatchingEnergy(flat, *(bump(flat, flat.vertices[i], 0.3) for i in (130, 140)))
+    wide = plane.mesh.vertices[plane.mesh.faces].mean(axis=1)
+    inward = plane.mesh.vertices.mean(axis=0) - wide
+    said = measured(plane, 0.5 * inward[None])
+    assert said["log2_area"] == pytest.approx(math.log2(math.e), rel=0.03)
+    assert said["log2_shape"] < 0.04
+
+
+def test_a_match_has_a_path_that_ends_with_it_and_a_given_one_is_kept(found, longer):
+    [step] = found.path
+    assert step.velocity is found.velocity
+    for name in ("mismatch", "verified_mismatch", "folded"):
+        assert getattr(step, name) == getattr(found, name)
+    assert (step.sigma, step.alpha) == (found.parameters.sigma, found.parameters.alpha)
+    assert step.log2_area > 0 < step.log2_shape
+    assert found.at_step(0) is found
+    alone = replace(found, path=(), step=0)
+    assert alone.path[0].mismatch == found.mismatch
+    assert math.isnan(alone.path[0].log2_area)
+    earlier = longer.at_step(0)
+    assert (earlier.step, earlier.mismatch, earlier.path) == (0, 0.4, longer.path)
+    assert_allclose(earlier.advected, found.push(found.source, 0.5), atol=1e-6)
+    assert earlier.verdict.kind == "not reached"
+    assert earlier.at_step(2).verdict.kind == found.verdict.kind
+
+
+def test_its_table_is_csv(longer):
+    header, *rows = csv.reader(path_table(longer.path, MESH))
+    assert tuple(header) == COLUMNS
+    assert [row[-1] for row in rows] == ["0", "1", "0"]
+    assert rows[0][:5] == ["1", "0.1", "0.3", "0.4", "0.45"]
+    assert rows[1][4] == "nan"
+
+
+def test_files_keep_it_and_files_from_before_load_with_the_step_that_they_hold(longer, tmp_path):
+    path = tmp_path / "m.npz"
+    longer.save(path)
+    loaded = load_match(path)
+    assert loaded.step == 2
+    for given, read in zip(longer.path, loaded.path, strict=True):
+        assert_allclose(read.velocity, given.velocity, rtol=1e-6, atol=1e-12)
+        assert path_table([read], MESH) == path_table([given], MESH)
+    assert_array_equal(loaded.velocity, longer.velocity)
+    loaded.save(again := tmp_path / "again.npz")
+    assert again.read_bytes() == path.read_bytes()
+    arrays = load_arrays(path)
+    save_arrays(path, {name: array for name, array in arrays.items() if "path" not in name})
+    [step] = load_match(path).path
+    assert (step.mismatch, step.velocity.shape) == (longer.mismatch, longer.velocity.shape)
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "told"),
+    [
+        ("path_step", lambda own: own + 7, "path_step is 9; expected a number below 3"),
+        ("path_step", None, "lacks path_step"),
+        ("path_steps", None, "lacks path_steps"),
+        ("path_steps", lambda rows: rows[:2], "path_step is 2"),
+        ("path_steps", lambda rows: rows + 0.5, "whole numbers"),
+        ("path_steps", lambda rows: rows * 1e300, "whole numbers"),
+        ("path_steps", lambda rows: np.roll(rows, 1, axis=0), "refined 1 times; its field was 0"),
+        ("path_velocity", None, f"expected (1, {5 * FACES}, 3)"),
+        ("path_velocity", lambda fields: fields[:, 1:], f"expected (1, {5 * FACES}, 3)"),
+        ("path_velocity", lambda fields: fields * np.nan, "path_velocity has values that are not"),
+    ],
+)
+def test_damage_to_it_is_refused_in_one_line(longer, tmp_path, name, damage, told):
+    path = tmp_path / "m.npz"
+    longer.save(path)
+    with np.load(path) as file:
+        arrays = dict(file)
+    given = arrays.pop(name)
+    np.savez(path, **arrays, **({name: damage(given)} if damage else {}))
+    with pytest.raises(ResultError) as error:
+        load_match(path)
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
