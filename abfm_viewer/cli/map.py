@@ -16,17 +16,18 @@ from abfm.errors import printable
 from abfm.functions import read_table, vertex_map
 from abfm.io import write_atomically
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import BOUNDS, map_accuracy, map_quality
+from abfm.maps.quality import BOUNDS, map_accuracy
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import adder
 from abfm_viewer.files import outputs
 
 SUMMARY = "the map that a result's flow makes: as a file, against a known one, for textures"
 DESCRIPTION = """\
-Write the map of a result's flow: for every vertex the vertex where its value came from. Such a file
-works in functions, permuted:map.txt(coordinate:x), and as a --truth. How far the map leaves the
-surface, and which share of the faces it folds, is always told, with a warning on stderr where it is
-too much to trust the map.
+Write the map of a result's flow, by the flow lines that verify a match: for every vertex the vertex
+where its value came from, or with --inverse the one where it goes. Such a file works in functions,
+permuted:map.txt(coordinate:x), and as a --truth. What the flow does to areas (J) and shapes (R)
+of faces, how many it folds, and how far from itself a vertex comes back, is always told, with a
+warning on stderr where too many are folded to trust the map.
 
 Examples:
   abfm map match.npz --out map.txt
@@ -42,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("input", "what `abfm match` wrote", "RESULT.npz")
     add("--out", "a table: .txt, .csv or .npy", "FILE", type=Path)
     add("--time", "time of the flow (default: tau); below 0 for its inverse", "T", type=float)
+    add("--inverse", "the inverse map: where each vertex goes")
     choose = adder(parser.add_mutually_exclusive_group())
     choose(
         "--carry",
@@ -69,8 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("nothing to do: give --out, --truth or both")
     match = load_match(arguments.input)
     time = match.parameters.tau if arguments.time is None else arguments.time
-    points = match.point_map(time)
-    quality, accuracy = map_quality(points), None
+    points, quality = match.point_map(time, arguments.inverse), match.flow.map_quality(time)
+    accuracy = None
     if truth:
         accuracy = map_accuracy(
             points, None if truth == "identity" else vertex_map(match.mesh, truth)
@@ -79,10 +81,13 @@ def run(arguments: argparse.Namespace) -> int:
         _write(out, _table(arguments, match, points, time))
     if quality.warning:
         print(f"warning: {quality.warning}", file=sys.stderr)
+    distortion = quality.distortion
     told: dict[str, Any] = {
-        "off_surface": quality.largest_distance,
-        "off_surface_rms": quality.rms_distance,
-        "folded": quality.folded,
+        "log2_area": distortion.log2_area._asdict(),
+        "log2_shape": distortion.log2_shape._asdict(),
+        "folded": distortion.folded,
+        "faces": len(distortion.flipped),
+        "there_and_back": quality.there_and_back._asdict(),
         "warning": quality.warning,
         "report": quality.report(),
     }
@@ -107,9 +112,10 @@ def _table(
     arguments: argparse.Namespace, match: Match, points: PointMap, time: float
 ) -> NDArray[Any]:
     if arguments.functional_map is not None:
-        return match.functional_map(arguments.functional_map, time)
+        way = -1 if arguments.inverse else 1
+        return match.functional_map(arguments.functional_map, way * time)
     if arguments.carry:
-        return _carried(match, arguments.carry, time)
+        return _carried(points, arguments.carry)
     # the nearest vertices, counted as the mesh file does; -1 for vertices that no face uses
     mesh = points.domain
     whole = np.full(mesh.file_vertex_count, -1)
@@ -117,22 +123,22 @@ def _table(
     return whole
 
 
-def _carried(match: Match, path: str, time: float) -> NDArray[Any]:
+def _carried(points: PointMap, path: str) -> NDArray[Any]:
     """Return a table, a row per vertex, carried along; rows of no face's vertices stay."""
     table = read_table(path)[1]
     try:
-        rows = match.mesh.restrict(table)
+        rows = points.domain.restrict(table)
     except FunctionError as error:
         raise FunctionError(f"file {path!r}: {error}") from None
     if not np.isfinite(rows).all():
         raise FunctionError(
             f"file {path!r}: some values are not finite; only finite ones can be carried"
         )
-    values = match.push(rows, time)
+    values = points.pull_back(rows)
     if len(table) == len(values):
         return values
     whole = table.copy()
-    whole[match.mesh.vertex_ids] = values
+    whole[points.domain.vertex_ids] = values
     return whole
 
 

@@ -18,8 +18,12 @@ _COLORINGS: dict[Coloring, str] = {
     "conformal distortion": "How much the map stretches each face in one direction more than in "
     "the other.",
 }
-_DISTORTIONS: tuple[Coloring, ...] = ("area distortion", "conformal distortion")
-_MAPS: tuple[Coloring, ...] = ("coordinates", "checker", *_DISTORTIONS)
+_MAPS: tuple[Coloring, ...] = (
+    "coordinates",
+    "checker",
+    "area distortion",
+    "conformal distortion",
+)
 _PART = (
     "The whole field, or a part of its Helmholtz-Hodge decomposition: without curl, without "
     "divergence, or both. Or the smoothest field that commutes with it (seconds), or the "
@@ -137,17 +141,17 @@ def _field(context: Context) -> None:
 
 def _map(context: Context) -> None:
     ui, view, quantities = context.ui, context.session.view, context.shown.quantities
-    if view.coloring in _DISTORTIONS and (found := quantities.distortion()) is not None:
-        low, area, high = np.percentile(found.area, (5, 50, 95))
-        # between infinite ones there is nothing
-        most = np.percentile(found.conformal, 95, method="nearest")
-        ui.note(
-            f"Area's factor: median {area:.3f}, 5 to 95% {low:.3f} to {high:.3f}. Stretches' "
-            f"ratio: median {np.median(found.conformal):.3f}, 95% below {most:.3f}. Flipped "
-            f"faces: {int(found.flipped.sum())}."
-        )
     quality = quantities.map_quality() if view.coloring in _MAPS else None
-    if quality is not None and quality.warning:
+    if quality is None:
+        return
+    found, back = quality.distortion, quality.there_and_back
+    area, shape = found.log2_area, found.log2_shape
+    ui.note(
+        f"|log2| of areas' factors: mean {area.mean:.3f}, 95% below {area.p95:.3f}; of stretches' "
+        f"ratios: {shape.mean:.3f}, {shape.p95:.3f}. Folded faces: {found.folded}. There and back: "
+        f"{back.median:.2g} edges, 95% below {back.p95:.2g}."
+    )
+    if quality.warning:
         ui.note(f"Warning: {quality.warning}.", "failure")
 
 

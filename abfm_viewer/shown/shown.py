@@ -159,8 +159,7 @@ class FieldQuantities(Jobs):
         self._session, self._flow = session, flow
         self._field: Latest[Field] = self.latest()
         self._scalar: Latest[FloatArray] = self.latest()
-        self._distortion: Latest[abfm.maps.Distortion] = self.latest()
-        self._quality: Latest[abfm.maps.MapQuality] = self.latest()
+        self._quality: Latest[abfm.maps.FlowMapQuality] = self.latest()
         self._streaks: Latest[Streaks] = self.latest()
         self._texture: Latest[Texture] = self.latest()
         self._lines: Latest[list[abfm.flow.FlowLine]] = self.latest()
@@ -192,24 +191,12 @@ class FieldQuantities(Jobs):
             return None
         return self._scalar.newest(field.mesh, derivative, field, self._session.view.coloring)
 
-    def distortion(self) -> abfm.maps.Distortion | None:
+    def map_quality(self) -> abfm.maps.FlowMapQuality | None:
+        """Judge the map of the shown time, lately that of an earlier one."""
         flow, time = self._flow.state, self._flow.time
         if flow is None:
             return None
-        return self._distortion.newest(
-            flow.mesh, lambda *of: _map_back(*of).distortion(), flow, -time
-        )
-
-    def map_quality(self) -> abfm.maps.MapQuality | None:
-        """Judge the map that is shown: to where values came from, or to where faces go."""
-        flow, time = self._flow.state, self._flow.time
-        if flow is None:
-            return None
-        if self._session.view.coloring in ("area distortion", "conformal distortion"):
-            time = -time
-        return self._quality.newest(
-            flow.mesh, lambda *of: abfm.maps.map_quality(_map_back(*of)), flow, time
-        )
+        return self._quality.newest(flow.mesh, _quality, flow, time)
 
     def texture(self, values: FloatArray, colors: ColorRange) -> Texture | None:
         """Return streaks coloured by a function (V,), lately an earlier one; None before any."""
@@ -309,10 +296,8 @@ class Shown:
             one.close()
 
 
-def _map_back(flow: FlowState, time: float) -> abfm.PointMap:
-    """Return the map to where values came from at a time; below 0 its inverse."""
-    places = flow.carry(flow.mesh.vertices, np.array([time]))[0]
-    return abfm.PointMap.project(flow.mesh, flow.mesh, places)
+def _quality(flow: FlowState, time: float) -> abfm.maps.FlowMapQuality:
+    return flow.flow.map_quality(time)
 
 
 def _starts(mesh: TriangleMesh, points: tuple[Point, ...]) -> abfm.maps.SurfacePoints:

@@ -6,6 +6,7 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -36,16 +37,27 @@ class FlowState:
         """The fields (N, F, 3); not to be asked for in the frame loop."""
         return self.found() if callable(self.found) else self.found
 
+    @cached_property
+    def flow(self) -> abfm.Flow:
+        """The flow; not to be asked for in the frame loop."""
+        return abfm.Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method)
+
+    def origins(self, places: FloatArray, times: FloatArray) -> FloatArray:
+        """Where what is at the vertices' places (V, 3) at times (T,) came from, (T, V, 3)."""
+        found = [points.positions for points in self.flow.point_maps(times)]
+        return np.array(found).reshape(len(times), *places.shape)
+
     def carry(self, function: FloatArray, times: FloatArray) -> FloatArray:
         """A function (V,) or (V, C) at times (T,), if the flow can be followed: (T, V, C)."""
-        parameters = self.parameters
-        flow = abfm.Flow(self.mesh, self.velocity, parameters.tau, parameters.method)
-        carried = flow.push(function, times)
+        carried = self.flow.push(function, times)
         if np.abs(carried).max() > _LARGEST:
             raise abfm.AdvectionError(
                 "the function overflows on its way: the discrete flow is unstable over this time"
             )
         return carried
+
+
+Carrying: TypeAlias = Callable[[FlowState, FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +76,11 @@ class Span:
         return np.asarray(first + np.float32(position - before) * (second - first))
 
 
-def span(state: FlowState, function: FloatArray) -> Span:
+def pushed(state: FlowState, function: FloatArray, times: FloatArray) -> FloatArray:
+    return state.carry(function, times)
+
+
+def span(state: FlowState, function: FloatArray, carry: Carrying = pushed) -> Span:
     """A function over the whole time bar, or up to tau where the flow overflows beyond."""
     wanted = _TIMES if state.final else _TIMES_WHILE_SOLVING
     count = int(np.clip(_LONGEST // function.size, 9, wanted)) // 2 * 2 + 1
@@ -72,7 +88,7 @@ def span(state: FlowState, function: FloatArray) -> Span:
 
     def until(end: float, note: str = "") -> Span:
         times = np.linspace(0, end, count)
-        return Span(times, state.carry(function, times).astype(np.float32), note)
+        return Span(times, carry(state, function, times).astype(np.float32), note)
 
     try:
         return until(EXTRAPOLATION * tau)
@@ -83,7 +99,8 @@ def span(state: FlowState, function: FloatArray) -> Span:
 class Carried:
     """A function at the shown time, the same array for the same; `behind` if of another."""
 
-    def __init__(self, jobs: Jobs) -> None:
+    def __init__(self, jobs: Jobs, carry: Carrying = pushed) -> None:
+        self._carry = carry
         self._span: Latest[Span] = jobs.latest()
         self._exact: Latest[FloatArray] = jobs.latest()
         self._blended = Memo[FloatArray]()
@@ -100,7 +117,7 @@ class Carried:
         return self._span.error or (self._span.value.note if self._span.value else "")
 
     def _known(self, state: FlowState, function: FloatArray) -> Span | None:
-        return self._span.newest(function.shape, span, state, function)
+        return self._span.newest(function.shape, span, state, function, self._carry)
 
     def is_ready(self, state: FlowState, function: FloatArray) -> bool:
         if not self._at_once:
@@ -117,7 +134,7 @@ class Carried:
 
         def exact() -> FloatArray | None:
             key = (state, function, time)
-            return self._exact.ask(key, lambda: state.carry(function, np.array([time]))[0])
+            return self._exact.ask(key, lambda: self._carry(state, function, np.array([time]))[0])
 
         if self._at_once:
             return exact()
@@ -138,7 +155,7 @@ class ShownFlow(Jobs):
         super().__init__(session.at_once)
         self._session = session
         self._source = Carried(self)
-        self._coordinates = Carried(self)
+        self._coordinates = Carried(self, FlowState.origins)
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
         self.is_behind = False  # `advected` gave another flow's or time's values lately
@@ -187,7 +204,7 @@ class ShownFlow(Jobs):
         return source if carried is None else carried
 
     def coordinates(self) -> FloatArray | None:
-        """Return the coordinates (V, 3) carried to the shown time: where each value came from."""
+        """Return where each vertex's value came from at the shown time, (V, 3), by flow lines."""
         flow, vertices = self.state, self._session.surface().mesh.vertices
         if flow is None:
             return vertices

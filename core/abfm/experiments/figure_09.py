@@ -193,18 +193,18 @@ class Symmetric:
     def mean_errors(self, *matches: Match) -> list[float]:
         """Return the mean distances of the maps at tau along the surface, in sqrt(area)."""
         rows = self.sample
-        ends = [match.point_map().points[rows] for match in matches]
+        ends = [match.flow.coordinate_map().points[rows] for match in matches]
         found = geodesics(self.mesh, self.symmetry.vertex_map[rows], *ends)
         return [float(distances.mean()) for distances in found]
 
     def measured(self, match: Match) -> list[Measure]:
         """Measure mismatch, map error and drift, with exact flow lines, walked back, as witness."""
         mesh, tau, rows = self.mesh, match.parameters.tau, self.sample
-        [drift] = geodesics(mesh, rows, match.point_map(2 * tau).points[rows])
+        [drift] = geodesics(mesh, rows, match.flow.coordinate_map(2 * tau).points[rows])
         starts = maps.project_onto_surface(mesh, mesh.vertices[rows])
         lines = flow_lines(mesh, match.velocity, starts, -tau, tau)
         ends = maps.project_onto_surface(mesh, np.array([line.positions[-1] for line in lines]))
-        points = match.point_map().points[rows]
+        points = match.flow.coordinate_map().points[rows]
         error, by_lines = geodesics(mesh, self.symmetry.vertex_map[rows], points, ends)
         apart = np.linalg.norm(ends.positions - points.positions, axis=1) / mesh.length_scale
         reached, kept = error.mean(), drift.mean()
@@ -228,7 +228,7 @@ class Symmetric:
         for share, label in _SHOWN.items():
             time = share * match.parameters.tau
             places = Coordinates(match.push(self.mesh.vertices, time))
-            points = match.point_map(-time).positions[self.marks]
+            points = match.flow.coordinate_map(-time).positions[self.marks]
             panels.append(Panel(self.mesh, places, label, points=points))
         return tuple(panels)
 

@@ -272,7 +272,7 @@ def maps_of_flow(
     """Judge the maps that a flow makes of its surface, at some shares of tau, by names to show."""
     return {
         f"{name} at {'' if share == 1 else f'{share:g} '}τ": map_quality(
-            found.point_map(share * found.parameters.tau)
+            found.flow.coordinate_map(share * found.parameters.tau)
         )
         for share in shares
     }

@@ -8,6 +8,8 @@ follow the field by the midpoint rule, straight over the edges; from a vertex th
 that the field leads into. On smooth fields the error falls with the square of the edge length.
 """
 
+from __future__ import annotations
+
 import math
 from typing import NamedTuple, TypeAlias
 
@@ -57,37 +59,75 @@ class ContinuousFlow:
             raise ParameterError(
                 f"tau is {brief(tau)}; expected a finite time that is not negative"
             )
-        self.step = tau / len(self.fields)
+        self.tau = float(tau)
         sizes = np.sqrt(face_areas(mesh)) / mesh.length_scale
         with np.errstate(over="ignore", invalid="ignore"):
-            ways = [np.linalg.norm(v / mesh.length_scale * self.step, axis=1) for v in self.fields]
-            faces = float(sum(sizes @ way for way in ways))  # of area sizes^2, each size long
+            speeds = [np.linalg.norm(v / mesh.length_scale, axis=1) for v in self.fields]
+            # faces that a point meets per unit of time, on average by areas sizes^2
+            self._pace = np.array([float(sizes @ speed) for speed in speeds])
+        self._kept: tuple[int, SmoothFlow] | None = None
+        self._spans(0.0, self.tau)
+
+    def destinations(
+        self, start: SurfacePoints | None = None, t: float | None = None
+    ) -> SurfacePoints:
+        """Carry points of the mesh along the flow to ``t``, `tau` by default; all vertices by
+        default. Beyond `tau` the last field goes on.
+        """
+        return self.between(start, 0.0, self.tau if t is None else t)
+
+    def origins(self, start: SurfacePoints | None = None, t: float | None = None) -> SurfacePoints:
+        """Carry points back along the flow from ``t``, `tau` by default; all vertices by default.
+        There their values came from: `pull_back` of a function is the function carried to ``t``.
+        """
+        return self.between(start, self.tau if t is None else t, 0.0)
+
+    def between(self, start: SurfacePoints | None, begin: float, end: float) -> SurfacePoints:
+        """Carry points (all vertices if None) from a time to a later one, or back to an earlier.
+
+        Raises
+        ------
+        ParameterError
+            If a time is negative, or points go over too many faces.
+        """
+        spans = self._spans(min(begin, end), max(begin, end))
+        if end < begin:
+            spans = [(j, -duration) for j, duration in reversed(spans)]
+        return self._walked(start, spans)
+
+    def _spans(self, begin: float, end: float) -> list[tuple[int, float]]:
+        """Return the fields, by number, between ascending times, and how long each lasts there."""
+        if not 0 <= begin <= end < math.inf:
+            raise ParameterError(f"flow lines from time {begin:g} to {end:g}: times are 0 or later")
+        starts = np.arange(len(self.fields)) * (self.tau / len(self.fields))
+        ends = np.append(starts[1:], math.inf)
+        lasting = np.maximum(np.minimum(ends, end) - np.maximum(starts, begin), 0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            faces = float(self._pace @ lasting)
         if not faces <= STEP * _MEAN_LIMIT:
             raise ParameterError(
-                f"velocity leads points over {faces:.0e} faces on average until tau (at most "
-                f"{STEP * _MEAN_LIMIT:.0e}): scale it down or shorten tau"
+                f"velocity leads points over {faces:.0e} faces on average (at most "
+                f"{STEP * _MEAN_LIMIT:.0e}): scale it down or shorten the time"
             )
+        return [(j, duration) for j, duration in enumerate(lasting.tolist()) if duration]
 
-    def destinations(self, start: SurfacePoints | None = None) -> SurfacePoints:
-        """Carry points of the mesh along the flow to ``tau``; all vertices by default."""
-        return self._walked(start, self.fields, self.step)
+    def _smooth(self, j: int) -> SmoothFlow:
+        """Return a field made continuous; that of the last one asked for is kept."""
+        kept = self._kept
+        if kept is None or kept[0] != j:
+            field = self.fields[j] / self.mesh.length_scale
+            self._kept = kept = j, smooth_flow(self.mesh.normalized(), field)
+        return kept[1]
 
-    def origins(self, start: SurfacePoints | None = None) -> SurfacePoints:
-        """Carry points back along the flow from ``tau``; all vertices by default. There their
-        values came from: `pull_back` of a function is the function carried to ``tau``.
-        """
-        return self._walked(start, self.fields[::-1], -self.step)
-
-    def _walked(
-        self, start: SurfacePoints | None, fields: FloatArray, duration: float
-    ) -> SurfacePoints:
-        """Walk along fields (N, F, 3), each for a time of either sign."""
+    def _walked(self, start: SurfacePoints | None, spans: list[tuple[int, float]]) -> SurfacePoints:
+        """Walk along fields, by number, each for a time of either sign."""
         mesh, unit = self.mesh, self.mesh.normalized()
         faces, barycentric = walkers(mesh, vertex_points(mesh) if start is None else start)
         at_vertex = barycentric.max(axis=1) >= AT_VERTEX
-        if at_vertex.any():
+        if at_vertex.any() and spans:
+            first, duration = spans[0]
             vertices = mesh.faces[faces[at_vertex], barycentric[at_vertex].argmax(axis=1)]
-            leading = math.copysign(1 / mesh.length_scale, duration) * fields[0]
+            leading = math.copysign(1 / mesh.length_scale, duration) * self.fields[first]
             ahead = slots_ahead(unit, leading)[vertices]
             faces[at_vertex], barycentric[at_vertex] = ahead // 3, np.eye(3)[ahead % 3]
         barycentric = (1 - _INWARD) * barycentric + _INWARD / 3
@@ -95,8 +135,8 @@ class ContinuousFlow:
         sides = np.einsum("fcx,fkx->fck", corners[:, 1:] - corners[:, :1], face_frames(unit))
         places = np.einsum("pc,pck->pk", barycentric[:, 1:], sides[faces])
         sizes = np.sqrt(face_areas(unit))
-        for field in fields:
-            flow = smooth_flow(unit, field / mesh.length_scale)
+        for j, duration in spans:
+            flow = self._smooth(j)
             for begin in range(0, len(faces), _CHUNK):
                 checkpoint()
                 chunk = slice(begin, begin + _CHUNK)

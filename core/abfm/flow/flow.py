@@ -1,5 +1,6 @@
 """The flow of given fields: functions carried along it, and the maps that it makes."""
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -11,10 +12,13 @@ from abfm.calculus.eigenbasis import unit_eigenbasis
 from abfm.calculus.vector_fields import check_field, to_frame
 from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.flow.advection import Advection, Discretisation
+from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow_lines import fields_in_a_row
+from abfm.flow.flow_maps import flow_maps
 from abfm.maps.distortion import Distortion
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
+from abfm.maps.quality import FlowMapQuality, ThereAndBack, flow_map_quality, there_and_back
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.real_numbers import is_finite_number, real_numbers
 from abfm.parameters import CHOICES, Method
@@ -68,7 +72,8 @@ class Flow:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out of copies, and of the flow in another process, what these compute again."""
-        return {name: value for name, value in self.__dict__.items() if name != "_advection"}
+        left_out = ("_advection", "_lines")
+        return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def push(self, h: ArrayLike, t: ArrayLike | None = None) -> FloatArray:
         """Carry any function (V,) or (V, C) to time ``t`` (tau by default), in the same shape, or
@@ -92,15 +97,43 @@ class Flow:
             )
         return carried.reshape(*times.shape, len(self.mesh.vertices), *np.shape(h)[1:])
 
-    def point_map(self, t: float | None = None) -> PointMap:
-        """Return where each vertex's value came from at time ``t`` (tau by default): the point of
-        the surface closest to the carried coordinates. A negative time says where each one goes.
+    def point_map(self, t: float | None = None, inverse: bool = False) -> PointMap:
+        """Return where each vertex's value came from at time ``t`` (tau by default), by the flow
+        lines of the continuous field (`ContinuousFlow`), or, ``inverse``, where it goes.
+
+        Beyond tau the last field goes on. A negative time asks for the inverse of the other one.
+        """
+        [found] = self.point_maps([self.tau if t is None else t], inverse)
+        return found
+
+    def point_maps(self, times: ArrayLike, inverse: bool = False) -> Iterator[PointMap]:
+        """Return the maps of several times (T,), one after the other; in ascending order they are
+        walked once, each from the one before, and not from zero, where that is possible.
+        """
+        moments = np.atleast_1d(real_numbers(times, "t", ParameterError))
+        if moments.ndim != 1 or not np.isfinite(moments).all():
+            raise ParameterError(f"t is {brief(times)}; expected a finite time or a list of them")
+        return flow_maps(self._lines, moments, inverse)
+
+    def coordinate_map(self, t: float | None = None) -> PointMap:
+        """Return the map as the paper reads it: for each vertex the point of the surface closest
+        to the coordinates that `push` carries there. Discrete flows may fold it.
         """
         return PointMap.project(self.mesh, self.mesh, self.push(self.mesh.vertices, t))
 
     def distortion(self, t: float | None = None) -> Distortion:
-        """Measure the map of each vertex to where it is at time ``t`` (tau by default)."""
-        return self.point_map(-(self.tau if t is None else t)).distortion()
+        """Measure the map of each vertex to where it is at time ``t`` (tau by default), see
+        `PointMap.distortion`.
+        """
+        return self.point_map(t, inverse=True).distortion()
+
+    def there_and_back(self, t: float | None = None) -> ThereAndBack:
+        """Measure how far from itself a vertex comes back, in edges: `abfm.maps.there_and_back`."""
+        return there_and_back(self.point_map(t, inverse=True), self.point_map(t))
+
+    def map_quality(self, t: float | None = None) -> FlowMapQuality:
+        """Tell what the map of time ``t`` does to faces, and whether points come back."""
+        return flow_map_quality(self.point_map(t, inverse=True), self.point_map(t))
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
         """Return the flow to time ``t`` (tau by default) on coefficients in the first k
@@ -108,6 +141,10 @@ class Flow:
         """
         basis = unit_eigenbasis(self.mesh, k)[1]
         return spectral_coefficients(self.mesh, self.push(basis, t), k)
+
+    @cached_property
+    def _lines(self) -> ContinuousFlow:
+        return ContinuousFlow(self.mesh, self.velocity, self.tau)
 
     @cached_property
     def _advection(self) -> Advection:

@@ -5,10 +5,14 @@ from .functional_maps import point_map as point_map
 from .functional_maps import zoom_out as zoom_out
 from .point_maps import PointMap as PointMap
 from .quality import BOUNDS as BOUNDS
+from .quality import FlowMapQuality as FlowMapQuality
 from .quality import MapAccuracy as MapAccuracy
 from .quality import MapQuality as MapQuality
+from .quality import ThereAndBack as ThereAndBack
+from .quality import flow_map_quality as flow_map_quality
 from .quality import map_accuracy as map_accuracy
 from .quality import map_quality as map_quality
+from .quality import there_and_back as there_and_back
 from .surface_points import SurfacePoints as SurfacePoints
 from .surface_points import project_onto_surface as project_onto_surface
 from .surface_points import vertex_points as vertex_points

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from abfm.errors import AbfmError
-from abfm.maps.distortion import Distortion, distortion
+from abfm.maps.distortion import Distortion, Map, distortion, distortion_of_flow
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
@@ -28,6 +28,9 @@ class PointMap:
         Weights of its corners, not negative, summing to 1.
     distances : (V,) array, optional
         How far images were from the codomain before they were brought onto it, in its units; or 0.
+    carried : callable, optional
+        Takes points inside faces of the domain to points of the codomain; else these are between
+        the images of corners.
     """
 
     domain: TriangleMesh
@@ -35,6 +38,7 @@ class PointMap:
     faces: IntArray
     barycentric: FloatArray
     distances: FloatArray = field(default_factory=lambda: np.zeros(1))
+    carried: Map | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         count = len(self.domain.vertices)
@@ -84,6 +88,17 @@ class PointMap:
         entries = self.barycentric.ravel(), columns, 3 * np.arange(count + 1)
         return sparse.csr_array(entries, shape=(count, len(self.codomain.vertices)))
 
+    def at(self, points: SurfacePoints) -> FloatArray:
+        """Return where points of the domain lie in space, (P, 3)."""
+        if self.carried is None:
+            return points.pull_back(self.positions)
+        return self.carried(points).positions
+
     def distortion(self) -> Distortion:
-        """Measure what the map, linear on faces, does to each face."""
-        return distortion(self.domain, self.positions, self.codomain)
+        """Measure what the map does to each face: by its corners, where points inside faces are
+        not known (`abfm.maps.distortion.distortion`), and else by parts where these mislead
+        (`abfm.maps.distortion.distortion_of_flow`).
+        """
+        if self.carried is None:
+            return distortion(self.domain, self.positions, self.codomain)
+        return distortion_of_flow(self.domain, self.points, self.carried)

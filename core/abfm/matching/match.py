@@ -195,9 +195,11 @@ class Match:
         faster: FloatArray = self.velocity * (self.parameters.tau / parameters.tau)
         return faster
 
-    def point_map(self, t: float | None = None) -> PointMap:
-        """Return where each vertex's value came from at time ``t``, see `abfm.Flow.point_map`."""
-        return self.flow.point_map(t)
+    def point_map(self, t: float | None = None, inverse: bool = False) -> PointMap:
+        """Return where each vertex's value came from at time ``t``, or, ``inverse``, where each
+        vertex goes, by the flow lines that verify a match, see `abfm.Flow.point_map`.
+        """
+        return self.flow.point_map(t, inverse)
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
         """Return the flow in the first k eigenfunctions, see `abfm.Flow.functional_map`."""

@@ -89,7 +89,7 @@ def test_rough_fields_turn_faces_over_or_overflow_and_one_that_does_nothing_leav
         verify(mesh, f, g, v, subdivided=False) for v in (field, noisy(mesh, field, 10.0))
     )
     assert smooth.folded == smooth.overturned == 0
-    assert 0 < rough.folded < 0.1 * rough.overturned
+    assert rough.folded == 0
     assert rough.overturned > 0.2
     fields = np.stack([60 * noisy(mesh, field, 1.0)] * 40)
     wild = verify(mesh, 1e99 * f, 1e99 * g, fields, linearised=True)

@@ -1,0 +1,154 @@
+"""The maps of flow lines: their times and inverses, and what they do to areas and shapes."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.linalg import expm
+
+from abfm.calculus.operators import face_areas
+from abfm.errors import ParameterError
+from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.flow.flow import Flow
+from abfm.maps.distortion import distortion, folds
+from abfm.maps.point_maps import PointMap
+from abfm.maps.quality import there_and_back
+from abfm.workers.control import CancelledError, Control, controlled
+from tests.core.fields import rotation_field, wavy_field
+from tests.core.verification import near
+from tests.shapes import disc, icosphere, square, torus
+
+BALL = icosphere(3)
+ROW = np.stack([0.3 * wavy_field(BALL, seed) for seed in (1, 2, 3)])
+TURN = rotation_field(BALL, [0.3, -0.5, 0.8])
+
+
+def centres(mesh):
+    return mesh.vertices[mesh.faces].mean(axis=1)
+
+
+def twist(mesh, speed):
+    """Turns about z the faster the higher a place is: it shears, and keeps all areas."""
+    x, y, z = centres(mesh).T
+    return speed * np.stack([-z * y, z * x, 0 * z], axis=1)
+
+
+def off(one, other):
+    return np.linalg.norm(one.positions - other.positions, axis=1).max()
+
+
+@pytest.mark.parametrize("fields", [TURN, ROW])
+@pytest.mark.parametrize("inverse", [False, True])
+def test_times_are_those_of_push_and_a_negative_one_is_the_other_way(fields, inverse):
+    flow, lines = Flow(BALL, fields, 0.6), ContinuousFlow(BALL, fields, 0.6)
+    carried = lines.destinations if inverse else lines.origins
+    assert off(flow.point_map(inverse=inverse), carried()) == 0
+    for t in (0.0, 0.1, 0.5, 0.9):
+        found = flow.point_map(t, inverse)
+        assert off(found, flow.point_map(-t, not inverse)) == 0
+        there = flow.push(BALL.vertices, -t if inverse else t)
+        assert np.linalg.norm(found.positions - there, axis=1).mean() < 0.02
+
+
+@pytest.mark.parametrize("fields", [TURN, ROW])
+@pytest.mark.parametrize("inverse", [False, True])
+def test_several_times_are_walked_at_once(fields, inverse):
+    flow, times = Flow(BALL, fields, 0.6), [0.0, 0.05, 0.3, 0.3, 0.8, 0.2, -0.1, -0.4]
+    for t, found in zip(times, flow.point_maps(times, inverse), strict=True):
+        assert off(found, flow.point_map(t, inverse)) < 0.01
+    with pytest.raises(ParameterError, match="finite time"):
+        flow.point_maps([0.0, np.nan])
+    with pytest.raises(ParameterError, match="shorten the time"):
+        flow.point_map(1e9)
+
+
+def test_a_map_that_nobody_wants_any_more_ends():
+    control = Control()
+    control.cancel()
+    with controlled(control), pytest.raises(CancelledError):
+        Flow(BALL, TURN).point_map()
+
+
+MATRICES = [[[-1, 0], [0, -1]], [[-1, 0], [0, -2]], [[-1, 0.8], [0, -1]], [[-0.5, 1], [-1, -0.5]]]
+
+
+@pytest.mark.parametrize("matrix", MATRICES)
+def test_areas_and_shapes_of_a_linear_flow_of_the_plane(matrix):
+    """Inwards, so that nothing ends at the boundary."""
+    largest, smallest = np.linalg.svd(expm(np.array(matrix)), compute_uv=False)
+    exact, errors = np.log2([largest * smallest, largest / smallest]), []
+    for n in (10, 20, 40):
+        mesh = disc(n)
+        field = np.pad(centres(mesh)[:, :2] @ np.transpose(matrix), ((0, 0), (0, 1)))
+        found = Flow(mesh, field).distortion()
+        logs = np.log2(np.stack([found.area, found.conformal], axis=1))
+        errors.append(np.average(abs(logs - exact), axis=0, weights=face_areas(mesh)))
+        told = np.array([found.log2_area, found.log2_shape])
+        assert (abs(told - np.abs(exact)[:, None])[:, :3] < 0.06).all()
+        assert found.folded == 0
+    assert (np.array(errors[:-1]) > 1.6 * np.array(errors[1:])).all()
+    assert errors[2].max() < 0.003
+
+
+def test_a_twist_shears_by_what_its_speed_changes_and_keeps_areas():
+    """R of a shear by k is the square of (k + sqrt(k^2 + 4)) / 2."""
+    errors = []
+    for level in (3, 4, 5):
+        mesh, speed = icosphere(level), 1.5
+        flow = Flow(mesh, twist(mesh, speed))
+        k = speed * (1 - (centres(mesh)[:, 2] / np.linalg.norm(centres(mesh), axis=1)) ** 2)
+        exact = 2 * np.log2((k + np.sqrt(k**2 + 4)) / 2)
+        found, areas = flow.distortion(), face_areas(mesh)
+        errors.append([np.average(abs(np.log2(found.conformal) - exact), weights=areas)])
+        errors[-1] += [found.log2_area.mean]
+        assert found.log2_shape.mean == pytest.approx(np.average(exact, weights=areas), abs=0.05)
+    assert (np.array(errors[:-1]) > 1.8 * np.array(errors[1:])).all()
+
+
+def test_a_rigid_motion_changes_nothing():
+    found = Flow(BALL, np.zeros_like(TURN)).distortion()
+    for told in (found.log2_area, found.log2_shape):
+        near(told, 0, 1e-6)
+    mesh = torus(48, 24)
+    found = Flow(mesh, rotation_field(mesh, [0, 0, 1]), 2 * np.pi / 24).distortion()
+    for told in (found.log2_area, found.log2_shape):
+        near(told, 0, 0.03)
+
+
+def test_what_triangles_between_corners_measure_badly_is_measured_by_parts():
+    mesh = icosphere(2)
+    there = Flow(mesh, twist(mesh, 6.0)).point_map(inverse=True)
+    chords, parts = distortion(mesh, there.positions), there.distortion()
+    assert parts.log2_area.mean < 0.2 * chords.log2_area.mean
+    assert chords.folded > 0.2 * len(mesh.faces)
+    assert parts.folded == 0
+
+
+@pytest.mark.parametrize("seed", range(7))
+@pytest.mark.parametrize("t", [0.6, 1.2])
+def test_flipped_faces_are_those_that_folds_counts_and_smooth_flows_have_none(seed, t):
+    flow = Flow(BALL, wavy_field(BALL, seed) if seed else twist(BALL, 6.0))
+    there, back = flow.point_map(t, inverse=True), flow.point_map(t)
+    for found in (there, back):
+        faces = np.arange(len(BALL.faces))
+        folded, overturned = folds(
+            BALL, found.carried, faces, found.positions[BALL.faces], len(faces)
+        )
+        assert found.distortion().folded == round(folded * len(faces))
+        assert distortion(BALL, found.positions).folded == round(overturned * len(faces))
+        assert folded == 0
+        assert overturned > 0 or seed == 1 or t < 1
+    assert there_and_back(there, back).median < 0.1
+
+
+def test_there_and_back_is_told_in_edges():
+    mesh = square(8)
+    still = PointMap.of_vertices(mesh, mesh)
+    assert there_and_back(still, still) == (0, 0)
+    moved = PointMap.project(mesh, mesh, mesh.vertices * 0.9)
+    found = there_and_back(still, moved)
+    lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1), axis=2).ravel()
+    local = [lengths[(mesh.edges == v).any(axis=1)].mean() for v in range(len(mesh.vertices))]
+    expected = np.linalg.norm(0.1 * mesh.vertices, axis=1) / local
+    assert_allclose(found, np.percentile(expected, (50, 95)), rtol=1e-9)
+    assert there_and_back(moved, still).median == pytest.approx(found.median)
+    assert Flow(BALL, ROW, 0.5).there_and_back().median < 0.1
