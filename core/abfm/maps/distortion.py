@@ -101,34 +101,42 @@ def distortion(
             f"{len(mapped)} mapped positions for {len(mesh.vertices)} vertices: give one row per "
             "vertex"
         )
-    corners = mapped[mesh.faces]
-    flipped = turned_over(mesh if onto is None else onto, corners)
-    return _of_stretches(mesh, _stretches(corners, hat_gradients(mesh)), flipped)
+    return _of_corners(mesh, np.arange(len(mesh.faces)), mapped[mesh.faces], onto or mesh)
 
 
-def distortion_of_flow(mesh: TriangleMesh, points: SurfacePoints, carried: Map) -> Distortion:
-    """Measure a map that is known inside faces, too, and takes the vertices to ``points`` (V,).
+def distortion_of_flow(
+    mesh: TriangleMesh, faces: IntArray, corners: SurfacePoints, carried: Map
+) -> Distortion:
+    """Measure what a map that is known inside faces, too, does to some faces (S,), by number, whose
+    corners it takes to points (3 S,).
 
     Faces that triangles between their mapped corners measure badly are cut into 64 parts, each
     mapped by itself: those that look turned over, as smooth flows make slivers of faces, and those
     that are stretched along a bent surface. Their stretches are the geometric means over the parts,
     and they are flipped by the rule of `folds`. The others are measured as in `distortion`.
     """
-    chords = distortion(mesh, points.positions, points.mesh)
-    normals = face_normals(points.mesh)[points.faces][mesh.faces].mean(axis=1)
+    chords = _of_corners(mesh, faces, corners.positions.reshape(-1, 3, 3), corners.mesh)
+    normals = face_normals(corners.mesh)[corners.faces].reshape(-1, 3, 3).mean(axis=1)
     bent = np.linalg.norm(normals, axis=1) < _BENT
     cut = np.flatnonzero(chords.flipped | (bent & (chords.singular_values[:, 0] > _LONG)))
-    turned, stretches = _by_parts(mesh, carried, cut)
+    turned, stretches = _by_parts(mesh, carried, faces[cut])
     flipped, values = chords.flipped.copy(), chords.singular_values.copy()
     flipped[cut] &= turned > _TURNED
     values[cut] = stretches
-    return _of_stretches(mesh, values, flipped)
+    return _of_stretches(values, flipped, chords.weights)
 
 
-def _of_stretches(mesh: TriangleMesh, values: FloatArray, flipped: BoolArray) -> Distortion:
+def _of_corners(
+    mesh: TriangleMesh, faces: IntArray, corners: FloatArray, onto: TriangleMesh
+) -> Distortion:
+    flipped, stretches = turned_over(onto, corners), _stretches(corners, hat_gradients(mesh)[faces])
+    return _of_stretches(stretches, flipped, face_areas(mesh)[faces])
+
+
+def _of_stretches(values: FloatArray, flipped: BoolArray, weights: FloatArray) -> Distortion:
     largest, smallest = values.T
     conformal = np.divide(largest, smallest, out=np.full_like(largest, np.inf), where=smallest > 0)
-    return Distortion(values, largest * smallest, conformal, flipped, face_areas(mesh))
+    return Distortion(values, largest * smallest, conformal, flipped, weights)
 
 
 def _stretches(corners: FloatArray, gradients: FloatArray) -> FloatArray:

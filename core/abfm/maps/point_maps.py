@@ -101,4 +101,6 @@ class PointMap:
         """
         if self.carried is None:
             return distortion(self.domain, self.positions, self.codomain)
-        return distortion_of_flow(self.domain, self.points, self.carried)
+        faces = self.domain.faces
+        corners = self.points[faces.ravel()]
+        return distortion_of_flow(self.domain, np.arange(len(faces)), corners, self.carried)

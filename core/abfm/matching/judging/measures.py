@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from abfm.calculus.operators import face_areas
 from abfm.flow.continuous_flow import ContinuousFlow
-from abfm.maps.distortion import distortion
+from abfm.maps.distortion import distortion_of_flow
 from abfm.maps.surface_points import vertex_points
 from abfm.matching.judging.verification import FEW, estimate
 from abfm.matching.objective.matching_energy import MatchingEnergy
@@ -33,13 +32,8 @@ def _stretches(
     mesh: TriangleMesh, fields: FloatArray, tau: float, faces: IntArray
 ) -> tuple[float, float]:
     """Return `log2_area` and `log2_shape` over some faces (S,)."""
-    asked = np.unique(mesh.faces[faces])
-    positions = mesh.vertices.copy()
-    carried = ContinuousFlow(mesh, fields, tau).destinations(vertex_points(mesh, asked))
-    positions[asked] = carried.positions
-    found, areas = distortion(mesh, positions), face_areas(mesh)[faces]
-    # a face that collapsed counts as one that is hardly there
-    least = np.finfo(float).tiny
-    ratios = np.maximum([found.area[faces], 1 / found.conformal[faces]], least)
-    area, shape = np.abs(np.log2(ratios)) @ areas / areas.sum()
-    return float(area), float(shape)
+    flow = ContinuousFlow(mesh, fields, tau)
+    asked, corners = np.unique(mesh.faces[faces], return_inverse=True)
+    points = flow.destinations(vertex_points(mesh, asked))[corners.ravel()]
+    found = distortion_of_flow(mesh, faces, points, flow.destinations)
+    return found.log2_area.mean, found.log2_shape.mean
