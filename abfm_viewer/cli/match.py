@@ -87,8 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
         mesh = options.mesh(arguments)
         problem = Problem(
             mesh,
-            _values(mesh, sources),
-            _values(mesh, targets),
+            _alone(sources),
+            _alone(targets),
             parameters,
             mask=_mask(mesh, arguments.mask),
             weights=weights,
@@ -119,9 +119,8 @@ def _channels(arguments: argparse.Namespace) -> tuple[list[str], list[str], list
     return [source for source, *_ in channels], [target for _, target, _ in channels], weights
 
 
-def _values(mesh: TriangleMesh, specs: list[str]) -> FloatArray:
-    functions = [function(mesh, spec) for spec in specs]
-    return np.stack(functions, axis=1) if len(functions) > 1 else functions[0]
+def _alone(specs: list[str]) -> list[str] | str:
+    return specs if len(specs) > 1 else specs[0]
 
 
 def _mask(mesh: TriangleMesh, given: str | None) -> FloatArray | None:

@@ -49,13 +49,12 @@ class ProblemSpec:
     mask: str
 
     def problem(self, functions: Functions) -> abfm.Problem:
-        source, target = (
-            np.stack([functions.evaluate(channel.spec(side)) for channel in self.channels], axis=1)
-            for side in SIDES
-        )
+        specs = [[channel.spec(side) for channel in self.channels] for side in SIDES]
+        source, target = (np.stack(list(map(functions.evaluate, s)), axis=1) for s in specs)
         mask = functions.evaluate(self.mask) if self.mask else None
         weights = [channel.weight for channel in self.channels]
-        return abfm.Problem(self.mesh, source, target, self.parameters, mask=mask, weights=weights)
+        given = abfm.Problem(self.mesh, source, target, self.parameters, mask=mask, weights=weights)
+        return given.with_specs(*specs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +263,7 @@ class Solver:
         reason = abfm.StopReason.CANCELLED
         found = abfm.Match(
             problem=snapshot.problem.problem(functions),
-            velocity=now.velocity,
+            fine_velocity=now.velocity,
             advected=now.advected,
             energy_history=run.energies,
             stages=run.stages,

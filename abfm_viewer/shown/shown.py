@@ -234,7 +234,8 @@ class FieldQuantities(Jobs):
         def compute() -> list[abfm.flow.FlowLine]:
             mesh, tau = flow.mesh, flow.parameters.tau
             starts = _starts(mesh, points)
-            return abfm.flow.flow_lines(mesh, flow.velocity, starts, EXTRAPOLATION * tau, tau)
+            fields = flow.flow.fine_velocity
+            return abfm.flow.flow_lines(mesh, fields, starts, EXTRAPOLATION * tau, tau)
 
         return self._paths.ask((flow, points), compute) or []
 

@@ -25,7 +25,9 @@ _SETTLED = 0.15  # seconds without a new time after which it is worth computing 
 
 @dataclass(frozen=True, eq=False)
 class FlowState:
-    """A field (N, F, 3), or what reads it, which takes a while; the same only if one object."""
+    """A field (N, 4^k F, 3), of the mesh subdivided k times, or what reads it, which takes a while;
+    the same only if one object.
+    """
 
     mesh: TriangleMesh
     found: FloatArray | Callable[[], FloatArray]
@@ -33,9 +35,15 @@ class FlowState:
     final: bool = True  # a result, and not an iterate
 
     @cached_property
+    def flow(self) -> abfm.Flow:
+        """The flow; not to be asked for in the frame loop."""
+        found = self.found() if callable(self.found) else self.found
+        return abfm.Flow(self.mesh, found, self.parameters.tau, self.parameters.method)
+
+    @property
     def velocity(self) -> FloatArray:
-        """The fields (N, F, 3); not to be asked for in the frame loop."""
-        return self.found() if callable(self.found) else self.found
+        """The fields on the mesh itself (N, F, 3); not to be asked for in the frame loop."""
+        return self.flow.velocity
 
     @cached_property
     def flow(self) -> abfm.Flow:
@@ -148,6 +156,10 @@ class Carried:
         return self._blended.get((known, time), partial(known.at, time))
 
 
+def _field(found: abfm.Match | abfm.Iteration) -> FloatArray:
+    return found.fine_velocity if isinstance(found, abfm.Match) else found.velocity
+
+
 class ShownFlow(Jobs):
     """Of a session: the newest iterate's flow during a run, else the result's."""
 
@@ -172,7 +184,7 @@ class ShownFlow(Jobs):
         self, found: abfm.Match | abfm.Iteration, parameters: Parameters, final: bool
     ) -> FlowState:
         mesh = self._session.surface().mesh
-        make = partial(FlowState, mesh, lambda: found.velocity, parameters, final)
+        make = partial(FlowState, mesh, partial(_field, found), parameters, final)
         return self._state.get((found,), make)
 
     @property

@@ -202,7 +202,7 @@ class Symmetric:
         mesh, tau, rows = self.mesh, match.parameters.tau, self.sample
         [drift] = geodesics(mesh, rows, match.flow.coordinate_map(2 * tau).points[rows])
         starts = maps.project_onto_surface(mesh, mesh.vertices[rows])
-        lines = flow_lines(mesh, match.velocity, starts, -tau, tau)
+        lines = flow_lines(mesh, match.fine_velocity, starts, -tau, tau)
         ends = maps.project_onto_surface(mesh, np.array([line.positions[-1] for line in lines]))
         points = match.flow.coordinate_map().points[rows]
         error, by_lines = geodesics(mesh, self.symmetry.vertex_map[rows], points, ends)

@@ -358,7 +358,7 @@ def by_flow(start: PointMap, k: int, name: str, found: Match) -> dict[str, Point
     a, b = start.codomain, start.domain
     basis = start.pull_back(unit_eigenbasis(a, k)[1])
     C = spectral_coefficients(b, found.push(basis, found.parameters.tau), k)
-    lines = followed(start, found.velocity, found.parameters.tau)
+    lines = followed(start, found.fine_velocity, found.parameters.tau)
     return {name + LINES: lines, name + NEIGHBOURS: point_map(a, b, C)}
 
 

@@ -202,7 +202,7 @@ def as_match(example: Example) -> Match | None:
     kind: Kind = "matched" if mismatch <= MATCHED else "not reached"
     return Match(
         problem=problem,
-        velocity=velocity,
+        fine_velocity=velocity,
         advected=np.ascontiguousarray(evaluated.advected.T),
         energy_history=np.array([[evaluated.energy, evaluated.regularity, evaluated.mismatch]]),
         stages=np.zeros(1, dtype=np.int64),

@@ -22,6 +22,7 @@ from abfm.errors import ParameterError, brief
 from abfm.flow.flow_lines import AT_VERTEX, fields_in_a_row, opposite_slots, walkers
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
+from abfm.mesh.subdivision import refined, to_children, to_parents
 from abfm.numerics.kernels import kernel
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.types import FloatArray, IndexArray, IntArray
@@ -48,19 +49,22 @@ class ContinuousFlow:
     Parameters
     ----------
     velocity : (F, 3) or (N, F, 3) array
-        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped.
+        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped. Also
+        (4^k F, 3) or (N, 4^k F, 3), on the mesh subdivided k times; points stay those of the mesh.
     tau : float
         End time, positive or 0.
     """
 
     def __init__(self, mesh: TriangleMesh, velocity: ArrayLike, tau: float) -> None:
-        self.mesh, self.fields = mesh, fields_in_a_row(mesh, velocity)
+        self.mesh = mesh
+        self.fields, self._refined = fields_in_a_row(mesh, velocity)
+        fine = refined(mesh, self._refined)
         if not (is_finite_number(tau) and tau >= 0):
             raise ParameterError(
                 f"tau is {brief(tau)}; expected a finite time that is not negative"
             )
         self.tau = float(tau)
-        sizes = np.sqrt(face_areas(mesh)) / mesh.length_scale
+        sizes = np.sqrt(face_areas(fine)) / mesh.length_scale
         with np.errstate(over="ignore", invalid="ignore"):
             speeds = [np.linalg.norm(v / mesh.length_scale, axis=1) for v in self.fields]
             # faces that a point meets per unit of time, on average by areas sizes^2
@@ -116,17 +120,21 @@ class ContinuousFlow:
         kept = self._kept
         if kept is None or kept[0] != j:
             field = self.fields[j] / self.mesh.length_scale
-            self._kept = kept = j, smooth_flow(self.mesh.normalized(), field)
+            unit = refined(self.mesh, self._refined).normalized()
+            self._kept = kept = j, smooth_flow(unit, field)
         return kept[1]
 
     def _walked(self, start: SurfacePoints | None, spans: list[tuple[int, float]]) -> SurfacePoints:
         """Walk along fields, by number, each for a time of either sign."""
-        mesh, unit = self.mesh, self.mesh.normalized()
+        mesh, k = self.mesh, self._refined
         faces, barycentric = walkers(mesh, vertex_points(mesh) if start is None else start)
+        faces, barycentric = to_children(faces, barycentric, k)
+        fine = refined(mesh, k)
+        unit = fine.normalized()
         at_vertex = barycentric.max(axis=1) >= AT_VERTEX
         if at_vertex.any() and spans:
             first, duration = spans[0]
-            vertices = mesh.faces[faces[at_vertex], barycentric[at_vertex].argmax(axis=1)]
+            vertices = fine.faces[faces[at_vertex], barycentric[at_vertex].argmax(axis=1)]
             leading = math.copysign(1 / mesh.length_scale, duration) * self.fields[first]
             ahead = slots_ahead(unit, leading)[vertices]
             faces[at_vertex], barycentric[at_vertex] = ahead // 3, np.eye(3)[ahead % 3]
@@ -145,7 +153,7 @@ class ContinuousFlow:
         barycentric[:, 0] += 1
         barycentric = np.maximum(barycentric, 0)
         barycentric /= barycentric.sum(axis=1, keepdims=True)
-        return SurfacePoints(mesh, faces, barycentric)
+        return SurfacePoints(mesh, *to_parents(faces, barycentric, k))
 
 
 class FlatFaces(NamedTuple):
@@ -191,6 +199,17 @@ def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> Smo
         np.concatenate([_pairs(turns), _pairs(shifts)], axis=2),
         flat.neighbours,
     )
+
+
+def on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
+    """Return a field (F, 3), made continuous, at the centres of the subdivided mesh's faces."""
+    vectors, fine = smooth_flow(mesh, field).vectors, refined(mesh, 1)
+    centres = (
+        fine.vertices[fine.faces].mean(axis=1).reshape(-1, 4, 3) - mesh.vertices[mesh.faces[:, :1]]
+    )
+    places = np.einsum("fqx,fkx->fqk", centres, face_frames(mesh))
+    at_centres = vectors[:, None, 0] + np.einsum("fqj,fjk->fqk", places, vectors[:, 1:])
+    return np.asarray(np.einsum("fqk,fkx->fqx", at_centres, face_frames(mesh)).reshape(-1, 3))
 
 
 def slots_ahead(mesh: TriangleMesh, field: FloatArray) -> IntArray:

@@ -20,6 +20,7 @@ from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import FlowMapQuality, ThereAndBack, flow_map_quality, there_and_back
 from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh.subdivision import interpolated, mean_of_children, refined
 from abfm.numerics.real_numbers import is_finite_number, real_numbers
 from abfm.parameters import CHOICES, Method
 from abfm.types import FloatArray
@@ -49,7 +50,10 @@ class Flow:
     mesh : TriangleMesh
     velocity : (F, 3) or (N, F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time, such as ``match.velocity``; a
-        normal part is dropped. The attribute is (N, F, 3).
+        normal part is dropped. Also (4^k F, 3) or (N, 4^k F, 3), such as ``match.fine_velocity``,
+        on the mesh subdivided k times: functions are interpolated there, carried there, and told at
+        the mesh's own vertices. The attributes are ``velocity`` (N, F, 3), then a mean over
+        children, ``fine_velocity`` as given, ``fine_mesh``, and k, ``refined``.
     method : "nonlinear" or "linearised"
         ``exp(-t D_v)`` (Eq. 4), or its first two terms ``id - t D_v`` (Eq. 5), one step for each
         field: for smaller steps repeat the fields.
@@ -68,7 +72,17 @@ class Flow:
             expected = " or ".join(map(repr, CHOICES["method"]))
             raise ParameterError(f"method is {brief(method)}; expected {expected}")
         self.mesh, self.tau, self.method = mesh, float(tau), method
-        self.velocity = fields_in_a_row(mesh, velocity)
+        self.fine_velocity, self.refined = fields_in_a_row(mesh, velocity)
+
+    @property
+    def fine_mesh(self) -> TriangleMesh:
+        """The mesh of the fields."""
+        return refined(self.mesh, self.refined)
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """The fields on the mesh itself, (N, F, 3)."""
+        return mean_of_children(self.fine_velocity, len(self.mesh.faces))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out of copies, and of the flow in another process, what these compute again."""
@@ -88,13 +102,15 @@ class Flow:
         moments = np.atleast_1d(times)
         if moments.ndim != 1 or not np.isfinite(moments).all():
             raise ParameterError(f"t is {brief(t)}; expected a finite time or a list of them")
-        rows = channels(self.mesh, h, "h")
-        with _discretisation(self.mesh, self.method).workspace.lock:
+        values = interpolated(self.mesh, channels(self.mesh, h, "h").T, self.refined)
+        rows = np.ascontiguousarray(values.T)
+        with _discretisation(self.fine_mesh, self.method).workspace.lock:
             carried = np.stack([self._advection.at(row, moments) for row in rows], axis=-1)
         if not np.isfinite(carried).all():
             raise AdvectionError(
                 "the function overflows on its way: the discrete flow is unstable over this time"
             )
+        carried = carried[:, : len(self.mesh.vertices)]
         return carried.reshape(*times.shape, len(self.mesh.vertices), *np.shape(h)[1:])
 
     def point_map(self, t: float | None = None, inverse: bool = False) -> PointMap:
@@ -144,13 +160,13 @@ class Flow:
 
     @cached_property
     def _lines(self) -> ContinuousFlow:
-        return ContinuousFlow(self.mesh, self.velocity, self.tau)
+        return ContinuousFlow(self.mesh, self.fine_velocity, self.tau)
 
     @cached_property
     def _advection(self) -> Advection:
         """The discrete flow, in the mesh's units: times do not depend on them."""
-        fields = to_frame(self.mesh, self.velocity)
-        return _discretisation(self.mesh, self.method).flow(fields, self.tau)
+        fields = to_frame(self.fine_mesh, self.fine_velocity)
+        return _discretisation(self.fine_mesh, self.method).flow(fields, self.tau)
 
 
 _discretisation = per_mesh(Discretisation)  # one memory for all flows on a mesh

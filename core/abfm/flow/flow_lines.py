@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.calculus.vector_fields import check_field, to_frame
-from abfm.errors import ParameterError, brief
+from abfm.errors import MeshError, ParameterError, brief
 from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh.subdivision import refined, times_subdivided, to_children, to_parents
 from abfm.numerics.kernels import kernel
 from abfm.numerics.real_numbers import is_finite_number, real_numbers
 from abfm.types import FloatArray, IndexArray, IntArray
@@ -63,14 +64,16 @@ def flow_lines(
     Parameters
     ----------
     velocity : (F, 3) or (N, F, 3) array
-        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped.
+        Tangent vectors, in the mesh's length unit per unit of time; a normal part is dropped. Also
+        (4^k F, 3) or (N, 4^k F, 3), on the mesh subdivided k times.
     duration : float
         How long to walk. Negative: against the flow of the first field.
     tau : float, optional
         End time of the N fields, each of which lasts ``tau / N``; the last one goes on. Needed for
         several fields.
     """
-    fields = fields_in_a_row(mesh, velocity)
+    fields, k = fields_in_a_row(mesh, velocity)
+    fine = refined(mesh, k)
     if not is_finite_number(duration):
         raise ParameterError(f"duration is {brief(duration)}; expected a finite time")
     if len(fields) > 1 and tau is None:
@@ -85,12 +88,12 @@ def flow_lines(
     ends = [*changes[changes < abs(duration)], abs(float(duration))]
     size, sign = STEP_LIMIT + 1, -1 if duration < 0 else 1
     path = Path(np.empty(size), np.empty(size, dtype=np.int64), np.empty((size, 3)))
-    flows = [face_flow(mesh, field) for field in fields[: len(ends)]]
+    flows = [face_flow(fine, field) for field in fields[: len(ends)]]
     spans = list(zip(flows, [0.0, *ends[:-1]], ends, strict=True))
     lines = []
-    for face, barycentric in zip(*walkers(mesh, start), strict=True):
+    for face, barycentric in zip(*to_children(*walkers(mesh, start), k), strict=True):
         count, status = _walked(face, barycentric, spans, path)
-        faces, weights = path.faces[:count].copy(), path.weights[:count].copy()
+        faces, weights = to_parents(path.faces[:count].copy(), path.weights[:count].copy(), k)
         positions = np.einsum("kc,kcx->kx", weights, mesh.vertices[mesh.faces[faces]])
         ended: Ending = "time" if path.times[count - 1] == ends[-1] else _ENDINGS[status]
         lines.append(FlowLine(sign * path.times[:count], positions, faces, weights, ended))
@@ -272,18 +275,24 @@ def trace(
     return count, status
 
 
-def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> FloatArray:
-    """Check N fields, given as (F, 3) or (N, F, 3), and return them as (N, F, 3)."""
+def fields_in_a_row(mesh: TriangleMesh, velocity: ArrayLike) -> tuple[FloatArray, int]:
+    """Check N fields, given as (4^k F, 3) or (N, 4^k F, 3); return them as the latter, and k, how
+    often the mesh that they are on is subdivided.
+    """
     given = real_numbers(velocity, "velocity", ParameterError)
     array = given[None] if given.ndim == 2 else given
-    if array.ndim != 3 or not len(array):
+    if array.ndim != 3 or array.shape[2] != 3 or not len(array):
         expected = (len(mesh.faces), 3)
         raise ParameterError(
             f"velocity has shape {given.shape}; expected {expected}, or N of these in a row"
         )
+    try:
+        k = times_subdivided(array.shape[1], mesh)
+    except MeshError as error:
+        raise ParameterError(f"velocity has shape {given.shape}, {error}") from None
     for field in array:
-        check_field(mesh, field, "velocity")
-    return array
+        check_field(refined(mesh, k), field, "velocity")
+    return array, k
 
 
 def walkers(mesh: TriangleMesh, start: SurfacePoints) -> tuple[IntArray, FloatArray]:

@@ -106,11 +106,16 @@ _DATA = {
     # the last one is required: damage to a zip's directory can hide the last entry
     "weights": Entry("real", ("C",), low=0),
 }
-_START = {"start": Entry("real", ("M", "F", 3), required=False)}
-PROBLEM_ENTRIES = MESH_ENTRIES | _FUNCTIONS | _START | _DATA
+_START = {"start": Entry("real", ("M", "S", 3), required=False)}
+SPEC_ENTRIES = {
+    name: Entry("text", ("C",), required=False) for name in ("source_specs", "target_specs")
+}
+PROBLEM_ENTRIES = MESH_ENTRIES | _FUNCTIONS | _START | SPEC_ENTRIES | _DATA
 _MATCH = {
     "advected": _FUNCTION,
     "velocity": Entry("real", ("N", "F", 3)),
+    # on the subdivided mesh, where the match was refined
+    "fine_velocity": Entry("real", ("N", "D", 3), required=False),
     "energy_history": Entry("real", ("I", 3)),
     "stages": Entry("integer", ("I",), low=0),
     "mismatch": Entry("real", (), low=0),
@@ -125,7 +130,7 @@ _MATCH = {
     # the others' fields side by side, in lengths of the mesh: squares of more overflow
     "path_velocity": Entry("single", ("N", "P", 3), required=False, low=-1e30, high=1e30),
 }
-MATCH_ENTRIES = _FUNCTIONS | _MATCH | _DATA
+MATCH_ENTRIES = _FUNCTIONS | _MATCH | SPEC_ENTRIES | _DATA
 
 
 class Kind(NamedTuple):

@@ -29,6 +29,7 @@ from abfm.matching.problem import Problem, problem_of
 from abfm.matching.solving.record import Iteration, StopReason
 from abfm.matching.solving.solve import Solver
 from abfm.mesh import TriangleMesh
+from abfm.mesh.subdivision import mean_of_children, times_subdivided
 from abfm.parameters import Parameters
 from abfm.reading import from_json
 from abfm.types import FloatArray, IntArray
@@ -46,8 +47,9 @@ class Match:
     ----------
     problem : Problem
         What was to be matched.
-    velocity : (N, F, 3) array
-        Tangent fields, in the input's length unit per unit of time.
+    fine_velocity : (N, 4^k F, 3) array
+        Tangent fields, in the input's length unit per unit of time, as they were found: on the mesh
+        or on its midpoint subdivision made k times.
     advected : (V, C) array
         The source carried to tau.
     energy_history : (iterations + 1, 3) array
@@ -73,7 +75,7 @@ class Match:
     """
 
     problem: Problem
-    velocity: FloatArray = field(repr=False)
+    fine_velocity: FloatArray = field(repr=False)
     advected: FloatArray = field(repr=False)
     energy_history: FloatArray = field(repr=False)
     stages: IntArray = field(repr=False)
@@ -87,9 +89,9 @@ class Match:
 
     def __post_init__(self) -> None:
         # a copy with another field is on no path
-        if not self.path or self.path[self.step].velocity is not self.velocity:
+        if not self.path or self.path[self.step].velocity is not self.fine_velocity:
             p = self.parameters
-            known = self.velocity, self.mismatch, self.verified_mismatch, self.folded
+            known = self.fine_velocity, self.mismatch, self.verified_mismatch, self.folded
             alone = PathStep(p.sigma, p.alpha, p.reach, *known)
             self.__dict__.update(path=(alone,), step=0)
 
@@ -131,7 +133,26 @@ class Match:
     @cached_property
     def flow(self) -> Flow:
         """The flow of the fields."""
-        return Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method)
+        return Flow(self.mesh, self.fine_velocity, self.parameters.tau, self.parameters.method)
+
+    @cached_property
+    def velocity(self) -> FloatArray:
+        """The fields on the mesh itself, (N, F, 3): means over children where it was refined."""
+        return mean_of_children(self.fine_velocity, len(self.mesh.faces))
+
+    @property
+    def refined(self) -> int:
+        """How often the mesh is subdivided on which the fields were found."""
+        return times_subdivided(self.fine_velocity.shape[1], self.mesh)
+
+    @cached_property
+    def fine(self) -> Match:
+        """The same match as seen on the mesh on which it was found, with the functions there."""
+        if not self.refined:
+            return self
+        problem = self.problem.refined(self.refined)
+        advected = _carried(problem, self.fine_velocity)
+        return replace(self, problem=problem, advected=advected, path=(), step=0)
 
     @property
     def confirmed_mismatch(self) -> float:
@@ -146,6 +167,10 @@ class Match:
 
     def advect(self, t: ArrayLike) -> FloatArray:
         """The source carried to time ``t``, in the shape it was given; times as in `push`."""
+        if self.refined:
+            carried = self.fine.advect(t)
+            axis = np.ndim(t)
+            return np.take(carried, np.arange(len(self.mesh.vertices)), axis)
         return self.push(self.source if self.channels_given else self.source[:, 0], t)
 
     def push(self, h: ArrayLike, t: ArrayLike) -> FloatArray:
@@ -170,8 +195,8 @@ class Match:
         if step == self.step:
             return self
         found, functions = self.path[step], self.problem.functions
-        p = self.parameters
-        carried = Flow(self.mesh, found.velocity, p.tau, p.method).push(self.source)
+        problem = self.problem.refined(times_subdivided(found.velocity.shape[1], self.mesh))
+        carried = _carried(problem, found.velocity)[: len(self.mesh.vertices)]
         outcome = verdicts.Outcome(
             np.ascontiguousarray(carried.T),
             found.mismatch,
@@ -181,18 +206,18 @@ class Match:
         )
         return replace(
             self,
-            velocity=found.velocity,
+            fine_velocity=found.velocity,
             advected=carried,
             mismatch=found.mismatch,
             verified_mismatch=found.verified_mismatch,
             folded=found.folded,
-            verdict=verdicts.advice(functions, outcome, p),
+            verdict=verdicts.advice(functions, outcome, self.parameters),
             step=step % len(self.path),
         )
 
     def start_for(self, parameters: Parameters) -> FloatArray:
-        """The fields (N, F, 3) as a start with other parameters: by another tau as far."""
-        faster: FloatArray = self.velocity * (self.parameters.tau / parameters.tau)
+        """The fields (N, 4^k F, 3) as a start with other parameters: by another tau as far."""
+        faster: FloatArray = self.fine_velocity * (self.parameters.tau / parameters.tau)
         return faster
 
     def point_map(self, t: float | None = None, inverse: bool = False) -> PointMap:
@@ -211,7 +236,7 @@ class Match:
 
     def verify(self, subdivided: bool = True) -> Verification:
         """Ask witnesses whether the fields carry the source to the target, see `abfm.verify`."""
-        return verify(self.problem, self.velocity, subdivided)
+        return verify(self.problem, self.fine_velocity, subdivided)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a result file (``.npz``, no pickles), whole or not at all, or raise ResultError.
@@ -313,7 +338,7 @@ def match(
     outcome = verdicts.Outcome(advected, mismatch, reason, verified, folded, last, solver.unmatched)
     return Match(
         problem=the_problem.starting_from(None),
-        velocity=velocity,
+        fine_velocity=velocity,
         advected=advected.T.copy(),
         energy_history=history,
         stages=stages,
@@ -324,6 +349,12 @@ def match(
         verdict=verdicts.advice(energy.functions, outcome, p),
         path=(end,),
     )
+
+
+def _carried(problem: Problem, velocity: FloatArray) -> FloatArray:
+    """Return the source of a problem at tau, (V, C), carried along fields (N, F, 3)."""
+    p = problem.parameters
+    return Flow(problem.mesh, velocity, p.tau, p.method).push(problem.source)
 
 
 def _problem_of(*problem: Any, **given: Any) -> Problem:
@@ -343,8 +374,11 @@ def _problem_of(*problem: Any, **given: Any) -> Problem:
 def match_arrays(match: Match) -> dict[str, Any]:
     """Return what files hold of a match besides its mesh; what is not known is left out."""
     verdict = match.verdict
-    parts = path_arrays(match.path, match.step, match.mesh)
-    own = results.MATCH_ENTRIES.keys() - parts.keys() - {"remedies", "path_velocity"}
+    parts = path_arrays(match.path, match.step, match.mesh) | match.problem.spec_arrays()
+    left_out = {"remedies", "path_velocity", *results.SPEC_ENTRIES}
+    if not match.refined:
+        left_out.add("fine_velocity")
+    own = results.MATCH_ENTRIES.keys() - parts.keys() - left_out
     parts |= {name: getattr(match, name) for name in results.MATCH_ENTRIES if name in own}
     parts["parameters"] = json.dumps(match.parameters.to_dict())
     parts["verdict"] = verdict.kind, verdict.reason, verdict.advice
@@ -371,18 +405,19 @@ def match_of(
         for name, array in arrays.items()
         if name not in results.PROBLEM_ENTRIES
     }
-    if parameters.segments != len(parts["velocity"]):
-        raise ValueError(
-            f"{len(parts['velocity'])} fields, but parameters say {parameters.segments}"
-        )
-    fastest = np.abs(parts["velocity"]).max()
+    velocity = parts.pop("velocity")
+    if parameters.segments != len(velocity):
+        raise ValueError(f"{len(velocity)} fields, but parameters say {parameters.segments}")
+    parts.setdefault("fine_velocity", velocity)
+    times_subdivided(parts["fine_velocity"].shape[1], mesh)
+    fastest = np.abs(parts["fine_velocity"]).max()
     if fastest > results.LARGEST * mesh.length_scale:
         raise ValueError(
             f"velocity has the value {fastest:.3g}; expected up to {results.LARGEST:g} length "
             "scales of the mesh"
         )
     if any(name.startswith("path_") for name in arrays):
-        parts["path"], parts["step"] = path_of(arrays, parts["velocity"], mesh)
+        parts["path"], parts["step"] = path_of(arrays, parts["fine_velocity"], mesh)
     parts = {name: part for name, part in parts.items() if not name.startswith("path_")}
     reason = StopReason.of_file(parts["stop_reason"])
     if verdict is None:

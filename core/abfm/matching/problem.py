@@ -6,7 +6,9 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NoReturn
 
@@ -14,10 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import MeshError, ParameterError, ResultError, brief, one_line
+from abfm.flow.continuous_flow import on_children
+from abfm.functions.refinement import on_subdivision
+from abfm.functions.spec import function, parse
 from abfm.io import results
 from abfm.matching.terms.data_term import DataTerm, Restriction
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
+from abfm.mesh.subdivision import interpolated, mean_of_children, refined, times_subdivided
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.reading import from_json
@@ -33,18 +39,20 @@ class Problem:
     Parameters
     ----------
     mesh : TriangleMesh
-    f, g : (V,) or (V, C) arrays
-        Source and target, one or several channels.
+    f, g : (V,) or (V, C) arrays, or str, or sequences of str
+        Source and target, one or several channels; texts are functions, see `abfm.function`, which
+        finer meshes evaluate anew.
     parameters : Parameters, optional
     mask : (V,) array, optional
         Weight of the mismatch at each vertex, not negative.
     weights : (C,) array, optional
         Weight of each channel's mismatch, not negative.
-    start : (M, F, 3) or (F, 3) array, optional
+    start : (M, 4^k F, 3) or (4^k F, 3) array, optional
         Fields to start from, such as an earlier ``match.velocity``, also one found for other
         functions or parameters; those of M segments are averaged over, or repeated in, the N of
         these parameters. Sigma is then not cooled again, which would lead away from a good start,
-        unless the parameters have a reach and the start is far from the target. None for zero.
+        unless the parameters have a reach and the start is far from the target. None for zero. They
+        may be on the mesh subdivided k times: ``start`` is then their mean over children.
     terms : sequence of DataTerm
         What else is to be matched, on ``mesh.normalized()``.
 
@@ -67,15 +75,17 @@ class Problem:
     mesh: TriangleMesh
     terms: tuple[DataTerm, ...]  # all of them: first that of source and target
     parameters: Parameters
-    start: FloatArray | None
+    fine_start: FloatArray | None  # (M, 4^k F, 3)
+    # texts of source and target, one each for a channel, empty for one that is given by values
+    specs: tuple[tuple[str, ...], tuple[str, ...]]
     functions: FunctionTerm
     channels_given: bool  # source and target came as (V, C); else as (V,)
 
     def __init__(
         self,
         mesh: TriangleMesh,
-        f: ArrayLike,
-        g: ArrayLike,
+        f: ArrayLike | Sequence[str],
+        g: ArrayLike | Sequence[str],
         parameters: Parameters | None = None,
         *,
         mask: ArrayLike | None = None,
@@ -89,15 +99,17 @@ class Problem:
             raise ParameterError(
                 f"parameters is {brief(parameters)}; expected abfm.Parameters(...)"
             )
-        functions = FunctionTerm(mesh.normalized(), f, g, mask, weights)
+        source, target = (_values(mesh, given) for given in (f, g))
+        functions = FunctionTerm(mesh.normalized(), source, target, mask, weights)
         functions.refuse_extremes()
         self.__dict__.update(
             mesh=mesh,
             terms=(functions, *terms),
             parameters=parameters or Parameters(),
-            start=_checked_start(start, mesh),
+            fine_start=_checked_start(start, mesh),
             functions=functions,
-            channels_given=np.ndim(f) == 2,
+            channels_given=np.ndim(source) == 2,
+            specs=tuple(_specs(given, len(functions.source)) for given in (f, g)),
         )
 
     @property
@@ -109,6 +121,12 @@ class Problem:
     def target(self) -> FloatArray:
         """The target, (V, C), which cannot be written to."""
         return _read_only(self.functions.target.T)
+
+    @cached_property
+    def start(self) -> FloatArray | None:
+        """Fields to start from, on the mesh itself, (M, F, 3), which cannot be written to."""
+        fine = self.fine_start
+        return None if fine is None else _read_only(mean_of_children(fine, len(self.mesh.faces)))
 
     @property
     def mask(self) -> FloatArray | None:
@@ -123,18 +141,71 @@ class Problem:
 
     def starting_from(self, start: ArrayLike | None) -> Problem:
         """Return the same problem with another start."""
-        return self._with(start=_checked_start(start, self.mesh))
+        return self._with(fine_start=_checked_start(start, self.mesh))
 
     def with_parameters(self, parameters: Parameters) -> Problem:
         """Return the same problem with other parameters."""
         return self._with(parameters=parameters)
+
+    def with_specs(self, f: Sequence[str], g: Sequence[str]) -> Problem:
+        """Return the same problem with texts of source and target, one each for a channel, which
+        they were evaluated by; empty for none.
+        """
+        count = len(self.functions.source)
+        return self._with(specs=tuple(_specs(list(given), count) for given in (f, g)))
+
+    def subdivided(self) -> Problem:
+        """Return the problem on the midpoint subdivision of its mesh, made once.
+
+        Functions that came as text are evaluated anew, but for those of files, of maps of vertices
+        and of curvature; these and arrays are interpolated. The mask of an edge is the least of its
+        ends, so that what it hides nowhere matters. A start that is not on the subdivision is made
+        continuous and goes to the children.
+
+        Raises
+        ------
+        AbfmError
+            If faces have no area that can be divided, or a data term has no place there.
+        """
+        return self._subdivided
+
+    def refined(self, k: int) -> Problem:
+        """Return the problem subdivided k times."""
+        return self.subdivided().refined(k - 1) if k else self
+
+    @cached_property
+    def _subdivided(self) -> Problem:
+        mesh, fine, own = self.mesh, refined(self.mesh, 1), self.functions
+        source, target = (
+            np.stack([on_subdivision(mesh, *pair) for pair in zip(values, specs, strict=True)], 1)
+            for values, specs in zip((own.source, own.target), self.specs, strict=True)
+        )
+        mask = None if own.mask is None else mask_on_children(mesh, own.mask)
+        functions = FunctionTerm(fine.normalized(), source, target, mask, own.weights)
+        functions.function_size = own.function_size
+        others = [term.restricted(_Finer(mesh, fine)) for term in self.terms[1:]]
+        if None in others:
+            raise ParameterError("a data term has no place on a finer mesh: do not refine")
+        start = self.fine_start
+        if start is not None and start.shape[1] == len(mesh.faces):
+            start = np.stack([on_children(mesh, field) for field in start])
+        return self._with(
+            mesh=fine, terms=(functions, *others), functions=functions, fine_start=start
+        )
 
     def restricted(self, restriction: Restriction) -> Problem | None:
         """Return the problem on a coarser mesh, without a start; None if there is none."""
         terms = tuple(term.restricted(restriction) for term in self.terms)
         if None in terms:
             return None
-        return self._with(mesh=restriction.coarse, terms=terms, functions=terms[0], start=None)
+        none = ("",) * len(self.functions.source)
+        return self._with(
+            mesh=restriction.coarse,
+            terms=terms,
+            functions=terms[0],
+            fine_start=None,
+            specs=(none, none),
+        )
 
     @cached_property
     def digest(self) -> str:
@@ -156,9 +227,16 @@ class Problem:
             for name, array in term.arrays().items():
                 parts[f"{name} of term {index}" if name in parts else name] = array
         parts |= {"parameters": parameters, "channels_given": self.channels_given}
-        if self.start is not None:
-            parts["start"] = self.start
+        if self.fine_start is not None:
+            parts["start"] = self.fine_start
+        parts |= self.spec_arrays()
         return {name: np.asarray(part) for name, part in parts.items()}
+
+    def spec_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return what files hold of the texts, (C,) each; nothing where there are none."""
+        if not any(map(any, self.specs)):
+            return {}
+        return dict(zip(results.SPEC_ENTRIES, map(np.array, self.specs), strict=True))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
@@ -172,7 +250,7 @@ class Problem:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process needs: the terms' mesh is made of the problem's there."""
-        kept = ("mesh", "parameters", "start", "channels_given")
+        kept = ("mesh", "parameters", "fine_start", "channels_given", "specs")
         terms = [copy(term) for term in self.terms]
         for term in terms:
             term.__dict__.pop("mesh", None)
@@ -186,7 +264,8 @@ class Problem:
 
     def _with(self, **changes: Any) -> Problem:
         other = copy(self)
-        other.__dict__.pop("digest", None)
+        for made in ("digest", "start", "_subdivided"):
+            other.__dict__.pop(made, None)
         other.__dict__.update(changes)
         return other
 
@@ -209,11 +288,14 @@ def problem_of(
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
     functions = FunctionTerm(mesh.normalized(), source, target, arrays.get("mask"), weights)
     zero = np.zeros(len(mesh.vertices))
+    none = [""] * len(functions.source)
+    specs = [arrays[name].tolist() if name in arrays else none for name in results.SPEC_ENTRIES]
     return Problem(mesh, zero, zero, parameters)._with(
         terms=(functions,),
         functions=functions,
         channels_given=bool(arrays["channels_given"]),
-        start=_checked_start(arrays.get("start"), mesh),
+        fine_start=_checked_start(arrays.get("start"), mesh),
+        specs=tuple(map(tuple, specs)),
     )
 
 
@@ -233,8 +315,50 @@ def _checked_start(start: ArrayLike | None, mesh: TriangleMesh) -> FloatArray | 
     if start is None:
         return None
     fields = real_numbers(start, "start", ParameterError)
-    count = max(len(fields), 1) if fields.ndim == 3 else 1
-    return _read_only(check_fields(fields, (count, len(mesh.faces), 3), "start").copy())
+    count, faces = max(len(fields), 1) if fields.ndim == 3 else 1, len(mesh.faces)
+    with suppress(MeshError, IndexError):
+        faces *= 4 ** times_subdivided(fields.shape[-2], mesh)
+    return _read_only(check_fields(fields, (count, faces, 3), "start").copy())
+
+
+def mask_on_children(mesh: TriangleMesh, mask: FloatArray) -> FloatArray:
+    """Return a mask (V,) on the subdivided mesh: on an edge the least of its ends."""
+    return np.concatenate([mask, mask[mesh.edges].min(axis=1)])
+
+
+@dataclass(frozen=True)
+class _Finer:
+    """How data terms come to a finer mesh, by what they come to coarser ones."""
+
+    mesh: TriangleMesh
+    coarse: TriangleMesh
+
+    def function_to_coarse(self, f: FloatArray) -> FloatArray:
+        return np.moveaxis(interpolated(self.mesh, np.moveaxis(f, -1, 0)), 0, -1)
+
+
+def _values(mesh: TriangleMesh, given: Any) -> Any:
+    if isinstance(given, str):
+        return function(mesh, given)
+    if _is_texts(given):
+        return np.stack([function(mesh, spec) for spec in given], axis=1)
+    return given
+
+
+def _specs(given: Any, count: int) -> tuple[str, ...]:
+    if isinstance(given, str):
+        given = [given]
+    if not _is_texts(given):
+        return ("",) * count
+    if len(given) != count:
+        raise ParameterError(f"{len(given)} texts of {count} channels; give one each, or ''")
+    texts = (str(parse(text)) if text else "" for text in given)
+    return tuple(text if text.isprintable() else "" for text in texts)  # files hold no others
+
+
+def _is_texts(given: Any) -> bool:
+    is_list = isinstance(given, list | tuple) and len(given) > 0
+    return is_list and all(isinstance(text, str) for text in given)
 
 
 def _read_only(array: FloatArray) -> FloatArray:

@@ -4,16 +4,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import MeshError
-from abfm.mesh.triangle_mesh import TriangleMesh
-from abfm.types import FloatArray
+from abfm.mesh.triangle_mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray, IntArray
 
 
 def subdivided(mesh: TriangleMesh) -> TriangleMesh:
     """Return the mesh with a vertex in the middle of every edge: V + E vertices, 4 F faces.
 
-    The vertices stay, and edge e gets vertex ``V + e``. Face f becomes the faces ``4 f`` to
-    ``4 f + 3``: those at its corners 0, 1 and 2, each with this corner in its place, and the middle
-    one, whose corner c lies opposite the corner c of f. MeshError if parts have no area.
+    The vertices stay, also their numbers in the file, and edge e gets vertex ``V + e``. Face f
+    becomes the faces ``4 f`` to ``4 f + 3``: those at its corners 0, 1 and 2, each with this corner
+    in its place, and the middle one, whose corner c lies opposite the corner c of f. MeshError if
+    parts have no area.
     """
     middles = mesh.face_edges + len(mesh.vertices)
     children = np.repeat(middles[:, None], 4, axis=1)
@@ -21,22 +22,75 @@ def subdivided(mesh: TriangleMesh) -> TriangleMesh:
         children[:, c, c] = mesh.faces[:, c]
         children[:, c, (c + 1) % 3] = middles[:, (c + 2) % 3]
         children[:, c, (c + 2) % 3] = middles[:, (c + 1) % 3]
-    return TriangleMesh(interpolated(mesh, mesh.vertices), children.reshape(-1, 3))
+    count = mesh.file_vertex_count
+    ids = np.concatenate([mesh.vertex_ids, count + np.arange(len(mesh.edges))])
+    return TriangleMesh(
+        interpolated(mesh, mesh.vertices),
+        children.reshape(-1, 3),
+        numbers=(ids, count + len(mesh.edges)),
+    )
 
 
-def interpolated(mesh: TriangleMesh, values: ArrayLike) -> FloatArray:
-    """Return a vertex function (V, ...) on the vertices of the subdivided mesh, (V + E, ...)."""
-    given = np.asarray(values, dtype=np.float64)
-    start, end = mesh.edges.T
-    return np.concatenate([given, given[start] / 2 + given[end] / 2])
+_kept = per_mesh(subdivided)
+
+
+def refined(mesh: TriangleMesh, k: int) -> TriangleMesh:
+    """Return the mesh `subdivided` k times, which is made once and kept with the mesh."""
+    for _ in range(k):
+        mesh = _kept(mesh)
+    return mesh
+
+
+def interpolated(mesh: TriangleMesh, values: ArrayLike, k: int = 1) -> FloatArray:
+    """Return a vertex function (V, ...) on the vertices of the mesh subdivided k times."""
+    found = np.asarray(values, dtype=np.float64)
+    for level in range(k):
+        start, end = refined(mesh, level).edges.T
+        found = np.concatenate([found, found[start] / 2 + found[end] / 2])
+    return found
 
 
 def times_subdivided(faces: int, mesh: TriangleMesh) -> int:
     """Return k for the faces of the mesh subdivided k times, 4^k of its own; MeshError if other."""
     k = max(faces // len(mesh.faces), 1).bit_length() // 2
     if faces != 4**k * len(mesh.faces):
+        own = len(mesh.faces)
         raise MeshError(
-            f"{faces} faces; expected those of the mesh, {len(mesh.faces)}, or of its midpoint "
-            f"subdivision, {4 * len(mesh.faces)}, {16 * len(mesh.faces)}, ..."
+            f"{faces} faces; expected those of the mesh, {own}, or of its midpoint subdivision, "
+            f"{4 * own}, {16 * own}, ..."
         )
     return k
+
+
+def mean_of_children(fields: FloatArray, faces: int) -> FloatArray:
+    """Return the means (N, F, 3) of fields (N, 4^k F, 3), whose children have the same areas."""
+    if fields.shape[1] == faces:
+        return fields
+    return np.asarray(fields.reshape(len(fields), faces, -1, 3).mean(axis=2))
+
+
+def to_children(
+    faces: IntArray, barycentric: FloatArray, k: int = 1
+) -> tuple[IntArray, FloatArray]:
+    """Return faces (P,) and weights (P, 3) of points on the mesh subdivided k times."""
+    for _ in range(k):
+        corner, largest = barycentric.argmax(axis=1), barycentric.max(axis=1)
+        outer = largest >= 0.5
+        inside = np.maximum(1 - 2 * barycentric, 0)
+        at_corner = 2 * barycentric
+        at_corner[np.arange(len(faces)), corner] -= 1
+        faces = 4 * faces + np.where(outer, corner, 3)
+        barycentric = np.where(outer[:, None], at_corner, inside)
+    return faces, barycentric
+
+
+def to_parents(faces: IntArray, barycentric: FloatArray, k: int = 1) -> tuple[IntArray, FloatArray]:
+    """Undo `to_children`."""
+    for _ in range(k):
+        parents, child = np.divmod(faces, 4)
+        middle = (1 - barycentric) / 2
+        at_corner = barycentric / 2
+        outer = child < 3
+        at_corner[outer, child[outer]] += 0.5
+        faces, barycentric = parents, np.where(outer[:, None], at_corner, middle)
+    return faces, barycentric

@@ -197,5 +197,5 @@ def test_fields_that_cannot_be_followed_end_no_experiment(found, monkeypatch):
 def test_a_field_that_does_nothing_leaves_what_there_was(found, share):
     target = found.source * (1 + share)
     problem = Problem(SPHERE, found.source, target, found.parameters)
-    still = replace(found, problem=problem, velocity=0 * found.velocity)
+    still = replace(found, problem=problem, fine_velocity=0 * found.velocity)
     assert witnessed(still)[0][0].value == pytest.approx(share / (1 + share), abs=1e-9)

@@ -209,7 +209,7 @@ def test_large_meshes_are_kept_as_they_are_and_once(tmp_path):
     velocity = np.random.default_rng(0).normal(size=(1, len(mesh.faces), 3))
     f = mesh.vertices[:, :1]
     problem = Problem(mesh, f, f, RESULT.parameters)
-    result = replace(RESULT, problem=problem, advected=f, velocity=velocity)
+    result = replace(RESULT, problem=problem, advected=f, fine_velocity=velocity)
     save_project(path, Document((Surface(mesh, "large"),), result=result), {"file:x.npy": f[:, 0]})
     held = [mesh.vertices, mesh.faces, mesh.vertex_ids, velocity, *4 * [f]]
     assert path.stat().st_size < sum(array.nbytes for array in held) + 50_000

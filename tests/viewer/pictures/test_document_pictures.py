@@ -217,7 +217,7 @@ def test_what_cannot_be_drawn_is_refused(document):
     with pytest.raises(ParameterError, match="9000x20; expected 16 to 8192"):
         DocumentRenderer(document, {}, (9000, 20))
     velocity = 1e12 * document.result.velocity
-    wild = replace(document, result=replace(document.result, velocity=velocity))
+    wild = replace(document, result=replace(document.result, fine_velocity=velocity))
     unknown = replace(document, channels=(Channel("gaussian:vertex=99999", CHANNEL.target),))
     for drawn, time, error, message in (
         (document, -0.1, ParameterError, "0 to 4"),

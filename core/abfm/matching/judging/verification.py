@@ -7,20 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.operators import face_frames
 from abfm.errors import AdvectionError, MeshError
-from abfm.flow.continuous_flow import ContinuousFlow, smooth_flow
+from abfm.flow.continuous_flow import ContinuousFlow, on_children
 from abfm.flow.flow import Flow
 from abfm.flow.flow_lines import fields_in_a_row
 from abfm.maps.distortion import MOST, folds
 from abfm.maps.surface_points import vertex_points
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.problem import Problem
+from abfm.matching.problem import Problem, mask_on_children
 from abfm.matching.solvability import RESOLVED, narrowest
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.mesh import TriangleMesh
-from abfm.mesh.subdivision import interpolated
-from abfm.mesh.subdivision import subdivided as subdivided_mesh
+from abfm.mesh.subdivision import interpolated, refined
 from abfm.parameters import Parameters
 from abfm.types import FloatArray, IntArray
 
@@ -94,7 +91,9 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     problem : Problem
         Its functions, mask and weights, tau and the method.
     velocity : (N, F, 3) or (F, 3) array
-        Tangent fields, each for ``tau / N``, in the mesh's length unit, such as ``match.velocity``.
+        Tangent fields, each for ``tau / N``, in the mesh's length unit, such as ``match.velocity``;
+        also (N, 4^k F, 3), such as ``match.fine_velocity``: then all is asked on the mesh
+        subdivided k times, with the functions there (`Problem.refined`).
     subdivided : bool
         Whether to ask on the subdivided mesh, up to `SUBDIVIDED_LIMIT` vertices: most of the time.
 
@@ -103,8 +102,10 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     AbfmError
         If an array does not fit, or the fields lead over too many faces.
     """
+    fields, k = fields_in_a_row(problem.mesh, velocity)
+    problem = problem.refined(k)
     mesh, p = problem.mesh, problem.parameters
-    functions, fields = problem.functions.on(mesh), fields_in_a_row(mesh, velocity)
+    functions = problem.functions.on(mesh)
     flow, faces = ContinuousFlow(mesh, fields, p.tau), np.arange(len(mesh.faces))
     lines, folded, overturned = _by_flow_lines(functions, flow, faces, MOST)
     on_fine = np.nan
@@ -141,29 +142,19 @@ def _by_flow_lines(
 def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Parameters) -> float:
     mesh, mask = functions.mesh, functions.mask
     try:
-        fine = subdivided_mesh(mesh)
+        fine = refined(mesh, 1)
     except MeshError:
         return np.nan
     source, target = (interpolated(mesh, h.T) for h in (functions.source, functions.target))
     carried, duration = source, parameters.tau / len(fields)
     try:
         for field in fields:  # one by one, as each takes its memory
-            flow = Flow(fine, _on_children(mesh, fine, field), duration, parameters.method)
+            flow = Flow(fine, on_children(mesh, field), duration, parameters.method)
             carried = flow.push(carried, duration)
     except AdvectionError:
         return np.inf
     there = FunctionTerm(fine, source, target, None, functions.weights)
-    if mask is not None:  # on an edge the least of its ends, so that what it hides nowhere matters
-        there = there.weighed(np.concatenate([mask, mask[mesh.edges].min(axis=1)]))
+    if mask is not None:
+        there = there.weighed(mask_on_children(mesh, mask))
     with np.errstate(over="ignore"):
         return there.relative_mismatch(np.ascontiguousarray(carried.T))
-
-
-def _on_children(mesh: TriangleMesh, fine: TriangleMesh, field: FloatArray) -> FloatArray:
-    vectors = smooth_flow(mesh, field).vectors
-    centres = (
-        fine.vertices[fine.faces].mean(axis=1).reshape(-1, 4, 3) - mesh.vertices[mesh.faces[:, :1]]
-    )
-    places = np.einsum("fqx,fkx->fqk", centres, face_frames(mesh))
-    at_centres = vectors[:, None, 0] + np.einsum("fqj,fjk->fqk", places, vectors[:, 1:])
-    return np.asarray(np.einsum("fqk,fkx->fqx", at_centres, face_frames(mesh)).reshape(-1, 3))
