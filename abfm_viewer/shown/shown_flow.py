@@ -45,11 +45,6 @@ class FlowState:
         """The fields on the mesh itself (N, F, 3); not to be asked for in the frame loop."""
         return self.flow.velocity
 
-    @cached_property
-    def flow(self) -> abfm.Flow:
-        """The flow; not to be asked for in the frame loop."""
-        return abfm.Flow(self.mesh, self.velocity, self.parameters.tau, self.parameters.method)
-
     def origins(self, places: FloatArray, times: FloatArray) -> FloatArray:
         """Where what is at the vertices' places (V, 3) at times (T,) came from, (T, V, 3)."""
         found = [points.positions for points in self.flow.point_maps(times)]

@@ -65,6 +65,8 @@ def test_a_flow_of_finer_fields_is_that_on_the_finer_mesh_at_the_vertices_of_the
     assert here.velocity.shape == (2, len(BALL.faces), 3)
     assert_array_equal(here.fine_velocity, fields)
     assert here.functional_map(5).shape == (5, 5)
+    assert here.point_map().codomain is BALL
+    assert len(here.distortion().area) == len(BALL.faces)
     lines, finer = ContinuousFlow(BALL, fields, 2.0), ContinuousFlow(fine, fields, 2.0)
     for ask in ("origins", "destinations"):
         points = getattr(lines, ask)()
