@@ -14,11 +14,11 @@ from abfm.errors import AdvectionError, ParameterError, brief
 from abfm.flow.advection import Advection, Discretisation
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow_lines import fields_in_a_row
-from abfm.flow.flow_maps import flow_maps
+from abfm.flow.flow_maps import carrying, flow_maps
 from abfm.maps.distortion import Distortion
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import FlowMapQuality, ThereAndBack, flow_map_quality, there_and_back
+from abfm.maps.quality import FlowMapQuality, ThereAndBack, came_back
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined
 from abfm.numerics.real_numbers import is_finite_number, real_numbers
@@ -145,11 +145,15 @@ class Flow:
 
     def there_and_back(self, t: float | None = None) -> ThereAndBack:
         """Measure how far from itself a vertex comes back, in edges: `abfm.maps.there_and_back`."""
-        return there_and_back(self.point_map(t, inverse=True), self.point_map(t))
+        return self._there_and_back(self.point_map(t, inverse=True), t)
 
     def map_quality(self, t: float | None = None) -> FlowMapQuality:
         """Tell what the map of time ``t`` does to faces, and whether points come back."""
-        return flow_map_quality(self.point_map(t, inverse=True), self.point_map(t))
+        there = self.point_map(t, inverse=True)
+        return FlowMapQuality(there.distortion(), self._there_and_back(there, t))
+
+    def _there_and_back(self, there: PointMap, t: float | None) -> ThereAndBack:
+        return came_back(there, carrying(self._lines, self.tau if t is None else t, inverse=False))
 
     def functional_map(self, k: int, t: float | None = None) -> FloatArray:
         """Return the flow to time ``t`` (tau by default) on coefficients in the first k

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.maps.distortion import Map
 from abfm.maps.point_maps import PointMap
 from abfm.types import FloatArray
 
@@ -24,5 +25,11 @@ def flow_maps(lines: ContinuousFlow, times: FloatArray, inverse: bool) -> Iterat
         begin, end = (from_time, until) if ahead else (until, from_time)
         points = lines.between(points, begin, end)
         from_time, went_ahead = until, ahead
-        carry = partial(lines.destinations if ahead else lines.origins, t=until)
-        yield PointMap(mesh, mesh, points.faces, points.barycentric, carried=carry)
+        carried = carrying(lines, time, inverse)
+        yield PointMap(mesh, mesh, points.faces, points.barycentric, carried=carried)
+
+
+def carrying(lines: ContinuousFlow, time: float, inverse: bool) -> Map:
+    """Return what takes points where `flow_maps` takes vertices."""
+    ahead = inverse != (time < 0)
+    return partial(lines.destinations if ahead else lines.origins, t=abs(time))

@@ -9,7 +9,6 @@ from .quality import FlowMapQuality as FlowMapQuality
 from .quality import MapAccuracy as MapAccuracy
 from .quality import MapQuality as MapQuality
 from .quality import ThereAndBack as ThereAndBack
-from .quality import flow_map_quality as flow_map_quality
 from .quality import map_accuracy as map_accuracy
 from .quality import map_quality as map_quality
 from .quality import there_and_back as there_and_back

@@ -88,11 +88,13 @@ class PointMap:
         entries = self.barycentric.ravel(), columns, 3 * np.arange(count + 1)
         return sparse.csr_array(entries, shape=(count, len(self.codomain.vertices)))
 
-    def at(self, points: SurfacePoints) -> FloatArray:
-        """Return where points of the domain lie in space, (P, 3)."""
+    def at(self, points: SurfacePoints) -> SurfacePoints:
+        """Return where points of the domain lie; between the images of corners, which are brought
+        onto the codomain, where points inside faces are not known.
+        """
         if self.carried is None:
-            return points.pull_back(self.positions)
-        return self.carried(points).positions
+            return project_onto_surface(self.codomain, points.pull_back(self.positions))
+        return self.carried(points)
 
     def distortion(self) -> Distortion:
         """Measure what the map does to each face: by its corners, where points inside faces are

@@ -229,3 +229,13 @@ def test_what_is_played_is_known_before_the_time_moves(session, shown):
     session.set_time(0.5)
     assert not np.array_equal(shown.flow.advected(), session.values("source"))
     assert not shown.flow.is_behind
+
+
+def test_places_are_carried_by_flow_lines(session, shown):
+    session.set_time(0.7)
+    sleep(0.2)
+    found = settle(shown, lambda flow: flow.coordinates())
+    np.testing.assert_array_equal(found, session.result.point_map(0.7).positions)
+    session.set_time(0.71)  # between two that are known
+    expected = session.result.point_map(0.71).positions
+    assert distance(shown.flow.coordinates(), expected) < 2e-3
