@@ -18,7 +18,7 @@ from abfm.io import write_atomically
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import BOUNDS, map_accuracy
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.options import adder
+from abfm_viewer.cli.options import adder, warn_of_doubt
 from abfm_viewer.files import outputs
 
 SUMMARY = "the map that a result's flow makes: as a file, against a known one, for textures"
@@ -70,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif truth is None:
         raise UsageError("nothing to do: give --out, --truth or both")
     match = load_match(arguments.input)
+    warn_of_doubt(arguments.input, match)
     time = match.parameters.tau if arguments.time is None else arguments.time
     points, quality = match.point_map(time, arguments.inverse), match.flow.map_quality(time)
     accuracy = None

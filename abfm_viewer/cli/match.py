@@ -133,6 +133,7 @@ def _start(mesh: TriangleMesh, path: str | None, parameters: Parameters) -> Floa
     if path is None:
         return None
     earlier = load_match(path)
+    options.warn_of_doubt(path, earlier)
     if not np.array_equal(earlier.mesh.faces, mesh.faces):
         raise ResultError(
             f"--start {path} is a result on another mesh; give one on a mesh with the same faces"

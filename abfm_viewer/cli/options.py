@@ -8,8 +8,8 @@ from dataclasses import fields
 from functools import partial
 from typing import Any, NoReturn
 
-from abfm import Parameters, TriangleMesh, load_mesh
-from abfm.errors import did_you_mean, one_line
+from abfm import Match, Parameters, TriangleMesh, load_mesh
+from abfm.errors import did_you_mean, one_line, printable
 from abfm.parameters import CHOICES
 from abfm_viewer.cli.exit_status import UsageError
 
@@ -67,6 +67,13 @@ def add_mesh(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
     add("mesh", "triangle mesh: obj, off, ply, stl, glb, gltf or gii", "MESH")
     add("--largest-component", LARGEST)
+
+
+def warn_of_doubt(path: str, match: Match | None) -> None:
+    """Say on stderr what a file says of its match that the field does not bear out."""
+    if match is not None and match.doubt:
+        told = f"warning: {printable(path)} is not believed, and was judged anew: {match.doubt}"
+        print(told, file=sys.stderr)
 
 
 def mesh(arguments: argparse.Namespace) -> TriangleMesh:

@@ -13,7 +13,7 @@ from abfm.errors import printable
 from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.options import adder, angle, positive, size
+from abfm_viewer.cli.options import adder, angle, positive, size, warn_of_doubt
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import EXTRAPOLATION, Document
@@ -93,6 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
         if is_useless:
             raise UsageError(problem)
     document, known = read_document(path)
+    warn_of_doubt(arguments.input, document.result)
     document = _chosen(arguments, document)
     if is_movie:
         _movie(arguments, document, known)

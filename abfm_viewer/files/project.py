@@ -12,7 +12,7 @@ import os
 import types
 import zipfile
 from collections.abc import Collection, Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
@@ -149,7 +149,11 @@ def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, Floa
             raise ValueError(
                 f"{archive.packed[0]} is compressed; expected a zip without compression"
             )
-        return _document(from_json(archive.read("project.json", _LARGEST_HEADER)), archive)
+        content = from_json(archive.read("project.json", _LARGEST_HEADER))
+        document, known = _document(content, archive)
+    if document.result is not None:
+        document = replace(document, result=document.result.borne_out())
+    return document, known
 
 
 def load_origin(copy: str | os.PathLike[str]) -> Origin | None:

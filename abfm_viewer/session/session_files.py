@@ -253,13 +253,14 @@ class SessionFiles:
                 view = replace(document.view, ui_scale=view.ui_scale)
             self._session.restore(replace(document, view=view), known, origin)
 
-        return partial(self._show, path, restore)
+        doubt = document.result.doubt if document.result else ""
+        return partial(self._show, path, restore, doubt=doubt)
 
     def _offered(self, label: str, again: Do | None = None) -> dict[str, Do]:
         first = {"Try again": again} if again else {}
         return first | ({label: self.ways_out[label]} if label in self.ways_out else {})
 
-    def _show(self, path: Path, show: Do, messages: tuple[str, ...] = ()) -> None:
+    def _show(self, path: Path, show: Do, messages: tuple[str, ...] = (), doubt: str = "") -> None:
         left, unsaved = self._session.document.name, self._session.saves.unsaved
         show()
         self._session.notices.mend(OPENING)
@@ -267,3 +268,6 @@ class SessionFiles:
             self.state.add_recent(path)
         back = f" Undo returns to {left}, which was not saved." if unsaved else ""
         self._session.notices.say(f"{'; '.join([f'opened {path.name}', *messages])}.{back}")
+        if doubt:
+            text = f"{path.name} is not believed, and was judged anew: {doubt}"
+            self._session.notices.say(text, True, OPENING)

@@ -84,7 +84,7 @@ class Entry(NamedTuple):
         if self.kind in ("real", "single") and not np.isfinite(array).all():
             raise ValueError(f"{name} has values that are not finite")
         for value in (array.min(), array.max()) if array.size else ():
-            if not self.low <= value <= self.high:
+            if not self.low <= value.item() <= self.high:
                 bounds = f"{self.low:g} to {self.high:g}"
                 raise ValueError(f"{name} has the value {value:g}; expected {bounds}")
         if self.kind == "integer" and array.max() > np.iinfo(np.int64).max:

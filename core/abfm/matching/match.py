@@ -6,6 +6,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, get_args, overload
@@ -37,6 +38,11 @@ from abfm.workers.control import CancelledError, Control, checkpoint, controlled
 from abfm.workers.progress import step
 
 __all__ = ["Control", "Iteration", "Match", "load_match", "match", "match_arrays", "match_of"]
+
+
+_AGREED, _AGREED_SHARE = 0.005, 0.05
+"""What is carried anew may leave so much more than a file says, at least a tenth of what still is
+matched: rounding comes to 1e-6 of it, another version's scheme to some of its own dispersion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +78,8 @@ class Match:
         The fields that it found on its way, from smooth to close; unless given, this field alone.
     step : int
         Which of them the match is.
+    doubt : str
+        What a file said of the match that its field does not bear out, in a line; mostly empty.
     """
 
     problem: Problem
@@ -86,6 +94,7 @@ class Match:
     verdict: Verdict
     path: tuple[PathStep, ...] = field(default=(), repr=False)
     step: int = 0
+    doubt: str = ""
 
     def __post_init__(self) -> None:
         # a copy with another field is on no path
@@ -194,26 +203,85 @@ class Match:
         """
         if step == self.step:
             return self
-        found, functions = self.path[step], self.problem.functions
+        found = self.path[step]
         problem = self.problem.refined(times_subdivided(found.velocity.shape[1], self.mesh))
-        carried = _carried(problem, found.velocity)[: len(self.mesh.vertices)]
-        outcome = verdicts.Outcome(
-            np.ascontiguousarray(carried.T),
-            found.mismatch,
-            self.stop_reason,
-            found.verified_mismatch,
-            found.folded,
-        )
-        return replace(
+        carried = _carried(problem, found.velocity)
+        other = replace(
             self,
             fine_velocity=found.velocity,
-            advected=carried,
+            advected=carried[: len(self.mesh.vertices)],
             mismatch=found.mismatch,
             verified_mismatch=found.verified_mismatch,
             folded=found.folded,
-            verdict=verdicts.advice(functions, outcome, self.parameters),
             step=step % len(self.path),
         )
+        judged = replace(other, verdict=other._judged())
+        return judged._held_against(problem, carried)
+
+    def borne_out(self) -> Match:
+        """Return the match as its field bears it out, by carrying the source once: itself, or with
+        what was recomputed, and the `doubt` that says so.
+        """
+        problem = self.problem.refined(self.refined)
+        try:
+            carried = _carried(problem, self.fine_velocity)
+        except AbfmError as error:
+            doubt = f"its field carries nothing to its end: {error}"
+            return replace(self, verdict=Verdict("not reached", doubt, ""), doubt=doubt)
+        return self._held_against(problem, carried)
+
+    @np.errstate(over="ignore", invalid="ignore")  # of functions that are refused today
+    def _held_against(self, problem: Problem, carried: FloatArray) -> Match:
+        """Return it as the source (V, C), carried by its field on its own mesh, bears it out."""
+        advected = carried[: len(self.mesh.vertices)]
+        left = problem.functions.relative_mismatch(carried.T)
+        off = self.problem.functions.relative_size((advected - self.advected).T)
+        agreed = max(_AGREED, _AGREED_SHARE * self.mismatch)
+        if left > self.mismatch + agreed:
+            doubt = f"{self.mismatch:.3g} is said to be left, and its field leaves {left:.3g}"
+        elif off > agreed:
+            doubt = f"the carried source is off by {off:.3g} from what its field carries"
+        elif self._is_overpraised():
+            doubt = f"it is said to be {self.verdict.kind}, with {self.confirmed_mismatch:.3g} left"
+        else:
+            return self
+        # a field that was taken out of a run came with the numbers of a coarser level
+        is_estimate = self.stop_reason is StopReason.CANCELLED and math.isnan(
+            self.verified_mismatch
+        )
+        said = dict[str, float]()
+        if not is_estimate:
+            with suppress(AbfmError):  # too fast for walks
+                energy = MatchingEnergy(problem)
+                said = measured(energy, self.fine_velocity / energy.length_scale)
+        own = self.path[self.step]
+        own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, left, **said)
+        other = replace(
+            self,
+            advected=advected,
+            mismatch=left,
+            verified_mismatch=own.verified_mismatch,
+            folded=own.folded,
+            path=(*self.path[: self.step], own, *self.path[self.step + 1 :]),
+            doubt="" if is_estimate else doubt,
+        )
+        return replace(other, verdict=other._judged())
+
+    def _is_overpraised(self) -> bool:
+        """Say whether the verdict's word is better than the one for what is left."""
+        words = get_args(verdicts.Kind)[:2]  # from the best on
+        told, due = self.verdict.kind, verdicts.kind_of(self.confirmed_mismatch)
+        return told in words and (due not in words or words.index(due) > words.index(told))
+
+    def _judged(self) -> Verdict:
+        outcome = verdicts.Outcome(
+            np.ascontiguousarray(self.advected.T),
+            self.mismatch,
+            self.stop_reason,
+            self.verified_mismatch,
+            self.folded,
+        )
+        return verdicts.advice(self.problem.functions, outcome, self.parameters)
 
     def start_for(self, parameters: Parameters) -> FloatArray:
         """The fields (N, 4^k F, 3) as a start with other parameters: by another tau as far."""
@@ -428,16 +496,21 @@ def match_of(
 
 
 def load_match(path: str | os.PathLike[str]) -> Match:
-    """Read a file that `Match.save` wrote; ResultError if it is missing, damaged, or no result."""
+    """Read a file that `Match.save` wrote; ResultError if it is missing, damaged, or no result.
+
+    The source is carried once, and what the field does not bear out is recomputed, and told in
+    ``match.doubt``.
+    """
     arrays = results.load_arrays(path)
     try:
         mesh = results.mesh_of({name: arrays.pop(name) for name in results.MESH_ENTRIES})
         parameters = Parameters.from_dict(from_json(str(arrays["parameters"])))
         remedies = _remedies(str(arrays.pop("remedies", "[]")))
         verdict = _verdict(arrays["verdict"], remedies) if "verdict" in arrays else None
-        return match_of(mesh, arrays, parameters, verdict)
+        found = match_of(mesh, arrays, parameters, verdict)
     except Exception as error:  # what stands in for a text, a number or a list may do anything
         raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
+    return found.borne_out()
 
 
 def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:

@@ -140,3 +140,15 @@ def test_bad_words_are_refused_in_one_line(turned, words, expected, abfm, tmp_pa
     np.save("short.npy", np.zeros(3))
     np.save("inf.npy", np.full(len(load_match(turned).mesh.vertices), np.inf))
     assert expected in abfm(f"map {turned} {words}", status=2).err
+
+
+def test_a_file_whose_field_was_taken_out_is_not_believed(turned, tmp_path, abfm):
+    with np.load(turned) as file:
+        arrays = dict(file)
+    np.savez(
+        path := tmp_path / "cheat.npz", **arrays | {"velocity": np.zeros_like(arrays["velocity"])}
+    )
+    for command in (f"map {path} --truth identity", f"render {path} --out {tmp_path}/a.png"):
+        [line] = abfm(command).err.splitlines()
+        assert line.startswith(f"warning: {path} is not believed, and was judged anew: ")
+        assert "is said to be left, and its field leaves 2" in line

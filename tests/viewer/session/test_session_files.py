@@ -2,6 +2,7 @@
 
 import threading
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -105,6 +106,26 @@ def test_what_cannot_be_opened_is_one_line_and_changes_nothing(desk, tmp_path, n
     assert told in desk.session.notices.latest.text
     assert desk.session.document is was
     assert desk.state.recent() == []
+
+
+@pytest.mark.parametrize("suffix", ["npz", "abfm"])
+def test_a_file_that_its_field_does_not_bear_out_opens_judged_anew_and_says_so(
+    solved, tmp_path, suffix
+):
+    found, path = solved.session.result, tmp_path / f"cheat.{suffix}"
+    cheat = replace(found, fine_velocity=0 * found.velocity)
+    solved.session.editor.amend(result=cheat)
+    if suffix == "npz":
+        cheat.save(path)
+    else:
+        save(solved, path)
+    solved.files.open(path)
+    until(lambda: solved.session.notices.cards, solved.session)
+    [card] = solved.session.notices.cards
+    assert card.text.startswith(f"{path.name} is not believed, and was judged anew: ")
+    judged = solved.session.result
+    assert judged.verdict.kind == "not reached"
+    assert judged.mismatch == pytest.approx(found.initial_mismatch)
 
 
 def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch):

@@ -8,8 +8,10 @@ import pytest
 
 import abfm
 from abfm import AdvectionError
+from abfm.mesh.subdivision import subdivided
 from abfm_viewer.shown.paint import Painter
 from abfm_viewer.shown.shown_flow import Carried, FlowState, span
+from tests.core.fields import wavy_field
 from tests.viewer.sessions import PAIR, QUICK, SPHERE, hold, matched, opened, ready, solving, until
 
 
@@ -239,3 +241,13 @@ def test_places_are_carried_by_flow_lines(session, shown):
     session.set_time(0.71)  # between two that are known
     expected = session.result.point_map(0.71).positions
     assert distance(shown.flow.coordinates(), expected) < 2e-3
+
+
+def test_a_field_of_a_finer_mesh_carries_there_and_is_shown_on_the_mesh(match, source):
+    fine = wavy_field(subdivided(SPHERE), 0)[None]
+    state, flow = FlowState(SPHERE, fine, match.parameters), abfm.Flow(SPHERE, fine)
+    assert state.velocity.shape == match.velocity.shape
+    times = np.array([0.4, 1.0])
+    np.testing.assert_allclose(state.carry(source, times), flow.push(source, times))
+    on_mesh = abfm.Flow(SPHERE, state.velocity).push(source, times)
+    assert not np.allclose(on_mesh, state.carry(source, times), atol=1e-3)
