@@ -13,15 +13,23 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 import abfm
-from abfm import MeshError, TriangleMesh, load_mesh
+from abfm import FunctionError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.mesh.files import READERS
 from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
-from abfm_viewer.document.document import Channel, Document, Identity, Run, Surface, View
+from abfm_viewer.document.document import (
+    SIDES,
+    Channel,
+    Document,
+    Identity,
+    Run,
+    Surface,
+    View,
+)
 from abfm_viewer.document.verdict_words import capital
-from abfm_viewer.files.project import Origin, load_project, save_project
+from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session
@@ -64,16 +72,23 @@ def read_document(path: Path) -> Opened:
 
 
 def document_of_result(match: abfm.Match, path: Path) -> Opened:
-    """A document that shows a result at tau; its functions are named by the result's file."""
+    """A document that shows a result at tau; its functions are named by their own text, if that
+    needs no file, or else by the result's file.
+    """
     known: dict[str, FloatArray] = {}
 
-    def spec(column: str, values: FloatArray) -> str:
-        text = str(abfm.functions.ValuesFile(path=str(path.absolute()), column=column))
+    def spec(column: str, values: FloatArray, given: str = "") -> str:
+        own = str(abfm.functions.ValuesFile(path=str(path.absolute()), column=column))
+        text = given if given and _needs_no_file(given) else own
         known[text] = np.array(values)
         return text
 
-    sources = [spec(f"source {i}", values) for i, values in enumerate(match.source.T)]
-    targets = [spec(f"target {i}", values) for i, values in enumerate(match.target.T)]
+    sources, targets = (
+        [spec(f"{side} {i}", *each) for i, each in enumerate(zip(values.T, specs, strict=True))]
+        for side, values, specs in zip(
+            SIDES, (match.source, match.target), match.problem.specs, strict=True
+        )
+    )
     document = Document(
         (Surface(match.mesh, path.name),),
         channels=tuple(map(Channel, sources, targets, match.weights.tolist())),
@@ -84,6 +99,13 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
         time=match.parameters.tau,
     )
     return document, known
+
+
+def _needs_no_file(spec: str) -> bool:
+    try:
+        return not terms_from_files(spec)
+    except FunctionError:  # of another version
+        return False
 
 
 class SessionFiles:

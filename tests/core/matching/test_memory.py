@@ -49,10 +49,10 @@ def test_the_best_field_so_far_is_kept(monkeypatch, tmp_path):
 
 
 def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
-    def estimate(*_):
+    def measured(*_):
         raise MemoryError
 
-    monkeypatch.setattr(sys.modules[abfm.match.__module__], "estimate", estimate)
+    monkeypatch.setattr(sys.modules[abfm.match.__module__], "measured", measured)
     match = abfm.match(SPHERE, F, G)
     assert match.mismatch < 0.1
     assert np.isnan(match.verified_mismatch)

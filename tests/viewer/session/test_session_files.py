@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from abfm import MeshError, Parameters, load_match, match
+from abfm import MeshError, Parameters, Problem, load_match, match
 from abfm_viewer.document.document import Channel
 from abfm_viewer.files.project import load_project
 from abfm_viewer.session import session_files
@@ -70,6 +70,21 @@ def test_a_result_opens_with_its_functions_and_is_not_outdated(desk, tmp_path):
     assert np.array_equal(session.values("target"), f[:, 1])
     assert not session.outdated
     desk.settle()
+
+
+def test_functions_of_a_result_that_came_as_text_are_that_text_again(desk, tmp_path):
+    mesh, text = desk.session.surface().mesh, "gaussian:vertex=3,width=0.3"
+    np.savetxt(tmp_path / "g.txt", target := np.linspace(0, 1, len(mesh.vertices)))
+    problem = Problem(mesh, text, f"file:{tmp_path / 'g.txt'}", Parameters(iterations=2))
+    match(problem).save(tmp_path / "m.npz")
+    (tmp_path / "g.txt").unlink()
+    desk.open(tmp_path / "m.npz")
+    [channel] = desk.session.channels
+    assert channel.source == text
+    assert str(tmp_path / "m.npz") in channel.target
+    assert np.array_equal(desk.session.values("source"), problem.source[:, 0])
+    assert np.allclose(desk.session.values("target"), target)
+    assert not desk.session.outdated
 
 
 def test_save_goes_to_the_file_of_the_document_that_undo_came_back_to(desk, tmp_path):
