@@ -12,6 +12,7 @@ from abfm.flow.flow import Flow
 from abfm.maps.distortion import distortion, folds
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import there_and_back
+from abfm.mesh.subdivision import subdivided
 from abfm.workers.control import CancelledError, Control, controlled
 from tests.core.fields import rotation_field, wavy_field
 from tests.core.verification import near
@@ -59,6 +60,18 @@ def test_several_times_are_walked_at_once(fields, inverse):
         flow.point_maps([0.0, np.nan])
     with pytest.raises(ParameterError, match="shorten the time"):
         flow.point_map(1e9)
+
+
+@pytest.mark.parametrize("inverse", [False, True])
+def test_a_finer_field_maps_the_mesh_as_it_maps_its_own(inverse):
+    fine = subdivided(BALL)
+    field = 0.3 * wavy_field(fine, 2)
+    on_mesh, on_fine = (Flow(mesh, field).point_map(0.8, inverse) for mesh in (BALL, fine))
+    assert on_mesh.codomain is BALL
+    near(on_mesh.positions, on_fine.positions[: len(BALL.vertices)], 1e-9)
+    found, finer = on_mesh.distortion(), on_fine.distortion()
+    assert found.log2_area.mean == pytest.approx(finer.log2_area.mean, abs=0.02)
+    assert found.folded == 0
 
 
 def test_a_map_that_nobody_wants_any_more_ends():
