@@ -138,10 +138,8 @@ class ContinuousFlow:
             leading = math.copysign(1 / mesh.length_scale, duration) * self.fields[first]
             ahead = slots_ahead(unit, leading)[vertices]
             faces[at_vertex], barycentric[at_vertex] = ahead // 3, np.eye(3)[ahead % 3]
-        barycentric = (1 - _INWARD) * barycentric + _INWARD / 3
-        corners = unit.vertices[unit.faces]
-        sides = np.einsum("fcx,fkx->fck", corners[:, 1:] - corners[:, :1], face_frames(unit))
-        places = np.einsum("pc,pck->pk", barycentric[:, 1:], sides[faces])
+        gradients, places = hat_gradients(unit), np.empty((len(faces), 2))
+        enter(gradients, faces, barycentric, places)
         sizes = np.sqrt(face_areas(unit))
         for j, duration in spans:
             flow = self._smooth(j)
@@ -149,10 +147,7 @@ class ContinuousFlow:
                 checkpoint()
                 chunk = slice(begin, begin + _CHUNK)
                 carry(flow, sizes, duration, faces[chunk], places[chunk])
-        barycentric = np.einsum("pck,pk->pc", hat_gradients(unit)[faces], places)
-        barycentric[:, 0] += 1
-        barycentric = np.maximum(barycentric, 0)
-        barycentric /= barycentric.sum(axis=1, keepdims=True)
+        leave(gradients, faces, places, barycentric)
         return SurfacePoints(mesh, *to_parents(faces, barycentric, k))
 
 
@@ -398,6 +393,36 @@ def walk_straight(flow: SmoothFlow, walker: Walker, slide: bool = False) -> Walk
         u, v = c * u - s * v, s * u + c * v
         f, entered = slot // 3, slot % 3
     return Walker(f if slide else -1, x, y, u, v)
+
+
+@kernel
+def enter(
+    gradients: FloatArray, faces: IndexArray, barycentric: FloatArray, places: FloatArray
+) -> None:
+    """Write places (P, 2) in frames of points, moved inwards, with weights (P, 3)."""
+    for i in range(faces.size):
+        (a, b), (c, d) = gradients[faces[i], 1], gradients[faces[i], 2]
+        second = (1 - _INWARD) * barycentric[i, 1] + _INWARD / 3
+        third = (1 - _INWARD) * barycentric[i, 2] + _INWARD / 3
+        determinant = a * d - b * c
+        places[i, 0] = (d * second - b * third) / determinant
+        places[i, 1] = (a * third - c * second) / determinant
+
+
+@kernel
+def leave(
+    gradients: FloatArray, faces: IndexArray, places: FloatArray, barycentric: FloatArray
+) -> None:
+    """Write weights (P, 3), none negative, of places (P, 2) in frames."""
+    for i in range(faces.size):
+        total = 0.0
+        for c in range(3):
+            x, y = gradients[faces[i], c]
+            weight = x * places[i, 0] + y * places[i, 1] + (1.0 if c == 0 else 0.0)
+            barycentric[i, c] = max(weight, 0.0)
+            total += barycentric[i, c]
+        for c in range(3):
+            barycentric[i, c] /= total
 
 
 @kernel
