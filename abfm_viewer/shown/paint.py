@@ -127,11 +127,11 @@ class Painter:
         return self._kept["advected"].get((field, title, *self._look), make)
 
     def _distortion(self, kind: str) -> Paint | None:
-        quality = self._shown.quantities.map_quality()
-        if quality is None:
+        found = self._shown.quantities.distortion()
+        if found is None:
             return None
         of_area, title = kind == "area distortion", self._extrapolated(kind)
-        mesh, found = self._session.surface().mesh, quality.distortion
+        mesh = self._session.surface().mesh
         source = found.area if of_area else found.conformal
 
         def make() -> Paint:

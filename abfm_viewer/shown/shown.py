@@ -159,6 +159,7 @@ class FieldQuantities(Jobs):
         self._session, self._flow = session, flow
         self._field: Latest[Field] = self.latest()
         self._scalar: Latest[FloatArray] = self.latest()
+        self._chords: Latest[abfm.maps.Distortion] = self.latest()
         self._quality: Latest[abfm.maps.FlowMapQuality] = self.latest()
         self._streaks: Latest[Streaks] = self.latest()
         self._texture: Latest[Texture] = self.latest()
@@ -192,11 +193,24 @@ class FieldQuantities(Jobs):
         return self._scalar.newest(field.mesh, derivative, field, self._session.view.coloring)
 
     def map_quality(self) -> abfm.maps.FlowMapQuality | None:
-        """Judge the map of the shown time, lately that of an earlier one."""
+        """Judge the map of the shown time; while that moves, and lately, that of an earlier one."""
         flow, time = self._flow.state, self._flow.time
         if flow is None:
             return None
+        known = self._quality.value
+        if known is not None and not (self.at_once or self._flow.settled):
+            return known if len(known.distortion.flipped) == len(flow.mesh.faces) else None
         return self._quality.newest(flow.mesh, _quality, flow, time)
+
+    def distortion(self) -> abfm.maps.Distortion | None:
+        """Measure what the map does to faces; while the time moves by their corners alone."""
+        flow, quality = self._flow.state, self.map_quality()
+        is_exact = self.at_once or (self._flow.settled and not self._quality.busy)
+        if flow is None or (is_exact and quality is not None):
+            return quality.distortion if quality else None
+        if (places := self._flow.destinations()) is None:
+            return quality.distortion if quality else None
+        return self._chords.newest(flow.mesh, abfm.maps.chord_distortion, flow.mesh, places)
 
     def texture(self, values: FloatArray, colors: ColorRange) -> Texture | None:
         """Return streaks coloured by a function (V,), lately an earlier one; None before any."""

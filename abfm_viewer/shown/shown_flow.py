@@ -50,6 +50,11 @@ class FlowState:
         found = [points.positions for points in self.flow.point_maps(times)]
         return np.array(found).reshape(len(times), *places.shape)
 
+    def destinations(self, places: FloatArray, times: FloatArray) -> FloatArray:
+        """Where what is at the vertices' places (V, 3) goes until times (T,), (T, V, 3)."""
+        found = [points.positions for points in self.flow.point_maps(times, inverse=True)]
+        return np.array(found).reshape(len(times), *places.shape)
+
     def carry(self, function: FloatArray, times: FloatArray) -> FloatArray:
         """A function (V,) or (V, C) at times (T,), if the flow can be followed: (T, V, C)."""
         carried = self.flow.push(function, times)
@@ -163,6 +168,7 @@ class ShownFlow(Jobs):
         self._session = session
         self._source = Carried(self)
         self._coordinates = Carried(self, FlowState.origins)
+        self._destinations = Carried(self, FlowState.destinations)
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
         self.is_behind = False  # `advected` gave another flow's or time's values lately
@@ -216,6 +222,13 @@ class ShownFlow(Jobs):
         if flow is None:
             return vertices
         return self._coordinates.at(flow, vertices, self.time, self.settled)
+
+    def destinations(self) -> FloatArray | None:
+        """Return where each vertex goes until the shown time, (V, 3), by flow lines."""
+        flow, vertices = self.state, self._session.surface().mesh.vertices
+        if flow is None:
+            return None
+        return self._destinations.at(flow, vertices, self.time, settled=False)
 
     @property
     def is_ready(self) -> bool:

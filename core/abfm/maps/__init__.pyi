@@ -1,4 +1,5 @@
 from .distortion import Distortion as Distortion
+from .distortion import chord_distortion as chord_distortion
 from .distortion import folds as folds
 from .functional_maps import functional_map as functional_map
 from .functional_maps import point_map as point_map

@@ -47,7 +47,7 @@ class Log2(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Distortion:
-    """What a map does to each of F faces; see `distortion` and `PointMap.distortion`."""
+    """What a map does to each of F faces; see `chord_distortion` and `PointMap.distortion`."""
 
     singular_values: FloatArray  # (F, 2), largest and smallest stretch ``s_1 >= s_2 >= 0``
     area: FloatArray  # (F,), ``J = s_1 s_2``: mapped area over area
@@ -86,7 +86,7 @@ class Distortion:
         return Log2(float(mean), float(p95), float(p98), float(values.max()))
 
 
-def distortion(
+def chord_distortion(
     mesh: TriangleMesh, mapped_positions: ArrayLike, onto: TriangleMesh | None = None
 ) -> Distortion:
     """Measure the map that is linear on faces and takes each vertex to its position (V, 3) on a
@@ -113,7 +113,7 @@ def distortion_of_flow(
     Faces that triangles between their mapped corners measure badly are cut into 64 parts, each
     mapped by itself: those that look turned over, as smooth flows make slivers of faces, and those
     that are stretched along a bent surface. Their stretches are the geometric means over the parts,
-    and they are flipped by the rule of `folds`. The others are measured as in `distortion`.
+    and they are flipped by the rule of `folds`. The others are measured as in `chord_distortion`.
     """
     chords = _of_corners(mesh, faces, corners.positions.reshape(-1, 3, 3), corners.mesh)
     normals = face_normals(corners.mesh)[corners.faces].reshape(-1, 3, 3).mean(axis=1)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from abfm.errors import AbfmError
-from abfm.maps.distortion import Distortion, Map, distortion, distortion_of_flow
+from abfm.maps.distortion import Distortion, Map, chord_distortion, distortion_of_flow
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
@@ -98,11 +98,11 @@ class PointMap:
 
     def distortion(self) -> Distortion:
         """Measure what the map does to each face: by its corners, where points inside faces are
-        not known (`abfm.maps.distortion.distortion`), and else by parts where these mislead
+        not known (`chord_distortion`), and else by parts where these mislead
         (`abfm.maps.distortion.distortion_of_flow`).
         """
         if self.carried is None:
-            return distortion(self.domain, self.positions, self.codomain)
+            return chord_distortion(self.domain, self.positions, self.codomain)
         faces = self.domain.faces
         corners = self.points[faces.ravel()]
         return distortion_of_flow(self.domain, np.arange(len(faces)), corners, self.carried)

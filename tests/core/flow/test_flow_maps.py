@@ -9,7 +9,7 @@ from abfm.calculus.operators import face_areas
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
-from abfm.maps.distortion import distortion, folds
+from abfm.maps.distortion import chord_distortion, folds
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import there_and_back
 from abfm.mesh.subdivision import subdivided
@@ -130,7 +130,7 @@ def test_a_rigid_motion_changes_nothing():
 def test_what_triangles_between_corners_measure_badly_is_measured_by_parts():
     mesh = icosphere(2)
     there = Flow(mesh, twist(mesh, 6.0)).point_map(inverse=True)
-    chords, parts = distortion(mesh, there.positions), there.distortion()
+    chords, parts = chord_distortion(mesh, there.positions), there.distortion()
     assert parts.log2_area.mean < 0.2 * chords.log2_area.mean
     assert chords.folded > 0.2 * len(mesh.faces)
     assert parts.folded == 0
@@ -147,7 +147,7 @@ def test_flipped_faces_are_those_that_folds_counts_and_smooth_flows_have_none(se
             BALL, found.carried, faces, found.positions[BALL.faces], len(faces)
         )
         assert found.distortion().folded == round(folded * len(faces))
-        assert distortion(BALL, found.positions).folded == round(overturned * len(faces))
+        assert chord_distortion(BALL, found.positions).folded == round(overturned * len(faces))
         assert folded == 0
         assert overturned > 0 or seed == 1 or t < 1
     assert there_and_back(there, back).median < 0.1

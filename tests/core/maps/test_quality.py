@@ -13,7 +13,7 @@ from abfm.experiments.fields import feet, stream_field
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
 from abfm.maps import quality
-from abfm.maps.distortion import MOST, distortion, folds, turned_parts
+from abfm.maps.distortion import MOST, chord_distortion, folds, turned_parts
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import FOLDED, MapAccuracy, MapQuality, map_accuracy, map_quality
 from abfm.maps.surface_points import project_onto_surface, vertex_points
@@ -141,7 +141,7 @@ def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces():
     dragged = flat.vertices.copy()
     dragged[np.argmin(np.linalg.norm(flat.vertices - [0.5, 0.5, 0], axis=1))] += [0.3, 0, 0]
     few = map_quality(PointMap.project(flat, flat, dragged))
-    assert few.folded == distortion(flat, dragged).flipped.sum() / len(flat.faces)
+    assert few.folded == chord_distortion(flat, dragged).flipped.sum() / len(flat.faces)
     assert 0 < few.folded < FOLDED
     assert not few.faults
 
@@ -152,7 +152,7 @@ def test_folds_are_judged_on_the_surface_that_the_map_leads_to():
     turned = TriangleMesh(mesh.vertices * [-1, -1, 1], mesh.faces)
     assert map_quality(PointMap.of_vertices(mesh, turned)).folded == 0
     inside_out = TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
-    assert distortion(mesh, mesh.vertices, inside_out).flipped.all()
+    assert chord_distortion(mesh, mesh.vertices, inside_out).flipped.all()
 
 
 SURFACES = {

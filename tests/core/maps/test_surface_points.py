@@ -15,7 +15,7 @@ from abfm.assets import asset_path
 from abfm.calculus.operators import face_areas, l2_norm
 from abfm.errors import AbfmError, FunctionError, ParameterError
 from abfm.flow.flow import Flow
-from abfm.maps.distortion import distortion
+from abfm.maps.distortion import chord_distortion
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import POINTS_PER_QUERY, SurfacePoints, project_onto_surface
 from abfm.mesh import TriangleMesh, load_mesh
@@ -168,9 +168,9 @@ def test_what_is_no_map_and_positions_of_other_vertices_are_refused():
         with pytest.raises(ParameterError, match=words):
             SurfacePoints(mesh, [face], [[weight, 0, 0]])
     with pytest.raises(AbfmError, match="5 mapped positions for 12 vertices"):
-        distortion(icosphere(0), np.zeros((5, 3)))
+        chord_distortion(icosphere(0), np.zeros((5, 3)))
     with pytest.raises(AbfmError, match="not finite"):
-        distortion(icosphere(0), np.full((12, 3), np.nan))
+        chord_distortion(icosphere(0), np.full((12, 3), np.nan))
 
 
 def test_the_nearest_vertex_stays_on_its_side_of_a_thin_part():
@@ -213,14 +213,14 @@ def test_maps_of_a_rotating_sphere_have_order_two():
 
 def test_distortion_of_an_exact_rotation_and_of_collapsed_faces():
     mesh = icosphere(3)
-    found = distortion(mesh, rotated(mesh.vertices, 1.0))
+    found = chord_distortion(mesh, rotated(mesh.vertices, 1.0))
     for values in (found.singular_values, found.area, found.conformal):
         near(values, 1, 1e-13)
     assert not found.flipped.any()
     mesh = icosphere(1)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        point, line = (distortion(mesh, mesh.vertices * x) for x in ([0, 0, 0], [0, 0, 1]))
+        point, line = (chord_distortion(mesh, mesh.vertices * x) for x in ([0, 0, 0], [0, 0, 1]))
     for found in (point, line):
         assert_array_equal(found.area, 0)
         assert_array_equal(found.conformal, np.inf)
@@ -235,7 +235,7 @@ def test_distortion_of_a_linear_map_of_the_plane(matrix):
     mesh = square(3)
     mapped = mesh.vertices.copy()
     mapped[:, :2] = mapped[:, :2] @ matrix.T
-    found, expected = distortion(mesh, mapped), np.linalg.svd(matrix, compute_uv=False)
+    found, expected = chord_distortion(mesh, mapped), np.linalg.svd(matrix, compute_uv=False)
     near(found.singular_values, np.tile(expected, (18, 1)), 1e-7)
     near(found.area, abs(np.linalg.det(matrix)), 1e-12)
     assert (found.conformal >= 1).all()

@@ -8,6 +8,7 @@ import pytest
 
 import abfm
 from abfm import AdvectionError
+from abfm.maps import chord_distortion
 from abfm.mesh.subdivision import subdivided
 from abfm_viewer.shown.paint import Painter
 from abfm_viewer.shown.shown_flow import Carried, FlowState, span
@@ -251,3 +252,22 @@ def test_a_field_of_a_finer_mesh_carries_there_and_is_shown_on_the_mesh(match, s
     np.testing.assert_allclose(state.carry(source, times), flow.push(source, times))
     on_mesh = abfm.Flow(SPHERE, state.velocity).push(source, times)
     assert not np.allclose(on_mesh, state.carry(source, times), atol=1e-3)
+
+
+def test_distortions_are_those_of_the_match_once_the_time_stands(session, shown, monkeypatch):
+    quantities = shown.quantities
+    for time in (0.7, 0.4):
+        session.set_time(time)
+        until(
+            lambda: (quantities.distortion(), shown.flow.settled and not quantities.busy)[1],
+            session,
+        )
+        expected = session.result.flow.map_quality(time)
+        np.testing.assert_array_equal(quantities.distortion().area, expected.distortion.area)
+        assert quantities.map_quality().there_and_back == expected.there_and_back
+    monkeypatch.setattr(type(shown.flow), "settled", False)
+    session.set_time(0.5)
+    until(lambda: (quantities.distortion(), not (quantities.busy or shown.flow.busy))[1], session)
+    by_corners = session.result.point_map(0.5, inverse=True).positions
+    expected = chord_distortion(SPHERE, by_corners).area
+    assert distance(quantities.distortion().area, expected) < 0.05
