@@ -33,6 +33,7 @@ class FlowState:
     found: FloatArray | Callable[[], FloatArray]
     parameters: Parameters
     final: bool = True  # a result, and not an iterate
+    problem: abfm.Problem | None = None  # that was solved, whose source is known on finer meshes
 
     @cached_property
     def flow(self) -> abfm.Flow:
@@ -57,12 +58,23 @@ class FlowState:
 
     def carry(self, function: FloatArray, times: FloatArray) -> FloatArray:
         """A function (V,) or (V, C) at times (T,), if the flow can be followed: (T, V, C)."""
-        carried = self.flow.push(function, times)
+        carried = self._pushed(function, times)
         if np.abs(carried).max() > _LARGEST:
             raise abfm.AdvectionError(
                 "the function overflows on its way: the discrete flow is unstable over this time"
             )
         return carried
+
+    def _pushed(self, function: FloatArray, times: FloatArray) -> FloatArray:
+        """Carry the source as it was carried when the flow was found: evaluated on its mesh."""
+        flow = self.flow
+        channels = () if self.problem is None or not flow.refined else self.problem.source.T
+        for channel, source in enumerate(channels):
+            if self.problem is not None and np.array_equal(source, function):
+                there = self.problem.refined(flow.refined)
+                fine = abfm.Flow(flow.fine_mesh, flow.fine_velocity, flow.tau, flow.method)
+                return fine.push(there.source[:, channel], times)[:, : len(function)]
+        return flow.push(function, times)
 
 
 Carrying: TypeAlias = Callable[[FlowState, FloatArray, FloatArray], FloatArray]
@@ -185,7 +197,8 @@ class ShownFlow(Jobs):
         self, found: abfm.Match | abfm.Iteration, parameters: Parameters, final: bool
     ) -> FlowState:
         mesh = self._session.surface().mesh
-        make = partial(FlowState, mesh, partial(_field, found), parameters, final)
+        problem = found.problem if isinstance(found, abfm.Match) else None
+        make = partial(FlowState, mesh, partial(_field, found), parameters, final, problem)
         return self._state.get((found,), make)
 
     @property

@@ -12,6 +12,7 @@ from abfm import AbfmError, Flow, Parameters, Problem, function, load_match, loa
 from abfm.calculus import face_areas
 from abfm.flow import ContinuousFlow, flow_lines
 from abfm.maps import SurfacePoints
+from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined, to_children, to_parents
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.shapes import icosphere, square, with_loose_vertex
@@ -113,6 +114,15 @@ def test_the_head_of_what_is_refined_is_what_there_was_and_twice_is_twice():
         assert problem.functions.function_size == given.functions.function_size
         assert problem.start.shape == (1, 4**k * len(BALL.faces), 3)
     assert_array_equal(once.mask[len(f) :], mask[BALL.edges].min(axis=1))
+
+
+def test_other_data_terms_come_to_finer_meshes_by_what_they_come_to_coarser_ones():
+    f, g, mask = np.random.default_rng(0).uniform(size=(3, len(BALL.vertices)))
+    given = Problem(BALL, f, g, terms=[FunctionTerm(BALL.normalized(), g, f, mask)])
+    _, term = given.refined(2).terms
+    for values, expected in ((term.source[0], g), (term.target[0], f), (term.mask, mask)):
+        assert_allclose(values, interpolated(BALL, expected, 2), rtol=1e-12)
+    assert term.mesh is refined(BALL, 2).normalized()
 
 
 def test_a_start_that_goes_to_children_is_nearer_to_the_field_that_it_is_of():

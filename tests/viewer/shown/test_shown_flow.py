@@ -1,6 +1,6 @@
 """The flow that is shown, and functions carried along it, at every time and during a run."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import sleep
 
 import numpy as np
@@ -252,6 +252,11 @@ def test_a_field_of_a_finer_mesh_carries_there_and_is_shown_on_the_mesh(match, s
     np.testing.assert_allclose(state.carry(source, times), flow.push(source, times))
     on_mesh = abfm.Flow(SPHERE, state.velocity).push(source, times)
     assert not np.allclose(on_mesh, state.carry(source, times), atol=1e-3)
+    named = match.problem.with_specs([PAIR.source], [PAIR.target])
+    found = replace(match, problem=named, fine_velocity=fine)
+    state = FlowState(SPHERE, fine, match.parameters, problem=named)
+    assert distance(state.carry(source, times)[1], found.advect(1.0)) < 1e-9
+    assert distance(state.carry(source, times)[1], found.push(source, 1.0)) > 1e-6
 
 
 def test_distortions_are_those_of_the_match_once_the_time_stands(session, shown, monkeypatch):

@@ -17,7 +17,8 @@ from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.problem import Problem, mask_on_children
 from abfm.matching.solvability import RESOLVED, narrowest
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.mesh.subdivision import interpolated, refined
+from abfm.mesh.subdivision import interpolated
+from abfm.mesh.subdivision import subdivided as subdivided_mesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray, IntArray
 
@@ -142,7 +143,7 @@ def _by_flow_lines(
 def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Parameters) -> float:
     mesh, mask = functions.mesh, functions.mask
     try:
-        fine = refined(mesh, 1)
+        fine = subdivided_mesh(mesh)  # not kept: what is made on it takes gigabytes
     except MeshError:
         return np.nan
     source, target = (interpolated(mesh, h.T) for h in (functions.source, functions.target))

@@ -16,13 +16,13 @@ from abfm.types import FloatArray
 
 
 class Restriction(Protocol):
-    """From a mesh to a coarser one of the same surface, in the same units."""
+    """From a mesh to a coarser one of the same surface, in the same units, or a finer one."""
 
     @property
     def coarse(self) -> TriangleMesh: ...
 
     def function_to_coarse(self, f: FloatArray) -> FloatArray:
-        """Average functions (..., V) on the coarser mesh."""
+        """Average functions (..., V) on the coarser mesh, or interpolate them on the finer one."""
         ...
 
 
@@ -64,7 +64,7 @@ class DataTerm(Protocol):
         ...
 
     def restricted(self, restriction: Restriction) -> DataTerm | None:
-        """Return the term on a coarser mesh scaled to unit area; None if it has no place there."""
+        """Return the term on that mesh scaled to unit area; None if it has no place there."""
         ...
 
     def arrays(self) -> Mapping[str, NDArray[Any]]:
