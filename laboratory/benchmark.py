@@ -183,7 +183,7 @@ def _gradient_cost(problem: Problem, velocity: FloatArray, repeats: int) -> tupl
         start = perf_counter()
         energy.flow(fields).forward(energy.functions.source[0])
         middle = perf_counter()
-        _ = energy.objective(PARAMETERS.sigma).evaluate(fields).gradient
+        _ = energy.objective(PARAMETERS.last_sigma).evaluate(fields).gradient
         seconds.append((middle - start, perf_counter() - middle))
     advection, gradient = np.median(seconds[1:], axis=0)  # the first one sets up the mesh
     return float(advection), float(gradient)
@@ -203,7 +203,7 @@ def cosines(
     exact_energy = MatchingEnergy(problem.with_parameters(PARAMETERS))
     fields = to_frame(exact_energy.mesh, velocity[None] / exact_energy.length_scale)
     regularity = PARAMETERS.tau * exact_energy.regularizer().apply(fields[0]).ravel()
-    whole = exact_energy.objective(PARAMETERS.sigma).evaluate(fields).gradient.ravel()
+    whole = exact_energy.objective(PARAMETERS.last_sigma).evaluate(fields).gradient.ravel()
     exact = whole - regularity
 
     def cosine(a: FloatArray, b: FloatArray) -> float:

@@ -85,7 +85,7 @@ class PaperEnergy:
         momentum = p.tau * (self.field_norm @ v)
         with np.errstate(all="ignore"):
             difference = states[-1] - self.target
-            mu = self.function_norm @ difference / p.sigma**2
+            mu = self.function_norm @ difference / p.last_sigma**2
             energy = 0.5 * float(v @ momentum + mu @ difference)
         if not np.isfinite(energy):
             return np.inf, np.zeros_like(v)

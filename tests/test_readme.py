@@ -42,7 +42,7 @@ def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
 
 def test_every_parameter_is_in_the_table_with_its_symbol_and_default():
     def plain(default):
-        return f"{float(default):g}" if str(default)[0].isdigit() else default
+        return f"{float(default):g}" if str(default)[0].isdigit() else str(default)
 
     rows = [(name, symbol, plain(default)) for name, symbol, _, default in table("Parameters")]
     assert rows == [(f.name, f.metadata["symbol"], plain(f.default)) for f in fields(Parameters)]

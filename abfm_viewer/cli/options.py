@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 from abfm import Match, Parameters, TriangleMesh, load_mesh
 from abfm.errors import did_you_mean, one_line, printable
-from abfm.parameters import CHOICES
+from abfm.parameters import CHOICES, is_whole
 from abfm_viewer.cli.exit_status import UsageError
 
 LARGEST = "of several components use the one with the largest area"
@@ -54,12 +54,18 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
     add = adder(parser.add_argument_group("parameters (symbols of the paper in brackets)"))
     for entry in fields(Parameters):
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
-        text = f"{entry.metadata['help']}{symbol} (default: {entry.default})".replace("%", "%%")
+        default = "auto" if entry.default is None else entry.default
+        text = f"{entry.metadata['help']}{symbol} (default: {default})".replace("%", "%%")
         choices = CHOICES.get(entry.name)
-        kind = {"int": int, "float": float}.get(str(entry.type), str)
+        kind = int if is_whole(entry) else float
         metavar = f"{{{','.join(choices)}}}" if choices else "INT" if kind is int else "X"
-        settings = {"type": kind, "choices": choices, "default": entry.default}
+        read = str if choices else kind if entry.default is not None else partial(_or_auto, kind)
+        settings = {"type": read, "choices": choices, "default": entry.default}
         add("--" + entry.name.replace("_", "-"), text, metavar, **settings)
+
+
+def _or_auto(kind: type[int] | type[float], text: str) -> float | None:
+    return None if text == "auto" else kind(text)
 
 
 def add_mesh(parser: argparse.ArgumentParser) -> None:

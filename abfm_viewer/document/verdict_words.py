@@ -119,7 +119,7 @@ def changes(remedy: Remedy) -> str:
 
 
 def _plain(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{value:g}" if isinstance(value, float) else "auto" if value is None else str(value)
 
 
 def numbers(match: abfm.Match) -> str:

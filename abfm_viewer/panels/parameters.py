@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from abfm import Parameters
-from abfm.parameters import CHOICES, NOTE, TABLE_1, TITLES, row_of
+from abfm.parameters import CHOICES, LAST, NOTE, TABLE_1, TITLES, is_whole, row_of
 from abfm_viewer.document.verdict_words import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
@@ -37,9 +37,11 @@ _ABOUT = {
     "reach": _About("reach", "", Range(0, 2)),
     "iterations": _About("iterations", "section 7", Range(1, 2000, log=True)),
     "sigma_unit": _About("unit of σ", "absolute"),
-    "cooling_stages": _About("stages of σ", "section 7, Table 1", Range(1, 6)),
+    "cooling_stages": _About("stages of σ", "section 7, Table 1", Range(0, 6)),
     "cooling_factor": _About("σ divided by", "section 7, Table 1", Range(1.5, 100, log=True)),
     "stage_iterations": _About("stage length", "section 7", Range(0, 200)),
+    "goal": _About("goal", "", Range(0.01, 0.5, log=True)),
+    "refine": _About("refinements", "", Range(0, 3)),
     "levels": _About("mesh levels", "", Range(0, 5)),
     "order": _About("norm's order", "only 1", Range(1, 2)),
     "balance": _About("flow lines", "", Range(0, 1)),
@@ -67,6 +69,8 @@ _REMEDIES = {
     "cooling_stages": "More if functions far apart do not meet.",
     "cooling_factor": "Smaller if a new stage undoes the last one.",
     "stage_iterations": "More if the energy still falls where a stage ends.",
+    "goal": "Smaller if what counts as matched is not close enough.",
+    "refine": "More if flow lines confirm less than the match shows, 0 if it takes long.",
     "levels": "More if a large mesh takes long, 1 if its coarser ones lose thin parts.",
     "order": "2 keeps fields continuous; 1 fits more closely, with fields whose flow differs.",
     "balance": "Larger if flow lines confirm less than the match shows, 0 for the match alone.",
@@ -133,7 +137,9 @@ def _preset(ui: Ui, session: Session) -> None:
 
 def _control(ui: Ui, session: Session, name: str) -> None:
     about, value = _ABOUT[name], getattr(session.parameters, name)
-    label, whole = f"{about.label}##{name}", _FIELDS[name].type == "int"
+    if value is None:
+        value = LAST if name == "sigma" else 0
+    label, whole = f"{about.label}##{name}", is_whole(_FIELDS[name])
     new: Any
     if name in CHOICES:
         new = ui.combo(label, value, CHOICES[name], _tip(name))
@@ -152,7 +158,7 @@ def _control(ui: Ui, session: Session, name: str) -> None:
 def _tip(name: str) -> str:
     help, symbol = _FIELDS[name].metadata["help"], _FIELDS[name].metadata["symbol"]
     default, about = getattr(_INITIAL, name), _ABOUT[name]
-    shown = f"{default:g}" if isinstance(default, int | float) else default
+    shown = f"{default:g}" if isinstance(default, int | float) else default or "auto"
     in_paper = ", ".join(filter(None, [symbol.strip("*"), about.place])) or "not there"
     return (
         f"{sentence(help)} Default: {shown}.\nIn the paper: {in_paper}.\n"

@@ -15,6 +15,11 @@ LARGEST_ALPHA = 1e7
 SMALLEST, _LARGEST = 1e-30, 1e30
 MANY = 1_000_000_000
 """The most that whole numbers may be which nothing else bounds."""
+LAST = 0.02
+"""The last sigma unless one is given: flow lines confirm hardly less of any functions."""
+WARMEST = 18.0
+"""The largest sigma that a path to a smaller one begins with, in the unit of that one."""
+_MOST_STAGES, _ROUNDING = 1000, 1e-9
 
 PAPER: dict[str, Any] = {
     "order": 1,
@@ -22,6 +27,7 @@ PAPER: dict[str, Any] = {
     "levels": 1,
     "sigma_unit": "absolute",
     "balance": 0.0,
+    "refine": 0,
 }
 """What makes energy and minimisation those of the paper; also what files of before had."""
 
@@ -52,12 +58,15 @@ alpha: smoothness of the field: weight of its Hodge Laplacian; lowered where tha
 beta: weight of the mismatch's gradient: above 0, slopes must match as well
 order: order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as
   computed
-sigma: weight of the match against the smoothness: smaller matches closer; raised to what smooth
-  flows leave
+sigma: weight of the match against the smoothness, the last of its path: smaller matches closer; not
+  given, as close as can be certified
 sigma_unit: sigma as a fraction of the functions' deviation from their mean in L2, or as the paper
   has it
 reach: how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper
 balance: weight of flow lines against the discrete advection in the end; 0 as the paper
+goal: mismatch that counts as matched, if flow lines leave no more
+refine: how often the mesh may be subdivided where it is too coarse; 0 never, not given by its
+  resolution
 levels: meshes from coarse to fine; 1 only the mesh itself, 0 by its size
 method: exponential flow, or the first two terms of the exponential
 segments: number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)
@@ -65,7 +74,8 @@ gradient: exact derivative of the discrete energy, or the paper's by brackets
 substeps: sub-steps of the bracket gradient (the adjoint is exact for any number)
 quadrature: intervals of the time integral in the bracket gradient
 iterations: iterations at most, over all cooling stages together
-cooling_stages: stages of sigma, the last one at its value; 1 for no cooling
+cooling_stages: stages of sigma, the last one at its value; 1 for no cooling, 0 for as many as lead
+  there from a warm one
 cooling_factor: sigma is divided by this from stage to stage
 stage_iterations: iterations of each stage before the last; 0: as long as they pay (paper: share
   half of all)
@@ -88,7 +98,7 @@ class Parameters:
     """Parameters of a match; lengths and areas are those of the mesh scaled to unit area.
 
     Every field's metadata has its ``symbol`` in the paper, a ``help`` text and, for numbers, their
-    `Range`.
+    `Range`. Numbers whose default is None may be None: they are chosen then.
 
     Raises
     ------
@@ -100,10 +110,12 @@ class Parameters:
     alpha: float = _of("alpha", 0.01, "α", Range(0, LARGEST_ALPHA))  # beyond, rounding swamps it
     beta: float = _of("beta", 0.0, "β", _FROM_0)
     order: int = _of("order", 2, "", Range(1, 2))
-    sigma: float = _of("sigma", 0.02, "σ", _ABOVE_0)
+    sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)
     sigma_unit: Literal["relative", "absolute"] = _of("sigma_unit", "relative")
     reach: float = _of("reach", 1.0, "", Range(0, 10))
     balance: float = _of("balance", 0.5, "", Range(0, 1))
+    goal: float = _of("goal", 0.05, "", Range(0, 1, without_low=True))
+    refine: int | None = _of("refine", None, "", Range(0, 3))
     levels: int = _of("levels", 0, "", Range(0, 10))
     method: Method = _of("method", "nonlinear")
     segments: int = _of("segments", 0, "N", Range(0, 1000))
@@ -111,7 +123,7 @@ class Parameters:
     substeps: int = _of("substeps", 10, "n", Range(1, 10_000))
     quadrature: int = _of("quadrature", 10, "k", Range(1, 10_000))
     iterations: int = _of("iterations", 500, "", _WHOLE_FROM_0)
-    cooling_stages: int = _of("cooling_stages", 3, "*", Range(1, 1000))
+    cooling_stages: int = _of("cooling_stages", 0, "*", Range(0, _MOST_STAGES))
     cooling_factor: float = _of("cooling_factor", 3.0, "*", Range(1, without_low=True))
     stage_iterations: int = _of("stage_iterations", 0, "*", _WHOLE_FROM_0)
     preconditioner: Literal["hodge", "none"] = _of("preconditioner", "hodge")
@@ -143,16 +155,24 @@ class Parameters:
                 "reached"
             )
 
+    @property
+    def last_sigma(self) -> float:
+        """Sigma as given, or `LAST`: where a path ends at the latest."""
+        return LAST if self.sigma is None else self.sigma
+
     def stage_sigmas(self) -> list[float]:
-        """Return sigma in each cooling stage."""
-        stages_left = reversed(range(self.cooling_stages))
-        return [self.sigma * self.cooling_factor**left for left in stages_left]
+        """Return sigma in each cooling stage, from `WARMEST` at most if none are given."""
+        stages = self.cooling_stages
+        if not stages:
+            steps = math.log(WARMEST / self.last_sigma, self.cooling_factor) + _ROUNDING
+            stages = 1 + min(max(0, math.floor(steps)), _MOST_STAGES - 1)
+        return [self.last_sigma * self.cooling_factor**left for left in reversed(range(stages))]
 
     def stage_limits(self) -> list[int]:
         """Return iterations at most in each stage; the last also has what is left over."""
-        early = self.cooling_stages - 1
-        share = self.stage_iterations or (self.iterations // 2 // early if early else 0)
-        return [share] * early + [self.iterations]
+        early = len(self.stage_sigmas()) - 1
+        most = self.iterations // max(early, 1)
+        return [min(self.stage_iterations or most // 2, most)] * early + [self.iterations]
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields as plain numbers and strings."""
@@ -188,10 +208,17 @@ def _checked_choice(entry: Field[Any], value: Any) -> str:
     raise ParameterError(f"{entry.name} is {brief(value)}; expected {expected}")
 
 
-def _checked_number(entry: Field[Any], value: Any) -> float:
-    """Return a value as one of Python's own numbers."""
+def is_whole(entry: Field[Any]) -> bool:
+    """Tell whether a field of `Parameters` holds whole numbers, or None besides."""
+    return str(entry.type).startswith("int")
+
+
+def _checked_number(entry: Field[Any], value: Any) -> float | None:
+    """Return a value as one of Python's own numbers, or the None that a default is."""
+    if value is None and entry.default is None:
+        return None
     range: Range = entry.metadata["range"]
-    kind = int if entry.type == "int" else float
+    kind = int if is_whole(entry) else float
     try:
         number = math.nan if isinstance(value, bool) else kind(value)
         fits = number == value and math.isfinite(number) and range.holds(value)
@@ -286,7 +313,7 @@ NOTE = (
     "Table 1 of the paper: tau, alpha, beta, sigma, N and n as printed. The paper's meshes keep "
     "their own size, those here are scaled to unit area, so alpha, beta and sigma weigh "
     "differently. A starred sigma is the first of three cooling stages here, each 10 times "
-    "smaller. Order, reach, levels and balance are such that the energy is the paper's; "
+    "smaller. Order, reach, levels, balance and refine are such that the energy is the paper's; "
     "iterations, gradient and optimiser stay as they are."
 )
 """What is taken over from the table, and what is not."""

@@ -1,6 +1,8 @@
 """Parameters are checked when they are made, and Table 1."""
 
-from dataclasses import fields
+import json
+from dataclasses import fields, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abfm import ParameterError, Parameters
-from abfm.parameters import PAPER, TABLE_1, row_of
+from abfm.parameters import LAST, PAPER, TABLE_1, WARMEST, row_of
 
 
 def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
@@ -29,12 +31,15 @@ def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
         ({"iterations": 2.5}, "iterations is 2.5; expected a whole number at least 0"),
         ({"substeps": 0}, "expected a whole number at least 1"),
         ({"memory": True}, "memory is True"),
-        ({"sigma": None}, "sigma is None"),
+        ({"alpha": None}, "alpha is None"),
+        ({"goal": None}, "goal is None; expected a number above 0 and at most 1"),
+        ({"goal": 0}, "goal is 0; expected a number above 0 and at most 1"),
+        ({"refine": 4}, "refine is 4; expected a whole number at least 0 and at most 3"),
         ({"method": "magic"}, "method is 'magic'; expected 'nonlinear' or 'linearised'"),
         ({"gradient": "exact"}, "expected 'adjoint' or 'bracket'"),
         ({"cooling_stages": 400}, "fewer stages"),
-        ({"cooling_stages": 10**6}, "at least 1 and at most 1000"),
-        ({"stage_iterations": 200, "iterations": 100}, "never reached"),
+        ({"cooling_stages": 10**6}, "at least 0 and at most 1000"),
+        ({"cooling_stages": 3, "stage_iterations": 60, "iterations": 100}, "never reached"),
         ({"cooling_factor": 1e300}, r"above 1 and at most 1e\+30"),
         ({"sigma": 1e-300}, "sigma is 1e-300; expected a number above 0 .* from 1e-30 on"),
         ({"beta": 1e300}, "beta is 1e.300"),
@@ -53,8 +58,8 @@ def test_bad_values_are_refused_in_words(changes, words):
 
 
 def test_round_trip_unknown_names_and_plain_numbers():
-    p = Parameters(alpha=3.0, method="linearised", segments=4)
-    assert Parameters.from_dict(p.to_dict()) == p
+    for p in (Parameters(alpha=3.0, method="linearised", segments=4), Parameters(sigma=0.3)):
+        assert Parameters.from_dict(json.loads(json.dumps(p.to_dict()))) == p
     with pytest.raises(ParameterError, match="unknown parameter 'aplha'"):
         Parameters.from_dict({"aplha": 1})
     p = Parameters(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
@@ -80,6 +85,27 @@ def test_cooling_ends_at_sigma_within_the_iterations(sigma, stages, iterations):
     assert p.stage_sigmas()[-1] == sigma
     assert p.stage_sigmas() == sorted(p.stage_sigmas(), reverse=True)
     assert sum(p.stage_limits()[:-1]) <= iterations
+
+
+@given(sigma=st.none() | st.floats(1e-8, 1e3), factor=st.floats(1.5, 100))
+def test_a_path_leads_from_the_warmest_sigma_to_the_one_that_is_given(sigma, factor):
+    p = Parameters(sigma=sigma, cooling_factor=factor)
+    sigmas = p.stage_sigmas()
+    assert sigmas[-1] == p.last_sigma == (sigma or LAST)
+    assert all(warm / cold == pytest.approx(factor) for warm, cold in pairwise(sigmas))
+    assert len(sigmas) == 1 or sigmas[0] <= WARMEST * (1 + 1e-8)
+    assert sigmas[0] * factor > WARMEST
+    limits = replace(p, stage_iterations=200).stage_limits()
+    assert len(limits) == len(sigmas)
+    assert sum(limits[:-1]) <= p.iterations
+
+
+def test_what_is_not_given_is_chosen_and_its_path_has_an_end():
+    p = Parameters()
+    assert (p.sigma, p.refine, p.cooling_stages) == (None, None, 0)
+    assert Parameters(sigma=2.0).stage_sigmas() == [18.0, 6.0, 2.0]
+    assert Parameters(sigma=20.0).stage_sigmas() == [20.0]
+    assert len(Parameters(cooling_factor=1 + 1e-15).stage_sigmas()) == 1000
 
 
 PRINTED = """

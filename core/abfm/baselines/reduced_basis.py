@@ -74,7 +74,7 @@ class ReducedEnergy:
         if not fields >= 1:
             raise ParameterError(f"fields is {fields}; expected a positive number")
         self.mesh, self.length_scale = mesh.normalized(), mesh.length_scale
-        self.tau, self.sigma = parameters.tau, parameters.sigma
+        self.tau, self.sigma = parameters.tau, parameters.last_sigma
         eigenvalues, self.basis = hodge_basis(self.mesh, fields)
         self.weights = 1 + parameters.alpha * eigenvalues
         self.operators = _operators(self.mesh, self.basis, len(self.start))

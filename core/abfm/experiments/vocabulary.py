@@ -197,7 +197,7 @@ def as_match(example: Example) -> Match | None:
     problem, velocity = example.problem, example.flow.velocity
     fields = to_frame(problem.mesh, velocity / problem.mesh.length_scale)
     energy = MatchingEnergy(problem)
-    evaluated = energy.objective(problem.parameters.sigma).evaluate(fields)
+    evaluated = energy.objective(problem.parameters.last_sigma).evaluate(fields)
     mismatch = energy.relative_mismatch(evaluated.advected)
     kind: Kind = "matched" if mismatch <= MATCHED else "not reached"
     return Match(

@@ -101,7 +101,7 @@ class Match:
         if not self.path or self.path[self.step].velocity is not self.fine_velocity:
             p = self.parameters
             known = self.fine_velocity, self.mismatch, self.verified_mismatch, self.folded
-            alone = PathStep(p.sigma, p.alpha, p.reach, *known)
+            alone = PathStep(p.last_sigma, p.alpha, p.reach, *known)
             self.__dict__.update(path=(alone,), step=0)
 
     @property
@@ -401,7 +401,7 @@ def match(
     last = history[stages == stages[-1], 0]
     p = energy.parameters
     velocity *= energy.length_scale
-    end = PathStep(p.sigma, p.alpha, p.reach, velocity, mismatch, **said)
+    end = PathStep(p.last_sigma, p.alpha, p.reach, velocity, mismatch, **said)
     verified, folded = end.verified_mismatch, end.folded
     outcome = verdicts.Outcome(advected, mismatch, reason, verified, folded, last, solver.unmatched)
     return Match(

@@ -216,7 +216,7 @@ def test_a_start_near_the_target_is_gone_on_from_and_else_the_way_is_looked_for_
     assert {one.level for one in seen} == {0}
     assert {one.levels for one in seen} == {1}
     assert_allclose(seen[0].velocity[0], field, atol=1e-12)
-    assert seen[0].sigma == p.sigma
+    assert seen[0].sigma == p.last_sigma
     assert match.mismatch <= seen[0].mismatch
     p, field = replace(QUICK, levels=2), rotation_field(SPHERE, [np.deg2rad(60), 0, 0])
     match, seen = matched(60, p, start=field)
@@ -311,7 +311,9 @@ def test_flow_lines_at_once_are_those_of_the_verification(mesh):
 
 
 def test_the_papers_stages_are_plain_ones_of_sigma_in_either_unit_in_the_norm_of_first_order():
-    p = Parameters(**PAPER, alpha=0.02, sigma=1e-3, cooling_factor=10, iterations=40)
+    p = Parameters(
+        **PAPER, alpha=0.02, sigma=1e-3, cooling_stages=3, cooling_factor=10, iterations=40
+    )
     match, seen = matched(40, p, SMALL, 0.2)
     assert {(one.level, one.levels, one.reach) for one in seen} == {(0, 1, 0.0)}
     assert [one.sigma for one in seen] == [p.stage_sigmas()[stage] for stage in match.stages]

@@ -61,7 +61,7 @@ def test_a_match_has_a_path_that_ends_with_it_and_a_given_one_is_kept(found, lon
     assert step.velocity is found.velocity
     for name in ("mismatch", "verified_mismatch", "folded"):
         assert getattr(step, name) == getattr(found, name)
-    assert (step.sigma, step.alpha) == (found.parameters.sigma, found.parameters.alpha)
+    assert (step.sigma, step.alpha) == (found.parameters.last_sigma, found.parameters.alpha)
     assert step.log2_area > 0 < step.log2_shape
     assert found.at_step(0) is found
     alone = replace(found, path=(), step=0)

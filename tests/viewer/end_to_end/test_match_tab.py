@@ -19,6 +19,8 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
         "beta": (0.001, 1e-2),
         "order": (1, 2),
         "sigma": (0.05, 1e-3),
+        "goal": (0.1, 0.02),
+        "refine": (1, 2),
         "reach": (0.3, 1.4),
         "tau": (2, 0.5),
         "iterations": (30, 300),
@@ -85,9 +87,9 @@ def test_what_makes_no_sense_is_refused_in_place_and_stays_to_be_mended_until_es
     gui.type("alpha", "10")
     assert gui.session.parameters.alpha == 10
     assert not reasons
-    gui.type("cooling_stages", "0")
+    gui.type("cooling_stages", "-1")
     (reason,) = reasons.values()  # calls it what the panel calls it
-    assert reason.startswith("stages of σ is 0; expected")
+    assert reason.startswith("stages of σ is -1; expected")
     gui.click("cooling_stages")
     gui.key("escape")
 
@@ -101,7 +103,7 @@ def test_an_error_goes_with_what_is_accepted_later(gui):
         act(*words)
         gui.frames(2)
         assert not gui.window.ui.refusals.reasons
-        assert gui.text_of("sigma", kind="box") == f"{Parameters().sigma:g}"
+        assert gui.text_of("sigma", kind="box") == f"{Parameters().last_sigma:g}"
     assert gui.session.solver.running or gui.session.result
     gui.session.solver.cancel()
 

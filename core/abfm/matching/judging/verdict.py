@@ -116,11 +116,11 @@ class Remedies:
 
     def __init__(self, functions: FunctionTerm, parameters: Parameters, unmatched: float) -> None:
         self._functions, self._parameters = functions, parameters
-        self.raised = unmatched > parameters.sigma
-        self._sigma = unmatched if self.raised else parameters.sigma
+        self.raised = unmatched > parameters.last_sigma
+        self._sigma = unmatched if self.raised else parameters.last_sigma
         # larger than by default, so that a match is worth little
         relative = parameters.sigma_unit == "relative"
-        self.is_warm = relative and parameters.sigma > _USUAL.sigma
+        self.is_warm = relative and parameters.last_sigma > _USUAL.last_sigma
 
     @property
     def too_far(self) -> bool:
@@ -186,7 +186,7 @@ class Remedies:
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
 
     def colder(self) -> Remedy:
-        least = _USUAL.sigma if self.is_warm else SMALLEST
+        least = _USUAL.last_sigma if self.is_warm else SMALLEST
         sigma = max(_rounded(self._sigma / _COLDER), least)
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma})
 

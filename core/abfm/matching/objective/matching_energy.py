@@ -206,7 +206,7 @@ class MatchingEnergy:
     def __call__(self, velocity: ArrayLike) -> tuple[float, FloatArray]:
         """Return the value and the Euclidean gradient (N, F, 3) at fields (N, F, 3) on `mesh`."""
         given = check_fields(velocity, (*self.shape[:2], 3), "velocity")
-        found = self.objective(self.parameters.sigma).evaluate(to_frame(self.mesh, given))
+        found = self.objective(self.parameters.last_sigma).evaluate(to_frame(self.mesh, given))
         return found.energy, to_ambient(self.mesh, found.gradient)
 
     def objective(

@@ -24,6 +24,7 @@ _WARMER = (27.0, 9.0, 3.0, 1.0)  # times the first sigma of a search, in one tha
 _SEARCH, _COARSE = 0.4, 0.75
 _FINE = 0.15  # of all iterations, in one stage on the mesh itself after coarser ones
 _CLUSTERED = 0.9  # of all iterations, before the mesh comes without clusters of vertices
+_STAGES = 3  # of sigma, where none are given
 _CLOSING = 4  # stages with ever smaller sigmas, and alphas as their squares, after the last one
 
 
@@ -65,7 +66,7 @@ def search(p: Parameters, levels: int, clustered: bool = False) -> list[Attempt]
     Each begins with the norm that reaches far, the first one with the parameters' alpha, others
     with less. Without reach there is one, the paper's: all sigmas but the last.
     """
-    meshes = levels - clustered
+    p, meshes = _in_stages(p), levels - clustered
     fixed, sigmas = _is_fixed(p, meshes), p.stage_sigmas()
     until = p.iterations if meshes == 1 else int(_COARSE * p.iterations)
     near = Stage(0, sigmas[0], p.alpha, 0.0, p.stage_limits()[0], until, fixed)
@@ -107,12 +108,12 @@ def finish(p: Parameters, levels: int, found: Found, clustered: bool = False) ->
     may be fixed; else until they stop paying, or are close. If ``clustered`` the last level but one
     is the mesh itself with clusters of vertices; on the last only what misses the target goes on.
     """
-    meshes = levels - clustered
+    p, meshes = _in_stages(p), levels - clustered
     fixed = _is_fixed(p, meshes)
     share = max(1, int(_FINE * p.iterations))
     last = Stage(
         meshes - 1,
-        max(p.sigma, found.raised),
+        max(p.last_sigma, found.raised),
         p.alpha if found.alpha is None else found.alpha,
         0.0,
         p.iterations if fixed or meshes == 1 else share,
@@ -157,11 +158,17 @@ def _closing(last: Stage, p: Parameters) -> list[Stage]:
         last, alpha=_LESS * p.alpha, goal=MATCHED, needed_above=MATCHED, paying=_PAYING
     )
     smoother = [closing] if closing.alpha < last.alpha else []
-    steps = range(1, _CLOSING + 1 + math.ceil(math.log(last.sigma / p.sigma, 1 / _LESS) - 1e-9))
+    steps = range(
+        1, _CLOSING + 1 + math.ceil(math.log(last.sigma / p.last_sigma, 1 / _LESS) - 1e-9)
+    )
     return smoother + [
         replace(closing, sigma=last.sigma * _LESS**step, alpha=closing.alpha * _LESS ** (2 * step))
         for step in steps
     ]
+
+
+def _in_stages(p: Parameters) -> Parameters:
+    return p if p.cooling_stages else replace(p, cooling_stages=_STAGES)
 
 
 def _is_fixed(p: Parameters, meshes: int) -> bool:

@@ -86,12 +86,12 @@ def test_signals_that_smooth_flows_do_not_match_raise_a_relative_sigma_to_what_i
     for sigma in sigmas[at:]:  # thirds of it, as the closing stages have
         steps = np.log(solver.unmatched / sigma) / np.log(3)
         assert_allclose(steps, round(steps), atol=1e-9)
-        assert sigma > 0.999 * Parameters().sigma / 3**4
+        assert sigma > 0.999 * Parameters().last_sigma / 3**4
     assert solver.record.schedule[-1].sigma == solver.unmatched
     assert_allclose(solved(4.0).unmatched, solved().unmatched, rtol=1e-12)
     solver = solved(unit="absolute")
     assert np.isnan(solver.unmatched)
-    assert solver.energy.parameters.sigma in [stage.sigma for stage in solver.record.schedule]
+    assert solver.energy.parameters.last_sigma in [stage.sigma for stage in solver.record.schedule]
 
 
 def test_the_verdict_tells_a_raised_sigma_and_what_flow_lines_confirm_keeps_its_course(monkeypatch):

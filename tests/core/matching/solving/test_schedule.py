@@ -70,7 +70,7 @@ def test_every_plan_ends_on_the_mesh_itself_within_the_iterations(p, meshes, war
     for level in range(meshes - 1, levels):  # twice where clusters come first
         last = [stage for stage in plan if stage.level == level and stage.last]
         first, *closing = (stage for stage in last if not stage.balanced)
-        assert (first.sigma, first.needed_above) == (p.sigma, 0)
+        assert (first.sigma, first.needed_above) == (p.last_sigma, 0)
         assert all(stage.needed_above == stage.goal == MATCHED for stage in closing)
     assert not any(stage.reach for stage in finish(p, levels, Found(warm), clustered))
     for stage in plan:
@@ -110,7 +110,7 @@ def test_the_mesh_as_it_is_comes_after_all_that_is_done_with_clusters(p, meshes,
 
 @pytest.mark.parametrize("levels", [1, 3])
 def test_a_search_looks_far_then_near_and_further_where_that_fails(levels):
-    p = Parameters(reach=0.4)
+    p = Parameters(reach=0.4, cooling_stages=3)
     ways = [way.stages for way in search(p, levels)]
     assert [len(way) for way in ways] == [2] * len(ways)
     assert ways[0][0].reach == 0.4
@@ -143,8 +143,8 @@ def test_warm_starts_begin_on_the_mesh_with_the_last_sigma(changes):
     p = Parameters(**changes)
     plan = finish(p, 1, Found(True))
     assert plan[0].last
-    assert plan[0].sigma == p.sigma
-    assert all(stage.sigma <= p.sigma for stage in plan)
+    assert plan[0].sigma == p.last_sigma
+    assert all(stage.sigma <= p.last_sigma for stage in plan)
     assert [stage.balanced for stage in plan] == [False] * (len(plan) - 1) + [p.balance > 0]
 
 
@@ -153,7 +153,7 @@ def test_sigmas_fall_towards_the_last_and_below_it_only_where_needed_and_must_pa
     sigmas = [stage.sigma for stage in plan if not stage.reach]
     assert sigmas == sorted(sigmas, reverse=True)
     assert [stage.alpha for stage in plan] == sorted((stage.alpha for stage in plan), reverse=True)
-    below = [stage for stage in plan if stage.sigma < Parameters().sigma]
+    below = [stage for stage in plan if stage.sigma < Parameters().last_sigma]
     assert len(below) > 1
     for one, next_one in pairwise(below):
         assert next_one.alpha / one.alpha == pytest.approx((next_one.sigma / one.sigma) ** 2)
@@ -179,10 +179,10 @@ def test_a_stage_pays_while_its_energy_falls():
 @given(st.floats(1e-3, 50), st.integers(1, 3), st.booleans(), st.integers(1, 4), st.booleans())
 def test_a_raised_sigma_is_the_last_before_closing_ones(raised, meshes, clustered, count, warm):
     p, levels = Parameters(cooling_stages=count), meshes + clustered
-    plan, last = finish(p, levels, Found(warm, raised), clustered), max(p.sigma, raised)
+    plan, last = finish(p, levels, Found(warm, raised), clustered), max(p.last_sigma, raised)
     assert {stage.sigma for stage in plan if not stage.needed_above} == {last}
     for level in range(meshes - 1, levels):
         sigmas = [stage.sigma for stage in plan if stage.level == level and stage.needed_above]
         # the first one is less smooth
         assert sigmas == [pytest.approx(last / 3**step) for step in range(len(sigmas))]
-        assert 1 / 3**5.001 < sigmas[-1] / p.sigma < 1 / 3**3.999
+        assert 1 / 3**5.001 < sigmas[-1] / p.last_sigma < 1 / 3**3.999
