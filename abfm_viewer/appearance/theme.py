@@ -27,8 +27,8 @@ class Palette:
     failure: Color  # of what went wrong or was not reached; nothing else has its hue
     good: Color
     marker: Color
-    smoothness: Color  # the terms of the energy in its plot; the total is muted
-    closeness: Color
+    lines: Color  # in plots: what is left by flow lines, and by the discrete flow
+    flow: Color
 
 
 _CODES = {
@@ -48,8 +48,8 @@ _CODES = {
     "failure": ("8a1c9e", "e8a6f7"),
     "good": ("12633a", "69d39a"),
     "marker": ("0b8f6a", "38d9a9"),
-    "smoothness": ("0097ad", "1c93a6"),
-    "closeness": ("9a6700", "e0a526"),
+    "lines": ("0097ad", "1c93a6"),
+    "flow": ("9a6700", "e0a526"),
 }
 
 

@@ -79,8 +79,8 @@ class Course:
 
     def __init__(self, vertices: int = 0) -> None:
         self.newest: Snapshot | None = None
-        # total, regularity, mismatch; stage, vertices, reach
-        self._rows: list[tuple[float, float, float, int, int, float]] = []
+        # total, regularity, mismatch; stage, vertices, reach, relative mismatch
+        self._rows: list[tuple[float, float, float, int, int, float, float]] = []
         self._shares: list[dict[str, float]] = []
         self._restarts: list[int] = []
         self._run = Memo[Run]()
@@ -98,7 +98,7 @@ class Course:
         self._recent.append(clock.monotonic())
         energies = (now.energy, now.regularity, now.mismatch_energy)
         self._shares.append(now.shares)
-        self._rows.append((*energies, now.stage, now.vertices, now.reach))
+        self._rows.append((*energies, now.stage, now.vertices, now.reach, now.mismatch))
 
     @property
     def seconds_each(self) -> float | None:
@@ -114,6 +114,7 @@ class Course:
             stages, vertices = (table[:, column].astype(np.int64) for column in (3, 4))
             label = f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {parameters.last_sigma:g}"
             run = Run(table[:, :3], stages, restarts, mismatch, label, vertices, table[:, 5])
+            run = replace(run, mismatches=table[:, 6])
             words = tuple(dict.fromkeys(word for row in self._shares for word in row))
             if len(words) == 1:
                 return run
@@ -180,7 +181,7 @@ class Solver:
     def run(self) -> Run | None:
         if not self.running or self.snapshot is None or self.problem is None:
             return None
-        return self._course.run(self.snapshot.iteration.mismatch, self.problem.parameters)
+        return self._course.run(0.0, self.problem.parameters)
 
     @property
     def seconds_each(self) -> float | None:
@@ -244,7 +245,10 @@ class Solver:
         """Return, once, what a run that has ended leaves, failed or not."""
         if not self.running or self.problem is None or not self._working.done():
             return None
-        left = (self._result, self.run, self.problem)
+        run = self.run
+        if run is not None and self.snapshot is not None:
+            run = replace(run, mismatch=(self._result or self.snapshot.iteration).mismatch)
+        left = (self._result, run, self.problem)
         self.state = State.FAILED if self._error else State.ENDED
         self.reason = self._error or (self._result.stop_reason if self._result else "cancelled")
         self.snapshot = self.step = self._result = None

@@ -147,7 +147,10 @@ class View:
     animate: bool = False  # streaks move along the field
     flow_after_match: bool = True  # whether a match that ended shows its flow and plays it
     tool: ClickTool = "nothing"
-    previous_runs: bool = True  # are in the plot of the energy
+    previous_runs: bool = True  # are in the plot of what is left
+    # whether what steps leave is plotted against what they cost, while a run goes on and after it
+    trade_off_live: bool = False
+    trade_off: bool = True
 
     @property
     def surfaces(self) -> tuple[str, ...]:
@@ -165,18 +168,21 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The energy of one run; vertices of each row's mesh and reaches (n,) are empty if unknown."""
+    """The energy of one run; vertices of each row's mesh, reaches, and mismatches (n,) are empty if
+    unknown.
+    """
 
     energies: FloatArray  # (n, 3): total, regularity and mismatch
     stages: IntArray  # (n,)
     # rows at which a changed problem started the solver again from the field that it had
     restarts: tuple[int, ...]
-    mismatch: float
+    mismatch: float  # that it came to; 0 while it goes on
     label: str  # what was solved, in a few words
     vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     reaches: FloatArray = field(default_factory=lambda: np.zeros(0))
     words: tuple[str, ...] = ()  # of the data terms, where there are T > 1
     shares: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (n, T), of the mismatch
+    mismatches: FloatArray = field(default_factory=lambda: np.zeros(0))  # ``||f_tau - g|| / ||g||``
 
     @property
     def has_course(self) -> bool:
@@ -188,6 +194,27 @@ class Run:
         total, regularity, mismatch = self.energies.T
         terms = dict(zip(self.words, self.shares.T, strict=True)) or {"closeness": mismatch}
         return {"energy": total, "smoothness": regularity} | terms
+
+    @property
+    def left(self) -> FloatArray:
+        """The mismatches (n,); where they are unknown, by the energy, whose unit is each stage's: a
+        stage goes on where the one before ended, and the last one ends at the run's mismatch.
+        """
+        if len(self.mismatches) or not len(self.stages):
+            return self.mismatches
+        roots = np.log(np.maximum(self.energies[:, 2], np.finfo(float).tiny)) / 2
+        falls = np.where(np.diff(self.stages) == 0, np.diff(roots), 0.0)
+        found: FloatArray = self.mismatch * np.exp(np.cumsum([0, *falls]) - falls.sum())
+        return found
+
+    @property
+    def least_left(self) -> FloatArray:
+        """The least that was left so far (n,), which rises only where the problem changed; never
+        less than the run came to, as less may be left on coarser meshes.
+        """
+        parts = np.split(self.left, [row for row in self.restarts if row < len(self.stages)])
+        least = [np.fmin.accumulate(part) for part in parts]
+        return np.concatenate([*least[:-1], np.maximum(least[-1], self.mismatch)])
 
 
 class Identity:
@@ -206,6 +233,8 @@ class Document:
     parameters: Parameters = field(default_factory=Parameters)
     mask: str = ""  # spec of the weight of the mismatch at each vertex; empty for none
     result: Match | None = None
+    # the step at which the result's match ended, where another one of its path is shown
+    chosen: int | None = None
     runs: tuple[Run, ...] = ()  # those that ended, the latest last
     time: float = 0.0  # shown, 0 to 2 tau
     lines: tuple[Point, ...] = ()  # where flow lines start

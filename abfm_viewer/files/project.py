@@ -39,6 +39,7 @@ _COURSE = _RUN | {
     "vertices": Entry("integer", ("n",), low=0),
     "reaches": Entry("real", ("n",), low=0),
 }
+_LEFT = {"mismatches": Entry("real", ("n",), required=False, low=0)}
 _SHARES = {"shares": Entry("real", ("n", "T"), low=0)}
 _PLAIN = ("parameters", "verdict", "remedies")  # parts of a result that are no arrays
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in _PLAIN}
@@ -99,8 +100,11 @@ def save_project(
     runs = []
     for number, run in enumerate(document.runs):
         names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
+        names |= _LEFT if len(run.mismatches) else {}
         arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in names}
-        runs.append(to_plain(run, without=_COURSE | _SHARES) | {"has_course": run.has_course})
+        runs.append(
+            to_plain(run, without=_COURSE | _SHARES | _LEFT) | {"has_course": run.has_course}
+        )
     result = None
     if document.result is not None:
         result = abfm.matching.match_arrays(document.result)
@@ -213,7 +217,7 @@ def _document(
 
 def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
     entries = _COURSE if state.pop("has_course", False) else _RUN
-    entries = entries | (_SHARES if state.get("words") else {})
+    entries = entries | _LEFT | (_SHARES if state.get("words") else {})
     parts = check_arrays(arrays, entries, f"runs/{number}/")
     return cast(Run, from_plain(Run, state, f"project.runs[{number}]", **parts))
 
@@ -247,6 +251,9 @@ def _check(document: Document) -> None:
         _require(0 <= weight < np.inf, f"a channel has the weight {weight}; expected 0 or more")
     _within("channel", document.channel, 0, max(len(document.channels), 1) - 1)
     _require(document.bump >= 0, f"bump is {document.bump}; expected 0 or more")
+    if document.chosen is not None:
+        steps = len(document.result.path) if document.result else 0
+        _within("chosen", document.chosen, 0, steps - 1)
     _within("time", document.time, 0, document.end)
     F = len(document.surface().mesh.faces)
     for point in document.lines + document.points:

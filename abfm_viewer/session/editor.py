@@ -226,14 +226,11 @@ class Editor:
 
 def _large_parts(document: Document) -> dict[int, int]:
     """Bytes of the arrays of meshes and results, by the identity of these."""
-    held = [*(surface.mesh for surface in document.surfaces), document.result]
-    return {
-        id(part): sum(
-            array.nbytes for array in vars(part).values() if isinstance(array, np.ndarray)
-        )
-        for part in held
-        if part is not None
-    }
+    result = document.result
+    held = [*(surface.mesh for surface in document.surfaces), *([result] if result else [])]
+    held += result.path if result else []  # which results of one match share
+    arrays = [array for part in held for array in vars(part).values()]
+    return {id(array): array.nbytes for array in arrays if isinstance(array, np.ndarray)}
 
 
 def _look_differs(before: Document, after: Document) -> bool:

@@ -54,7 +54,9 @@ class Saves:
 
     def has_new_result(self, document: Document) -> bool:
         saved, _ = self._of(document)
-        return document.result is not None and (not saved or document.result is not saved.result)
+        result, known = document.result, saved.result if saved else None
+        # another step of the same path is no new one
+        return result is not None and (known is None or result.path is not known.path)
 
     def origin(self, document: Document) -> Origin | None:
         """The project file of a document, as it was when it was last read or written here."""

@@ -22,6 +22,7 @@ from abfm_viewer.session.editor import Editor, Step
 from abfm_viewer.session.functions import DocumentFunctions
 from abfm_viewer.session.loading import Loading
 from abfm_viewer.session.notices import Notices, WaysOut
+from abfm_viewer.session.path_steps import PathSteps
 from abfm_viewer.session.player import Player
 from abfm_viewer.session.saves import Saves
 
@@ -49,6 +50,7 @@ class Session:
         self.notices = Notices(lambda: self.editor.moves)
         self.loading = Loading(self._jobs, self.notices)
         self.saves = Saves(self.editor)
+        self.steps = PathSteps(self.editor, self._jobs, self.notices)
         self.solver = Solver()
         self.player = Player()
         self.dragging = self.draws_quickly = False
@@ -165,7 +167,7 @@ class Session:
         if self.loading.now:
             return said("opening", self.loading.step)
         busy = self.functions.busy(self.document)
-        return said(busy, self.step) if busy else ""
+        return said(busy, self.step) if busy else self.steps.busy
 
     @property
     def step(self) -> progress.Step | None:
@@ -244,6 +246,7 @@ class Session:
         elapsed, self._last_update = now - self._last_update, now
         self.loading.update()
         self.notices.update()
+        self.steps.update()
         self._find_defaults()
         self.functions.update(self.document)
         # the functions come first, and pictures off the screen solve nothing
@@ -299,7 +302,7 @@ class Session:
         self._run_began = self.document
         runs = document.runs if run is None else (*document.runs, run)
         if match is not None:
-            self.saves.found(replace(document, result=match, runs=runs))
+            self.saves.found(replace(document, result=match, runs=runs, chosen=None))
         if replaced:
             self.solver.forget()
             return
@@ -309,7 +312,7 @@ class Session:
                 "Continue": partial(self.match, True),
                 "Match again": partial(self.match, False),
             }
-            self._show(match, {"result": match, "runs": runs})
+            self._show(match, {"result": match, "runs": runs, "chosen": None})
         if failed:
             self.notices.say(f"the solver stopped: {self.solver.reason}", True, RUN, again)
 

@@ -1,4 +1,4 @@
-"""What widgets are drawn in: windows, dialogs, cards, sections, tabs, plots and menus.
+"""What widgets are drawn in: windows, dialogs, cards, sections, tabs and menus.
 
 What opens something is a context manager, so that an error inside leaves ImGui's stacks whole.
 """
@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import polyscope.imgui as imgui
-import polyscope.implot as implot
 
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.widgets.toolkit import Ui, close_by_escape, pushed
@@ -24,7 +23,6 @@ _CARD = (
     | imgui.ImGuiWindowFlags_AlwaysAutoResize
     | imgui.ImGuiWindowFlags_NoFocusOnAppearing
 )
-_CLEAR = (0.0, 0.0, 0.0, 0.0)
 
 
 @contextmanager
@@ -167,29 +165,6 @@ def tabs(ui: Ui, name: str, labels: Sequence[str]) -> str:
             if clicked:
                 ui.open_tab = label
     return ui.open_tab
-
-
-@contextmanager
-def plot(ui: Ui, label: str, height: float, flags: int) -> Iterator[bool]:
-    colors = {
-        implot.ImPlotCol_FrameBg: _CLEAR,
-        implot.ImPlotCol_PlotBg: ui.colors.ground,
-        implot.ImPlotCol_PlotBorder: ui.colors.border,
-        implot.ImPlotCol_LegendBg: _CLEAR,
-        implot.ImPlotCol_LegendBorder: _CLEAR,
-        implot.ImPlotCol_AxisGrid: ui.colors.border,
-        implot.ImPlotCol_AxisTick: _CLEAR,
-    }
-    for index, color in colors.items():
-        implot.PushStyleColor(index, color)
-    is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, height), flags))
-    try:
-        yield is_drawn
-    finally:
-        if is_drawn:
-            implot.EndPlot()
-        implot.PopStyleColor(len(colors))
-        ui.remember(label, "plot")
 
 
 # Menus

@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 Rect = tuple[float, float, float, float]
 """Left, top, right, bottom in window pixels."""
 _Input = Literal["button", "checkbox", "combo", "choice", "slider", "box"]
-WidgetKind = Literal[_Input, "section", "tab", "menu", "item", "plot"]
+WidgetKind = Literal[_Input, "section", "tab", "menu", "item", "plot", "mark"]
 KINDS: tuple[WidgetKind, ...] = get_args(WidgetKind)
 # of a logarithmic slider from 0: how much of it is 0, and what the rest spans
 _ZERO_SHARE, _DECADES = 0.06, 6

@@ -35,7 +35,8 @@ _MOUSE = (
     ("Shift+wheel", "wider or narrower Gaussian"),
     ("drop files", "open a mesh, a project or a result"),
 )
-_KEYS = {"Left": "LeftArrow", "Right": "RightArrow", "Esc": "Escape"}
+_ARROWS = {name: f"{name}Arrow" for name in ("Left", "Right", "Up", "Down")}
+_KEYS = _ARROWS | {"Esc": "Escape"}
 
 
 @dataclass(eq=False)
@@ -130,6 +131,8 @@ class Actions:
         self.match = solver("match", "Ctrl+Enter", session.match, while_typing=True)
         self.pause = solver("pause or resume", "P", self._pause)
         self.cancel = solver(_ESCAPE, "Esc", self._escape)
+        self.smoother = solver("show a smoother step of the path", "Up", lambda: self._along(-1))
+        self.closer = solver("show a closer step of the path", "Down", lambda: self._along(1))
         times, step = partial(Action, "Time"), self._step
         self.play = times("play or pause", "Space", session.player.toggle)
         self.back = times("a twentieth of τ back", "Left", lambda: step(-STEP), repeats=True)
@@ -290,6 +293,10 @@ class Actions:
             self._session.editor.amend(view=replace(view, large=""))
         else:
             self._session.solver.cancel()
+
+    def _along(self, count: int) -> None:
+        if not self._session.solver.running:
+            self._session.steps.show(self._session.steps.shown + count)
 
     def _step(self, share: float) -> None:
         self._session.set_time(self._session.time + share * self._session.parameters.tau)

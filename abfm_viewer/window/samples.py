@@ -28,6 +28,7 @@ _PICTURES = "pictures of the samples"
 _KEPT = (
     *("theme", "ui_scale", "layout", "colormap", "isolines", "isoline_count", "color_bar"),
     *("wireframe", "flat", "arrow_length", "arrow_density", "flow_after_match", "previous_runs"),
+    *("trade_off", "trade_off_live"),
 )
 """What a figure leaves as the user's view has it."""
 _SHOWN: dict[int, dict[str, Any]] = {

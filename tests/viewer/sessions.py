@@ -3,7 +3,8 @@
 import time
 from dataclasses import replace
 
-from abfm import Parameters
+from abfm import Flow, Parameters
+from abfm.matching import PathStep
 from abfm.parameters import PAPER
 from abfm_viewer.computing.solver import ProblemSpec
 from abfm_viewer.document.document import Channel
@@ -55,6 +56,20 @@ def matched(session):
     session.match()
     until(lambda: session.solver.finished, session)
     return session
+
+
+def stepped(match, shares=(0.3, 0.7)):
+    """The match at the end of a path, whose other steps are shares of its field."""
+    functions, known = match.problem.functions, {"folded": 0.0, "log2_shape": 0.2}
+    smoother = []
+    for s in shares:
+        field = s * match.fine_velocity
+        carried = Flow(match.mesh, field, match.parameters.tau).push(match.source)
+        left = functions.relative_mismatch(carried.T)
+        step = PathStep(1 - s, 0.01, 0.0, field, left, 0.9, log2_area=s / 3, **known)
+        smoother.append(step)
+    end = replace(match.path[match.step], log2_area=0.5, log2_shape=0.7)
+    return replace(match, path=(*smoother, end), step=len(shares))
 
 
 def solving(session, rows=5):

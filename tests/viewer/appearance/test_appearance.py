@@ -50,7 +50,7 @@ TO_RGB = np.array(
     ]
 )
 GROUNDS = ("panel", "field", "hovered", "pressed", "ground")
-CURVES = ("muted", "smoothness", "closeness")  # of the energy and its terms
+CURVES = ("lines", "flow")  # of what is left
 # in CIELAB, where 2.3 is just noticeable side by side; thin lines need several times as much
 APART = 20.0
 # at least, of texts, and of marks without which a widget could not be understood
@@ -185,10 +185,10 @@ def degrees_between(one, other):
     return min(apart, 360 - apart)
 
 
-def test_terms_of_the_energy_and_failure_have_hues_of_their_own(colors):
+def test_curves_of_what_is_left_and_failure_have_hues_of_their_own(colors):
     others = ("source", "target", "accent", "accent_hovered", "good", "marker")
     for term, reserved, least in (
-        *product(("smoothness", "closeness"), ("source", "target", "failure"), (25,)),
+        *product(CURVES, ("source", "target", "failure"), (25,)),
         *product(("failure",), others, (45,)),
     ):
         apart = degrees_between(getattr(colors, term), getattr(colors, reserved))

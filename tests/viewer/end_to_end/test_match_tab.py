@@ -1,4 +1,4 @@
-"""The tab Match: every parameter, what is refused, presets and defaults, and the energy's plot."""
+"""The tab Match: every parameter, what is refused, presets, defaults, and the iterations."""
 
 import csv
 import re
@@ -179,7 +179,7 @@ def test_a_tooltip_explains_a_parameter(gui, monkeypatch):
     gui.session.solver.cancel()  # it may have ended by now
 
 
-# The energy
+# The iterations
 
 
 def test_it_grows_during_a_run_and_keeps_earlier_ones(matched):

@@ -86,12 +86,13 @@ class WidgetCoverage:
 
 def _name(widget):
     """Where a widget is and what it is called; one name for all channels, for both sides of one,
-    and for all dialogs that save.
+    for all steps of a path, and for all dialogs that save.
     """
     section = "message" if widget.section.startswith("message ") else widget.section
     section = section.replace("Functions/target", "Functions/source")
     section = "Save" if widget.section.startswith(_SAVING) else section
     label = "channel" if section == "Functions" and widget.kind == "choice" else widget.label
+    label = "step" if widget.kind == "mark" or section == "Match/step" else label
     if section == "Save" and widget.kind == "choice":
         label = "file"
     return section, label

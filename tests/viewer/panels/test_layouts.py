@@ -20,7 +20,7 @@ from abfm_viewer.automation import Driver
 from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.widgets.toolkit import Ui
 from tests.processes import run
-from tests.viewer.sessions import EGG, ENDLESS
+from tests.viewer.sessions import EGG, ENDLESS, stepped
 
 SIZES = ((1000, 700), (1280, 800), (2560, 1440))
 _WRITTEN = "saved /a/folder/with/a/name/that/is/long/enough/to/need/more/than/one/line/picture.png"
@@ -55,6 +55,8 @@ def _states(gui):
     found, verdict = session.result, two_channels_with_other_peaks()
     session.editor.amend(result=replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict))
     yield "advised"
+    session.editor.amend(result=stepped(found))
+    yield "with a path"
     session.editor.amend(result=found)
     gui.window.exporter.message = _WRITTEN
     yield "exported"
@@ -204,7 +206,7 @@ def test_remedies_and_advice_that_no_button_carries_out_are_in_view(layouts):
     """Advice with its cause, at an ordinary scale; else as much as has room."""
     for layout in layouts:
         remedies = [widget for widget in layout["widgets"] if widget["section"] == "verdict"]
-        are_there = layout["state"] in ("matched", "exported", "asked")
+        are_there = layout["state"] in ("matched", "with a path", "exported", "asked")
         assert bool(remedies) == are_there, where(layout)
         for widget in remedies:
             below = widget["rect"][3] - widget["area"][3]

@@ -1,6 +1,6 @@
 """The tab Match: what it says of parameters and energies, and where on a slider a value is."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from abfm.parameters import CHOICES
 from abfm_viewer.document.document import Run
 from abfm_viewer.panels import energy
 from abfm_viewer.panels import parameters as panel
+from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.widget_record import Range
 
 
@@ -37,6 +38,28 @@ def run(stages, vertices=(), reaches=(), restarts=()):
 )
 def test_stages_and_finer_meshes_are_marked_apart(marked, stages, meshes):
     assert energy.starts(marked) == (stages, meshes)
+
+
+def test_what_was_least_falls_until_the_problem_changes_and_is_known_of_older_runs_by_the_energy():
+    told = run([0, 0, 1, 1, 0, 0], restarts=(4, 6))
+    told = replace(told, mismatch=0.4, mismatches=np.array([1, 0.6, 0.7, 0.5, 0.9, 0.3]))
+    assert list(told.least_left) == [1, 0.6, 0.6, 0.5, 0.9, 0.4]
+    energies = np.array([[9, 9, 16], [9, 9, 4], [9, 9, 900], [9, 9, 225]])
+    older = replace(run([0, 0, 1, 1]), energies=energies.astype(float))  # ends at 0.1
+    np.testing.assert_allclose(older.left, [0.4, 0.2, 0.2, 0.1])
+    assert len(run([]).least_left) == 0
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "ticks"),
+    [
+        (0.04, 1.2, [0.1, 0.3, 1]),
+        (0.005, 1.2, [0.01, 0.1, 1]),
+        (0.3, 0.8, [0.3, 0.4, 0.5, 0.6, 0.8]),
+    ],
+)
+def test_an_axis_of_what_is_left_has_round_shares(low, high, ticks):
+    assert plots.share_ticks(low, high) == ticks
 
 
 def test_what_is_under_the_mouse_is_told():

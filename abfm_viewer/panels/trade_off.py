@@ -1,0 +1,145 @@
+"""The trade-off: what each step of a path leaves, against what its map does to areas."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polyscope.imgui as imgui
+import polyscope.implot as implot
+
+from abfm.types import FloatArray
+from abfm_viewer.document.verdict_words import share
+from abfm_viewer.panels.context import Context
+from abfm_viewer.session.session import Session
+from abfm_viewer.widgets import plots
+from abfm_viewer.widgets.toolkit import Ui
+
+if TYPE_CHECKING:
+    from abfm.matching import PathStep
+
+    Steps = tuple[PathStep, ...]
+
+
+_CHOSEN = "solver's choice"
+_STEP = (
+    "The step of the path, from smooth to close, that is shown, saved and exported. A click on the "
+    "curve chooses one, too; Up and Down go to the next one."
+)
+_AREAS = "areas change by (mean |log2 J|)"
+_LEAST_WIDTH = 0.01  # of the axis of areas
+_RIM, _SIZE, _LARGER, _NEAR = 5.5, 3.5, 2.5, 16
+"""Of marks by flow lines, which are seen behind those of the mismatch; of those; how much larger
+those of the step that is shown are; and how near a click is meant for one."""
+
+
+def path_of(session: Session) -> Steps:
+    """Return the path of the run that goes on, as far as it came, else that of the result."""
+    if session.solver.running:
+        snapshot = session.solver.snapshot
+        return getattr(snapshot.iteration, "path", ()) if snapshot else ()
+    return session.result.path if session.result else ()
+
+
+def draw(context: Context, path: Steps) -> None:
+    """Draw the choice of a step, and the curve, which is one, too."""
+    ui, session = context.ui, context.session
+    is_live = session.solver.running
+    shown = len(path) - 1 if is_live else session.steps.shown
+    chosen = None if is_live else session.steps.chosen
+    _choice(ui, session, path, shown, chosen)
+    colors = {"mismatch": ui.colors.flow, "by flow lines": ui.colors.lines}
+    plots.legend(ui, colors if chosen is None else colors | {_CHOSEN: ui.colors.good})
+    _curve(ui, session, path, shown, chosen)
+
+
+def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:
+    names = [f"step {n + 1} of {len(path)}: σ {step.sigma:g}" for n, step in enumerate(path)]
+    tips = {name: _words(path, n, chosen) for n, name in enumerate(names)}
+    room, (padding, _) = imgui.GetContentRegionAvail()[0], imgui.GetStyle().FramePadding
+    button = ui.text_width(_CHOSEN) + 2 * padding + imgui.GetStyle().ItemSpacing[0]
+    with ui.disabled(session.solver.running):
+        width = room - button if 2 * button < room else room
+        new = ui.combo("##step", names[shown], tips, _STEP, width)
+        if new != names[shown]:
+            session.steps.show(names.index(new))
+        ui.beside_if_fits(_CHOSEN, is_button=True)
+        tip = "Back to the step at which the match ended."
+        if ui.button(_CHOSEN, tip, enabled=chosen != shown) and chosen is not None:
+            session.steps.show(chosen)
+
+
+def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:
+    areas = np.array([step.log2_area for step in path])
+    by_flow = plots.positive(np.array([step.mismatch for step in path]))
+    by_lines = plots.positive(np.array([step.verified_mismatch for step in path]))
+    snapshot = session.solver.snapshot if session.solver.running else None
+    now = np.array([snapshot.iteration.mismatch] if snapshot else [])
+    widest = max(_LEAST_WIDTH, *areas[np.isfinite(areas)])
+    with plots.plot(ui, "trade-off plot") as is_drawn:
+        if not is_drawn:
+            return
+        title = ui.fitted(_AREAS, 0.8 * imgui.GetContentRegionAvail()[0])
+        ends = -0.04 * widest, 1.06 * widest
+        plots.set_up(title, ends, (by_flow, by_lines, now), inverted=True)
+        if chosen is not None:
+            plots.uprights("##chosen", [float(areas[chosen])], ui.colors.good, ui.px(1.5))
+        if len(now):
+            plots.level("##now", float(now[0]), (*ui.colors.flow[:3], 0.5), ui.px(1))
+        for name, left, ink, size in (
+            ("by flow lines", by_lines, ui.colors.lines, _RIM),
+            ("mismatch", by_flow, ui.colors.flow, _SIZE),
+        ):
+            plots.line(name, left, ink, ui.px(1.8), areas)
+            plots.dots(f"##{name}", (areas, left), ui.px(size), (ink, ink))
+            if chosen is not None:
+                at = slice(shown, shown + 1)
+                place, edge = (areas[at], left[at]), ui.colors.ink
+                plots.dots(f"##{name} shown", place, ui.px(size + _LARGER), (ink, edge))
+        _clicks(ui, session, path, (areas, by_flow, by_lines), chosen)
+
+
+def _clicks(
+    ui: Ui, session: Session, path: Steps, curve: tuple[FloatArray, ...], chosen: int | None
+) -> None:
+    """Let the mouse point at marks; scripts find those of the mismatch by their steps."""
+    areas, *witnesses = curve
+    places = np.array(
+        [
+            [implot.PlotToPixels(float(x), float(y)) for x, y in zip(areas, left, strict=True)]
+            for left in witnesses
+        ]
+    )
+    for n, (x, y) in enumerate(places[0]):
+        if np.isfinite(x + y):
+            ui.record.add(f"step {n + 1}", "mark", (x, y, x, y), not session.solver.running)
+    apart = np.linalg.norm(places - imgui.GetMousePos(), axis=2)
+    apart = np.nan_to_num(apart, nan=np.inf).min(axis=0)
+    nearest = int(np.argmin(apart))
+    if not (plots.is_under_mouse() and apart[nearest] <= ui.px(_NEAR)):
+        return
+    imgui.SetTooltip(_words(path, nearest, chosen))
+    if imgui.IsMouseClicked(0) and ui.record.enabled and not session.solver.running:
+        session.steps.show(nearest)
+
+
+def _words(path: Steps, number: int, chosen: int | None) -> str:
+    """Return what a step is, leaves and costs; what is unknown is left out."""
+    step = path[number]
+    parameters = f"σ {step.sigma:.3g}, α {step.alpha:.3g}, reach {step.reach:.3g}"
+    left = f"what is left: {share(step.mismatch)}"
+    if step.verified_mismatch == step.verified_mismatch:
+        left += f", by flow lines {share(step.verified_mismatch)}"
+    lines = [
+        f"step {number + 1} of {len(path)}{f', the {_CHOSEN}' if number == chosen else ''}",
+        parameters,
+        left,
+    ]
+    if step.log2_area == step.log2_area:
+        lines += [
+            f"areas change by {2**step.log2_area:.3g} times (mean |log2 J| {step.log2_area:.3g})",
+            f"shapes by {2**step.log2_shape:.3g} times (mean |log2 R| {step.log2_shape:.3g})",
+        ]
+    if step.folded == step.folded:
+        lines.append(f"{100 * step.folded:.2g}% folded")
+    return "\n".join(lines)

@@ -1,0 +1,78 @@
+"""Steps of a match's path: another one takes the result's place when it has been computed."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from abfm_viewer.computing.background import Jobs, Latest, same
+from abfm_viewer.session.editor import Editor
+from abfm_viewer.session.notices import Notices
+
+if TYPE_CHECKING:
+    from abfm import Match
+
+
+class PathSteps:
+    """Shows steps of the result's path, from smooth to close, each a step of undo.
+
+    Steps that were shown before come from the history, with all that the solver said of them.
+    """
+
+    def __init__(self, editor: Editor, jobs: Jobs, notices: Notices) -> None:
+        self._editor, self._notices = editor, notices
+        self._found: Latest[Match] = jobs.latest()
+        self._wanted: tuple[Match, int] | None = None  # the result then, and the step
+
+    @property
+    def busy(self) -> str:
+        return "carrying the source by another step" if self._wanted else ""
+
+    @property
+    def shown(self) -> int:
+        """The step that is shown, or will be as soon as it is computed; 0 without a result."""
+        result = self._editor.document.result
+        return self._wanted[1] if self._wanted else result.step if result else 0
+
+    @property
+    def chosen(self) -> int | None:
+        """The step at which the result's match ended; None without a result."""
+        document = self._editor.document
+        if document.chosen is None and document.result:
+            return document.result.step
+        return document.chosen
+
+    def show(self, step: int) -> None:
+        """Show another step of the result's path, the nearest one that there is."""
+        if result := self._editor.document.result:
+            self._wanted = result, min(max(step, 0), len(result.path) - 1)
+            self.update()
+
+    def update(self) -> None:
+        """Take in what was computed: call once per frame."""
+        if self._wanted is None:
+            return
+        document, (then, step) = self._editor.document, self._wanted
+        result = document.result
+        if result is None or result.path is not then.path or result.step == step:
+            self._wanted = None
+            return
+        found, key = self._known(step), (then.path, step)
+        if found is None:
+            found = self._found.ask(key, partial(then.at_step, step))
+        if found is not None:
+            self._wanted = None
+            chosen = None if step == self.chosen else self.chosen
+            label = f"show step {step + 1} of the path"
+            self._editor.change(label, result=found, chosen=chosen)
+        elif same(self._found.key, key):
+            self._wanted = None
+            self._notices.say(f"step {step + 1}: {self._found.error}", is_error=True)
+
+    def _known(self, step: int) -> Match | None:
+        result = self._editor.document.result
+        for document in self._editor.documents:
+            other = document.result
+            if result and other and (other.path is result.path) and other.step == step:
+                return other
+        return None

@@ -1,0 +1,137 @@
+"""Plots: what is left upright, in percent; lines and marks; and what a legend says of them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+import polyscope.imgui as imgui
+import polyscope.implot as implot
+
+from abfm.types import FloatArray
+from abfm_viewer.appearance.theme import Color
+from abfm_viewer.widgets.toolkit import Ui
+
+_LOWEST, _HIGHEST = 150, 240
+_CLEAR = (0.0, 0.0, 0.0, 0.0)
+_FLAGS = (
+    implot.ImPlotFlags_NoTitle
+    | implot.ImPlotFlags_NoMenus
+    | implot.ImPlotFlags_NoLegend  # one of ours goes on in a second line where the panel is narrow
+    | implot.ImPlotFlags_NoBoxSelect
+    | implot.ImPlotFlags_NoMouseText
+    | implot.ImPlotFlags_NoInputs  # the wheel scrolls the panel
+)
+_LEAST_FACTOR = 2.5  # between the ends of the upright axis
+_MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 8))
+_FEWEST_TICKS = 3
+
+
+@contextmanager
+def plot(ui: Ui, label: str) -> Iterator[bool]:
+    """Draw a plot as high as fits."""
+    colors = {
+        implot.ImPlotCol_FrameBg: _CLEAR,
+        implot.ImPlotCol_PlotBg: ui.colors.ground,
+        implot.ImPlotCol_PlotBorder: ui.colors.border,
+        implot.ImPlotCol_AxisGrid: ui.colors.border,
+        implot.ImPlotCol_AxisTick: _CLEAR,
+    }
+    for index, color in colors.items():
+        implot.PushStyleColor(index, color)
+    height = min(max(imgui.GetContentRegionAvail()[1], ui.px(_LOWEST)), ui.px(_HIGHEST))
+    is_drawn = bool(implot.BeginPlot(f"##{label}", (-1, height), _FLAGS))
+    try:
+        yield is_drawn
+    finally:
+        if is_drawn:
+            implot.EndPlot()
+        implot.PopStyleColor(len(colors))
+        ui.remember(label, "plot")
+
+
+def set_up(
+    title: str, ends: tuple[float, float], shares: Sequence[FloatArray], inverted: bool = False
+) -> None:
+    """Set up the axes: one with a title, and a logarithmic one of what is left for these shares."""
+    low, high = _around(np.concatenate([positive(values) for values in shares]))
+    across, upright = implot.ImAxis_X1, implot.ImAxis_Y1
+    flags = implot.ImPlotAxisFlags_Invert if inverted else implot.ImPlotAxisFlags_None
+    implot.SetupAxis(across, title, flags)
+    implot.SetupAxisLimits(across, *map(float, ends), implot.ImPlotCond_Always)
+    implot.SetupAxis(upright, "what is left", implot.ImPlotAxisFlags_None)
+    implot.SetupAxisScale(upright, implot.ImPlotScale_Log10)
+    implot.SetupAxisLimits(upright, low, high, implot.ImPlotCond_Always)
+    ticks = share_ticks(low, high)
+    implot.SetupAxisTicks(upright, np.array(ticks), [f"{100 * tick:g}%" for tick in ticks])
+
+
+def _around(values: FloatArray) -> tuple[float, float]:
+    known = values[np.isfinite(values)]
+    low, high = (0.8 * known.min(), 1.25 * known.max()) if len(known) else (0.1, 1.0)
+    apart = np.sqrt(max(_LEAST_FACTOR * low / high, 1.0))
+    return float(low / apart), float(high * apart)
+
+
+def share_ticks(low: float, high: float) -> list[float]:
+    """Return round shares from one to another, at least three where there are as many."""
+    ticks: list[float] = []
+    for mantissas in _MANTISSAS:
+        decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+        places = (float(f"{m}e{decade}") for decade in decades for m in mantissas)
+        ticks = [place for place in places if low <= place <= high]
+        if len(ticks) >= _FEWEST_TICKS:
+            break
+    return ticks
+
+
+def positive(values: FloatArray) -> FloatArray:
+    """Return values for a logarithmic axis: what it cannot show is left out."""
+    return np.where(np.isfinite(values) & (values > 0), values, np.nan)
+
+
+def line(
+    label: str, y: FloatArray, color: Color, weight: float, x: FloatArray | None = None
+) -> None:
+    """Draw a line; x are by default the numbers of the values."""
+    implot.SetNextLineStyle(color, weight)
+    implot.PlotLine(label, np.arange(float(len(y))) if x is None else x, positive(y))
+
+
+def uprights(label: str, places: Sequence[float], color: Color, weight: float) -> None:
+    if len(places):
+        implot.SetNextLineStyle(color, weight)
+        implot.PlotInfLines(label, np.array(places, dtype=np.float64))
+
+
+def level(label: str, value: float, color: Color, weight: float) -> None:
+    implot.SetNextLineStyle(color, weight)
+    implot.PlotInfLines(label, np.array([value]), implot.ImPlotInfLinesFlags_Horizontal)
+
+
+def dots(
+    label: str, places: tuple[FloatArray, FloatArray], size: float, colors: tuple[Color, Color]
+) -> None:
+    (x, y), (fill, edge) = places, colors
+    implot.SetNextMarkerStyle(implot.ImPlotMarker_Circle, size, fill, size / 3, edge)
+    implot.PlotScatter(label, x, positive(y))
+
+
+def is_under_mouse() -> bool:
+    (left, top), (width, height) = implot.GetPlotPos(), implot.GetPlotSize()
+    x, y = imgui.GetMousePos()
+    inside = left <= x <= left + width and top <= y <= top + height
+    return bool(imgui.IsWindowHovered()) and inside
+
+
+def legend(ui: Ui, colors: Mapping[str, Color]) -> None:
+    side, (_, spacing) = 0.6 * imgui.GetTextLineHeight(), imgui.GetStyle().ItemSpacing
+    for number, (name, color) in enumerate(colors.items()):
+        if number:
+            ui.beside_if_fits(name)
+        left, top = imgui.GetCursorScreenPos()
+        top += (imgui.GetTextLineHeight() - side) / 2
+        corners, ink = ((left, top), (left + side, top + side)), imgui.GetColorU32(color)
+        imgui.GetWindowDrawList().AddRectFilled(*corners, ink)
+        imgui.Dummy((side, side))
+        ui.beside(spacing)
+        ui.line(name, "ink")

@@ -1,0 +1,103 @@
+"""The trade-off: a click on the curve shows a step of the path, which files and undo keep."""
+
+import csv
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm.matching.path import COLUMNS
+from abfm_viewer.document.verdict_words import share
+from abfm_viewer.files.project import load_project
+from abfm_viewer.panels import trade_off
+from tests.viewer.sessions import begin, stepped
+
+WINDOW = (1000, 700)  # where the curve is seen as a whole
+
+
+@pytest.fixture
+def walked(matched):
+    """The app with a match that has a path of three steps."""
+    matched.session.editor.amend(result=stepped(matched.session.result))
+    matched.window.ui.open_tab = "Match"
+    return matched
+
+
+def is_at(gui, step):
+    gui.wait(lambda s: s.result.step == step)
+    at = gui.session.result
+    assert gui.text_of("step", kind="combo").startswith(f"step {step + 1} of 3: ")
+    np.testing.assert_allclose(at.advected, at.flow.push(at.source, at.parameters.tau), atol=1e-6)
+    gui.drag("time", at.parameters.tau)
+    np.testing.assert_array_equal(gui.window.shown.flow.advected(), at.advected[:, 0])
+
+
+def test_clicks_keys_and_the_list_choose_a_step_and_one_click_goes_back(walked):
+    for step in (0, 1):
+        walked.click(f"step {step + 1}")
+        is_at(walked, step)
+    assert walked.is_enabled("solver's choice")
+    for key, step in (("up", 0), ("up", 0), ("down", 1), ("down", 2)):
+        walked.key(key)
+        is_at(walked, step)
+    assert not walked.is_enabled("solver's choice")
+    walked.choose("step", "step 1 of 3: σ 0.7")
+    is_at(walked, 0)
+    walked.key("ctrl+z")
+    is_at(walked, 2)
+    walked.key("ctrl+y")
+    walked.click("solver's choice")
+    is_at(walked, 2)
+
+
+def test_what_is_chosen_is_said_saved_and_exported(walked, tmp_path, monkeypatch):
+    shown = []
+    monkeypatch.setattr("polyscope.imgui.SetTooltip", shown.append)
+    walked.hover("step 3")
+    assert shown[-1].startswith("step 3 of 3, the solver's choice\nσ ")
+    walked.click("step 1")
+    is_at(walked, 0)
+    walked.hover("step 1")
+    assert shown[-1].splitlines()[2:] == [
+        f"what is left: {share(walked.session.result.mismatch)}, by flow lines 90%",
+        "areas change by 1.07 times (mean |log2 J| 0.1)",
+        "shapes by 1.15 times (mean |log2 R| 0.2)",
+        "0% folded",
+    ]
+    for button, name in (("Export CSV...", "path.csv"), ("Save result...", "match.npz")):
+        walked.click(button)
+        walked.type("file name", name)
+        walked.wait(lambda _, path=tmp_path / name: path.exists())
+    header, *rows = csv.reader((tmp_path / "path.csv").read_text().splitlines())
+    assert (tuple(header), len(rows)) == (COLUMNS, 3)
+    assert abfm.load_match(tmp_path / "match.npz").step == 0
+    walked.key("ctrl+s")
+    walked.type("file name", "chosen")
+    walked.wait(lambda s: not s.saves.unsaved)
+    document, _ = load_project(tmp_path / "chosen.abfm")
+    assert (document.result.step, len(document.result.path), document.chosen) == (0, 3, 2)
+
+
+def test_a_run_shows_its_iterations_and_then_its_steps_unless_the_user_wants_the_other(
+    walked, monkeypatch
+):
+    path, session = walked.session.result.path, walked.session
+    assert "trade-off plot" in walked.labels()
+    walked.click("iterations")
+    assert {"energy plot", "trade-off plot"} & {*walked.labels()} == {"energy plot"}
+    walked.click("trade-off")
+    of_run = trade_off.path_of
+    monkeypatch.setattr(trade_off, "path_of", lambda s: path if s.solver.running else of_run(s))
+    session.solver.follow = False
+    session.editor.set_parameter(iterations=100_000, tolerance=0, stage_iterations=90_000)
+    begin(walked)
+    assert "energy plot" in walked.labels()
+    walked.click("trade-off")
+    assert "trade-off plot" in walked.labels()
+    assert not walked.is_enabled("step", "Match")
+    walked.key("up")
+    assert session.steps.shown == 2
+    session.solver.cancel()
+    walked.wait(lambda s: s.solver.finished)
+    assert "energy plot" in walked.labels()  # the path of this one is not known
+    assert (session.view.trade_off, session.view.trade_off_live) == (True, True)

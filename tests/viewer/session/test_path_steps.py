@@ -1,0 +1,79 @@
+"""Other steps of a match's path in a session: computed aside, a step of undo each, saved."""
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from abfm import AbfmError, Match
+from tests.viewer.sessions import matched, stepped, until
+
+
+@pytest.fixture
+def walked(session):
+    """A session after a match that has a path of three steps and is in a file."""
+    session.editor.amend(result=stepped(matched(session).result))
+    session.saves.mark(session.document, None)
+    return session
+
+
+def go(session, step):
+    session.steps.show(step)
+    until(lambda: session.result.step == step, session)
+
+
+def test_a_step_takes_the_result_s_place_and_undo_and_the_solver_s_choice_go_back(walked):
+    found, steps = walked.result, walked.steps
+    go(walked, 0)
+    assert walked.result.mismatch == found.path[0].mismatch
+    assert walked.result.fine_velocity is found.path[0].velocity
+    np.testing.assert_array_equal(walked.result.advected, found.at_step(0).advected)
+    assert (steps.shown, steps.chosen) == (0, 2)
+    assert walked.saves.unsaved
+    assert not walked.saves.has_new_result(walked.document)
+    go(walked, 1)
+    assert steps.chosen == 2
+    walked.undo()
+    assert (walked.result.step, steps.chosen) == (0, 2)
+    steps.show(7)  # the last one there is, known from the history with all that was said of it
+    assert walked.result is found
+    assert walked.document.chosen is None
+    walked.undo()
+    walked.undo()
+    assert walked.result is found
+    again = matched(walked)
+    assert (again.document.chosen, again.steps.chosen) == (None, again.result.step)
+
+
+def test_the_latest_wish_wins_and_one_for_another_match_is_dropped(walked, monkeypatch):
+    may, at_step = threading.Event(), Match.at_step
+    monkeypatch.setattr(Match, "at_step", lambda match, n: may.wait(30) and at_step(match, n))
+    found = walked.result
+    for step in (0, 1):
+        walked.steps.show(step)
+    assert walked.steps.shown == 1
+    assert walked.busy == "carrying the source by another step"
+    assert walked.result is found
+    may.set()
+    until(lambda: walked.result.step == 1, walked)
+    assert [step.label for step in walked.editor.past].count("show step 1 of the path") == 0
+    may.clear()
+    walked.steps.show(0)
+    walked.editor.amend(result=replace(found, path=(), step=0))
+    may.set()
+    walked.update()
+    assert not walked.busy
+    assert walked.result.path != found.path
+
+
+def test_a_step_whose_flow_cannot_be_followed_says_so(walked, monkeypatch):
+    def fails(*_):
+        raise AbfmError("too fast")
+
+    monkeypatch.setattr(Match, "at_step", fails)
+    found = walked.result
+    walked.steps.show(0)
+    until(lambda: not walked.busy, walked)
+    assert walked.notices.latest.text == "step 1: too fast"
+    assert (walked.result, walked.steps.shown) == (found, 2)
