@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check(path, [path.suffix])
     mesh = load_mesh(asset_path("human_A.off"))
     problem = Problem(mesh, function(mesh, SOURCE), function(mesh, TARGET), Parameters())
-    outcome = solve(problem, [result], arguments.quiet)
+    outcome = solve(problem, [result], quiet=arguments.quiet)
     drawn = outcome.signal is None and _draw(outcome.match, *drawings)
     if arguments.json:
         picture, movie = (str(path) if drawn else None for path in drawings)

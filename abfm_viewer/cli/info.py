@@ -1,4 +1,4 @@
-"""`abfm info`: what a mesh is and what the solver would object to."""
+"""`abfm info`: what a mesh is and what the solver would object to, or what a result holds."""
 
 import argparse
 import json
@@ -7,27 +7,33 @@ from typing import Any
 import numpy as np
 
 import abfm
-from abfm import MeshError, TriangleMesh, load_mesh
+from abfm import MeshError, TriangleMesh, load_match, load_mesh
 from abfm.errors import printable
 from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
-from abfm_viewer.cli import options
+from abfm_viewer.cli import options, results
+from abfm_viewer.document import verdict_words
 
-SUMMARY = "what a mesh is and what the solver would object to"
+SUMMARY = "what a mesh is and what the solver would object to, or what a result holds"
 DESCRIPTION = """\
 Say what a mesh is, what was repaired, and what the solver would object to (then the exit status is
-2).
+2); or what a result came to, with the steps of its path, a star before the one that it is.
 
-Example:
+Examples:
   abfm info spot.obj
+  abfm info match.npz
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    options.add_mesh(parser)
-    options.adder(parser)("--json", "print one JSON object")
+    add = options.adder(parser)
+    add("mesh", f"{options.MESH}; or a result .npz", "MESH|RESULT.npz")
+    add("--largest-component", options.LARGEST)
+    add("--json", "print one JSON object")
 
 
 def run(arguments: argparse.Namespace) -> int:
+    if arguments.mesh.endswith(".npz"):
+        return _of_result(arguments)
     try:
         mesh = load_mesh(arguments.mesh, largest_component=arguments.largest_component)
     except MeshError as error:
@@ -39,6 +45,23 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps({"mesh": arguments.mesh, "usable": True, **facts}))
     else:
         print("\n".join([printable(arguments.mesh), *_lines(facts)]))
+    return 0
+
+
+def _of_result(arguments: argparse.Namespace) -> int:
+    name = arguments.mesh
+    match = load_match(name)
+    options.warn_of_doubt(name, match)
+    if arguments.json:
+        print(json.dumps({"result": name, **results.facts(match)}))
+        return 0
+    lines = [
+        f"{printable(name)}: {verdict_words.headline(match)}",
+        verdict_words.why(match),
+        f"mismatch {verdict_words.numbers(match)}, on a mesh of {len(match.mesh.faces):,} faces",
+        *results.path_and_refinement(match),
+    ]
+    print("\n".join(lines))
     return 0
 
 

@@ -2,12 +2,11 @@
 
 import argparse
 import json
-import math
 import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -22,7 +21,7 @@ from abfm.functions.family import quoted
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals
-from abfm_viewer.cli import options
+from abfm_viewer.cli import options, results
 from abfm_viewer.cli.exit_status import UNMATCHED, UsageError
 from abfm_viewer.cli.progress import print_long, progress
 from abfm_viewer.document import verdict_words
@@ -72,6 +71,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser.add_argument_group("output"))
     what = "result .npz, or .ply or .vtu for other programs, or .csv with the energy; repeatable"
     add("--out", what, "FILE", type=Path, action="append", required=True)
+    add("--path", "table of the path, a step a line", "FILE.csv", type=Path)
+    add(
+        "--max-distortion",
+        "take the last step of the path whose mean |log2 J| is at most N, or the first one",
+        "N",
+        type=options.not_negative,
+    )
     add("--json", "print one JSON object about the result")
     add("--quiet", "no progress")
 
@@ -80,6 +86,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Match and write; 3 when the target was not reached, 128 and its number after a signal."""
     for path in arguments.out:
         outputs.check(path, outputs.WRITTEN)
+    if arguments.path is not None:
+        outputs.check(arguments.path, (".csv",))
+        if arguments.path in arguments.out:
+            raise UsageError("--path and --out name the same file; give each its own")
     given = {entry.name: getattr(arguments, entry.name) for entry in fields(Parameters)}
     parameters = Parameters(**given)
     sources, targets, weights = _channels(arguments)
@@ -94,7 +104,8 @@ def run(arguments: argparse.Namespace) -> int:
             weights=weights,
             start=_start(mesh, arguments.start, parameters),
         )
-    outcome = solve(problem, arguments.out, arguments.quiet)
+    outs = (arguments.out, arguments.path)
+    outcome = solve(problem, *outs, arguments.quiet, arguments.max_distortion)
     if arguments.json:
         print(json.dumps({"mesh": arguments.mesh, **outcome.to_dict()}))
     else:
@@ -175,13 +186,14 @@ class Outcome:
     seconds: float
     outputs: Sequence[Path]
     signal: int | None  # that came, also after the last iteration
+    picked: str = ""  # which step of the path it is, if that was asked for
 
     @property
     def status(self) -> int:
         """Exit status: 130 or the like when a signal came; 3 when the target was not reached."""
         if self.signal is not None:
             return signals.status(self.signal)
-        return 0 if self.match.verdict.kind in ("matched", "nearly") else UNMATCHED
+        return UNMATCHED if self.match.verdict.kind in ("not reached", "impossible") else 0
 
     def summary(self) -> str:
         """Say for a person how well it matches, why it stopped, the numbers, and what to try."""
@@ -193,41 +205,38 @@ class Outcome:
             verdict_words.why(match),
             f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
             f"iterations in {self.seconds:.1f} s; wrote {', '.join(names)}",
+            *results.path_and_refinement(match),
+            *([self.picked] if self.picked else []),
             *([f"to try: {advice}"] if advice else []),
         ]
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        match = self.match
-        energies = match.energy_history[-1].tolist()
-        return {
-            "mismatch": float(match.mismatch),
-            "verified_mismatch": _known(match.verified_mismatch),
-            "folded": _known(match.folded),
-            "verdict": asdict(match.verdict),
-            "energy": dict(zip(("total", "regularity", "mismatch"), energies, strict=True)),
-            "iterations": len(match.energy_history) - 1,
-            "stop_reason": match.stop_reason,
-            "seconds": self.seconds,
-            "vertices": len(match.mesh.vertices),
-            "faces": len(match.mesh.faces),
-            "messages": list(match.mesh.messages),
-            "parameters": match.parameters.to_dict(),
-            "outputs": list(map(str, self.outputs)),
-        }
+        own = {"seconds": self.seconds, "outputs": list(map(str, self.outputs))}
+        return {**results.facts(self.match), **own, "picked": self.picked or None}
 
 
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else float(value)
+def solve(
+    problem: Problem,
+    outs: Sequence[Path],
+    path: Path | None = None,
+    quiet: bool = False,
+    max_distortion: float | None = None,
+) -> Outcome:
+    """Match with progress on stderr and write the result, also after a signal, and its path.
 
-
-def solve(problem: Problem, outs: Sequence[Path], quiet: bool) -> Outcome:
-    """Match with progress on stderr and write the result, also after a signal."""
+    A ``max_distortion`` is the most mean |log2 J| of the step of the path that is taken.
+    """
     control = Control()
     start = time.perf_counter()
     with cancelled_by_signals(control) as kept:
         with progress(problem.parameters.iterations, quiet) as report:
-            match = abfm.match(problem, on_iteration=report, control=control)
+            match, picked = abfm.match(problem, on_iteration=report, control=control), ""
         seconds = time.perf_counter() - start
+        if max_distortion is not None:
+            match, picked = results.within(match, max_distortion)
         outputs.write_all(outs, match)
-    return Outcome(match, seconds, outs, kept.number)
+        if path is not None:
+            results.write_path(path, match)
+    written = [*outs, path] if path is not None else outs
+    return Outcome(match, seconds, written, kept.number, picked)

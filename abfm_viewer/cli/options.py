@@ -13,6 +13,7 @@ from abfm.errors import did_you_mean, one_line, printable
 from abfm.parameters import CHOICES, is_whole
 from abfm_viewer.cli.exit_status import UsageError
 
+MESH = "triangle mesh: obj, off, ply, stl, glb, gltf or gii"
 LARGEST = "of several components use the one with the largest area"
 
 
@@ -65,13 +66,18 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
 
 
 def _or_auto(kind: type[int] | type[float], text: str) -> float | None:
-    return None if text == "auto" else kind(text)
+    try:
+        return None if text == "auto" else kind(text)
+    except ValueError:
+        noun = "whole number" if kind is int else "number"
+        told = f"{one_line(text, 40)} is no {noun}, nor auto"
+        raise argparse.ArgumentTypeError(told) from None
 
 
 def add_mesh(parser: argparse.ArgumentParser) -> None:
     """Declare the mesh file, as an argument of its own, and what to do with several components."""
     add = adder(parser)
-    add("mesh", "triangle mesh: obj, off, ply, stl, glb, gltf or gii", "MESH")
+    add("mesh", MESH, "MESH")
     add("--largest-component", LARGEST)
 
 
@@ -113,6 +119,7 @@ def _within(
 
 
 # types for argparse
+not_negative = partial(_within, float, 0, 1e30, "a number from 0 on")
 positive = partial(_within, float, math.ulp(0), 86400, "a number above 0 and at most 86400")
 angle = partial(_within, float, -360_000, 360_000, "an angle up to 360000 degrees")
 seed = partial(_within, int, 0, 1e39, "a whole number from 0 on")

@@ -1,0 +1,91 @@
+"""What is told of a match and of its path, to people and to machines; a step of it by its cost."""
+
+import math
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+from abfm import Match, PathStep
+from abfm.io import write_atomically
+from abfm.matching import path_table
+from abfm_viewer.document.verdict_words import counted
+
+_HEADS = ("step", "sigma", "mismatch", "by flow lines", "folded", "|log2 J|", "|log2 R|")
+_NUMBERS = [entry.name for entry in fields(PathStep) if entry.name != "velocity"]
+
+
+def facts(match: Match) -> dict[str, Any]:
+    """Return what machines are told of a match: plain numbers and texts, None for unknown ones."""
+    energies = match.energy_history[-1].tolist()
+    return {
+        "mismatch": float(match.mismatch),
+        "verified_mismatch": _known(match.verified_mismatch),
+        "folded": _known(match.folded),
+        "verdict": asdict(match.verdict),
+        "energy": dict(zip(("total", "regularity", "mismatch"), energies, strict=True)),
+        "iterations": len(match.energy_history) - 1,
+        "stop_reason": match.stop_reason,
+        "vertices": len(match.mesh.vertices),
+        "faces": len(match.mesh.faces),
+        "refined": match.refined,
+        "path": [{name: _known(getattr(each, name)) for name in _NUMBERS} for each in match.path],
+        "step": match.step,
+        "messages": list(match.mesh.messages),
+        "parameters": match.parameters.to_dict(),
+    }
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else float(value)
+
+
+def path_lines(match: Match) -> list[str]:
+    """Return the path as a table of a line a step, a star before the one that the match is."""
+    rows = [_HEADS, *(_cells(number, each) for number, each in enumerate(match.path, 1))]
+    pairs = [zip(row, _HEADS, strict=True) for row in rows]
+    lines = ["".join(f"{cell:>{len(head) + 3}}" for cell, head in each) for each in pairs]
+    lines[match.step + 1] = lines[match.step + 1].replace(" ", "*", 1)
+    return lines
+
+
+def path_and_refinement(match: Match) -> list[str]:
+    """Return lines about the path where it has several steps, and about a refined mesh."""
+    lines = path_lines(match) if len(match.path) > 1 else []
+    if match.refined:
+        times = counted(match.refined, "time")
+        lines.append(f"found on the mesh subdivided {times}, {4**match.refined} times the faces")
+    return lines
+
+
+def _cells(number: int, step: PathStep) -> tuple[str, ...]:
+    folded = "-" if math.isnan(step.folded) else f"{100 * step.folded:.2g}%"
+    left = (step.mismatch, step.verified_mismatch)
+    cost = (step.log2_area, step.log2_shape)
+    return (str(number), f"{step.sigma:.3g}", *map(_short, left), folded, *map(_short, cost))
+
+
+def _short(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.3g}"
+
+
+def write_path(out: Path, match: Match) -> None:
+    """Write the table of a path as CSV, whole or not at all."""
+    with write_atomically(out) as temporary:
+        temporary.write_text("".join(f"{line}\n" for line in path_table(match.path, match.mesh)))
+
+
+def within(match: Match, most: float) -> tuple[Match, str]:
+    """Return the last step of a path whose mean |log2 J| is at most so much, and what to say; else
+    the first one, which distorts least.
+    """
+    known = [number for number, each in enumerate(match.path) if not math.isnan(each.log2_area)]
+    asked = f"--max-distortion {most:g}"
+    if not known:
+        return match, f"{asked}: no step's distortion is known; the match is as it was found"
+    able = [number for number in known if match.path[number].log2_area <= most]
+    step = able[-1] if able else 0
+    told = f"mean |log2 J| {_short(match.path[step].log2_area)}"
+    if not able:
+        told = f"even the first step has {told}; it is taken, and a larger sigma distorts less"
+        return match.at_step(step), f"{asked}: {told}"
+    return match.at_step(step), f"{asked}: step {step + 1} of {len(match.path)} taken, {told}"

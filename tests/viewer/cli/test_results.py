@@ -1,0 +1,89 @@
+"""Steps of a path: told by `abfm info`, written by `abfm match`, picked by their distortion."""
+
+import csv
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from abfm import Parameters, PathStep, load_match, match
+from abfm.assets import asset_path
+from abfm.functions import function
+from abfm.matching.path import COLUMNS
+from abfm.mesh import load_mesh
+from abfm_viewer.cli import results
+
+EIGHT = str(asset_path("eight.off"))
+PAIR = [f"gaussian:vertex={vertex},width=0.2" for vertex in (10, 40)]
+WORDS = f"match {EIGHT} --source {PAIR[0]} --target {PAIR[1]} --iterations 6 --quiet --out"
+SHORT = 3  # the exit status of a run that is too short to arrive
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A match that is the last of three steps, the second on the subdivision, areas 1, 3 and 2."""
+    mesh = load_mesh(EIGHT)
+    alone = match(mesh, *(function(mesh, each) for each in PAIR), Parameters(iterations=4))
+    own = replace(alone.path[0], log2_area=2.0)
+    first = PathStep(1.0, 0.1, 0.3, 0.5 * own.velocity, 0.9, 0.9, 0.0, 1.0, 0.2)
+    fine = replace(first, velocity=np.repeat(first.velocity, 4, axis=1), log2_area=3.0)
+    fine = replace(fine, verified_mismatch=math.nan, folded=math.nan)
+    return replace(alone, path=(first, fine, own), step=2)
+
+
+@pytest.mark.parametrize(
+    ("most", "step", "told"),
+    [
+        (9, 2, "step 3 of 3 taken, mean |log2 J| 2"),
+        (2, 2, "step 3 of 3 taken"),
+        (1.5, 0, "step 1 of 3 taken, mean |log2 J| 1"),
+        (0.1, 0, "even the first step has mean |log2 J| 1; it is taken"),
+    ],
+)
+def test_the_last_step_is_picked_that_distorts_no_more(found, most, step, told):
+    picked, words = results.within(found, most)
+    assert picked.step == step
+    assert told in words
+    assert words.startswith(f"--max-distortion {most:g}: ")
+
+
+def test_where_no_distortion_is_known_the_match_stays(found):
+    unknown = tuple(replace(each, log2_area=math.nan) for each in found.path)
+    alone = replace(found, path=unknown)
+    picked, words = results.within(alone, 1.0)
+    assert picked is alone
+    assert "no step's distortion is known" in words
+
+
+def test_info_shows_the_path_of_a_result_with_the_step_that_it_is(found, tmp_path, abfm):
+    out = tmp_path / "m.npz"
+    for step in (1, 2):
+        found.at_step(step).save(out)
+        lines = abfm(f"info {out}").out.splitlines()
+        table = [line for line in lines if line.split()[:1] in (["1"], ["2"], ["3"], ["*"])]
+        assert [line.startswith("*") for line in table] == [number == step for number in range(3)]
+        assert ("found on the mesh subdivided 1 time, 4 times the faces" in lines) == (step == 1)
+    assert lines[0].startswith(f"{out}: ")
+    told = json.loads(abfm(f"info {out} --json").out)
+    assert (told["step"], told["refined"], told["path"][1]["verified_mismatch"]) == (2, 0, None)
+    assert told["path"][0]["sigma"] == 1.0
+
+
+def test_match_writes_its_path_and_takes_the_step_that_is_asked_for(tmp_path, abfm):
+    out, table = tmp_path / "m.npz", tmp_path / "p.csv"
+    told = abfm(f"{WORDS} {out} --path {table} --max-distortion 1e9", status=SHORT)
+    header, *rows = csv.reader(table.read_text().splitlines())
+    written = load_match(out)
+    assert tuple(header) == COLUMNS
+    assert len(rows) == len(written.path)
+    assert written.step == len(rows) - 1
+    assert f"; wrote {out}, {table}" in told.out
+    assert f"step {len(rows)} of {len(rows)} taken" in told.out
+    told = json.loads(
+        abfm(f"{WORDS} {out} --sigma 2 --goal 0.2 --refine auto --json", status=SHORT).out
+    )
+    parameters = told["parameters"]
+    assert [parameters[name] for name in ("sigma", "goal", "refine")] == [2.0, 0.2, None]
+    assert told["picked"] is None
