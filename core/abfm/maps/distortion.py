@@ -104,6 +104,16 @@ def chord_distortion(
     return _of_corners(mesh, np.arange(len(mesh.faces)), mapped[mesh.faces], onto or mesh)
 
 
+def mean_log2(mesh: TriangleMesh, faces: IntArray, corners: FloatArray) -> tuple[float, float]:
+    """Return the means, by area, of ``|log2 J|`` and ``|log2 R|`` over some faces (S,), by number,
+    whose corners are mapped to (S, 3, 3), with triangles between these.
+    """
+    found = np.maximum(_stretches(corners, hat_gradients(mesh)[faces]), _LEAST)
+    logs, areas = np.log2(found), face_areas(mesh)[faces]
+    area, shape = np.abs(logs[:, 0] + logs[:, 1]), logs[:, 0] - logs[:, 1]
+    return float(np.average(area, weights=areas)), float(np.average(shape, weights=areas))
+
+
 def distortion_of_flow(
     mesh: TriangleMesh, faces: IntArray, corners: SurfacePoints, carried: Map
 ) -> Distortion:

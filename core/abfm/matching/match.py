@@ -383,40 +383,51 @@ def match(
     record = solver.record
     # what has nothing to show yet goes on to its first evaluation
     with controlled(control, lambda: bool(record.history)):
-        fields, carried, reason = solver.run()
-    advected = carried[: len(energy.functions.source)]
-    mismatch = energy.relative_mismatch(carried)
+        reason = solver.run()
+    mark, path = solver.way[solver.step], solver.path()
+    end, functions = path[solver.step], energy.functions
     may_end = reason is not StopReason.CANCELLED or control.brief
-    velocity, said = to_ambient(energy.mesh, fields), dict[str, float]()
-    with controlled(control, lambda: may_end):  # else it is checked though it was cancelled
-        try:
-            checkpoint()
-            with step("checking by flow lines", len(energy.mesh.vertices)):
-                said = measured(energy, velocity)
-        except (ParameterError, MemoryError):  # too fast for walks, or no memory for them
-            pass
-        except CancelledError:
-            reason = StopReason.CANCELLED
+    if math.isnan(end.verified_mismatch):
+        with controlled(control, lambda: may_end):  # else it is checked though it was cancelled
+            try:
+                checkpoint()
+                fine = MatchingEnergy(the_problem.refined(_refined(end, the_problem.mesh)))
+                with step("checking by flow lines", len(fine.mesh.vertices)):
+                    said = measured(fine, end.velocity / energy.length_scale)
+                path = (*path[: solver.step], replace(end, **said), *path[solver.step + 1 :])
+            except MemoryError:
+                pass
+            except CancelledError:
+                reason = StopReason.CANCELLED
+    end = path[solver.step]
     history, stages = np.array(record.history), np.array(record.stage_of)
-    last = history[stages == stages[-1], 0]
-    p = energy.parameters
-    velocity *= energy.length_scale
-    end = PathStep(p.last_sigma, p.alpha, p.reach, velocity, mismatch, **said)
-    verified, folded = end.verified_mismatch, end.folded
-    outcome = verdicts.Outcome(advected, mismatch, reason, verified, folded, last, solver.unmatched)
+    advected = np.ascontiguousarray(mark.carried[:, : len(the_problem.mesh.vertices)])
+    outcome = verdicts.Outcome(
+        advected,
+        end.mismatch,
+        reason,
+        end.verified_mismatch,
+        end.folded,
+        history[stages == stages[-1], 0],
+    )
     return Match(
         problem=the_problem.starting_from(None),
-        fine_velocity=velocity,
+        fine_velocity=end.velocity,
         advected=advected.T.copy(),
         energy_history=history,
         stages=stages,
-        mismatch=mismatch,
-        verified_mismatch=verified,
-        folded=folded,
+        mismatch=end.mismatch,
+        verified_mismatch=end.verified_mismatch,
+        folded=end.folded,
         stop_reason=reason,
-        verdict=verdicts.advice(energy.functions, outcome, p),
-        path=(end,),
+        verdict=verdicts.advice(functions, outcome, energy.parameters),
+        path=path,
+        step=solver.step,
     )
+
+
+def _refined(step: PathStep, mesh: TriangleMesh) -> int:
+    return times_subdivided(step.velocity.shape[1], mesh)
 
 
 def _carried(problem: Problem, velocity: FloatArray) -> FloatArray:

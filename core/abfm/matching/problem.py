@@ -154,6 +154,11 @@ class Problem:
         count = len(self.functions.source)
         return self._with(specs=tuple(_specs(list(given), count) for given in (f, g)))
 
+    def masked(self, mask: FloatArray) -> Problem:
+        """Return the same problem with another mask (V,) of source and target."""
+        functions = self.functions.weighed(mask)
+        return self._with(terms=(functions, *self.terms[1:]), functions=functions)
+
     def subdivided(self) -> Problem:
         """Return the problem on the midpoint subdivision of its mesh, made once.
 

@@ -8,7 +8,9 @@ from typing import Any, Literal
 from abfm.matching import solvability
 from abfm.matching.solvability import Extrema, range_bound
 from abfm.matching.solving.record import StopReason
-from abfm.matching.solving.schedule import MATCHED, NEARLY
+from abfm.matching.solving.course import NEARLY
+
+MATCHED = 0.05
 from abfm.matching.terms.functions import CONSTANT, FunctionTerm
 from abfm.parameters import LARGEST_ALPHA, MANY, SMALLEST, Parameters
 from abfm.types import FloatArray

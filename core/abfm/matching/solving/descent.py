@@ -18,7 +18,7 @@ from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.solvability import range_bound
 from abfm.matching.solving.levels import on_the_mesh
 from abfm.matching.solving.record import Record, StopReason
-from abfm.matching.solving.schedule import MATCHED, Stage
+from abfm.matching.solving.course import Stage
 from abfm.mesh import TriangleMesh
 from abfm.numerics.optimizer import LBFGS, State
 from abfm.types import FloatArray
@@ -46,27 +46,6 @@ class Progress:
     before: Stage | None = None  # the latest one that was minimised
 
 
-@dataclass(eq=False)
-class Incumbent:
-    """What a trial returns to if anything ends it early, unless it has found what leaves less."""
-
-    descent: Descent
-    progress: Progress  # may be replaced meanwhile
-    mismatch: float = 0.0
-
-    def __enter__(self) -> Incumbent:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is None:
-            return
-        descent = self.descent
-        # the incumbent first: there may be no memory to compare
-        tried, descent.progress = descent.progress, self.progress
-        if tried.best is not None and descent.mismatch_of(tried.best) <= self.mismatch:
-            descent.progress = tried
-
-
 class Descent:
     """Runs stages; ``progress`` may be set to what it was on the same level, or to begin anew."""
 
@@ -76,6 +55,7 @@ class Descent:
         self.progress = Progress()
         self.reason = StopReason.ITERATION_LIMIT  # why the latest stage ended
         self._parameters, self._record = energy.parameters, record
+        self.own = len(self.levels) - 1  # that of the mesh itself
         self._least = range_bound(energy.functions)
 
     @property
@@ -96,27 +76,23 @@ class Descent:
     def at(self, stage: Stage, x: FloatArray) -> Evaluation:
         return self._search(stage).evaluate(x)
 
-    def prolonged(self, x: FloatArray | Evaluation, stage: Stage) -> FloatArray | Evaluation:
-        """Bring fields of the level that was last to that of a stage, as a start of it."""
-        if isinstance(x, Evaluation) or stage.level == self.level:
-            return x
+    def prolonged(self, x: FloatArray, level: int, stage: Stage, mismatch: float) -> Evaluation:
+        """Bring fields (N, F, 2) of a level, which left so much there, to that of a stage."""
         checkpoint()
+        for coarser in self.levels[level : stage.level]:
+            x = coarser.fields_to_finer(x)
         energy, evaluate = self.levels[stage.level].energy, self._search(stage).evaluate
 
         def measured(fields: FloatArray) -> tuple[Evaluation, float]:
             point = evaluate(fields)
             return point, energy.relative_mismatch(point.advected)
 
-        finer = self.levels[self.level].fields_to_finer(x)
-        return calmed(energy.mesh, finer, self.mismatch, measured)
+        return calmed(energy.mesh, x, mismatch, measured)
 
-    def minimise(
-        self, stage: Stage, start: FloatArray | Evaluation, offset: FloatArray | None = None
-    ) -> Evaluation:
-        """Run a stage to its end; an offset (C, V) may be left, and leaves it off the record."""
-        if offset is None:
-            self._record.schedule.append(stage)
-        search = self._search(stage, offset)
+    def minimise(self, stage: Stage, start: FloatArray | Evaluation) -> Evaluation:
+        """Run a stage to its end."""
+        self._record.schedule.append(stage)
+        search = self._search(stage)
         self._arrive(stage, start if isinstance(start, Evaluation) else search.evaluate(start))
         self.reason = StopReason.GOAL_REACHED
         goal = self.attainable(stage.goal)
@@ -137,7 +113,7 @@ class Descent:
                 continue
             self.progress = Progress(current.point, current, stage)
             energies.append(current.point.energy)
-            self._record.add(self.levels, stage, self.best)
+            self._record.add(self.levels, self.own, stage, self.best)
         return self.best
 
     def _reason_to_stop(
@@ -148,47 +124,6 @@ class Descent:
         if self.mismatch <= goal:
             return StopReason.GOAL_REACHED
         return None if stage.pays(energies) else StopReason.NO_PROGRESS
-
-    def balance(self, stage: Stage) -> Evaluation:
-        """Weigh flow lines against the discrete advection; the best round and the reason stay.
-
-        With ``g + b (f_tau - f o phi)`` as target a match has ``(1 - b) f_tau + b (f o phi) = g``.
-        After a round that costs the mismatch too much, or gains nothing, ``b`` is halved.
-        """
-        energy = self.levels[stage.level].energy
-        if not is_walked(energy):
-            return self.best
-        reason, part = self.reason, replace(stage, iterations=_ROUND, fixed=True, goal=0.0)
-        self._record.schedule.append(stage)
-        weight = share = self._parameters.balance
-        best = known = self.best
-        allowed = max(energy.relative_mismatch(best.advected), MATCHED)
-        away, least = np.zeros_like(energy.terms.carried), np.inf
-        with Incumbent(self, self.progress) as incumbent:
-            for _ in range(_ROUNDS):
-                try:
-                    walked = by_flow_lines(energy, known.x)
-                except ParameterError:  # too fast for walks
-                    break
-                discrete = energy.relative_mismatch(known.advected)
-                lines = energy.relative_mismatch(walked)
-                if lines > _APART:
-                    break
-                score = float(np.sqrt((1 - weight) * discrete**2 + weight * lines**2))
-                if discrete > allowed or score >= least:
-                    share /= 2
-                    is_over = share < _LEAST_SHARE * weight
-                else:
-                    is_over = score > _BETTER * least
-                    best, least, away = known, score, known.advected - walked
-                    incumbent.progress = replace(self.progress, best=best)
-                near = energy.terms.relative_size(away) < _GAP
-                if is_over or near or len(self._record.history) > stage.until:
-                    break
-                known = self.minimise(part, best.x, share * away)
-        self.progress = replace(self.progress, best=incumbent.progress.best)
-        self.reason = reason
-        return self.best
 
     def _arrive(self, stage: Stage, best: Evaluation) -> None:
         """Take fields as the best on a stage's level, and as an iterate where a level begins."""
@@ -203,7 +138,7 @@ class Descent:
             )
         is_new = self._record.level != stage.level
         if not history or (is_new and len(history) <= self._parameters.iterations):
-            self._record.add(self.levels, stage, best)
+            self._record.add(self.levels, self.own, stage, best)
 
     def _first(self, search: LBFGS[Evaluation], stage: Stage) -> State[Evaluation]:
         before, best, learned = self.progress.before, self.best, self.progress.learned
@@ -212,28 +147,49 @@ class Descent:
             return search.init(best.x, best)
         return search.init(best.x, best, learned, (before.sigma / stage.sigma) ** 2)
 
-    def _search(self, stage: Stage, offset: FloatArray | None = None) -> LBFGS[Evaluation]:
-        p, energy = self._parameters, self.levels[stage.level].energy
-        objective = energy.objective(
-            stage.sigma, stage.reach, alpha=stage.alpha, offset=offset, tolerance=_TOLERANCE
-        )
-        regularity, step = objective.regularity, energy.step
-
-        def evaluate(x: FloatArray) -> Evaluation:
-            checkpoint()
+    def _search(self, stage: Stage) -> LBFGS[Evaluation]:
+        def counted() -> None:
             self._record.evaluations += 1
-            return objective.evaluate(x)
 
-        def inverse(gradient: FloatArray) -> FloatArray:
-            return np.stack([regularity.inverse(momentum) for momentum in gradient]) / step
+        return search(self.levels[stage.level].energy, stage, counted)
 
-        def displacement(fields: FloatArray) -> float:
-            return step * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).sum())
 
-        precondition = inverse if p.preconditioner == "hodge" else None
-        return LBFGS(
-            evaluate, precondition, p.memory, displacement, p.max_displacement, p.tolerance
-        )
+def search(
+    energy: MatchingEnergy, stage: Stage, counted: Callable[[], None] = lambda: None
+) -> LBFGS[Evaluation]:
+    """Return the search of a stage, which tells of each evaluation."""
+    p = energy.parameters
+    objective = energy.objective(
+        stage.sigma, stage.reach, alpha=stage.alpha, tolerance=_TOLERANCE
+    )
+    regularity, step = objective.regularity, energy.step
+
+    def evaluate(x: FloatArray) -> Evaluation:
+        checkpoint()
+        counted()
+        return objective.evaluate(x)
+
+    def inverse(gradient: FloatArray) -> FloatArray:
+        return np.stack([regularity.inverse(momentum) for momentum in gradient]) / step
+
+    def displacement(fields: FloatArray) -> float:
+        return step * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).sum())
+
+    precondition = inverse if p.preconditioner == "hodge" else None
+    return LBFGS(evaluate, precondition, p.memory, displacement, p.max_displacement, p.tolerance)
+
+
+def minimum(energy: MatchingEnergy, stage: Stage, x: FloatArray) -> FloatArray:
+    """Return what a stage comes to from fields (N, F, 2), off the record."""
+    found = search(energy, stage)
+    current = found.init(x)
+    energies = [current.point.energy]
+    while len(energies) <= stage.iterations and stage.pays(energies):
+        if found.stop_reason(current) is not None:
+            break
+        current = found.step(current)
+        energies.append(current.point.energy)
+    return current.x
 
 
 def calmed(
@@ -261,32 +217,3 @@ def calmed(
         if found <= _WORSE * mismatch + _GROWN:  # false if not finite
             break
     return evaluate(np.zeros_like(x))[0] if calm is None else calm
-
-
-class Confirmation(NamedTuple):
-    """What flow lines say of fields; all inf for fields that are too fast."""
-
-    mismatch: float = np.inf  # over the norm of g
-    energy: float = np.inf  # with a sigma
-    left: float = np.inf  # the mismatch in the unit of sigma
-
-
-def is_walked(energy: MatchingEnergy) -> bool:
-    """Tell whether flow lines are asked: not on large meshes, nor for linearised steps."""
-    return len(energy.mesh.vertices) <= _MOST_WALKS and energy.parameters.method != "linearised"
-
-
-def by_flow_lines(energy: MatchingEnergy, x: FloatArray) -> FloatArray:
-    """Return the source (C, V) carried along the continuous fields; ParameterError if too fast."""
-    flow = ContinuousFlow(energy.mesh, to_ambient(energy.mesh, x), energy.parameters.tau)
-    return np.ascontiguousarray(flow.origins().pull_back(energy.terms.carried.T).T)
-
-
-def confirmation(energy: MatchingEnergy, found: Evaluation, sigma: float) -> Confirmation:
-    try:
-        carried = by_flow_lines(energy, found.x)
-    except ParameterError:
-        return Confirmation()
-    missed = energy.mismatch_energy(carried, sigma)
-    left = sigma * float(np.sqrt(2 * missed))
-    return Confirmation(energy.relative_mismatch(carried), found.regularity + missed, left)

@@ -7,7 +7,7 @@ clusters of their vertices (`abfm.flow.clusters`), then as it is.
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,12 +15,13 @@ import numpy as np
 from abfm.calculus.operators import Matrix, face_frames, face_normals, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.clusters import vertex_clusters
-from abfm.flow.continuous_flow import corner_vectors
+from abfm.flow.continuous_flow import corner_vectors, on_children
 from abfm.maps.point_maps import PointMap
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solvability import narrowest
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.coarsening import coarsened
+from abfm.mesh.subdivision import interpolated, refined
 from abfm.numerics.kernels import kernel
 from abfm.parameters import Parameters
 from abfm.types import FloatArray, IndexArray
@@ -87,6 +88,19 @@ class Transfer:
         return _read(field, self._to_coarse)
 
 
+@dataclass(frozen=True, eq=False)
+class Subdivision:
+    """Between a mesh and its midpoint subdivision, whose first vertices are its own."""
+
+    coarse: TriangleMesh
+
+    def function_to_fine(self, f: FloatArray) -> FloatArray:
+        return np.ascontiguousarray(interpolated(self.coarse, f.T).T)
+
+    def field_to_fine(self, field: FloatArray) -> FloatArray:
+        return to_frame(refined(self.coarse, 1), on_children(self.coarse, field))
+
+
 def _read(field: FloatArray, points: PointMap) -> FloatArray:
     """Read the codomain's continuous field at the domain's vertices, turned onto its faces."""
     mesh, other = points.codomain, points.domain
@@ -129,19 +143,21 @@ class Level:
     """The energy on one mesh, and what brings to the next, unless this is the same, but cheaper."""
 
     energy: MatchingEnergy
-    to_finer: Transfer | None = None
+    to_finer: Transfer | Subdivision | None = None
     cheaper: MatchingEnergy | None = None
 
     def fields_to_finer(self, x: FloatArray) -> FloatArray:
         """Return frame coefficients (N, F, 2) on the finer mesh; times mean the same there."""
         if self.to_finer is None:
             return x
-        fields = to_ambient(self.energy.mesh, x) * self.energy.length_scale
+        fields = to_ambient(self.energy.mesh, x)
+        if isinstance(self.to_finer, Transfer):
+            fields = fields * self.energy.length_scale
         return np.stack([self.to_finer.field_to_fine(field) for field in fields])
 
     def fields_from_finer(self, fields: FloatArray) -> FloatArray:
         """Return frame coefficients (N, F, 2) of fields (N, F, 3) on the finer mesh of area 1."""
-        if self.to_finer is None:
+        if not isinstance(self.to_finer, Transfer):
             return np.stack([to_frame(self.energy.mesh, field) for field in fields])
         found = np.stack([self.to_finer.field_to_coarse(field) for field in fields])
         return found / self.energy.length_scale
@@ -189,6 +205,13 @@ def on_the_mesh(finest: MatchingEnergy) -> list[Level]:
         return [Level(finest)]
     clustered = finest.clustered()
     return [Level(clustered), Level(finest, cheaper=clustered)]
+
+
+def subdivided(level: Level) -> tuple[Level, Level]:
+    """Return a level and the next one, on its mesh's midpoint subdivision; AbfmError if none."""
+    energy = level.energy
+    finer = MatchingEnergy(energy.problem.subdivided())
+    return replace(level, to_finer=Subdivision(energy.mesh), cheaper=None), Level(finer)
 
 
 def prepare(mesh: TriangleMesh, parameters: Parameters) -> None:

@@ -1,17 +1,22 @@
 """The record of a match: its stages, its iterates, and what a display may ask about each."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from typing import Protocol
 
+import numpy as np
+
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.objective.matching_energy import Evaluation
 from abfm.matching.solvability import stood_still, vanished
 from abfm.matching.solving.levels import Level
-from abfm.matching.solving.schedule import NEARLY, Stage
+from abfm.matching.solving.course import NEARLY, Stage
 from abfm.matching.terms.functions import FunctionTerm
+from abfm.mesh import TriangleMesh
+from abfm.mesh.subdivision import mean_of_children
 from abfm.types import FloatArray
 
 _MOVING = 10  # iterations after which whatever will move has moved
@@ -70,6 +75,26 @@ class Look(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Mark:
+    """What a step of the way came to, on the mesh of its level."""
+
+    stage: Stage
+    x: FloatArray  # frame coefficients (N, F, 2)
+    carried: FloatArray  # the source, (C, V)
+    mismatch: float
+    verified_mismatch: float = math.nan
+    folded: float = math.nan
+    log2_area: float = math.nan
+    log2_shape: float = math.nan
+    held_out: float = math.nan  # mismatch of what was held out, see `held_out`
+
+    @property
+    def worse(self) -> float:
+        """The mismatch by the worse of the two witnesses, as far as both are known."""
+        return float(np.fmax(self.mismatch, self.verified_mismatch))
+
+
+@dataclass(frozen=True, eq=False)
 class Iteration:
     """One iterate; what it looks like on the mesh is computed when it is first asked for."""
 
@@ -88,6 +113,7 @@ class Iteration:
     mismatch: float  # ``||f_tau - g|| / ||g||`` on the mesh of this level
     evaluations: int  # of energy and gradient so far
     look: Look
+    path: tuple[Mark, ...] = ()  # the steps of this way so far
 
     @property
     def velocity(self) -> FloatArray:
@@ -109,7 +135,8 @@ class Iteration:
 class Found:
     x: FloatArray  # frame coefficients (N, F, 2)
     carried: FloatArray  # the source, (C, V)
-    levels: list[Level]
+    levels: list[Level]  # from its own to that of the mesh itself, or that of a finer one alone
+    mesh: TriangleMesh  # itself, of area 1
     iteration: int
 
     @cached_property
@@ -117,14 +144,15 @@ class Found:
         x, finest = self.x, self.levels[-1].energy
         for level in self.levels[:-1]:
             x = level.fields_to_finer(x)
-        return to_ambient(finest.mesh, x) * finest.length_scale
+        fields = to_ambient(finest.mesh, x) * finest.length_scale
+        return mean_of_children(fields, len(self.mesh.faces))
 
     @cached_property
     def advected(self) -> FloatArray:
         functions = self.carried
         for level in self.levels[:-1]:
             functions = level.functions_to_finer(functions)
-        return functions.T.copy()
+        return functions[:, : len(self.mesh.vertices)].T.copy()
 
     @cached_property
     def warning(self) -> str | None:
@@ -145,9 +173,10 @@ class Record:
         self.schedule: list[Stage] = []
         self.evaluations = 0
         self.level: int | None = None  # of the latest iterate
+        self.path: tuple[Mark, ...] = ()  # the steps of the present way so far
         self._on_iteration = on_iteration
 
-    def add(self, levels: list[Level], stage: Stage, point: Evaluation) -> None:
+    def add(self, levels: list[Level], own: int, stage: Stage, point: Evaluation) -> None:
         self.level = stage.level
         self.history.append((point.energy, point.regularity, point.mismatch))
         self.stage_of.append(len(self.schedule) - 1)
@@ -158,6 +187,7 @@ class Record:
         shares: dict[str, float] = {}
         for term, share in zip(energy.terms.terms, point.shares, strict=True):
             shares[term.word] = shares.get(term.word, 0.0) + share
+        between = levels[stage.level : max(own, stage.level) + 1]
         iteration = Iteration(
             iteration=number,
             stage=len(self.schedule) - 1,
@@ -173,7 +203,8 @@ class Record:
             shares=shares,
             mismatch=energy.relative_mismatch(point.advected),
             evaluations=self.evaluations,
-            look=Found(point.x, carried, levels[stage.level :], number),
+            look=Found(point.x, carried, between, levels[own].energy.mesh, number),
+            path=self.path,
         )
         try:
             self._on_iteration(iteration)

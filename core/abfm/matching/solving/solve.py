@@ -1,69 +1,58 @@
-"""The course of a match: the target is found on the coarsest mesh, then the match comes close on
-the others.
+"""The way of a match from smooth to close: sigma falls from step to step, each warm from the last,
+and each is held against flow lines; found on the coarsest mesh, it ends on the mesh itself, or on
+finer ones.
 """
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import replace
-from itertools import pairwise, zip_longest
 
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.errors import ParameterError
+from abfm.errors import AbfmError, ParameterError
+from abfm.matching.judging.measures import measured
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
-from abfm.matching.solvability import narrowest
-from abfm.matching.solving import schedule
-from abfm.matching.solving.descent import (
-    Confirmation,
-    Descent,
-    Incumbent,
-    Progress,
-    calmed,
-    confirmation,
-    is_walked,
-)
-from abfm.matching.solving.levels import levels
-from abfm.matching.solving.record import CallerError, Iteration, Record, StopReason
-from abfm.matching.solving.schedule import MATCHED, NEARLY, REACHED, Found, Stage
+from abfm.matching.path import PathStep
+from abfm.matching.solving.course import NEARLY, Course, Stage
+from abfm.matching.solving.descent import Descent, Progress
+from abfm.matching.solving.held_out import PRICE, HeldOut
+from abfm.matching.solving.levels import levels, subdivided
+from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
 from abfm.types import FloatArray
-from abfm.workers.control import CancelledError, checkpoint
+from abfm.workers.control import CancelledError
+from abfm.workers.progress import step
 
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
-# mismatch on the mesh itself, beyond that on the coarsest, up to which meshes between are left out
-_MORE = 0.2
 # times the source's values, beyond which squares round off what the target is: nothing leads to it
 _UNSTABLE = 1e8
-# times the mismatch of no flow at all beyond which no search begins at a given start
+# times the mismatch of no flow at all beyond which no way begins at a given start
 _ASTRAY = 3.0
-# edges that a function's features span at least where flow lines tell what cannot be matched: where
-# the mesh does not carry the functions, they leave much in any case
-_RESOLVED = 3.0
-_PAYING = 0.03  # of what flow lines leave: what a colder stage must gain
-# of the same: what a stage that matches may lose; and of an energy: what a gradual search may lose,
-# as what two searches come to is the least
-_ALIKE = 0.1
-
-Carried = tuple[FloatArray, FloatArray]  # fields (N, F, 2) on the mesh, what they carry (C, V)
+_GAIN = 0.03  # of what is left by the worse witness: what a finer mesh must gain
+_FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
+_PATIENCE = 2  # steps after the best one, before a measured way ends
 
 
 class Solver:
+    """Finds the fields of a problem; ``way`` and ``chosen`` are its steps, and which is the end."""
+
     def __init__(
         self, energy: MatchingEnergy, on_iteration: Callable[[Iteration], None] | None
     ) -> None:
         self.energy, self.record = energy, Record(on_iteration)
-        # what flow lines of a smooth flow leave, in sigmas, where they do not confirm the match
-        self.unmatched = np.nan
-        self._alpha = energy.parameters.alpha  # with which the target was found
-        # what flow lines confirmed last where sigma was raised, and of which descent
-        self._confirmed = Confirmation(), Progress()
+        self.way: list[Mark] = []
+        self.step = 0
+        self._earlier: list[list[Mark]] = []  # ways that were given up
+        p, functions = energy.parameters, energy.functions
+        self._course = Course(p, functions, 1)
         self._descent = Descent(energy, self.record)
         self._clustered = len(self._descent.levels) > 1  # whether the mesh itself comes twice
         # what does not move: no field, and the one that was given
-        self._at_rest: list[Carried] = [(np.zeros(energy.shape), energy.terms.carried)]
+        self._at_rest: list[tuple[FloatArray, FloatArray]] = [
+            (np.zeros(energy.shape), energy.terms.carried)
+        ]
 
-    def run(self) -> tuple[FloatArray, FloatArray, StopReason]:
-        """Return fields (N, F, 2) on the mesh, what they carry (C, V), and why it stopped."""
+    def run(self) -> StopReason:
+        """Go the way, and return why it ended."""
         reason = of_caller = None
         try:
             self._descend()
@@ -82,15 +71,226 @@ class Solver:
                 # which would keep this frame, and all that it made, for the collector
                 del of_caller
         # here, where nothing of what was under way takes memory any more
-        return (*self._on_the_mesh(), reason or self._descent.reason)
+        self._end(reason is not None)
+        return reason or self._descent.reason
 
     def _descend(self) -> None:
-        descent, start = self._descent, self._start()
+        descent, p = self._descent, self.energy.parameters
+        start = self._start()
         if start is not None and not self._is_lost(start):
-            self._finish(start, warm=True)
+            self._come_close(start, descent.own, self._course.sigmas[-1:], p.alpha)
         else:
             descent.levels = levels(descent.levels)
-            self._finish(self._find(start), warm=False)
+            descent.own = len(descent.levels) - 1
+            top = descent.own - self._clustered
+            self._course = Course(p, self.energy.functions, top + 1)
+            self._find(start)
+            if top or self._clustered:
+                self._end_on_the_mesh()
+        self._refine()
+
+    def _find(self, start: FloatArray | None) -> None:
+        """Walk the ways on the coarsest mesh; that which comes closest stays."""
+        x = self._first(start)
+        for alpha in self._course.alphas:
+            self._descent.progress, self.way = Progress(), []
+            self._walk(x, alpha)
+            self._earlier.append(self.way)
+            if not self._course.is_measured and self._value(self.way) <= NEARLY:
+                break
+        self.way = min(self._earlier, key=self._value)
+
+    def _end_on_the_mesh(self) -> None:
+        """Take the end of the way to the mesh itself, and on from there where that may be needed."""
+        course, index = self._course, self._best(self.way)
+        mark, after = self.way[index], self.way[index + 1 :]
+        self.way = self.way[:index]
+        sigmas = [sigma for sigma in course.sigmas if sigma <= mark.stage.sigma]
+        if course.is_measured:
+            sigmas = sigmas[:1]
+        self._come_close(mark.x, 0, sigmas, mark.stage.alpha, mark)
+        if course.is_measured:
+            self.way += after
+
+    def _walk(self, x: FloatArray | Evaluation, alpha: float) -> None:
+        course, descent, p = self._course, self._descent, self.energy.parameters
+        reach, energy = p.reach, descent.levels[0].energy
+        held = HeldOut(energy, x) if course.is_measured and not isinstance(x, Evaluation) else None
+        for sigma in course.sigmas:
+            stages = []
+            if reach:
+                stages.append(course.stage(0, sigma, alpha, reach))
+                x = descent.minimise(stages[-1], x)
+                if course.is_found(descent.mismatch) or sigma == course.sigmas[-1]:
+                    reach = 0.0
+            if not reach:
+                stages.append(course.stage(0, sigma, alpha))
+                x = descent.minimise(stages[-1], x)
+            self._mark(stages[-1], np.nan if held is None else held.follow(stages))
+            if self._is_over() or len(self.record.history) > stages[-1].until:
+                break
+
+    def _come_close(
+        self,
+        x: FloatArray,
+        level: int,
+        sigmas: list[float],
+        alpha: float,
+        mark: Mark | None = None,
+    ) -> None:
+        """Go on from fields of a level, those of a mark, on the mesh itself, where it has clusters
+        first with these.
+        """
+        descent, course = self._descent, self._course
+        left, held_out = (np.inf, np.nan) if mark is None else (mark.mismatch, mark.held_out)
+        at: FloatArray | Evaluation = x
+        for top in range(descent.own - self._clustered, descent.own + 1):
+            for sigma in sigmas:
+                stage = course.stage(top, sigma, alpha)
+                if top > level:
+                    at, level = descent.prolonged(x, level, stage, left), top
+                at = descent.minimise(stage, at)
+                self._mark(stage, held_out)
+                if self._is_over():
+                    break
+            x, left, sigmas = descent.best.x, descent.mismatch, sigmas[-1:]
+            left_here = self.energy.relative_mismatch(self.energy.advected(x))
+            if top < descent.own and left_here <= self._goal:
+                self.way[-1] = replace(self.way[-1], stage=replace(stage, level=descent.own))
+                break
+
+    def _refine(self) -> None:
+        """Go on on finer meshes while flow lines leave more than the goal, and it pays."""
+        descent, p = self._descent, self.energy.parameters
+        course, asked = self._course, p.refine is not None
+        if p.refine == 0 or course.is_fixed:
+            return
+        if not asked and (course.is_measured or course.is_given):
+            return
+        for _ in range(p.refine or 2):
+            mark = self.way[self._best(self.way)]
+            energy = descent.levels[-1].energy
+            size = len(energy.mesh.vertices) + len(energy.mesh.edges)
+            if mark.stage.level < descent.own or mark.worse <= self._goal:
+                return
+            if not asked and (size > _FINEST or not mark.verified_mismatch > self._goal):
+                return
+            try:
+                descent.levels[-1:] = subdivided(descent.levels[-1])
+            except AbfmError:
+                return
+            stage = self._course.stage(len(descent.levels) - 1, mark.stage.sigma, mark.stage.alpha)
+            descent.minimise(stage, descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch))
+            self._mark(stage)
+            if not asked and self.way[-1].worse > (1 - _GAIN) * mark.worse:
+                return
+
+    @property
+    def _goal(self) -> float:
+        return self._descent.attainable(self.energy.parameters.goal)
+
+    def _mark(self, stage: Stage, held_out: float = np.nan) -> None:
+        """Keep what a step came to, by all witnesses."""
+        descent = self._descent
+        energy, best = descent.levels[stage.level].energy, descent.best
+        said = {}
+        if not self._course.is_fixed and energy.parameters.method != "linearised":
+            with step("checking by flow lines", len(energy.mesh.vertices)):
+                said = measured(energy, to_ambient(energy.mesh, best.x))
+        carried = best.advected[: len(energy.functions.source)]
+        mismatch = energy.relative_mismatch(best.advected)
+        self.way = [*self.way, Mark(stage, best.x, carried, mismatch, held_out=held_out, **said)]
+        self.record.path = tuple(self.way)
+
+    def _is_over(self) -> bool:
+        """Tell whether the way has come to its end before the last sigma."""
+        course = self._course
+        if course.is_given or course.is_fixed:
+            return False
+        if course.is_measured:
+            return self._best(self.way) < len(self.way) - _PATIENCE
+        return self.way[-1].worse <= self._goal
+
+    def _best(self, way: list[Mark]) -> int:
+        """Return which step of a way is its end."""
+        if self._course.is_given or self._course.is_fixed:
+            return len(way) - 1
+        scores = [self._score(mark) for mark in way]
+        return int(np.nanargmin(scores)) if np.isfinite(scores).any() else len(way) - 1
+
+    def _score(self, mark: Mark) -> float:
+        if self._course.is_measured:
+            return mark.held_out + PRICE * mark.log2_area
+        return mark.worse
+
+    def _value(self, way: list[Mark]) -> float:
+        value = self._score(way[self._best(way)])
+        return value if np.isfinite(value) else np.inf
+
+    def _end(self, early: bool) -> None:
+        """Choose the step that the match is: what moves nothing where no other leaves less."""
+        descent, own = self._descent, self._descent.own
+        if early:
+            self._keep_the_latest()
+        there = [i for i, mark in enumerate(self.way) if mark.stage.level >= own]
+        if there:
+            self.step = there[self._best([self.way[i] for i in there])]
+            left = self.way[self.step].mismatch
+        else:
+            left = np.inf
+        rest = [self.energy.relative_mismatch(carried) for _, carried in self._at_rest]
+        if not left <= max(rest):
+            x, carried = self._at_rest[int(np.argmin(rest))]
+            sources = carried[: len(self.energy.functions.source)]
+            stage = self._course.stage(own, self._course.sigmas[0], self.energy.parameters.alpha)
+            self.way.insert(0, Mark(stage, x, sources, min(rest)))
+            self.step = 0
+
+    def _keep_the_latest(self) -> None:
+        """Make a step of the iterate at which it was broken off, or of the best step before."""
+        descent, own = self._descent, self._descent.own
+        ways = [way for way in (*self._earlier, self.way) if way]
+        best = min((mark for way in ways for mark in way), key=lambda m: m.mismatch, default=None)
+        if best is not None and best not in self.way:
+            self.way = next(way for way in ways if best in way)
+        if descent.progress.best is None:
+            return
+        stage, point = self.record.schedule[-1], descent.best
+        if best is None or descent.mismatch < best.mismatch or best.stage.level < own:
+            if best is not None and best.mismatch <= descent.mismatch:
+                stage, x, level, left = best.stage, best.x, best.stage.level, best.mismatch
+            else:
+                x, level, left = point.x, descent.level, descent.mismatch
+            on = replace(stage, level=max(level, own))
+            if level < own:
+                point = descent.prolonged(x, level, on, left)
+            energy = descent.levels[on.level].energy
+            carried = point.advected[: len(energy.functions.source)]
+            self.way = [*self.way, Mark(on, point.x, carried, energy.relative_mismatch(point.advected))]
+
+    def path(self) -> tuple[PathStep, ...]:
+        """Return the way, with its fields on the mesh itself or on finer ones, in its units."""
+        return tuple(
+            PathStep(
+                mark.stage.sigma,
+                mark.stage.alpha,
+                mark.stage.reach,
+                self._velocity(mark),
+                mark.mismatch,
+                mark.verified_mismatch,
+                mark.folded,
+                mark.log2_area,
+                mark.log2_shape,
+            )
+            for mark in self.way
+        )
+
+    def _velocity(self, mark: Mark) -> FloatArray:
+        x, descent, level = mark.x, self._descent, mark.stage.level
+        for coarser in descent.levels[level : descent.own]:
+            x = coarser.fields_to_finer(x)
+        mesh = descent.levels[max(level, descent.own)].energy.mesh
+        return to_ambient(mesh, x) * self.energy.length_scale
 
     def _start(self) -> FloatArray | None:
         start, wanted = self.energy.problem.start, self.energy.parameters.segments
@@ -121,135 +321,16 @@ class Solver:
             )
         return False
 
-    def _find(self, start: FloatArray | None) -> FloatArray:
-        """Return the fields on the coarsest mesh that lead to the target, or the best ones."""
+    def _first(self, start: FloatArray | None) -> FloatArray:
+        """Return the fields on the coarsest mesh at which the ways begin."""
         descent, p = self._descent, self.energy.parameters
         coarsest = descent.levels[0].energy
+        if start is None:
+            return np.zeros(coarsest.shape)
+        for finer, coarser in zip(descent.levels[:0:-1], descent.levels[-2::-1], strict=True):
+            start = coarser.fields_from_finer(to_ambient(finer.energy.mesh, start))
         at_rest = coarsest.relative_mismatch(coarsest.terms.carried)
-        x = np.zeros(coarsest.shape)
-        if start is not None:
-            for finer, coarser in zip(descent.levels[:0:-1], descent.levels[-2::-1], strict=True):
-                start = coarser.fields_from_finer(to_ambient(finer.energy.mesh, start))
-            mismatch = coarsest.relative_mismatch(coarsest.advected(start))
-            x = start if mismatch <= _ASTRAY * at_rest or not p.iterations else x
-        best, least, kept = x, np.inf, descent.progress.best
-        for attempt in schedule.search(p, len(descent.levels), self._clustered):
-            if len(self.record.history) > attempt.stages[0].until:
-                break
-            descent.progress = Progress()
-            found = x
-            with Incumbent(descent, Progress(kept), least):
-                for stage in attempt.stages:
-                    found = descent.minimise(stage, found).x
-            if descent.mismatch < least:
-                best, least, kept = found, descent.mismatch, descent.progress.best
-                self._alpha = attempt.stages[0].alpha
-            if descent.mismatch <= attempt.found:
-                break
-        descent.progress = replace(descent.progress, best=kept)
-        # no flow, or a source squeezed to nothing
-        if p.iterations and max(at_rest, 1.0) < least < np.inf:
-            return np.zeros_like(best)
-        return self._more_gradually(kept).x if kept is not None and least <= REACHED else best
-
-    def _more_gradually(self, usual: Evaluation) -> Evaluation:
-        """Return what was found, or what a gradual search finds if only this is confirmed."""
-        descent, p = self._descent, self.energy.parameters
-        coarsest = descent.levels[0].energy
-        stages = schedule.gradual(p, len(descent.levels), self._clustered)
-        if not stages or len(self.record.history) > stages[0].until or not is_walked(coarsest):
-            return usual
-        sigma, progress = stages[-1].sigma, descent.progress
-        confirmed = confirmation(coarsest, descent.at(stages[-1], usual.x), sigma)
-        if confirmed.mismatch <= NEARLY or narrowest(coarsest.functions) < _RESOLVED:
-            return usual
-        descent.progress = Progress()
-        found = np.zeros_like(usual.x)
-        with Incumbent(descent, Progress(usual)):
-            for stage in stages:
-                found = descent.minimise(stage, found).x
-            smooth = confirmation(coarsest, descent.best, sigma)
-        if descent.mismatch > REACHED or smooth.energy >= (1 + _ALIKE) * confirmed.energy:
-            descent.progress = progress
-            return usual
-        self._alpha = stages[-1].alpha
-        if smooth.mismatch > NEARLY and p.sigma_unit == "relative":
-            self.unmatched = smooth.left
-        return descent.best
-
-    def _finish(self, x: FloatArray, warm: bool) -> None:
-        """Come close on all meshes, or not on those between where the mesh itself is as close."""
-        count = len(self._descent.levels)
-        found = Found(warm, 0.0 if np.isnan(self.unmatched) else self.unmatched, self._alpha)
-        plan = schedule.finish(self.energy.parameters, count, found, self._clustered)
-        top = count - 1 - self._clustered
-        last = [stage for stage in plan if stage.level >= top]
-        x = self._through([stage for stage in plan if stage.level == 0 < top], x)
-        between = [stage for stage in plan if 0 < stage.level < top]
-        ahead = self._ahead(x, last[0]) if between else None
-        self._through(last, self._through(between, x) if ahead is None else ahead)
-
-    def _through(self, stages: list[Stage], x: FloatArray | Evaluation) -> FloatArray:
-        descent = self._descent
-        for stage, following in zip_longest(stages, stages[1:]):
-            x = descent.prolonged(x, stage)
-            is_begun = descent.progress.best is not None and descent.level == stage.level
-            if is_begun and descent.mismatch <= descent.attainable(stage.needed_above):
-                continue
-            if stage.balanced:
-                x = descent.balance(stage).x
-            elif np.isnan(self.unmatched):
-                x = descent.minimise(stage, x).x
-            else:
-                is_end = following is None or not following.needed_above
-                x = self._confirming(stage, x, is_end).x
-        return x.x if isinstance(x, Evaluation) else x
-
-    def _confirming(self, stage: Stage, start: FloatArray | Evaluation, is_end: bool) -> Evaluation:
-        """Run a stage where sigma was raised; what closing stages find stays where flow lines leave
-        less, or it matches and they leave about as much, else it is undone.
-        """
-        descent, (before, progress) = self._descent, self._confirmed
-        energy, is_closing = descent.levels[stage.level].energy, stage.needed_above > 0
-        if is_closing and not is_walked(energy):
-            return descent.best
-        is_fallback = is_closing and progress.best is not None
-        with Incumbent(descent, progress) if is_fallback else nullcontext():
-            found, now = descent.minimise(stage, start), Confirmation()
-            if is_walked(energy):
-                now = confirmation(energy, found, stage.sigma)
-        matches = descent.mismatch <= descent.attainable(MATCHED)
-        gains = now.mismatch < (1 - _PAYING) * before.mismatch
-        alike = now.mismatch <= (1 + _ALIKE) * before.mismatch
-        if not is_closing or gains or (matches and alike):
-            self._confirmed = now, descent.progress
-        elif matches or is_end:
-            descent.progress = progress
-        return descent.best
-
-    def _ahead(self, x: FloatArray, stage: Stage) -> Evaluation | None:
-        descent = self._descent
-        checkpoint()
-        for level in descent.levels[: stage.level]:
-            x = level.fields_to_finer(x)
-        found = descent.at(stage, x)
-        left = self.energy.relative_mismatch(found.advected)
-        return found if left <= descent.mismatch + _MORE else None
-
-    def _on_the_mesh(self) -> Carried:
-        """Return the best fields on the mesh itself: never worse than what does not move."""
-        descent, mismatch = self._descent, self.energy.relative_mismatch
-        if descent.progress.best is None:
-            return self._at_rest[0]
-        found, before = (descent.best.x, descent.best.advected), descent.mismatch
-        for coarser, finer in pairwise(descent.levels[descent.level :]):
-
-            def measured(x: FloatArray, on: MatchingEnergy = finer.energy) -> tuple[Carried, float]:
-                functions = on.advected(x)
-                return (x, functions), on.relative_mismatch(functions)
-
-            found = calmed(finer.energy.mesh, coarser.fields_to_finer(found[0]), before, measured)
-        left = [mismatch(advected) for _, advected in self._at_rest]
-        if mismatch(found[1]) <= max(left):
-            return found
-        return self._at_rest[int(np.argmin(left))]
+        mismatch = coarsest.relative_mismatch(coarsest.advected(start))
+        if mismatch <= _ASTRAY * at_rest or not p.iterations:
+            return start
+        return np.zeros(coarsest.shape)

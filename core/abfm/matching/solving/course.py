@@ -1,0 +1,89 @@
+"""The course of a match: which steps lead from smooth to close, and when one has done its work."""
+
+import math
+from dataclasses import dataclass
+
+from abfm.matching.solvability import detail
+from abfm.matching.terms.functions import FunctionTerm
+from abfm.parameters import LAST, WARMEST, Parameters
+
+NEARLY = 0.15  # mismatch with which functions nearly match: a less smooth way is tried with more
+_FOUND = 0.5  # mismatch with which the target is found: the paper's norm leads on, without reach
+_LESS = 1 / 3  # factor of alpha on the less smooth way
+# a step goes on while its energy falls by this share within so many iterations
+_PAYING, _OVER = 0.03, 6
+_SHARE = 0.75  # of all iterations, before the mesh itself
+_CLOSE = 0.6  # of the goal: how close a step comes, as flow lines seldom confirm as much
+_DETAIL = 20  # peaks and pits: functions with more were measured, or are as hard to match exactly
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a part of the way is minimised with; reach is 0 for the parameters' own norm."""
+
+    level: int  # which mesh, from 0, the coarsest
+    sigma: float
+    alpha: float
+    reach: float
+    iterations: int  # at most, of its own
+    until: int  # at most, of all together
+    fixed: bool  # whether it goes on to the end of its iterations
+    goal: float  # mismatch at which it ends
+
+    def continues(self, before: "Stage") -> bool:
+        """Tell whether what the stage before learned serves; if fixed not with another sigma."""
+        same = (before.level, before.reach, before.alpha) == (self.level, self.reach, self.alpha)
+        return same and not (self.fixed and before.sigma != self.sigma)
+
+    def pays(self, energies: list[float]) -> bool:
+        """Tell whether to go on after these energies, one for each of the stage's iterates."""
+        early = self.fixed or len(energies) <= _OVER
+        return early or energies[-1] < (1 - _PAYING) * energies[-1 - _OVER]
+
+
+class Course:
+    """The steps of a match by its parameters, on so many meshes, and what they are to find.
+
+    What the user gives is where it ends: a given sigma is the last one. Without, functions of little
+    detail are taken to match exactly, and the way ends where that is confirmed; others are taken to
+    be measured, and the way ends where it only gains what was not there (`held_out`).
+    """
+
+    def __init__(self, p: Parameters, functions: FunctionTerm, meshes: int) -> None:
+        self._p, self._meshes = p, meshes
+        self.is_given = p.sigma is not None
+        self._has_detail = detail(functions) > _DETAIL
+        # as in the paper: every step goes on to the end of its iterations
+        self.is_fixed = p.stage_iterations > 0 or (p.reach == 0 and meshes == 1)
+        self.is_measured = self._has_detail and not self.is_given
+        self.unit = 1.0 if p.sigma_unit == "relative" else functions.function_size
+        self.sigmas = self._sigmas()
+
+    @property
+    def alphas(self) -> list[float]:
+        """Those of the ways to try: the second one where the first does not nearly match."""
+        p = self._p
+        alone = self.is_fixed or not p.reach or not p.alpha
+        if alone or (self.is_given and self._has_detail):
+            return [p.alpha]
+        return [p.alpha, _LESS * p.alpha]
+
+    def stage(self, level: int, sigma: float, alpha: float, reach: float = 0.0) -> Stage:
+        p, is_last = self._p, level >= self._meshes - 1
+        own = p.stage_limits()[0 if sigma > self.sigmas[-1] else -1] if self.is_fixed else p.iterations
+        goal = 0.0 if self.is_given or self.is_fixed or self.is_measured else _CLOSE * p.goal
+        until = p.iterations if is_last else int(_SHARE * p.iterations)
+        return Stage(level, sigma, alpha, reach, own, until, self.is_fixed, goal)
+
+    def _sigmas(self) -> list[float]:
+        p = self._p
+        if p.cooling_stages:
+            return p.stage_sigmas()
+        last = self.unit * LAST if p.sigma is None else p.sigma
+        ratio = math.sqrt(p.cooling_factor) if self.is_measured else p.cooling_factor
+        count = max(0, math.floor(math.log(self.unit * WARMEST / last, ratio)))
+        return [last * ratio**left for left in reversed(range(count + 1))]
+
+    @staticmethod
+    def is_found(mismatch: float) -> bool:
+        return mismatch <= _FOUND

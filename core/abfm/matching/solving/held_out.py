@@ -1,0 +1,60 @@
+"""What a field says of places whose values it has not seen: whether it finds or only fits.
+
+Patches of the surface are dealt out to folds. For each fold the same way is walked without its
+patches, whose mismatch then tells what the field there is worth: cross-validation [Hastie,
+Tibshirani, Friedman 2009, section 7.10], by patches as neighbours know each other's values.
+"""
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.solving.course import Stage
+from abfm.matching.solving.descent import minimum
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
+
+_PATCHES, _FOLDS = 60, 3
+PRICE = 0.2
+"""Of a mean ``|log2 J|`` of 1, in mismatch: what is held out has to gain as much."""
+
+
+def folds(mesh: TriangleMesh) -> IntArray:
+    """Return each vertex's fold, (V,): patches about points far from each other take turns."""
+    vertices = mesh.vertices
+    centres = [int(np.argmin(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)))]
+    away = np.full(len(vertices), np.inf)
+    for _ in range(_PATCHES - 1):
+        away = np.minimum(away, np.linalg.norm(vertices - vertices[centres[-1]], axis=1))
+        centres.append(int(away.argmax()))
+    return np.asarray(KDTree(vertices[centres]).query(vertices)[1] % _FOLDS)
+
+
+def without(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:
+    """Return, for each fold, the energy without its patches, and a mask (V,) of them alone."""
+    given = energy.functions.mask
+    mask = np.ones(len(energy.mesh.vertices)) if given is None else given
+    fold, found = folds(energy.mesh), []
+    for number in range(_FOLDS):
+        seen, hidden = (np.where(where, mask, 0.0) for where in (fold != number, fold == number))
+        if seen.any() and hidden.any():
+            found.append((MatchingEnergy(energy.problem.masked(seen)), hidden))
+    return found
+
+
+class HeldOut:
+    """Walks a way once for each fold, without its patches, beside the match itself."""
+
+    def __init__(self, energy: MatchingEnergy, start: FloatArray) -> None:
+        self._energy, self._folds = energy, without(energy)
+        self._fields = [start] * len(self._folds)
+
+    def follow(self, stages: list[Stage]) -> float:
+        """Take the same stages; return the mismatch of what each fold has not seen."""
+        left, functions = [], self._energy.functions
+        for number, (energy, hidden) in enumerate(self._folds):
+            for stage in stages:
+                self._fields[number] = x = minimum(energy, stage, self._fields[number])
+            carried = energy.advected(x)[: len(functions.source)]
+            left.append(functions.weighed(hidden).relative_mismatch(carried))
+        return float(np.sqrt(np.mean(np.square(left)))) if left else np.nan
