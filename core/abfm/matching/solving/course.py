@@ -8,12 +8,13 @@ from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LAST, WARMEST, Parameters
 
 NEARLY = 0.15  # mismatch with which functions nearly match: a less smooth way is tried with more
-_FOUND = 0.5  # mismatch with which the target is found: the paper's norm leads on, without reach
+_FOUND = 0.7  # mismatch with which the target is found: the paper's norm leads on, without reach
 _LESS = 1 / 3  # factor of alpha on the less smooth way
 # a step goes on while its energy falls by this share within so many iterations
 _PAYING, _OVER = 0.03, 6
 _SHARE = 0.75  # of all iterations, before the mesh itself
 _CLOSE = 0.6  # of the goal: how close a step comes, as flow lines seldom confirm as much
+_ROUNDING = 1e-9  # of a number of steps
 _DETAIL = 20  # peaks and pits: functions with more were measured, or are as hard to match exactly
 
 
@@ -81,7 +82,10 @@ class Course:
             return p.stage_sigmas()
         last = self.unit * LAST if p.sigma is None else p.sigma
         ratio = math.sqrt(p.cooling_factor) if self.is_measured else p.cooling_factor
-        count = max(0, math.floor(math.log(self.unit * WARMEST / last, ratio)))
+        warmest = self.unit * WARMEST
+        count = max(0, math.floor(math.log(warmest / last, ratio) + _ROUNDING))
+        if p.sigma is None:
+            return [warmest / ratio**step for step in range(count + 1)]
         return [last * ratio**left for left in reversed(range(count + 1))]
 
     @staticmethod

@@ -14,7 +14,7 @@ from abfm.matching.solving.descent import minimum
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
-_PATCHES, _FOLDS = 60, 3
+_PATCHES, _FOLDS = 150, 3
 PRICE = 0.2
 """Of a mean ``|log2 J|`` of 1, in mismatch: what is held out has to gain as much."""
 

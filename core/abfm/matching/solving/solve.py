@@ -112,20 +112,20 @@ class Solver:
         if course.is_measured:
             self.way += after
 
-    def _walk(self, x: FloatArray | Evaluation, alpha: float) -> None:
+    def _walk(self, x: FloatArray, alpha: float) -> None:
         course, descent, p = self._course, self._descent, self.energy.parameters
         reach, energy = p.reach, descent.levels[0].energy
-        held = HeldOut(energy, x) if course.is_measured and not isinstance(x, Evaluation) else None
+        held = HeldOut(energy, x) if course.is_measured else None
         for sigma in course.sigmas:
             stages = []
             if reach:
                 stages.append(course.stage(0, sigma, alpha, reach))
-                x = descent.minimise(stages[-1], x)
+                x = descent.minimise(stages[-1], x).x
                 if course.is_found(descent.mismatch) or sigma == course.sigmas[-1]:
                     reach = 0.0
             if not reach:
                 stages.append(course.stage(0, sigma, alpha))
-                x = descent.minimise(stages[-1], x)
+                x = descent.minimise(stages[-1], x).x
             self._mark(stages[-1], np.nan if held is None else held.follow(stages))
             if self._is_over() or len(self.record.history) > stages[-1].until:
                 break
@@ -149,7 +149,7 @@ class Solver:
                 stage = course.stage(top, sigma, alpha)
                 if top > level:
                     at, level = descent.prolonged(x, level, stage, left), top
-                at = descent.minimise(stage, at)
+                at = descent.minimise(stage, at).x
                 self._mark(stage, held_out)
                 if self._is_over():
                     break
@@ -168,10 +168,13 @@ class Solver:
         if not asked and (course.is_measured or course.is_given):
             return
         for _ in range(p.refine or 2):
-            mark = self.way[self._best(self.way)]
+            there = self._there()
+            if not there:
+                return
+            mark = self.way[there[self._best([self.way[i] for i in there])]]
             energy = descent.levels[-1].energy
             size = len(energy.mesh.vertices) + len(energy.mesh.edges)
-            if mark.stage.level < descent.own or mark.worse <= self._goal:
+            if mark.worse <= self._goal:
                 return
             if not asked and (size > _FINEST or not mark.verified_mismatch > self._goal):
                 return
@@ -179,11 +182,22 @@ class Solver:
                 descent.levels[-1:] = subdivided(descent.levels[-1])
             except AbfmError:
                 return
-            stage = self._course.stage(len(descent.levels) - 1, mark.stage.sigma, mark.stage.alpha)
-            descent.minimise(stage, descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch))
-            self._mark(stage)
-            if not asked and self.way[-1].worse > (1 - _GAIN) * mark.worse:
+            finest, before = len(descent.levels) - 1, self.way
+            at: FloatArray | Evaluation = mark.x
+            for sigma in (s for s in course.sigmas if s <= mark.stage.sigma):
+                stage = course.stage(finest, sigma, mark.stage.alpha)
+                if at is mark.x:
+                    at = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
+                at = descent.minimise(stage, at).x
+                self._mark(stage)
+                if self._is_over():
+                    return
+            if not asked and min(m.worse for m in self.way[len(before) :]) > (1 - _GAIN) * mark.worse:
                 return
+
+    def _there(self) -> list[int]:
+        """Return which steps are on the mesh itself or on finer ones."""
+        return [i for i, mark in enumerate(self.way) if mark.stage.level >= self._descent.own]
 
     @property
     def _goal(self) -> float:
@@ -232,7 +246,7 @@ class Solver:
         descent, own = self._descent, self._descent.own
         if early:
             self._keep_the_latest()
-        there = [i for i, mark in enumerate(self.way) if mark.stage.level >= own]
+        there = self._there()
         if there:
             self.step = there[self._best([self.way[i] for i in there])]
             left = self.way[self.step].mismatch
