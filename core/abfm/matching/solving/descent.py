@@ -54,6 +54,7 @@ class Descent:
         self.level = 0  # that of the latest stage
         self.progress = Progress()
         self.reason = StopReason.ITERATION_LIMIT  # why the latest stage ended
+        self.effort = 0.0  # of all evaluations so far, see `cost`
         self._parameters, self._record = energy.parameters, record
         self.own = len(self.levels) - 1  # that of the mesh itself
         self._least = range_bound(energy.functions)
@@ -101,7 +102,7 @@ class Descent:
         current, history = self._first(search, stage), self._record.history
         energies = [current.point.energy]
         left = self.levels[stage.level].affordable(stage.iterations, self.best.x)
-        until = min(stage.until, len(history) - 1 + left)
+        until, begun = min(stage.until, len(history) - 1 + left), self._record.evaluations
         self.reason = StopReason.ITERATION_LIMIT
         while len(history) <= until:
             reason = self._reason_to_stop(stage, goal, energies, search.stop_reason(current))
@@ -114,7 +115,14 @@ class Descent:
             self.progress = Progress(current.point, current, stage)
             energies.append(current.point.energy)
             self._record.add(self.levels, self.own, stage, self.best)
+        evaluations = self._record.evaluations - begun
+        self.effort += evaluations * self.cost(stage.level, self.best.x)
         return self.best
+
+    def cost(self, level: int, x: FloatArray) -> float:
+        """Return about how many products of rows an evaluation at fields (N, F, 2) costs."""
+        energy = self.levels[level].energy
+        return energy.discretisation.size * max(energy.flow(x).exponent, 1.0)
 
     def _reason_to_stop(
         self, stage: Stage, goal: float, energies: list[float], search: str | None

@@ -29,6 +29,7 @@ _UNSTABLE = 1e8
 _ASTRAY = 3.0
 _GAIN = 0.03  # of what is left by the worse witness: what a finer mesh must gain
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
+_EFFORT, _LEAST = 2.0, 3  # times what was spent before, for a finer mesh; and iterations on it
 _PATIENCE = 2  # steps after the best one, before a measured way ends
 
 
@@ -183,15 +184,22 @@ class Solver:
             except AbfmError:
                 return
             finest, before = len(descent.levels) - 1, self.way
-            at: FloatArray | Evaluation = mark.x
-            for sigma in (s for s in course.sigmas if s <= mark.stage.sigma):
+            until = (1 + _EFFORT) * descent.effort
+            stage = course.stage(finest, mark.stage.sigma, mark.stage.alpha)
+            at = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
+            for sigma in (sigma for sigma in course.sigmas if sigma <= mark.stage.sigma):
                 stage = course.stage(finest, sigma, mark.stage.alpha)
-                if at is mark.x:
-                    at = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
-                at = descent.minimise(stage, at).x
+                affordable = (until - descent.effort) / descent.cost(finest, at.x)
+                if not asked and affordable < _LEAST:
+                    break
+                if not asked:
+                    stage = replace(stage, iterations=min(stage.iterations, int(affordable)))
+                at = descent.minimise(stage, at if sigma == mark.stage.sigma else at.x)
                 self._mark(stage)
                 if self._is_over():
                     return
+            if len(self.way) == len(before):
+                return
             if not asked and min(m.worse for m in self.way[len(before) :]) > (1 - _GAIN) * mark.worse:
                 return
 
