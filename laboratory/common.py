@@ -14,11 +14,10 @@ import numpy as np
 import trimesh
 
 from abfm import Control, Iteration, Match, Parameters, Problem, TriangleMesh, match
-from abfm.matching.solving.schedule import MATCHED
 from abfm.parameters import PAPER
 from abfm.types import FloatArray
 
-LEVEL = MATCHED
+LEVEL = Parameters.goal
 """Relative mismatch to reach."""
 PARAMETERS = Parameters(
     **PAPER,

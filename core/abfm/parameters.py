@@ -19,6 +19,7 @@ LAST = 0.02
 """The last sigma unless one is given: flow lines confirm hardly less of any functions."""
 WARMEST = 18.0
 """The largest sigma that a path to a smaller one begins with, in the unit of that one."""
+MOST_REFINED = 3
 _MOST_STAGES, _ROUNDING = 1000, 1e-9
 
 PAPER: dict[str, Any] = {
@@ -115,7 +116,7 @@ class Parameters:
     reach: float = _of("reach", 1.0, "", Range(0, 10))
     balance: float = _of("balance", 0.5, "", Range(0, 1))
     goal: float = _of("goal", 0.05, "", Range(0, 1, without_low=True))
-    refine: int | None = _of("refine", None, "", Range(0, 3))
+    refine: int | None = _of("refine", None, "", Range(0, MOST_REFINED))
     levels: int = _of("levels", 0, "", Range(0, 10))
     method: Method = _of("method", "nonlinear")
     segments: int = _of("segments", 0, "N", Range(0, 1000))

@@ -19,7 +19,6 @@ from abfm.functions import function
 from abfm.io.sheets import Sheet
 from abfm.maps import MapQuality, map_quality
 from abfm.matching.judging.verdict import Kind, Verdict
-from abfm.matching.solving.schedule import MATCHED
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.types import FloatArray
 from abfm.workers.worker import Worker, stateless
@@ -199,7 +198,7 @@ def as_match(example: Example) -> Match | None:
     energy = MatchingEnergy(problem)
     evaluated = energy.objective(problem.parameters.last_sigma).evaluate(fields)
     mismatch = energy.relative_mismatch(evaluated.advected)
-    kind: Kind = "matched" if mismatch <= MATCHED else "not reached"
+    kind: Kind = "matched" if mismatch <= Parameters.goal else "not reached"
     return Match(
         problem=problem,
         fine_velocity=velocity,

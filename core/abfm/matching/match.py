@@ -14,7 +14,6 @@ from typing import Any, get_args, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import AbfmError, ParameterError, ResultError, one_line
 from abfm.flow.flow import Flow
 from abfm.io import results
@@ -394,7 +393,7 @@ def match(
                 fine = MatchingEnergy(the_problem.refined(_refined(end, the_problem.mesh)))
                 with step("checking by flow lines", len(fine.mesh.vertices)):
                     said = measured(fine, end.velocity / energy.length_scale)
-                path = (*path[: solver.step], replace(end, **said), *path[solver.step + 1 :])
+                path = (*path[: solver.step], _with(end, said), *path[solver.step + 1 :])
             except MemoryError:
                 pass
             except CancelledError:
@@ -409,6 +408,8 @@ def match(
         end.verified_mismatch,
         end.folded,
         history[stages == stages[-1], 0],
+        end.log2_area,
+        _refined(end, the_problem.mesh),
     )
     return Match(
         problem=the_problem.starting_from(None),
@@ -424,6 +425,11 @@ def match(
         path=path,
         step=solver.step,
     )
+
+
+def _with(step: PathStep, said: dict[str, float]) -> PathStep:
+    known: dict[str, Any] = dict(said)
+    return replace(step, **known)
 
 
 def _refined(step: PathStep, mesh: TriangleMesh) -> int:

@@ -20,6 +20,7 @@ SHARE = 0.2  # of the range, by which a peak stands out that is counted
 # shares that bound SHARE where two functions are compared: half of what is between is the error
 _LOW, _HIGH = 0.1, 0.3
 _DETAIL = 0.05  # of the range, by which what is counted as detail stands out
+_MUCH = 20  # peaks and pits: functions with more were measured, or are as hard to match exactly
 # edges per width below which advection over a quarter of a body (half of sqrt(area)) is off by
 # several percent
 RESOLVED = 5.0
@@ -170,17 +171,17 @@ def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
     return np.sort(found[found > 0])[::-1]
 
 
-def detail(functions: FunctionTerm) -> int:
-    """Count peaks and pits of source or target, whichever has more, of the channel with most.
-
-    They stand out by a share of the range that noise of a tenth of a deviation makes, too.
+def is_measured(functions: FunctionTerm) -> bool:
+    """Tell whether functions have so much detail that they are taken for measured ones, which match
+    as far as they are alike: the peaks and pits of source or target, in any channel, that stand out
+    by a share of the range that noise of a tenth of a deviation makes, too.
     """
     counts = [
         sum(peaks(functions.mesh, f, _DETAIL))
         for both in (functions.source, functions.target)
         for f in both[_counting(functions)]
     ]
-    return max(counts, default=0)
+    return max(counts, default=0) > _MUCH
 
 
 def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:

@@ -7,29 +7,24 @@ from typing import Any, Literal
 
 from abfm.matching import solvability
 from abfm.matching.solvability import Extrema, range_bound
-from abfm.matching.solving.record import StopReason
 from abfm.matching.solving.course import NEARLY
-
-MATCHED = 0.05
+from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import CONSTANT, FunctionTerm
-from abfm.parameters import LARGEST_ALPHA, MANY, SMALLEST, Parameters
+from abfm.parameters import LARGEST_ALPHA, MANY, MOST_REFINED, SMALLEST, Parameters
 from abfm.types import FloatArray
 
-Kind = Literal["matched", "nearly", "not reached", "impossible"]
+Kind = Literal["matched", "nearly", "registered", "not reached", "impossible"]
 
-# times a mismatch that flow lines leave at most if they confirm it: 0.1 of a match, 0.3 of a near
-CONFIRMED = 2.0
+_GAINED = 0.03  # of the first mismatch: less is no registration
 FOLDED = 0.1  # share of the faces beyond which a map is not to be trusted; an exact flow folds none
 # an energy still falls that has fallen by this share within so many iterations
 _RECENT, _FALLING = 10, 0.01
 _EARLY = (StopReason.ITERATION_LIMIT, StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
-_FINER = "a finer mesh"
 _SCALE = "scale or clip one of the functions"
 
 _USUAL = Parameters()
 _FURTHER = 3.0  # how much larger or smaller a parameter is advised
 _COLDER = 10.0  # the same of sigma where the source did not go to the target at all
-_CARRIED = 1.5  # edges that the functions span, below which a smoother field was no truer
 _LONGER = 4  # how many times as many iterations
 # what a search for a far target needs besides a reach, as by default
 _COURSE = (
@@ -45,15 +40,15 @@ _COURSE = (
 
 
 def confirmed_mismatch(mismatch: float, verified: float) -> float:
-    """Return what is surely left, by the discrete flow and by flow lines (NaN if unknown)."""
-    return mismatch if math.isnan(verified) else max(mismatch, verified / CONFIRMED)
+    """Return what is left by the worse witness, discrete flow or flow lines (NaN if unknown)."""
+    return mismatch if math.isnan(verified) else max(mismatch, verified)
 
 
-def kind_of(confirmed: float) -> Kind:
+def kind_of(confirmed: float, goal: float = Parameters.goal) -> Kind:
     """Return what a mismatch is called by its size alone: the larger it is, the worse the word."""
-    if confirmed <= MATCHED:
+    if confirmed <= goal:
         return "matched"
-    return "nearly" if confirmed <= NEARLY else "not reached"
+    return "nearly" if confirmed <= max(NEARLY, goal) else "not reached"
 
 
 @dataclass(frozen=True)
@@ -80,7 +75,8 @@ GO_ON = Remedy("Continue", "go on from this field", {}, True)
 class Verdict:
     """What a match came to; reason and advice are one line each, without a full stop."""
 
-    # impossible: no flow would do; not reached: not by this flow, which may still be worth having
+    # registered: measured functions, as close as they bear; impossible: no flow would do; not
+    # reached: not by this flow, which may still be worth having
     kind: Kind
     reason: str  # the first and the last mismatch, and what they mean after a colon
     advice: str  # what to try, empty where nothing is needed
@@ -103,23 +99,29 @@ class Outcome:
     folded: float = math.nan
     # (n,), of the last stage's iterates; None counts as still falling
     energies: FloatArray | None = None
-    # what smooth flows leave along flow lines, if sigma was raised to it; NaN if not
-    unmatched: float = math.nan
+    log2_area: float = math.nan  # mean ``|log2 J|`` of the flow's map; NaN if unknown
+    refined: int = 0  # how often the mesh was subdivided
 
 
 def advice(functions: FunctionTerm, outcome: Outcome, parameters: Parameters) -> Verdict:
     """Say what a match came to, why, and what to do: what no flow can do comes first."""
     case = _Case(functions, outcome, parameters)
-    return case.impossible() or case.unconfirmed() or case.by_size() or case.not_reached()
+    rules = (
+        case.impossible,
+        case.registered,
+        case.unconfirmed,
+        case.by_size,
+        case.not_reached,
+    )
+    return next(verdict for rule in rules if (verdict := rule()) is not None)
 
 
 class Remedies:
     """Makes remedies of a match: numbers start from the parameters it had, and the last sigma."""
 
-    def __init__(self, functions: FunctionTerm, parameters: Parameters, unmatched: float) -> None:
+    def __init__(self, functions: FunctionTerm, parameters: Parameters, refined: int = 0) -> None:
         self._functions, self._parameters = functions, parameters
-        self.raised = unmatched > parameters.last_sigma
-        self._sigma = unmatched if self.raised else parameters.last_sigma
+        self._refined, self._sigma = refined, parameters.last_sigma
         # larger than by default, so that a match is worth little
         relative = parameters.sigma_unit == "relative"
         self.is_warm = relative and parameters.last_sigma > _USUAL.last_sigma
@@ -133,11 +135,6 @@ class Remedies:
     def looks_near(self) -> bool:
         """Whether they reach less far than by default; on the surface it may be farther."""
         return self.too_far or self._parameters.reach < _USUAL.reach
-
-    @property
-    def is_carried(self) -> bool:
-        """Whether the functions are so wide that a smoother field is a truer one."""
-        return solvability.narrowest(self._functions) >= _CARRIED
 
     def more_time(self) -> Remedy:
         """More iterations; those of the defaults at least, as a match ends by itself."""
@@ -167,12 +164,14 @@ class Remedies:
             )
             values = " and ".join(f"{name} {value:g}" for name, value in changed.items())
             return Remedy("Smoother", f"a smoother field, by {values}", changed)
-        if self.is_warm:
-            return self.colder()
-        if p.alpha > _USUAL.alpha:
-            words = f"a smaller alpha, such as {_USUAL.alpha:g}"
-            return Remedy("Match closer", words, {"alpha": _USUAL.alpha})
-        return None
+        return self.colder() if self.is_warm else None
+
+    def refine(self) -> Remedy | None:
+        """Return a finer mesh, unless it is as fine as it may be, or a linearised flow."""
+        finer = self._refined + 1
+        if finer > MOST_REFINED or self._parameters.method == "linearised":
+            return None
+        return Remedy("Refine", "a finer mesh, from this field", {"refine": finer}, True)
 
     def smoother(self) -> Remedy:
         """A larger alpha, from no motion: near the present field there is no smoother one."""
@@ -181,10 +180,6 @@ class Remedies:
 
     def closer(self) -> Remedy:
         sigma = max(_rounded(self._sigma / _FURTHER), SMALLEST)
-        if self.raised:
-            size = max(_rounded(sigma * self._functions.function_size), SMALLEST)
-            words = f"an absolute sigma, which is never raised, such as {size:g}"
-            return Remedy("Match closer", words, {"sigma": size, "sigma_unit": "absolute"}, True)
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
 
     def colder(self) -> Remedy:
@@ -208,10 +203,11 @@ class _Case:
         self.functions, self.outcome, self.parameters = functions, outcome, parameters
         self.bound = range_bound(functions)
         self.true_mismatch = max(outcome.mismatch, self.bound)
-        self.by_size_alone = kind_of(confirmed_mismatch(self.true_mismatch, outcome.verified))
+        left = confirmed_mismatch(self.true_mismatch, outcome.verified)
+        self.by_size_alone = kind_of(left, parameters.goal)
         self.first = functions.relative_mismatch(functions.source)
         self.known = not math.isnan(outcome.verified)
-        self.remedies = Remedies(functions, parameters, outcome.unmatched)
+        self.remedies = Remedies(functions, parameters, outcome.refined)
         self.folds = f"{100 * outcome.folded:.0f}% of the faces are folded"
 
     @cached_property
@@ -224,7 +220,7 @@ class _Case:
 
     def impossible(self) -> Verdict | None:
         """Values that the source lacks, or cannot lose, unless both were alike from the start."""
-        if max(self.first, self.outcome.mismatch) <= MATCHED:
+        if max(self.first, self.outcome.mismatch) <= self.parameters.goal:
             return None
         flat = solvability.source_is_constant(self.functions)
         to_flat = solvability.target_is_constant(self.functions)
@@ -242,6 +238,22 @@ class _Case:
             return self._verdict("impossible", self._missing_values(), _SCALE)
         return None
 
+    def registered(self) -> Verdict | None:
+        """Measured functions, which match as far as they are alike."""
+        outcome = self.outcome
+        gained = max(outcome.mismatch, outcome.verified) < (1 - _GAINED) * self.first
+        is_sound = self.known and gained and not outcome.folded > FOLDED
+        if self.by_size_alone == "matched" or not is_sound or outcome.stop_reason.is_early:
+            return None
+        if not solvability.is_measured(self.functions):
+            return None
+        areas = 100 * (2**outcome.log2_area - 1)
+        why = f"areas change by {areas:.0f}% on average" if math.isfinite(areas) else ""
+        if self.parameters.sigma is None:
+            kept = "a closer match would not hold where it was not fitted"
+            why = f"{why}, and {kept}" if why else kept
+        return self._verdict("registered", why, "")
+
     def unconfirmed(self) -> Verdict | None:
         """A small mismatch of the discrete flow that is not one of the flow."""
         verified, folded = self.outcome.verified, self.outcome.folded
@@ -252,30 +264,30 @@ class _Case:
                 return self._of_peaks()
             lines = f"by flow lines the mismatch is {verified:.2g}"
             why = f"{lines}, so the discrete flow is not one here"
-            return self._verdict("not reached", why, _FINER, *self._truer(or_smoother=True))
+            return self._verdict("not reached", why, "", *self._truer())
         if folded > FOLDED and not self.known:
             why = f"{self.folds}, which no flow does"
-            return self._verdict("not reached", why, _FINER, *self._truer(or_smoother=True))
+            return self._verdict("not reached", why, "", *self._truer())
         return None
 
     def by_size(self) -> Verdict | None:
         if self.by_size_alone == "not reached":
             return None
         if self.by_size_alone == "matched":
-            if self.first > MATCHED and not self.known and self.different_peaks:
+            if self.first > self.parameters.goal and not self.known and self.different_peaks:
                 return self._of_peaks("nearly")
             if self.functions.is_constant:
                 why = f"both are constant, up to {CONSTANT:g} of their values"
                 return self._verdict("matched", why, "")
             advised = f"do not trust its point map, where {self.folds}"
             return self._verdict("matched", "", advised * (self.outcome.folded > FOLDED))
-        if self.bound > MATCHED:
+        if self.bound > self.parameters.goal:
             return self._verdict("nearly", self._missing_values(), _SCALE)
         if self._cut_short():
             return self._of_an_early_end("nearly")
-        if self.known and self.outcome.verified / CONFIRMED > max(MATCHED, self.outcome.mismatch):
+        if self.known and self.outcome.verified > max(self.parameters.goal, self.outcome.mismatch):
             why = "the flow lines confirm less than the discrete flow shows"
-            return self._verdict("nearly", why, _FINER, *self._truer())
+            return self._verdict("nearly", why, "", *self._truer())
         return self._verdict("nearly", "", "", self.remedies.closer())
 
     def not_reached(self) -> Verdict:
@@ -308,11 +320,6 @@ class _Case:
         change = f"the mismatch {'stayed at' if before == after else moved} {after}"
         if self.known:
             change += f" ({self.outcome.verified:.2g} by flow lines)"
-        if self.remedies.raised:
-            change += (
-                f" with sigma raised to {self.outcome.unmatched:.2g}, which is what smooth flows "
-                "leave of the functions"
-            )
         words = [remedy.words for remedy in remedies] + [advised] * bool(advised)
         if self.outcome.stop_reason.is_early:
             remedies = (*remedies, GO_ON)
@@ -332,7 +339,9 @@ class _Case:
         if outcome.stop_reason.is_early:
             return self._verdict(kind, self._early_end(), "")
         helps = [remedies.further()] if remedies.too_far else [remedies.more_time()]
-        confirmed = not self.known or outcome.verified <= CONFIRMED * max(outcome.mismatch, MATCHED)
+        confirmed = not self.known or outcome.verified <= 2 * max(
+            outcome.mismatch, self.parameters.goal
+        )
         if confirmed and not remedies.too_far:
             helps.append(GO_ON)
         return self._verdict(kind, f"{self._early_end()}, still falling", "", *helps)
@@ -384,8 +393,8 @@ class _Case:
             return "memory ran out, and the best field so far was kept"
         return f"it stopped after the {self.parameters.iterations} iterations it was given"
 
-    def _truer(self, or_smoother: bool = False) -> list[Remedy]:
-        """Return what makes flow lines confirm a match, where they refute it beyond defaults."""
-        if truer := self.remedies.truer():
-            return [truer]
-        return [self.remedies.smoother()] if or_smoother and self.remedies.is_carried else []
+    def _truer(self) -> list[Remedy]:
+        """Return what makes flow lines confirm a match. None of it undoes another: a mesh only gets
+        finer, a field smoother up to the default, sigma smaller.
+        """
+        return [found for found in (self.remedies.truer(), self.remedies.refine()) if found]

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from abfm.matching.solvability import detail
+from abfm.matching.solvability import is_measured
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LAST, WARMEST, Parameters
 
@@ -15,7 +15,6 @@ _PAYING, _OVER = 0.03, 6
 _SHARE = 0.75  # of all iterations, before the mesh itself
 _CLOSE = 0.6  # of the goal: how close a step comes, as flow lines seldom confirm as much
 _ROUNDING = 1e-9  # of a number of steps
-_DETAIL = 20  # peaks and pits: functions with more were measured, or are as hard to match exactly
 
 
 @dataclass(frozen=True)
@@ -45,15 +44,16 @@ class Stage:
 class Course:
     """The steps of a match by its parameters, on so many meshes, and what they are to find.
 
-    What the user gives is where it ends: a given sigma is the last one. Without, functions of little
-    detail are taken to match exactly, and the way ends where that is confirmed; others are taken to
-    be measured, and the way ends where it only gains what was not there (`held_out`).
+    What the user gives is where it ends: a given sigma is the last one. Without, functions of
+    little detail are taken to match exactly, and the way ends where that is confirmed; others are
+    taken to be measured, and the way ends where it gains too little of what it has not seen
+    (`held_out`).
     """
 
     def __init__(self, p: Parameters, functions: FunctionTerm, meshes: int) -> None:
         self._p, self._meshes = p, meshes
         self.is_given = p.sigma is not None
-        self._has_detail = detail(functions) > _DETAIL
+        self._has_detail = is_measured(functions)
         # as in the paper: every step goes on to the end of its iterations
         self.is_fixed = p.stage_iterations > 0 or (p.reach == 0 and meshes == 1)
         self.is_measured = self._has_detail and not self.is_given
@@ -71,7 +71,11 @@ class Course:
 
     def stage(self, level: int, sigma: float, alpha: float, reach: float = 0.0) -> Stage:
         p, is_last = self._p, level >= self._meshes - 1
-        own = p.stage_limits()[0 if sigma > self.sigmas[-1] else -1] if self.is_fixed else p.iterations
+        own = (
+            p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
+            if self.is_fixed
+            else p.iterations
+        )
         goal = 0.0 if self.is_given or self.is_fixed or self.is_measured else _CLOSE * p.goal
         until = p.iterations if is_last else int(_SHARE * p.iterations)
         return Stage(level, sigma, alpha, reach, own, until, self.is_fixed, goal)

@@ -6,19 +6,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
-from abfm.calculus.vector_fields import to_ambient
-from abfm.errors import FunctionError, ParameterError
-from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.errors import FunctionError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.solvability import range_bound
+from abfm.matching.solving.course import Stage
 from abfm.matching.solving.levels import on_the_mesh
 from abfm.matching.solving.record import Record, StopReason
-from abfm.matching.solving.course import Stage
 from abfm.mesh import TriangleMesh
 from abfm.numerics.optimizer import LBFGS, State
 from abfm.types import FloatArray
@@ -167,9 +165,7 @@ def search(
 ) -> LBFGS[Evaluation]:
     """Return the search of a stage, which tells of each evaluation."""
     p = energy.parameters
-    objective = energy.objective(
-        stage.sigma, stage.reach, alpha=stage.alpha, tolerance=_TOLERANCE
-    )
+    objective = energy.objective(stage.sigma, stage.reach, alpha=stage.alpha, tolerance=_TOLERANCE)
     regularity, step = objective.regularity, energy.step
 
     def evaluate(x: FloatArray) -> Evaluation:

@@ -11,9 +11,10 @@ import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.objective.matching_energy import Evaluation
+from abfm.matching.path import PathStep
 from abfm.matching.solvability import stood_still, vanished
-from abfm.matching.solving.levels import Level
 from abfm.matching.solving.course import NEARLY, Stage
+from abfm.matching.solving.levels import Level
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import mean_of_children
@@ -88,6 +89,20 @@ class Mark:
     log2_shape: float = math.nan
     held_out: float = math.nan  # mismatch of what was held out, see `held_out`
 
+    def step(self, velocity: FloatArray) -> PathStep:
+        """Return it for a path, with its fields (N, 4^k F, 3)."""
+        return PathStep(
+            self.stage.sigma,
+            self.stage.alpha,
+            self.stage.reach,
+            velocity,
+            self.mismatch,
+            self.verified_mismatch,
+            self.folded,
+            self.log2_area,
+            self.log2_shape,
+        )
+
     @property
     def worse(self) -> float:
         """The mismatch by the worse of the two witnesses, as far as both are known."""
@@ -113,7 +128,7 @@ class Iteration:
     mismatch: float  # ``||f_tau - g|| / ||g||`` on the mesh of this level
     evaluations: int  # of energy and gradient so far
     look: Look
-    path: tuple[Mark, ...] = ()  # the steps of this way so far
+    path: tuple[PathStep, ...] = ()  # the steps of this way so far, whose fields come at the end
 
     @property
     def velocity(self) -> FloatArray:
@@ -138,6 +153,7 @@ class Found:
     levels: list[Level]  # from its own to that of the mesh itself, or that of a finer one alone
     mesh: TriangleMesh  # itself, of area 1
     iteration: int
+    is_trying: bool  # whether there are other ways to try
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -156,6 +172,8 @@ class Found:
 
     @cached_property
     def warning(self) -> str | None:
+        if self.is_trying:
+            return None
         return early_warning(self.levels[0].energy.functions, self.carried, self.iteration)
 
 
@@ -173,7 +191,8 @@ class Record:
         self.schedule: list[Stage] = []
         self.evaluations = 0
         self.level: int | None = None  # of the latest iterate
-        self.path: tuple[Mark, ...] = ()  # the steps of the present way so far
+        self.path: tuple[PathStep, ...] = ()  # the steps of the present way so far
+        self.is_trying = False  # whether the target is looked for, with other ways to try
         self._on_iteration = on_iteration
 
     def add(self, levels: list[Level], own: int, stage: Stage, point: Evaluation) -> None:
@@ -203,7 +222,7 @@ class Record:
             shares=shares,
             mismatch=energy.relative_mismatch(point.advected),
             evaluations=self.evaluations,
-            look=Found(point.x, carried, between, levels[own].energy.mesh, number),
+            look=Found(point.x, carried, between, levels[own].energy.mesh, number, self.is_trying),
             path=self.path,
         )
         try:

@@ -29,7 +29,9 @@ _UNSTABLE = 1e8
 _ASTRAY = 3.0
 _GAIN = 0.03  # of what is left by the worse witness: what a finer mesh must gain
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
-_EFFORT, _LEAST = 2.0, 3  # times what was spent before, for a finer mesh; and iterations on it
+_FINER = 2  # times that the mesh is subdivided without being asked for
+_EFFORT, _LEAST = 4.0, 3  # times what was spent before, for a finer mesh; and iterations on it
+_LATER = np.empty((1, 0, 3))  # instead of fields
 _PATIENCE = 2  # steps after the best one, before a measured way ends
 
 
@@ -95,14 +97,15 @@ class Solver:
         x = self._first(start)
         for alpha in self._course.alphas:
             self._descent.progress, self.way = Progress(), []
+            self.record.is_trying = alpha != self._course.alphas[-1]
             self._walk(x, alpha)
             self._earlier.append(self.way)
             if not self._course.is_measured and self._value(self.way) <= NEARLY:
                 break
-        self.way = min(self._earlier, key=self._value)
+        self.way, self.record.is_trying = min(self._earlier, key=self._value), False
 
     def _end_on_the_mesh(self) -> None:
-        """Take the end of the way to the mesh itself, and on from there where that may be needed."""
+        """Take the end of the way to the mesh itself, and on from there if that is needed."""
         course, index = self._course, self._best(self.way)
         mark, after = self.way[index], self.way[index + 1 :]
         self.way = self.way[:index]
@@ -162,45 +165,45 @@ class Solver:
 
     def _refine(self) -> None:
         """Go on on finer meshes while flow lines leave more than the goal, and it pays."""
-        descent, p = self._descent, self.energy.parameters
-        course, asked = self._course, p.refine is not None
-        if p.refine == 0 or course.is_fixed:
+        p, course, descent = self.energy.parameters, self._course, self._descent
+        ends = course.is_measured or course.is_given
+        if p.refine == 0 or course.is_fixed or (p.refine is None and ends):
             return
-        if not asked and (course.is_measured or course.is_given):
-            return
-        for _ in range(p.refine or 2):
+        for _ in range(p.refine or _FINER):
             there = self._there()
             if not there:
                 return
             mark = self.way[there[self._best([self.way[i] for i in there])]]
-            energy = descent.levels[-1].energy
-            size = len(energy.mesh.vertices) + len(energy.mesh.edges)
-            if mark.worse <= self._goal:
-                return
-            if not asked and (size > _FINEST or not mark.verified_mismatch > self._goal):
+            mesh = descent.levels[-1].energy.mesh
+            is_fine = len(mesh.vertices) + len(mesh.edges) > _FINEST
+            if mark.worse <= self._goal or (p.refine is None and is_fine):
                 return
             try:
                 descent.levels[-1:] = subdivided(descent.levels[-1])
-            except AbfmError:
+            except AbfmError:  # of faces without area, or of a term that has no place there
                 return
-            finest, before = len(descent.levels) - 1, self.way
-            until = (1 + _EFFORT) * descent.effort
-            stage = course.stage(finest, mark.stage.sigma, mark.stage.alpha)
-            at = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
-            for sigma in (sigma for sigma in course.sigmas if sigma <= mark.stage.sigma):
-                stage = course.stage(finest, sigma, mark.stage.alpha)
-                affordable = (until - descent.effort) / descent.cost(finest, at.x)
-                if not asked and affordable < _LEAST:
-                    break
-                if not asked:
-                    stage = replace(stage, iterations=min(stage.iterations, int(affordable)))
-                at = descent.minimise(stage, at if sigma == mark.stage.sigma else at.x)
-                self._mark(stage)
-                if self._is_over():
+            before = len(self.way)
+            self._go_on_finer(mark)
+            found = [mark.worse for mark in self.way[before:]]
+            if p.refine is None and not (found and min(found) < (1 - _GAIN) * mark.worse):
+                return
+
+    def _go_on_finer(self, mark: Mark) -> None:
+        """Go on from a step on the finest mesh; unless asked for with as much effort as is left."""
+        p, course, descent = self.energy.parameters, self._course, self._descent
+        finest, until = len(descent.levels) - 1, (1 + _EFFORT) * descent.effort
+        stage = course.stage(finest, mark.stage.sigma, mark.stage.alpha)
+        point = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
+        for sigma in (sigma for sigma in course.sigmas if sigma <= mark.stage.sigma):
+            stage = course.stage(finest, sigma, mark.stage.alpha)
+            if p.refine is None:
+                left = (until - descent.effort) / descent.cost(finest, point.x)
+                if left < _LEAST:
                     return
-            if len(self.way) == len(before):
-                return
-            if not asked and min(m.worse for m in self.way[len(before) :]) > (1 - _GAIN) * mark.worse:
+                stage = replace(stage, iterations=min(stage.iterations, int(left)))
+            point = descent.minimise(stage, point if sigma == mark.stage.sigma else point.x)
+            self._mark(stage)
+            if self._is_over():
                 return
 
     def _there(self) -> list[int]:
@@ -222,7 +225,7 @@ class Solver:
         carried = best.advected[: len(energy.functions.source)]
         mismatch = energy.relative_mismatch(best.advected)
         self.way = [*self.way, Mark(stage, best.x, carried, mismatch, held_out=held_out, **said)]
-        self.record.path = tuple(self.way)
+        self.record.path = tuple(mark.step(_LATER) for mark in self.way)
 
     def _is_over(self) -> bool:
         """Tell whether the way has come to its end before the last sigma."""
@@ -251,7 +254,7 @@ class Solver:
 
     def _end(self, early: bool) -> None:
         """Choose the step that the match is: what moves nothing where no other leaves less."""
-        descent, own = self._descent, self._descent.own
+        own = self._descent.own
         if early:
             self._keep_the_latest()
         there = self._there()
@@ -288,24 +291,14 @@ class Solver:
                 point = descent.prolonged(x, level, on, left)
             energy = descent.levels[on.level].energy
             carried = point.advected[: len(energy.functions.source)]
-            self.way = [*self.way, Mark(on, point.x, carried, energy.relative_mismatch(point.advected))]
+            self.way = [
+                *self.way,
+                Mark(on, point.x, carried, energy.relative_mismatch(point.advected)),
+            ]
 
     def path(self) -> tuple[PathStep, ...]:
         """Return the way, with its fields on the mesh itself or on finer ones, in its units."""
-        return tuple(
-            PathStep(
-                mark.stage.sigma,
-                mark.stage.alpha,
-                mark.stage.reach,
-                self._velocity(mark),
-                mark.mismatch,
-                mark.verified_mismatch,
-                mark.folded,
-                mark.log2_area,
-                mark.log2_shape,
-            )
-            for mark in self.way
-        )
+        return tuple(mark.step(self._velocity(mark)) for mark in self.way)
 
     def _velocity(self, mark: Mark) -> FloatArray:
         x, descent, level = mark.x, self._descent, mark.stage.level
