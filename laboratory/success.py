@@ -28,7 +28,6 @@ BEFORE = Parameters(
     reach=0.0,
     order=1,
     levels=1,
-    balance=0.0,
     sigma=1e-3,
     sigma_unit="absolute",
     alpha=0.02,

@@ -27,10 +27,11 @@ PAPER: dict[str, Any] = {
     "reach": 0.0,
     "levels": 1,
     "sigma_unit": "absolute",
-    "balance": 0.0,
     "refine": 0,
 }
 """What makes energy and minimisation those of the paper; also what files of before had."""
+FORMER = ("balance",)
+"""Parameters that files of before name and that mean nothing any more."""
 
 
 class Range(NamedTuple):
@@ -64,7 +65,6 @@ sigma: weight of the match against the smoothness, the last of its path: smaller
 sigma_unit: sigma as a fraction of the functions' deviation from their mean in L2, or as the paper
   has it
 reach: how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper
-balance: weight of flow lines against the discrete advection in the end; 0 as the paper
 goal: mismatch that counts as matched, if flow lines leave no more
 refine: how often the mesh may be subdivided where it is too coarse; 0 never, not given by its
   resolution
@@ -114,7 +114,6 @@ class Parameters:
     sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)
     sigma_unit: Literal["relative", "absolute"] = _of("sigma_unit", "relative")
     reach: float = _of("reach", 1.0, "", Range(0, 10))
-    balance: float = _of("balance", 0.5, "", Range(0, 1))
     goal: float = _of("goal", 0.05, "", Range(0, 1, without_low=True))
     refine: int | None = _of("refine", None, "", Range(0, MOST_REFINED))
     levels: int = _of("levels", 0, "", Range(0, 10))
@@ -181,11 +180,13 @@ class Parameters:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Parameters:
-        """Return the parameters that `to_dict` wrote; unknown names are refused.
+        """Return the parameters that `to_dict` wrote; those of `FORMER` are left out, and unknown
+        names refused.
 
         Values that name nothing of `PAPER` were written before there was anything but the paper's
         energy, and mean it.
         """
+        values = {name: value for name, value in values.items() if name not in FORMER}
         known = {entry.name for entry in fields(cls)}
         unknown = sorted(set(values) - known)
         if unknown:
@@ -314,7 +315,7 @@ NOTE = (
     "Table 1 of the paper: tau, alpha, beta, sigma, N and n as printed. The paper's meshes keep "
     "their own size, those here are scaled to unit area, so alpha, beta and sigma weigh "
     "differently. A starred sigma is the first of three cooling stages here, each 10 times "
-    "smaller. Order, reach, levels, balance and refine are such that the energy is the paper's; "
+    "smaller. Order, reach, levels and refine are such that the energy is the paper's; "
     "iterations, gradient and optimiser stay as they are."
 )
 """What is taken over from the table, and what is not."""

@@ -75,7 +75,7 @@ def test_surfaces_without_a_mirror_have_no_descriptors():
 
 
 def test_before_is_the_solver_without_what_came_later():
-    paper = {"reach": 0.0, "order": 1, "levels": 1, "balance": 0.0, "sigma_unit": "absolute"}
+    paper = {"reach": 0.0, "order": 1, "levels": 1, "sigma_unit": "absolute"}
     assert paper.items() <= BEFORE.to_dict().items()
     assert list(VERSIONS) == ["before", "now"]
     assert VERSIONS["now"] == Parameters()

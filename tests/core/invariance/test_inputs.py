@@ -203,7 +203,7 @@ def test_alike_constant_or_far_apart(course):
 def test_a_constant_added_to_both_changes_no_field(exponent, course):
     """Up to rounding ``eps |c|``; stages are of fixed length, as else they end by ``||g||``."""
     shift = np.copysign(10 ** abs(exponent), exponent)
-    course = {"balance": 0, "stage_iterations": 1, **course}
+    course = {"stage_iterations": 1, **course}
     plain, raised = (matched(F + c, G + c, **course) for c in (0, shift))
     tolerance, largest = 1e-6 + 1e-8 * abs(shift), np.abs(plain.velocity).max()
     assert np.abs(raised.velocity - plain.velocity).max() <= tolerance * largest

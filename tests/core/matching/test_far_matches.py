@@ -211,7 +211,7 @@ def test_cancelled_from_another_thread_also_while_paused(control):
 
 
 def test_a_start_near_the_target_is_gone_on_from_and_else_the_way_is_looked_for_again():
-    p, field = replace(QUICK, levels=2, balance=0), rotation_field(SPHERE, [-np.deg2rad(60), 0, 0])
+    p, field = replace(QUICK, levels=2), rotation_field(SPHERE, [-np.deg2rad(60), 0, 0])
     match, seen = matched(60, p, start=field)
     assert {one.level for one in seen} == {0}
     assert {one.levels for one in seen} == {1}
@@ -255,7 +255,7 @@ def test_beside_a_needle_nothing_is_found_that_is_worse_than_not_moving(tip, sta
     corners = [[0, 0, 0], [1, 0, 0], [0.3, 0.9, 0], [tip, -1e-10, 0]]
     mesh = TriangleMesh(np.array(corners), [[0, 1, 2], [1, 0, 3]])
     given = None if start is None else start * wavy_field(mesh, 0)
-    p = Parameters(iterations=8, balance=0)
+    p = Parameters(iterations=8)
     for a, b in ((0, 2), (3, 0), (3, 1), (3, 2)):
         f, g = bump(mesh, mesh.vertices[a], 0.15), bump(mesh, mesh.vertices[b], 0.15)
         match = abfm.match(mesh, f, g, p, start=given)
@@ -330,25 +330,3 @@ def test_the_papers_stages_are_plain_ones_of_sigma_in_either_unit_in_the_norm_of
     relative = 0.05 / one.problem.functions.function_size
     other, _ = matched(40, replace(absolute, sigma=relative, sigma_unit="relative"), SMALL, 0.2)
     assert_allclose(one.energy_history, other.energy_history, rtol=1e-6)
-
-
-def test_in_the_end_energies_rise_only_where_the_target_is_moved():
-    """Rounds of at most eight iterations weigh flow lines against the discrete advection."""
-    mesh, p = hemisphere(12), replace(QUICK, iterations=120)
-    f, g = bump(mesh, mesh.vertices[0], 0.15), bump(mesh, mesh.vertices[90], 0.15)
-    lines, without = (abfm.match(mesh, f, g, replace(p, balance=b)) for b in (0.5, 0.0))
-    energies = lines.energy_history[lines.stages == lines.stages[-1], 0]
-    assert all(k % 8 == 7 for k in np.flatnonzero(np.diff(energies) > 0))
-    assert len(lines.energy_history) > len(without.energy_history)
-    assert_array_equal(lines.energy_history[: len(without.energy_history)], without.energy_history)
-    assert lines.verified_mismatch < without.verified_mismatch
-    assert lines.mismatch < 0.06
-
-
-def test_what_flow_lines_gain_with_clusters_of_vertices_stays_on_the_mesh_itself():
-    given, seen = body("human_A.off", 500, 520, 0.2), []
-    with_lines = abfm.match(*given, on_iteration=seen.append)
-    without = abfm.match(*given, Parameters(balance=0.0))
-    assert seen[-1].level == seen[0].levels - 1 == 1
-    assert with_lines.mismatch < 0.05
-    assert with_lines.verified_mismatch < 0.8 * without.verified_mismatch

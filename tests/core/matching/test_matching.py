@@ -64,7 +64,7 @@ def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name):
 )
 def test_every_method_lowers_the_mismatch(mesh, changes):
     f, g = pair(mesh, 0, 20, 0.25)
-    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=30, sigma=0.01, balance=0, **changes))
+    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=30, sigma=0.01, **changes))
     assert match.mismatch < 0.3 * l2_norm(mesh, f - g) / l2_norm(mesh, g)
     assert_never_rises_within_a_stage(match)
 

@@ -242,7 +242,7 @@ def test_a_mask_is_a_function_or_its_file(as_file, tmp_path, abfm):
 
 def test_a_warm_start_begins_where_the_earlier_result_ended(tmp_path, abfm, result):
     first, second = tmp_path / "first.npz", tmp_path / "second.npz"
-    one_stage = "--cooling-stages 1 --reach 0 --levels 1 --balance 0"
+    one_stage = "--cooling-stages 1 --reach 0 --levels 1"
     abfm(f"{MATCH} {first} {one_stage} --iterations 8", status=UNREACHED)
     abfm(f"{MATCH} {second} {one_stage} --iterations 1 --start {first}", status=UNREACHED)
     energies = [load_match(path).energy_history for path in (first, second)]

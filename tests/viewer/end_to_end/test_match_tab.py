@@ -26,7 +26,6 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
         "iterations": (30, 300),
         "cooling_stages": (1, 4),
         "levels": (1, 3),
-        "balance": (0.25, 0.8),
         "cooling_factor": (4, 20),
         "stage_iterations": (17, 60),
         "memory": (8, 50),

@@ -10,7 +10,7 @@ from abfm.matching.solvability import Extrema, range_bound
 from abfm.matching.solving.course import NEARLY
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import CONSTANT, FunctionTerm
-from abfm.parameters import LARGEST_ALPHA, MANY, MOST_REFINED, SMALLEST, Parameters
+from abfm.parameters import FORMER, LARGEST_ALPHA, MANY, MOST_REFINED, SMALLEST, Parameters
 from abfm.types import FloatArray
 
 Kind = Literal["matched", "nearly", "registered", "not reached", "impossible"]
@@ -30,7 +30,6 @@ _LONGER = 4  # how many times as many iterations
 _COURSE = (
     "order",
     "levels",
-    "balance",
     "sigma",
     "sigma_unit",
     "cooling_stages",
@@ -66,6 +65,8 @@ class Remedy:
 
     def __post_init__(self) -> None:
         Parameters.from_dict(_USUAL.to_dict() | self.parameters)
+        kept = {name: value for name, value in self.parameters.items() if name not in FORMER}
+        object.__setattr__(self, "parameters", kept)  # of a file of before
 
 
 GO_ON = Remedy("Continue", "go on from this field", {}, True)
@@ -159,9 +160,7 @@ class Remedies:
             return self.further()
         if p.order == 1 or p.alpha < _USUAL.alpha:
             alpha = max(p.alpha, _USUAL.alpha)
-            changed = self._changes(
-                {"order": _USUAL.order, "alpha": alpha, "balance": _USUAL.balance}
-            )
+            changed = self._changes({"order": _USUAL.order, "alpha": alpha})
             values = " and ".join(f"{name} {value:g}" for name, value in changed.items())
             return Remedy("Smoother", f"a smoother field, by {values}", changed)
         return self.colder() if self.is_warm else None

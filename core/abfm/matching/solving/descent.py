@@ -1,6 +1,4 @@
-"""One stage of a match after the other: down in energy, from one mesh to the next, towards flow
-lines.
-"""
+"""One stage of a match after the other: down in energy, from one mesh to the next."""
 
 from __future__ import annotations
 
@@ -26,13 +24,6 @@ _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradien
 # of fields from a coarser mesh: times the mismatch there, and more, which is not the field's doing
 _WORSE, _GROWN = 2.0, 0.4
 _SCALES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # edges over which they are smoothed
-_ROUND = 8  # iterations between two comparisons with flow lines
-_ROUNDS = 6  # comparisons at most
-_GAP = 0.01  # difference of flow lines and discrete advection, over ||g||, that is worth balancing
-_APART = 0.5  # mismatch by flow lines beyond which both have nothing to share
-_LEAST_SHARE = 0.3  # of the parameters' balance
-_BETTER = 0.97  # of the mismatch before: a round that leaves more is the last one
-_MOST_WALKS = 50_000  # vertices: finer meshes carry what is matched on them
 
 Point = TypeVar("Point")
 

@@ -299,7 +299,7 @@ def remedies(parameters, degrees=60, width=0.1, unmatched=np.nan):
         (["More time", "Continue"], 60, Parameters(iterations=8)),
         (["More time"], 150, Parameters(iterations=8)),
         (["Match closer"], 150, Parameters(sigma=30.0, cooling_stages=1)),
-        (["Smoother"], 90, Parameters(order=1, alpha=0.001, balance=0.0)),
+        (["Smoother"], 90, Parameters(order=1, alpha=0.001)),
     ],
 )
 def test_each_remedy_lowers_what_flow_lines_leave(names, degrees, parameters):
@@ -315,7 +315,7 @@ def test_each_remedy_lowers_what_flow_lines_leave(names, degrees, parameters):
 
 def test_a_larger_tau_is_a_smaller_sigma():
     """So that there is no remedy of more time in that sense."""
-    p = Parameters(sigma=0.1, levels=1, balance=0.0, iterations=20)
+    p = Parameters(sigma=0.1, levels=1, iterations=20)
     slow, long = (
         abfm.match(EGG, around(0, 0.2), around(60, 0.2), replace(p, **changes))
         for changes in ({"sigma": 0.05}, {"tau": 4.0})
