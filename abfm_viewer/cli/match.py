@@ -37,9 +37,10 @@ Examples:
   abfm match spot.obj --source eigenfunction:7 --target eigenfunction:8 --tau 2 --out m.vtu
   abfm match spot.obj --channel hks:time=0.01 file:h.npy 2 --out m.npz
 
-The exit status is 0 when source and target are matched or nearly so, 3 when the target was not
-reached or no flow can reach it, with what to try, 2 for bad input, and 130 or 143 when Ctrl-C or
-SIGTERM ended the run; the best result is written in any case but that of bad input.
+The exit status is 0 when source and target are matched or nearly so, or measured functions are
+registered, as close as they bear; 3 when the target was not reached or no flow can reach it, with
+what to try; 2 for bad input; and 130 or 143 when Ctrl-C or SIGTERM ended the run. The best result
+is written in any case but that of bad input.
 
 A function (SPEC) is family:key=value,... and several may be added with +. Families:
   {", ".join(family.family for family in families())}

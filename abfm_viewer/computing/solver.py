@@ -265,6 +265,7 @@ class Solver:
         if (run := course.run(now.mismatch, snapshot.problem.parameters)) is None:
             raise AbfmError("the run of that iterate is over")
         reason = abfm.StopReason.CANCELLED
+        kind = abfm.matching.kind_of(now.mismatch, snapshot.problem.parameters.goal)
         found = abfm.Match(
             problem=snapshot.problem.problem(functions),
             fine_velocity=now.velocity,
@@ -275,7 +276,7 @@ class Solver:
             verified_mismatch=math.nan,
             folded=math.nan,
             stop_reason=reason,
-            verdict=abfm.matching.Verdict(abfm.matching.kind_of(now.mismatch), reason, ""),
+            verdict=abfm.matching.Verdict(kind, reason, ""),
         )
         course.keep(snapshot)
         return found, run

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 import abfm
 
 if TYPE_CHECKING:
@@ -22,12 +20,13 @@ _OTHERWISE = {  # of matches that did not come to their end
 }
 _ENDED = {  # of those that are matched, or nearly, without another cause
     "converged": "no change of the field gains anything more",
-    "goal reached": "flow lines seldom confirm a closer match",
+    "goal reached": "the mismatch came well below the goal",
     "no progress": "it stopped where going on gained little",
     "line search failed": "no step lowers the energy any more, which is often rounding",
     "iteration limit": "it stopped after the {iterations} iterations it was given",
 }
 _LEAST = 1e-4  # a smaller mismatch is told as less than this
+_MOST_LOG2 = 100.0  # of areas, by which they change: beyond, and if unknown, nothing is told
 _ALL = 0.995  # a share that reads as 100%
 
 
@@ -46,33 +45,37 @@ def counted(number: int, noun: str) -> str:
 
 
 def share(value: float) -> str:
-    """A share in percent, with as many digits as one reads: ``0.7%``, ``33%``."""
+    """A share in percent, rounded up, with as many digits as one reads: ``0.7%``, ``33%``."""
     if value < _LEAST:
         return f"less than {100 * _LEAST:g}%"
-    return f"{100 * value:.0f}%" if value >= 0.0095 else f"{100 * value:.1g}%"
+    digit = 0.01 if value >= 0.01 else 0.001 if value >= 0.001 else 0.0001
+    return f"{100 * digit * math.ceil(round(value / digit, 6)):.6g}%"
 
 
 def headline(match: abfm.Match) -> str:
     """Return how well it matches: ``matched to 0.7%``, ``nearly: 8% left``,
-    ``not reached: 33% left``, ``impossible``.
+    ``registered: 42% left, areas change by 16%``, ``not reached: 33% left``, ``impossible``.
 
-    The share is the mismatch that the word goes by (`Match.confirmed_mismatch`): a smaller one
-    never has a worse word. Where the word has another cause, such as folds, there is none; `why`
-    has the cause.
+    The share is what the worse of the two witnesses leaves (`Match.confirmed_mismatch`): a smaller
+    one never has a worse word by size. Where the word has another cause, such as folds, there is
+    none; `why` has the cause.
     """
     if match.stop_reason == "given":
         return "field given"
     kind, confirmed = match.verdict.kind, match.confirmed_mismatch
-    told = abfm.matching.kind_of(confirmed)
+    told = abfm.matching.kind_of(confirmed, match.parameters.goal)
     left = f"{share(confirmed)} left"
     if told == "not reached":
-        largest = np.nanmax([match.mismatch, match.verified_mismatch])
-        if largest >= _ALL * match.initial_mismatch:
+        if confirmed >= _ALL * match.initial_mismatch:
             left = "nothing gained"
         elif confirmed >= _ALL:
             left = "little gained"
     if match.stop_reason == "cancelled":
         return f"cancelled: {left}"
+    if kind == "registered":
+        cost = match.path[match.step].log2_area
+        areas = f", areas change by {share(2**cost - 1)}" if cost < _MOST_LOG2 else ""
+        return f"registered: {left}{areas}"
     if kind != told:
         return kind
     return f"matched to {share(confirmed)}" if kind == "matched" else f"{kind}: {left}"
@@ -81,7 +84,7 @@ def headline(match: abfm.Match) -> str:
 def tone(match: abfm.Match) -> Tone:
     if match.stop_reason in _OTHERWISE or match.verdict.kind == "nearly":
         return "ink"
-    return "good" if match.verdict.kind == "matched" else "failure"
+    return "good" if match.verdict.kind in ("matched", "registered") else "failure"
 
 
 def is_broken_off(match: abfm.Match) -> bool:
@@ -92,7 +95,13 @@ def why(match: abfm.Match) -> str:
     if match.stop_reason in _OTHERWISE:
         return _OTHERWISE[match.stop_reason]
     ended = _ENDED.get(match.stop_reason, match.stop_reason)
-    return match.verdict.cause or ended.format(iterations=match.parameters.iterations)
+    told = match.verdict.cause or ended.format(iterations=match.parameters.iterations)
+    if match.verdict.kind == "registered":
+        return f"{told}; at first {share(match.initial_mismatch)} was left"
+    is_known = not math.isnan(match.verified_mismatch)
+    if match.verdict.kind == "matched" and is_known and not match.verdict.cause:
+        return f"the discrete flow and flow lines both leave at most {share(match.parameters.goal)}"
+    return told
 
 
 def advice(match: abfm.Match) -> str:

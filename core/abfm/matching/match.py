@@ -164,7 +164,7 @@ class Match:
 
     @property
     def confirmed_mismatch(self) -> float:
-        """What is surely left: the mismatch, or half of that by flow lines if it is more."""
+        """What is left by the worse of the two witnesses, discrete flow and flow lines."""
         return verdicts.confirmed_mismatch(self.mismatch, self.verified_mismatch)
 
     @cached_property
@@ -214,7 +214,7 @@ class Match:
             folded=found.folded,
             step=step % len(self.path),
         )
-        judged = replace(other, verdict=other._judged())
+        judged = replace(other, verdict=other._judged().of_a_step(found.sigma))
         return judged._held_against(problem, carried)
 
     def borne_out(self) -> Match:
@@ -269,7 +269,8 @@ class Match:
     def _is_overpraised(self) -> bool:
         """Say whether the verdict's word is better than the one for what is left."""
         words = get_args(verdicts.Kind)[:2]  # from the best on
-        told, due = self.verdict.kind, verdicts.kind_of(self.confirmed_mismatch)
+        told = self.verdict.kind
+        due = verdicts.kind_of(self.confirmed_mismatch, self.parameters.goal)
         return told in words and (due not in words or words.index(due) > words.index(told))
 
     def _judged(self) -> Verdict:
@@ -279,6 +280,8 @@ class Match:
             self.stop_reason,
             self.verified_mismatch,
             self.folded,
+            log2_area=self.path[self.step].log2_area,
+            refined=self.refined,
         )
         return verdicts.advice(self.problem.functions, outcome, self.parameters)
 
@@ -507,7 +510,7 @@ def match_of(
     reason = StopReason.of_file(parts["stop_reason"])
     if verdict is None:
         left = verdicts.confirmed_mismatch(parts["mismatch"], parts["verified_mismatch"])
-        verdict = Verdict(verdicts.kind_of(left), reason, "")
+        verdict = Verdict(verdicts.kind_of(left, parameters.goal), reason, "")
     problem = problem_of(mesh, given, parameters)
     return Match(problem=problem, **parts | {"stop_reason": reason, "verdict": verdict})
 

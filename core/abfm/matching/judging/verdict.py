@@ -16,6 +16,7 @@ from abfm.types import FloatArray
 Kind = Literal["matched", "nearly", "registered", "not reached", "impossible"]
 
 _GAINED = 0.03  # of the first mismatch: less is no registration
+_MOST_LOG2 = 100.0  # of a change of areas that is told
 FOLDED = 0.1  # share of the faces beyond which a map is not to be trusted; an exact flow folds none
 # an energy still falls that has fallen by this share within so many iterations
 _RECENT, _FALLING = 10, 0.01
@@ -88,6 +89,13 @@ class Verdict:
     def cause(self) -> str:
         """What the mismatches mean; empty where they speak for themselves."""
         return self.reason.partition(": ")[2]
+
+    def of_a_step(self, sigma: float) -> "Verdict":
+        """Return it for a step of a path: why the whole ended, and what helps it, is not told."""
+        if self.kind in ("matched", "impossible"):
+            return self
+        change = self.reason.partition(": ")[0]
+        return Verdict(self.kind, f"{change}: a step of the path, with sigma {sigma:.3g}", "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,12 +254,8 @@ class _Case:
             return None
         if not solvability.is_measured(self.functions):
             return None
-        areas = 100 * (2**outcome.log2_area - 1)
-        why = f"areas change by {areas:.0f}% on average" if math.isfinite(areas) else ""
-        if self.parameters.sigma is None:
-            kept = "a closer match would not hold where it was not fitted"
-            why = f"{why}, and {kept}" if why else kept
-        return self._verdict("registered", why, "")
+        kept = "a closer match would not hold where it was not fitted"
+        return self._verdict("registered", kept * (self.parameters.sigma is None), "")
 
     def unconfirmed(self) -> Verdict | None:
         """A small mismatch of the discrete flow that is not one of the flow."""
@@ -319,6 +323,9 @@ class _Case:
         change = f"the mismatch {'stayed at' if before == after else moved} {after}"
         if self.known:
             change += f" ({self.outcome.verified:.2g} by flow lines)"
+        if kind == "registered" and self.outcome.log2_area < _MOST_LOG2:
+            areas = 100 * (2**self.outcome.log2_area - 1)
+            change += f", and areas change by {areas:.0f}% on average"
         words = [remedy.words for remedy in remedies] + [advised] * bool(advised)
         if self.outcome.stop_reason.is_early:
             remedies = (*remedies, GO_ON)

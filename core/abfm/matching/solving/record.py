@@ -30,7 +30,7 @@ class StopReason(StrEnum):
     """
 
     CONVERGED = "converged"  # the gradient is as small as the tolerance asks, or rounding allows
-    GOAL_REACHED = "goal reached"  # the mismatch is so small that flow lines seldom confirm less
+    GOAL_REACHED = "goal reached"  # the mismatch came well below the goal
     NO_PROGRESS = "no progress"  # the energy fell too little to go on
     ITERATION_LIMIT = "iteration limit"
     LINE_SEARCH_FAILED = "line search failed"  # no step lowers the energy: often rounding
