@@ -68,16 +68,38 @@ class Descent:
 
     def prolonged(self, x: FloatArray, level: int, stage: Stage, mismatch: float) -> Evaluation:
         """Bring fields (N, F, 2) of a level, which left so much there, to that of a stage."""
-        checkpoint()
-        for coarser in self.levels[level : stage.level]:
-            x = coarser.fields_to_finer(x)
         energy, evaluate = self.levels[stage.level].energy, self._search(stage).evaluate
 
         def measured(fields: FloatArray) -> tuple[Evaluation, float]:
             point = evaluate(fields)
             return point, energy.relative_mismatch(point.advected)
 
-        return calmed(energy.mesh, x, mismatch, measured)
+        return self._brought(x, level, stage.level, mismatch, measured)
+
+    def kept(
+        self, x: FloatArray, level: int, to: int, mismatch: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """The same with no gradient, which takes memory; return fields and what they carry."""
+        energy = self.levels[to].energy
+
+        def measured(fields: FloatArray) -> tuple[tuple[FloatArray, FloatArray], float]:
+            carried = energy.advected(fields)
+            return (fields, carried), energy.relative_mismatch(carried)
+
+        return self._brought(x, level, to, mismatch, measured)
+
+    def _brought(
+        self,
+        x: FloatArray,
+        level: int,
+        to: int,
+        mismatch: float,
+        measured: Callable[[FloatArray], tuple[Point, float]],
+    ) -> Point:
+        checkpoint()
+        for coarser in self.levels[level:to]:
+            x = coarser.fields_to_finer(x)
+        return calmed(self.levels[to].energy.mesh, x, mismatch, measured)
 
     def minimise(self, stage: Stage, start: FloatArray | Evaluation) -> Evaluation:
         """Run a stage to its end."""

@@ -153,7 +153,7 @@ class Found:
     levels: list[Level]  # from its own to that of the mesh itself, or that of a finer one alone
     mesh: TriangleMesh  # itself, of area 1
     iteration: int
-    is_trying: bool  # whether there are other ways to try
+    is_trying: bool  # whether there are other ways or smaller sigmas to try
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -192,7 +192,7 @@ class Record:
         self.evaluations = 0
         self.level: int | None = None  # of the latest iterate
         self.path: tuple[PathStep, ...] = ()  # the steps of the present way so far
-        self.is_trying = False  # whether the target is looked for, with other ways to try
+        self.is_trying = False  # whether there is more to try
         self._on_iteration = on_iteration
 
     def add(self, levels: list[Level], own: int, stage: Stage, point: Evaluation) -> None:

@@ -4,6 +4,7 @@ finer ones.
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from abfm.matching.solving.held_out import PRICE, HeldOut
 from abfm.matching.solving.levels import levels, subdivided
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
 from abfm.types import FloatArray
-from abfm.workers.control import CancelledError
+from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
 
 _LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
@@ -74,7 +75,8 @@ class Solver:
                 # which would keep this frame, and all that it made, for the collector
                 del of_caller
         # here, where nothing of what was under way takes memory any more
-        self._end(reason is not None)
+        with controlled(Control()):  # what was found is kept though it was cancelled
+            self._end(reason is not None)
         return reason or self._descent.reason
 
     def _descend(self) -> None:
@@ -97,7 +99,6 @@ class Solver:
         x = self._first(start)
         for alpha in self._course.alphas:
             self._descent.progress, self.way = Progress(), []
-            self.record.is_trying = alpha != self._course.alphas[-1]
             self._walk(x, alpha)
             self._earlier.append(self.way)
             if not self._course.is_measured and self._value(self.way) <= NEARLY:
@@ -121,6 +122,8 @@ class Solver:
         reach, energy = p.reach, descent.levels[0].energy
         held = HeldOut(energy, x) if course.is_measured else None
         for sigma in course.sigmas:
+            is_last = alpha == course.alphas[-1] and sigma == course.sigmas[-1]
+            self.record.is_trying = not (is_last or course.is_fixed)
             stages = []
             if reach:
                 stages.append(course.stage(0, sigma, alpha, reach))
@@ -158,9 +161,13 @@ class Solver:
                 if self._is_over():
                     break
             x, left, sigmas = descent.best.x, descent.mismatch, sigmas[-1:]
-            left_here = self.energy.relative_mismatch(self.energy.advected(x))
+            carried = self.energy.advected(x)
+            left_here = self.energy.relative_mismatch(carried)
             if top < descent.own and left_here <= self._goal:
-                self.way[-1] = replace(self.way[-1], stage=replace(stage, level=descent.own))
+                sources = carried[: len(self.energy.functions.source)]
+                on = replace(stage, level=descent.own)
+                found = replace(self.way[-1], stage=on, carried=sources, mismatch=left_here)
+                self.way[-1] = found
                 break
 
     def _refine(self) -> None:
@@ -220,7 +227,10 @@ class Solver:
         energy, best = descent.levels[stage.level].energy, descent.best
         said = {}
         if not self._course.is_fixed and energy.parameters.method != "linearised":
-            with step("checking by flow lines", len(energy.mesh.vertices)):
+            with (
+                suppress(MemoryError),
+                step("checking by flow lines", len(energy.mesh.vertices)),
+            ):
                 said = measured(energy, to_ambient(energy.mesh, best.x))
         carried = best.advected[: len(energy.functions.source)]
         mismatch = energy.relative_mismatch(best.advected)
@@ -234,7 +244,9 @@ class Solver:
             return False
         if course.is_measured:
             return self._best(self.way) < len(self.way) - _PATIENCE
-        return self.way[-1].worse <= self._goal
+        # less than the stage's goal is not sought with a smaller sigma either
+        is_done = self._descent.reason is StopReason.GOAL_REACHED
+        return is_done or self.way[-1].worse <= self._goal
 
     def _best(self, way: list[Mark]) -> int:
         """Return which step of a way is its end."""
@@ -275,26 +287,22 @@ class Solver:
         """Make a step of the iterate at which it was broken off, or of the best step before."""
         descent, own = self._descent, self._descent.own
         ways = [way for way in (*self._earlier, self.way) if way]
-        best = min((mark for way in ways for mark in way), key=lambda m: m.mismatch, default=None)
-        if best is not None and best not in self.way:
-            self.way = next(way for way in ways if best in way)
-        if descent.progress.best is None:
+        marks = [mark for way in ways for mark in way]
+        if descent.progress.best is not None:
+            stage, point = self.record.schedule[-1], descent.best
+            marks.append(Mark(stage, point.x, point.advected, descent.mismatch))
+        if not marks:
             return
-        stage, point = self.record.schedule[-1], descent.best
-        if best is None or descent.mismatch < best.mismatch or best.stage.level < own:
-            if best is not None and best.mismatch <= descent.mismatch:
-                stage, x, level, left = best.stage, best.x, best.stage.level, best.mismatch
-            else:
-                x, level, left = point.x, descent.level, descent.mismatch
-            on = replace(stage, level=max(level, own))
-            if level < own:
-                point = descent.prolonged(x, level, on, left)
-            energy = descent.levels[on.level].energy
-            carried = point.advected[: len(energy.functions.source)]
-            self.way = [
-                *self.way,
-                Mark(on, point.x, carried, energy.relative_mismatch(point.advected)),
-            ]
+        on_the_mesh = [mark for mark in marks if mark.stage.level >= own]
+        best = min(on_the_mesh or marks, key=lambda mark: mark.mismatch)
+        self.way = next((way for way in ways if best in way), self.way)
+        if best in self.way and on_the_mesh:
+            return
+        level = max(best.stage.level, own)
+        x, carried = descent.kept(best.x, best.stage.level, level, best.mismatch)
+        energy, on = descent.levels[level].energy, replace(best.stage, level=level)
+        sources = carried[: len(energy.functions.source)]
+        self.way = [*self.way, Mark(on, x, sources, energy.relative_mismatch(carried))]
 
     def path(self) -> tuple[PathStep, ...]:
         """Return the way, with its fields on the mesh itself or on finer ones, in its units."""
