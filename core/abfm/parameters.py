@@ -15,7 +15,7 @@ LARGEST_ALPHA = 1e7
 SMALLEST, _LARGEST = 1e-30, 1e30
 MANY = 1_000_000_000
 """The most that whole numbers may be which nothing else bounds."""
-LAST = 0.02
+LAST = 0.008
 """The last sigma unless one is given: flow lines confirm hardly less of any functions."""
 WARMEST = 18.0
 """The largest sigma that a path to a smaller one begins with, in the unit of that one."""

@@ -101,10 +101,12 @@ class Descent:
             x = coarser.fields_to_finer(x)
         return calmed(self.levels[to].energy.mesh, x, mismatch, measured)
 
-    def minimise(self, stage: Stage, start: FloatArray | Evaluation) -> Evaluation:
-        """Run a stage to its end."""
+    def minimise(
+        self, stage: Stage, start: FloatArray | Evaluation, offset: FloatArray | None = None
+    ) -> Evaluation:
+        """Run a stage to its end; what is left may be an offset (C, V)."""
         self._record.schedule.append(stage)
-        search = self._search(stage)
+        search = self._search(stage, offset)
         self._arrive(stage, start if isinstance(start, Evaluation) else search.evaluate(start))
         self.reason = StopReason.GOAL_REACHED
         goal = self.attainable(stage.goal)
@@ -166,19 +168,24 @@ class Descent:
             return search.init(best.x, best)
         return search.init(best.x, best, learned, (before.sigma / stage.sigma) ** 2)
 
-    def _search(self, stage: Stage) -> LBFGS[Evaluation]:
+    def _search(self, stage: Stage, offset: FloatArray | None = None) -> LBFGS[Evaluation]:
         def counted() -> None:
             self._record.evaluations += 1
 
-        return search(self.levels[stage.level].energy, stage, counted)
+        return search(self.levels[stage.level].energy, stage, counted, offset)
 
 
 def search(
-    energy: MatchingEnergy, stage: Stage, counted: Callable[[], None] = lambda: None
+    energy: MatchingEnergy,
+    stage: Stage,
+    counted: Callable[[], None] = lambda: None,
+    offset: FloatArray | None = None,
 ) -> LBFGS[Evaluation]:
     """Return the search of a stage, which tells of each evaluation."""
     p = energy.parameters
-    objective = energy.objective(stage.sigma, stage.reach, alpha=stage.alpha, tolerance=_TOLERANCE)
+    objective = energy.objective(
+        stage.sigma, stage.reach, alpha=stage.alpha, offset=offset, tolerance=_TOLERANCE
+    )
     regularity, step = objective.regularity, energy.step
 
     def evaluate(x: FloatArray) -> Evaluation:

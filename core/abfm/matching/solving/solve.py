@@ -11,7 +11,7 @@ import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AbfmError, ParameterError
-from abfm.matching.judging.measures import measured
+from abfm.matching.judging.measures import by_flow_lines, measured
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
 from abfm.matching.solving.course import NEARLY, Course, Stage
@@ -31,7 +31,9 @@ _ASTRAY = 3.0
 _GAIN = 0.03  # of what is left by the worse witness: what a finer mesh must gain
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
 _FINER = 2  # times that the mesh is subdivided without being asked for
-_EFFORT, _LEAST = 4.0, 3  # times what was spent before, for a finer mesh; and iterations on it
+_EFFORT, _LEAST = 2.0, 3  # times what was spent before, for a finer mesh; and iterations on it
+# of flow lines, in balance; how often they are asked, after how many iterations each
+_SHARE, _ROUNDS, _ROUND = 0.5, 3, 8
 _LATER = np.empty((1, 0, 3))  # instead of fields
 _PATIENCE = 2  # steps after the best one, before a measured way ends
 
@@ -92,6 +94,7 @@ class Solver:
             self._find(start)
             if top or self._clustered:
                 self._end_on_the_mesh()
+        self._balance()
         self._refine()
 
     def _find(self, start: FloatArray | None) -> None:
@@ -221,8 +224,35 @@ class Solver:
     def _goal(self) -> float:
         return self._descent.attainable(self.energy.parameters.goal)
 
+    def _balance(self) -> None:
+        """Weigh flow lines against the discrete advection, while the worse of them gains by it.
+
+        With ``g + b (f_tau - f o phi)`` as target a match has ``(1 - b) f_tau + b (f o phi) = g``.
+        """
+        descent, share = self._descent, _SHARE
+        course, energy = self._course, descent.levels[self.way[-1].stage.level].energy
+        if course.is_given or course.is_fixed or course.is_measured:
+            return
+        for _ in range(_ROUNDS):
+            mark = self.way[-1]
+            if mark.worse <= self._goal or not mark.verified_mismatch > mark.mismatch:
+                return
+            away = mark.carried - by_flow_lines(energy, mark.x)
+            stage = replace(mark.stage, iterations=_ROUND, fixed=True, goal=0.0)
+            descent.minimise(stage, mark.x, share * away)
+            found = self._judged(mark.stage)
+            if found.worse < mark.worse:
+                self.way[-1] = found
+            else:
+                share /= 2
+
     def _mark(self, stage: Stage, held_out: float = np.nan) -> None:
-        """Keep what a step came to, by all witnesses."""
+        """Keep what a step came to."""
+        self.way = [*self.way, self._judged(stage, held_out)]
+        self.record.path = tuple(mark.step(_LATER) for mark in self.way)
+
+    def _judged(self, stage: Stage, held_out: float = np.nan) -> Mark:
+        """Return what a step came to, by all witnesses."""
         descent = self._descent
         energy, best = descent.levels[stage.level].energy, descent.best
         said = {}
@@ -232,10 +262,8 @@ class Solver:
                 step("checking by flow lines", len(energy.mesh.vertices)),
             ):
                 said = measured(energy, to_ambient(energy.mesh, best.x))
-        carried = best.advected[: len(energy.functions.source)]
         mismatch = energy.relative_mismatch(best.advected)
-        self.way = [*self.way, Mark(stage, best.x, carried, mismatch, held_out=held_out, **said)]
-        self.record.path = tuple(mark.step(_LATER) for mark in self.way)
+        return Mark(stage, best.x, best.advected, mismatch, held_out=held_out, **said)
 
     def _is_over(self) -> bool:
         """Tell whether the way has come to its end before the last sigma."""
@@ -278,9 +306,8 @@ class Solver:
         rest = [self.energy.relative_mismatch(carried) for _, carried in self._at_rest]
         if not left <= max(rest):
             x, carried = self._at_rest[int(np.argmin(rest))]
-            sources = carried[: len(self.energy.functions.source)]
             stage = self._course.stage(own, self._course.sigmas[0], self.energy.parameters.alpha)
-            self.way.insert(0, Mark(stage, x, sources, min(rest)))
+            self.way.insert(0, Mark(stage, x, carried, min(rest)))
             self.step = 0
 
     def _keep_the_latest(self) -> None:
@@ -301,8 +328,7 @@ class Solver:
         level = max(best.stage.level, own)
         x, carried = descent.kept(best.x, best.stage.level, level, best.mismatch)
         energy, on = descent.levels[level].energy, replace(best.stage, level=level)
-        sources = carried[: len(energy.functions.source)]
-        self.way = [*self.way, Mark(on, x, sources, energy.relative_mismatch(carried))]
+        self.way = [*self.way, Mark(on, x, carried, energy.relative_mismatch(carried))]
 
     def path(self) -> tuple[PathStep, ...]:
         """Return the way, with its fields on the mesh itself or on finer ones, in its units."""
