@@ -19,6 +19,7 @@ from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.held_out import PRICE, HeldOut
 from abfm.matching.solving.levels import levels, subdivided
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
+from abfm.mesh.subdivision import times_subdivided
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
@@ -84,7 +85,11 @@ class Solver:
     def _descend(self) -> None:
         descent, p = self._descent, self.energy.parameters
         start = self._start()
-        if start is not None and not self._is_lost(start):
+        # measured functions have no close end that a start could go to at once
+        goes_on = start is not None and not self._course.is_measured
+        if goes_on and self._is_begun_finer():
+            pass
+        elif goes_on and start is not None and not self._is_lost(start):
             self._come_close(start, descent.own, self._course.sigmas[-1:], p.alpha)
         else:
             descent.levels = levels(descent.levels)
@@ -96,6 +101,27 @@ class Solver:
                 self._end_on_the_mesh()
         self._balance()
         self._refine()
+
+    def _is_begun_finer(self) -> bool:
+        """Go on on the finer mesh that a start came from, if there is one and it may be used."""
+        p, descent, given = self.energy.parameters, self._descent, self.energy.problem.fine_start
+        times = 0 if given is None else times_subdivided(given.shape[1], self.energy.problem.mesh)
+        if given is None or not times or (p.refine is not None and times > p.refine):
+            return False
+        if len(given) != p.segments:
+            return False
+        found = list(descent.levels)
+        for _ in range(times):
+            found[-1:] = subdivided(found[-1])
+        finest = found[-1].energy
+        x = to_frame(finest.mesh, given / self.energy.length_scale)
+        if not finest.relative_mismatch(finest.advected(x)) <= _LOST:
+            return False
+        descent.levels = found
+        stage = self._course.stage(len(found) - 1, self._course.sigmas[-1], p.alpha)
+        descent.minimise(stage, x)
+        self._mark(stage)
+        return True
 
     def _find(self, start: FloatArray | None) -> None:
         """Walk the ways on the coarsest mesh; that which comes closest stays."""
@@ -179,7 +205,7 @@ class Solver:
         ends = course.is_measured or course.is_given
         if p.refine == 0 or course.is_fixed or (p.refine is None and ends):
             return
-        for _ in range(p.refine or _FINER):
+        while len(descent.levels) - 1 - descent.own < (p.refine or _FINER):
             there = self._there()
             if not there:
                 return
