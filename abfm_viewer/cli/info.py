@@ -59,7 +59,7 @@ def _of_result(arguments: argparse.Namespace) -> int:
         f"{printable(name)}: {verdict_words.headline(match)}",
         verdict_words.why(match),
         f"mismatch {verdict_words.numbers(match)}, on a mesh of {len(match.mesh.faces):,} faces",
-        *results.path_and_refinement(match),
+        *results.path_lines(match),
     ]
     print("\n".join(lines))
     return 0

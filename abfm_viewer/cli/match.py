@@ -206,7 +206,7 @@ class Outcome:
             verdict_words.why(match),
             f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
             f"iterations in {self.seconds:.1f} s; wrote {', '.join(names)}",
-            *results.path_and_refinement(match),
+            *(results.path_lines(match) if len(match.path) > 1 else []),
             *([self.picked] if self.picked else []),
             *([f"to try: {advice}"] if advice else []),
         ]

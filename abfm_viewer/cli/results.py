@@ -8,9 +8,9 @@ from typing import Any
 from abfm import Match, PathStep
 from abfm.io import write_atomically
 from abfm.matching import path_table
-from abfm_viewer.document.verdict_words import counted
+from abfm.mesh.subdivision import times_subdivided
 
-_HEADS = ("step", "sigma", "mismatch", "by flow lines", "folded", "|log2 J|", "|log2 R|")
+_HEADS = ("step", "sigma", "mismatch", "by flow lines", "folded", "|log2 J|", "|log2 R|", "refined")
 _NUMBERS = [entry.name for entry in fields(PathStep) if entry.name != "velocity"]
 
 
@@ -28,11 +28,16 @@ def facts(match: Match) -> dict[str, Any]:
         "vertices": len(match.mesh.vertices),
         "faces": len(match.mesh.faces),
         "refined": match.refined,
-        "path": [{name: _known(getattr(each, name)) for name in _NUMBERS} for each in match.path],
+        "path": [_row(match, each) for each in match.path],
         "step": match.step,
         "messages": list(match.mesh.messages),
         "parameters": match.parameters.to_dict(),
     }
+
+
+def _row(match: Match, step: PathStep) -> dict[str, float | None]:
+    numbers = {name: _known(getattr(step, name)) for name in _NUMBERS}
+    return {**numbers, "refined": _refined(match, step)}
 
 
 def _known(value: float) -> float | None:
@@ -41,27 +46,24 @@ def _known(value: float) -> float | None:
 
 def path_lines(match: Match) -> list[str]:
     """Return the path as a table of a line a step, a star before the one that the match is."""
-    rows = [_HEADS, *(_cells(number, each) for number, each in enumerate(match.path, 1))]
+    rows = [_HEADS, *(_cells(match, number) for number in range(len(match.path)))]
     pairs = [zip(row, _HEADS, strict=True) for row in rows]
     lines = ["".join(f"{cell:>{len(head) + 3}}" for cell, head in each) for each in pairs]
     lines[match.step + 1] = lines[match.step + 1].replace(" ", "*", 1)
     return lines
 
 
-def path_and_refinement(match: Match) -> list[str]:
-    """Return lines about the path where it has several steps, and about a refined mesh."""
-    lines = path_lines(match) if len(match.path) > 1 else []
-    if match.refined:
-        times = counted(match.refined, "time")
-        lines.append(f"found on the mesh subdivided {times}, {4**match.refined} times the faces")
-    return lines
+def _refined(match: Match, step: PathStep) -> int:
+    return times_subdivided(step.velocity.shape[1], match.mesh)
 
 
-def _cells(number: int, step: PathStep) -> tuple[str, ...]:
+def _cells(match: Match, number: int) -> tuple[str, ...]:
+    step = match.path[number]
     folded = "-" if math.isnan(step.folded) else f"{100 * step.folded:.2g}%"
-    left = (step.mismatch, step.verified_mismatch)
-    cost = (step.log2_area, step.log2_shape)
-    return (str(number), f"{step.sigma:.3g}", *map(_short, left), folded, *map(_short, cost))
+    left = map(_short, (step.mismatch, step.verified_mismatch))
+    cost = map(_short, (step.log2_area, step.log2_shape))
+    refined = str(_refined(match, step))
+    return (str(number + 1), f"{step.sigma:.3g}", *left, folded, *cost, refined)
 
 
 def _short(value: float) -> str:

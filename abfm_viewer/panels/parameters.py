@@ -11,7 +11,7 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import section
-from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.toolkit import AUTO, Auto, Ui
 from abfm_viewer.widgets.widget_record import Range
 
 _OWN, _DEFAULTS = "own values", "defaults"
@@ -30,7 +30,7 @@ class _About(NamedTuple):
 _ABOUT = {
     "alpha": _About("smoothness α", "section 3, Eq. 3", Range(1e-4, 1e4, log=True)),
     "sigma": _About(
-        "closeness σ", "Eq. 3, section 7, where it is absolute", Range(1e-4, 1, log=True)
+        "closeness σ", "Eq. 3, section 7, where it is absolute", Range(1e-3, 20, log=True)
     ),
     "beta": _About("slopes β", "section 3, Eq. 3", Range(0, 1, log=True)),
     "tau": _About("time τ", "Eq. 3, section 7", Range(0.1, 10, log=True)),
@@ -41,7 +41,7 @@ _ABOUT = {
     "cooling_factor": _About("σ divided by", "section 7, Table 1", Range(1.5, 100, log=True)),
     "stage_iterations": _About("stage length", "section 7", Range(0, 200)),
     "goal": _About("goal", "", Range(0.01, 0.5, log=True)),
-    "refine": _About("refinements", "", Range(0, 3)),
+    "refine": _About("refinements", ""),
     "levels": _About("mesh levels", "", Range(0, 5)),
     "order": _About("norm's order", "only 1", Range(1, 2)),
     "method": _About("method", "Eqs. 4 and 5, section 5"),
@@ -57,9 +57,9 @@ _ABOUT = {
 """In the order in which they are drawn."""
 _REMEDIES = {
     "alpha": "Smaller if the target is missed, larger if the field is rough.",
-    "sigma": "Smaller if the match is loose, larger if the field is wild. It is relative to the "
-    "functions, whatever their scale and width, unless the unit of σ is absolute: half as large "
-    "asks for half the mismatch.",
+    "sigma": "Auto is mostly best; smaller if the match is loose, larger if the field is wild. It "
+    "is relative to the functions, whatever their scale and width, unless the unit of σ is "
+    "absolute: half as large asks for half the mismatch.",
     "beta": "0 is mostly best; try 1e-4 if the target's edges are blurred.",
     "tau": "Leave it and change the smoothness: mostly only speed and time trade places.",
     "reach": "Larger if the source shrinks where it is instead of moving to the target.",
@@ -83,6 +83,12 @@ _REMEDIES = {
     "preconditioner": "hodge, which is faster on all but the coarsest meshes.",
 }
 """What another value mends."""
+_CHOICES = CHOICES | {"refine": (AUTO, "0", "1", "2")}
+_AUTO = Auto(
+    LAST,
+    "The match comes as close as can be certified, and says how close. Untick it, or move the "
+    "slider, to end at a closeness of your own.",
+)
 _MAIN = ("alpha", "sigma", "beta", "tau", "reach")
 _MASK = (
     "A function that weighs the mismatch at each vertex, 0 or more: where it is 0, anything may "
@@ -135,28 +141,31 @@ def _preset(ui: Ui, session: Session) -> None:
 
 def _control(ui: Ui, session: Session, name: str) -> None:
     about, value = _ABOUT[name], getattr(session.parameters, name)
-    if value is None:
-        value = LAST if name == "sigma" else 0
     label, whole = f"{about.label}##{name}", is_whole(_FIELDS[name])
+    ends, tip = replace(about.slider, whole=whole), _tip(name)
     new: Any
-    if name in CHOICES:
-        new = ui.combo(label, value, CHOICES[name], _tip(name))
+    if name in _CHOICES:
+        chosen = ui.combo(label, AUTO if value is None else str(value), _CHOICES[name], tip)
+        new = int(chosen) if chosen.isdecimal() else chosen
+        ui.refusal(name)
+    elif name == "sigma":
+        new = ui.number_or_auto(label, value, ends, tip, _AUTO)
     else:
-        new = ui.number(label, value, replace(about.slider, whole=whole), _tip(name))
+        new = ui.number(label, value, ends, tip)
     if whole and isinstance(new, float) and new.is_integer():
         new = int(new)
-    if new is not None and new != value:
-        with ui.refusals.refusing(name, about.label):
-            session.editor.set_parameter(name, f"change {about.label}", **{name: new})
-    if name in CHOICES:
-        ui.refusal(name)
+    if new is None or new == (AUTO if value is None else value):
+        return
+    with ui.refusals.refusing(name, about.label):
+        given = {name: None if new == AUTO else new}
+        session.editor.set_parameter(name, f"change {about.label}", **given)
 
 
 @cache
 def _tip(name: str) -> str:
     help, symbol = _FIELDS[name].metadata["help"], _FIELDS[name].metadata["symbol"]
     default, about = getattr(_INITIAL, name), _ABOUT[name]
-    shown = f"{default:g}" if isinstance(default, int | float) else default or "auto"
+    shown = f"{default:g}" if isinstance(default, int | float) else default or AUTO
     in_paper = ", ".join(filter(None, [symbol.strip("*"), about.place])) or "not there"
     return (
         f"{sentence(help)} Default: {shown}.\nIn the paper: {in_paper}.\n"

@@ -9,7 +9,7 @@ name only.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import polyscope.imgui as imgui
 
@@ -21,6 +21,8 @@ from abfm_viewer.document.document import Theme
 from abfm_viewer.widgets.widget_record import Range, Widget, WidgetKind, WidgetRecord
 
 Word = TypeVar("Word", bound=str)
+AUTO = "auto"
+"""What is shown of a number that is chosen."""
 Kind = Literal["ink", "muted", "failure", "good", "source", "target"]
 """Colours of texts, by their names in the theme."""
 
@@ -30,6 +32,19 @@ _WIDEST_CAPTION = 0.45  # of the panel
 _NARROW = 280  # a panel as narrow has captions above its widgets
 _NARROW_PAIR = 300
 _BOX = 76  # beside a slider, at a scale of 1
+
+
+class Auto(NamedTuple):
+    """A box to tick for a number that is chosen: what unticking it gives, and its tooltip."""
+
+    first: float
+    tip: str
+
+
+class _Row(NamedTuple):
+    width: float  # as `Ui._placed` gives them
+    caption: float
+    written: str = ""  # in the box, in place of the value
 
 
 class Refusals:
@@ -321,28 +336,59 @@ class Ui:
         refuses in place what is no number; a new value, or None.
         """
         text, name = _text_and_name(label)
-        key = name or text
+        new = self._slider_and_box(label, _Row(*self._placed(text)), value, ends, tip)
+        return self._understood(name or text, new)
+
+    def number_or_auto(
+        self, label: str, value: float | None, ends: Range, tip: str, auto: Auto
+    ) -> float | str | None:
+        """Draw the same with a box to tick for a number that is chosen, which is None; a new value,
+        `AUTO` for None, or None.
+        """
+        text, name = _text_and_name(label)
         width, caption = self._placed(text)
-        spacing = imgui.GetStyle().ItemInnerSpacing[0]
-        box = min(self.px(_BOX), width / 2)
-        imgui.SetNextItemWidth(width - box - spacing)
-        result = self.slider(label, value, ends, tip)
-        if result is not None:
+        left, is_auto = imgui.GetCursorPosX(), value is None
+        ticked = self.checkbox(f"{AUTO}##{AUTO} {name or text}", is_auto, auto.tip)
+        self.beside()
+        taken = imgui.GetCursorPosX() - left
+        row = _Row(width - taken, caption, AUTO if is_auto else "")
+        with pushed({imgui.ImGuiCol_SliderGrab: self.colors.muted} if is_auto else {}):
+            shown = auto.first if value is None else value
+            new = self._slider_and_box(label, row, shown, ends, tip)
+        if ticked != is_auto:
+            new = AUTO if ticked else auto.first
+        if isinstance(new, str) and new.strip() == AUTO:
+            self.refusals.accept(name or text)
+            return AUTO
+        return self._understood(name or text, new)
+
+    def _slider_and_box(
+        self, label: str, row: _Row, value: float, ends: Range, tip: str
+    ) -> float | str | None:
+        """Draw them and the caption; a number that was slid to, or a typed text."""
+        text, name = _text_and_name(label)
+        spacing, box = imgui.GetStyle().ItemInnerSpacing[0], min(self.px(_BOX), row.width / 2)
+        imgui.SetNextItemWidth(row.width - box - spacing)
+        slid = self.slider(label, value, ends, tip)
+        if slid is not None:
             # what a slider is good for
-            result = float(round(result)) if ends.whole else float(f"{result:.3g}")
-            self.refusals.accept(key)
+            slid = float(round(slid)) if ends.whole else float(f"{slid:.3g}")
+            self.refusals.accept(name or text)
         self.beside(spacing)
-        written = f"{round(value)}" if ends.whole else f"{value:.6g}"
+        written = row.written or (f"{round(value)}" if ends.whole else f"{value:.6g}")
         typed = self._box(label, written, tip, width=box)
-        self._caption(text, caption, tip)
-        if typed is not None:
-            if (number := finite(typed)) is None:
-                self.refusals.refuse(key, f"{typed!r} is no number")
-            else:
-                self.refusals.accept(key)
-                result = number
+        self._caption(text, row.caption, tip)
+        return slid if typed is None else typed
+
+    def _understood(self, key: str, new: float | str | None) -> float | None:
+        """Return what was slid to, or typed if it is a number; else it is refused in place."""
+        number = finite(new) if isinstance(new, str) else new
+        if isinstance(new, str) and number is None:
+            self.refusals.refuse(key, f"{new!r} is no number")
+        elif number is not None:
+            self.refusals.accept(key)
         self.refusal(key)
-        return result
+        return number
 
     def bounded(
         self, label: str, value: float, ends: Range, tip: str, limits: tuple[float, float]

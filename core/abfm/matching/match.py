@@ -403,9 +403,7 @@ def match(
                 reason = StopReason.CANCELLED
     end = path[solver.step]
     history, stages = np.array(record.history), np.array(record.stage_of)
-    advected = np.ascontiguousarray(
-        mark.carried[: len(functions.source), : len(the_problem.mesh.vertices)]
-    )
+    advected = np.ascontiguousarray(mark.carried[:, : len(the_problem.mesh.vertices)])
     outcome = verdicts.Outcome(
         advected,
         end.mismatch,

@@ -25,8 +25,10 @@ SHORT = 3  # the exit status of a run that is too short to arrive
 def found():
     """A match that is the last of three steps, the second on the subdivision, areas 1, 3 and 2."""
     mesh = load_mesh(EIGHT)
-    alone = match(mesh, *(function(mesh, each) for each in PAIR), Parameters(iterations=4))
-    own = replace(alone.path[0], log2_area=2.0)
+    alone = match(
+        mesh, *(function(mesh, each) for each in PAIR), Parameters(iterations=4, refine=0)
+    )
+    own = replace(alone.path[alone.step], log2_area=2.0)
     first = PathStep(1.0, 0.1, 0.3, 0.5 * own.velocity, 0.9, 0.9, 0.0, 1.0, 0.2)
     fine = replace(first, velocity=np.repeat(first.velocity, 4, axis=1), log2_area=3.0)
     fine = replace(fine, verified_mismatch=math.nan, folded=math.nan)
@@ -64,11 +66,11 @@ def test_info_shows_the_path_of_a_result_with_the_step_that_it_is(found, tmp_pat
         lines = abfm(f"info {out}").out.splitlines()
         table = [line for line in lines if line.split()[:1] in (["1"], ["2"], ["3"], ["*"])]
         assert [line.startswith("*") for line in table] == [number == step for number in range(3)]
-        assert ("found on the mesh subdivided 1 time, 4 times the faces" in lines) == (step == 1)
+        assert [line.split()[-1] for line in table] == ["0", "1", "0"]
     assert lines[0].startswith(f"{out}: ")
     told = json.loads(abfm(f"info {out} --json").out)
     assert (told["step"], told["refined"], told["path"][1]["verified_mismatch"]) == (2, 0, None)
-    assert told["path"][0]["sigma"] == 1.0
+    assert [told["path"][1][name] for name in ("sigma", "refined")] == [1.0, 1]
 
 
 def test_match_writes_its_path_and_takes_the_step_that_is_asked_for(tmp_path, abfm):

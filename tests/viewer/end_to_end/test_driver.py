@@ -38,7 +38,7 @@ def test_the_example_of_the_documentation(tmp_path):
 
 def test_a_slider_goes_where_it_is_dragged(gui):
     values = {"time": (0.0, 2.0, 1.234), "alpha": (1e-4, 1e4, 1.0), "beta": (0.0, 1e-3, 1.0)}
-    values |= {"sigma": (3e-4,), "tau": (7.0,), "segments": (7,), "iterations": (2000,)}
+    values |= {"sigma": (3e-3,), "tau": (7.0,), "segments": (7,), "iterations": (2000,)}
     values |= {"memory": (40,)}
     for label, value in [(label, value) for label, some in values.items() for value in some]:
         method = "linearised" if label == "segments" else "nonlinear"

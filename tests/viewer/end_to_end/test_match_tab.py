@@ -8,7 +8,7 @@ import polyscope.imgui as imgui
 import pytest
 
 from abfm import Parameters
-from abfm.parameters import CHOICES, TABLE_1, TITLES
+from abfm.parameters import CHOICES, LAST, TABLE_1, TITLES
 from abfm_viewer.panels.right_panel import STEPS
 from tests.viewer.sessions import match
 
@@ -18,9 +18,8 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
         "alpha": (10, 0.1),
         "beta": (0.001, 1e-2),
         "order": (1, 2),
-        "sigma": (0.05, 1e-3),
+        "sigma": (0.05, 0.5),
         "goal": (0.1, 0.02),
-        "refine": (1, 2),
         "reach": (0.3, 1.4),
         "tau": (2, 0.5),
         "iterations": (30, 300),
@@ -48,6 +47,9 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
     gui.drag("substeps", 40)
     gui.type("quadrature", "5")
     gui.drag("quadrature", 20)
+    for choice, value in {"2": 2, "0": 0, "auto": None}.items():
+        gui.choose("refine", choice)
+        assert gui.session.parameters.refine == value
     for name in ("preconditioner", "sigma_unit"):
         for choice in CHOICES[name]:
             gui.choose(name, choice)
@@ -61,6 +63,32 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
     match(gui)
     assert len(gui.session.result.velocity) == 6
     gui.choose("method", "nonlinear")
+
+
+def test_sigma_is_chosen_unless_it_is_given_and_a_click_goes_from_the_one_to_the_other(gui):
+    def shown():
+        return gui.text_of("auto sigma"), gui.text_of("sigma", kind="box")
+
+    assert shown() == ("on", "auto")
+    gui.check("auto sigma", on=False)
+    assert gui.session.parameters.sigma == LAST
+    assert shown() == ("off", f"{LAST:g}")
+    gui.type("sigma", ".5")
+    gui.check("auto sigma")
+    assert gui.session.parameters.sigma is None
+    gui.key("ctrl+z")
+    assert gui.session.parameters.sigma == 0.5
+    gui.type("sigma", "auto")
+    assert gui.session.parameters.sigma is None
+    gui.drag("sigma", 2.0)
+    assert gui.session.parameters.sigma == pytest.approx(2, rel=0.25)
+    gui.type("sigma", "0")
+    assert gui.window.ui.refusals.reasons
+    gui.check("auto sigma")
+    assert shown() == ("on", "auto")
+    assert not gui.window.ui.refusals.reasons
+    gui.type("sigma", "aut")
+    assert list(gui.window.ui.refusals.reasons.values()) == ["'aut' is no number"]
 
 
 def test_what_makes_no_sense_is_refused_in_place_and_stays_to_be_mended_until_escape(gui):
@@ -102,7 +130,7 @@ def test_an_error_goes_with_what_is_accepted_later(gui):
         act(*words)
         gui.frames(2)
         assert not gui.window.ui.refusals.reasons
-        assert gui.text_of("sigma", kind="box") == f"{Parameters().last_sigma:g}"
+        assert gui.text_of("sigma", kind="box") == "auto"
     assert gui.session.solver.running or gui.session.result
     gui.session.solver.cancel()
 

@@ -13,7 +13,7 @@ _LESS = 1 / 3  # factor of alpha on the less smooth way
 # a step goes on while its energy falls by this share within so many iterations
 _PAYING, _OVER = 0.03, 6
 _SHARE = 0.75  # of all iterations, before the mesh itself
-_CLOSE = 0.8  # of the goal: how close a step comes, as flow lines seldom confirm as much
+_CLOSE = 0.6  # of the goal: how close a step comes, as flow lines seldom confirm as much
 _ROUNDING = 1e-9  # of a number of steps
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AbfmError, ParameterError
-from abfm.matching.judging.measures import by_flow_lines, measured
+from abfm.matching.judging.measures import measured
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
 from abfm.matching.solving.course import NEARLY, Course, Stage
@@ -19,7 +19,6 @@ from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.held_out import PRICE, HeldOut
 from abfm.matching.solving.levels import levels, subdivided
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
-from abfm.mesh.subdivision import times_subdivided
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
@@ -32,9 +31,7 @@ _ASTRAY = 3.0
 _GAIN = 0.03  # of what is left by the worse witness: what a finer mesh must gain
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
 _FINER = 2  # times that the mesh is subdivided without being asked for
-_EFFORT, _LEAST = 2.0, 3  # times what was spent before, for a finer mesh; and iterations on it
-# of flow lines, in balance; how often they are asked, after how many iterations each
-_SHARE, _ROUNDS, _ROUND = 0.5, 3, 8
+_EFFORT, _LEAST = 4.0, 3  # times what was spent before, for a finer mesh; and iterations on it
 _LATER = np.empty((1, 0, 3))  # instead of fields
 _PATIENCE = 2  # steps after the best one, before a measured way ends
 
@@ -85,11 +82,7 @@ class Solver:
     def _descend(self) -> None:
         descent, p = self._descent, self.energy.parameters
         start = self._start()
-        # measured functions have no close end that a start could go to at once
-        goes_on = start is not None and not self._course.is_measured
-        if goes_on and self._is_begun_finer():
-            pass
-        elif goes_on and start is not None and not self._is_lost(start):
+        if start is not None and not self._is_lost(start):
             self._come_close(start, descent.own, self._course.sigmas[-1:], p.alpha)
         else:
             descent.levels = levels(descent.levels)
@@ -99,29 +92,7 @@ class Solver:
             self._find(start)
             if top or self._clustered:
                 self._end_on_the_mesh()
-        self._balance()
         self._refine()
-
-    def _is_begun_finer(self) -> bool:
-        """Go on on the finer mesh that a start came from, if there is one and it may be used."""
-        p, descent, given = self.energy.parameters, self._descent, self.energy.problem.fine_start
-        times = 0 if given is None else times_subdivided(given.shape[1], self.energy.problem.mesh)
-        if given is None or not times or (p.refine is not None and times > p.refine):
-            return False
-        if len(given) != p.segments:
-            return False
-        found = list(descent.levels)
-        for _ in range(times):
-            found[-1:] = subdivided(found[-1])
-        finest = found[-1].energy
-        x = to_frame(finest.mesh, given / self.energy.length_scale)
-        if not finest.relative_mismatch(finest.advected(x)) <= _LOST:
-            return False
-        descent.levels = found
-        stage = self._course.stage(len(found) - 1, self._course.sigmas[-1], p.alpha)
-        descent.minimise(stage, x)
-        self._mark(stage)
-        return True
 
     def _find(self, start: FloatArray | None) -> None:
         """Walk the ways on the coarsest mesh; that which comes closest stays."""
@@ -205,7 +176,7 @@ class Solver:
         ends = course.is_measured or course.is_given
         if p.refine == 0 or course.is_fixed or (p.refine is None and ends):
             return
-        while len(descent.levels) - 1 - descent.own < (p.refine or _FINER):
+        for _ in range(p.refine or _FINER):
             there = self._there()
             if not there:
                 return
@@ -250,35 +221,8 @@ class Solver:
     def _goal(self) -> float:
         return self._descent.attainable(self.energy.parameters.goal)
 
-    def _balance(self) -> None:
-        """Weigh flow lines against the discrete advection, while the worse of them gains by it.
-
-        With ``g + b (f_tau - f o phi)`` as target a match has ``(1 - b) f_tau + b (f o phi) = g``.
-        """
-        descent, share = self._descent, _SHARE
-        course, energy = self._course, descent.levels[self.way[-1].stage.level].energy
-        if course.is_given or course.is_fixed or course.is_measured:
-            return
-        for _ in range(_ROUNDS):
-            mark = self.way[-1]
-            if mark.worse <= self._goal or not mark.verified_mismatch > mark.mismatch:
-                return
-            away = mark.carried - by_flow_lines(energy, mark.x)
-            stage = replace(mark.stage, iterations=_ROUND, fixed=True, goal=0.0)
-            descent.minimise(stage, mark.x, share * away)
-            found = self._judged(mark.stage)
-            if found.worse < mark.worse:
-                self.way[-1] = found
-            else:
-                share /= 2
-
     def _mark(self, stage: Stage, held_out: float = np.nan) -> None:
-        """Keep what a step came to."""
-        self.way = [*self.way, self._judged(stage, held_out)]
-        self.record.path = tuple(mark.step(_LATER) for mark in self.way)
-
-    def _judged(self, stage: Stage, held_out: float = np.nan) -> Mark:
-        """Return what a step came to, by all witnesses."""
+        """Keep what a step came to, by all witnesses."""
         descent = self._descent
         energy, best = descent.levels[stage.level].energy, descent.best
         said = {}
@@ -288,8 +232,10 @@ class Solver:
                 step("checking by flow lines", len(energy.mesh.vertices)),
             ):
                 said = measured(energy, to_ambient(energy.mesh, best.x))
+        carried = best.advected[: len(energy.functions.source)]
         mismatch = energy.relative_mismatch(best.advected)
-        return Mark(stage, best.x, best.advected, mismatch, held_out=held_out, **said)
+        self.way = [*self.way, Mark(stage, best.x, carried, mismatch, held_out=held_out, **said)]
+        self.record.path = tuple(mark.step(_LATER) for mark in self.way)
 
     def _is_over(self) -> bool:
         """Tell whether the way has come to its end before the last sigma."""
@@ -332,8 +278,9 @@ class Solver:
         rest = [self.energy.relative_mismatch(carried) for _, carried in self._at_rest]
         if not left <= max(rest):
             x, carried = self._at_rest[int(np.argmin(rest))]
+            sources = carried[: len(self.energy.functions.source)]
             stage = self._course.stage(own, self._course.sigmas[0], self.energy.parameters.alpha)
-            self.way.insert(0, Mark(stage, x, carried, min(rest)))
+            self.way.insert(0, Mark(stage, x, sources, min(rest)))
             self.step = 0
 
     def _keep_the_latest(self) -> None:
@@ -354,7 +301,8 @@ class Solver:
         level = max(best.stage.level, own)
         x, carried = descent.kept(best.x, best.stage.level, level, best.mismatch)
         energy, on = descent.levels[level].energy, replace(best.stage, level=level)
-        self.way = [*self.way, Mark(on, x, carried, energy.relative_mismatch(carried))]
+        sources = carried[: len(energy.functions.source)]
+        self.way = [*self.way, Mark(on, x, sources, energy.relative_mismatch(carried))]
 
     def path(self) -> tuple[PathStep, ...]:
         """Return the way, with its fields on the mesh itself or on finer ones, in its units."""
