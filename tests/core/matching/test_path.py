@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm import MatchingEnergy, Parameters, PathStep, ResultError, load_match, match
 from abfm.io import load_arrays, save_arrays
 from abfm.matching import path_table
-from abfm.matching.judging.measures import measured
 from abfm.matching.path import COLUMNS
+from abfm.matching.solving.measures import measured
 from tests.core.fields import bump
 from tests.shapes import icosphere, square
 

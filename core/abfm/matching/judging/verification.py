@@ -13,7 +13,6 @@ from abfm.flow.flow import Flow
 from abfm.flow.flow_lines import fields_in_a_row
 from abfm.maps.distortion import MOST, folds
 from abfm.maps.surface_points import vertex_points
-from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.problem import Problem, mask_on_children
 from abfm.matching.solvability import RESOLVED, narrowest
 from abfm.matching.terms.functions import FunctionTerm
@@ -24,8 +23,6 @@ from abfm.types import FloatArray, IntArray
 
 SUBDIVIDED_LIMIT = 200_000
 """Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
-FEW = 20_000  # vertices that `estimate` asks at most
-_MOST_CUT = 256  # faces that `estimate` cuts into parts
 _APART, _TIMES = 0.05, 2.0  # witnesses that differ by more than both do not agree
 
 
@@ -113,15 +110,6 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     if subdivided and len(mesh.vertices) <= SUBDIVIDED_LIMIT:
         on_fine = _on_subdivided(functions, fields, p)
     return Verification(lines, on_fine, folded, overturned, narrowest(functions))
-
-
-def estimate(energy: MatchingEnergy, fields: FloatArray) -> tuple[float, float]:
-    """Return `flow_lines` and `folded` of fields (N, F, 3); above `FEW` vertices by so many."""
-    mesh, faces = energy.mesh, np.arange(len(energy.mesh.faces))
-    if len(mesh.vertices) > FEW:
-        faces = np.linspace(0, len(faces) - 1, FEW // 2).astype(np.int64)
-    flow = ContinuousFlow(mesh, fields, energy.parameters.tau)
-    return _by_flow_lines(energy.functions, flow, faces, _MOST_CUT)[:2]
 
 
 def _by_flow_lines(

@@ -6,15 +6,15 @@ from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.maps.distortion import folds, mean_log2
 from abfm.maps.surface_points import vertex_points
-from abfm.matching.judging.verification import FEW
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.types import FloatArray
 
+_FEW = 20_000  # vertices that are asked at most
 _MOST_CUT = 256  # faces that are cut into parts
 
 
 def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
-    """Return what flow lines say of fields (N, F, 3), for a `PathStep`; above `FEW` vertices by so
+    """Return what flow lines say of fields (N, F, 3), for a `PathStep`; above 20,000 vertices by so
     many. All of it is NaN if they lead over too many faces.
 
     Stretches are those of the map of each vertex to where its value came from, by the triangles
@@ -22,8 +22,8 @@ def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
     """
     mesh, functions = energy.mesh, energy.functions
     faces = np.arange(len(mesh.faces))
-    if len(mesh.vertices) > FEW:
-        faces = np.linspace(0, len(faces) - 1, FEW // 2).astype(np.int64)
+    if len(mesh.vertices) > _FEW:
+        faces = np.linspace(0, len(faces) - 1, _FEW // 2).astype(np.int64)
     try:
         flow = ContinuousFlow(mesh, fields, energy.parameters.tau)
     except ParameterError:

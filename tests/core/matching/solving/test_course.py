@@ -1,0 +1,121 @@
+"""The course of a match: its sigmas, ways and stages; the paper's where that is asked for."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from abfm.matching.solving.course import Course, Stage
+from abfm.matching.terms.functions import FunctionTerm
+from abfm.parameters import LAST, PAPER, WARMEST, Parameters
+from tests.core.fields import bump
+from tests.shapes import icosphere
+
+SPHERE = icosphere(3)
+EXACT = FunctionTerm(SPHERE, bump(SPHERE, [0, 0, 1], 0.2), bump(SPHERE, [0, 1, 0], 0.2))
+MEASURED = FunctionTerm(SPHERE, *np.random.default_rng(0).normal(size=(2, len(SPHERE.vertices))))
+SIGMA, FACTOR = st.floats(1e-3, 1e3), st.floats(1.5, 20)
+
+
+@given(SIGMA, FACTOR, st.sampled_from([EXACT, MEASURED]))
+def test_a_given_sigma_is_the_last_and_multiples_of_it_lead_there(sigma, factor, functions):
+    given = Parameters(sigma=sigma, cooling_factor=factor)
+    sigmas = Course(given, functions, 1).sigmas
+    assert sigmas[-1] == sigma
+    assert_allclose(np.divide(sigmas[:-1], sigmas[1:]), factor)
+    assert sigmas[0] <= max(sigma, WARMEST) * (1 + 1e-6)
+    assert sigmas[0] * factor > WARMEST
+    size = functions.function_size
+    absolute = replace(given, sigma=sigma * size, sigma_unit="absolute")
+    assert_allclose(Course(absolute, functions, 1).sigmas, np.multiply(sigmas, size))
+
+
+@pytest.mark.parametrize("unit", ["relative", "absolute"])
+@pytest.mark.parametrize(("functions", "power"), [(EXACT, 1), (MEASURED, 0.5)])
+def test_without_one_they_fall_from_the_warmest_more_slowly_for_measured_functions(
+    functions, power, unit
+):
+    course = Course(Parameters(sigma_unit=unit), functions, 1)
+    sigmas = np.divide(course.sigmas, 1 if unit == "relative" else functions.function_size)
+    assert (sigmas[0], course.is_measured) == (WARMEST, functions is MEASURED)
+    assert_allclose(sigmas[:-1] / sigmas[1:], 3.0**power)
+    assert LAST <= sigmas[-1] < LAST * 3.0**power
+
+
+@given(SIGMA, FACTOR, st.integers(1, 8), st.integers(0, 2000))
+def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count, iterations):
+    """Every sigma from the largest to its value, each early one with its share."""
+    cooling = {"sigma": sigma, "cooling_factor": factor, "cooling_stages": count}
+    p = Parameters(**PAPER, **cooling, iterations=iterations)
+    for functions in (EXACT, MEASURED):
+        course = Course(p, functions, 1)
+        stages = [course.stage(0, sigma, p.alpha) for sigma in course.sigmas]
+        assert (course.sigmas, course.alphas) == (p.stage_sigmas(), [p.alpha])
+        assert [stage.iterations for stage in stages] == p.stage_limits()
+        for stage in stages:
+            assert (stage.reach, stage.goal, stage.until, stage.fixed) == (0, 0, iterations, True)
+            assert stage.pays([1.0] * 1000)
+
+
+def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
+    p = Parameters(stage_iterations=7, sigma=0.1)
+    course = Course(p, EXACT, 3)
+    *early, last = (course.stage(2, sigma, p.alpha) for sigma in course.sigmas)
+    assert {stage.iterations for stage in early} == {7}
+    assert last.iterations == p.iterations
+    assert all(stage.fixed and not stage.goal for stage in (*early, last))
+    assert not Course(Parameters(stage_iterations=7), MEASURED, 1).is_measured
+
+
+@pytest.mark.parametrize(
+    ("changes", "functions", "count"),
+    [
+        ({}, EXACT, 2),
+        ({}, MEASURED, 2),
+        ({"sigma": 1.0}, EXACT, 2),
+        ({"sigma": 1.0}, MEASURED, 1),
+        ({"reach": 0.0}, EXACT, 1),
+        ({"alpha": 0.0}, EXACT, 1),
+        ({"stage_iterations": 5}, EXACT, 1),
+    ],
+)
+def test_there_is_a_second_way_with_a_third_of_alpha_where_it_may_help(changes, functions, count):
+    p = Parameters(**changes)
+    assert Course(p, functions, 1).alphas == pytest.approx([p.alpha, p.alpha / 3][:count])
+
+
+@given(st.integers(0, 1000), st.floats(0.01, 0.5), st.sampled_from([1, 2, 4]))
+def test_exact_functions_end_below_the_goal_and_a_quarter_of_the_time_is_for_the_mesh_itself(
+    iterations, goal, meshes
+):
+    p = Parameters(iterations=iterations, goal=goal)
+    for level in range(meshes):
+        stage = Course(p, EXACT, meshes).stage(level, 1.0, p.alpha, p.reach)
+        assert 0 < stage.goal < goal
+        assert stage.until == (iterations if level == meshes - 1 else int(0.75 * iterations))
+    for course in (Course(p, MEASURED, 1), Course(replace(p, sigma=1.0), EXACT, 1)):
+        assert course.stage(0, 1.0, p.alpha).goal == 0
+
+
+def test_a_stage_pays_while_its_energy_falls():
+    stage = Stage(0, 1.0, 1.0, 0.0, 100, 100, fixed=False, goal=0.0)
+    falling, still = [0.99**k for k in range(40)], [1.0] * 40
+    assert stage.pays(falling)
+    assert not stage.pays([0.998**k for k in range(40)])
+    assert not stage.pays(still)
+    assert stage.pays(still[:5])  # too early to tell
+    assert replace(stage, fixed=True).pays(still)
+    assert not stage.pays([math.inf] * 40)
+
+
+def test_what_was_learned_serves_the_same_norm_on_the_same_mesh():
+    stage = Stage(1, 1.0, 1.0, 0.0, 100, 100, fixed=False, goal=0.0)
+    colder = replace(stage, sigma=0.1)
+    assert colder.continues(stage)
+    assert not replace(colder, fixed=True).continues(stage)
+    for other in ({"level": 0}, {"reach": 1.0}, {"alpha": 0.3}):
+        assert not replace(stage, **other).continues(stage)
