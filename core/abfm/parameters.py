@@ -15,7 +15,7 @@ LARGEST_ALPHA = 1e7
 SMALLEST, _LARGEST = 1e-30, 1e30
 MANY = 1_000_000_000
 """The most that whole numbers may be which nothing else bounds."""
-LAST = 0.02
+LAST = 0.008
 """The last sigma unless one is given: flow lines confirm hardly less of any functions."""
 WARMEST = 18.0
 """The largest sigma that a path to a smaller one begins with, in the unit of that one."""
@@ -122,7 +122,7 @@ class Parameters:
     gradient: Literal["adjoint", "bracket"] = _of("gradient", "adjoint")
     substeps: int = _of("substeps", 10, "n", Range(1, 10_000))
     quadrature: int = _of("quadrature", 10, "k", Range(1, 10_000))
-    iterations: int = _of("iterations", 500, "", _WHOLE_FROM_0)
+    iterations: int = _of("iterations", 1000, "", _WHOLE_FROM_0)
     cooling_stages: int = _of("cooling_stages", 0, "*", Range(0, _MOST_STAGES))
     cooling_factor: float = _of("cooling_factor", 3.0, "*", Range(1, without_low=True))
     stage_iterations: int = _of("stage_iterations", 0, "*", _WHOLE_FROM_0)

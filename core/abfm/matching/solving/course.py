@@ -13,7 +13,7 @@ _LESS = 1 / 3  # factor of alpha on the less smooth way
 # a step goes on while its energy falls by this share within so many iterations
 _PAYING, _OVER = 0.03, 6
 _SHARE = 0.75  # of all iterations, before the mesh itself
-_CLOSE = 0.6  # of the goal: how close a step comes, as flow lines seldom confirm as much
+_CLOSE = 0.8  # of the goal: how close a step comes, as flow lines seldom confirm as much
 _ROUNDING = 1e-9  # of a number of steps
 
 
@@ -56,7 +56,7 @@ class Course:
         self._has_detail = is_measured(functions)
         # as in the paper: every step goes on to the end of its iterations
         self.is_fixed = p.stage_iterations > 0 or (p.reach == 0 and meshes == 1)
-        self.is_measured = self._has_detail and not (self.is_given or self.is_fixed)
+        self.is_measured = self._has_detail and not self.is_given
         self.unit = 1.0 if p.sigma_unit == "relative" else functions.function_size
         self.sigmas = self._sigmas()
 

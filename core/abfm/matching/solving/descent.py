@@ -101,10 +101,12 @@ class Descent:
             x = coarser.fields_to_finer(x)
         return calmed(self.levels[to].energy.mesh, x, mismatch, measured)
 
-    def minimise(self, stage: Stage, start: FloatArray | Evaluation) -> Evaluation:
-        """Run a stage to its end."""
+    def minimise(
+        self, stage: Stage, start: FloatArray | Evaluation, offset: FloatArray | None = None
+    ) -> Evaluation:
+        """Run a stage to its end; what is left may be an offset (C, V)."""
         self._record.schedule.append(stage)
-        search = self._search(stage)
+        search = self._search(stage, offset)
         self._arrive(stage, start if isinstance(start, Evaluation) else search.evaluate(start))
         self.reason = StopReason.GOAL_REACHED
         goal = self.attainable(stage.goal)
@@ -114,7 +116,8 @@ class Descent:
         energies = [current.point.energy]
         left = self.levels[stage.level].affordable(stage.iterations, self.best.x)
         until, begun = min(stage.until, len(history) - 1 + left), self._record.evaluations
-        self.reason = StopReason.ITERATION_LIMIT
+        is_last = until < len(history) - 1 + left or stage.fixed
+        self.reason = StopReason.ITERATION_LIMIT if is_last else StopReason.NO_PROGRESS
         while len(history) <= until:
             reason = self._reason_to_stop(stage, goal, energies, search.stop_reason(current))
             if reason is not None:
@@ -166,19 +169,24 @@ class Descent:
             return search.init(best.x, best)
         return search.init(best.x, best, learned, (before.sigma / stage.sigma) ** 2)
 
-    def _search(self, stage: Stage) -> LBFGS[Evaluation]:
+    def _search(self, stage: Stage, offset: FloatArray | None = None) -> LBFGS[Evaluation]:
         def counted() -> None:
             self._record.evaluations += 1
 
-        return search(self.levels[stage.level].energy, stage, counted)
+        return search(self.levels[stage.level].energy, stage, counted, offset)
 
 
 def search(
-    energy: MatchingEnergy, stage: Stage, counted: Callable[[], None] = lambda: None
+    energy: MatchingEnergy,
+    stage: Stage,
+    counted: Callable[[], None] = lambda: None,
+    offset: FloatArray | None = None,
 ) -> LBFGS[Evaluation]:
     """Return the search of a stage, which tells of each evaluation."""
     p = energy.parameters
-    objective = energy.objective(stage.sigma, stage.reach, alpha=stage.alpha, tolerance=_TOLERANCE)
+    objective = energy.objective(
+        stage.sigma, stage.reach, alpha=stage.alpha, offset=offset, tolerance=_TOLERANCE
+    )
     regularity, step = objective.regularity, energy.step
 
     def evaluate(x: FloatArray) -> Evaluation:

@@ -11,14 +11,15 @@ import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AbfmError, ParameterError
+from abfm.matching.judging.measures import by_flow_lines, measured
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
 from abfm.matching.solving.course import NEARLY, Course, Stage
 from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.held_out import PRICE, HeldOut
 from abfm.matching.solving.levels import levels, subdivided
-from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
+from abfm.mesh.subdivision import times_subdivided
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
@@ -31,7 +32,9 @@ _ASTRAY = 3.0
 _GAIN = 0.03  # of what is left by the worse witness: what a finer mesh must gain
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
 _FINER = 2  # times that the mesh is subdivided without being asked for
-_EFFORT, _LEAST = 4.0, 3  # times what was spent before, for a finer mesh; and iterations on it
+_EFFORT, _LEAST = 2.0, 3  # times what was spent before, for a finer mesh; and iterations on it
+# of flow lines, in balance; how often they are asked, after how many iterations each
+_SHARE, _ROUNDS, _ROUND = 0.5, 3, 8
 _LATER = np.empty((1, 0, 3))  # instead of fields
 _PATIENCE = 2  # steps after the best one, before a measured way ends
 
@@ -82,11 +85,11 @@ class Solver:
     def _descend(self) -> None:
         descent, p = self._descent, self.energy.parameters
         start = self._start()
-        is_near = start is not None and not self._is_lost(start)
-        if self._course.is_measured and p.iterations:
-            # what is held out would not be new to a field that has seen it
-            start, is_near = None, False
-        if start is not None and is_near:
+        # measured functions have no close end that a start could go to at once
+        goes_on = start is not None and not self._course.is_measured
+        if goes_on and self._is_begun_finer():
+            pass
+        elif goes_on and start is not None and not self._is_lost(start):
             self._come_close(start, descent.own, self._course.sigmas[-1:], p.alpha)
         else:
             descent.levels = levels(descent.levels)
@@ -96,7 +99,29 @@ class Solver:
             self._find(start)
             if top or self._clustered:
                 self._end_on_the_mesh()
+        self._balance()
         self._refine()
+
+    def _is_begun_finer(self) -> bool:
+        """Go on on the finer mesh that a start came from, if there is one and it may be used."""
+        p, descent, given = self.energy.parameters, self._descent, self.energy.problem.fine_start
+        times = 0 if given is None else times_subdivided(given.shape[1], self.energy.problem.mesh)
+        if given is None or not times or (p.refine is not None and times > p.refine):
+            return False
+        if len(given) != p.segments:
+            return False
+        found = list(descent.levels)
+        for _ in range(times):
+            found[-1:] = subdivided(found[-1])
+        finest = found[-1].energy
+        x = to_frame(finest.mesh, given / self.energy.length_scale)
+        if not finest.relative_mismatch(finest.advected(x)) <= _LOST:
+            return False
+        descent.levels = found
+        stage = self._course.stage(len(found) - 1, self._course.sigmas[-1], p.alpha)
+        descent.minimise(stage, x)
+        self._mark(stage)
+        return True
 
     def _find(self, start: FloatArray | None) -> None:
         """Walk the ways on the coarsest mesh; that which comes closest stays."""
@@ -180,7 +205,7 @@ class Solver:
         ends = course.is_measured or course.is_given
         if p.refine == 0 or course.is_fixed or (p.refine is None and ends):
             return
-        for _ in range(p.refine or _FINER):
+        while len(descent.levels) - 1 - descent.own < (p.refine or _FINER):
             there = self._there()
             if not there:
                 return
@@ -195,11 +220,8 @@ class Solver:
                 return
             before = len(self.way)
             self._go_on_finer(mark)
-            left = min((mark.worse for mark in self.way[before:]), default=np.inf)
-            if not left < mark.worse:
-                self.way = self.way[:before]
-                return
-            if p.refine is None and not left < (1 - _GAIN) * mark.worse:
+            found = [mark.worse for mark in self.way[before:]]
+            if p.refine is None and not (found and min(found) < (1 - _GAIN) * mark.worse):
                 return
 
     def _go_on_finer(self, mark: Mark) -> None:
@@ -216,22 +238,47 @@ class Solver:
                     return
                 stage = replace(stage, iterations=min(stage.iterations, int(left)))
             point = descent.minimise(stage, point if sigma == mark.stage.sigma else point.x)
-            self._mark(stage, mark.held_out)
-            if course.is_measured or self._is_over():
+            self._mark(stage)
+            if self._is_over():
                 return
 
     def _there(self) -> list[int]:
-        """Return which steps are on the finest mesh so far, the mesh itself at least."""
-        finest = max((mark.stage.level for mark in self.way), default=0)
-        least = max(finest, self._descent.own)
-        return [i for i, mark in enumerate(self.way) if mark.stage.level >= least]
+        """Return which steps are on the mesh itself or on finer ones."""
+        return [i for i, mark in enumerate(self.way) if mark.stage.level >= self._descent.own]
 
     @property
     def _goal(self) -> float:
         return self._descent.attainable(self.energy.parameters.goal)
 
+    def _balance(self) -> None:
+        """Weigh flow lines against the discrete advection, while the worse of them gains by it.
+
+        With ``g + b (f_tau - f o phi)`` as target a match has ``(1 - b) f_tau + b (f o phi) = g``.
+        """
+        descent, share = self._descent, _SHARE
+        course, energy = self._course, descent.levels[self.way[-1].stage.level].energy
+        if course.is_given or course.is_fixed or course.is_measured:
+            return
+        for _ in range(_ROUNDS):
+            mark = self.way[-1]
+            if mark.worse <= self._goal or not mark.verified_mismatch > mark.mismatch:
+                return
+            away = mark.carried - by_flow_lines(energy, mark.x)
+            stage = replace(mark.stage, iterations=_ROUND, fixed=True, goal=0.0)
+            descent.minimise(stage, mark.x, share * away)
+            found = self._judged(mark.stage)
+            if found.worse < mark.worse:
+                self.way[-1] = found
+            else:
+                share /= 2
+
     def _mark(self, stage: Stage, held_out: float = np.nan) -> None:
-        """Keep what a step came to, by all witnesses."""
+        """Keep what a step came to."""
+        self.way = [*self.way, self._judged(stage, held_out)]
+        self.record.path = tuple(mark.step(_LATER) for mark in self.way)
+
+    def _judged(self, stage: Stage, held_out: float = np.nan) -> Mark:
+        """Return what a step came to, by all witnesses."""
         descent = self._descent
         energy, best = descent.levels[stage.level].energy, descent.best
         said = {}
@@ -241,10 +288,8 @@ class Solver:
                 step("checking by flow lines", len(energy.mesh.vertices)),
             ):
                 said = measured(energy, to_ambient(energy.mesh, best.x))
-        carried = best.advected[: len(energy.functions.source)]
         mismatch = energy.relative_mismatch(best.advected)
-        self.way = [*self.way, Mark(stage, best.x, carried, mismatch, held_out=held_out, **said)]
-        self.record.path = tuple(mark.step(_LATER) for mark in self.way)
+        return Mark(stage, best.x, best.advected, mismatch, held_out=held_out, **said)
 
     def _is_over(self) -> bool:
         """Tell whether the way has come to its end before the last sigma."""
@@ -287,9 +332,8 @@ class Solver:
         rest = [self.energy.relative_mismatch(carried) for _, carried in self._at_rest]
         if not left <= max(rest):
             x, carried = self._at_rest[int(np.argmin(rest))]
-            sources = carried[: len(self.energy.functions.source)]
             stage = self._course.stage(own, self._course.sigmas[0], self.energy.parameters.alpha)
-            self.way.insert(0, Mark(stage, x, sources, min(rest)))
+            self.way.insert(0, Mark(stage, x, carried, min(rest)))
             self.step = 0
 
     def _keep_the_latest(self) -> None:
@@ -310,8 +354,7 @@ class Solver:
         level = max(best.stage.level, own)
         x, carried = descent.kept(best.x, best.stage.level, level, best.mismatch)
         energy, on = descent.levels[level].energy, replace(best.stage, level=level)
-        sources = carried[: len(energy.functions.source)]
-        self.way = [*self.way, Mark(on, x, sources, energy.relative_mismatch(carried))]
+        self.way = [*self.way, Mark(on, x, carried, energy.relative_mismatch(carried))]
 
     def path(self) -> tuple[PathStep, ...]:
         """Return the way, with its fields on the mesh itself or on finer ones, in its units."""

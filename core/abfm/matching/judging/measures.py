@@ -1,0 +1,51 @@
+"""What flow lines say of a field: what it leaves, and what its map does to areas and shapes."""
+
+import numpy as np
+
+from abfm.calculus.vector_fields import to_ambient
+from abfm.errors import ParameterError
+from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.maps.distortion import folds, mean_log2
+from abfm.maps.surface_points import vertex_points
+from abfm.matching.judging.verification import FEW
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.types import FloatArray
+
+_MOST_CUT = 256  # faces that are cut into parts
+
+
+def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
+    """Return what flow lines say of fields (N, F, 3), for a `PathStep`; above `FEW` vertices by so
+    many. All of it is NaN if they lead over too many faces.
+
+    Stretches are those of the map of each vertex to where its value came from, by the triangles
+    between mapped vertices.
+    """
+    mesh, functions = energy.mesh, energy.functions
+    faces = np.arange(len(mesh.faces))
+    if len(mesh.vertices) > FEW:
+        faces = np.linspace(0, len(faces) - 1, FEW // 2).astype(np.int64)
+    try:
+        flow = ContinuousFlow(mesh, fields, energy.parameters.tau)
+    except ParameterError:
+        return {}
+    asked, corners = np.unique(mesh.faces[faces], return_inverse=True)
+    points = flow.origins(vertex_points(mesh, asked))
+    places = points.positions[corners.reshape(-1, 3)]
+    weight = np.zeros(len(mesh.vertices))  # nothing where nobody asked
+    weight[asked] = 1.0 if functions.mask is None else functions.mask[asked]
+    found = np.zeros_like(functions.source)
+    found[:, asked] = points.pull_back(functions.source.T).T
+    area, shape = mean_log2(mesh, faces, places)
+    return {
+        "verified_mismatch": functions.weighed(weight).relative_mismatch(found),
+        "folded": folds(mesh, flow.origins, faces, places, _MOST_CUT)[0],
+        "log2_area": area,
+        "log2_shape": shape,
+    }
+
+
+def by_flow_lines(energy: MatchingEnergy, x: FloatArray) -> FloatArray:
+    """Return what the terms want carried, (C, V), carried along the continuous fields (N, F, 2)."""
+    flow = ContinuousFlow(energy.mesh, to_ambient(energy.mesh, x), energy.parameters.tau)
+    return np.ascontiguousarray(flow.origins().pull_back(energy.terms.carried.T).T)
