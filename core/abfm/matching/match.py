@@ -20,12 +20,12 @@ from abfm.io import results
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.matching.judging import verdict as verdicts
-from abfm.matching.judging.measures import measured
 from abfm.matching.judging.verdict import Remedy, Verdict
 from abfm.matching.judging.verification import Verification, verify
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.path import PathStep, path_arrays, path_of
 from abfm.matching.problem import Problem, problem_of
+from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import Iteration, StopReason
 from abfm.matching.solving.solve import Solver
 from abfm.mesh import TriangleMesh

@@ -56,7 +56,7 @@ class Course:
         self._has_detail = is_measured(functions)
         # as in the paper: every step goes on to the end of its iterations
         self.is_fixed = p.stage_iterations > 0 or (p.reach == 0 and meshes == 1)
-        self.is_measured = self._has_detail and not self.is_given
+        self.is_measured = self._has_detail and not (self.is_given or self.is_fixed)
         self.unit = 1.0 if p.sigma_unit == "relative" else functions.function_size
         self.sigmas = self._sigmas()
 

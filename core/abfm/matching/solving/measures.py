@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.maps.distortion import folds, mean_log2
@@ -42,3 +43,9 @@ def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
         "log2_area": area,
         "log2_shape": shape,
     }
+
+
+def by_flow_lines(energy: MatchingEnergy, x: FloatArray) -> FloatArray:
+    """Return what the terms want carried, (C, V), carried along the continuous fields (N, F, 2)."""
+    flow = ContinuousFlow(energy.mesh, to_ambient(energy.mesh, x), energy.parameters.tau)
+    return np.ascontiguousarray(flow.origins().pull_back(energy.terms.carried.T).T)

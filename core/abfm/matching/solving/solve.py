@@ -11,13 +11,13 @@ import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AbfmError, ParameterError
-from abfm.matching.judging.measures import by_flow_lines, measured
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
 from abfm.matching.solving.course import NEARLY, Course, Stage
 from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.held_out import PRICE, HeldOut
 from abfm.matching.solving.levels import levels, subdivided
+from abfm.matching.solving.measures import by_flow_lines, measured
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
 from abfm.mesh.subdivision import times_subdivided
 from abfm.types import FloatArray
@@ -85,11 +85,13 @@ class Solver:
     def _descend(self) -> None:
         descent, p = self._descent, self.energy.parameters
         start = self._start()
-        # measured functions have no close end that a start could go to at once
-        goes_on = start is not None and not self._course.is_measured
-        if goes_on and self._is_begun_finer():
+        is_near = start is not None and not self._is_lost(start)
+        if self._course.is_measured and p.iterations:
+            # what is held out would not be new to a field that has seen it
+            start, is_near = None, False
+        if start is not None and self._is_begun_finer():
             pass
-        elif goes_on and start is not None and not self._is_lost(start):
+        elif start is not None and is_near:
             self._come_close(start, descent.own, self._course.sigmas[-1:], p.alpha)
         else:
             descent.levels = levels(descent.levels)
@@ -193,9 +195,8 @@ class Solver:
             carried = self.energy.advected(x)
             left_here = self.energy.relative_mismatch(carried)
             if top < descent.own and left_here <= self._goal:
-                sources = carried[: len(self.energy.functions.source)]
                 on = replace(stage, level=descent.own)
-                found = replace(self.way[-1], stage=on, carried=sources, mismatch=left_here)
+                found = replace(self.way[-1], stage=on, carried=carried, mismatch=left_here)
                 self.way[-1] = found
                 break
 
@@ -220,8 +221,11 @@ class Solver:
                 return
             before = len(self.way)
             self._go_on_finer(mark)
-            found = [mark.worse for mark in self.way[before:]]
-            if p.refine is None and not (found and min(found) < (1 - _GAIN) * mark.worse):
+            left = min((mark.worse for mark in self.way[before:]), default=np.inf)
+            if not left < mark.worse:
+                self.way = self.way[:before]
+                return
+            if p.refine is None and not left < (1 - _GAIN) * mark.worse:
                 return
 
     def _go_on_finer(self, mark: Mark) -> None:
@@ -238,13 +242,15 @@ class Solver:
                     return
                 stage = replace(stage, iterations=min(stage.iterations, int(left)))
             point = descent.minimise(stage, point if sigma == mark.stage.sigma else point.x)
-            self._mark(stage)
-            if self._is_over():
+            self._mark(stage, mark.held_out)
+            if course.is_measured or self._is_over():
                 return
 
     def _there(self) -> list[int]:
-        """Return which steps are on the mesh itself or on finer ones."""
-        return [i for i, mark in enumerate(self.way) if mark.stage.level >= self._descent.own]
+        """Return which steps are on the finest mesh so far, the mesh itself at least."""
+        finest = max((mark.stage.level for mark in self.way), default=0)
+        least = max(finest, self._descent.own)
+        return [i for i, mark in enumerate(self.way) if mark.stage.level >= least]
 
     @property
     def _goal(self) -> float:
