@@ -265,6 +265,7 @@ class Solver:
         course, energy = self._course, descent.levels[self.way[-1].stage.level].energy
         if course.is_given or course.is_fixed or course.is_measured:
             return
+        reason = descent.reason
         for _ in range(_ROUNDS):
             mark = self.way[-1]
             if mark.worse <= self._goal or not mark.verified_mismatch > mark.mismatch:
@@ -272,6 +273,7 @@ class Solver:
             away = mark.carried - by_flow_lines(energy, mark.x)
             stage = replace(mark.stage, iterations=_ROUND, fixed=True, goal=0.0)
             descent.minimise(stage, mark.x, share * away)
+            descent.reason = reason
             found = self._judged(mark.stage)
             if found.worse < mark.worse:
                 self.way[-1] = found
