@@ -4,7 +4,7 @@ A flow makes no new values, and neither splits nor joins peaks: functions that n
 match. The discrete flow can do both, between vertices, and its own mismatch does not tell.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +17,7 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
 SHARE = 0.2  # of the range, by which a peak stands out that is counted
-# shares that bound SHARE where two functions are compared: half of what is between is the error
-_LOW, _HIGH = 0.1, 0.3
+_APART = 0.2  # of the range, by which counterparts differ beyond doubt: twice what a flow leaves
 _DETAIL = 0.05  # of the range, by which what is counted as detail stands out
 _MUCH = 20  # peaks and pits: functions with more were measured, or are as hard to match exactly
 # edges per width below which advection over a quarter of a body (half of sqrt(area)) is off by
@@ -159,6 +158,10 @@ class Extrema(NamedTuple):
         return " and ".join(f"{n} {name}{'s' * (n != 1)}" for n, name in counts)
 
 
+Counted: TypeAlias = Extrema | str
+Difference: TypeAlias = tuple[Counted, Counted]
+
+
 def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
     """Persistence above 0 of each peak of a function (V,), largest first; for pits give ``-f``."""
     if not np.ptp(f) > _ROUNDING * np.abs(f).max():
@@ -189,21 +192,32 @@ def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
     return _count(_both(mesh, f), share * float(np.ptp(f)))
 
 
-def peaks_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> tuple[Extrema, Extrema] | None:
-    """Peaks and pits of two functions (V,), by 0.2 of the larger range, where they differ beyond
-    doubt: one has more by 0.3 of it than the other by 0.1. Then every flow leaves a difference of
-    at least 0.1 of that range somewhere.
+def peaks_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
+    """Tell what peaks and pits two functions (V,) have, where they differ beyond doubt: in order of
+    their persistence, one of them stands out by 0.2 of the larger range more than its counterpart,
+    or than none. Then every flow leaves a difference of at least 0.1 of that range somewhere.
+
+    Returned are those by 0.2 of the range, or, of equal numbers, what stands out otherwise.
     """
     scale = float(max(np.ptp(f), np.ptp(g)))
-    one, other = _both(mesh, f), _both(mesh, g)
-    for first, second in ((one, other), (other, one)):
-        high, low = _count(first, _HIGH * scale), _count(second, _LOW * scale)
-        if high.peaks > low.peaks or high.pits > low.pits:
-            return _count(one, SHARE * scale), _count(other, SHARE * scale)
-    return None
+    both = _both(mesh, f), _both(mesh, g)
+    found, gap = ("", 0.0, 0.0), _APART * scale
+    for kind, *persistences in zip(("peak", "pit"), *both, strict=True):
+        count = max(map(len, persistences))
+        one, other = (np.pad(values, (0, count - len(values))) for values in persistences)
+        if count and np.abs(one - other).max() >= gap:
+            number = int(np.abs(one - other).argmax())
+            found, gap = (kind, one[number], other[number]), abs(one[number] - other[number])
+    kind, here, there = found
+    if not kind:
+        return None
+    counts = tuple(_count(persistences, SHARE * scale) for persistences in both)
+    if counts[0] != counts[1]:
+        return counts[0], counts[1]
+    return f"a {kind} that stands out by {here / scale:.2g} of the range", f"by {there / scale:.2g}"
 
 
-def different_peaks(functions: FunctionTerm) -> tuple[int, Extrema, Extrema] | None:
+def different_peaks(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
     """First channel where `peaks_apart` finds a difference; a mask may hide peaks: None."""
     if (functions.areas > 0).all():
         for channel in _counting(functions):

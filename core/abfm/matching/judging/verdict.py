@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 from abfm.matching import solvability
-from abfm.matching.solvability import Extrema, range_bound
+from abfm.matching.solvability import Counted, range_bound
 from abfm.matching.solving.course import NEARLY
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import CONSTANT, FunctionTerm
@@ -218,8 +218,12 @@ class _Case:
         self.folds = f"{100 * outcome.folded:.0f}% of the faces are folded"
 
     @cached_property
-    def different_peaks(self) -> tuple[int, Extrema, Extrema] | None:
+    def different_peaks(self) -> tuple[int, Counted, Counted] | None:
         return solvability.different_peaks(self.functions)
+
+    @property
+    def is_narrow(self) -> bool:
+        return solvability.narrowest(self.functions) < solvability.RESOLVED
 
     @cached_property
     def squeezed(self) -> bool:
@@ -315,7 +319,8 @@ class _Case:
             why = "no step lowers the energy any more, which is often rounding"
             return self._verdict("not reached", why, "", remedies.smoother())
         why = "what is left differs, or would cost more smoothness than it gains"
-        return self._verdict("not reached", why, "", remedies.closer())
+        finer = remedies.refine() if self.is_narrow else None
+        return self._verdict("not reached", why, "", finer or remedies.closer())
 
     def _verdict(self, kind: Kind, why: str, advised: str, *remedies: Remedy) -> Verdict:
         before, after = f"{self.first:.2g}", f"{self.outcome.mismatch:.2g}"
@@ -336,8 +341,8 @@ class _Case:
         assert self.different_peaks is not None
         channel, here, there = self.different_peaks
         why = f"{self._of(channel)}the source has {here}, the target {there}; no flow changes that"
-        advised = "smooth the function that has more of them, or expect a match in part"
-        return self._verdict(kind, why, advised)
+        advised = "smooth the functions, or expect a match in part"
+        return self._verdict(kind, why, advised, *self._truer())
 
     def _of_an_early_end(self, kind: Kind) -> Verdict:
         """Going on helps a match whose energy still falls where flow lines fall with it."""
