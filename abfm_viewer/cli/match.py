@@ -238,6 +238,6 @@ def solve(
             match, picked = results.within(match, max_distortion)
         outputs.write_all(outs, match)
         if path is not None:
-            results.write_path(path, match)
+            outputs.write_path(path, match)
     written = [*outs, path] if path is not None else outs
     return Outcome(match, seconds, written, kept.number, picked)

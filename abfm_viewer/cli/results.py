@@ -2,12 +2,9 @@
 
 import math
 from dataclasses import asdict, fields
-from pathlib import Path
 from typing import Any
 
 from abfm import Match, PathStep
-from abfm.io import write_atomically
-from abfm.matching import path_table
 from abfm.mesh.subdivision import times_subdivided
 
 _HEADS = ("step", "sigma", "mismatch", "by flow lines", "folded", "|log2 J|", "|log2 R|", "refined")
@@ -68,12 +65,6 @@ def _cells(match: Match, number: int) -> tuple[str, ...]:
 
 def _short(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.3g}"
-
-
-def write_path(out: Path, match: Match) -> None:
-    """Write the table of a path as CSV, whole or not at all."""
-    with write_atomically(out) as temporary:
-        temporary.write_text("".join(f"{line}\n" for line in path_table(match.path, match.mesh)))
 
 
 def within(match: Match, most: float) -> tuple[Match, str]:

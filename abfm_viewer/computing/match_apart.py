@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, NoReturn
+from typing import ClassVar, NoReturn
 
 import abfm
 from abfm import Parameters, TriangleMesh
@@ -62,14 +62,6 @@ class Look:
         return self.picture
 
 
-def _without_fields(iteration: abfm.Iteration, look: Look) -> abfm.Iteration:
-    """Return an iterate without what only the process of its match needs: it is one of hundreds."""
-    path = getattr(iteration, "path", ())
-    steps = tuple(replace(step, velocity=step.velocity[:, :0]) for step in path)
-    more: dict[str, Any] = {"path": steps} if steps else {}
-    return replace(iteration, look=look, **more)
-
-
 class Matching:
     """What the process does, and the last few pictured iterates of a run and of the one before."""
 
@@ -94,7 +86,7 @@ class Matching:
                 wait = max(_TIMES_A_PICTURE * (done - began), _SHORTEST_WAIT)
                 next_picture = done + min(wait, _LONGEST_WAIT)
                 self._recent[run] = (*self._recent[run], iteration)[-_KEPT:]
-            report(_without_fields(iteration, look))
+            report(replace(iteration, look=look))
 
         try:
             with factoring_apart():

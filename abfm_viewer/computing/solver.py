@@ -247,7 +247,8 @@ class Solver:
             return None
         run = self.run
         if run is not None and self.snapshot is not None:
-            run = replace(run, mismatch=(self._result or self.snapshot.iteration).mismatch)
+            ends = self._result.path if self._result else (self.snapshot.iteration,)
+            run = replace(run, mismatch=min(end.mismatch for end in ends))
         left = (self._result, run, self.problem)
         self.state = State.FAILED if self._error else State.ENDED
         self.reason = self._error or (self._result.stop_reason if self._result else "cancelled")

@@ -176,7 +176,7 @@ class Run:
     stages: IntArray  # (n,)
     # rows at which a changed problem started the solver again from the field that it had
     restarts: tuple[int, ...]
-    mismatch: float  # that it came to; 0 while it goes on
+    mismatch: float  # the least that a field of it leaves; 0 while it goes on
     label: str  # what was solved, in a few words
     vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     reaches: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -210,7 +210,7 @@ class Run:
     @property
     def least_left(self) -> FloatArray:
         """The least that was left so far (n,), which rises only where the problem changed; never
-        less than the run came to, as less may be left on coarser meshes.
+        less than what a field leaves that the run gave: on coarser meshes it may be less.
         """
         parts = np.split(self.left, [row for row in self.restarts if row < len(self.stages)])
         least = [np.fmin.accumulate(part) for part in parts]

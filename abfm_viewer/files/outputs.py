@@ -57,6 +57,13 @@ def write(path: Path, match: abfm.Match) -> None:
         export(path, match.mesh, on_points, dict(zip(names, match.velocity, strict=True)))
 
 
+def write_path(path: Path, match: abfm.Match) -> None:
+    """Write the table of a match's path as CSV, whole or not at all."""
+    lines = abfm.matching.path_table(match.path, match.mesh)
+    with write_atomically(path) as temporary:
+        temporary.write_text("".join(f"{line}\n" for line in lines))
+
+
 def write_all(paths: Sequence[Path], match: abfm.Match) -> None:
     """Write a match to several files; where one cannot be written, its result is kept elsewhere."""
     problem, kept = None, False

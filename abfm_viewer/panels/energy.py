@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-import polyscope.imgui as imgui
 import polyscope.implot as implot
 
 import abfm
 from abfm import AbfmError
-from abfm.io import write_atomically
 from abfm_viewer.document.document import Run
 from abfm_viewer.document.verdict_words import share
+from abfm_viewer.files import outputs
 from abfm_viewer.panels import trade_off
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
@@ -38,7 +38,7 @@ def draw(context: Context) -> None:
     runs, live = session.document.runs, session.solver.run
     run, path = live or (runs[-1] if runs else None), trade_off.path_of(session)
     name = "trade_off_live" if session.solver.running else "trade_off"
-    has_path = len(path) > 1
+    has_path = sum(map(math.isfinite, (step.log2_area for step in path))) > 1
     views = [*_VIEWS]
     view = views[has_path and getattr(session.view, name)]
     with ui.disabled(not has_path):
@@ -47,12 +47,13 @@ def draw(context: Context) -> None:
         session.editor.set_view(f"plot the {new}", "", **{name: new == "trade-off"})
     ui.beside_if_fits("Export CSV...", is_button=True)
     if view == "trade-off":
-        tip = "Write the steps of the path and their numbers to a table."
-        title, file, write = "Export the path", "path.csv", partial(_write_path, path, session)
+        tip = "Write the steps of the path and their numbers to a table, when the run has ended."
+        title, file, write = "Export the path", "path.csv", partial(_write_path, session.result)
     else:
         tip = "Write the three energies of each iteration of this run to a table."
         title, file, write = "Export the energy", "energy.csv", partial(_write_energies, run)
-    if ui.button("Export CSV...", tip, enabled=run is not None or has_path):
+    is_whole = not session.solver.running if view == "trade-off" else run is not None
+    if ui.button("Export CSV...", tip, enabled=is_whole):
         context.dialogs.save(title, (".csv",), file, partial(_export, session, write))
     if view == "trade-off":
         trade_off.draw(context, path)
@@ -75,10 +76,9 @@ def _write_energies(run: Run | None, file: Path) -> None:
         abfm.io.export_energy_csv(file, run.energies, run.stages)
 
 
-def _write_path(path: trade_off.Steps, session: Session, file: Path) -> None:
-    rows = abfm.matching.path_table(path, session.surface().mesh)
-    with write_atomically(file) as temporary:
-        temporary.write_text("".join(f"{row}\n" for row in rows), encoding="utf-8")
+def _write_path(result: abfm.Match | None, file: Path) -> None:
+    if result is not None:
+        outputs.write_path(file, result)
 
 
 def _iterations(ui: Ui, session: Session, run: Run | None, previous: Sequence[Run]) -> None:
@@ -130,7 +130,7 @@ def _point_at(ui: Ui, run: Run) -> None:
     if share(least) != share(left):
         lines[-1] += f", the least so far {share(least)}"
     lines += [f"{name} {values[at]:.4g}" for name, values in run.curves.items()]
-    imgui.SetTooltip("\n".join(lines))
+    plots.tell(ui, "\n".join(lines))
 
 
 def course(run: Run, at: int) -> str:

@@ -26,8 +26,8 @@ _STEP = (
     "The step of the path, from smooth to close, that is shown, saved and exported. A click on the "
     "curve chooses one, too; Up and Down go to the next one."
 )
-_AREAS = "areas change by (mean |log2 J|)"
-_LEAST_WIDTH = 0.01  # of the axis of areas
+_LEAST_WIDTH = 0.01  # of the axis of areas, in doublings
+_MOST_TICKS = 6
 _RIM, _SIZE, _LARGER, _NEAR = 5.5, 3.5, 2.5, 16
 """Of marks by flow lines, which are seen behind those of the mismatch; of those; how much larger
 those of the step that is shown are; and how near a click is meant for one."""
@@ -37,7 +37,7 @@ def path_of(session: Session) -> Steps:
     """Return the path of the run that goes on, as far as it came, else that of the result."""
     if session.solver.running:
         snapshot = session.solver.snapshot
-        return getattr(snapshot.iteration, "path", ()) if snapshot else ()
+        return snapshot.iteration.path if snapshot else ()
     return session.result.path if session.result else ()
 
 
@@ -54,7 +54,7 @@ def draw(context: Context, path: Steps) -> None:
 
 
 def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:
-    names = [f"step {n + 1} of {len(path)}: σ {step.sigma:g}" for n, step in enumerate(path)]
+    names = [f"step {n + 1} of {len(path)}: σ {step.sigma:.3g}" for n, step in enumerate(path)]
     tips = {name: _words(path, n, chosen) for n, name in enumerate(names)}
     room, (padding, _) = imgui.GetContentRegionAvail()[0], imgui.GetStyle().FramePadding
     button = ui.text_width(_CHOSEN) + 2 * padding + imgui.GetStyle().ItemSpacing[0]
@@ -79,9 +79,11 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
     with plots.plot(ui, "trade-off plot") as is_drawn:
         if not is_drawn:
             return
-        title = ui.fitted(_AREAS, 0.8 * imgui.GetContentRegionAvail()[0])
         ends = -0.04 * widest, 1.06 * widest
-        plots.set_up(title, ends, (by_flow, by_lines, now), inverted=True)
+        plots.set_up("areas change by", ends, (by_flow, by_lines, now), inverted=True)
+        ticks = area_ticks(widest)
+        words = [f"{_percent(tick):.3g}%" for tick in ticks]
+        implot.SetupAxisTicks(implot.ImAxis_X1, np.array(ticks), words)
         if chosen is not None:
             plots.uprights("##chosen", [float(areas[chosen])], ui.colors.good, ui.px(1.5))
         if len(now):
@@ -118,15 +120,32 @@ def _clicks(
     nearest = int(np.argmin(apart))
     if not (plots.is_under_mouse() and apart[nearest] <= ui.px(_NEAR)):
         return
-    imgui.SetTooltip(_words(path, nearest, chosen))
+    plots.tell(ui, _words(path, nearest, chosen))
     if imgui.IsMouseClicked(0) and ui.record.enabled and not session.solver.running:
         session.steps.show(nearest)
+
+
+def area_ticks(widest: float) -> list[float]:
+    """Return doublings of areas that are round percents, from 0, apart enough on an axis."""
+    ticks = [0.0]
+    for percent in (float(f"{m}e{decade}") for decade in range(-2, 9) for m in (1, 2, 3, 5, 7)):
+        place = float(np.log2(1 + percent / 100))
+        if ticks[-1] + widest / _MOST_TICKS <= place <= widest:
+            ticks.append(place)
+    return ticks
+
+
+def _percent(log2: float) -> float:
+    """Return by how many percent what changes by so many doublings changes."""
+    return float(100 * np.expm1(np.log(2) * log2))
 
 
 def _words(path: Steps, number: int, chosen: int | None) -> str:
     """Return what a step is, leaves and costs; what is unknown is left out."""
     step = path[number]
     parameters = f"σ {step.sigma:.3g}, α {step.alpha:.3g}, reach {step.reach:.3g}"
+    if (faces := step.velocity.shape[1]) > path[0].velocity.shape[1]:
+        parameters += f", on a finer mesh of {faces:,} faces"
     left = f"what is left: {share(step.mismatch)}"
     if step.verified_mismatch == step.verified_mismatch:
         left += f", by flow lines {share(step.verified_mismatch)}"
@@ -137,8 +156,8 @@ def _words(path: Steps, number: int, chosen: int | None) -> str:
     ]
     if step.log2_area == step.log2_area:
         lines += [
-            f"areas change by {2**step.log2_area:.3g} times (mean |log2 J| {step.log2_area:.3g})",
-            f"shapes by {2**step.log2_shape:.3g} times (mean |log2 R| {step.log2_shape:.3g})",
+            f"areas change by {_percent(step.log2_area):.2g}% (mean |log2 J| {step.log2_area:.3g})",
+            f"shapes by {_percent(step.log2_shape):.2g}% (mean |log2 R| {step.log2_shape:.3g})",
         ]
     if step.folded == step.folded:
         lines.append(f"{100 * step.folded:.2g}% folded")

@@ -22,7 +22,7 @@ _FLAGS = (
     | implot.ImPlotFlags_NoInputs  # the wheel scrolls the panel
 )
 _LEAST_FACTOR = 2.5  # between the ends of the upright axis
-_MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 4, 5, 6, 8))
+_MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 2, 3, 5), (1, 1.5, 2, 3, 4, 5, 6, 8))
 _FEWEST_TICKS = 3
 
 
@@ -121,6 +121,13 @@ def is_under_mouse() -> bool:
     x, y = imgui.GetMousePos()
     inside = left <= x <= left + width and top <= y <= top + height
     return bool(imgui.IsWindowHovered()) and inside
+
+
+def tell(ui: Ui, text: str) -> None:
+    """Show a tooltip beside the panel, where it hides nothing of the plot."""
+    place = imgui.GetWindowPos()[0] - ui.px(12), imgui.GetMousePos()[1]
+    imgui.SetNextWindowPos(place, imgui.ImGuiCond_Always, (1.0, 0.5))
+    imgui.SetTooltip(text)
 
 
 def legend(ui: Ui, colors: Mapping[str, Color]) -> None:

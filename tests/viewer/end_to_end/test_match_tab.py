@@ -209,44 +209,51 @@ def test_a_tooltip_explains_a_parameter(gui, monkeypatch):
 # The iterations
 
 
-def test_it_grows_during_a_run_and_keeps_earlier_ones(matched):
-    session = matched.session
-    assert len(session.document.runs) == 1
+@pytest.fixture
+def plotted(matched):
+    """The app after a short run, with what its iterations left."""
+    matched.session.editor.set_view("plot the iterations", trade_off=False)
     matched.click("Match", within=STEPS)
-    assert "energy plot" in matched.labels()
-    match(matched)
+    return matched
+
+
+def test_it_grows_during_a_run_and_keeps_earlier_ones(plotted):
+    session = plotted.session
+    assert len(session.document.runs) == 1
+    assert "energy plot" in plotted.labels()
+    match(plotted)
     runs = session.document.runs
     assert len(runs) == 2
     for shown in (False, True):
-        matched.check("previous runs", shown)
+        plotted.check("previous runs", shown)
         assert session.view.previous_runs is shown
-    matched.click("Clear previous")
+    plotted.click("Clear previous")
     assert session.document.runs == runs[-1:]
-    assert not matched.is_enabled("Clear previous")
-    matched.key("ctrl+z")
+    assert not plotted.is_enabled("Clear previous")
+    plotted.key("ctrl+z")
     assert len(session.document.runs) == 2
 
 
-def test_the_table_has_each_iteration_and_hovering_shows_it(matched, tmp_path, monkeypatch):
-    matched.click("Export CSV...")
-    matched.type("file name", "energies")
+def test_the_table_has_each_iteration_and_hovering_shows_it(plotted, tmp_path, monkeypatch):
+    plotted.click("Export CSV...")
+    plotted.type("file name", "energies")
     path = tmp_path / "energies.csv"
-    matched.wait(lambda _: path.exists())
+    plotted.wait(lambda _: path.exists())
     rows = list(csv.reader(path.read_text().splitlines()))
-    assert len(rows) == 1 + len(matched.session.result.energy_history)
+    assert len(rows) == 1 + len(plotted.session.result.energy_history)
     shown = []
     monkeypatch.setattr("polyscope.imgui.SetTooltip", shown.append)
-    matched.frames(5)
+    plotted.frames(5)
     assert not shown
-    matched.hover("energy plot")
-    known = len(matched.session.result.energy_history)
+    plotted.hover("energy plot")
+    known = len(plotted.session.result.energy_history)
     at = int(re.match(r"iteration (\d+)", shown[-1])[1])
     assert 0 < at < known - 1
-    total, _, mismatch = matched.session.result.energy_history[at]
+    total, _, mismatch = plotted.session.result.energy_history[at]
     assert f"{total:.4g}" in shown[-1]
     assert f"{mismatch:.4g}" in shown[-1]
-    [run] = matched.session.document.runs
+    [run] = plotted.session.document.runs
     terms = {"words": ("closeness", "landmarks"), "shares": run.energies[:, 1:]}
-    matched.session.editor.change("two terms", runs=(replace(run, **terms),))
-    matched.hover("energy plot")
+    plotted.session.editor.change("two terms", runs=(replace(run, **terms),))
+    plotted.hover("energy plot")
     assert f"closeness {run.energies[at, 1]:.4g}\nlandmarks {mismatch:.4g}" in shown[-1]

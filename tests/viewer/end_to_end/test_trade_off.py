@@ -1,16 +1,18 @@
 """The trade-off: a click on the curve shows a step of the path, which files and undo keep."""
 
 import csv
+import threading
 
 import numpy as np
 import pytest
 
 import abfm
+from abfm import Parameters
 from abfm.matching.path import COLUMNS
+from abfm_viewer.computing.solver import Solver
 from abfm_viewer.document.verdict_words import share
 from abfm_viewer.files.project import load_project
-from abfm_viewer.panels import trade_off
-from tests.viewer.sessions import begin, stepped
+from tests.viewer.sessions import stepped
 
 WINDOW = (1000, 700)  # where the curve is seen as a whole
 
@@ -60,8 +62,8 @@ def test_what_is_chosen_is_said_saved_and_exported(walked, tmp_path, monkeypatch
     walked.hover("step 1")
     assert shown[-1].splitlines()[2:] == [
         f"what is left: {share(walked.session.result.mismatch)}, by flow lines 90%",
-        "areas change by 1.07 times (mean |log2 J| 0.1)",
-        "shapes by 1.15 times (mean |log2 R| 0.2)",
+        "areas change by 7.2% (mean |log2 J| 0.1)",
+        "shapes by 15% (mean |log2 R| 0.2)",
         "0% folded",
     ]
     for button, name in (("Export CSV...", "path.csv"), ("Save result...", "match.npz")):
@@ -81,23 +83,34 @@ def test_what_is_chosen_is_said_saved_and_exported(walked, tmp_path, monkeypatch
 def test_a_run_shows_its_iterations_and_then_its_steps_unless_the_user_wants_the_other(
     walked, monkeypatch
 ):
-    path, session = walked.session.result.path, walked.session
+    session = walked.session
     assert "trade-off plot" in walked.labels()
     walked.click("iterations")
     assert {"energy plot", "trade-off plot"} & {*walked.labels()} == {"energy plot"}
     walked.click("trade-off")
-    of_run = trade_off.path_of
-    monkeypatch.setattr(trade_off, "path_of", lambda s: path if s.solver.running else of_run(s))
-    session.solver.follow = False
-    session.editor.set_parameter(iterations=100_000, tolerance=0, stage_iterations=90_000)
-    begin(walked)
+    goes_on, post = threading.Event(), Solver._post
+
+    def held(solver, problem, now):
+        post(solver, problem, now)
+        assert len(now.path) < 2 or goes_on.wait(30)
+
+    monkeypatch.setattr(Solver, "_post", held)
+    session.editor.amend(parameters=Parameters())
+    walked.click("Match")
+    walked.wait(lambda s: s.solver.snapshot and len(s.solver.snapshot.iteration.path) > 1)
     assert "energy plot" in walked.labels()
     walked.click("trade-off")
     assert "trade-off plot" in walked.labels()
     assert not walked.is_enabled("step", "Match")
+    assert not walked.is_enabled("Export CSV...")
     walked.key("up")
     assert session.steps.shown == 2
-    session.solver.cancel()
+    session.editor.set_view("plot the other", trade_off=False)
+    goes_on.set()
     walked.wait(lambda s: s.solver.finished)
-    assert "energy plot" in walked.labels()  # the path of this one is not known
+    assert "energy plot" in walked.labels()
+    walked.click("trade-off")
     assert (session.view.trade_off, session.view.trade_off_live) == (True, True)
+    last = len(session.result.path)
+    walked.click(f"step {1 if session.result.step else last}")
+    walked.wait(lambda s: s.document.chosen is not None)

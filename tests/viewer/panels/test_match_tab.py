@@ -8,7 +8,7 @@ import pytest
 from abfm import Parameters
 from abfm.parameters import LAST
 from abfm_viewer.document.document import Run
-from abfm_viewer.panels import energy
+from abfm_viewer.panels import energy, trade_off
 from abfm_viewer.panels import parameters as panel
 from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.widget_record import Range
@@ -60,6 +60,15 @@ def test_what_was_least_falls_until_the_problem_changes_and_is_known_of_older_ru
 )
 def test_an_axis_of_what_is_left_has_round_shares(low, high, ticks):
     assert plots.share_ticks(low, high) == ticks
+
+
+@pytest.mark.parametrize(
+    ("widest", "percents"),
+    [(0.02, [0, 0.3, 0.7, 1]), (0.7, [0, 10, 20, 50]), (5.8, [0, 100, 300, 700, 2000, 5000])],
+)
+def test_an_axis_of_areas_has_round_percents(widest, percents):
+    ticks = np.array(trade_off.area_ticks(widest))
+    np.testing.assert_allclose(100 * (2**ticks - 1), percents)
 
 
 def test_what_is_under_the_mouse_is_told():
