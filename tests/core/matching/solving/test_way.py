@@ -1,0 +1,239 @@
+"""The way of a match: far, then near; from smooth to close; where it ends, and on which mesh."""
+
+from functools import cache
+from itertools import groupby, pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import abfm
+from abfm import MatchingEnergy, Parameters, Problem
+from abfm.flow import ContinuousFlow
+from abfm.matching.solving.measures import measured
+from abfm.mesh.subdivision import mean_of_children, refined
+from abfm.parameters import LAST, WARMEST
+from tests.core.fields import bump, wavy_field
+from tests.shapes import icosphere
+
+SPHERE, SMALL = icosphere(3), icosphere(2)
+NUMBERS = "mismatch", "verified_mismatch", "folded", "log2_area", "log2_shape"
+SIGMAS = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
+SEEDS = (0, 2, 3)
+
+
+def pair(a=0, b=60, width=0.15, mesh=SPHERE):
+    return bump(mesh, mesh.vertices[a], width), bump(mesh, mesh.vertices[b], width)
+
+
+@cache
+def exact(width=0.15, b=60, mesh=SPHERE, **parameters):
+    """A match of two Gaussians, and its iterates."""
+    seen = []
+    p = Parameters(**{"refine": 0} | parameters)
+    return abfm.match(mesh, *pair(0, b, width, mesh), p, on_iteration=seen.append), seen
+
+
+def worse(step):
+    return max(step.mismatch, step.verified_mismatch)
+
+
+def waves(points, seed):
+    """Twelve waves in random directions, three to eight radians per unit of length."""
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(12, 3))
+    directions *= rng.uniform(3, 8, 12)[:, None] / np.linalg.norm(directions, axis=1)[:, None]
+    return np.sin(points @ directions.T + rng.uniform(0, 6, 12)).sum(axis=1)
+
+
+@cache
+def carried_waves(seed):
+    """Waves and what a smooth flow makes of them, each with a fifth of noise; and its origins."""
+    origins = ContinuousFlow(SPHERE, 0.1 * wavy_field(SPHERE, seed)[None], 1.0).origins().positions
+    rng, there = np.random.default_rng(seed), origins / np.linalg.norm(origins, axis=1)[:, None]
+    f, g = (waves(points, seed) for points in (SPHERE.vertices, there))
+    f, g = (h + 0.2 * h.std() * rng.normal(size=len(h)) for h in (f, g))
+    return Problem(SPHERE, f, g), origins
+
+
+@cache
+def registered(seed, **parameters):
+    seen, problem = [], carried_waves(seed)[0].with_parameters(Parameters(**parameters))
+    return abfm.match(problem, on_iteration=seen.append), seen
+
+
+def error(match, fields, origins):
+    """Root of the mean square, of where the values of vertices come from."""
+    found = ContinuousFlow(match.mesh, fields, 1.0).origins().positions
+    return np.sqrt(((found - origins) ** 2).sum(axis=1).mean())
+
+
+def test_the_far_norm_leads_until_the_target_is_found_and_never_again_on_this_way():
+    _, seen = exact(0.07, 30)
+    ways = [list(way) for _, way in groupby(seen, lambda one: one.alpha)][:2]
+    assert_allclose([way[0].alpha for way in ways], [0.01, 0.01 / 3])
+    for way in ways:
+        reaches = [one.reach for one in way]
+        assert reaches == sorted(reaches, reverse=True)
+        assert set(reaches) == {0.0, 1.0}
+        assert way[0].mismatch > 1.2  # from no motion again
+        at = reaches.index(0.0)
+        assert way[at - 1].mismatch <= 0.7
+        assert way[at].sigma == way[at - 1].sigma
+        ends = [list(step)[-1] for _, step in groupby(way[:at], lambda one: one.sigma)]
+        assert all(one.mismatch > 0.7 for one in ends[:-1])
+
+
+def test_a_second_way_is_walked_only_where_the_first_does_not_nearly_match():
+    near, seen = exact()
+    assert {one.alpha for one in seen} == {0.01}
+    assert worse(near.path[near.step]) <= 0.15
+    far, seen = exact(0.07, 30)
+    assert len({one.alpha for one in seen}) == 2
+    assert len({step.alpha for step in far.path}) == 1
+
+
+@pytest.mark.parametrize("goal", [0.3, 0.15, 0.1])
+def test_without_a_given_sigma_it_ends_where_both_witnesses_leave_the_goal(goal):
+    match, _ = exact(goal=goal)
+    *before, end = match.path
+    assert match.step == len(before)
+    assert worse(end) <= goal
+    assert all(worse(step) > goal for step in before)
+    assert match.verdict.kind == "matched"
+    sigmas = [step.sigma for step in match.path]
+    assert sigmas[0] == WARMEST
+    assert_allclose(np.divide(sigmas[:-1], sigmas[1:]), 3.0)
+    assert exact(goal=goal / 2)[0].path[-1].sigma <= end.sigma
+
+
+def test_where_none_confirms_the_goal_the_best_step_by_the_worse_witness_is_the_match():
+    match, _ = exact(0.07, 30)
+    left = [worse(step) for step in match.path]
+    assert min(left) > match.parameters.goal
+    assert match.step == int(np.argmin(left))
+    assert match.confirmed_mismatch == min(left)
+    assert match.stop_reason != "iteration limit"
+
+
+@pytest.mark.parametrize("sigma", [30.0, 0.7, 0.05])
+@pytest.mark.parametrize("unit", ["relative", "absolute"])
+def test_a_given_sigma_is_where_it_ends_and_nothing_comes_after(sigma, unit):
+    match, seen = exact(sigma=sigma, sigma_unit=unit, goal=0.3)
+    assert match.step == len(match.path) - 1
+    assert match.path[-1].sigma == seen[-1].sigma == sigma == min(one.sigma for one in seen)
+    assert match.refined == 0
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_on_measured_functions_what_is_left_falls_with_sigma_and_what_it_costs_rises(seed):
+    ends = [registered(seed, sigma=sigma)[0].path[-1] for sigma in SIGMAS]
+    assert [end.sigma for end in ends] == list(SIGMAS)
+    assert (np.diff([end.mismatch for end in ends]) < 0).all()
+    for cost in ("log2_area", "log2_shape"):
+        assert (np.diff([getattr(end, cost) for end in ends]) > 0).all()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_of_measured_functions_the_step_is_chosen_whose_map_is_about_the_truest(seed):
+    match, _ = registered(seed)
+    origins = carried_waves(seed)[1]
+    errors = [error(match, step.velocity, origins) for step in match.path]
+    assert match.verdict.kind == "registered"
+    assert errors[match.step] <= 1.5 * min(errors)
+    # the truest one is neither the first nor the last
+    assert max(errors[0], errors[-1]) > 1.2 * min(errors)
+    assert 0.3 * error(match, 0 * match.velocity, origins) > errors[match.step]
+    sigmas = [step.sigma for step in match.path]
+    assert_allclose(np.divide(sigmas[:-1], sigmas[1:]), np.sqrt(3))
+    assert LAST < sigmas[match.step] < WARMEST
+
+
+def test_measured_functions_are_walked_anew_from_a_start():
+    match, _ = registered(0)
+    again = abfm.match(match.problem.starting_from(match.path[-1].velocity))
+    assert_array_equal(again.fine_velocity, match.fine_velocity)
+    start = match.problem.starting_from(match.velocity)
+    kept = abfm.match(start.with_parameters(Parameters(iterations=0)))
+    assert_allclose(kept.velocity, match.velocity, atol=1e-12)
+
+
+def test_nothing_is_said_to_look_wrong_while_smaller_sigmas_or_other_ways_are_to_come():
+    for match, seen in (exact(0.07, 30), exact(0.05, 30, iterations=40), registered(0)):
+        warned = [one for one in seen if one.warning]
+        last = match.parameters.last_sigma
+        assert all(one.sigma < 3 * last for one in warned)
+
+
+@pytest.mark.parametrize("found", [lambda: exact(0.07, 30)[0], lambda: registered(0)[0]])
+def test_steps_are_what_they_say(found):
+    match = found()
+    energy = MatchingEnergy(match.problem)
+    for one, following in pairwise(match.path):
+        assert one.sigma > following.sigma
+        assert one.reach >= following.reach
+    for number, step in enumerate(match.path):
+        there = match.at_step(number)
+        assert (there.step, there.doubt) == (number, "")
+        for name in NUMBERS[:3]:
+            assert getattr(there, name) == getattr(step, name)
+        assert_array_equal(there.fine_velocity, step.velocity)
+        said = measured(energy, step.velocity / energy.length_scale)
+        for name in NUMBERS[1:]:
+            assert said[name] == pytest.approx(getattr(step, name), abs=1e-9)
+    assert match.path[match.step].velocity is match.fine_velocity
+
+
+def test_same_input_same_bits():
+    match, seen = registered(2)
+    again = abfm.match(carried_waves(2)[0].with_parameters(Parameters()))
+    assert_array_equal(again.energy_history, match.energy_history)
+    assert len(seen) == len(match.energy_history)
+    for one, other in zip(match.path, again.path, strict=True):
+        assert_array_equal(one.velocity, other.velocity)
+        assert [getattr(one, name) for name in NUMBERS] == [
+            getattr(other, name) for name in NUMBERS
+        ]
+
+
+@pytest.mark.parametrize("width", [0.1, 0.12])
+@pytest.mark.parametrize("changes", [{}, {"sigma": 0.3}], ids=["auto", "given"])
+def test_a_finer_mesh_never_ends_worse_and_is_made_as_often_as_asked_for(width, changes):
+    of = [exact(width, 30, SMALL, **{"refine": k} | changes)[0] for k in (0, 1, 2)]
+    left = [match.confirmed_mismatch for match in of]
+    assert left == sorted(left, reverse=True)
+    assert of[0].refined == 0
+    for k, match in enumerate(of):
+        assert match.refined <= k
+        assert match.parameters.refine == k
+        assert match.path[match.step].sigma == changes.get("sigma", match.path[match.step].sigma)
+        if match.refined < k:  # once one gains nothing there is no next one
+            assert left[k] == left[k - 1] or left[k] <= match.parameters.goal
+    assert left[2] < 0.7 * left[0]
+
+
+def test_what_is_refined_is_seen_on_the_mesh_itself():
+    match, seen = exact(0.12, 30, SMALL, refine=1)
+    count, faces = len(SMALL.vertices), len(SMALL.faces)
+    assert match.refined == 1
+    assert match.fine.mesh is refined(SMALL, 1)
+    assert_array_equal(match.velocity, mean_of_children(match.fine_velocity, faces))
+    carried = match.fine.push(match.fine.source, 1.0)
+    assert_allclose(match.advected, carried[:count], atol=1e-6)
+    assert match.advect(1.0) == pytest.approx(match.advected[:, 0], abs=1e-6)
+    assert match.fine.verify(subdivided=False).flow_lines == pytest.approx(match.verified_mismatch)
+    assert {one.vertices for one in seen} == {count, len(refined(SMALL, 1).vertices)}
+    assert seen[-1].velocity.shape == (1, faces, 3)
+    assert seen[-1].advected.shape == (count, 1)
+
+
+def test_only_what_is_not_confirmed_is_refined_and_a_given_sigma_where_it_is_asked_for():
+    assert exact(0.12, 30, SMALL, refine=None)[0].refined > 0
+    assert exact(0.12, 30, SMALL, refine=None, sigma=0.3)[0].refined == 0
+    assert exact(0.12, 30, SMALL, refine=1, sigma=0.3)[0].refined == 1
+    assert exact(0.3, 8, refine=3)[0].refined == 0
+    assert registered(0)[0].refined == 0
+    usual, finer = registered(0)[0], registered(0, refine=1)[0]
+    assert (usual.refined, finer.refined) == (0, 1)
+    assert finer.path[finer.step].sigma == usual.path[usual.step].sigma
+    assert finer.confirmed_mismatch < usual.confirmed_mismatch
