@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.errors import AbfmError, ParameterError
+from abfm.calculus.vector_fields import to_ambient
+from abfm.errors import AbfmError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
 from abfm.matching.solving.course import NEARLY, Course, Stage
@@ -19,16 +19,11 @@ from abfm.matching.solving.held_out import PRICE, HeldOut
 from abfm.matching.solving.levels import levels, subdivided
 from abfm.matching.solving.measures import by_flow_lines, measured
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
-from abfm.mesh.subdivision import times_subdivided
+from abfm.matching.solving.start import given, is_lost, on_coarsest, on_finer
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
 
-_LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
-# times the source's values, beyond which squares round off what the target is: nothing leads to it
-_UNSTABLE = 1e8
-# times the mismatch of no flow at all beyond which no way begins at a given start
-_ASTRAY = 3.0
 _GAIN = 0.03  # of what is left by the worse witness: what a finer mesh must gain
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
 _FINER = 2  # times that the mesh is subdivided without being asked for
@@ -40,7 +35,7 @@ _PATIENCE = 2  # steps after the best one, before a measured way ends
 
 
 class Solver:
-    """Finds the fields of a problem; ``way`` and ``chosen`` are its steps, and which is the end."""
+    """Finds the fields of a problem; ``way`` has its steps, ``step`` says which is the end."""
 
     def __init__(
         self, energy: MatchingEnergy, on_iteration: Callable[[Iteration], None] | None
@@ -84,14 +79,20 @@ class Solver:
 
     def _descend(self) -> None:
         descent, p = self._descent, self.energy.parameters
-        start = self._start()
-        is_near = start is not None and not self._is_lost(start)
+        start, finer, lost = given(self.energy), None, True
+        if start is not None:
+            self._at_rest.append((start, self.energy.advected(start)))
+            finer = on_finer(self.energy, descent.levels)
+            lost = finer is None and is_lost(self.energy, self._at_rest[-1][1])
         if self._course.is_measured and p.iterations:
             # what is held out would not be new to a field that has seen it
-            start, is_near = None, False
-        if start is not None and self._is_begun_finer():
-            pass
-        elif start is not None and is_near:
+            start, finer, lost = None, None, True
+        if finer is not None:
+            descent.levels, x = finer
+            stage = self._course.stage(len(descent.levels) - 1, self._course.sigmas[-1], p.alpha)
+            descent.minimise(stage, x)
+            self._mark(stage)
+        elif start is not None and not lost:
             self._come_close(start, descent.own, self._course.sigmas[-1:], p.alpha)
         else:
             descent.levels = levels(descent.levels)
@@ -104,30 +105,10 @@ class Solver:
         self._balance()
         self._refine()
 
-    def _is_begun_finer(self) -> bool:
-        """Go on on the finer mesh that a start came from, if there is one and it may be used."""
-        p, descent, given = self.energy.parameters, self._descent, self.energy.problem.fine_start
-        times = 0 if given is None else times_subdivided(given.shape[1], self.energy.problem.mesh)
-        if given is None or not times or (p.refine is not None and times > p.refine):
-            return False
-        if len(given) != p.segments:
-            return False
-        found = list(descent.levels)
-        for _ in range(times):
-            found[-1:] = subdivided(found[-1])
-        finest = found[-1].energy
-        x = to_frame(finest.mesh, given / self.energy.length_scale)
-        if not finest.relative_mismatch(finest.advected(x)) <= _LOST:
-            return False
-        descent.levels = found
-        stage = self._course.stage(len(found) - 1, self._course.sigmas[-1], p.alpha)
-        descent.minimise(stage, x)
-        self._mark(stage)
-        return True
-
     def _find(self, start: FloatArray | None) -> None:
         """Walk the ways on the coarsest mesh; that which comes closest stays."""
-        x = self._first(start)
+        iterations = self.energy.parameters.iterations
+        x = on_coarsest(self._descent.levels, start, not iterations)
         for alpha in self._course.alphas:
             self._descent.progress, self.way = Progress(), []
             self._walk(x, alpha)
@@ -374,46 +355,3 @@ class Solver:
             x = coarser.fields_to_finer(x)
         mesh = descent.levels[max(level, descent.own)].energy.mesh
         return to_ambient(mesh, x) * self.energy.length_scale
-
-    def _start(self) -> FloatArray | None:
-        start, wanted = self.energy.problem.start, self.energy.parameters.segments
-        if start is None:
-            return None
-        given = len(start)
-        begins, others = np.arange(wanted)[:, None] * given, np.arange(given) * wanted
-        overlaps = np.minimum(begins + given, others + wanted) - np.maximum(begins, others)
-        averages = np.maximum(overlaps, 0) / given
-        fields = np.tensordot(averages, start / self.energy.length_scale, 1)
-        return to_frame(self.energy.mesh, fields)
-
-    def _is_lost(self, x: FloatArray) -> bool:
-        advected, source = self.energy.advected(x), self.energy.terms.carried
-        if not np.isfinite(advected).all():
-            raise ParameterError(
-                "start: the flow of these fields overflows; start from slower ones or from none"
-            )
-        self._at_rest.append((x, advected))
-        if self.energy.parameters.reach:
-            return self.energy.relative_mismatch(advected) > _LOST
-        largest, grown = float(np.abs(source).max()), float(np.abs(advected).max())
-        if grown > _UNSTABLE * largest:
-            raise ParameterError(
-                "start: the discrete flow of these fields is unstable, as it makes values of up "
-                f"to {grown:.3g} of those of up to {largest:.3g}; start from slower fields or from "
-                "none"
-            )
-        return False
-
-    def _first(self, start: FloatArray | None) -> FloatArray:
-        """Return the fields on the coarsest mesh at which the ways begin."""
-        descent, p = self._descent, self.energy.parameters
-        coarsest = descent.levels[0].energy
-        if start is None:
-            return np.zeros(coarsest.shape)
-        for finer, coarser in zip(descent.levels[:0:-1], descent.levels[-2::-1], strict=True):
-            start = coarser.fields_from_finer(to_ambient(finer.energy.mesh, start))
-        at_rest = coarsest.relative_mismatch(coarsest.terms.carried)
-        mismatch = coarsest.relative_mismatch(coarsest.advected(start))
-        if mismatch <= _ASTRAY * at_rest or not p.iterations:
-            return start
-        return np.zeros(coarsest.shape)

@@ -1,0 +1,79 @@
+"""A given start of a match: fields of so many segments, on the mesh itself or on a finer one."""
+
+import numpy as np
+
+from abfm.calculus.vector_fields import to_ambient, to_frame
+from abfm.errors import ParameterError
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.solving.levels import Level, subdivided
+from abfm.mesh.subdivision import times_subdivided
+from abfm.types import FloatArray
+
+_LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
+# times the source's values, beyond which squares round off what the target is: nothing leads to it
+_UNSTABLE = 1e8
+# times the mismatch of no flow at all beyond which no way begins at a given start
+_ASTRAY = 3.0
+
+
+def given(energy: MatchingEnergy) -> FloatArray | None:
+    """Return a problem's start as frame coefficients (N, F, 2) on its mesh; None for none."""
+    start, wanted = energy.problem.start, energy.parameters.segments
+    if start is None:
+        return None
+    count = len(start)
+    begins, others = np.arange(wanted)[:, None] * count, np.arange(count) * wanted
+    overlaps = np.minimum(begins + count, others + wanted) - np.maximum(begins, others)
+    averages = np.maximum(overlaps, 0) / count
+    return to_frame(energy.mesh, np.tensordot(averages, start / energy.length_scale, 1))
+
+
+def is_lost(energy: MatchingEnergy, advected: FloatArray) -> bool:
+    """Tell whether the target has to be looked for, as a start carries the source (C, V) elsewhere;
+    ParameterError if its flow overflows.
+    """
+    if not np.isfinite(advected).all():
+        raise ParameterError(
+            "start: the flow of these fields overflows; start from slower ones or from none"
+        )
+    if energy.parameters.reach:
+        return energy.relative_mismatch(advected) > _LOST
+    largest, grown = float(np.abs(energy.terms.carried).max()), float(np.abs(advected).max())
+    if grown > _UNSTABLE * largest:
+        raise ParameterError(
+            "start: the discrete flow of these fields is unstable, as it makes values of up "
+            f"to {grown:.3g} of those of up to {largest:.3g}; start from slower fields or from none"
+        )
+    return False
+
+
+def on_finer(energy: MatchingEnergy, levels: list[Level]) -> tuple[list[Level], FloatArray] | None:
+    """Return the levels up to the finer mesh that a start came from, and its coefficients there;
+    None if there is none, if it may not be used, or if the start leads astray.
+    """
+    p, start = energy.parameters, energy.problem.fine_start
+    times = 0 if start is None else times_subdivided(start.shape[1], energy.problem.mesh)
+    if start is None or not times or times > (times if p.refine is None else p.refine):
+        return None
+    if len(start) != p.segments:
+        return None
+    found = list(levels)
+    for _ in range(times):
+        found[-1:] = subdivided(found[-1])
+    finest = found[-1].energy
+    x = to_frame(finest.mesh, start / energy.length_scale)
+    return (found, x) if finest.relative_mismatch(finest.advected(x)) <= _LOST else None
+
+
+def on_coarsest(levels: list[Level], start: FloatArray | None, at_once: bool) -> FloatArray:
+    """Return the fields on the coarsest mesh at which the ways begin: none if a start leads astray,
+    unless it is to be had as it is.
+    """
+    coarsest = levels[0].energy
+    if start is None:
+        return np.zeros(coarsest.shape)
+    for finer, coarser in zip(levels[:0:-1], levels[-2::-1], strict=True):
+        start = coarser.fields_from_finer(to_ambient(finer.energy.mesh, start))
+    at_rest = coarsest.relative_mismatch(coarsest.terms.carried)
+    mismatch = coarsest.relative_mismatch(coarsest.advected(start))
+    return start if at_once or mismatch <= _ASTRAY * at_rest else np.zeros(coarsest.shape)
