@@ -133,6 +133,8 @@ class View:
     hidden: tuple[str, ...] = ()  # surfaces
     wireframe: bool = False
     flat: bool = False  # each face in one shade
+    # a match that was found on a finer mesh shows its functions there, without streaks
+    finer: bool = False
     coloring: Coloring = "function"  # of the advected surface
     blend: bool = False  # whether there is a surface for it, as for the next two
     transport: bool = False

@@ -141,6 +141,13 @@ def numbers(match: abfm.Match) -> str:
     return ", ".join(parts)
 
 
+def refinement(match: abfm.Match) -> str:
+    """``found on the mesh subdivided 2 times, 16 times the faces``; empty for the mesh itself."""
+    times = counted(match.refined, "time")
+    found = f"found on the mesh subdivided {times}, {4**match.refined} times the faces"
+    return found if match.refined else ""
+
+
 def place(now: abfm.Iteration) -> str:
     """Say where in its course a match is: ``mesh 1/3, stage 2, reach 0.5``."""
     mesh = f"mesh {now.level + 1}/{now.levels}, " if now.levels > 1 else ""

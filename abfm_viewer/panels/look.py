@@ -3,7 +3,7 @@
 import numpy as np
 
 from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, Coloring
-from abfm_viewer.document.verdict_words import counted, numbers
+from abfm_viewer.document.verdict_words import counted, numbers, refinement, sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.widget_record import Range
 
@@ -119,6 +119,8 @@ def _error(context: Context) -> None:
         )
     if session.result is not None and not (session.outdated or session.solver.running):
         ui.note(f"Mismatch at τ: {numbers(session.result)}; relative to the target in L2.")
+        if session.result.refined:
+            ui.note(f"{sentence(refinement(session.result))} View, Finer mesh shows it there.")
 
 
 def _field(context: Context) -> None:

@@ -243,7 +243,8 @@ class Overlays:
         for name, mesh in meshes.items():
             self._draw_isolines(name, mesh, paints.get(name))
         if "advected" in meshes:
-            self._draw_of_flow(meshes["advected"], of_flow, "source" in meshes)
+            mesh = self._shown.session.surface("advected").mesh
+            self._draw_of_flow(mesh, of_flow, "source" in meshes)
 
     def _draw_isolines(self, surface: str, mesh: TriangleMesh, paint: Paint | None) -> None:
         """Show equal values, but not the range's ends and middle, where it may be constant."""

@@ -66,7 +66,7 @@ class Scene:
         front = self._front()
         # nothing is shown that would turn as soon as the front is known
         names = () if front is None else view.shown_surfaces
-        self._register({name: session.surface(name).mesh for name in names})
+        self._register({name: self.mesh(name) for name in names})
         if front is None:
             return
         self._look(rect, front)
@@ -78,6 +78,11 @@ class Scene:
             of_flow = earlier is None or earlier.view is not view or not self.pacing.begins
             self.overlays.update(self._meshes, self.paints, of_flow)
         self._place()
+
+    def mesh(self, name: str) -> TriangleMesh:
+        """Return what a surface is drawn on: its own mesh, or a finer one that has its values."""
+        paint = self.painter.paint(name)
+        return (paint and paint.mesh) or self._session.surface(name).mesh
 
     def _paint(self) -> bool:
         """Show the surfaces' paints; whether the advected one waits."""
@@ -150,7 +155,9 @@ class Scene:
         name = hit.structure_name
         if not hit.is_hit or name not in self.shown:
             return None
-        mesh, face = self._meshes[name], int(hit.structure_data["index"])
+        mesh, drawn = self._session.surface(name).mesh, self._meshes[name]
+        # a finer one has the children of each face side by side
+        face = int(hit.structure_data["index"]) * len(mesh.faces) // len(drawn.faces)
         matrix = self.view.matrix(name, ps.get_window_size())
         place = viewport(mesh).undrawn((np.asarray(hit.position) - matrix[:3, 3]) @ matrix[:3, :3])
         a, b, c = mesh.vertices[mesh.faces[face]]
@@ -159,11 +166,12 @@ class Scene:
         return self._hit(name, face, inside / inside.sum())
 
     def nearest(self, name: str, position: FloatArray) -> Hit:
-        found = abfm.maps.project_onto_surface(self._meshes[name], position[None])
+        mesh = self._session.surface(name).mesh
+        found = abfm.maps.project_onto_surface(mesh, position[None])
         return self._hit(name, int(found.faces[0]), found.barycentric[0])
 
     def _hit(self, name: str, face: int, weights: FloatArray) -> Hit:
-        vertex = int(self._meshes[name].faces[face][np.argmax(weights)])
+        vertex = int(self._session.surface(name).mesh.faces[face][np.argmax(weights)])
         return Hit(name, Point(face, triple(weights)), vertex)
 
     def _front(self) -> Front | None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import abfm
+from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, on_ground, place_colors
 from abfm_viewer.computing.background import Memo
@@ -32,6 +33,7 @@ class Paint:
     bar: str = ""  # title of the colour bar; surfaces with the same title share one
     corners: FloatArray | None = None  # (3F, 2): their places in a texture
     is_dark: bool = False  # a checkerboard for a dark ground
+    mesh: TriangleMesh | None = None  # that the values are on; None for the surface's own
 
 
 class Painter:
@@ -53,6 +55,8 @@ class Painter:
         if source is None or target is None:
             return None
         colors = self._function_range(source, target)
+        if paint := self._on_finer(name, colors):
+            return paint
         if side and session.view.coloring in ("coordinates", "checker"):
             return self._carried(name, session.surface(name).mesh.vertices, name)
         if side:
@@ -81,6 +85,21 @@ class Painter:
     ) -> Paint:
         make = partial(Paint, "vertex values", values, title, colors, bar)
         return self._kept[name].get((values, title, colors), make)
+
+    def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
+        """Show a function of a match on the finer mesh that it was found on, if that is wanted."""
+        flow, is_side = self._shown.flow, name in SIDES
+        is_function = is_side or (name == "advected" and self._session.view.coloring == "function")
+        found = flow.on_finer_mesh(name) if is_function else None
+        if found is None:
+            return None
+        mesh, values = found
+        title = name if is_side else self._extrapolated("advected", flow.is_behind)
+
+        def make() -> Paint:
+            return Paint("vertex values", values, title, colors, "function", mesh=mesh)
+
+        return self._kept[name].get((mesh, values, title, colors), make)
 
     def _plain(self, advected: FloatArray, colors: ColorRange) -> Paint:
         """Show the function, also where what the view asks for is still to come."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -183,6 +184,10 @@ class ShownFlow(Jobs):
         self._destinations = Carried(self, FlowState.destinations)
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
+        self._fine: Latest[abfm.Match] = self.latest()
+        self._on_fine = Carried(self)  # along the flow as it is there
+        self._fine_state = Memo[FlowState]()
+        self._fine_columns: dict[str, Memo[FloatArray]] = defaultdict(Memo)
         self.is_behind = False  # `advected` gave another flow's or time's values lately
 
     @property
@@ -228,6 +233,38 @@ class ShownFlow(Jobs):
         carried = self._source.at(flow, source, time, self.settled)
         self.is_behind = self._source.behind
         return source if carried is None else carried
+
+    def on_finer_mesh(self, name: str) -> tuple[TriangleMesh, FloatArray] | None:
+        """Return the source, the target or the advected function, (V,), on the finer mesh on which
+        the result was found; None where it was on none, that is not wanted, or not yet known.
+        """
+        session, result = self._session, self._session.result
+        if result is None or session.snapshot is not None or session.outdated:
+            return None
+        if not (session.view.finer and result.refined):
+            return None
+        fine = self._fine.ask(result, lambda: result.fine)
+        if fine is None:
+            return None
+        channel, time, tau = session.document.channel, self.time, result.parameters.tau
+
+        def column(of: str) -> FloatArray:
+            get = self._fine_columns[of].get
+            return get((fine, channel), lambda: np.asarray(getattr(fine, of)[:, channel]))
+
+        if name == "target":
+            return fine.mesh, column(name)
+        source = column("source")
+        if name == "source":
+            return fine.mesh, source
+        self.is_behind = False
+        if abs(time - tau) <= 1e-9 * tau:
+            return fine.mesh, column(name)
+        make = partial(FlowState, fine.mesh, fine.fine_velocity, fine.parameters)
+        state = self._fine_state.get((fine,), make)
+        carried = self._on_fine.at(state, source, time, self.settled)
+        self.is_behind = self._on_fine.behind
+        return None if carried is None else (fine.mesh, carried)
 
     def coordinates(self) -> FloatArray | None:
         """Return where each vertex's value came from at the shown time, (V, 3), by flow lines."""

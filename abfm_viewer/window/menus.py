@@ -17,6 +17,10 @@ from abfm_viewer.window.actions import Action, Actions
 
 UI_SCALES = (1.0, 1.25, 1.5, 2.0)
 _LONGEST_PATH = 60
+_FINER = (
+    "Of a match that was found on a finer mesh: its functions there, without streaks. All else is "
+    "on the mesh itself, where clicks and drags count."
+)
 
 
 def draw(ui: Ui, actions: Actions, textures: samples.SampleTextures) -> None:
@@ -115,6 +119,10 @@ def _view(ui: Ui, actions: Actions) -> None:
     for label, action, shown in (("Wireframe", actions.wireframe, view.wireframe), flat):
         if menu_item(ui, label, action.hint, shown):
             action.do()
+    is_finer = session.result is not None and session.result.refined > 0
+    if menu_item(ui, "Finer mesh", checked=view.finer, enabled=is_finer or view.finer):
+        session.editor.set_view("switch the finer mesh", finer=not view.finer)
+    ui.tip(_FINER)
     if menu_item(ui, "Flow after a match", checked=view.flow_after_match):
         session.switch_flow_after_match()
     ui.tip("A match that has ended shows its flow, by streaks or arrows, and plays it once.")

@@ -27,7 +27,15 @@ _SHARE = 0.86  # of the window's height that the menu may take
 _PICTURES = "pictures of the samples"
 _KEPT = (
     *("theme", "ui_scale", "layout", "colormap", "isolines", "isoline_count", "color_bar"),
-    *("wireframe", "flat", "arrow_length", "arrow_density", "flow_after_match", "previous_runs"),
+    *(
+        "wireframe",
+        "flat",
+        "finer",
+        "arrow_length",
+        "arrow_density",
+        "flow_after_match",
+        "previous_runs",
+    ),
     *("trade_off", "trade_off_live"),
 )
 """What a figure leaves as the user's view has it."""

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from abfm.flow.continuous_flow import on_children
 from abfm.workers.progress import step
+from abfm_viewer.automation import DriverError
 from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.computing.solver import State
@@ -20,6 +22,7 @@ from abfm_viewer.widgets.containers import is_popup_open
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.actions import AXES, axis_front
 from tests.shapes import torus
+from tests.viewer.sessions import match
 
 SURFACES = ("source", "advected", "target")
 
@@ -153,6 +156,27 @@ def test_wireframe_and_flat_shading_come_and_go(gui, tmp_path):
         for expected in (True, False):
             gui.key(key)
             assert getattr(gui.session.view, name) is expected
+
+
+def test_a_match_of_a_finer_mesh_is_seen_there_and_clicked_on_the_mesh_itself(gui):
+    session, own = gui.session, gui.session.surface().mesh
+    session.editor.set_parameter(refine=0)
+    match(gui)
+    with pytest.raises(DriverError, match="Finer mesh"):  # it was found on the mesh itself
+        gui.menu("View", "Finer mesh")
+    gui.key("escape")
+    fields = np.stack([on_children(own, field) for field in session.result.velocity])
+    session.editor.amend(result=replace(session.result, fine_velocity=fields))
+    gui.menu("View", "Finer mesh")
+    assert session.view.finer
+
+    def sizes():
+        return {len(gui.window.scene.mesh(name).faces) for name in SURFACES}
+
+    gui.wait(lambda s: sizes() == {4 * len(own.faces)})
+    gui.pick(12)
+    assert session.channels[0].source.startswith("gaussian:vertex=12,")
+    gui.wait(lambda s: sizes() == {len(own.faces)})  # the match is no longer of what is shown
 
 
 def test_surfaces_are_hidden_and_shown_by_menu_and_keys(gui, tmp_path):

@@ -81,6 +81,7 @@ DOCUMENT = Document(
         large="target",
         hidden=("source",),
         wireframe=True,
+        finer=True,
     ),
 )
 

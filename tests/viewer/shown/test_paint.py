@@ -7,11 +7,13 @@ import pytest
 
 from abfm import TriangleMesh, baselines
 from abfm.baselines import linear_blend, optimal_transport
+from abfm.mesh.subdivision import subdivided
 from abfm_viewer.document.document import COLORINGS
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import Painter, _most
 from abfm_viewer.shown.shown import Field, Shown
-from tests.viewer.sessions import SPHERE, ready, until
+from tests.core.fields import wavy_field
+from tests.viewer.sessions import PAIR, SPHERE, ready, until
 
 
 @pytest.fixture
@@ -46,6 +48,37 @@ def set_source(session, spec):
 def test_surfaces_stand_in_the_order_of_the_flow(session, view, names):
     show(session, **view)
     assert session.view.shown_surfaces == names
+
+
+def test_a_match_of_a_finer_mesh_shows_its_functions_there_if_that_is_wanted(session, painter):
+    """Of which the mesh itself has the first values, at any time."""
+    fine = subdivided(SPHERE)
+    problem = session.result.problem.with_specs([PAIR.source], [PAIR.target])
+    field = 0.3 * wavy_field(fine, 0)[None]
+    found = replace(session.result, problem=problem, fine_velocity=field)
+    session.editor.amend(
+        result=replace(found, advected=found.fine.advected[: len(SPHERE.vertices)])
+    )
+    names = session.view.shown_surfaces
+    assert all(painter.paint(name).mesh is None for name in names)
+    show(session, finer=True)
+    for time in (session.parameters.tau, 0.4):
+        session.set_time(time)
+        until(lambda: all(painter.paint(name).mesh for name in names), session)
+        until(lambda: painter._shown.flow.settled and not painter._shown.flow.busy, session)
+        for name in names:
+            paint = painter.paint(name)
+            assert len(paint.values) == len(paint.mesh.vertices) == len(fine.vertices)
+            assert painter.paint(name) is paint
+        np.testing.assert_allclose(
+            painter.paint("advected").values[: len(SPHERE.vertices)],
+            found.advect(time)[:, 0],
+            atol=1e-6,
+        )
+    show(session, coloring="speed")
+    assert painter.paint("advected").mesh is None
+    show(session, coloring="function", finer=False)
+    assert all(painter.paint(name).mesh is None for name in names)
 
 
 def test_functions_share_one_bar_and_range_with_zero_in_the_middle_of_signed_ones(session, painter):
