@@ -13,6 +13,7 @@ from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import AbfmError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
+from abfm.matching.solvability import RESOLVED, narrowest
 from abfm.matching.solving.course import NEARLY, Course, Stage
 from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.held_out import PRICE, HeldOut
@@ -24,12 +25,13 @@ from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
 
-_GAIN = 0.03  # of what is left by the worse witness: what a finer mesh must gain
+_GAIN = 0.03  # of what is left by the worse witness: what a smaller sigma or a finer mesh must gain
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
 _FINER = 2  # times that the mesh is subdivided without being asked for
 _EFFORT, _LEAST = 2.0, 3  # times what was spent before, for a finer mesh; and iterations on it
 # of flow lines, in balance; how often they are asked, after how many iterations each
 _SHARE, _ROUNDS, _ROUND = 0.5, 3, 8
+_HOPELESS = 0.5  # mismatch beyond which both have nothing to share
 _LATER = np.empty((1, 0, 3))  # instead of fields
 _PATIENCE = 2  # steps after the best one, before a measured way ends
 
@@ -170,7 +172,7 @@ class Solver:
                     at, level = descent.prolonged(x, level, stage, left), top
                 at = descent.minimise(stage, at).x
                 self._mark(stage, held_out)
-                if self._is_over():
+                if self._is_over() or not self._gains():
                     break
             x, left, sigmas = descent.best.x, descent.mismatch, sigmas[-1:]
             carried = self.energy.advected(x)
@@ -194,7 +196,9 @@ class Solver:
             mark = self.way[there[self._best([self.way[i] for i in there])]]
             mesh = descent.levels[-1].energy.mesh
             is_fine = len(mesh.vertices) + len(mesh.edges) > _FINEST
-            if mark.worse <= self._goal or (p.refine is None and is_fine):
+            if mark.worse <= self._goal:
+                return
+            if p.refine is None and (is_fine or self._clustered or self._is_resolved(mark)):
                 return
             try:
                 descent.levels[-1:] = subdivided(descent.levels[-1])
@@ -208,6 +212,11 @@ class Solver:
                 return
             if p.refine is None and not left < (1 - _GAIN) * mark.worse:
                 return
+
+    def _is_resolved(self, mark: Mark) -> bool:
+        """Tell whether what a step leaves is not the mesh's doing."""
+        energy = self._descent.levels[mark.stage.level].energy
+        return mark.worse > NEARLY and narrowest(energy.functions) >= RESOLVED
 
     def _go_on_finer(self, mark: Mark) -> None:
         """Go on from a step on the finest mesh; unless asked for with as much effort as is left."""
@@ -224,8 +233,16 @@ class Solver:
                 stage = replace(stage, iterations=min(stage.iterations, int(left)))
             point = descent.minimise(stage, point if sigma == mark.stage.sigma else point.x)
             self._mark(stage, mark.held_out)
-            if course.is_measured or self._is_over():
+            if course.is_measured or self._is_over() or not self._gains():
                 return
+
+    def _gains(self) -> bool:
+        """Tell whether the last step on its mesh left less than the one before, if it has to."""
+        if self._course.is_given or self._course.is_fixed or len(self.way) < 2:
+            return True
+        before, last = self.way[-2:]
+        same = before.stage.level == last.stage.level
+        return not same or last.worse < (1 - _GAIN) * before.worse
 
     def _there(self) -> list[int]:
         """Return which steps are on the finest mesh so far, the mesh itself at least."""
@@ -244,12 +261,13 @@ class Solver:
         """
         descent, share = self._descent, _SHARE
         course, energy = self._course, descent.levels[self.way[-1].stage.level].energy
-        if course.is_given or course.is_fixed or course.is_measured:
+        # thin triangles make a round cost as much as the whole way with clusters
+        if course.is_given or course.is_fixed or course.is_measured or self._clustered:
             return
         reason = descent.reason
         for _ in range(_ROUNDS):
             mark = self.way[-1]
-            if mark.worse <= self._goal or not mark.verified_mismatch > mark.mismatch:
+            if not self._goal < mark.worse <= _HOPELESS or mark.verified_mismatch <= mark.mismatch:
                 return
             away = mark.carried - by_flow_lines(energy, mark.x)
             stage = replace(mark.stage, iterations=_ROUND, fixed=True, goal=0.0)
