@@ -1,3 +1,5 @@
+from . import measured as measured
+from . import meshes as meshes
 from . import success as success
 from . import window as window
 from .arrival import format_arrival as format_arrival

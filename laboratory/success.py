@@ -11,15 +11,14 @@ from zlib import crc32
 
 import numpy as np
 
-from abfm import AbfmError, ParameterError, Parameters, Problem, TriangleMesh, function, load_mesh
-from abfm.assets import asset_names, asset_path
+from abfm import AbfmError, ParameterError, Parameters, Problem, TriangleMesh, function
 from abfm.calculus import geodesic_distance
 from abfm.flow.exponential import counted_row_products
 from abfm.maps import SymmetryError, detect_symmetry
 from abfm.matching.solvability import RESOLVED, different_peaks, range_bound, resolution
-from abfm.mesh.shapes import even_sphere, five_limbs, grid
 from abfm.types import FloatArray
 from laboratory.common import LEVEL, aligned, in_words, machine, markdown, watched_match
+from laboratory.meshes import torus
 
 Row = dict[str, Any]
 Tell = Callable[[str], None]
@@ -41,7 +40,7 @@ had a reach.
 VERSIONS = {"before": BEFORE, "now": Parameters()}
 """What is compared."""
 CONFIRMED = 0.1
-"""Largest mismatch by flow lines that confirms one."""
+"""Largest mismatch by flow lines that says that a field carries about what it is said to carry."""
 UNFOLDED = 0.01
 """Largest share of folded faces of a flow that folds none but for its discretisation."""
 
@@ -72,49 +71,7 @@ _HIGHEST = 8  # of the eigenfunctions matched
 # of the most possible: how far the two targets of one source are from each other
 _APART = (0.5, 1.0)
 _OFF_MIRROR = 0.2  # of sqrt(area): how far a landmark is from its image
-_BUMPS = 9
 _ARROW = " → "
-
-
-def success_meshes() -> dict[str, TriangleMesh]:
-    """Return bundled and generated surfaces by name, closed and open: 300 to 12,300 vertices."""
-    ball, rough = even_sphere(5_000), even_sphere(8_000)
-    rng = np.random.default_rng(_BUMPS)
-    places = rng.normal(size=(_BUMPS, 3))
-    places /= np.linalg.norm(places, axis=1)[:, None]
-    heights = rng.uniform(-0.25, 0.5, _BUMPS)
-    radius = 1 + np.exp(12 * (rough.vertices @ places.T - 1)) @ heights
-    return {
-        "sphere": even_sphere(12_000),
-        "ellipsoid": TriangleMesh(ball.vertices * [1, 0.7, 0.45], ball.faces),
-        "bumpy": TriangleMesh(rough.vertices * radius[:, None], rough.faces),
-        "limbs": five_limbs(5_000),
-        "torus": torus(120, 50),
-        "square": _square(60),
-        **{name: load_mesh(asset_path(name)) for name in asset_names() if name.endswith(".off")},
-    }
-
-
-def torus(n: int, m: int, R: float = 1.0, r: float = 0.4) -> TriangleMesh:
-    """Return a torus about the z axis: n vertices around it, m around the tube."""
-    u, w = (index.ravel() for index in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
-    around, tube = 2 * np.pi * u / n, 2 * np.pi * w / m
-    ring = R + r * np.cos(tube)
-    vertices = np.stack([ring * np.cos(around), ring * np.sin(around), r * np.sin(tube)], axis=1)
-    a, b, c, d = (((u + p) % n) * m + (w + q) % m for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
-    halves = [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
-    return TriangleMesh(vertices, np.concatenate(halves))
-
-
-def _square(n: int) -> TriangleMesh:
-    """Return a unit square of n x n cells that are smoothly uneven: a surface with a boundary."""
-    x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
-    x, y = (
-        x + 0.08 * np.sin(np.pi * x) * np.cos(2 * y + 0.3),
-        y + 0.06 * np.sin(np.pi * y) * np.sin(3 * x + 0.5),
-    )
-    vertices = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
-    return TriangleMesh(vertices, grid(n, n, around=False)[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +102,7 @@ class Trial:
         names = ("index", "family", "width", "distance", "source", "target")
         return {
             "mesh": self.mesh_name,
+            "folder": self.mesh_name.rpartition("/")[0],
             "vertices": len(self.mesh.vertices),
             **{key: getattr(self, key) for key in names},
             "edges_per_width": edges,
@@ -252,19 +210,23 @@ class Record:
     # as `Watched` has them, on a mesh of which nothing was known, without the verification here
     seconds: float = math.nan
     seconds_to_level: float = math.nan
+    refined: int = 0  # how often the mesh was subdivided, as of `abfm.Match`
     stop_reason: str = ""  # as `abfm.Match.stop_reason`, or "time limit", or the error
     verdict: str = ""  # kind of `abfm.Match.verdict`; empty where there was an error
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields, None for what is not a finite number, and whether it is a success and
-        confirmed.
+        """Return all fields, None for what is not a finite number, and whether it arrived, by the
+        discrete flow, is a success, by both witnesses, and confirmed, by the weaker word of flow
+        lines alone.
         """
         numbers = {
             key: None if isinstance(value, float) and not math.isfinite(value) else value
             for key, value in asdict(self).items()
         }
+        arrived = self.mismatch <= LEVEL
+        success = arrived and self.verified <= LEVEL
         confirmed = self.verified <= CONFIRMED
-        return {**numbers, "success": self.mismatch <= LEVEL, "confirmed": confirmed}
+        return {**numbers, "arrived": arrived, "success": success, "confirmed": confirmed}
 
 
 def run_trial(
@@ -293,6 +255,7 @@ def run_trial(
         row_products=products.count,
         seconds=watched.to_end,
         seconds_to_level=watched.to_level,
+        refined=found.refined,
         stop_reason="time limit" if late else found.stop_reason,
         verdict=found.verdict.kind,
     )
@@ -305,13 +268,18 @@ def run_trial(
 
 @dataclass(frozen=True)
 class Selection:
-    """Which problems: `seed` and `count` of `success_problems`, and of ``part = (k, n)`` only every
-    n-th, from the k-th, which is 1 for the first.
+    """Which problems: `seed` and `count` on each mesh, and of ``part = (k, n)`` only every n-th,
+    from the k-th, which is 1 for the first.
     """
 
     seed: int = 0
     count: int = 6
     part: tuple[int, int] = (1, 1)
+
+    @property
+    def places(self) -> slice:
+        """Places of its part in a list of all problems."""
+        return slice(self.part[0] - 1, None, self.part[1])
 
 
 def run_success(
@@ -335,10 +303,13 @@ def run_success(
     for parameters in versions.values():
         short = replace(parameters, iterations=4, stage_iterations=1)
         run_trial(warm_up, short, stopped=stopped)
-    every = success_problems(meshes, selection.seed, selection.count)
-    problems = list(every)[selection.part[0] - 1 :: selection.part[1]]
+    problems = [*success_problems(meshes, selection.seed, selection.count)][selection.places]
     for number, problem in enumerate(problems, 1):
-        row: Row = {"problem": problem.to_dict()}
+        try:
+            row: Row = {"problem": problem.to_dict()}
+        except AbfmError as error:  # of meshes on which its functions are none
+            tell(f"{number}/{len(problems)} left out: {problem.mesh_name}: {error}")
+            continue
         for name, parameters in versions.items():
             if not stopped():
                 row[name] = run_trial(problem, parameters, stopped=stopped).to_dict()
@@ -410,16 +381,27 @@ def success_table(report: dict[str, Any]) -> str:
 def _table(report: dict[str, Any]) -> list[list[str]]:
     """Return a header, and a row for every group of problems that has any."""
     rows, versions = report["rows"], list(report["settings"]["versions"])
-    header = "problems,succeeded,confirmed,mismatch,by flow lines,unfolded,products,seconds"
-    groups: dict[str, dict[str, Any]] = {
+    header = (
+        f"problems,both at most {LEVEL:g},flow lines at most {CONFIRMED:g},mismatch,by flow lines,"
+        "unfolded,refined,products,seconds,seconds where refined,seconds where not"
+    )
+    far: dict[str, Row] = {
+        f"solvable, {name}": {"solvable": True, "distance": name} for name in DISTANCES
+    }
+    groups: dict[str, Row] = {
         "resolved": {"resolved": True},
         **{f"distance {distance}": {"distance": distance} for distance in DISTANCES},
         **{f"width {width:g}": {"width": width} for width in WIDTHS},
         **{family: {"family": family} for family in FAMILIES},
         "solvable": {"solvable": True},
         "solvable, resolved": {"solvable": True, "resolved": True},
-        **{f"solvable, {name}": {"solvable": True, "distance": name} for name in DISTANCES},
+        **far,
     }
+    for folder in dict.fromkeys(row["problem"]["folder"] for row in rows):
+        if folder:
+            own: dict[str, Row] = {"": {}, ", solvable": {"solvable": True}}
+            own |= {f", {name}": wanted for name, wanted in far.items()}
+            groups |= {folder + end: {**wanted, "folder": folder} for end, wanted in own.items()}
     table = [header.split(","), _cells("all", rows, versions)]
     for name, wanted in groups.items():
         group = [row for row in rows if wanted.items() <= row["problem"].items()]
@@ -429,12 +411,11 @@ def _table(report: dict[str, Any]) -> list[list[str]]:
 
 
 def _cells(name: str, group: list[Row], versions: list[str]) -> list[str]:
-    resolved = [row for row in group if row["problem"]["resolved"]]
     first, last = versions[0], versions[-1]
 
-    def count(among: list[Row], key: str) -> str:
-        counts = [str(sum(row[version][key] for row in among)) for version in versions]
-        return f"{_ARROW.join(counts)} of {len(among)}"
+    def count(key: str) -> str:
+        counts = [str(sum(bool(row[version][key]) for row in group)) for version in versions]
+        return f"{_ARROW.join(counts)} of {len(group)}"
 
     def each(words: Callable[[list[float]], str], key: str) -> str:
         """Say something of each version's values, where what could not be had is infinite."""
@@ -443,27 +424,34 @@ def _cells(name: str, group: list[Row], versions: list[str]) -> list[str]:
         return _ARROW.join(words(values) if values else "none" for values in known)
 
     def middle(values: list[float]) -> str:
-        value = median(values)
+        value = median(values) if values else math.inf
         return f"{value:.2g}" if math.isfinite(value) else "none"
 
     def unfolded(values: list[float]) -> str:
         return f"{100 * sum(value <= UNFOLDED for value in values) / len(values):.0f}%"
 
-    def ratio(cost: str) -> str:
-        """Say what the first version costs over the last, at the median, where both succeed."""
-        pairs = [(row[first], row[last]) for row in group]
-        both = [a[cost] / b[cost] for a, b in pairs if a["success"] and b["success"] and b[cost]]
-        return f"{median(both):.2g}" if both and first != last else "none"
+    def cost(key: str, among: list[Row] = group) -> str:
+        """Say what the first version costs over the last, at the median, where both arrive; what
+        one alone costs.
+        """
+        if first == last:
+            return middle([row[last][key] for row in among])
+        pairs = [(row[first], row[last]) for row in among]
+        both = [a[key] / b[key] for a, b in pairs if a["arrived"] and b["arrived"] and b[key]]
+        return middle(both)
 
     return [
         name,
-        count(group, "success"),
-        count(resolved, "confirmed"),
+        count("success"),
+        count("confirmed"),
         each(middle, "mismatch"),
         each(middle, "verified"),
         each(unfolded, "folded"),
-        ratio("row_products"),
-        ratio("seconds"),
+        count("refined"),
+        cost("row_products"),
+        cost("seconds"),
+        cost("seconds", [row for row in group if row[last]["refined"]]),
+        cost("seconds", [row for row in group if not row[last]["refined"]]),
     ]
 
 
@@ -472,12 +460,20 @@ def _context(report: dict[str, Any]) -> list[str]:
     settings, rows = report["settings"], report["rows"]
     versions = list(settings["versions"])
     sums = [f"{sum(row[version]['seconds'] for row in rows):.0f} s" for version in versions]
+    first, last = versions[0], versions[-1]
+    costs = "Products (of rows of D_v), seconds: "
+    if first == last:
+        costs += "medians"
+    else:
+        costs += f"what {first} costs over what {last} costs, median over problems in which both "
+        costs += f"leave at most {LEVEL:g} by the discrete flow"
     return [
-        f"{_ARROW.join(versions)}. Succeeded: mismatch at most {LEVEL:g}. Confirmed: at most "
-        f"{CONFIRMED:g} by flow lines, of resolved problems. Solvable: the source has the target's "
-        "values and peaks. Mismatches are medians. Unfolded: share of matches that fold at most "
-        f"{100 * UNFOLDED:g}% of the faces. Products, seconds: what {versions[0]} costs over what "
-        f"{versions[-1]} costs, median over problems in which both succeed.",
+        f"{_ARROW.join(versions)}. Both: the discrete flow and flow lines each leave a mismatch of "
+        f"at most {LEVEL:g}, which is a success. Flow lines at most {CONFIRMED:g}: what was called "
+        "confirmed before, whatever the discrete flow leaves. Solvable: the source has the "
+        "target's values and peaks. Mismatches are medians. Unfolded: share of matches that fold "
+        f"at most {100 * UNFOLDED:g}% of the faces. Refined: on a subdivision of the mesh. "
+        f"{costs}, also of the problems that {last} refined and of the others.",
         f"{len(rows)} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}; "
         f"{_ARROW.join(sums)} in all. {in_words(report['machine'])}.",
     ]

@@ -58,7 +58,7 @@ COMMANDS = {
     "gif": Command(f"render RESULT --out m.gif {MOVIE}", ("m.gif",)),
     "demo": Command("demo --quiet --out .", DEMO, lasts=12.0),
     "figure": Command("figure 3 --mesh MESH --quiet --out .", FIGURE, lasts=8.0),
-    "bench": Command("bench --success --only-given --mesh MESH --problems 1 --quiet --json"),
+    "bench": Command("bench --success --only-given --meshes MESH --problems 1 --quiet --json"),
     "window": Command("MESH", statuses=(2,), module="app", lasts=6.0 * ("DISPLAY" in os.environ)),
 }
 

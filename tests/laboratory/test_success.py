@@ -11,7 +11,7 @@ from abfm import ParameterError, Parameters, TriangleMesh
 from abfm.calculus.geodesics import geodesic_distance
 from laboratory import success
 from laboratory.common import LEVEL
-from laboratory.success import BEFORE, VERSIONS, Selection, Trial, run_success, run_trial
+from laboratory.success import BEFORE, VERSIONS, Record, Selection, Trial, run_success, run_trial
 from tests.shapes import icosphere, square
 
 SHORT = {name: replace(parameters, iterations=15) for name, parameters in VERSIONS.items()}
@@ -113,9 +113,9 @@ def test_report_is_whole_survives_json_and_every_problem_is_told(report, told):
     assert len(report["rows"]) == 2
     for row in report["rows"]:
         assert list(row) == ["problem", "before", "now"]
-        problem = "mesh index family width distance source target resolved solvable"
+        problem = "mesh folder index family width distance source target resolved solvable"
         assert set(problem.split()) <= row["problem"].keys()
-        found = "mismatch verified folded row_products seconds stop_reason verdict"
+        found = "mismatch verified folded row_products seconds refined stop_reason verdict"
         assert set(found.split()) <= row["now"].keys()
     assert report["settings"]["meshes"] == {"ball": 162}
     assert [line.split()[0] for line in told] == ["compiling", "1/2", "2/2"]
@@ -136,45 +136,77 @@ def test_parts_and_their_reports_put_together_are_the_whole(report):
         success.merged([])
 
 
-def test_table_has_a_row_for_every_group():
-    names = ("success", "confirmed", "mismatch", "verified", "folded", "seconds", "row_products")
-    slow, now, bad = (
+def test_a_success_needs_both_witnesses():
+    numbers = [(0.04, 0.04), (0.04, 0.09), (0.06, 0.04), (0.04, np.nan)]
+    records = [Record(mismatch=left, verified=by_lines).to_dict() for left, by_lines in numbers]
+    assert [record["arrived"] for record in records] == [True, True, False, True]
+    assert [record["success"] for record in records] == [True, False, False, False]
+    assert [record["confirmed"] for record in records] == [True, True, True, False]
+
+
+@pytest.fixture
+def made():
+    """A report of two problems, the first of which is refined now, and the second arrives now."""
+    names = (
+        *("success", "confirmed", "arrived", "mismatch", "verified", "folded"),
+        *("refined", "seconds", "row_products"),
+    )
+    slow, now, fine, bad = (
         dict(zip(names, values, strict=True))
         for values in (
-            (True, True, 0.01, 0.02, 0.0, 4.0, 60),
-            (True, True, 0.01, 0.02, 0.0, 1.0, 20),
-            (False, False, None, None, None, 3.0, 10),
+            (False, True, True, 0.01, 0.08, 0.0, 0, 4.0, 60),
+            (True, True, True, 0.01, 0.02, 0.0, 0, 1.0, 20),
+            (True, True, True, 0.01, 0.02, 0.0, 1, 8.0, 120),
+            (False, False, False, None, None, None, 0, 3.0, 10),
         )
     )
-    kind = ("resolved", "solvable", "distance", "width", "family")
-    far = dict(zip(kind, (True, True, "far", 0.1, "gaussian"), strict=True))
-    other = dict(zip(kind, (False, False, None, None, "eigenfunction"), strict=True))
+    kind = ("folder", "resolved", "solvable", "distance", "width", "family")
+    far = dict(zip(kind, ("men", True, True, "far", 0.1, "gaussian"), strict=True))
+    other = dict(zip(kind, ("", False, False, None, None, "eigenfunction"), strict=True))
     machine = ("processor", "cores", "system", "python", "numpy", "scipy", "numba")
-    made = {
+    return {
         "rows": [
-            {"problem": far, "before": slow, "now": now},
+            {"problem": far, "before": slow, "now": fine},
             {"problem": other, "before": bad, "now": now},
         ],
         "settings": {"versions": {"before": {}, "now": {}}, "meshes": {"ball": 162}, "seed": 0},
         "machine": dict.fromkeys(machine, "x"),
     }
+
+
+def table_of(report):
     lines = [
         [cell.strip() for cell in line.strip("| ").split("|")]
-        for line in success.success_table(made).splitlines()
+        for line in success.success_table(report).splitlines()
     ]
-    rows = {line[0]: line[1:] for line in lines if len(line) > 2}
+    return {line[0]: line[1:] for line in lines if len(line) > 2}
+
+
+def test_table_has_a_row_for_every_group(made):
+    rows = table_of(made)
     assert " | ".join(rows) == (
         "problems | --- | all | resolved | distance far | width 0.1 | gaussian | eigenfunction | "
-        "solvable | solvable, resolved | solvable, far"
+        "solvable | solvable, resolved | solvable, far | men | men, solvable | men, solvable, far"
     )
     assert " | ".join(rows["all"]) == (
-        "1 → 2 of 2 | 1 → 1 of 1 | none → 0.01 | none → 0.02 | 50% → 100% | 3 | 4"
+        "0 → 2 of 2 | 1 → 2 of 2 | none → 0.01 | none → 0.02 | 50% → 100% | 0 → 1 of 2 | 0.5 | 0.5"
+        " | 0.5 | none"
     )
     assert " | ".join(rows["eigenfunction"]) == (
-        "0 → 1 of 1 | 0 → 0 of 0 | none → 0.01 | none → 0.02 | 0% → 100% | none | none"
+        "0 → 1 of 1 | 0 → 1 of 1 | none → 0.01 | none → 0.02 | 0% → 100% | 0 → 0 of 1 | none | none"
+        " | none | none"
     )
+    assert rows["men"] == rows["men, solvable, far"] == rows["gaussian"]
     text = success.format_success(made)
-    assert all(name in text for name in ("distance far", "7 s → 2 s in all"))
+    assert all(name in text for name in ("distance far", "7 s → 9 s in all", "before costs over"))
+
+
+def test_one_version_alone_is_told_in_seconds(made):
+    made["settings"]["versions"] = {"now": {}}
+    assert " | ".join(table_of(made)["all"]) == (
+        "2 of 2 | 2 of 2 | 0.01 | 0.02 | 100% | 1 of 2 | 70 | 4.5 | 8 | 1"
+    )
+    assert "Products (of rows of D_v), seconds: medians" in success.format_success(made)
 
 
 @pytest.mark.parametrize(

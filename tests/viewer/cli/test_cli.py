@@ -112,7 +112,10 @@ def test_without_words_all_commands_are_shown_and_argparse_reaches_their_parsers
         ("bench --seconds 0", "above 0"),
         ("bench --success --problems 0", "a whole number from 1 to 1000000"),
         ("bench --success --part 3/2", "not a part such as 1/2"),
-        ("bench --success --only-given", "needs a --mesh"),
+        ("bench --success --versions then", "invalid choice: 'then'"),
+        ("bench --json none/b.json", "there is no folder none"),
+        (f"bench --success --meshes {EIGHT}", "eight.off is the name of a bundled mesh, too"),
+        ("bench --success --only-given", "needs --meshes that can be loaded"),
         ("info none.npz", "none.npz"),
         ("render none.npz --out a.png", "none.npz"),
         ("render none.abfm --out a.mp4", "none.abfm"),
@@ -421,7 +424,7 @@ def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, a
     assert "the self-test failed" in told
 
 
-def test_bench_prints_its_report_and_counts_successes(abfm, monkeypatch):
+def test_bench_prints_its_report_and_counts_successes(abfm, monkeypatch, tmp_path):
     small = {"subdivision": 2, "subdivisions": (1, 2), "iterations": 20, "repeats": 1, "timings": 1}
     monkeypatch.setattr(laboratory, "Settings", partial(laboratory.Settings, **small))
     told = abfm("bench --seconds 0.3 --json")
@@ -432,13 +435,24 @@ def test_bench_prints_its_report_and_counts_successes(abfm, monkeypatch):
     told = abfm("bench --seconds 0.3 --quiet")
     assert "finest / coarsest" in told.out
     assert told.err == ""
-    success = f"bench --success --only-given --mesh {EIGHT} --problems 1"
+    success = f"bench --success --only-given --problems 1 --meshes {EIGHT}"
     told = abfm(f"{success} --json")
     (row,) = json.loads(told.out)["rows"]
     assert row["problem"]["mesh"] == "eight.off"
     assert {"before", "now"} <= row.keys()
     assert "1/1 eight.off" in told.err
-    told = abfm(f"{success} --quiet")
-    assert "of 1" in told.out
+    told = abfm(f"{success} --quiet --versions now --json {tmp_path / 'b.json'}")
+    assert "0 of 1" in told.out
     assert told.err == ""
-    assert "two meshes are called eight.off" in abfm(f"{success} --mesh {EIGHT}", status=2).err
+    (again,) = json.loads((tmp_path / "b.json").read_text())["rows"]
+    assert again.keys() == {"problem", "now"}
+    assert again["now"]["mismatch"] == row["now"]["mismatch"]
+    assert "two meshes are called eight.off" in abfm(f"{success} {EIGHT}", status=2).err
+
+
+def test_bench_measures_errors_of_maps(abfm, monkeypatch):
+    monkeypatch.setattr("laboratory.measured.SIGMAS", (3.0,))
+    told = abfm(f"bench --measured --only-given --problems 1 --meshes {EIGHT} --json")
+    (row,) = json.loads(told.out)["rows"]
+    assert row["fixed"].keys() == {"3"}
+    assert "1/1 eight.off" in told.err

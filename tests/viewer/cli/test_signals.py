@@ -60,7 +60,7 @@ def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path):
 
 def test_a_signal_ends_a_benchmark_with_what_was_finished():
     """Nothing is raised while libraries call back into Python: they would print it and go on."""
-    process = start(*argv(f"bench --success --only-given --mesh {EIGHT} --json"))
+    process = start(*argv(f"bench --success --only-given --meshes {EIGHT} --json"))
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None
     told, errors = ended(process, signal.SIGTERM)
@@ -273,6 +273,7 @@ NAMES = ["a\nb.off", "a\rb\x1b[2J.off", "\udcff.off", "a" * 50_000 + ".off", "\u
         "info EIGHT NAME",
         "info EIGHT --NAME",
         "bench --part NAME",
+        "bench --success --only-given --meshes NAME --json NAME",
     ],
 )
 def test_names_of_all_letters_are_one_bounded_line(words, name, tmp_path, monkeypatch, capsys):

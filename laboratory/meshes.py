@@ -1,0 +1,97 @@
+"""Meshes that measurements are made on: bundled, generated, and from files of one's own."""
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from abfm import MeshError, ParameterError, TriangleMesh, load_mesh
+from abfm.assets import asset_names, asset_path
+from abfm.mesh.files import READERS
+from abfm.mesh.shapes import even_sphere, five_limbs, grid
+
+_BUMPS = 9
+
+
+def given_meshes(
+    paths: Sequence[Path], tell: Callable[[str], None] = lambda line: None
+) -> dict[str, TriangleMesh]:
+    """Read files by name and all meshes of folders by ``folder/name``, in order of their names.
+
+    Of several components the largest is taken. `tell` is told in a line of every file that cannot
+    be used, which is left out, and of what was repaired.
+
+    Raises
+    ------
+    ParameterError
+        If two have the same name: problems are told apart by it.
+    """
+    found: dict[str, TriangleMesh] = {}
+    for name, path in (each for given in paths for each in _files(given)):
+        if name in found:
+            raise ParameterError(
+                f"two meshes are called {name}: rename one, as problems are told apart by the name"
+            )
+        try:
+            found[name] = load_mesh(path, largest_component=True)
+        except MeshError as error:
+            tell(f"left out: {error}")
+            continue
+        for message in found[name].messages:
+            tell(f"{name}: {message}")
+    return found
+
+
+def _files(given: Path) -> list[tuple[str, Path]]:
+    if not os.path.isdir(given):  # which takes any name
+        return [(given.name, given)]
+    files = sorted(path for path in given.iterdir() if path.name.lower().endswith(tuple(READERS)))
+    return [(f"{given.resolve().name}/{path.name}", path) for path in files]
+
+
+def own_meshes() -> dict[str, TriangleMesh]:
+    """Return bundled and generated surfaces by name, closed and open: 300 to 12,300 vertices."""
+    ball, rough = even_sphere(5_000), even_sphere(8_000)
+    rng = np.random.default_rng(_BUMPS)
+    places = rng.normal(size=(_BUMPS, 3))
+    places /= np.linalg.norm(places, axis=1)[:, None]
+    heights = rng.uniform(-0.25, 0.5, _BUMPS)
+    radius = 1 + np.exp(12 * (rough.vertices @ places.T - 1)) @ heights
+    return {
+        "sphere": even_sphere(12_000),
+        "ellipsoid": TriangleMesh(ball.vertices * [1, 0.7, 0.45], ball.faces),
+        "bumpy": TriangleMesh(rough.vertices * radius[:, None], rough.faces),
+        "limbs": five_limbs(5_000),
+        "torus": torus(120, 50),
+        "square": _square(60),
+        **{name: load_mesh(asset_path(name)) for name in asset_names() if name.endswith(".off")},
+    }
+
+
+def few_meshes() -> dict[str, TriangleMesh]:
+    """Return three of them: round, bumpy, and with limbs; 5,000 to 8,000 vertices."""
+    meshes = own_meshes()
+    return {name: meshes[name] for name in ("ellipsoid", "bumpy", "limbs")}
+
+
+def torus(n: int, m: int, R: float = 1.0, r: float = 0.4) -> TriangleMesh:
+    """Return a torus about the z axis: n vertices around it, m around the tube."""
+    u, w = (index.ravel() for index in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
+    around, tube = 2 * np.pi * u / n, 2 * np.pi * w / m
+    ring = R + r * np.cos(tube)
+    vertices = np.stack([ring * np.cos(around), ring * np.sin(around), r * np.sin(tube)], axis=1)
+    a, b, c, d = (((u + p) % n) * m + (w + q) % m for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    halves = [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
+    return TriangleMesh(vertices, np.concatenate(halves))
+
+
+def _square(n: int) -> TriangleMesh:
+    """Return a unit square of n x n cells that are smoothly uneven: a surface with a boundary."""
+    x, y = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), indexing="ij")
+    x, y = (
+        x + 0.08 * np.sin(np.pi * x) * np.cos(2 * y + 0.3),
+        y + 0.06 * np.sin(np.pi * y) * np.sin(3 * x + 0.5),
+    )
+    vertices = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    return TriangleMesh(vertices, grid(n, n, around=False)[0])
