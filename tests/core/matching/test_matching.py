@@ -38,16 +38,15 @@ def assert_never_rises_within_a_stage(match):
         assert (np.diff(energies) <= 0).all()
 
 
-@pytest.mark.parametrize("name", ["human_A.off", "eight.off"])
-def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name):
-    mesh = abfm.load_mesh(asset_path(name))
+def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart_by_both_witnesses():
+    mesh = abfm.load_mesh(asset_path("eight.off"))
     distance = abfm.function(mesh, "geodesic:vertex=7")
     target = int(np.argmin(np.abs(distance - distance.max() / 4)))
-    f = abfm.function(mesh, "gaussian:vertex=7,width=0.1")
-    g = abfm.function(mesh, f"gaussian:vertex={target},width=0.1")
+    f, g = (abfm.function(mesh, f"gaussian:vertex={v},width=0.2") for v in (7, target))
     match = abfm.match(mesh, f, g)
-    assert match.mismatch <= 0.05
-    assert len(match.energy_history) <= 501
+    assert match.verdict.kind == "matched"
+    assert match.confirmed_mismatch <= 0.05
+    assert len(match.energy_history) <= match.parameters.iterations + 1
 
 
 @pytest.mark.parametrize("mesh", [SPHERE, hemisphere(12), torus(30, 12)])
@@ -58,13 +57,13 @@ def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name):
         {"segments": 3},
         {"method": "linearised"},
         {"gradient": "bracket", "substeps": 20},
-        {"alpha": 0.0},
+        {"alpha": 0.0, "cooling_stages": 4},
     ],
     ids=lambda changes: ",".join(map(str, changes.values())) or "default",
 )
 def test_every_method_lowers_the_mismatch(mesh, changes):
     f, g = pair(mesh, 0, 20, 0.25)
-    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=30, sigma=0.01, **changes))
+    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=100, sigma=0.01, refine=0, **changes))
     assert match.mismatch < 0.3 * l2_norm(mesh, f - g) / l2_norm(mesh, g)
     assert_never_rises_within_a_stage(match)
 
@@ -77,7 +76,8 @@ def test_plain_lbfgs_is_available_and_slower():
 
 
 def test_the_result_is_what_it_says_and_every_row_of_its_history_was_told():
-    (f, g), p, seen = pair(SPHERE), abfm.Parameters(**PAPER, iterations=12), []
+    (f, g), seen = pair(SPHERE), []
+    p = abfm.Parameters(**PAPER, sigma=0.02, cooling_stages=2, iterations=12)
     match = matched(p, on_iteration=seen.append)
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
     assert np.abs(np.einsum("nfx,fx->nf", match.velocity, face_normals(SPHERE))).max() < 1e-12
@@ -148,17 +148,19 @@ def test_a_long_gradient_is_left_where_it_is_cancelled(monkeypatch):
     assert steps < of_first + 300
 
 
-def test_cancelled_while_flow_lines_check_it_can_be_gone_on_from():
+@pytest.mark.parametrize("briefly", [False, True])
+def test_cancelled_while_flow_lines_check_it_can_be_gone_on_from(briefly):
     control = abfm.Control()
 
     def tell(step):
         if step is not None and step.task.startswith("checking"):
-            control.cancel()
+            control.cancel(briefly)
 
     with telling(tell):
         match = matched(abfm.Parameters(iterations=5), control=control)
     assert match.stop_reason == "cancelled"
-    assert np.isnan(match.verified_mismatch)
+    assert match.velocity.any()
+    assert np.isnan(match.verified_mismatch) == briefly  # else it is checked in the end
     assert "Continue" in [remedy.label for remedy in match.verdict.remedies]
 
 
@@ -195,7 +197,7 @@ def test_pause_holds_and_resume_continues_to_the_same_result():
 
 
 def test_warm_start_goes_on_from_the_field_and_never_ends_worse_at_sigma():
-    p = abfm.Parameters(iterations=10, cooling_stages=1, sigma=0.01)
+    p = abfm.Parameters(iterations=10, cooling_stages=1, sigma=0.01, reach=0)
     first = matched(p)
     second = matched(p, start=first.velocity)
     assert second.energy_history[0, 0] == pytest.approx(first.energy_history[-1, 0], rel=1e-9)
@@ -203,7 +205,7 @@ def test_warm_start_goes_on_from_the_field_and_never_ends_worse_at_sigma():
     assert abfm.match(SPHERE, *pair(SPHERE, 0, 61), p, start=first.velocity).mismatch < 1
     split = matched(replace(p, segments=3, iterations=0), start=first.velocity[0])
     assert split.mismatch == pytest.approx(first.mismatch, rel=1e-6)
-    p = abfm.Parameters(**PAPER, iterations=40)
+    p = abfm.Parameters(**PAPER, iterations=40, sigma=0.02, cooling_stages=3)
     first = matched(p)
     second = matched(replace(p, iterations=5), start=first.velocity)
     assert second.energy_history[-1, 0] < first.energy_history[-1, 0]
@@ -254,7 +256,7 @@ def test_one_result_serves_several_threads():
 
 def test_inverse_and_point_map():
     f, g = pair(SPHERE, 0, 60, 0.3)
-    match = abfm.match(SPHERE, f, g, abfm.Parameters(iterations=20, alpha=1.0))
+    match = abfm.match(SPHERE, f, g, abfm.Parameters(iterations=40, refine=0))
     there = match.push(match.push(f, 1.0), -1.0)
     assert there == pytest.approx(f, abs=1e-6)
     origin = match.point_map()
