@@ -112,7 +112,8 @@ class Course:
         def make() -> Run:
             table = np.array(rows)
             stages, vertices = (table[:, column].astype(np.int64) for column in (3, 4))
-            label = f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {parameters.last_sigma:g}"
+            sigma = "auto" if parameters.sigma is None else f"{parameters.sigma:g}"
+            label = f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {sigma}"
             run = Run(table[:, :3], stages, restarts, mismatch, label, vertices, table[:, 5])
             run = replace(run, mismatches=table[:, 6])
             words = tuple(dict.fromkeys(word for row in self._shares for word in row))

@@ -138,7 +138,7 @@ class Recoveries:
         except AbfmError:  # the run has just ended: what it leaves comes next
             return _content(document, functions)
         runs = (*document.runs, run)
-        return _content(replace(document, result=found, runs=runs), functions)
+        return _content(replace(document, result=found, runs=runs, chosen=None), functions)
 
     def _ask_next(self) -> None:
         if self._recoveries:

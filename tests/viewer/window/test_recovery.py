@@ -11,7 +11,7 @@ from abfm_viewer.files.project import load_project
 from abfm_viewer.window import recovery
 from tests.mesh_writers import off_file
 from tests.shapes import icosphere
-from tests.viewer.sessions import ENDLESS, end_run, until
+from tests.viewer.sessions import ENDLESS, end_run, matched, stepped, until
 
 
 @pytest.fixture
@@ -41,6 +41,18 @@ def test_a_run_of_a_mesh_that_was_opened_later_is_kept(desk, copies, tmp_path):
     session.match()
     until(lambda: any(load_project(copy)[0].result for copy in copies()), session)
     assert session.saves.unsaved_documents == ()
+
+
+def test_a_copy_of_a_run_opens_where_another_step_of_the_result_before_was_shown(desk, copies):
+    session = desk.session
+    other = stepped(matched(session).result).at_step(0)
+    session.editor.amend(result=other, chosen=2, parameters=ENDLESS)
+    session.match()
+
+    def is_kept(copy):
+        return load_project(copy)[0].result.stop_reason == "cancelled"
+
+    until(lambda: any(map(is_kept, copies())), session)
 
 
 def test_a_run_whose_process_has_just_ended_is_no_problem_of_copies(desk, copies, monkeypatch):
