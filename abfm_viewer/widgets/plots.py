@@ -21,7 +21,7 @@ _FLAGS = (
     | implot.ImPlotFlags_NoMouseText
     | implot.ImPlotFlags_NoInputs  # the wheel scrolls the panel
 )
-_LEAST_FACTOR = 2.5  # between the ends of the upright axis
+_LEAST_FACTOR, _MARGIN = 2.0, 0.1  # between the ends of the upright axis, and at each
 _MANTISSAS = ((1,), (1, 3), (1, 2, 5), (1, 2, 3, 5), (1, 1.5, 2, 3, 4, 5, 6, 8))
 _FEWEST_TICKS = 3
 
@@ -66,10 +66,11 @@ def set_up(
 
 
 def _around(values: FloatArray) -> tuple[float, float]:
+    """Return ends apart enough, with room for marks at the edges."""
     known = values[np.isfinite(values)]
-    low, high = (0.8 * known.min(), 1.25 * known.max()) if len(known) else (0.1, 1.0)
-    apart = np.sqrt(max(_LEAST_FACTOR * low / high, 1.0))
-    return float(low / apart), float(high * apart)
+    low, high = (known.min(), known.max()) if len(known) else (0.1, 1.0)
+    more = max((high / low) ** _MARGIN, np.sqrt(max(_LEAST_FACTOR * low / high, 1.0)))
+    return float(low / more), float(high * more)
 
 
 def share_ticks(low: float, high: float) -> list[float]:
