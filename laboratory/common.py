@@ -31,7 +31,7 @@ PARAMETERS = Parameters(
     tolerance=0.0,
 )
 """The row of Fig. 3 in Table 1, sigma constant, and no end but the iteration limit."""
-COOLED = replace(PARAMETERS, cooling_stages=3)
+COOLED = replace(PARAMETERS, cooling_stages=3, iterations=500)
 
 _SOURCE_WIDTH, _TARGET_WIDTH = 0.12, 0.06  # standard deviations as fractions of sqrt(area)
 _LINUX = Path("/proc/cpuinfo")
