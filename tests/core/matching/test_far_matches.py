@@ -45,12 +45,10 @@ def body(name, a, b, width):
 @pytest.mark.parametrize("degrees", [90, 135])
 def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degrees):
     (far, _), (blind, _) = (
-        matched(degrees, Parameters(iterations=150, reach=reach), width=0.05)
-        for reach in (1.0, 0.0)
+        matched(degrees, Parameters(refine=0, reach=reach), width=0.05) for reach in (1.0, 0.0)
     )
-    assert far.mismatch < 0.05
-    assert blind.mismatch > 0.9
-    assert far.verified_mismatch < 0.5 < 0.9 < blind.verified_mismatch
+    assert far.confirmed_mismatch < 0.2
+    assert blind.mismatch > 0.9 < blind.verified_mismatch
     assert blind.verdict.kind == "not reached"
     assert "squeezed" in blind.verdict.reason
 
@@ -60,7 +58,9 @@ def test_a_far_target_on_a_body():
     p = Parameters(iterations=120, alpha=0.003)
     assert abfm.match(*given, p).mismatch < 0.3
     assert abfm.match(*given, replace(p, reach=0.0)).mismatch > 0.6
-    assert abfm.match(*given).mismatch < 0.05
+    match = abfm.match(*given, Parameters(refine=0))
+    assert match.mismatch < 0.1
+    assert match.confirmed_mismatch < 0.6
 
 
 def test_the_field_that_is_found_carries_as_a_rotation_does():
@@ -212,7 +212,7 @@ def test_cancelled_from_another_thread_also_while_paused(control):
 
 
 def test_a_start_near_the_target_is_gone_on_from_and_else_the_way_is_looked_for_again():
-    p, field = replace(QUICK, levels=2), rotation_field(SPHERE, [-np.deg2rad(60), 0, 0])
+    p, field = replace(QUICK, levels=2, sigma=0.02), rotation_field(SPHERE, [-np.deg2rad(60), 0, 0])
     match, seen = matched(60, p, start=field)
     assert {one.level for one in seen} == {0}
     assert {one.levels for one in seen} == {1}
@@ -286,11 +286,11 @@ def test_same_bits_with_other_work_beside_it():
 def test_units_place_rotation_and_numbering_hardly_matter():
     """Iterates drift apart from rounding on; what is reached does not."""
     mesh, f, g = body("eight.off", 7, 60, 0.2)
-    p = Parameters(iterations=80, levels=2, alpha=0.003)
+    p = Parameters(levels=2, refine=0)
     here = abfm.match(mesh, f, g, p)
     turned = moved(mesh, Rotation.from_rotvec([1.0, 0.4, -0.3]).as_matrix(), 1e3)
     mixed, vertices, _ = renumbered(mesh, 2)
-    assert here.mismatch < 0.1
+    assert here.confirmed_mismatch < 0.15
     for given in ((turned, f, g), (mixed, f[vertices], g[vertices]), (mesh, 1e6 * f, 1e6 * g)):
         one = abfm.match(*given, p)
         assert abs(one.mismatch - here.mismatch) < 0.03

@@ -154,6 +154,8 @@ class Remedies:
         p = self._parameters
         needed = _rounded(max(solvability.distance(self._functions), _USUAL.reach))
         wanted = {name: getattr(_USUAL, name) for name in _COURSE} if not p.reach else {}
+        if p.sigma_unit == "relative" and p.last_sigma < _USUAL.last_sigma:
+            wanted.pop("sigma", None)  # which would undo a closer match
         changed = self._changes(
             wanted | {"reach": needed, "iterations": max(p.iterations, _USUAL.iterations)}
         )
@@ -174,9 +176,10 @@ class Remedies:
         return self.colder() if self.is_warm else None
 
     def refine(self) -> Remedy | None:
-        """Return a finer mesh, unless it is as fine as it may be, or a linearised flow."""
-        finer = self._refined + 1
-        if finer > MOST_REFINED or self._parameters.method == "linearised":
+        """Return a finer mesh, unless it is as fine as it may be, or the course has none."""
+        finer, p = self._refined + 1, self._parameters
+        is_fixed = not p.reach or p.stage_iterations
+        if finer > MOST_REFINED or is_fixed or p.method == "linearised":
             return None
         return Remedy("Refine", "a finer mesh, from this field", {"refine": finer}, True)
 

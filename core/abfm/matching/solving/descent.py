@@ -116,7 +116,7 @@ class Descent:
         energies = [current.point.energy]
         left = self.levels[stage.level].affordable(stage.iterations, self.best.x)
         until, begun = min(stage.until, len(history) - 1 + left), self._record.evaluations
-        is_last = until < len(history) - 1 + left or stage.fixed
+        is_last = stage.until <= len(history) - 1 + left or stage.fixed
         self.reason = StopReason.ITERATION_LIMIT if is_last else StopReason.NO_PROGRESS
         while len(history) <= until:
             reason = self._reason_to_stop(stage, goal, energies, search.stop_reason(current))

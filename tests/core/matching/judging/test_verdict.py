@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import math
 from dataclasses import asdict, replace
 from typing import get_args
 
@@ -68,7 +67,8 @@ def test_a_match_needs_no_advice_and_neither_vanishes_nor_stands_still():
     match = matched(at(0), at(45))
     reason = f"the mismatch fell from 0.86 to {match.mismatch:.2g}"
     assert judged(match) == Verdict("matched", reason, "")
-    assert judged(match, verified=0.08).kind == "matched"
+    assert judged(match, verified=0.04).kind == "matched"
+    assert judged(match, verified=0.08).kind == "nearly"
     assert "(0.08 by flow lines)" in judged(match, verified=0.08).reason
     problem, seen = FunctionTerm(SPHERE, at(0), at(45)), []
     abfm.match(SPHERE, at(0), at(45), Parameters(iterations=30), on_iteration=seen.append)
@@ -84,8 +84,8 @@ def test_of_functions_that_flows_can_carry_the_kind_is_the_worse_the_more_is_con
     for mismatch, verified in mismatches:
         outcome = Outcome(at(38)[None], mismatch, StopReason.CONVERGED, verified)
         kind = advice(problem, outcome, USUAL).kind
-        assert (kind == "matched") == (mismatch <= 0.05 and not verified > 0.1)
-        assert (kind == "not reached") == (mismatch > 0.15 or verified > 0.3)
+        assert (kind == "matched") == (mismatch <= 0.05 and not verified > 0.05)
+        assert (kind == "not reached") == (mismatch > 0.15 or verified > 0.15)
         judged_by.append((confirmed_mismatch(mismatch, verified), get_args(Kind).index(kind)))
     (_, better), (_, worse) = sorted(judged_by)
     assert better <= worse
@@ -113,7 +113,7 @@ def test_functions_are_judged_by_what_varies_however_small_beside_a_constant():
 
 def test_values_that_the_source_lacks_are_impossible_and_told_of_the_channel_that_lacks_most():
     match = matched(at(0, 0.2), 2 * at(30, 0.2))
-    assert match.mismatch < 0.05
+    assert match.mismatch == pytest.approx(0.31, abs=0.02)
     verdict = judged(match)
     assert verdict.kind == "impossible"
     assert "the target has values from " in verdict.reason
@@ -193,8 +193,8 @@ def test_what_flow_lines_do_not_confirm_is_not_reached_and_folds_count_unless_th
     why = "by flow lines the mismatch is 0.4, so the discrete flow is not one here"
     assert verdict.reason.endswith(why)
     further = "a larger reach, such as 1 of sqrt(area) and the course of the defaults"
-    assert verdict.advice == f"{further}; or a finer mesh"
-    nearly = imagined(*given, verified=0.2)
+    assert verdict.advice == further
+    nearly = imagined(*given, verified=0.1)
     assert nearly.kind == "nearly"
     assert "confirm less" in nearly.reason
     verdict = imagined(*given, folded=0.15)
@@ -211,9 +211,9 @@ def test_iterations_that_ran_out():
     assert verdict.kind == "not reached"
     assert verdict.reason.endswith(verdict.cause)
     assert verdict.cause == "it stopped after the 4 iterations it was given, still falling"
-    assert verdict.advice == "more iterations, such as 500; or go on from this field"
+    assert verdict.advice == "more iterations, such as 1000; or go on from this field"
     assert verdict.remedies == (
-        Remedy("More time", "more iterations, such as 500", {"iterations": 500}),
+        Remedy("More time", "more iterations, such as 1000", {"iterations": 1000}),
         Remedy("Continue", "go on from this field", {}, True),
     )
     few, limit = Parameters(iterations=4), "iteration limit"
@@ -286,20 +286,19 @@ def test_every_verdict_is_one_line_without_a_full_stop():
     assert kinds == {"matched", "nearly", "not reached", "impossible"}
 
 
-def remedies(parameters, degrees=60, width=0.1, unmatched=np.nan):
+def remedies(parameters, degrees=60, width=0.1, refined=0):
     problem = FunctionTerm(EGG, around(0, width), around(degrees, width))
-    return Remedies(problem, parameters, unmatched)
+    return Remedies(problem, parameters, refined)
 
 
 @pytest.mark.parametrize(
     ("names", "degrees", "parameters"),
     [
         (["Reach further"], 150, USUAL),
-        (["Reach further"], 150, Parameters(reach=0.0)),
-        (["More time", "Continue"], 60, Parameters(iterations=8)),
-        (["More time"], 150, Parameters(iterations=8)),
-        (["Match closer"], 150, Parameters(sigma=30.0, cooling_stages=1)),
-        (["Smoother"], 90, Parameters(order=1, alpha=0.001)),
+        (["Reach further"], 150, Parameters(reach=0.0, refine=0)),
+        (["More time", "Continue"], 60, Parameters(iterations=20, refine=0)),
+        (["Match closer", "Refine"], 90, Parameters(sigma=1.5)),
+        (["Smoother", "Refine"], 90, Parameters(order=1, alpha=0.001, refine=0)),
     ],
 )
 def test_each_remedy_lowers_what_flow_lines_leave(names, degrees, parameters):
@@ -310,12 +309,12 @@ def test_each_remedy_lowers_what_flow_lines_leave(names, degrees, parameters):
         p = replace(parameters, **remedy.parameters)
         start = match.start_for(p) if remedy.goes_on else None
         again = abfm.match(EGG, around(0), around(degrees), p, start=start)
-        assert again.verified_mismatch < match.verified_mismatch, remedy
+        assert again.confirmed_mismatch < match.confirmed_mismatch, remedy
 
 
 def test_a_larger_tau_is_a_smaller_sigma():
     """So that there is no remedy of more time in that sense."""
-    p = Parameters(sigma=0.1, levels=1, iterations=20)
+    p = Parameters(sigma=0.1, levels=1, reach=0.0, cooling_stages=1, iterations=20)
     slow, long = (
         abfm.match(EGG, around(0, 0.2), around(60, 0.2), replace(p, **changes))
         for changes in ({"sigma": 0.05}, {"tau": 4.0})
@@ -325,7 +324,7 @@ def test_a_larger_tau_is_a_smaller_sigma():
     assert_allclose(long.energy_history[:, 0], slow.energy_history[:, 0] / 4, rtol=1e-6)
 
 
-def test_a_remedy_changes_only_what_differs_and_lowers_a_raised_sigma_as_an_absolute_one():
+def test_a_remedy_changes_only_what_differs():
     blind = remedies(USUAL, 120).further()
     assert blind.parameters["reach"] == 1.0
     assert {"order", "levels", "sigma", "sigma_unit", "iterations"} <= blind.parameters.keys()
@@ -334,17 +333,48 @@ def test_a_remedy_changes_only_what_differs_and_lowers_a_raised_sigma_as_an_abso
     assert near.parameters == {"reach": 1.0}
     for remedy in (blind, near):
         assert json.loads(json.dumps(asdict(remedy))) == asdict(remedy)
-    assert remedies(Parameters()).closer().parameters == {"sigma": 0.0067}
-    raised = remedies(Parameters(), unmatched=0.3).closer().parameters
-    assert raised["sigma_unit"] == "absolute"
-    size = FunctionTerm(EGG, around(0), around(60)).function_size
-    assert raised["sigma"] == pytest.approx(0.1 * size, rel=0.05)
+    assert remedies(Parameters(sigma=0.02)).closer().parameters == {"sigma": 0.0067}
+    assert remedies(Parameters(), refined=1).refine().parameters == {"refine": 2}
+    assert remedies(Parameters(), refined=3).refine() is None
+    assert remedies(Parameters(method="linearised")).refine() is None
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.builds(
+        Parameters,
+        alpha=st.floats(1e-4, 1.0),
+        sigma=st.none() | st.floats(1e-3, 30.0),
+        order=st.sampled_from([1, 2]),
+        reach=st.sampled_from([0.0, 0.1, 1.0]),
+        iterations=st.integers(0, 2000),
+    ),
+    st.sampled_from(["converged", "iteration limit", "line search failed", "no progress"]),
+    st.lists(st.tuples(SHARE, SHARE | st.just(np.nan), st.integers(0, 9)), min_size=6, max_size=6),
+)
+def test_remedies_that_are_followed_never_undo_each_other(p, reason, outcomes):
+    """Whatever each run comes to: alpha, order, reach and how often a mesh is refined only grow,
+    sigma only falls.
+    """
+    problem = FunctionTerm(EGG, around(0), around(60))
+    for mismatch, verified, choice in outcomes:
+        outcome = Outcome(
+            around(40)[None], mismatch, StopReason(reason), verified, refined=p.refine or 0
+        )
+        found = advice(problem, outcome, p).remedies
+        if not found:
+            return
+        following = replace(p, **found[choice % len(found)].parameters)
+        for name in ("alpha", "order", "reach", "iterations"):
+            assert getattr(following, name) >= getattr(p, name), found
+        assert (following.refine or 0) >= (p.refine or 0)
+        assert following.last_sigma <= p.last_sigma
+        p = following
 
 
 @pytest.mark.parametrize(
     ("parameters", "label"),
     [
-        (Parameters(alpha=0.5), "Match closer"),
         (Parameters(sigma=0.5), "Match closer"),
         (Parameters(alpha=0.001), "Smoother"),
         (Parameters(reach=0.01), "Reach further"),
@@ -354,14 +384,14 @@ def test_what_flow_lines_refute_goes_back_towards_the_defaults_first(parameters,
     assert remedies(parameters, width=0.2).truer().label == label
 
 
-def test_no_field_is_smooth_enough_for_functions_that_the_mesh_does_not_carry():
+def test_only_a_finer_mesh_helps_the_defaults():
     assert remedies(Parameters(), width=0.01).truer() is None
-    for width, names in ((0.01, []), (0.2, ["Smoother"])):
-        problem = FunctionTerm(EGG, around(0, width), around(60, width))
-        refuted = Outcome(problem.target, 0.0, StopReason.CONVERGED, verified=0.5)
-        assert labels(advice(problem, refuted, Parameters())) == names
-        doubted = advice(problem, replace(refuted, verified=0.2), Parameters())
-        assert (doubted.kind, doubted.remedies) == ("nearly", ())
+    problem = FunctionTerm(EGG, around(0, 0.1), around(60, 0.1))
+    refuted = Outcome(problem.target, 0.0, StopReason.CONVERGED, verified=0.5)
+    for outcome, kind in ((refuted, "not reached"), (replace(refuted, verified=0.1), "nearly")):
+        found = advice(problem, outcome, Parameters())
+        assert (found.kind, labels(found)) == (kind, ["Refine"])
+        assert advice(problem, replace(outcome, refined=3), Parameters()).remedies == ()
 
 
 @pytest.mark.parametrize("wrong", [{"sigmma": 1.0}, {"sigma": -1.0}, {"sigma": "small"}])
@@ -376,7 +406,6 @@ def test_a_remedy_with_wrong_parameters_is_refused(wrong):
 @pytest.mark.parametrize("size", [1.0, 1e-29])
 def test_parameters_at_their_ends_cost_no_result(extreme, size):
     parameters, (x, y, _) = Parameters(**extreme), EGG.vertices.T
-    for unmatched in (math.nan, 0.3):
-        made = Remedies(FunctionTerm(EGG, size * x, size * y), parameters, unmatched)
-        for name in ("more_time", "smoother", "closer", "colder", "further"):
-            replace(parameters, **getattr(made, name)().parameters)
+    made = Remedies(FunctionTerm(EGG, size * x, size * y), parameters)
+    for name in ("more_time", "smoother", "closer", "colder", "further", "refine"):
+        replace(parameters, **getattr(made, name)().parameters)
