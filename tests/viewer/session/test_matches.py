@@ -18,8 +18,8 @@ from tests.viewer import sessions
 from tests.viewer.sessions import ENDLESS, PAIR, SPHERE, end_run, matched, ready, solving, until
 
 TORUS = torus(24, 12)
-FAR = Channel("gaussian:x=0,y=0,z=1,width=0.12", "gaussian:x=0,y=0.5,z=-0.87,width=0.12")
-BLIND = Parameters(reach=0.0, iterations=40)
+FAR = Channel("gaussian:x=0,y=0,z=1,width=0.12", "gaussian:x=0,y=0.3,z=-0.95,width=0.12")
+BLIND = Parameters(reach=0.0, iterations=40, refine=0)
 
 
 def finish(session):
