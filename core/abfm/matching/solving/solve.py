@@ -198,7 +198,7 @@ class Solver:
             is_fine = len(mesh.vertices) + len(mesh.edges) > _FINEST
             if mark.worse <= self._goal:
                 return
-            if p.refine is None and (is_fine or self._clustered or self._is_resolved(mark)):
+            if p.refine is None and (is_fine or self._is_resolved(mark)):
                 return
             try:
                 descent.levels[-1:] = subdivided(descent.levels[-1])

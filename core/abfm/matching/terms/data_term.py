@@ -41,7 +41,7 @@ class Measure(Protocol):
 class DataTerm(Protocol):
     """What is to be matched, on a mesh of unit area; immutable.
 
-    Its ``word`` is that of its curve in the plot of the energy.
+    Its ``word`` is what displays call its share of the energy.
     """
 
     word: str
