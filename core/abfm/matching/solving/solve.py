@@ -207,10 +207,9 @@ class Solver:
             before = len(self.way)
             self._go_on_finer(mark)
             left = min((mark.worse for mark in self.way[before:]), default=np.inf)
-            if not left < mark.worse:
+            needed = 1.0 if p.refine else 1 - _GAIN
+            if not left < needed * mark.worse:
                 self.way = self.way[:before]
-                return
-            if p.refine is None and not left < (1 - _GAIN) * mark.worse:
                 return
 
     def _is_resolved(self, mark: Mark) -> bool:
