@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image, ImageSequence
+from scipy.spatial.transform import Rotation
 
 import laboratory
 from abfm import Parameters, load_match
@@ -27,7 +28,7 @@ from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.pictures.sheets import DEFAULT_WIDTH
 from abfm_viewer.session.session_files import document_of_result
 from tests.processes import argv
-from tests.viewer.sessions import EGG
+from tests.viewer.sessions import EGG, SPHERE
 
 HUMAN, EIGHT = (str(asset_path(f"{name}.off")) for name in ("human_A", "eight"))
 PAIR = "--source gaussian:vertex=10,width=0.2 --target gaussian:vertex=40,width=0.2"
@@ -187,6 +188,21 @@ def test_match_says_the_outcome_in_a_few_lines_and_what_to_try(tmp_path, abfm):
     said = abfm(f"{MATCH} {tmp_path}/m.npz --source expression:1", status=UNREACHED).out
     assert said.startswith("impossible\nthe source is constant")
     assert "\nto try: " in said
+
+
+def test_measured_functions_that_are_registered_are_a_success(tmp_path, abfm):
+    """Waves and the same waves turned by seven degrees, each with noise of its own."""
+    mesh, out, noise = tmp_path / "sphere.off", tmp_path / "m.npz", np.random.default_rng(0)
+    trimesh.Trimesh(SPHERE.vertices, SPHERE.faces, process=False).export(mesh)
+    turned = SPHERE.vertices @ Rotation.from_rotvec([0, 0, 0.12]).as_matrix()
+    for name, (x, y, z) in (("f", SPHERE.vertices.T), ("g", turned.T)):
+        waves = np.sin(7 * x + 1) * np.sin(6 * y) + np.cos(8 * z + 2 * x)
+        np.save(tmp_path / name, waves + 0.25 * noise.standard_normal(len(x)))
+    given = [f"--{side}=file:{tmp_path}/{f}.npy" for side, f in (("source", "f"), ("target", "g"))]
+    said, why, *_ = abfm(f"match {mesh} --quiet --out {out}", *given).out.splitlines()
+    assert re.fullmatch(r"registered: \d+% left, areas change by \d+%", said)
+    assert why.startswith("a closer match would not hold where it was not fitted; at first ")
+    assert said in abfm(f"info {out}").out
 
 
 def test_what_is_advised_on_the_command_line_can_be_typed_there_and_helps(tmp_path, abfm):
