@@ -364,7 +364,7 @@ MESH = icosphere(2)
 @pytest.fixture(scope="module")
 def whole():
     f, g = bump(MESH, [0, 0, 1], 0.2), bump(MESH, [0, 0.8, 0.6], 0.2)
-    return match(MESH, f, g, Parameters(iterations=8, levels=2, segments=2))
+    return match(MESH, f, g, Parameters(iterations=60, levels=2, segments=2, refine=0))
 
 
 @pytest.fixture
