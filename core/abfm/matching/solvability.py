@@ -18,7 +18,7 @@ from abfm.types import FloatArray, IndexArray, IntArray
 
 SHARE = 0.2  # of the range, by which a peak stands out that is counted
 _APART = 0.2  # of the range, by which counterparts differ beyond doubt: twice what a flow leaves
-_DETAIL = 0.05  # of the range, by which what is counted as detail stands out
+_DETAIL = 0.02  # of the range, by which what is counted as detail stands out
 _MUCH = 20  # peaks and pits: functions with more were measured, or are as hard to match exactly
 # edges per width below which advection over a quarter of a body (half of sqrt(area)) is off by
 # several percent

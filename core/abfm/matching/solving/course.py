@@ -12,6 +12,7 @@ _FOUND = 0.7  # mismatch with which the target is found: the paper's norm leads 
 _LESS = 1 / 3  # factor of alpha on the less smooth way
 # a step goes on while its energy falls by this share within so many iterations
 _PAYING, _OVER = 0.03, 6
+_STIFF = 0.05  # sigma from which on alpha falls as its square: stiff fields go no closer
 _SHARE = 0.75  # of all iterations, before the mesh itself
 _CLOSE = 0.8  # of the goal: how close a step comes, as flow lines seldom confirm as much
 _ROUNDING = 1e-9  # of a number of steps
@@ -71,6 +72,8 @@ class Course:
 
     def stage(self, level: int, sigma: float, alpha: float, reach: float = 0.0) -> Stage:
         p, is_last = self._p, level >= self._meshes - 1
+        if not (self.is_given or self.is_fixed or self.is_measured):
+            alpha *= min(1.0, sigma / (_STIFF * self.unit)) ** 2
         own = (
             p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
             if self.is_fixed
