@@ -260,8 +260,11 @@ class Solver:
         """
         descent, share = self._descent, _SHARE
         course, energy = self._course, descent.levels[self.way[-1].stage.level].energy
-        # thin triangles make a round cost as much as the whole way with clusters
-        if course.is_given or course.is_fixed or course.is_measured or self._clustered:
+        if course.is_given or course.is_fixed or course.is_measured:
+            return
+        mark = self.way[-1]
+        rounds = _ROUNDS * _ROUND * descent.cost(mark.stage.level, mark.x)
+        if rounds > descent.effort:  # as where thin triangles need many products
             return
         reason = descent.reason
         for _ in range(_ROUNDS):
