@@ -29,7 +29,7 @@ def is_at(gui, step):
     gui.wait(lambda s: s.result.step == step)
     at = gui.session.result
     assert gui.text_of("step", kind="combo").startswith(f"step {step + 1} of 3: ")
-    np.testing.assert_allclose(at.advected, at.flow.push(at.source, at.parameters.tau), atol=1e-6)
+    np.testing.assert_allclose(at.advected, at.advect(at.parameters.tau), atol=1e-6)
     gui.drag("time", at.parameters.tau)
     np.testing.assert_array_equal(gui.window.shown.flow.advected(), at.advected[:, 0])
 

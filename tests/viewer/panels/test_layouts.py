@@ -211,7 +211,7 @@ def test_remedies_and_advice_that_no_button_carries_out_are_in_view(layouts):
         for widget in remedies:
             below = widget["rect"][3] - widget["area"][3]
             assert below <= _ROUNDING, f"{widget['label']!r}: {where(layout)}"
-    whole = "To try: smooth the function that has more of them, or expect a match in part."
+    whole = "To try: smooth the functions, refine the mesh, or expect a match in part."
     for layout in (layout for layout in layouts if layout["state"] == "advised"):
         (advice,) = [note for note in layout["notes"] if note["text"].startswith("To try: ")]
         (_, top, _, bottom), (_, first, _, last) = advice["rect"], advice["area"]

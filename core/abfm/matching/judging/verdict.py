@@ -344,8 +344,8 @@ class _Case:
         assert self.different_peaks is not None
         channel, here, there = self.different_peaks
         why = f"{self._of(channel)}the source has {here}, the target {there}; no flow changes that"
-        advised = "smooth the functions, or expect a match in part"
-        return self._verdict(kind, why, advised, *self._truer())
+        advised = "smooth the functions, refine the mesh, or expect a match in part"
+        return self._verdict(kind, why, advised)
 
     def _of_an_early_end(self, kind: Kind) -> Verdict:
         """Going on helps a match whose energy still falls where flow lines fall with it."""

@@ -132,7 +132,7 @@ def test_terms_add_up_and_are_carried_together():
 def test_a_second_term_has_an_exact_gradient_and_is_matched():
     energy = MatchingEnergy(both(alpha=0.05, sigma=0.1))
     assert taylor_order(energy, FIELD, 0.02 * wavy_field(MESH, 2)[None]) >= 1.9
-    few, told = {"iterations": 60, "levels": 1}, []
+    few, told = {"iterations": 60, "levels": 1, "sigma": 0.3}, []
     found = abfm.match(both(**few), on_iteration=told.append)
     alone = abfm.match(MESH, F, G, Parameters(**few))
     assert all(list(now.shares) == ["closeness", "places"] for now in told)
