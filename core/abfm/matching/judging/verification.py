@@ -12,14 +12,14 @@ from abfm.flow.continuous_flow import ContinuousFlow, on_children
 from abfm.flow.flow import Flow
 from abfm.flow.flow_lines import fields_in_a_row
 from abfm.maps.distortion import MOST, folds
-from abfm.maps.surface_points import vertex_points
 from abfm.matching.problem import Problem, mask_on_children
 from abfm.matching.solvability import RESOLVED, narrowest
+from abfm.matching.solving.measures import walked_back
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh.subdivision import interpolated
 from abfm.mesh.subdivision import subdivided as subdivided_mesh
 from abfm.parameters import Parameters
-from abfm.types import FloatArray, IntArray
+from abfm.types import FloatArray
 
 SUBDIVIDED_LIMIT = 200_000
 """Vertices of a mesh above which the subdivided one, of four times as many, is not asked."""
@@ -105,27 +105,12 @@ def verify(problem: Problem, velocity: ArrayLike, subdivided: bool = True) -> Ve
     mesh, p = problem.mesh, problem.parameters
     functions = problem.functions.on(mesh)
     flow, faces = ContinuousFlow(mesh, fields, p.tau), np.arange(len(mesh.faces))
-    lines, folded, overturned = _by_flow_lines(functions, flow, faces, MOST)
+    lines, places = walked_back(functions, flow, faces)
+    folded, overturned = folds(mesh, flow.origins, faces, places, MOST)
     on_fine = np.nan
     if subdivided and len(mesh.vertices) <= SUBDIVIDED_LIMIT:
         on_fine = _on_subdivided(functions, fields, p)
     return Verification(lines, on_fine, folded, overturned, narrowest(functions))
-
-
-def _by_flow_lines(
-    functions: FunctionTerm, flow: ContinuousFlow, faces: IntArray, most: int
-) -> tuple[float, float, float]:
-    """Return the mismatch at the vertices of some faces (S,), and their shares of `folds`."""
-    mesh, source, mask = functions.mesh, functions.source, functions.mask
-    asked, corners = np.unique(mesh.faces[faces], return_inverse=True)
-    points = flow.origins(vertex_points(mesh, asked))
-    places = points.positions[corners.reshape(-1, 3)]
-    folded, overturned = folds(mesh, flow.origins, faces, places, most)
-    weight = np.zeros(len(mesh.vertices))  # nothing where nobody asked
-    weight[asked] = 1.0 if mask is None else mask[asked]
-    found = np.zeros_like(source)
-    found[:, asked] = points.pull_back(source.T).T
-    return functions.weighed(weight).relative_mismatch(found), folded, overturned
 
 
 def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Parameters) -> float:

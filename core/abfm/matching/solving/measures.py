@@ -8,7 +8,8 @@ from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.maps.distortion import folds, mean_log2
 from abfm.maps.surface_points import vertex_points
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.types import FloatArray
+from abfm.matching.terms.functions import FunctionTerm
+from abfm.types import FloatArray, IntArray
 
 _FEW = 20_000  # vertices that are asked at most
 _MOST_CUT = 256  # faces that are cut into parts
@@ -29,20 +30,31 @@ def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
         flow = ContinuousFlow(mesh, fields, energy.parameters.tau)
     except ParameterError:
         return {}
-    asked, corners = np.unique(mesh.faces[faces], return_inverse=True)
-    points = flow.origins(vertex_points(mesh, asked))
-    places = points.positions[corners.reshape(-1, 3)]
-    weight = np.zeros(len(mesh.vertices))  # nothing where nobody asked
-    weight[asked] = 1.0 if functions.mask is None else functions.mask[asked]
-    found = np.zeros_like(functions.source)
-    found[:, asked] = points.pull_back(functions.source.T).T
+    left, places = walked_back(functions, flow, faces)
     area, shape = mean_log2(mesh, faces, places)
     return {
-        "verified_mismatch": functions.weighed(weight).relative_mismatch(found),
+        "verified_mismatch": left,
         "folded": folds(mesh, flow.origins, faces, places, _MOST_CUT)[0],
         "log2_area": area,
         "log2_shape": shape,
     }
+
+
+def walked_back(
+    functions: FunctionTerm, flow: ContinuousFlow, faces: IntArray
+) -> tuple[float, FloatArray]:
+    """Return what flow lines leave at the vertices of some faces (S,), by number, and where the
+    values of their corners came from, (S, 3, 3).
+    """
+    mesh, source, mask = functions.mesh, functions.source, functions.mask
+    asked, corners = np.unique(mesh.faces[faces], return_inverse=True)
+    points = flow.origins(vertex_points(mesh, asked))
+    weight = np.zeros(len(mesh.vertices))  # nothing where nobody asked
+    weight[asked] = 1.0 if mask is None else mask[asked]
+    found = np.zeros_like(source)
+    found[:, asked] = points.pull_back(source.T).T
+    left = functions.weighed(weight).relative_mismatch(found)
+    return left, points.positions[corners.reshape(-1, 3)]
 
 
 def by_flow_lines(energy: MatchingEnergy, x: FloatArray) -> FloatArray:
