@@ -45,7 +45,7 @@ _ABOUT = {
     "levels": _About("mesh levels", "", Range(0, 5)),
     "order": _About("norm's order", "only 1", Range(1, 2)),
     "method": _About("method", "Eqs. 4 and 5, section 5"),
-    "segments": _About("fields in a row", "Eq. 6, section 5", Range(1, 40)),
+    "segments": _About("fields in a row", "Eq. 6, section 5", Range(0, 40)),
     "gradient": _About("gradient", "Eqs. 7 and 9"),
     "substeps": _About("sub-steps n", "section 7", Range(1, 200, log=True)),
     "quadrature": _About("intervals k", "Eq. 9", Range(1, 50)),
@@ -73,7 +73,8 @@ _REMEDIES = {
     "levels": "More if a large mesh takes long, 1 if its coarser ones lose thin parts.",
     "order": "2 keeps fields continuous; 1 fits more closely, with fields whose flow differs.",
     "method": "nonlinear if the result is jagged.",
-    "segments": "More if linearised steps leave noise.",
+    "segments": "1 for a single field, more if one does not come close or linearised steps leave "
+    "noise.",
     "gradient": "adjoint, which is exact.",
     "substeps": "More if the line search fails early.",
     "quadrature": "More if the line search fails early.",

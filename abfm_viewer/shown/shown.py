@@ -183,7 +183,7 @@ class FieldQuantities(Jobs):
             if source is None:
                 return None
             return self._field.newest(flow.mesh, carried_gradient, flow, source, time)
-        count = flow.parameters.segments
+        count = len(flow.velocity)
         segment = min(int(time / flow.parameters.tau * count * (1 - 1e-12)), count - 1)
         return self._field.newest(flow.mesh, field_part, flow, segment, part)
 

@@ -70,7 +70,7 @@ refine: how often the mesh may be subdivided where it is too coarse; 0 never, no
   resolution
 levels: meshes from coarse to fine; 1 only the mesh itself, 0 by its size
 method: exponential flow, or the first two terms of the exponential
-segments: number of fields in a row; 0 means 1 (nonlinear) or 10 (linearised)
+segments: number of fields in a row; 0 means one, or two where one is not confirmed (linearised: 10)
 gradient: exact derivative of the discrete energy, or the paper's by brackets
 substeps: sub-steps of the bracket gradient (the adjoint is exact for any number)
 quadrature: intervals of the time integral in the bracket gradient
@@ -135,8 +135,8 @@ class Parameters:
         for entry in fields(self):
             check = _checked_choice if entry.name in CHOICES else _checked_number
             object.__setattr__(self, entry.name, check(entry, getattr(self, entry.name)))
-        if self.segments == 0:
-            object.__setattr__(self, "segments", 1 if self.method == "nonlinear" else 10)
+        if self.segments == 0 and self.method == "linearised":
+            object.__setattr__(self, "segments", 10)
         try:
             hottest = self.stage_sigmas()[0]
         except OverflowError:

@@ -15,7 +15,7 @@ from abfm.parameters import LAST, PAPER, TABLE_1, WARMEST, row_of
 
 
 def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
-    assert Parameters().segments == 1
+    assert Parameters().segments == 0
     assert Parameters(method="linearised").segments == 10
     assert Parameters(method="linearised", segments=3).segments == 3
     assert all(entry.metadata["help"] for entry in fields(Parameters))

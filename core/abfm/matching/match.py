@@ -496,7 +496,7 @@ def match_of(
         if name not in results.PROBLEM_ENTRIES
     }
     velocity = parts.pop("velocity")
-    if parameters.segments != len(velocity):
+    if parameters.segments not in (0, len(velocity)):
         raise ValueError(f"{len(velocity)} fields, but parameters say {parameters.segments}")
     parts.setdefault("fine_velocity", velocity)
     times_subdivided(parts["fine_velocity"].shape[1], mesh)

@@ -8,6 +8,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import edge_areas, edge_lengths
@@ -17,7 +19,8 @@ from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
 SHARE = 0.2  # of the range, by which a peak stands out that is counted
-_APART = 0.2  # of the range, by which counterparts differ beyond doubt: twice what a flow leaves
+_APART = 0.1  # of the range, by which what a flow leaves is beyond doubt
+_TOLD = 0.005  # of the range: values nearer to 0 are told as 0
 _DETAIL = 0.02  # of the range, by which what is counted as detail stands out
 _MUCH = 20  # peaks and pits: functions with more were measured, or are as hard to match exactly
 # edges per width below which advection over a quarter of a body (half of sqrt(area)) is off by
@@ -142,11 +145,12 @@ def _constant(values: FloatArray) -> bool:
     return bool((np.ptp(values, axis=1) <= _CONSTANT * np.abs(values).max(axis=1)).all())
 
 
-# The 0-dimensional persistence of a peak is how far one must go down from it to reach a higher one
-# (Edelsbrunner and Harer, Computational Topology, 2010, chapter VII). A flow carries a function
-# along a homeomorphism, so all of its peaks and pits arrive with their persistence. If two
-# functions differ by less than ``e`` everywhere, their peaks pair up with persistences that differ
-# by less than ``2 e``, but for those below ``2 e`` (Cohen-Steiner, Edelsbrunner and Harer 2007).
+# The 0-dimensional persistence of a peak is how far one must go down from it to the pass to a
+# higher one (Edelsbrunner and Harer, Computational Topology, 2010, chapter VII). A flow carries a
+# function along a homeomorphism, so all of its peaks and pits arrive with their values and those of
+# their passes. If two functions differ by at most ``e`` everywhere, their peaks pair up, but for
+# those that stand out by at most ``2 e``, with values and passes that differ by at most ``e``
+# (Cohen-Steiner, Edelsbrunner and Harer 2007).
 
 
 class Extrema(NamedTuple):
@@ -164,14 +168,23 @@ Difference: TypeAlias = tuple[Counted, Counted]
 
 def persistence(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
     """Persistence above 0 of each peak of a function (V,), largest first; for pits give ``-f``."""
+    births, deaths = diagram(mesh, f).T
+    return np.asarray(births - deaths)
+
+
+def diagram(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
+    """Return the value of each peak of a function (V,), and that at which it meets a higher one,
+    (K, 2), where they differ; the peak that stands out most comes first.
+    """
     if not np.ptp(f) > _ROUNDING * np.abs(f).max():
-        return np.empty(0)
+        return np.empty((0, 2))
     falling = np.argsort(-f, kind="stable")  # of equal values the first one counts as higher
     rank = np.empty(len(f), dtype=np.int64)
     rank[falling] = np.arange(len(f))
-    sorted_values = f[falling]
-    found = sorted_values - sorted_values[_deaths(mesh.edges, rank)]
-    return np.sort(found[found > 0])[::-1]
+    births = f[falling]
+    found = np.stack([births, births[_deaths(mesh.edges, rank)]], axis=1)
+    found = found[found[:, 0] > found[:, 1]]
+    return np.asarray(found[np.argsort(found[:, 1] - found[:, 0], kind="stable")])
 
 
 def is_measured(functions: FunctionTerm) -> bool:
@@ -193,28 +206,44 @@ def peaks(mesh: TriangleMesh, f: FloatArray, share: float = SHARE) -> Extrema:
 
 
 def peaks_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
-    """Tell what peaks and pits two functions (V,) have, where they differ beyond doubt: in order of
-    their persistence, one of them stands out by 0.2 of the larger range more than its counterpart,
-    or than none. Then every flow leaves a difference of at least 0.1 of that range somewhere.
+    """Tell what peaks and pits two functions (V,) have, where they differ beyond doubt: one of them
+    has no counterpart whose value and whose pass differ by at most 0.1 of the larger range, and
+    stands out by more than twice that. Then every flow leaves a difference of as much somewhere.
 
-    Returned are those by 0.2 of the range, or, of equal numbers, what stands out otherwise.
+    Returned are those by 0.2 of the range, or, of equal numbers, what has no counterpart.
     """
     scale = float(max(np.ptp(f), np.ptp(g)))
-    both = _both(mesh, f), _both(mesh, g)
-    found, gap = ("", 0.0, 0.0), _APART * scale
-    for kind, *persistences in zip(("peak", "pit"), *both, strict=True):
-        count = max(map(len, persistences))
-        one, other = (np.pad(values, (0, count - len(values))) for values in persistences)
-        if count and np.abs(one - other).max() >= gap:
-            number = int(np.abs(one - other).argmax())
-            found, gap = (kind, one[number], other[number]), abs(one[number] - other[number])
-    kind, here, there = found
-    if not kind:
-        return None
-    counts = tuple(_count(persistences, SHARE * scale) for persistences in both)
-    if counts[0] != counts[1]:
-        return counts[0], counts[1]
-    return f"a {kind} that stands out by {here / scale:.2g} of the range", f"by {there / scale:.2g}"
+    counts = tuple(_count(_both(mesh, values), SHARE * scale) for values in (f, g))
+    for kind, side, sign in (("peak", "above", 1), ("pit", "below", -1)):
+        one, other = (sign * diagram(mesh, sign * values) for values in (f, g))
+        alone = _alone(one, other, _APART * scale), _alone(other, one, _APART * scale)
+        if not any(map(len, alone)):
+            continue
+        if counts[0] != counts[1]:
+            return counts[0], counts[1]
+        least = _TOLD * scale
+        here, there = (
+            " ".join(
+                f"{word} {0 if abs(value) < least else value:.2g}"
+                for word, value in zip((f"a {kind} at", f"{side} a pass at"), rows[0], strict=True)
+            )
+            if len(rows)
+            else f"no such {kind}"
+            for rows in alone
+        )
+        return here, there
+    return None
+
+
+def _alone(one: FloatArray, other: FloatArray, most: float) -> FloatArray:
+    """Return which rows of a diagram (K, 2) stand out by more than twice a difference, and go
+    without a counterpart in the other (L, 2) that is within it, as few of them as can be.
+    """
+    one = one[np.abs(one[:, 0] - one[:, 1]) > 2 * most]
+    near = np.abs(one[:, None] - other[None]).max(axis=-1, initial=0.0) <= most
+    pairs = maximum_bipartite_matching(sparse.csr_array(near), perm_type="column")
+    alone: FloatArray = one[pairs < 0]
+    return alone
 
 
 def different_peaks(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:

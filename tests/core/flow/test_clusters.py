@@ -236,7 +236,7 @@ def test_the_energy_is_that_of_the_clustered_flow(name):
     state = plain.functions.source.T
     for one in v:
         P, R, D = held(E.mesh, clusters, one)
-        state = P @ expm_multiply(-E.step * D, R @ state)
+        state = P @ expm_multiply(-0.5 * E.parameters.tau * D, R @ state)
     found = E.objective(0.2).evaluate(v)
     near(found.advected, state.T, 1e-8 * np.abs(state).max())
     assert found.mismatch == pytest.approx(plain.mismatch_energy(found.advected, 0.2), rel=1e-12)

@@ -38,12 +38,22 @@ def assert_never_rises_within_a_stage(match):
         assert (np.diff(energies) <= 0).all()
 
 
-def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart_by_both_witnesses():
-    mesh = abfm.load_mesh(asset_path("eight.off"))
+def a_quarter_apart(name, width):
+    mesh = abfm.load_mesh(asset_path(name))
     distance = abfm.function(mesh, "geodesic:vertex=7")
     target = int(np.argmin(np.abs(distance - distance.max() / 4)))
-    f, g = (abfm.function(mesh, f"gaussian:vertex={v},width=0.2") for v in (7, target))
-    match = abfm.match(mesh, f, g)
+    return mesh, *(f"gaussian:vertex={vertex},width={width}" for vertex in (7, target))
+
+
+@pytest.mark.parametrize("name", ["human_A.off", "eight.off"])
+def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name):
+    match = abfm.match(*a_quarter_apart(name, 0.1), abfm.Parameters(refine=0))
+    assert match.mismatch <= 0.05
+    assert len(match.energy_history) <= 501
+
+
+def test_on_finer_meshes_by_both_witnesses():
+    match = abfm.match(*a_quarter_apart("eight.off", 0.2))
     assert match.verdict.kind == "matched"
     assert match.confirmed_mismatch <= 0.05
     assert len(match.energy_history) <= match.parameters.iterations + 1

@@ -1,5 +1,7 @@
 """What the functions alone say: bounds, constants, distances, peaks and resolution."""
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -257,6 +259,49 @@ def test_functions_with_other_peaks_are_told():
         Extrema(1, 2),
     )
     assert solvability.peaks_apart(FINE, gaussians(2), gaussians(2)) is None
+
+
+def ridges(*heights):
+    """A strip, and a function that has these heights along it."""
+    count = len(heights)
+    places = np.stack(np.meshgrid(np.arange(count), [0, 1], [0]), axis=-1).reshape(-1, 3)
+    left, right = np.arange(count - 1), np.arange(1, count)
+    faces = [[left, right, left + count], [right, right + count, left + count]]
+    mesh = TriangleMesh(places, np.concatenate([np.stack(face, axis=1) for face in faces]))
+    return mesh, np.tile(np.array(heights, dtype=float), 2)
+
+
+def test_peaks_that_stand_out_alike_at_other_values_are_told():
+    mesh, f = ridges(0, 1, 0.5, 0.9, 0)
+    _, g = ridges(0, 1, 0.2, 0.6, 0)
+    assert_allclose(persistence(mesh, f), persistence(mesh, g), atol=1e-12)
+    high, low = "a peak at 0.9 above a pass at 0.5", "a peak at 0.6 above a pass at 0.2"
+    assert solvability.peaks_apart(mesh, f, g) == (high, low)
+    _, shifted = ridges(0.09, 0.91, 0.41, 0.99, 0.09)
+    assert solvability.peaks_apart(mesh, f, shifted) is None
+
+
+DIAGRAMS = st.lists(st.tuples(*[st.integers(0, 9)] * 2).filter(lambda row: row[0] > row[1]))
+
+
+@given(DIAGRAMS.filter(lambda rows: len(rows) < 4), DIAGRAMS.filter(lambda rows: len(rows) < 4))
+def test_who_goes_without_a_counterpart_is_told_by_all_ways_to_pair(one, other):
+    """The bottleneck distance, by trying every pairing, where each may stay with the diagonal."""
+    here, there = ([*rows, *[None] * len(others)] for rows, others in ((one, other), (other, one)))
+
+    def cost(a, b):
+        if a and b:
+            return max(abs(a[0] - b[0]), abs(a[1] - b[1]))
+        return sum((row[0] - row[1]) / 2 for row in (a, b) if row)
+
+    least = min(
+        max((cost(a, b) for a, b in zip(here, order, strict=True)), default=0)
+        for order in permutations(there)
+    )
+    rows = [np.array(diagram, dtype=float).reshape(-1, 2) for diagram in (one, other)]
+    for most in range(10):
+        alone = [solvability._alone(*pair, most) for pair in (rows, rows[::-1])]
+        assert (least <= most) == (not any(map(len, alone)))
 
 
 def gaussian(mesh, vertex, edges):

@@ -136,12 +136,12 @@ class Objective:
     # each data term's energy, and the derivative of their sum, by what was carried
     missed: Callable[[FloatArray], tuple[tuple[float, ...], FloatArray]]
     advect: Callable[[FloatArray], Advection]  # the flow of frame coefficients (N, F, 2)
-    step: float  # time of each field
+    tau: float
     gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
 
     def evaluate(self, x: FloatArray) -> Evaluation:
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable flow ends in any numbers
-            momentum = self.step * np.stack([self.regularity.apply(v) for v in x])
+            momentum = self.tau / len(x) * np.stack([self.regularity.apply(v) for v in x])
             regularity = 0.5 * kernels.inner(momentum.ravel(), np.ascontiguousarray(x).ravel())
             try:
                 shares, advected, differentiate = self._mismatch(x)
@@ -195,13 +195,8 @@ class MatchingEnergy:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Shape (N, F, 2) of the unknowns, the fields' frame coefficients."""
-        return self.parameters.segments, len(self.mesh.faces), 2
-
-    @property
-    def step(self) -> float:
-        """Time of each field."""
-        return self.parameters.tau / self.parameters.segments
+        """Shape (N, F, 2) of the unknowns, the fields' frame coefficients, of the fewest fields."""
+        return max(1, self.parameters.segments), len(self.mesh.faces), 2
 
     def __call__(self, velocity: ArrayLike) -> tuple[float, FloatArray]:
         """Return the value and the Euclidean gradient (N, F, 3) at fields (N, F, 3) on `mesh`."""
@@ -215,21 +210,20 @@ class MatchingEnergy:
         reach: float = 0.0,
         *,
         alpha: float | None = None,
-        offset: FloatArray | None = None,
         tolerance: float = TOLERANCE,
     ) -> Objective:
         """Return what is minimised with a sigma, and an alpha in place of the parameters'.
 
-        A ``reach`` is that of the data terms, an ``offset`` (C, V) what they may leave; a tolerance
-        truncates the advection, and the gradient is that of the truncated sum.
+        A ``reach`` is that of the data terms; a tolerance truncates the advection, and the gradient
+        is that of the truncated sum.
         """
         missed = self.measure(reach).shares_and_residual
         return Objective(
             self.regularizer(alpha),
             self.terms.carried,
-            partial(missed, sigma=sigma, offset=offset),
+            partial(missed, sigma=sigma),
             partial(self.discretisation.flow, tau=self.parameters.tau, tolerance=tolerance),
-            self.step,
+            self.parameters.tau,
             self._gradient,
         )
 

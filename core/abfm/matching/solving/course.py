@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LAST, WARMEST, Parameters
 
-NEARLY = 0.15  # mismatch with which functions nearly match: a less smooth way is tried with more
+NEARLY = 0.15  # mismatch with which functions nearly match
 _FOUND = 0.7  # mismatch with which the target is found: the paper's norm leads on, without reach
 _LESS = 1 / 3  # factor of alpha on the less smooth way
 # a step goes on while its energy falls by this share within so many iterations
@@ -18,11 +19,19 @@ _CLOSE = 0.8  # of the goal: how close a step comes, as flow lines seldom confir
 _ROUNDING = 1e-9  # of a number of steps
 
 
+class Way(NamedTuple):
+    """What a way from smooth to close is walked with."""
+
+    alpha: float
+    fields: int  # in a row
+
+
 @dataclass(frozen=True)
 class Stage:
     """What a part of the way is minimised with; reach is 0 for the parameters' own norm."""
 
     level: int  # which mesh, from 0, the coarsest
+    fields: int  # in a row
     sigma: float
     alpha: float
     reach: float
@@ -33,7 +42,8 @@ class Stage:
 
     def continues(self, before: "Stage") -> bool:
         """Tell whether what the stage before learned serves; if fixed not with another sigma."""
-        same = (before.level, before.reach, before.alpha) == (self.level, self.reach, self.alpha)
+        names = "level", "fields", "reach", "alpha"
+        same = all(getattr(before, name) == getattr(self, name) for name in names)
         return same and not (self.fixed and before.sigma != self.sigma)
 
     def pays(self, energies: list[float]) -> bool:
@@ -58,30 +68,37 @@ class Course:
         # as in the paper: every step goes on to the end of its iterations
         self.is_fixed = p.stage_iterations > 0 or (p.reach == 0 and meshes == 1)
         self.is_measured = self._has_detail and not (self.is_given or self.is_fixed)
+        # towards the goal, as far as flow lines confirm it
+        self.is_free = not (self.is_given or self.is_fixed or self.is_measured)
         self.unit = 1.0 if p.sigma_unit == "relative" else functions.function_size
         self.sigmas = self._sigmas()
 
-    @property
-    def alphas(self) -> list[float]:
-        """Those of the ways to try: the second one where the first does not nearly match."""
-        p = self._p
-        alone = self.is_fixed or not p.reach or not p.alpha
-        if alone or (self.is_given and self._has_detail):
-            return [p.alpha]
-        return [p.alpha, _LESS * p.alpha]
+    def ways(self, fields: int) -> list[Way]:
+        """Return those to try: that of measured functions is the one which finds more; with others
+        two fields in a row where one does not come to the goal. A flow along one field keeps the
+        value wherever it is zero, and one of two does not.
+        """
+        p, first = self._p, Way(self._p.alpha, fields)
+        if self.is_fixed or not p.reach:
+            return [first]
+        if self._has_detail:
+            return (
+                [first, Way(_LESS * p.alpha, fields)] if self.is_measured and p.alpha else [first]
+            )
+        return [first] if p.segments else [first, Way(p.alpha, 2 * fields)]
 
-    def stage(self, level: int, sigma: float, alpha: float, reach: float = 0.0) -> Stage:
-        p, is_last = self._p, level >= self._meshes - 1
-        if not (self.is_given or self.is_fixed or self.is_measured):
+    def stage(self, level: int, sigma: float, way: Way, reach: float = 0.0) -> Stage:
+        p, alpha, is_last = self._p, way.alpha, level >= self._meshes - 1
+        if self.is_free:
             alpha *= min(1.0, sigma / (_STIFF * self.unit)) ** 2
         own = (
             p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
             if self.is_fixed
             else p.iterations
         )
-        goal = 0.0 if self.is_given or self.is_fixed or self.is_measured else _CLOSE * p.goal
+        goal = _CLOSE * p.goal if self.is_free else 0.0
         until = p.iterations if is_last else int(_SHARE * p.iterations)
-        return Stage(level, sigma, alpha, reach, own, until, self.is_fixed, goal)
+        return Stage(level, way.fields, sigma, alpha, reach, own, until, self.is_fixed, goal)
 
     def _sigmas(self) -> list[float]:
         p = self._p

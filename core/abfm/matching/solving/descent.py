@@ -101,12 +101,10 @@ class Descent:
             x = coarser.fields_to_finer(x)
         return calmed(self.levels[to].energy.mesh, x, mismatch, measured)
 
-    def minimise(
-        self, stage: Stage, start: FloatArray | Evaluation, offset: FloatArray | None = None
-    ) -> Evaluation:
-        """Run a stage to its end; what is left may be an offset (C, V)."""
+    def minimise(self, stage: Stage, start: FloatArray | Evaluation) -> Evaluation:
+        """Run a stage to its end."""
         self._record.schedule.append(stage)
-        search = self._search(stage, offset)
+        search = self._search(stage)
         self._arrive(stage, start if isinstance(start, Evaluation) else search.evaluate(start))
         self.reason = StopReason.GOAL_REACHED
         goal = self.attainable(stage.goal)
@@ -169,25 +167,22 @@ class Descent:
             return search.init(best.x, best)
         return search.init(best.x, best, learned, (before.sigma / stage.sigma) ** 2)
 
-    def _search(self, stage: Stage, offset: FloatArray | None = None) -> LBFGS[Evaluation]:
+    def _search(self, stage: Stage) -> LBFGS[Evaluation]:
         def counted() -> None:
             self._record.evaluations += 1
 
-        return search(self.levels[stage.level].energy, stage, counted, offset)
+        return search(self.levels[stage.level].energy, stage, counted)
 
 
 def search(
     energy: MatchingEnergy,
     stage: Stage,
     counted: Callable[[], None] = lambda: None,
-    offset: FloatArray | None = None,
 ) -> LBFGS[Evaluation]:
     """Return the search of a stage, which tells of each evaluation."""
     p = energy.parameters
-    objective = energy.objective(
-        stage.sigma, stage.reach, alpha=stage.alpha, offset=offset, tolerance=_TOLERANCE
-    )
-    regularity, step = objective.regularity, energy.step
+    objective = energy.objective(stage.sigma, stage.reach, alpha=stage.alpha, tolerance=_TOLERANCE)
+    regularity, tau = objective.regularity, p.tau
 
     def evaluate(x: FloatArray) -> Evaluation:
         checkpoint()
@@ -195,10 +190,12 @@ def search(
         return objective.evaluate(x)
 
     def inverse(gradient: FloatArray) -> FloatArray:
-        return np.stack([regularity.inverse(momentum) for momentum in gradient]) / step
+        return (
+            np.stack([regularity.inverse(momentum) for momentum in gradient]) * len(gradient) / tau
+        )
 
     def displacement(fields: FloatArray) -> float:
-        return step * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).sum())
+        return tau * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).mean())
 
     precondition = inverse if p.preconditioner == "hodge" else None
     return LBFGS(evaluate, precondition, p.memory, displacement, p.max_displacement, p.tolerance)

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.maps.distortion import folds, mean_log2
@@ -55,9 +54,3 @@ def walked_back(
     found[:, asked] = points.pull_back(source.T).T
     left = functions.weighed(weight).relative_mismatch(found)
     return left, points.positions[corners.reshape(-1, 3)]
-
-
-def by_flow_lines(energy: MatchingEnergy, x: FloatArray) -> FloatArray:
-    """Return what the terms want carried, (C, V), carried along the continuous fields (N, F, 2)."""
-    flow = ContinuousFlow(energy.mesh, to_ambient(energy.mesh, x), energy.parameters.tau)
-    return np.ascontiguousarray(flow.origins().pull_back(energy.terms.carried.T).T)

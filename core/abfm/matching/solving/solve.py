@@ -14,11 +14,11 @@ from abfm.errors import AbfmError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
 from abfm.matching.solvability import RESOLVED, narrowest
-from abfm.matching.solving.course import NEARLY, Course, Stage
+from abfm.matching.solving.course import NEARLY, Course, Stage, Way
 from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.held_out import PRICE, HeldOut
 from abfm.matching.solving.levels import levels, subdivided
-from abfm.matching.solving.measures import by_flow_lines, measured
+from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
 from abfm.matching.solving.start import given, is_lost, on_coarsest, on_finer
 from abfm.types import FloatArray
@@ -26,12 +26,11 @@ from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
 
 _GAIN = 0.03  # of what is left by the worse witness: what a smaller sigma or a finer mesh must gain
+_CLOSER = 0.6, 0.4  # of the goal, as close as it comes where flow lines leave more than that
+_HOPELESS = 0.5  # mismatch by flow lines that this does not mend
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
 _FINER = 2  # times that the mesh is subdivided without being asked for
 _EFFORT, _LEAST = 2.0, 3  # times what was spent before, for a finer mesh; and iterations on it
-# of flow lines, in balance; how often they are asked, after how many iterations each
-_SHARE, _ROUNDS, _ROUND = 0.5, 3, 8
-_HOPELESS = 0.5  # mismatch beyond which both have nothing to share
 _LATER = np.empty((1, 0, 3))  # instead of fields
 _PATIENCE = 2  # steps after the best one, before a measured way ends
 
@@ -44,6 +43,7 @@ class Solver:
     ) -> None:
         self.energy, self.record = energy, Record(on_iteration)
         self.way: list[Mark] = []
+        self._with = Way(energy.parameters.alpha, energy.shape[0])
         self.step = 0
         self._earlier: list[list[Mark]] = []  # ways that were given up
         p, functions = energy.parameters, energy.functions
@@ -84,6 +84,7 @@ class Solver:
         start, finer, lost = given(self.energy), None, True
         if start is not None:
             self._at_rest.append((start, self.energy.advected(start)))
+            self._with = Way(p.alpha, len(start))
             finer = on_finer(self.energy, descent.levels)
             lost = finer is None and is_lost(self.energy, self._at_rest[-1][1])
         if self._course.is_measured and p.iterations:
@@ -91,11 +92,12 @@ class Solver:
             start, finer, lost = None, None, True
         if finer is not None:
             descent.levels, x = finer
-            stage = self._course.stage(len(descent.levels) - 1, self._course.sigmas[-1], p.alpha)
+            last = self._course.sigmas[-1]
+            stage = self._course.stage(len(descent.levels) - 1, last, self._with)
             descent.minimise(stage, x)
             self._mark(stage)
         elif start is not None and not lost:
-            self._come_close(start, descent.own, self._course.sigmas[-1:], p.alpha)
+            self._come_close(start, descent.own, self._course.sigmas[-1:])
         else:
             descent.levels = levels(descent.levels)
             descent.own = len(descent.levels) - 1
@@ -104,20 +106,24 @@ class Solver:
             self._find(start)
             if top or self._clustered:
                 self._end_on_the_mesh()
-        self._balance()
+        self._confirm()
         self._refine()
 
     def _find(self, start: FloatArray | None) -> None:
         """Walk the ways on the coarsest mesh; that which comes closest stays."""
         iterations = self.energy.parameters.iterations
         x = on_coarsest(self._descent.levels, start, not iterations)
-        for alpha in self._course.alphas:
-            self._descent.progress, self.way = Progress(), []
-            self._walk(x, alpha)
+        ways = self._course.ways(len(x))
+        for number, way in enumerate(ways):
+            self._descent.progress, self.way, self._with = Progress(), [], way
+            self._walk(np.repeat(x, way.fields // len(x), axis=0), number == len(ways) - 1)
             self._earlier.append(self.way)
-            if not self._course.is_measured and self._value(self.way) <= NEARLY:
+            enough = self._goal if self._course.is_free else NEARLY
+            if not self._course.is_measured and self._value(self.way) <= enough:
                 break
-        self.way, self.record.is_trying = min(self._earlier, key=self._value), False
+        best = int(np.argmin([self._value(way) for way in self._earlier]))
+        self.way, self._with = self._earlier[best], ways[best]
+        self.record.is_trying = False
 
     def _end_on_the_mesh(self) -> None:
         """Take the end of the way to the mesh itself, and on from there if that is needed."""
@@ -127,37 +133,32 @@ class Solver:
         sigmas = [sigma for sigma in course.sigmas if sigma <= mark.stage.sigma]
         if course.is_measured:
             sigmas = sigmas[:1]
-        self._come_close(mark.x, 0, sigmas, mark.stage.alpha, mark)
+        self._come_close(mark.x, 0, sigmas, mark)
         if course.is_measured:
             self.way += after
 
-    def _walk(self, x: FloatArray, alpha: float) -> None:
+    def _walk(self, x: FloatArray, is_last_way: bool) -> None:
         course, descent, p = self._course, self._descent, self.energy.parameters
         reach, energy = p.reach, descent.levels[0].energy
         held = HeldOut(energy, x) if course.is_measured else None
         for sigma in course.sigmas:
-            is_last = alpha == course.alphas[-1] and sigma == course.sigmas[-1]
+            is_last = is_last_way and sigma == course.sigmas[-1]
             self.record.is_trying = not (is_last or course.is_fixed)
             stages = []
             if reach:
-                stages.append(course.stage(0, sigma, alpha, reach))
+                stages.append(course.stage(0, sigma, self._with, reach))
                 x = descent.minimise(stages[-1], x).x
                 if course.is_found(descent.mismatch) or sigma == course.sigmas[-1]:
                     reach = 0.0
             if not reach:
-                stages.append(course.stage(0, sigma, alpha))
+                stages.append(course.stage(0, sigma, self._with))
                 x = descent.minimise(stages[-1], x).x
             self._mark(stages[-1], np.nan if held is None else held.follow(stages))
             if self._is_over() or len(self.record.history) > stages[-1].until:
                 break
 
     def _come_close(
-        self,
-        x: FloatArray,
-        level: int,
-        sigmas: list[float],
-        alpha: float,
-        mark: Mark | None = None,
+        self, x: FloatArray, level: int, sigmas: list[float], mark: Mark | None = None
     ) -> None:
         """Go on from fields of a level, those of a mark, on the mesh itself, where it has clusters
         first with these.
@@ -167,7 +168,7 @@ class Solver:
         at: FloatArray | Evaluation = x
         for top in range(descent.own - self._clustered, descent.own + 1):
             for sigma in sigmas:
-                stage = course.stage(top, sigma, alpha)
+                stage = course.stage(top, sigma, self._with)
                 if top > level:
                     at, level = descent.prolonged(x, level, stage, left), top
                 at = descent.minimise(stage, at).x
@@ -190,10 +191,9 @@ class Solver:
         if p.refine == 0 or course.is_fixed or (p.refine is None and ends):
             return
         while len(descent.levels) - 1 - descent.own < (p.refine or _FINER):
-            there = self._there()
-            if not there:
+            if not self._there():
                 return
-            mark = self.way[there[self._best([self.way[i] for i in there])]]
+            mark = self.way[self._end_so_far()]
             mesh = descent.levels[-1].energy.mesh
             is_fine = len(mesh.vertices) + len(mesh.edges) > _FINEST
             if mark.worse <= self._goal:
@@ -221,10 +221,10 @@ class Solver:
         """Go on from a step on the finest mesh; unless asked for with as much effort as is left."""
         p, course, descent = self.energy.parameters, self._course, self._descent
         finest, until = len(descent.levels) - 1, (1 + _EFFORT) * descent.effort
-        stage = course.stage(finest, mark.stage.sigma, mark.stage.alpha)
+        stage = course.stage(finest, mark.stage.sigma, self._with)
         point = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
         for sigma in (sigma for sigma in course.sigmas if sigma <= mark.stage.sigma):
-            stage = course.stage(finest, sigma, mark.stage.alpha)
+            stage = course.stage(finest, sigma, self._with)
             if p.refine is None:
                 left = (until - descent.effort) / descent.cost(finest, point.x)
                 if left < _LEAST:
@@ -233,7 +233,8 @@ class Solver:
             point = descent.minimise(stage, point if sigma == mark.stage.sigma else point.x)
             self._mark(stage, mark.held_out)
             if course.is_measured or self._is_over() or not self._gains():
-                return
+                break
+        self._confirm()
 
     def _gains(self) -> bool:
         """Tell whether the last step on its mesh left less than the one before, if it has to."""
@@ -249,37 +250,35 @@ class Solver:
         least = max(finest, self._descent.own)
         return [i for i, mark in enumerate(self.way) if mark.stage.level >= least]
 
+    def _end_so_far(self) -> int:
+        there = self._there()
+        return there[self._best([self.way[i] for i in there])]
+
     @property
     def _goal(self) -> float:
         return self._descent.attainable(self.energy.parameters.goal)
 
-    def _balance(self) -> None:
-        """Weigh flow lines against the discrete advection, while the worse of them gains by it.
-
-        With ``g + b (f_tau - f o phi)`` as target a match has ``(1 - b) f_tau + b (f o phi) = g``.
-        """
-        descent, share = self._descent, _SHARE
-        course, energy = self._course, descent.levels[self.way[-1].stage.level].energy
-        if course.is_given or course.is_fixed or course.is_measured:
+    def _confirm(self) -> None:
+        """Come closer by the discrete flow than the goal, while flow lines leave more than that."""
+        course, descent, p = self._course, self._descent, self.energy.parameters
+        if not course.is_free:
             return
-        mark = self.way[-1]
-        rounds = _ROUNDS * _ROUND * descent.cost(mark.stage.level, mark.x)
-        if rounds > descent.effort:  # as where thin triangles need many products
-            return
-        reason = descent.reason
-        for _ in range(_ROUNDS):
-            mark = self.way[-1]
-            if not self._goal < mark.worse <= _HOPELESS or mark.verified_mismatch <= mark.mismatch:
-                return
-            away = mark.carried - by_flow_lines(energy, mark.x)
-            stage = replace(mark.stage, iterations=_ROUND, fixed=True, goal=0.0)
-            descent.minimise(stage, mark.x, share * away)
-            descent.reason = reason
-            found = self._judged(mark.stage)
+        index = self._end_so_far()
+        reason, at, stage = descent.reason, self.way[index].x, self.way[index].stage
+        sigmas = [sigma for sigma in course.sigmas if sigma <= stage.sigma]
+        for close in _CLOSER:
+            mark = self.way[index]
+            if not self._goal < mark.worse <= _HOPELESS or mark.mismatch > self._goal:
+                break
+            for sigma in sigmas:
+                stage = replace(course.stage(stage.level, sigma, self._with), goal=close * p.goal)
+                at = descent.minimise(stage, at).x
+                if descent.mismatch <= stage.goal:
+                    break
+            found = self._judged(stage)
             if found.worse < mark.worse:
-                self.way[-1] = found
-            else:
-                share /= 2
+                self.way[index] = found
+        descent.reason = reason
 
     def _mark(self, stage: Stage, held_out: float = np.nan) -> None:
         """Keep what a step came to."""
@@ -332,16 +331,16 @@ class Solver:
         own = self._descent.own
         if early:
             self._keep_the_latest()
-        there = self._there()
-        if there:
-            self.step = there[self._best([self.way[i] for i in there])]
+        left = np.inf
+        if self._there():
+            self.step = self._end_so_far()
             left = self.way[self.step].mismatch
-        else:
-            left = np.inf
         rest = [self.energy.relative_mismatch(carried) for _, carried in self._at_rest]
         if not left <= max(rest):
             x, carried = self._at_rest[int(np.argmin(rest))]
-            stage = self._course.stage(own, self._course.sigmas[0], self.energy.parameters.alpha)
+            if self.way:
+                x = np.repeat(x, len(self.way[0].x) // len(x), axis=0)
+            stage = self._course.stage(own, self._course.sigmas[0], self._with)
             self.way.insert(0, Mark(stage, x, carried, min(rest)))
             self.step = 0
 

@@ -21,7 +21,7 @@ def given(energy: MatchingEnergy) -> FloatArray | None:
     start, wanted = energy.problem.start, energy.parameters.segments
     if start is None:
         return None
-    count = len(start)
+    count, wanted = len(start), wanted or len(start)
     begins, others = np.arange(wanted)[:, None] * count, np.arange(count) * wanted
     overlaps = np.minimum(begins + count, others + wanted) - np.maximum(begins, others)
     averages = np.maximum(overlaps, 0) / count
@@ -55,7 +55,7 @@ def on_finer(energy: MatchingEnergy, levels: list[Level]) -> tuple[list[Level], 
     times = 0 if start is None else times_subdivided(start.shape[1], energy.problem.mesh)
     if start is None or not times or times > (times if p.refine is None else p.refine):
         return None
-    if len(start) != p.segments:
+    if p.segments not in (0, len(start)):
         return None
     found = list(levels)
     for _ in range(times):

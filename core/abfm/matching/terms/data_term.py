@@ -29,10 +29,8 @@ class Restriction(Protocol):
 class Measure(Protocol):
     """The norm of what is left of the functions (C, V) that a term wants carried."""
 
-    def value_and_residual(
-        self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
-    ) -> tuple[float, FloatArray]:
-        """Return the energy, and its derivative (C, V); an offset (C, V) is what may be left."""
+    def value_and_residual(self, carried: FloatArray, sigma: float) -> tuple[float, FloatArray]:
+        """Return the energy, and its derivative (C, V)."""
         ...
 
     def value(self, carried: FloatArray, sigma: float) -> float: ...
@@ -107,13 +105,12 @@ class Sum:
     measures: Sequence[Measure]
 
     def shares_and_residual(
-        self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
+        self, carried: FloatArray, sigma: float
     ) -> tuple[tuple[float, ...], FloatArray]:
         """Return each term's energy, and the derivative (C, V) of their sum."""
-        offsets = [None] * len(self.measures) if offset is None else self.split(offset)
         parts = [
-            measure.value_and_residual(own, sigma, left)
-            for measure, own, left in zip(self.measures, self.split(carried), offsets, strict=True)
+            measure.value_and_residual(own, sigma)
+            for measure, own in zip(self.measures, self.split(carried), strict=True)
         ]
         shares, residuals = zip(*parts, strict=True)
         return shares, np.concatenate(residuals)

@@ -209,10 +209,8 @@ class _Mismatch:
     unit: float
     norm: Callable[[FloatArray], FloatArray]  # by the matrix
 
-    def value_and_residual(
-        self, carried: FloatArray, sigma: float, offset: FloatArray | None = None
-    ) -> tuple[float, FloatArray]:
-        target = self.functions.target if offset is None else self.functions.target + offset
+    def value_and_residual(self, carried: FloatArray, sigma: float) -> tuple[float, FloatArray]:
+        target = self.functions.target
         scale, residual, total = float(sigma * self.unit), np.empty_like(carried), 0.0
         try:
             weights = [float(weight) / scale**2 for weight in self.functions.weights]

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from abfm.matching.solving.course import Course, Stage
+from abfm.matching.solving.course import Course, Stage, Way
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LAST, PAPER, WARMEST, Parameters
 from tests.core.fields import bump
@@ -53,8 +53,8 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count
     p = Parameters(**PAPER, **cooling, iterations=iterations)
     for functions in (EXACT, MEASURED):
         course = Course(p, functions, 1)
-        stages = [course.stage(0, sigma, p.alpha) for sigma in course.sigmas]
-        assert (course.sigmas, course.alphas) == (p.stage_sigmas(), [p.alpha])
+        stages = [course.stage(0, sigma, Way(p.alpha, 1)) for sigma in course.sigmas]
+        assert (course.sigmas, course.ways(1)) == (p.stage_sigmas(), [(p.alpha, 1)])
         assert [stage.iterations for stage in stages] == p.stage_limits()
         for stage in stages:
             assert (stage.reach, stage.goal, stage.until, stage.fixed) == (0, 0, iterations, True)
@@ -64,7 +64,7 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count
 def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
     p = Parameters(stage_iterations=7, sigma=0.1)
     course = Course(p, EXACT, 3)
-    *early, last = (course.stage(2, sigma, p.alpha) for sigma in course.sigmas)
+    *early, last = (course.stage(2, sigma, Way(p.alpha, 1)) for sigma in course.sigmas)
     assert {stage.iterations for stage in early} == {7}
     assert last.iterations == p.iterations
     assert all(stage.fixed and not stage.goal for stage in (*early, last))
@@ -72,20 +72,26 @@ def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
 
 
 @pytest.mark.parametrize(
-    ("changes", "functions", "count"),
+    ("changes", "functions", "other"),
     [
-        ({}, EXACT, 2),
-        ({}, MEASURED, 2),
-        ({"sigma": 1.0}, EXACT, 2),
-        ({"sigma": 1.0}, MEASURED, 1),
-        ({"reach": 0.0}, EXACT, 1),
-        ({"alpha": 0.0}, EXACT, 1),
-        ({"stage_iterations": 5}, EXACT, 1),
+        ({}, EXACT, (0.01, 2)),
+        ({}, MEASURED, (0.01 / 3, 1)),
+        ({"sigma": 1.0}, EXACT, (0.01, 2)),
+        ({"sigma": 1.0}, MEASURED, None),
+        ({"alpha": 0.0}, MEASURED, None),
+        ({"segments": 1}, EXACT, None),
+        ({"segments": 1}, MEASURED, (0.01 / 3, 1)),
+        ({"reach": 0.0}, EXACT, None),
+        ({"stage_iterations": 5}, EXACT, None),
+        ({"method": "linearised"}, EXACT, None),
     ],
 )
-def test_there_is_a_second_way_with_a_third_of_alpha_where_it_may_help(changes, functions, count):
+def test_there_is_a_second_way_with_two_fields_or_for_measured_functions_a_third_of_alpha(
+    changes, functions, other
+):
     p = Parameters(**changes)
-    assert Course(p, functions, 1).alphas == pytest.approx([p.alpha, p.alpha / 3][:count])
+    ways = [(p.alpha, 1), other] if other else [(p.alpha, 1)]
+    assert_allclose(Course(p, functions, 1).ways(1), ways)
 
 
 @given(st.integers(0, 1000), st.floats(0.01, 0.5), st.sampled_from([1, 2, 4]))
@@ -94,15 +100,15 @@ def test_exact_functions_end_below_the_goal_and_a_quarter_of_the_time_is_for_the
 ):
     p = Parameters(iterations=iterations, goal=goal)
     for level in range(meshes):
-        stage = Course(p, EXACT, meshes).stage(level, 1.0, p.alpha, p.reach)
+        stage = Course(p, EXACT, meshes).stage(level, 1.0, Way(p.alpha, 1), p.reach)
         assert 0 < stage.goal < goal
         assert stage.until == (iterations if level == meshes - 1 else int(0.75 * iterations))
     for course in (Course(p, MEASURED, 1), Course(replace(p, sigma=1.0), EXACT, 1)):
-        assert course.stage(0, 1.0, p.alpha).goal == 0
+        assert course.stage(0, 1.0, Way(p.alpha, 1)).goal == 0
 
 
 def test_a_stage_pays_while_its_energy_falls():
-    stage = Stage(0, 1.0, 1.0, 0.0, 100, 100, fixed=False, goal=0.0)
+    stage = Stage(0, 1, 1.0, 1.0, 0.0, 100, 100, fixed=False, goal=0.0)
     falling, still = [0.99**k for k in range(40)], [1.0] * 40
     assert stage.pays(falling)
     assert not stage.pays([0.998**k for k in range(40)])
@@ -113,9 +119,9 @@ def test_a_stage_pays_while_its_energy_falls():
 
 
 def test_what_was_learned_serves_the_same_norm_on_the_same_mesh():
-    stage = Stage(1, 1.0, 1.0, 0.0, 100, 100, fixed=False, goal=0.0)
+    stage = Stage(1, 1, 1.0, 1.0, 0.0, 100, 100, fixed=False, goal=0.0)
     colder = replace(stage, sigma=0.1)
     assert colder.continues(stage)
     assert not replace(colder, fixed=True).continues(stage)
-    for other in ({"level": 0}, {"reach": 1.0}, {"alpha": 0.3}):
+    for other in ({"level": 0}, {"fields": 2}, {"reach": 1.0}, {"alpha": 0.3}):
         assert not replace(stage, **other).continues(stage)

@@ -70,8 +70,8 @@ def error(match, fields, origins):
 
 def test_the_far_norm_leads_until_the_target_is_found_and_never_again_on_this_way():
     _, seen = exact(0.07, 30)
-    ways = [list(way) for _, way in groupby(seen, lambda one: one.alpha)][:2]
-    assert_allclose([way[0].alpha for way in ways], [0.01, 0.01 / 3])
+    ways = [list(way) for _, way in groupby(seen, lambda one: len(one.velocity))][:2]
+    assert [len(way[0].velocity) for way in ways] == [1, 2]
     for way in ways:
         reaches = [one.reach for one in way]
         assert reaches == sorted(reaches, reverse=True)
@@ -84,13 +84,18 @@ def test_the_far_norm_leads_until_the_target_is_found_and_never_again_on_this_wa
         assert all(one.mismatch > 0.7 for one in ends[:-1])
 
 
-def test_a_second_way_is_walked_only_where_the_first_does_not_nearly_match():
-    near, seen = exact()
-    assert {one.alpha for one in seen} == {0.01}
-    assert worse(near.path[near.step]) <= 0.15
-    far, seen = exact(0.07, 30)
-    assert len({one.alpha for one in seen}) == 2
-    assert len({step.alpha for step in far.path}) == 1
+@pytest.mark.parametrize(("sigma", "enough"), [(None, 0.05), (0.02, 0.15)])
+def test_a_second_way_has_two_fields_in_a_row_and_is_walked_where_one_leaves_more(sigma, enough):
+    near, seen = exact(0.2, sigma=sigma)
+    assert {len(one.velocity) for one in seen} == {1}
+    assert near.confirmed_mismatch <= enough
+    far, seen = exact(0.07, 30, sigma=sigma)
+    ways = [list(way) for _, way in groupby(seen, lambda one: len(one.velocity))]
+    assert [len(way[0].velocity) for way in ways[:2]] == [1, 2]
+    assert len({step.velocity.shape for step in far.path}) == 1
+    alone, seen = exact(0.07, 30, sigma=sigma, segments=1)
+    assert {len(one.velocity) for one in seen} == {1}
+    assert far.confirmed_mismatch <= alone.confirmed_mismatch
 
 
 @pytest.mark.parametrize("goal", [0.3, 0.15, 0.1])
