@@ -183,8 +183,8 @@ class FieldQuantities(Jobs):
             if source is None:
                 return None
             return self._field.newest(flow.mesh, carried_gradient, flow, source, time)
-        count = len(flow.velocity)
-        segment = min(int(time / flow.parameters.tau * count * (1 - 1e-12)), count - 1)
+        last = flow.count - 1
+        segment = min(int(time / flow.parameters.tau * flow.count * (1 - 1e-12)), last)
         return self._field.newest(flow.mesh, field_part, flow, segment, part)
 
     def scalar(self) -> FloatArray | None:

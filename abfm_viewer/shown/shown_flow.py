@@ -35,6 +35,12 @@ class FlowState:
     parameters: Parameters
     final: bool = True  # a result, and not an iterate
     problem: abfm.Problem | None = None  # that was solved, whose source is known on finer meshes
+    fields: int = 1  # in a row, N, as far as they are still to be read
+
+    @property
+    def count(self) -> int:
+        """How many fields there are in a row, N."""
+        return self.fields if callable(self.found) else len(self.found)
 
     @cached_property
     def flow(self) -> abfm.Flow:
@@ -203,7 +209,8 @@ class ShownFlow(Jobs):
     ) -> FlowState:
         mesh = self._session.surface().mesh
         problem = found.problem if isinstance(found, abfm.Match) else None
-        make = partial(FlowState, mesh, partial(_field, found), parameters, final, problem)
+        count = len(found.velocity) if isinstance(found, abfm.Match) else found.fields
+        make = partial(FlowState, mesh, partial(_field, found), parameters, final, problem, count)
         return self._state.get((found,), make)
 
     @property

@@ -99,11 +99,12 @@ def test_a_coarse_mesh_gets_wider_ones_but_no_wider_than_an_even_mesh_needs():
 
 @pytest.mark.parametrize("name", COARSE)
 def test_they_are_matched_or_nearly_so(name):
-    """On the mesh itself already; a finer one leaves no more."""
+    """On a mesh that is subdivided once; without, the discrete flow alone leaves as little."""
     mesh = mesh_of(name)
     source, target = (function(mesh, spec) for spec in specs(mesh))
-    found = match(mesh, source, target, Parameters(refine=0))
+    found = match(mesh, source, target, Parameters(refine=1))
     assert found.verdict.kind in ("matched", "nearly")
+    assert found.path[-2].mismatch <= 0.05
     assert vertex_areas(mesh) @ np.minimum(source, target) < 0.7 * vertex_areas(mesh) @ source
 
 

@@ -43,7 +43,8 @@ KNOWN = {"permuted:map ☃.txt(file:x.npy)": Y, "file:x.npy": X}
 
 
 XY, YX = np.stack([X, Y], axis=1), np.stack([Y, X], axis=1)
-RESULT = match(SPHERE, XY, YX, Parameters(iterations=5, refine=0), mask=X**2, weights=[1, 0.5])
+SHORT = Parameters(iterations=5, refine=0, segments=1)
+RESULT = match(SPHERE, XY, YX, SHORT, mask=X**2, weights=[1, 0.5])
 RESULT = replace(RESULT, path=(), step=0)  # files have others' fields in single precision
 COURSE = np.array([12, 42]), np.array([0.5, 0.0])
 CANCELLED = Verdict("not reached", StopReason.CANCELLED, "")

@@ -58,7 +58,7 @@ def test_a_warm_start_goes_on_with_another_number_of_fields_and_another_tau(sess
     session.editor.set_parameter(method="linearised", segments=3)
     linearised = matched(session).result.mismatch
     session.editor.set_parameter(method="nonlinear", tau=3.0)
-    assert session.parameters.segments == 1
+    assert session.parameters.segments == 0
     session.solver.warm = True
     matched(session)
     assert session.document.runs[-1].energies[0, 1] > 0

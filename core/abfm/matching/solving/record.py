@@ -129,6 +129,7 @@ class Iteration:
     evaluations: int  # of energy and gradient so far
     look: Look
     path: tuple[PathStep, ...] = ()  # the steps of this way so far, whose fields come at the end
+    fields: int = 1  # in a row, N
 
     @property
     def velocity(self) -> FloatArray:
@@ -224,6 +225,7 @@ class Record:
             evaluations=self.evaluations,
             look=Found(point.x, carried, between, levels[own].energy.mesh, number, self.is_trying),
             path=self.path,
+            fields=len(point.x),
         )
         try:
             self._on_iteration(iteration)

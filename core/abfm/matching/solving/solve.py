@@ -26,8 +26,8 @@ from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
 
 _GAIN = 0.03  # of what is left by the worse witness: what a smaller sigma or a finer mesh must gain
+_NEAR = 1.5  # times the goal: what is left at the end of a way and is mended on the mesh itself
 _CLOSER = 0.6, 0.4  # of the goal, as close as it comes where flow lines leave more than that
-_HOPELESS = 0.5  # mismatch by flow lines that this does not mend
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
 _FINER = 2  # times that the mesh is subdivided without being asked for
 _EFFORT, _LEAST = 2.0, 3  # times what was spent before, for a finer mesh; and iterations on it
@@ -118,7 +118,7 @@ class Solver:
             self._descent.progress, self.way, self._with = Progress(), [], way
             self._walk(np.repeat(x, way.fields // len(x), axis=0), number == len(ways) - 1)
             self._earlier.append(self.way)
-            enough = self._goal if self._course.is_free else NEARLY
+            enough = _NEAR * self._goal if self._course.is_free else NEARLY
             if not self._course.is_measured and self._value(self.way) <= enough:
                 break
         best = int(np.argmin([self._value(way) for way in self._earlier]))
@@ -268,7 +268,7 @@ class Solver:
         sigmas = [sigma for sigma in course.sigmas if sigma <= stage.sigma]
         for close in _CLOSER:
             mark = self.way[index]
-            if not self._goal < mark.worse <= _HOPELESS or mark.mismatch > self._goal:
+            if not self._goal < mark.worse <= NEARLY or mark.mismatch > self._goal:
                 break
             for sigma in sigmas:
                 stage = replace(course.stage(stage.level, sigma, self._with), goal=close * p.goal)
