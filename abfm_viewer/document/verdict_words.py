@@ -132,12 +132,16 @@ def _plain(value: object) -> str:
 
 
 def numbers(match: abfm.Match) -> str:
-    """Write the mismatch and its verification: ``0.012, 0.03 by flow lines, 0.1% folded``."""
+    """Write the mismatch and its verification: ``0.012, 0.03 by flow lines, 0.1% folded``; and how
+    many fields in a row it took, if more than one.
+    """
     parts = [f"{match.mismatch:.3g}"]
     if not math.isnan(match.verified_mismatch):
         parts.append(f"{match.verified_mismatch:.3g} by flow lines")
     if not math.isnan(match.folded):
         parts.append(f"{100 * match.folded:.2g}% folded")
+    if len(match.velocity) > 1:
+        parts.append(f"{len(match.velocity)} fields in a row")
     return ", ".join(parts)
 
 
