@@ -85,7 +85,7 @@ class Course:
             return (
                 [first, Way(_LESS * p.alpha, fields)] if self.is_measured and p.alpha else [first]
             )
-        return [first] if p.segments else [first, Way(p.alpha, 2 * fields)]
+        return [first] if p.segments or fields > 1 else [first, Way(p.alpha, 2)]
 
     def stage(self, level: int, sigma: float, way: Way, reach: float = 0.0) -> Stage:
         p, alpha, is_last = self._p, way.alpha, level >= self._meshes - 1

@@ -92,6 +92,7 @@ def test_there_is_a_second_way_with_two_fields_or_for_measured_functions_a_third
     p = Parameters(**changes)
     ways = [(p.alpha, 1), other] if other else [(p.alpha, 1)]
     assert_allclose(Course(p, functions, 1).ways(1), ways)
+    assert Course(p, EXACT, 1).ways(2) == [(p.alpha, 2)]  # as a start has them
 
 
 @given(st.integers(0, 1000), st.floats(0.01, 0.5), st.sampled_from([1, 2, 4]))
