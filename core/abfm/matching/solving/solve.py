@@ -26,7 +26,7 @@ from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
 
 _GAIN = 0.03  # of what is left by the worse witness: what a smaller sigma or a finer mesh must gain
-_NEAR = 1.5  # times the goal: what is left at the end of a way and is mended on the mesh itself
+_NEAR = 1.2  # times the goal: what is left at the end of a way and is mended on the mesh itself
 _CLOSER = 0.6, 0.4  # of the goal, as close as it comes where flow lines leave more than that
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
 _FINER = 2  # times that the mesh is subdivided without being asked for
