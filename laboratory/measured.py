@@ -16,7 +16,7 @@ from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.matching.objective.regularizer import regularizer
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray
-from laboratory.common import aligned, in_words, machine, watched_match
+from laboratory.common import aligned, in_words, watched_match
 from laboratory.success import Selection
 
 Row = dict[str, Any]
@@ -177,17 +177,7 @@ def run_measured(
             break
         rows.append(row)
         tell(f"{number}/{len(problems)} {', '.join(_cells(row))}")
-    return {
-        "rows": rows,
-        "interrupted": stopped(),
-        "settings": {
-            "seed": selection.seed,
-            "count": selection.count,
-            "meshes": {name: len(mesh.vertices) for name, mesh in meshes.items()},
-            "noise": NOISE,
-        },
-        "machine": machine(),
-    }
+    return selection.report(rows, stopped(), meshes, noise=NOISE)
 
 
 _HEADER = (

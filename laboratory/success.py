@@ -281,6 +281,22 @@ class Selection:
         """Places of its part in a list of all problems."""
         return slice(self.part[0] - 1, None, self.part[1])
 
+    def report(
+        self,
+        rows: list[Row],
+        interrupted: bool,
+        meshes: Mapping[str, TriangleMesh],
+        **settings: Any,
+    ) -> dict[str, Any]:
+        """Return what came out, with all that tells the problems and the machine."""
+        sizes = {name: len(mesh.vertices) for name, mesh in meshes.items()}
+        return {
+            "rows": rows,
+            "interrupted": interrupted,
+            "settings": {"seed": self.seed, "count": self.count, "meshes": sizes, **settings},
+            "machine": machine(),
+        }
+
 
 def run_success(
     meshes: Mapping[str, TriangleMesh],
@@ -317,18 +333,8 @@ def run_success(
             break
         rows.append(row)
         tell(f"{number}/{len(problems)} {_line(row, versions)}")
-    return {
-        "rows": rows,
-        "interrupted": stopped(),
-        "settings": {
-            "seed": selection.seed,
-            "count": selection.count,
-            "meshes": {name: len(mesh.vertices) for name, mesh in meshes.items()},
-            "level": LEVEL,
-            "versions": {name: parameters.to_dict() for name, parameters in versions.items()},
-        },
-        "machine": machine(),
-    }
+    of_versions = {name: parameters.to_dict() for name, parameters in versions.items()}
+    return selection.report(rows, stopped(), meshes, level=LEVEL, versions=of_versions)
 
 
 def _line(row: Row, versions: Mapping[str, Parameters]) -> str:

@@ -25,7 +25,7 @@ def facts(match: Match) -> dict[str, Any]:
         "vertices": len(match.mesh.vertices),
         "faces": len(match.mesh.faces),
         "refined": match.refined,
-        "fields": len(match.velocity),
+        "fields": len(match.fine_velocity),
         "path": [_row(match, each) for each in match.path],
         "step": match.step,
         "messages": list(match.mesh.messages),

@@ -140,8 +140,8 @@ def numbers(match: abfm.Match) -> str:
         parts.append(f"{match.verified_mismatch:.3g} by flow lines")
     if not math.isnan(match.folded):
         parts.append(f"{100 * match.folded:.2g}% folded")
-    if len(match.velocity) > 1:
-        parts.append(f"{len(match.velocity)} fields in a row")
+    if len(match.fine_velocity) > 1:
+        parts.append(f"{len(match.fine_velocity)} fields in a row")
     return ", ".join(parts)
 
 

@@ -209,7 +209,7 @@ class ShownFlow(Jobs):
     ) -> FlowState:
         mesh = self._session.surface().mesh
         problem = found.problem if isinstance(found, abfm.Match) else None
-        count = len(found.velocity) if isinstance(found, abfm.Match) else found.fields
+        count = len(found.fine_velocity) if isinstance(found, abfm.Match) else found.fields
         make = partial(FlowState, mesh, partial(_field, found), parameters, final, problem, count)
         return self._state.get((found,), make)
 

@@ -210,7 +210,6 @@ class _Mismatch:
     norm: Callable[[FloatArray], FloatArray]  # by the matrix
 
     def value_and_residual(self, carried: FloatArray, sigma: float) -> tuple[float, FloatArray]:
-        target = self.functions.target
         scale, residual, total = float(sigma * self.unit), np.empty_like(carried), 0.0
         try:
             weights = [float(weight) / scale**2 for weight in self.functions.weights]
@@ -220,7 +219,7 @@ class _Mismatch:
                 "scale the functions, mask, weights or sigma to usual sizes"
             ) from None
         for c, weight in enumerate(weights):
-            difference = carried[c] - target[c]
+            difference = carried[c] - self.functions.target[c]
             residual[c] = weight * self.norm(difference)
             total += 0.5 * kernels.inner(residual[c], difference)
         return total, residual
