@@ -5,7 +5,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from abfm import Parameters
-from abfm.parameters import CHOICES, LAST, NOTE, TABLE_1, TITLES, is_whole, row_of
+from abfm.parameters import CHOICES, KEEPING_AREAS, LAST, NOTE, TABLE_1, TITLES, is_whole, row_of
 from abfm_viewer.document.verdict_words import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
@@ -35,6 +35,7 @@ _ABOUT = {
     "beta": _About("slopes β", "section 3, Eq. 3", Range(0, 1, log=True)),
     "tau": _About("time τ", "Eq. 3, section 7", Range(0.1, 10, log=True)),
     "reach": _About("reach", "", Range(0, 2)),
+    "divergence": _About("keeping areas", "1", Range(0.1, 1000, log=True)),
     "iterations": _About("iterations", "section 7", Range(1, 2000, log=True)),
     "sigma_unit": _About("unit of σ", "absolute"),
     "cooling_stages": _About("stages of σ", "section 7, Table 1", Range(0, 6)),
@@ -63,6 +64,7 @@ _REMEDIES = {
     "beta": "0 is mostly best; try 1e-4 if the target's edges are blurred.",
     "tau": "Leave it and change the smoothness: mostly only speed and time trade places.",
     "reach": "Larger if the source shrinks where it is instead of moving to the target.",
+    "divergence": "Auto is mostly best; 1 if areas have to change much, more if they must not.",
     "iterations": "More if it ended at the iteration limit.",
     "sigma_unit": "relative, which fits functions of any scale and width.",
     "cooling_stages": "More if functions far apart do not meet.",
@@ -85,11 +87,18 @@ _REMEDIES = {
 }
 """What another value mends."""
 _CHOICES = CHOICES | {"refine": (AUTO, "0", "1", "2")}
-_AUTO = Auto(
-    LAST,
-    "The match comes as close as can be certified, and says how close. Untick it, or move the "
-    "slider, to end at a closeness of your own.",
-)
+_AUTO = {
+    "sigma": Auto(
+        LAST,
+        "The match comes as close as can be certified, and says how close. Untick it, or move the "
+        "slider, to end at a closeness of your own.",
+    ),
+    "divergence": Auto(
+        KEEPING_AREAS,
+        "10 where the functions match exactly, and 1 where they were measured. Untick it, or move "
+        "the slider, to choose.",
+    ),
+}
 _MAIN = ("alpha", "sigma", "beta", "tau", "reach")
 _MASK = (
     "A function that weighs the mismatch at each vertex, 0 or more: where it is 0, anything may "
@@ -149,8 +158,8 @@ def _control(ui: Ui, session: Session, name: str) -> None:
         chosen = ui.combo(label, AUTO if value is None else str(value), _CHOICES[name], tip)
         new = int(chosen) if chosen.isdecimal() else chosen
         ui.refusal(name)
-    elif name == "sigma":
-        new = ui.number_or_auto(label, value, ends, tip, _AUTO)
+    elif name in _AUTO:
+        new = ui.number_or_auto(label, value, ends, tip, _AUTO[name])
     else:
         new = ui.number(label, value, ends, tip)
     if whole and isinstance(new, float) and new.is_integer():

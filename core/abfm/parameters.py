@@ -20,10 +20,16 @@ LAST = 0.008
 WARMEST = 18.0
 """The largest sigma that a path to a smaller one begins with, in the unit of that one."""
 MOST_REFINED = 3
+LONGEST = 10.0  # reach
+KEEPING_AREAS = 10.0
+"""Times the curl's weight that the divergence has where functions match exactly: fields that keep
+areas fill what is behind a bump with what was beside it, others with what little was there.
+"""
 _MOST_STAGES, _ROUNDING = 1000, 1e-9
 
 PAPER: dict[str, Any] = {
     "order": 1,
+    "divergence": 1.0,
     "reach": 0.0,
     "levels": 1,
     "sigma_unit": "absolute",
@@ -58,6 +64,8 @@ _HELP = """
 tau: end time of the flow; larger deformations may need more
 alpha: smoothness of the field: weight of its Hodge Laplacian; lowered where that does not match
 beta: weight of the mismatch's gradient: above 0, slopes must match as well
+divergence: times the weight of the curl that the field's divergence has: 1 as the paper, more to
+  keep areas; not given, 10 where functions match exactly and 1 where they were measured
 order: order of the field's norm: 1, the paper's, or 2, whose fields are continuous and flow as
   computed
 sigma: weight of the match against the smoothness, the last of its path: smaller matches closer; not
@@ -110,10 +118,11 @@ class Parameters:
     tau: float = _of("tau", 1.0, "τ", _ABOVE_0)
     alpha: float = _of("alpha", 0.01, "α", Range(0, LARGEST_ALPHA))  # beyond, rounding swamps it
     beta: float = _of("beta", 0.0, "β", _FROM_0)
+    divergence: float | None = _of("divergence", None, "", Range(0, LARGEST_ALPHA, True))
     order: int = _of("order", 2, "", Range(1, 2))
     sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)
     sigma_unit: Literal["relative", "absolute"] = _of("sigma_unit", "relative")
-    reach: float = _of("reach", 1.0, "", Range(0, 10))
+    reach: float = _of("reach", 1.0, "", Range(0, LONGEST))
     goal: float = _of("goal", 0.05, "", Range(0, 1, without_low=True))
     refine: int | None = _of("refine", None, "", Range(0, MOST_REFINED))
     levels: int = _of("levels", 0, "", Range(0, 10))
@@ -184,7 +193,7 @@ class Parameters:
         names refused.
 
         Values that name nothing of `PAPER` were written before there was anything but the paper's
-        energy, and mean it.
+        energy, and mean it; all that do not name ``divergence`` before it could weigh more.
         """
         values = {name: value for name, value in values.items() if name not in FORMER}
         known = {entry.name for entry in fields(cls)}
@@ -193,7 +202,8 @@ class Parameters:
             raise ParameterError(
                 f"unknown parameter {brief(unknown[0])}; expected one of {', '.join(sorted(known))}"
             )
-        return cls(**(values if PAPER.keys() & values.keys() else {**PAPER, **values}))
+        before = {"divergence": 1.0} if PAPER.keys() & values.keys() else PAPER
+        return cls(**(before | values))
 
 
 CHOICES: dict[str, tuple[str, ...]] = {

@@ -74,7 +74,8 @@ def test_what_was_written_before_there_was_more_than_the_papers_energy_means_it(
     assert Parameters.from_dict(old) == Parameters(**old, **PAPER)
     assert Parameters.from_dict({}) == Parameters(**PAPER)
     for name, value in PAPER.items():
-        assert Parameters.from_dict({name: value}) == Parameters(**{name: value})
+        before = Parameters(**{"divergence": 1.0} | {name: value})
+        assert Parameters.from_dict({name: value}) == before
     assert Parameters(**PAPER) != Parameters()
     assert "order" not in old
 

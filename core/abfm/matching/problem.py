@@ -20,12 +20,13 @@ from abfm.flow.continuous_flow import on_children
 from abfm.functions.refinement import on_subdivision
 from abfm.functions.spec import function, parse
 from abfm.io import results
+from abfm.matching.solvability import is_measured
 from abfm.matching.terms.data_term import DataTerm, Restriction
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined, times_subdivided
 from abfm.numerics.real_numbers import real_numbers
-from abfm.parameters import Parameters
+from abfm.parameters import KEEPING_AREAS, Parameters
 from abfm.reading import from_json
 from abfm.types import FloatArray
 
@@ -139,13 +140,25 @@ class Problem:
         """Weight of each channel's mismatch, (C,)."""
         return _read_only(self.functions.weights)
 
+    @cached_property
+    def divergence(self) -> float:
+        """How many times as much as its curl a field's divergence weighs: as given, or by whether
+        the functions are measured; the same on coarser and finer meshes.
+        """
+        given = self.parameters.divergence
+        if given is None:
+            return 1.0 if is_measured(self.functions) else KEEPING_AREAS
+        return given
+
     def starting_from(self, start: ArrayLike | None) -> Problem:
         """Return the same problem with another start."""
         return self._with(fine_start=_checked_start(start, self.mesh))
 
     def with_parameters(self, parameters: Parameters) -> Problem:
         """Return the same problem with other parameters."""
-        return self._with(parameters=parameters)
+        other = self._with(parameters=parameters)
+        other.__dict__.pop("divergence", None)
+        return other
 
     def with_specs(self, f: Sequence[str], g: Sequence[str]) -> Problem:
         """Return the same problem with texts of source and target, one each for a channel, which
@@ -195,7 +208,11 @@ class Problem:
         if start is not None and start.shape[1] == len(mesh.faces):
             start = np.stack([on_children(mesh, field) for field in start])
         return self._with(
-            mesh=fine, terms=(functions, *others), functions=functions, fine_start=start
+            mesh=fine,
+            terms=(functions, *others),
+            functions=functions,
+            fine_start=start,
+            divergence=self.divergence,
         )
 
     def restricted(self, restriction: Restriction) -> Problem | None:
@@ -210,6 +227,7 @@ class Problem:
             functions=terms[0],
             fine_start=None,
             specs=(none, none),
+            divergence=self.divergence,
         )
 
     @cached_property

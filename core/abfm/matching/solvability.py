@@ -119,19 +119,26 @@ def resolution(mesh: TriangleMesh, f: ArrayLike) -> float:
 
 
 def narrowest(functions: FunctionTerm) -> float:
-    """Return `resolution` of source and target, of the channels that count."""
-    counting = functions.weights > 0
-    both = np.concatenate([functions.source[counting], functions.target[counting]])
-    return resolution(functions.mesh, both.T)
+    """Return `resolution` of source and target, of the channels that count, and of the target where
+    the mask does.
+    """
+    mesh, counting, known = functions.mesh, functions.weights > 0, functions.areas > 0
+    sources = [_of_channel(mesh, f) for f in functions.source[counting]]
+    targets = [_of_channel(mesh, g, known) for g in functions.target[counting]]
+    return min(sources + targets, default=np.inf)
 
 
-def _of_channel(mesh: TriangleMesh, f: FloatArray) -> float:
-    span = float(np.ptp(f))
-    if span <= _CONSTANT * np.abs(f).max():
+def _of_channel(mesh: TriangleMesh, f: FloatArray, known: IndexArray | None = None) -> float:
+    known = np.ones(len(f), dtype=bool) if known is None else known
+    span = float(np.ptp(f[known])) if known.any() else 0.0
+    if span <= _CONSTANT * np.abs(f[known]).max(initial=0.0):
         return np.inf
-    start, end = mesh.edges.T
+    within = known[mesh.edges].all(axis=1)
+    start, end = mesh.edges[within].T
     changes = np.abs(f[end] - f[start]) / span
-    variation = edge_areas(mesh) * (changes / edge_lengths(mesh)) ** 2
+    variation = edge_areas(mesh)[within] * (changes / edge_lengths(mesh)[within]) ** 2
+    if not variation.any():
+        return np.inf
     order = np.argsort(changes, kind="stable")
     below = np.cumsum(variation[order])
     return 0.5 / float(changes[order[np.searchsorted(below, _SLOW * below[-1])]])

@@ -189,7 +189,7 @@ match_error = partial(refusal, load_match)
 
 @pytest.fixture(scope="module")
 def result():
-    return match(SPHERE, X, Y, Parameters(iterations=2, levels=1), mask=np.ones(V))
+    return match(SPHERE, X, Y, Parameters(iterations=2, levels=1, refine=0), mask=np.ones(V))
 
 
 @pytest.fixture

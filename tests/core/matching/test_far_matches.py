@@ -56,10 +56,10 @@ def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degr
 
 def test_a_far_target_on_a_body():
     given = body("human_A.off", 7, 300, 0.08)
-    p = Parameters(iterations=120, alpha=0.003)
+    p = Parameters(iterations=120, alpha=0.003, divergence=1.0)
     assert abfm.match(*given, p).mismatch < 0.3
     assert abfm.match(*given, replace(p, reach=0.0)).mismatch > 0.6
-    match = abfm.match(*given, Parameters(refine=0))
+    match = abfm.match(*given, Parameters(refine=0, divergence=1.0))
     assert match.mismatch < 0.05
     assert match.confirmed_mismatch < 0.5
 

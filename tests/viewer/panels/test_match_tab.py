@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from abfm import Parameters
-from abfm.parameters import LAST
 from abfm_viewer.document.document import Run
 from abfm_viewer.panels import energy, trade_off
 from abfm_viewer.panels import parameters as panel
@@ -18,7 +17,7 @@ def test_the_panel_has_every_parameter_and_says_what_it_does():
     assert sorted(panel._ABOUT) == sorted(entry.name for entry in fields(Parameters))
     for name, about in panel._ABOUT.items():
         assert all(word in panel._tip(name) for word in ("Default", "paper", "Bad result?"))
-        value = LAST if name == "sigma" else getattr(Parameters(), name)
+        value = panel._AUTO[name].first if name in panel._AUTO else getattr(Parameters(), name)
         assert name in panel._CHOICES or 0 <= about.slider.share_of(value) <= 1
 
 

@@ -19,7 +19,7 @@ from tests.viewer.sessions import ENDLESS, PAIR, SPHERE, end_run, matched, ready
 
 TORUS = torus(24, 12)
 FAR = Channel("gaussian:x=0,y=0,z=1,width=0.12", "gaussian:x=0,y=0.3,z=-0.95,width=0.12")
-BLIND = Parameters(reach=0.0, iterations=40, refine=0)
+BLIND = Parameters(reach=0.0, iterations=40, refine=0, divergence=1.0)
 
 
 def finish(session):

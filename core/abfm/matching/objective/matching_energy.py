@@ -174,7 +174,8 @@ class MatchingEnergy:
 
     ``E(v) = dtau/2 sum_j v_j^T G_F D_alpha v_j + 1/(2 sigma^2) sum_c w_c dg_c^T G_V C_beta dg_c``
     with ``dg = f_tau - g`` (Eq. 6), on ``mesh``, scaled to unit area by ``length_scale``.
-    A norm of second order has ``D_alpha^2``, and a relative sigma the unit of the functions.
+    A norm of second order has ``D_alpha^2``, one in which the divergence weighs more than the curl
+    that of `Regularizer`, and a relative sigma the unit of the functions.
 
     Parameters
     ----------
@@ -189,8 +190,9 @@ class MatchingEnergy:
         self.mesh, self.length_scale = problem.mesh.normalized(), problem.mesh.length_scale
         self.functions, self.terms = problem.functions, DataTerms(problem.terms)
         self.discretisation = Discretisation(self.mesh, self.parameters.method)
-        alpha = self.parameters.alpha
-        self._regularizers = {alpha: regularizer(self.mesh, alpha, self.parameters.order)}
+        alpha, order = self.parameters.alpha, self.parameters.order
+        usual = regularizer(self.mesh, alpha, order, problem.divergence)
+        self._regularizers = {alpha: usual}
         self._measures = {0.0: self.terms.measure(self.parameters, 0.0)}
 
     @property
@@ -244,7 +246,8 @@ class MatchingEnergy:
         if alpha not in known:
             for other in known.keys() - {usual}:
                 del known[other]
-            known[alpha] = Regularizer(self.mesh, alpha, self.parameters.order)
+            order, divergence = known[usual].order, known[usual].divergence
+            known[alpha] = Regularizer(self.mesh, alpha, order, divergence)
         return known[alpha]
 
     def measure(self, reach: float) -> Sum:

@@ -1,9 +1,10 @@
 """The norm ``||v||_alpha`` of fields (section 3) and its exact inverse.
 
-``R = G_F D_alpha = M + alpha M (A G_1^-1 A^T + B G_0^-1 B^T) M`` with ``M = G_F``, the gradients
-``A`` of edge and ``B`` of (rotated) vertex functions, and their masses. Because ``A^T M B = 0``,
-the Woodbury identity splits into two scalar problems,
-``R^-1 = M^-1 - alpha A (G_1 + alpha A^T M A)^-1 A^T - alpha B (G_0 + alpha B^T M B)^-1 B^T``.
+``R = G_F D_alpha = M + M (alpha_1 A G_1^-1 A^T + alpha B G_0^-1 B^T) M`` with ``M = G_F``, the
+gradients ``A`` of edge and ``B`` of (rotated) vertex functions, and their masses; the paper's
+divergence weighs as much as the curl, ``alpha_1 = alpha``, and here it may weigh more. Because
+``A^T M B = 0``, the Woodbury identity splits into two scalar problems,
+``R^-1 = M^-1 - alpha_1 A (G_1 + alpha_1 A^T M A)^-1 A^T - alpha B (G_0 + alpha B^T M B)^-1 B^T``.
 
 The norm of second order, ``(id + alpha Delta_H)^2``, is ``R M^-1 R``, with the inverse
 ``R^-1 M R^-1``: fields of finite norm are continuous, which those of the first order, the paper's,
@@ -33,26 +34,34 @@ _LEAST_SHARE = 1e-13
 
 
 class Regularizer:
-    """``R = G_F D_alpha^order`` on coefficients (F, 2) and its inverse; order 1 is the paper's."""
+    """``R = G_F D_alpha^order`` on coefficients (F, 2) and its inverse; order 1 is the paper's, and
+    so is a divergence that weighs as much as the curl.
+    """
 
-    def __init__(self, mesh: TriangleMesh, alpha: float, order: int = 1) -> None:
-        self.alpha, self.order = alpha, order
+    def __init__(
+        self, mesh: TriangleMesh, alpha: float, order: int = 1, divergence: float = 1.0
+    ) -> None:
+        self.alpha, self.order, self.divergence = alpha, order, divergence
         # not the mesh, which keeps this object: a cycle would outlive both
         shapes = mollified_shapes(mesh)
         self._areas, self._gradients = shapes.areas, shapes.gradients
         self._edges, self._vertices = mesh.face_edges, mesh.faces
         self._slopes = self._gradients, self._edges, self._vertices
         self._inner = ~mesh.is_boundary_vertex
+        # times the squares of their functions' gradients over those of hat functions
+        self._alphas = 4 * divergence * alpha, alpha
+        of_edges, of_vertices = self._alphas
+        masses = self._definite(shapes.vertex_areas, self._vertices, of_vertices)
         self._masses = (
-            self._definite(shapes.edge_areas, self._edges, 4),
-            np.where(self._inner, self._definite(shapes.vertex_areas, self._vertices, 1), np.inf),
+            self._definite(shapes.edge_areas, self._edges, of_edges),
+            np.where(self._inner, masses, np.inf),
         )
         self._factors: list[Solve] = []  # one list for all orders
 
-    def _definite(self, masses: FloatArray, owners: IntArray, factor_of: int) -> FloatArray:
+    def _definite(self, masses: FloatArray, owners: IntArray, alpha: float) -> FloatArray:
         """Return the masses, raised where they would be lost in the rounding of the stiffness."""
         of_corners = np.einsum("fck,fck->fc", self._gradients, self._gradients)
-        weights = factor_of * self.alpha * self._areas[:, None] * of_corners
+        weights = alpha * self._areas[:, None] * of_corners
         diagonal = np.bincount(owners.ravel(), weights.ravel(), minlength=len(masses))
         return np.asarray(np.maximum(masses, _LEAST_SHARE * diagonal))
 
@@ -64,9 +73,8 @@ class Regularizer:
     def _solvers(self) -> list[Solve]:
         if not self._factors:
             found, owners = [], (self._edges, self._vertices)
-            for of, masses, factor_of in zip(owners, self._masses, (4, 1), strict=True):
-                weights = factor_of * self.alpha * self._areas
-                form = stiffness(self._gradients, weights, of, len(masses))
+            for of, masses, alpha in zip(owners, self._masses, self._alphas, strict=True):
+                form = stiffness(self._gradients, alpha * self._areas, of, len(masses))
                 inner = np.isfinite(masses)
                 if not inner.all():
                     form = form[inner][:, inner]
@@ -97,7 +105,8 @@ class Regularizer:
         momentum = self._areas[:, None] * v
         if self.alpha > 0:
             (of_edges, of_vertices), (edge_masses, masses) = self._products(momentum), self._masses
-            on_edges, on_vertices = of_edges / edge_masses, of_vertices / masses
+            on_edges = self.divergence * (of_edges / edge_masses)
+            on_vertices = of_vertices / masses
             factors = self.alpha * self._areas
             add_gradients(self._slopes, on_edges, on_vertices, factors, momentum)
         return momentum
@@ -110,7 +119,8 @@ class Regularizer:
             potential = np.zeros_like(on_vertices)
             potential[self._inner] = solve_vertices(on_vertices[self._inner])
             factors = np.full_like(self._areas, -self.alpha)
-            add_gradients(self._slopes, solve_edges(on_edges), potential, factors, v)
+            on_edges = self.divergence * solve_edges(on_edges)
+            add_gradients(self._slopes, on_edges, potential, factors, v)
         return v
 
     def _products(self, momentum: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -119,11 +129,13 @@ class Regularizer:
         return of_edges, of_vertices
 
 
-def regularizer(mesh: TriangleMesh, alpha: float, order: int = 1) -> Regularizer:
-    """Return the mesh's norm; the latest one is kept, so that only a new alpha factors again."""
+def regularizer(
+    mesh: TriangleMesh, alpha: float, order: int = 1, divergence: float = 1.0
+) -> Regularizer:
+    """Return the mesh's norm; the latest one is kept, so that only new weights factor again."""
     latest: Regularizer | None = mesh.cache.get("regularizer")
-    if latest is None or latest.alpha != alpha:
-        latest = mesh.cache["regularizer"] = Regularizer(mesh, alpha, order)
+    if latest is None or (latest.alpha, latest.divergence) != (alpha, divergence):
+        latest = mesh.cache["regularizer"] = Regularizer(mesh, alpha, order, divergence)
     return latest if latest.order == order else latest.of_order(order)
 
 

@@ -67,14 +67,24 @@ class Descent:
         return self._search(stage).evaluate(x)
 
     def prolonged(self, x: FloatArray, level: int, stage: Stage, mismatch: float) -> Evaluation:
-        """Bring fields (N, F, 2) of a level, which left so much there, to that of a stage."""
+        """Bring fields (N, F, 2) of a level, which left so much there, to that of a stage; smoothed
+        as far as that lowers the energy, if it is mostly that of their kinks over coarser edges.
+        """
         energy, evaluate = self.levels[stage.level].energy, self._search(stage).evaluate
 
         def measured(fields: FloatArray) -> tuple[Evaluation, float]:
             point = evaluate(fields)
             return point, energy.relative_mismatch(point.advected)
 
-        return self._brought(x, level, stage.level, mismatch, measured)
+        found = self._brought(x, level, stage.level, mismatch, measured)
+        for edges in _SCALES[1:]:
+            if not found.regularity > found.mismatch:
+                break
+            tried = evaluate(smoothed(energy.mesh, found.x, edges))
+            if not tried.energy < found.energy:
+                break
+            found = tried
+        return found
 
     def kept(
         self, x: FloatArray, level: int, to: int, mismatch: float
@@ -225,17 +235,20 @@ def calmed(
     Returns what ``evaluate`` gives, beside the relative mismatch, of fields that leave about as
     much as before, or of the best ones tried; of zero where none is finite.
     """
-    area = 1 / len(mesh.vertices)
     calm, least = None, np.inf
     for edges in _SCALES:
-        tried = x
-        if edges:
-            smooth = Regularizer(mesh, area * edges**2)
-            momenta = [(smooth.mass * v.ravel()).reshape(v.shape) for v in x]
-            tried = np.stack([smooth.inverse(momentum) for momentum in momenta])
-        point, found = evaluate(tried)
+        point, found = evaluate(smoothed(mesh, x, edges))
         if found < least:
             calm, least = point, found
         if found <= _WORSE * mismatch + _GROWN:  # false if not finite
             break
     return evaluate(np.zeros_like(x))[0] if calm is None else calm
+
+
+def smoothed(mesh: TriangleMesh, x: FloatArray, edges: float) -> FloatArray:
+    """Return fields (N, F, 2) smoothed by the norm of first order over so many edges."""
+    if not edges:
+        return x
+    smooth = Regularizer(mesh, edges**2 / len(mesh.vertices))
+    momenta = [(smooth.mass * v.ravel()).reshape(v.shape) for v in x]
+    return np.stack([smooth.inverse(momentum) for momentum in momenta])

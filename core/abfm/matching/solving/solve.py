@@ -17,10 +17,11 @@ from abfm.matching.solvability import RESOLVED, narrowest
 from abfm.matching.solving.course import NEARLY, Course, Stage, Way
 from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.held_out import PRICE, HeldOut
-from abfm.matching.solving.levels import levels, subdivided
+from abfm.matching.solving.levels import Subdivision, fits, levels, resolving, subdivided
 from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
-from abfm.matching.solving.start import given, is_lost, on_coarsest, on_finer
+from abfm.matching.solving.start import given, is_lost, on_finer, where_it_begins
+from abfm.parameters import MOST_REFINED
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
@@ -29,8 +30,9 @@ _GAIN = 0.03  # of what is left by the worse witness: what a smaller sigma or a 
 _NEAR = 1.2  # times the goal: what is left at the end of a way and is mended on the mesh itself
 _CLOSER = 0.6, 0.4  # of the goal, as close as it comes where flow lines leave more than that
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
-_FINER = 2  # times that the mesh is subdivided without being asked for
-_EFFORT, _LEAST = 2.0, 3  # times what was spent before, for a finer mesh; and iterations on it
+_WALKED = 16_000  # the same of one that is walked on
+_EFFORT, _LEAST = 2.0, 20  # times what was spent before, for a finer mesh; and iterations on it
+_FREE = 1e9  # products of rows that a finer mesh is worth in any case: seconds
 _LATER = np.empty((1, 0, 3))  # instead of fields
 _PATIENCE = 2  # steps after the best one, before a measured way ends
 
@@ -43,13 +45,15 @@ class Solver:
     ) -> None:
         self.energy, self.record = energy, Record(on_iteration)
         self.way: list[Mark] = []
-        self._with = Way(energy.parameters.alpha, energy.shape[0])
+        self._with = Way(energy.parameters.alpha, energy.shape[0], energy.parameters.reach)
         self.step = 0
         self._earlier: list[list[Mark]] = []  # ways that were given up
         p, functions = energy.parameters, energy.functions
         self._course = Course(p, functions, 1)
         self._descent = Descent(energy, self.record)
         self._clustered = len(self._descent.levels) > 1  # whether the mesh itself comes twice
+        self._first = 0  # the level on which ways are walked
+        self._home = self._descent.own  # that where they end: the mesh itself, or a finer one
         # what does not move: no field, and the one that was given
         self._at_rest: list[tuple[FloatArray, FloatArray]] = [
             (np.zeros(energy.shape), energy.terms.carried)
@@ -84,7 +88,7 @@ class Solver:
         start, finer, lost = given(self.energy), None, True
         if start is not None:
             self._at_rest.append((start, self.energy.advected(start)))
-            self._with = Way(p.alpha, len(start))
+            self._with = self._with._replace(fields=len(start))
             finer = on_finer(self.energy, descent.levels)
             lost = finer is None and is_lost(self.energy, self._at_rest[-1][1])
         if self._course.is_measured and p.iterations:
@@ -103,19 +107,29 @@ class Solver:
             descent.own = len(descent.levels) - 1
             top = descent.own - self._clustered
             self._course = Course(p, self.energy.functions, top + 1)
+            if self._course.is_free and p.iterations:
+                descent.levels[-1:] = resolving(descent.levels[-1], self._most_refined, _WALKED)
+            self._home = len(descent.levels) - 1
+            if self._home > descent.own:
+                finest = descent.levels[-1]
+                self._clustered = finest.cheaper is not None
+                self._first = top = self._home - self._clustered
+                self._course = Course(p, self.energy.functions, top + 1)
             self._find(start)
-            if top or self._clustered:
+            if self._home > self._first:
                 self._end_on_the_mesh()
         self._confirm()
         self._refine()
 
     def _find(self, start: FloatArray | None) -> None:
-        """Walk the ways on the coarsest mesh; that which comes closest stays."""
-        iterations = self.energy.parameters.iterations
-        x = on_coarsest(self._descent.levels, start, not iterations)
+        """Walk the ways on the first mesh; that which comes closest stays."""
+        iterations, descent = self.energy.parameters.iterations, self._descent
+        x = where_it_begins(descent.levels, descent.own, self._first, start, not iterations)
         ways = self._course.ways(len(x))
         for number, way in enumerate(ways):
-            self._descent.progress, self.way, self._with = Progress(), [], way
+            if self._earlier:
+                way = ways[number] = self._course.after(self._value(self._earlier[-1]), way)
+            descent.progress, self.way, self._with = Progress(), [], way
             self._walk(np.repeat(x, way.fields // len(x), axis=0), number == len(ways) - 1)
             self._earlier.append(self.way)
             enough = _NEAR * self._goal if self._course.is_free else NEARLY
@@ -133,25 +147,25 @@ class Solver:
         sigmas = [sigma for sigma in course.sigmas if sigma <= mark.stage.sigma]
         if course.is_measured:
             sigmas = sigmas[:1]
-        self._come_close(mark.x, 0, sigmas, mark)
+        self._come_close(mark.x, self._first, sigmas, mark)
         if course.is_measured:
             self.way += after
 
     def _walk(self, x: FloatArray, is_last_way: bool) -> None:
-        course, descent, p = self._course, self._descent, self.energy.parameters
-        reach, energy = p.reach, descent.levels[0].energy
+        course, descent, first = self._course, self._descent, self._first
+        reach, energy = self._with.reach, descent.levels[first].energy
         held = HeldOut(energy, x) if course.is_measured else None
         for sigma in course.sigmas:
             is_last = is_last_way and sigma == course.sigmas[-1]
             self.record.is_trying = not (is_last or course.is_fixed)
             stages = []
             if reach:
-                stages.append(course.stage(0, sigma, self._with, reach))
+                stages.append(course.stage(first, sigma, self._with, reach))
                 x = descent.minimise(stages[-1], x).x
                 if course.is_found(descent.mismatch) or sigma == course.sigmas[-1]:
                     reach = 0.0
             if not reach:
-                stages.append(course.stage(0, sigma, self._with))
+                stages.append(course.stage(first, sigma, self._with))
                 x = descent.minimise(stages[-1], x).x
             self._mark(stages[-1], np.nan if held is None else held.follow(stages))
             if self._is_over() or len(self.record.history) > stages[-1].until:
@@ -166,7 +180,8 @@ class Solver:
         descent, course = self._descent, self._course
         left, held_out = (np.inf, np.nan) if mark is None else (mark.mismatch, mark.held_out)
         at: FloatArray | Evaluation = x
-        for top in range(descent.own - self._clustered, descent.own + 1):
+        home = descent.levels[self._home].energy
+        for top in range(self._home - self._clustered, self._home + 1):
             for sigma in sigmas:
                 stage = course.stage(top, sigma, self._with)
                 if top > level:
@@ -176,10 +191,10 @@ class Solver:
                 if self._is_over() or not self._gains():
                     break
             x, left, sigmas = descent.best.x, descent.mismatch, sigmas[-1:]
-            carried = self.energy.advected(x)
-            left_here = self.energy.relative_mismatch(carried)
-            if top < descent.own and left_here <= self._goal:
-                on = replace(stage, level=descent.own)
+            carried = home.advected(x)
+            left_here = home.relative_mismatch(carried)
+            if top < self._home and left_here <= self._goal:
+                on = replace(stage, level=self._home)
                 found = replace(self.way[-1], stage=on, carried=carried, mismatch=left_here)
                 self.way[-1] = found
                 break
@@ -188,14 +203,17 @@ class Solver:
         """Go on on finer meshes while flow lines leave more than the goal, and it pays."""
         p, course, descent = self.energy.parameters, self._course, self._descent
         ends = course.is_measured or course.is_given
-        if p.refine == 0 or course.is_fixed or (p.refine is None and ends):
+        never = p.refine == 0 or not p.iterations or course.is_fixed
+        if never or (p.refine is None and ends):
             return
-        while len(descent.levels) - 1 - descent.own < (p.refine or _FINER):
+        while sum(isinstance(level.to_finer, Subdivision) for level in descent.levels) < (
+            self._most_refined
+        ):
             if not self._there():
                 return
             mark = self.way[self._end_so_far()]
             mesh = descent.levels[-1].energy.mesh
-            is_fine = len(mesh.vertices) + len(mesh.edges) > _FINEST
+            is_fine = not fits(mesh, _FINEST)
             if mark.worse <= self._goal:
                 return
             if p.refine is None and (is_fine or self._is_resolved(mark)):
@@ -212,6 +230,11 @@ class Solver:
                 self.way = self.way[:before]
                 return
 
+    @property
+    def _most_refined(self) -> int:
+        wanted = self.energy.parameters.refine
+        return MOST_REFINED if wanted is None else wanted
+
     def _is_resolved(self, mark: Mark) -> bool:
         """Tell whether what a step leaves is not the mesh's doing."""
         energy = self._descent.levels[mark.stage.level].energy
@@ -220,8 +243,13 @@ class Solver:
     def _go_on_finer(self, mark: Mark) -> None:
         """Go on from a step on the finest mesh; unless asked for with as much effort as is left."""
         p, course, descent = self.energy.parameters, self._course, self._descent
-        finest, until = len(descent.levels) - 1, (1 + _EFFORT) * descent.effort
+        finest, spent = len(descent.levels) - 1, descent.effort
+        until = spent + max(_EFFORT * spent, _FREE)
         stage = course.stage(finest, mark.stage.sigma, self._with)
+        if p.refine is None:
+            x = descent.levels[-2].fields_to_finer(mark.x)
+            if until - spent < _LEAST * descent.cost(finest, x):
+                return
         point = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
         for sigma in (sigma for sigma in course.sigmas if sigma <= mark.stage.sigma):
             stage = course.stage(finest, sigma, self._with)

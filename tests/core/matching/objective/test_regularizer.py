@@ -53,10 +53,12 @@ def test_apply_is_the_norm_matrix(mesh, alpha):
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("alpha", ALPHAS)
-def test_inverse_is_exact(mesh, alpha, order):
+@pytest.mark.parametrize("divergence", [0.1, 1.0, 10.0])
+def test_inverse_is_exact(mesh, alpha, order, divergence):
     """To what rounding leaves of the condition number, about ``(1 + alpha / h^2)^order``."""
-    R, m, norm = Regularizer(mesh, alpha, order), random_field(mesh), np.linalg.norm
-    condition = 1 + alpha * abs(vector_norm_matrix(mesh, 1.0)).max() / R.mass.min()
+    R, m = Regularizer(mesh, alpha, order, divergence), random_field(mesh)
+    norm, most = np.linalg.norm, max(1.0, divergence) * alpha
+    condition = 1 + most * abs(vector_norm_matrix(mesh, 1.0)).max() / R.mass.min()
     found = R.inverse(m)
     assert found.shape == m.shape
     assert norm(R.apply(found) - m) < 1e-13 * condition**order * norm(m)
@@ -65,9 +67,11 @@ def test_inverse_is_exact(mesh, alpha, order):
 
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("alpha", [0.0, 1e-4, 0.1, 1.0])
-def test_symmetric_and_positive_both_ways(mesh, alpha, order):
+@pytest.mark.parametrize("divergence", [1.0, 10.0])
+def test_symmetric_and_positive_both_ways(mesh, alpha, order, divergence):
     """And no order is below the one before, the mass being the first."""
-    R, v, u = Regularizer(mesh, alpha, order), random_field(mesh, 1), random_field(mesh, 2)
+    R = Regularizer(mesh, alpha, order, divergence)
+    v, u = random_field(mesh, 1), random_field(mesh, 2)
     norm = np.linalg.norm
     for operator in (R.apply, R.inverse):
         of_v, of_u = operator(v), operator(u)
@@ -76,7 +80,7 @@ def test_symmetric_and_positive_both_ways(mesh, alpha, order):
         assert (v * of_v).sum() > 0
     below = (R.mass * v.ravel() ** 2).sum()
     if order == 2:
-        below = (v * Regularizer(mesh, alpha).apply(v)).sum()
+        below = (v * Regularizer(mesh, alpha, 1, divergence).apply(v)).sum()
     assert (v * R.apply(v)).sum() >= (1 - 1e-12) * below
 
 
@@ -94,6 +98,25 @@ def test_inverse_is_scipys_also_without_cholespy_and_without_alpha_the_mass(mesh
     monkeypatch.setattr(cholesky, "CholeskySolverD", None)  # SuperLU's, where there is no wheel
     found = Regularizer(mesh, 0.1).inverse(m)
     assert_allclose(found, expected, rtol=0, atol=1e-11 * abs(expected).max())
+
+
+@pytest.mark.parametrize("divergence", [0.1, 1.0, 10.0])
+def test_divergence_weighs_on_gradients_alone(divergence):
+    """That of z on the sphere has the eigenvalue 2, as has the rotation that it is turned into."""
+    errors = []
+    for subdivisions in (3, 4, 5):
+        sphere = icosphere(subdivisions)
+        turned = to_frame(sphere, rotation_field(sphere, [0.0, 0.0, 1.0]))
+        gradient = np.stack([turned[:, 1], -turned[:, 0]], axis=1)
+        mass = np.repeat(face_areas(sphere), 2).reshape(turned.shape)
+        R = Regularizer(sphere, 0.7, 1, divergence)
+        left = []
+        for v, weight in ((turned, 1.0), (gradient, divergence)):
+            u = (1 + 2 * 0.7 * weight) * R.inverse(mass * v) - v
+            left.append(np.sqrt((mass * u**2).sum() / (mass * v**2).sum()))
+        errors.append(left)
+    assert np.max(errors[-1]) < 0.02
+    assert (np.array(errors[-1]) < 0.6 * np.array(errors[0])).all()
 
 
 def test_rotations_of_the_sphere_are_divided_by_their_eigenvalue():

@@ -14,7 +14,7 @@ from tests.shapes import hemisphere, icosphere, torus
 
 SPHERE = icosphere(4)
 MASK = np.clip(SPHERE.vertices[:, 0] + 0.3, 0, 1)
-ONE = Way(0.01, 1)
+ONE = Way(0.01, 1, 1.0)
 
 
 def energy(f, g, mask=None):
@@ -68,7 +68,11 @@ def test_what_is_told_is_the_mismatch_of_what_no_fold_has_seen():
 
 def test_fields_of_a_fold_know_nothing_of_what_it_hides():
     """Another target there is another number, of the same field."""
-    (f, g), fields, p = bumps(5), [], Parameters(iterations=5, sigma_unit="absolute")
+    (f, g), fields, p = (
+        bumps(5),
+        [],
+        Parameters(iterations=5, sigma_unit="absolute", divergence=1.0),
+    )
     stage = Course(p, energy(f, g).functions, 1).stage(0, 0.3, ONE)
     for target in (g, np.where(folds(SPHERE.normalized()) == 0, -g, g)):
         whole = MatchingEnergy(SPHERE, f, target, p)
@@ -90,7 +94,7 @@ def test_noise_is_not_found_where_it_was_not_seen_and_a_flow_is():
         whole = energy(*functions)
         course = Course(Parameters(iterations=20), whole.functions, 1)
         still, held = (HeldOut(whole, np.zeros(whole.shape)) for _ in range(2))
-        before = still.follow([course.stage(0, 1e6, Way(1.0, 1))])
+        before = still.follow([course.stage(0, 1e6, Way(1.0, 1, 1.0))])
         after = held.follow([course.stage(0, sigma, ONE) for sigma in (3.0, 1.0, 0.3)])
         assert (after < 0.8 * before) == gains
         assert (after > before) != gains
