@@ -206,10 +206,9 @@ class Solver:
         never = p.refine == 0 or not p.iterations or course.is_fixed
         if never or (p.refine is None and ends):
             return
-        while sum(isinstance(level.to_finer, Subdivision) for level in descent.levels) < (
-            self._most_refined
-        ):
-            if not self._there():
+        while True:
+            times = sum(isinstance(level.to_finer, Subdivision) for level in descent.levels)
+            if times >= self._most_refined or not self._there():
                 return
             mark = self.way[self._end_so_far()]
             mesh = descent.levels[-1].energy.mesh
@@ -247,7 +246,9 @@ class Solver:
         until = spent + max(_EFFORT * spent, _FREE)
         stage = course.stage(finest, mark.stage.sigma, self._with)
         if p.refine is None:
-            x = descent.levels[-2].fields_to_finer(mark.x)
+            x = mark.x
+            for level in descent.levels[mark.stage.level : finest]:
+                x = level.fields_to_finer(x)
             if until - spent < _LEAST * descent.cost(finest, x):
                 return
         point = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
