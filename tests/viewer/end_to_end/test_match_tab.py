@@ -8,7 +8,7 @@ import polyscope.imgui as imgui
 import pytest
 
 from abfm import Parameters
-from abfm.parameters import CHOICES, LAST, TABLE_1, TITLES
+from abfm.parameters import CHOICES, KEEPING_AREAS, LAST, TABLE_1, TITLES
 from abfm_viewer.panels.right_panel import STEPS
 from tests.viewer.sessions import match
 
@@ -21,6 +21,7 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
         "sigma": (0.05, 0.5),
         "goal": (0.1, 0.02),
         "reach": (0.3, 1.4),
+        "divergence": (2, 50),
         "tau": (2, 0.5),
         "iterations": (30, 300),
         "cooling_stages": (1, 4),
@@ -50,6 +51,10 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
     for choice, value in {"1": 1, "2": 2, "0": 0, "auto": None}.items():
         gui.choose("refine", choice)
         assert gui.session.parameters.refine == value
+    gui.check("auto divergence", on=False)
+    assert gui.session.parameters.divergence == KEEPING_AREAS
+    gui.check("auto divergence")
+    assert gui.session.parameters.divergence is None
     for name in ("preconditioner", "sigma_unit"):
         for choice in CHOICES[name]:
             gui.choose(name, choice)

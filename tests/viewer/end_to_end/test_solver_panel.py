@@ -247,6 +247,7 @@ def test_a_match_that_was_cancelled_near_its_end_goes_on_too(gui, notes, is_chan
         ("More time", {"iterations": 60}),
         ("Smoother", {"alpha": 0.03, "sigma": 0.01}),
         ("Refine", {"refine": 1}),
+        ("Match closer", {"sigma": 0.5}),
     ],
 )
 def test_a_remedy_is_a_button_that_changes_what_it_says_and_starts_a_run(gui, label, parameters):

@@ -13,7 +13,7 @@ from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.solvability import range_bound
 from abfm.matching.solving.course import Stage
-from abfm.matching.solving.levels import on_the_mesh
+from abfm.matching.solving.levels import Subdivision, on_the_mesh
 from abfm.matching.solving.record import Record, StopReason
 from abfm.mesh import TriangleMesh
 from abfm.numerics.optimizer import LBFGS, State
@@ -67,8 +67,9 @@ class Descent:
         return self._search(stage).evaluate(x)
 
     def prolonged(self, x: FloatArray, level: int, stage: Stage, mismatch: float) -> Evaluation:
-        """Bring fields (N, F, 2) of a level, which left so much there, to that of a stage; smoothed
-        as far as that lowers the energy, if it is mostly that of their kinks over coarser edges.
+        """Bring fields (N, F, 2) of a level, which left so much there, to that of a stage; those of
+        a subdivided mesh are smoothed as far as that lowers the energy, if it is mostly that of
+        their kinks over its edges.
         """
         energy, evaluate = self.levels[stage.level].energy, self._search(stage).evaluate
 
@@ -78,7 +79,8 @@ class Descent:
 
         found = self._brought(x, level, stage.level, mismatch, measured)
         for edges in _SCALES[1:]:
-            if not found.regularity > found.mismatch:
+            kinked = isinstance(self.levels[stage.level - 1].to_finer, Subdivision)
+            if not (kinked and found.regularity > found.mismatch):
                 break
             tried = evaluate(smoothed(energy.mesh, found.x, edges))
             if not tried.energy < found.energy:
