@@ -76,7 +76,8 @@ def test_the_field_that_is_found_carries_as_a_rotation_does():
 
 @pytest.mark.parametrize("levels", [2, 3])
 def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels):
-    match, seen = matched(80, replace(QUICK, levels=levels))
+    # with weight on divergence more iterations are needed on meshes so coarse
+    match, seen = matched(80, replace(QUICK, levels=levels, divergence=1.0))
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
     assert match.advected.shape == (len(SPHERE.vertices), 1)
     assert match.mismatch < 0.15
