@@ -10,7 +10,8 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IndexArray
 
 USUAL = 3.0  # times the median of all rates, beyond which a vertex is joined with a neighbour
-_NEAR = 0.5  # of the median edge: longer ones do not join vertices
+# of the median edge, times the root of how many times too fast: longer ones do not join vertices
+_NEAR = 0.5
 _ROUNDS = 12  # of joining pairs
 _FEW = 1.5  # times the usual rates: what is gained by less is not worth another discretisation
 
@@ -26,13 +27,14 @@ def vertex_clusters(mesh: TriangleMesh) -> IndexArray | None:
     if rates.max() <= _FEW * most:
         return None
     edges, lengths = mesh.edges, edge_lengths(mesh)
-    near = np.argsort(lengths, kind="stable")
-    near = near[lengths[near] < _NEAR * np.median(lengths)]
+    order = np.argsort(lengths, kind="stable")
+    edges, apart = edges[order], lengths[order] / (_NEAR * np.median(lengths))
     for _ in range(_ROUNDS):
-        fast = rates > most
-        pairs = clusters[edges[near]]
+        pairs = clusters[edges]
+        excess = rates[pairs].max(axis=1) / most
+        joined = (excess > 1.0) & (apart < np.sqrt(excess))
         parent, free = np.arange(len(rates)), np.ones(len(rates), dtype=bool)
-        for a, b in pairs[(pairs[:, 0] != pairs[:, 1]) & fast[pairs].any(axis=1)].tolist():
+        for a, b in pairs[(pairs[:, 0] != pairs[:, 1]) & joined].tolist():
             if free[a] and free[b]:
                 free[a] = free[b] = False
                 parent[max(a, b)] = min(a, b)

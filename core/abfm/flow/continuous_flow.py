@@ -29,8 +29,8 @@ from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
 STEP = 0.5  # of a walk, at most, in square roots of the area of the face where it begins
-STEP_LIMIT = 10_000  # steps of one point along one field; it then stays where it is
-_MEAN_LIMIT = 5_000  # steps of a point on average over the surface
+STEP_LIMIT = 20_000  # steps of one point along one field; it then stays where it is
+_MEAN_LIMIT = 10_000  # steps of a point on average over the surface
 _STILL = 1e-12  # a part of the face so short is no way
 # of the way to a face's centre: at a vertex rounding would choose the side on which to pass it
 _INWARD = 1e-10

@@ -21,6 +21,7 @@ from abfm.flow.exponential import ExponentialFlow, Workspace, counted_row_produc
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.levels import levels, on_the_mesh
 from abfm.mesh import TriangleMesh, load_mesh
+from abfm.mesh.subdivision import refined
 from abfm.parameters import PAPER
 from tests.core.fields import bump, wavy_field
 from tests.core.surfaces import moved, renumbered
@@ -99,6 +100,13 @@ def check_partition(mesh):
 )
 def test_clusters_are_connected_and_have_the_usual_rates(mesh):
     check_partition(mesh)
+
+
+def test_vertices_in_the_middle_of_a_subdivided_needle_are_held_together_over_longer_edges():
+    mesh = refined(load_mesh(asset_path("human_A.off")), 2)
+    rates = cluster_rates(mesh, singles(mesh))
+    assert rates.max() > 50 * np.median(rates)
+    assert cluster_rates(mesh, vertex_clusters(mesh)).max() < 5 * np.median(rates)
 
 
 @settings(max_examples=15, deadline=None)

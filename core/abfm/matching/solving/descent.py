@@ -43,7 +43,7 @@ class Descent:
         self.level = 0  # that of the latest stage
         self.progress = Progress()
         self.reason = StopReason.ITERATION_LIMIT  # why the latest stage ended
-        self.effort = 0.0  # of all evaluations so far, see `cost`
+        self.effort, self.limit = 0.0, np.inf  # of all evaluations so far, and at most, see `cost`
         self._parameters, self._record = energy.parameters, record
         self.own = len(self.levels) - 1  # that of the mesh itself
         self._least = range_bound(energy.functions)
@@ -60,6 +60,15 @@ class Descent:
     def mismatch_of(self, point: Evaluation) -> float:
         return self.levels[self.level].energy.relative_mismatch(point.advected)
 
+    def cheapest(self, level: int) -> int:
+        """Return the first level on the same mesh, with clusters where they are cheaper."""
+        return level - (self.levels[level].cheaper is not None)
+
+    def exact(self, level: int) -> int:
+        """Return the last level on the same mesh, without clusters."""
+        is_clustered = level + 1 < len(self.levels) and self.levels[level + 1].cheaper is not None
+        return level + is_clustered
+
     def attainable(self, goal: float) -> float:
         return max(goal, self._least) if goal else 0.0
 
@@ -68,8 +77,7 @@ class Descent:
 
     def prolonged(self, x: FloatArray, level: int, stage: Stage, mismatch: float) -> Evaluation:
         """Bring fields (N, F, 2) of a level, which left so much there, to that of a stage; those of
-        a subdivided mesh are smoothed as far as that lowers the energy, if it is mostly that of
-        their kinks over its edges.
+        a subdivided mesh, with kinks over its edges, are smoothed as far as that lowers the energy.
         """
         energy, evaluate = self.levels[stage.level].energy, self._search(stage).evaluate
 
@@ -78,10 +86,8 @@ class Descent:
             return point, energy.relative_mismatch(point.advected)
 
         found = self._brought(x, level, stage.level, mismatch, measured)
-        for edges in _SCALES[1:]:
-            kinked = isinstance(self.levels[stage.level - 1].to_finer, Subdivision)
-            if not (kinked and found.regularity > found.mismatch):
-                break
+        before = self.levels[self.cheapest(stage.level) - 1]
+        for edges in _SCALES[1:] if isinstance(before.to_finer, Subdivision) else ():
             tried = evaluate(smoothed(energy.mesh, found.x, edges))
             if not tried.energy < found.energy:
                 break
@@ -125,7 +131,7 @@ class Descent:
         current, history = self._first(search, stage), self._record.history
         energies = [current.point.energy]
         left = self.levels[stage.level].affordable(stage.iterations, self.best.x)
-        until, begun = min(stage.until, len(history) - 1 + left), self._record.evaluations
+        until, counted = min(stage.until, len(history) - 1 + left), self._record.evaluations
         is_last = stage.until <= len(history) - 1 + left or stage.fixed
         self.reason = StopReason.ITERATION_LIMIT if is_last else StopReason.NO_PROGRESS
         while len(history) <= until:
@@ -134,13 +140,13 @@ class Descent:
                 self.reason = reason
                 break
             current = search.step(current)
+            evaluations, counted = self._record.evaluations - counted, self._record.evaluations
+            self.effort += evaluations * self.cost(stage.level, self.best.x)
             if current.failed:
                 continue
             self.progress = Progress(current.point, current, stage)
             energies.append(current.point.energy)
             self._record.add(self.levels, self.own, stage, self.best)
-        evaluations = self._record.evaluations - begun
-        self.effort += evaluations * self.cost(stage.level, self.best.x)
         return self.best
 
     def cost(self, level: int, x: FloatArray) -> float:
@@ -155,7 +161,8 @@ class Descent:
             return StopReason(search)
         if self.mismatch <= goal:
             return StopReason.GOAL_REACHED
-        return None if stage.pays(energies) else StopReason.NO_PROGRESS
+        pays = stage.pays(energies) and self.effort < self.limit
+        return None if pays else StopReason.NO_PROGRESS
 
     def _arrive(self, stage: Stage, best: Evaluation) -> None:
         """Take fields as the best on a stage's level, and as an iterate where a level begins."""

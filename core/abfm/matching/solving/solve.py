@@ -17,7 +17,14 @@ from abfm.matching.solvability import RESOLVED, narrowest
 from abfm.matching.solving.course import NEARLY, Course, Stage, Way
 from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.held_out import PRICE, HeldOut
-from abfm.matching.solving.levels import Subdivision, fits, levels, resolving, subdivided
+from abfm.matching.solving.levels import (
+    Subdivision,
+    fits,
+    levels,
+    on_the_mesh,
+    resolving,
+    subdivided,
+)
 from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
 from abfm.matching.solving.start import given, is_lost, on_finer, where_it_begins
@@ -51,7 +58,6 @@ class Solver:
         p, functions = energy.parameters, energy.functions
         self._course = Course(p, functions, 1)
         self._descent = Descent(energy, self.record)
-        self._clustered = len(self._descent.levels) > 1  # whether the mesh itself comes twice
         self._first = 0  # the level on which ways are walked
         self._home = self._descent.own  # that where they end: the mesh itself, or a finer one
         # what does not move: no field, and the one that was given
@@ -105,16 +111,14 @@ class Solver:
         else:
             descent.levels = levels(descent.levels)
             descent.own = len(descent.levels) - 1
-            top = descent.own - self._clustered
-            self._course = Course(p, self.energy.functions, top + 1)
+            cheapest = descent.cheapest(descent.own)
+            self._course = Course(p, self.energy.functions, cheapest + 1)
             if self._course.is_free and p.iterations:
                 descent.levels[-1:] = resolving(descent.levels[-1], self._most_refined, _WALKED)
             self._home = len(descent.levels) - 1
             if self._home > descent.own:
-                finest = descent.levels[-1]
-                self._clustered = finest.cheaper is not None
-                self._first = top = self._home - self._clustered
-                self._course = Course(p, self.energy.functions, top + 1)
+                self._first = cheapest = descent.cheapest(self._home)
+                self._course = Course(p, self.energy.functions, cheapest + 1)
             self._find(start)
             if self._home > self._first:
                 self._end_on_the_mesh()
@@ -143,6 +147,8 @@ class Solver:
         """Take the end of the way to the mesh itself, and on from there if that is needed."""
         course, index = self._course, self._best(self.way)
         mark, after = self.way[index], self.way[index + 1 :]
+        if self._first == self._descent.cheapest(self._home) and mark.mismatch <= self._goal:
+            return
         self.way = self.way[:index]
         sigmas = [sigma for sigma in course.sigmas if sigma <= mark.stage.sigma]
         if course.is_measured:
@@ -180,8 +186,8 @@ class Solver:
         descent, course = self._descent, self._course
         left, held_out = (np.inf, np.nan) if mark is None else (mark.mismatch, mark.held_out)
         at: FloatArray | Evaluation = x
-        home = descent.levels[self._home].energy
-        for top in range(self._home - self._clustered, self._home + 1):
+        is_there = mark is not None and level == descent.cheapest(self._home)
+        for top in range(descent.cheapest(self._home) + is_there, self._home + 1):
             for sigma in sigmas:
                 stage = course.stage(top, sigma, self._with)
                 if top > level:
@@ -191,12 +197,7 @@ class Solver:
                 if self._is_over() or not self._gains():
                     break
             x, left, sigmas = descent.best.x, descent.mismatch, sigmas[-1:]
-            carried = home.advected(x)
-            left_here = home.relative_mismatch(carried)
-            if top < self._home and left_here <= self._goal:
-                on = replace(stage, level=self._home)
-                found = replace(self.way[-1], stage=on, carried=carried, mismatch=left_here)
-                self.way[-1] = found
+            if self.way[-1].mismatch <= self._goal or descent.effort >= descent.limit:
                 break
 
     def _refine(self) -> None:
@@ -218,9 +219,10 @@ class Solver:
             if p.refine is None and (is_fine or self._is_resolved(mark)):
                 return
             try:
-                descent.levels[-1:] = subdivided(descent.levels[-1])
+                coarse, fine = subdivided(descent.levels[-1])
             except AbfmError:  # of faces without area, or of a term that has no place there
                 return
+            descent.levels[-1:] = [coarse, *on_the_mesh(fine.energy)]
             before = len(self.way)
             self._go_on_finer(mark)
             left = min((mark.worse for mark in self.way[before:]), default=np.inf)
@@ -241,28 +243,21 @@ class Solver:
 
     def _go_on_finer(self, mark: Mark) -> None:
         """Go on from a step on the finest mesh; unless asked for with as much effort as is left."""
-        p, course, descent = self.energy.parameters, self._course, self._descent
-        finest, spent = len(descent.levels) - 1, descent.effort
-        until = spent + max(_EFFORT * spent, _FREE)
-        stage = course.stage(finest, mark.stage.sigma, self._with)
-        if p.refine is None:
-            x = mark.x
-            for level in descent.levels[mark.stage.level : finest]:
+        course, descent = self._course, self._descent
+        self._home = len(descent.levels) - 1
+        if self.energy.parameters.refine is None:
+            x, first = mark.x, descent.cheapest(self._home)
+            for level in descent.levels[mark.stage.level : first]:
                 x = level.fields_to_finer(x)
-            if until - spent < _LEAST * descent.cost(finest, x):
+            spare = max(_EFFORT * descent.effort, _FREE)
+            if spare < _LEAST * descent.cost(first, x):
                 return
-        point = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
-        for sigma in (sigma for sigma in course.sigmas if sigma <= mark.stage.sigma):
-            stage = course.stage(finest, sigma, self._with)
-            if p.refine is None:
-                left = (until - descent.effort) / descent.cost(finest, point.x)
-                if left < _LEAST:
-                    return
-                stage = replace(stage, iterations=min(stage.iterations, int(left)))
-            point = descent.minimise(stage, point if sigma == mark.stage.sigma else point.x)
-            self._mark(stage, mark.held_out)
-            if course.is_measured or self._is_over() or not self._gains():
-                break
+            descent.limit = descent.effort + spare
+        sigmas = [sigma for sigma in course.sigmas if sigma <= mark.stage.sigma]
+        if course.is_measured:
+            sigmas = sigmas[:1]
+        self._come_close(mark.x, mark.stage.level, sigmas, mark)
+        descent.limit = np.inf
         self._confirm()
 
     def _gains(self) -> bool:
@@ -276,7 +271,7 @@ class Solver:
     def _there(self) -> list[int]:
         """Return which steps are on the finest mesh so far, the mesh itself at least."""
         finest = max((mark.stage.level for mark in self.way), default=0)
-        least = max(finest, self._descent.own)
+        least = self._descent.cheapest(max(finest, self._descent.own))
         return [i for i, mark in enumerate(self.way) if mark.stage.level >= least]
 
     def _end_so_far(self) -> int:
@@ -317,16 +312,18 @@ class Solver:
     def _judged(self, stage: Stage, held_out: float = np.nan) -> Mark:
         """Return what a step came to, by all witnesses."""
         descent = self._descent
-        energy, best = descent.levels[stage.level].energy, descent.best
+        x, exact = descent.best.x, descent.exact(stage.level)
+        energy = descent.levels[exact].energy
+        carried = descent.best.advected if exact == stage.level else energy.advected(x)
         said = {}
         if not self._course.is_fixed and energy.parameters.method != "linearised":
             with (
                 suppress(MemoryError),
                 step("checking by flow lines", len(energy.mesh.vertices)),
             ):
-                said = measured(energy, to_ambient(energy.mesh, best.x))
-        mismatch = energy.relative_mismatch(best.advected)
-        return Mark(stage, best.x, best.advected, mismatch, held_out=held_out, **said)
+                said = measured(energy, to_ambient(energy.mesh, x))
+        mismatch = energy.relative_mismatch(carried)
+        return Mark(stage, x, carried, mismatch, held_out=held_out, **said)
 
     def _is_over(self) -> bool:
         """Tell whether the way has come to its end before the last sigma."""
@@ -388,7 +385,7 @@ class Solver:
         self.way = next((way for way in ways if best in way), self.way)
         if best in self.way and on_the_mesh:
             return
-        level = max(best.stage.level, own)
+        level = descent.exact(max(best.stage.level, own))
         x, carried = descent.kept(best.x, best.stage.level, level, best.mismatch)
         energy, on = descent.levels[level].energy, replace(best.stage, level=level)
         self.way = [*self.way, Mark(on, x, carried, energy.relative_mismatch(carried))]
