@@ -75,6 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("before", "now"),
         default=("before", "now"),
     )
+    choose("--solvable", "with --success: only problems that are not known to be in any flow's way")
     choose("--problems", "problems on each mesh (default: 6)", "N", type=count, default=6)
     choose("--seed", "another number gives other problems (default: 0)", type=seed, default=0)
     choose("--part", "only every N-th problem, from the K-th", "K/N", type=_part, default=(1, 1))
@@ -101,7 +102,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.success or arguments.measured:
         success, measured = laboratory.success, laboratory.measured
-        selection = success.Selection(arguments.seed, arguments.problems, arguments.part)
+        selection = success.Selection(
+            arguments.seed, arguments.problems, arguments.part, arguments.solvable
+        )
         meshes = _meshes(arguments)
         with cancelled_by_signals(control, "with what was finished") as kept:
             if arguments.success:

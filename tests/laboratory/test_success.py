@@ -96,6 +96,17 @@ def test_record_says_what_came_out_and_what_it_cost():
     assert (hasty.stop_reason, hasty.iterations) == ("time limit", 0)
 
 
+def test_solvable_problems_alone_may_be_selected():
+    at_rest = {"now": Parameters(iterations=0)}
+    selections = (success.Selection(count=9, solvable=wanted) for wanted in (False, True))
+    whole, some = (
+        [row["problem"] for row in run_success({"ball": BALL}, print, one, at_rest)["rows"]]
+        for one in selections
+    )
+    assert some == [problem for problem in whole if problem["solvable"]]
+    assert 0 < len(some) < len(whole)
+
+
 @pytest.mark.filterwarnings("ignore:overflow")
 def test_what_no_solver_takes_is_recorded_as_such():
     problem = Trial("ball", 0, BALL, "gaussian", "expression:1e200*x", "expression:1e200*y")
@@ -186,7 +197,8 @@ def test_table_has_a_row_for_every_group(made):
     rows = table_of(made)
     assert " | ".join(rows) == (
         "problems | --- | all | resolved | distance far | width 0.1 | gaussian | eigenfunction | "
-        "solvable | solvable, resolved | solvable, far | men | men, solvable | men, solvable, far"
+        "solvable | solvable, resolved | solvable, far | gaussian, solvable, far | "
+        "men | men, solvable | men, solvable, far | men, gaussian, solvable, far"
     )
     assert " | ".join(rows["all"]) == (
         "0 → 2 of 2 | 1 → 2 of 2 | none → 0.01 | none → 0.02 | 50% → 100% | 0 → 1 of 2 | 0.5 | 0.5"
