@@ -48,8 +48,8 @@ def a_quarter_apart(name, width):
 @pytest.mark.parametrize("name", ["human_A.off", "eight.off"])
 def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name):
     match = abfm.match(*a_quarter_apart(name, 0.1))
-    assert match.mismatch <= 0.05
-    assert len(match.energy_history) <= 501
+    assert match.confirmed_mismatch <= 0.05
+    assert match.folded == 0
 
 
 def test_on_finer_meshes_by_both_witnesses():

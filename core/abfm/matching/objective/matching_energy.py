@@ -138,6 +138,7 @@ class Objective:
     advect: Callable[[FloatArray], Advection]  # the flow of frame coefficients (N, F, 2)
     tau: float
     gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
+    shift: FloatArray | float = 0.0  # what is taken off what was carried, before it is measured
 
     def evaluate(self, x: FloatArray) -> Evaluation:
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable flow ends in any numbers
@@ -163,7 +164,7 @@ class Objective:
             advected[c] = trajectories[c][-1].end
             if not np.isfinite(advected[c]).all():
                 raise AdvectionError("the advected function overflows")
-        shares, residuals = self.missed(advected)
+        shares, residuals = self.missed(advected - self.shift)
         if not np.isfinite(sum(shares)):
             raise AdvectionError("the mismatch overflows")
         return shares, advected, partial(gradient.of_fields, flow, trajectories, residuals)
@@ -212,12 +213,14 @@ class MatchingEnergy:
         reach: float = 0.0,
         *,
         alpha: float | None = None,
+        shift: FloatArray | float = 0.0,
         tolerance: float = TOLERANCE,
     ) -> Objective:
         """Return what is minimised with a sigma, and an alpha in place of the parameters'.
 
-        A ``reach`` is that of the data terms; a tolerance truncates the advection, and the gradient
-        is that of the truncated sum.
+        A ``reach`` is that of the data terms; a shift (C, V) is taken off what was carried before
+        they measure it; a tolerance truncates the advection, and the gradient is that of the
+        truncated sum.
         """
         missed = self.measure(reach).shares_and_residual
         return Objective(
@@ -227,6 +230,7 @@ class MatchingEnergy:
             partial(self.discretisation.flow, tau=self.parameters.tau, tolerance=tolerance),
             self.parameters.tau,
             self._gradient,
+            shift,
         )
 
     def flow(self, x: FloatArray) -> Advection:

@@ -1,12 +1,13 @@
 """The course of a match: which steps lead from smooth to close, and when one has done its work."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LAST, LONGEST, WARMEST, Parameters
+from abfm.types import FloatArray
 
 NEARLY = 0.15  # mismatch with which functions nearly match
 _FOUND = 0.7  # mismatch with which the target is found: the paper's norm leads on, without reach
@@ -41,6 +42,8 @@ class Stage:
     until: int  # at most, of all together
     fixed: bool  # whether it goes on to the end of its iterations
     goal: float  # mismatch at which it ends
+    # what is taken off what is carried (C, V), before that is held against the target
+    shift: FloatArray | float = field(default=0.0, repr=False, compare=False)
 
     def continues(self, before: "Stage") -> bool:
         """Tell whether what the stage before learned serves; if fixed not with another sigma."""

@@ -126,7 +126,7 @@ class Descent:
         self._arrive(stage, start if isinstance(start, Evaluation) else search.evaluate(start))
         self.reason = StopReason.GOAL_REACHED
         goal = self.attainable(stage.goal)
-        if self.mismatch <= goal:
+        if self._left(stage) <= goal:
             return self.best
         current, history = self._first(search, stage), self._record.history
         energies = [current.point.energy]
@@ -159,10 +159,14 @@ class Descent:
     ) -> StopReason | None:
         if search is not None:
             return StopReason(search)
-        if self.mismatch <= goal:
+        if self._left(stage) <= goal:
             return StopReason.GOAL_REACHED
         pays = stage.pays(energies) and self.effort < self.limit
         return None if pays else StopReason.NO_PROGRESS
+
+    def _left(self, stage: Stage) -> float:
+        energy = self.levels[stage.level].energy
+        return energy.relative_mismatch(self.best.advected - stage.shift)
 
     def _arrive(self, stage: Stage, best: Evaluation) -> None:
         """Take fields as the best on a stage's level, and as an iterate where a level begins."""
@@ -200,7 +204,9 @@ def search(
 ) -> LBFGS[Evaluation]:
     """Return the search of a stage, which tells of each evaluation."""
     p = energy.parameters
-    objective = energy.objective(stage.sigma, stage.reach, alpha=stage.alpha, tolerance=_TOLERANCE)
+    objective = energy.objective(
+        stage.sigma, stage.reach, alpha=stage.alpha, shift=stage.shift, tolerance=_TOLERANCE
+    )
     regularity, tau = objective.regularity, p.tau
 
     def evaluate(x: FloatArray) -> Evaluation:

@@ -14,7 +14,6 @@ import numpy as np
 
 from abfm.calculus.operators import Matrix, face_frames, face_normals, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.errors import AbfmError
 from abfm.flow.clusters import vertex_clusters
 from abfm.flow.continuous_flow import corner_vectors, on_children
 from abfm.maps.point_maps import PointMap
@@ -34,7 +33,6 @@ RATIO = 4.0  # of the numbers of vertices of a mesh and the next coarser one
 # times as many vertices as the coarsest mesh: smaller meshes are solved on themselves alone
 _WORTH = 3.0
 _EDGES = 3.0  # that a function's features span at least on a mesh of their own choice
-_FINER = 1.5  # times as many edges, at least, that they span on a subdivision: 2 if they are smooth
 _COST = 2.0  # of all iterations on the mesh as it is, in iterations with clusters
 _LEAST = 2  # iterations that are always spent
 _INTERVAL = 0.05  # seconds between two tests of whether to go on waiting
@@ -214,24 +212,6 @@ def subdivided(level: Level) -> tuple[Level, Level]:
     energy = level.energy
     finer = MatchingEnergy(energy.problem.subdivided())
     return replace(level, to_finer=Subdivision(energy.mesh), cheaper=None), Level(finer)
-
-
-def resolving(level: Level, times: int, most: int) -> list[Level]:
-    """Return a level and so many finer ones at most as make its functions span enough edges, the
-    finest first with clusters, where they are cheaper; the level alone where its functions do, and
-    where a subdivision does not help, or has more vertices than most.
-    """
-    found, edges = [level], narrowest(level.energy.functions)
-    while edges < _EDGES and len(found) <= times and fits(found[-1].energy.mesh, most):
-        try:
-            pair = subdivided(found[-1])
-        except AbfmError:  # of faces without area, or of a term that has no place there
-            break
-        before, edges = edges, narrowest(pair[1].energy.functions)
-        if edges < _FINER * before:  # of a jump, which is one on every mesh
-            break
-        found[-1:] = pair
-    return [*found[:-1], *on_the_mesh(found[-1].energy)] if len(found) > 1 else found
 
 
 def fits(mesh: TriangleMesh, most: int) -> bool:

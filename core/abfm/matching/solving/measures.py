@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.maps.distortion import folds, mean_log2
@@ -37,6 +38,14 @@ def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
         "log2_area": area,
         "log2_shape": shape,
     }
+
+
+def carried_along(energy: MatchingEnergy, x: FloatArray) -> FloatArray:
+    """Return the source (C, V) carried along flow lines of frame coefficients (N, F, 2)."""
+    mesh = energy.mesh
+    flow = ContinuousFlow(mesh, to_ambient(mesh, x), energy.parameters.tau)
+    points = flow.origins(vertex_points(mesh, np.arange(len(mesh.vertices))))
+    return points.pull_back(energy.functions.source.T).T
 
 
 def walked_back(

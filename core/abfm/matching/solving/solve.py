@@ -22,10 +22,9 @@ from abfm.matching.solving.levels import (
     fits,
     levels,
     on_the_mesh,
-    resolving,
     subdivided,
 )
-from abfm.matching.solving.measures import measured
+from abfm.matching.solving.measures import carried_along, measured
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
 from abfm.matching.solving.start import given, is_lost, on_finer, where_it_begins
 from abfm.parameters import MOST_REFINED
@@ -33,13 +32,14 @@ from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
 
-_GAIN = 0.03  # of what is left by the worse witness: what a smaller sigma or a finer mesh must gain
-_NEAR = 1.2  # times the goal: what is left at the end of a way and is mended on the mesh itself
-_CLOSER = 0.6, 0.4  # of the goal, as close as it comes where flow lines leave more than that
+# of what is left by the worse witness: what a smaller sigma, a correction or a finer mesh must gain
+_GAIN = 0.03
+# corrections on a mesh at most; of the goal, as close as the mean of both witnesses comes in them;
+# and from where on they gain: times the goal by the discrete flow, and by flow lines
+_CORRECTIONS, _CORRECTED, _OFF, _FAR = 4, 0.3, 1.6, 0.3
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
-_WALKED = 16_000  # the same of one that is walked on
 _EFFORT, _LEAST = 2.0, 20  # times what was spent before, for a finer mesh; and iterations on it
-_FREE = 1e9  # products of rows that a finer mesh is worth in any case: seconds
+_FREE, _MOST = 1e9, 1e10  # products of rows that one is worth in any case, and at most: seconds
 _LATER = np.empty((1, 0, 3))  # instead of fields
 _PATIENCE = 2  # steps after the best one, before a measured way ends
 
@@ -58,8 +58,7 @@ class Solver:
         p, functions = energy.parameters, energy.functions
         self._course = Course(p, functions, 1)
         self._descent = Descent(energy, self.record)
-        self._first = 0  # the level on which ways are walked
-        self._home = self._descent.own  # that where they end: the mesh itself, or a finer one
+        self._home = self._descent.own  # the level where it ends: the mesh itself, or a finer one
         # what does not move: no field, and the one that was given
         self._at_rest: list[tuple[FloatArray, FloatArray]] = [
             (np.zeros(energy.shape), energy.terms.carried)
@@ -102,106 +101,150 @@ class Solver:
             start, finer, lost = None, None, True
         if finer is not None:
             descent.levels, x = finer
-            last = self._course.sigmas[-1]
-            stage = self._course.stage(len(descent.levels) - 1, last, self._with)
-            descent.minimise(stage, x)
-            self._mark(stage)
+            self._home = len(descent.levels) - 1
+            self._come_close(x, self._home, self._course.sigmas[-1:])
+            self._rise()
         elif start is not None and not lost:
-            self._come_close(start, descent.own, self._course.sigmas[-1:])
+            self._come_close(start, descent.cheapest(self._home), self._course.sigmas[-1:])
+            self._rise()
         else:
             descent.levels = levels(descent.levels)
-            descent.own = len(descent.levels) - 1
-            cheapest = descent.cheapest(descent.own)
-            self._course = Course(p, self.energy.functions, cheapest + 1)
-            if self._course.is_free and p.iterations:
-                descent.levels[-1:] = resolving(descent.levels[-1], self._most_refined, _WALKED)
-            self._home = len(descent.levels) - 1
-            if self._home > descent.own:
-                self._first = cheapest = descent.cheapest(self._home)
-                self._course = Course(p, self.energy.functions, cheapest + 1)
+            descent.own = self._home = len(descent.levels) - 1
+            self._course = Course(p, self.energy.functions, descent.cheapest(descent.own) + 1)
             self._find(start)
-            if self._home > self._first:
-                self._end_on_the_mesh()
-        self._confirm()
         self._refine()
 
     def _find(self, start: FloatArray | None) -> None:
         """Walk the ways on the first mesh; that which comes closest stays."""
         iterations, descent = self.energy.parameters.iterations, self._descent
-        x = where_it_begins(descent.levels, descent.own, self._first, start, not iterations)
+        x = where_it_begins(descent.levels, start, not iterations)
         ways = self._course.ways(len(x))
         for number, way in enumerate(ways):
             if self._earlier:
                 way = ways[number] = self._course.after(self._value(self._earlier[-1]), way)
             descent.progress, self.way, self._with = Progress(), [], way
             self._walk(np.repeat(x, way.fields // len(x), axis=0), number == len(ways) - 1)
+            self._correct()
             self._earlier.append(self.way)
-            enough = _NEAR * self._goal if self._course.is_free else NEARLY
+            enough = self._goal if self._course.is_free else NEARLY
             if not self._course.is_measured and self._value(self.way) <= enough:
                 break
-        best = int(np.argmin([self._value(way) for way in self._earlier]))
-        self.way, self._with = self._earlier[best], ways[best]
         self.record.is_trying = False
+        self._settle(ways)
 
-    def _end_on_the_mesh(self) -> None:
-        """Take the end of the way to the mesh itself, and on from there if that is needed."""
-        course, index = self._course, self._best(self.way)
-        mark, after = self.way[index], self.way[index + 1 :]
-        if self._first == self._descent.cheapest(self._home) and mark.mismatch <= self._goal:
-            return
-        self.way = self.way[:index]
-        sigmas = [sigma for sigma in course.sigmas if sigma <= mark.stage.sigma]
-        if course.is_measured:
-            sigmas = sigmas[:1]
-        self._come_close(mark.x, self._first, sigmas, mark)
-        if course.is_measured:
-            self.way += after
+    def _settle(self, ways: list[Way]) -> None:
+        """Take the best way to the mesh itself, and where it is lost there, as it may be beside
+        needles, another one that comes near.
+        """
+        values = [self._value(way) for way in self._earlier]
+        ended: list[tuple[list[Mark], Way, float]] = []
+        for number in np.argsort(values, kind="stable"):
+            another = self._course.is_free and values[number] <= NEARLY
+            if ended and not (another and all(left > NEARLY for *_, left in ended)):
+                break
+            self.way, self._with = self._earlier[number], ways[number]
+            self._rise()
+            left = self.way[self._end_so_far()].worse
+            ended.append((self.way, self._with, left if np.isfinite(left) else np.inf))
+        self.way, self._with, _ = min(ended, key=lambda end: end[2])
 
     def _walk(self, x: FloatArray, is_last_way: bool) -> None:
-        course, descent, first = self._course, self._descent, self._first
-        reach, energy = self._with.reach, descent.levels[first].energy
-        held = HeldOut(energy, x) if course.is_measured else None
+        course, descent, reach = self._course, self._descent, self._with.reach
+        held = HeldOut(descent.levels[0].energy, x) if course.is_measured else None
         for sigma in course.sigmas:
             is_last = is_last_way and sigma == course.sigmas[-1]
             self.record.is_trying = not (is_last or course.is_fixed)
             stages = []
             if reach:
-                stages.append(course.stage(first, sigma, self._with, reach))
+                stages.append(course.stage(0, sigma, self._with, reach))
                 x = descent.minimise(stages[-1], x).x
                 if course.is_found(descent.mismatch) or sigma == course.sigmas[-1]:
                     reach = 0.0
             if not reach:
-                stages.append(course.stage(first, sigma, self._with))
+                stages.append(course.stage(0, sigma, self._with))
                 x = descent.minimise(stages[-1], x).x
             self._mark(stages[-1], np.nan if held is None else held.follow(stages))
             if self._is_over() or len(self.record.history) > stages[-1].until:
                 break
 
+    def _rise(self) -> None:
+        """Take the end of the way to its mesh, first with clusters where they are cheaper."""
+        top = self._descent.cheapest(self._home)
+        if self.way[-1].stage.level < top:
+            index = self._best(self.way)
+            mark, after = self.way[index], self.way[index + 1 :]
+            self.way = self.way[:index]
+            self._bring(mark, top)
+            if self._course.is_measured:
+                self.way += after
+        mark = self.way[self._end_so_far()]
+        corrected = self._course.is_free and mark.mismatch <= mark.verified_mismatch
+        if mark.stage.level < self._home and mark.mismatch > self._goal and not corrected:
+            self._bring(mark, self._home)
+
+    def _bring(self, mark: Mark, level: int) -> None:
+        """Take a step to a finer level, and on from there."""
+        course, descent, sigma = self._course, self._descent, mark.stage.sigma
+        stage = course.stage(level, sigma, self._with)
+        at = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
+        sigmas = [sigma] if course.is_measured else [s for s in course.sigmas if s <= sigma]
+        self._come_close(at, level, sigmas, mark.held_out)
+
     def _come_close(
-        self, x: FloatArray, level: int, sigmas: list[float], mark: Mark | None = None
+        self,
+        at: FloatArray | Evaluation,
+        level: int,
+        sigmas: list[float],
+        held_out: float = np.nan,
     ) -> None:
-        """Go on from fields of a level, those of a mark, on the mesh itself, where it has clusters
-        first with these.
-        """
-        descent, course = self._descent, self._course
-        left, held_out = (np.inf, np.nan) if mark is None else (mark.mismatch, mark.held_out)
-        at: FloatArray | Evaluation = x
-        is_there = mark is not None and level == descent.cheapest(self._home)
-        for top in range(descent.cheapest(self._home) + is_there, self._home + 1):
-            for sigma in sigmas:
-                stage = course.stage(top, sigma, self._with)
-                if top > level:
-                    at, level = descent.prolonged(x, level, stage, left), top
-                at = descent.minimise(stage, at).x
-                self._mark(stage, held_out)
-                if self._is_over() or not self._gains():
-                    break
-            x, left, sigmas = descent.best.x, descent.mismatch, sigmas[-1:]
-            if self.way[-1].mismatch <= self._goal or descent.effort >= descent.limit:
+        """Go on from fields of a level there."""
+        for sigma in sigmas:
+            stage = self._course.stage(level, sigma, self._with)
+            at = self._descent.minimise(stage, at).x
+            self._mark(stage, held_out)
+            if self._is_over() or not self._gains():
                 break
+        self._correct()
+
+    def _correct(self) -> None:
+        """Bring the mean of both witnesses to the target, while the worse one gains by it.
+
+        A minimisation sees the discrete flow alone. So what this carries more than the mean is
+        taken off, and the rest held against the target, until it hardly changes: the fixed point
+        of a defect correction [Stetter 1978].
+        """
+        course, descent, p = self._course, self._descent, self.energy.parameters
+        if not course.is_free or not self.way:
+            return
+        reason = descent.reason
+        for _ in range(_CORRECTIONS):
+            there = [i for i, mark in enumerate(self.way) if mark.stage.level == descent.level]
+            index = there[self._best([self.way[i] for i in there])]
+            mark = self.way[index]
+            near = mark.mismatch <= _OFF * self._goal and mark.verified_mismatch <= _FAR  # if known
+            if mark.worse <= self._goal or not near:
+                break
+            stage = course.stage(descent.level, mark.stage.sigma, self._with)
+            goal = _CORRECTED * p.goal
+            descent.minimise(replace(stage, goal=goal, shift=self._defect(mark)), mark.x)
+            found = self._judged(stage)
+            if found.worse < mark.worse:
+                self._keep([*self.way[:index], found, *self.way[index + 1 :]])
+            if found.worse > (1 - _GAIN) * mark.worse:
+                break
+        descent.reason = reason
+
+    def _defect(self, mark: Mark) -> FloatArray:
+        """Return what a step's level carries more than the mean of its mesh and of flow lines."""
+        energy = self._descent.levels[mark.stage.level].energy
+        count = len(energy.functions.source)
+        mean = mark.carried.copy()
+        with step("checking by flow lines", len(energy.mesh.vertices)):
+            mean[:count] += 0.5 * (carried_along(energy, mark.x) - mark.carried[:count])
+        return energy.advected(mark.x) - mean
 
     def _refine(self) -> None:
-        """Go on on finer meshes while flow lines leave more than the goal, and it pays."""
+        """Go on on finer meshes while a witness leaves more than the goal, and it pays."""
         p, course, descent = self.energy.parameters, self._course, self._descent
         ends = course.is_measured or course.is_given
         never = p.refine == 0 or not p.iterations or course.is_fixed
@@ -212,8 +255,7 @@ class Solver:
             if times >= self._most_refined or not self._there():
                 return
             mark = self.way[self._end_so_far()]
-            mesh = descent.levels[-1].energy.mesh
-            is_fine = not fits(mesh, _FINEST)
+            is_fine = not fits(descent.levels[-1].energy.mesh, _FINEST)
             if mark.worse <= self._goal:
                 return
             if p.refine is None and (is_fine or self._is_resolved(mark)):
@@ -223,8 +265,12 @@ class Solver:
             except AbfmError:  # of faces without area, or of a term that has no place there
                 return
             descent.levels[-1:] = [coarse, *on_the_mesh(fine.energy)]
-            before = len(self.way)
-            self._go_on_finer(mark)
+            self._home, before = len(descent.levels) - 1, len(self.way)
+            if p.refine is None and not self._is_worth_it(mark):
+                return
+            self._bring(mark, descent.cheapest(self._home))
+            self._rise()
+            descent.limit = np.inf
             left = min((mark.worse for mark in self.way[before:]), default=np.inf)
             needed = 1.0 if p.refine else 1 - _GAIN
             if not left < needed * mark.worse:
@@ -241,24 +287,17 @@ class Solver:
         energy = self._descent.levels[mark.stage.level].energy
         return mark.worse > NEARLY and narrowest(energy.functions) >= RESOLVED
 
-    def _go_on_finer(self, mark: Mark) -> None:
-        """Go on from a step on the finest mesh; unless asked for with as much effort as is left."""
-        course, descent = self._course, self._descent
-        self._home = len(descent.levels) - 1
-        if self.energy.parameters.refine is None:
-            x, first = mark.x, descent.cheapest(self._home)
-            for level in descent.levels[mark.stage.level : first]:
-                x = level.fields_to_finer(x)
-            spare = max(_EFFORT * descent.effort, _FREE)
-            if spare < _LEAST * descent.cost(first, x):
-                return
-            descent.limit = descent.effort + spare
-        sigmas = [sigma for sigma in course.sigmas if sigma <= mark.stage.sigma]
-        if course.is_measured:
-            sigmas = sigmas[:1]
-        self._come_close(mark.x, mark.stage.level, sigmas, mark)
-        descent.limit = np.inf
-        self._confirm()
+    def _is_worth_it(self, mark: Mark) -> bool:
+        """Tell whether a finer mesh can be gone on on with the effort that may be made, and set
+        that.
+        """
+        descent, x = self._descent, mark.x
+        first = descent.cheapest(self._home)
+        for level in descent.levels[mark.stage.level : first]:
+            x = level.fields_to_finer(x)
+        spare = min(max(_EFFORT * descent.effort, _FREE), _MOST)
+        descent.limit = descent.effort + spare
+        return spare >= _LEAST * descent.cost(first, x)
 
     def _gains(self) -> bool:
         """Tell whether the last step on its mesh left less than the one before, if it has to."""
@@ -282,32 +321,12 @@ class Solver:
     def _goal(self) -> float:
         return self._descent.attainable(self.energy.parameters.goal)
 
-    def _confirm(self) -> None:
-        """Come closer by the discrete flow than the goal, while flow lines leave more than that."""
-        course, descent, p = self._course, self._descent, self.energy.parameters
-        if not course.is_free:
-            return
-        index = self._end_so_far()
-        reason, at, stage = descent.reason, self.way[index].x, self.way[index].stage
-        sigmas = [sigma for sigma in course.sigmas if sigma <= stage.sigma]
-        for close in _CLOSER:
-            mark = self.way[index]
-            if not self._goal < mark.worse <= NEARLY or mark.mismatch > self._goal:
-                break
-            for sigma in sigmas:
-                stage = replace(course.stage(stage.level, sigma, self._with), goal=close * p.goal)
-                at = descent.minimise(stage, at).x
-                if descent.mismatch <= stage.goal:
-                    break
-            found = self._judged(stage)
-            if found.worse < mark.worse:
-                self.way[index] = found
-        descent.reason = reason
-
     def _mark(self, stage: Stage, held_out: float = np.nan) -> None:
         """Keep what a step came to."""
-        self.way = [*self.way, self._judged(stage, held_out)]
-        self.record.path = tuple(mark.step(_LATER) for mark in self.way)
+        self._keep([*self.way, self._judged(stage, held_out)])
+
+    def _keep(self, way: list[Mark]) -> None:
+        self.way, self.record.path = way, tuple(mark.step(_LATER) for mark in way)
 
     def _judged(self, stage: Stage, held_out: float = np.nan) -> Mark:
         """Return what a step came to, by all witnesses."""

@@ -65,20 +65,15 @@ def on_finer(energy: MatchingEnergy, levels: list[Level]) -> tuple[list[Level], 
     return (found, x) if finest.relative_mismatch(finest.advected(x)) <= _LOST else None
 
 
-def where_it_begins(
-    levels: list[Level], own: int, first: int, start: FloatArray | None, at_once: bool
-) -> FloatArray:
-    """Return the fields at which the ways on the first level begin, for a start on the mesh's own:
+def where_it_begins(levels: list[Level], start: FloatArray | None, at_once: bool) -> FloatArray:
+    """Return the fields at which the ways on the coarsest level begin, for a start on the finest:
     none if it leads astray, unless it is to be had as it is.
     """
-    energy = levels[first].energy
+    energy = levels[0].energy
     if start is None:
         return np.zeros(energy.shape)
-    for level in range(own, first, -1):
-        fields = to_ambient(levels[level].energy.mesh, start)
-        start = levels[level - 1].fields_from_finer(fields)
-    for coarser in levels[own:first]:
-        start = coarser.fields_to_finer(start)
+    for coarser, finer in zip(levels[-2::-1], levels[:0:-1], strict=True):
+        start = coarser.fields_from_finer(to_ambient(finer.energy.mesh, start))
     at_rest = energy.relative_mismatch(energy.terms.carried)
     mismatch = energy.relative_mismatch(energy.advected(start))
     return start if at_once or mismatch <= _ASTRAY * at_rest else np.zeros(energy.shape)

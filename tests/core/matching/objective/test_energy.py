@@ -85,6 +85,26 @@ def test_gradient_is_that_of_the_truncated_sum(tolerance, reach):
     assert order_at(E, frames(CLOSED, 1), 1e-3, reach=reach, tolerance=tolerance) >= 1.9
 
 
+@pytest.mark.parametrize("reach", FAR)
+def test_gradient_is_exact_where_a_shift_is_taken_off_what_is_carried(reach):
+    E = energy(CLOSED, 3, order=2)
+    shift = np.random.default_rng(3).normal(size=E.functions.source.shape)
+    assert order_at(E, frames(CLOSED, 1), reach=reach, shift=shift) >= 1.9
+
+
+@pytest.mark.parametrize("mesh", MESHES.values(), ids=MESHES.keys())
+def test_a_shift_taken_off_is_one_put_on_the_target(mesh):
+    (f, g), v = problem(mesh, 3), frames(mesh, 1)
+    p = replace(USUAL, sigma_unit="absolute", divergence=1.0)
+    shift = np.random.default_rng(3).normal(size=g.shape)
+    shifted, other = MatchingEnergy(mesh, f, g, p), MatchingEnergy(mesh, f, g + shift, p)
+    found = shifted.objective(0.1, shift=shift.T).evaluate(v)
+    wanted = other.objective(0.1).evaluate(v)
+    assert found.energy == pytest.approx(wanted.energy, rel=1e-12)
+    assert_allclose(found.gradient, wanted.gradient, rtol=1e-9, atol=1e-9)
+    assert_array_equal(found.advected, wanted.advected)  # what was carried is as it was
+
+
 def test_looser_sums_are_shorter_and_close():
     E, v = energy(CLOSED), 5 * frames(CLOSED, 1)
     exact = E.objective(0.2).evaluate(v).energy
