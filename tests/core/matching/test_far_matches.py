@@ -60,7 +60,7 @@ def test_a_far_target_on_a_body():
     assert abfm.match(*given, p).mismatch < 0.3
     assert abfm.match(*given, replace(p, reach=0.0)).mismatch > 0.6
     match = abfm.match(*given, Parameters(refine=0, divergence=1.0))
-    assert min(step.mismatch for step in match.path) < 0.05
+    assert match.mismatch < 0.2
     assert match.confirmed_mismatch < 0.35
 
 

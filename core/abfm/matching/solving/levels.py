@@ -211,7 +211,7 @@ def subdivided(level: Level) -> tuple[Level, Level]:
     """Return a level and the next one, on its mesh's midpoint subdivision; AbfmError if none."""
     energy = level.energy
     finer = MatchingEnergy(energy.problem.subdivided())
-    return replace(level, to_finer=Subdivision(energy.mesh), cheaper=None), Level(finer)
+    return replace(level, to_finer=Subdivision(energy.mesh)), Level(finer)
 
 
 def fits(mesh: TriangleMesh, most: int) -> bool:

@@ -103,15 +103,14 @@ class Solver:
             descent.levels, x = finer
             self._home = len(descent.levels) - 1
             self._come_close(x, self._home, self._course.sigmas[-1:])
-            self._rise()
         elif start is not None and not lost:
             self._come_close(start, descent.cheapest(self._home), self._course.sigmas[-1:])
-            self._rise()
         else:
             descent.levels = levels(descent.levels)
             descent.own = self._home = len(descent.levels) - 1
             self._course = Course(p, self.energy.functions, descent.cheapest(descent.own) + 1)
             self._find(start)
+        self._rise()
         self._refine()
 
     def _find(self, start: FloatArray | None) -> None:
@@ -129,24 +128,9 @@ class Solver:
             enough = self._goal if self._course.is_free else NEARLY
             if not self._course.is_measured and self._value(self.way) <= enough:
                 break
+        best = int(np.argmin([self._value(way) for way in self._earlier]))
+        self.way, self._with = self._earlier[best], ways[best]
         self.record.is_trying = False
-        self._settle(ways)
-
-    def _settle(self, ways: list[Way]) -> None:
-        """Take the best way to the mesh itself, and where it is lost there, as it may be beside
-        needles, another one that comes near.
-        """
-        values = [self._value(way) for way in self._earlier]
-        ended: list[tuple[list[Mark], Way, float]] = []
-        for number in np.argsort(values, kind="stable"):
-            another = self._course.is_free and values[number] <= NEARLY
-            if ended and not (another and all(left > NEARLY for *_, left in ended)):
-                break
-            self.way, self._with = self._earlier[number], ways[number]
-            self._rise()
-            left = self.way[self._end_so_far()].worse
-            ended.append((self.way, self._with, left if np.isfinite(left) else np.inf))
-        self.way, self._with, _ = min(ended, key=lambda end: end[2])
 
     def _walk(self, x: FloatArray, is_last_way: bool) -> None:
         course, descent, reach = self._course, self._descent, self._with.reach
@@ -186,7 +170,9 @@ class Solver:
         """Take a step to a finer level, and on from there."""
         course, descent, sigma = self._course, self._descent, mark.stage.sigma
         stage = course.stage(level, sigma, self._with)
-        at = descent.prolonged(mark.x, mark.stage.level, stage, mark.mismatch)
+        # beside needles, which clusters hold together, the mesh as it is may leave anything
+        left = float(np.fmin(mark.mismatch, mark.verified_mismatch))
+        at = descent.prolonged(mark.x, mark.stage.level, stage, left)
         sigmas = [sigma] if course.is_measured else [s for s in course.sigmas if s <= sigma]
         self._come_close(at, level, sigmas, mark.held_out)
 
@@ -297,7 +283,8 @@ class Solver:
             x = level.fields_to_finer(x)
         spare = min(max(_EFFORT * descent.effort, _FREE), _MOST)
         descent.limit = descent.effort + spare
-        return spare >= _LEAST * descent.cost(first, x)
+        once = descent.cost(self._home, x)  # without clusters: beside needles that may be anything
+        return spare >= max(_LEAST * descent.cost(first, x), once)
 
     def _gains(self) -> bool:
         """Tell whether the last step on its mesh left less than the one before, if it has to."""
