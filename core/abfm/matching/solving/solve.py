@@ -252,8 +252,11 @@ class Solver:
                 return
             descent.levels[-1:] = [coarse, *on_the_mesh(fine.energy)]
             self._home, before = len(descent.levels) - 1, len(self.way)
-            if p.refine is None and not self._is_worth_it(mark):
-                return
+            if p.refine is None:
+                spare = min(max(_EFFORT * descent.effort, _FREE), _MOST)
+                if spare < self._least_effort(mark):
+                    return
+                descent.limit = descent.effort + spare
             self._bring(mark, descent.cheapest(self._home))
             self._rise()
             descent.limit = np.inf
@@ -273,18 +276,15 @@ class Solver:
         energy = self._descent.levels[mark.stage.level].energy
         return mark.worse > NEARLY and narrowest(energy.functions) >= RESOLVED
 
-    def _is_worth_it(self, mark: Mark) -> bool:
-        """Tell whether a finer mesh can be gone on on with the effort that may be made, and set
-        that.
+    def _least_effort(self, mark: Mark) -> float:
+        """Return what going on on a finer mesh takes at least: some iterations, and one flow
+        without clusters, which beside needles may be anything.
         """
         descent, x = self._descent, mark.x
         first = descent.cheapest(self._home)
         for level in descent.levels[mark.stage.level : first]:
             x = level.fields_to_finer(x)
-        spare = min(max(_EFFORT * descent.effort, _FREE), _MOST)
-        descent.limit = descent.effort + spare
-        once = descent.cost(self._home, x)  # without clusters: beside needles that may be anything
-        return spare >= max(_LEAST * descent.cost(first, x), once)
+        return max(_LEAST * descent.cost(first, x), descent.cost(self._home, x))
 
     def _gains(self) -> bool:
         """Tell whether the last step on its mesh left less than the one before, if it has to."""
