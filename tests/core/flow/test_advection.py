@@ -140,6 +140,15 @@ def test_times_inside_beyond_and_before(method, within, count):
     near(Flow(UNIT, fields, 1.0, method).push(f, times[5]), states[5], 1e-9)
 
 
+@pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
+def test_next_to_nothing_is_nothing_whatever_the_size_of_a_function(size):
+    v, much = wavy_field(BALL, 2), np.where(BUMP > 0.1, size * BUMP, 0.0)
+    traces = np.where(BUMP > 0.1, 0.0, 1e-130 * size)
+    expected = advect(BALL, v, much, 0.7)
+    assert np.abs(expected).max() > 0.1 * size
+    np.testing.assert_array_equal(advect(BALL, v, much + traces, 0.7), expected)
+
+
 def test_two_flows_on_a_mesh_do_not_disturb_each_other():
     one, other = Flow(BALL, wavy_field(BALL, 1)), Flow(BALL, wavy_field(BALL, 2), 1.0, "linearised")
     before = one.push(BUMP, 0.5)
