@@ -15,6 +15,7 @@ from abfm.calculus.channels import channels
 from abfm.calculus.operators import edge_areas, edge_lengths
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
+from abfm.mesh.topology import connected
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
@@ -253,14 +254,42 @@ def _alone(one: FloatArray, other: FloatArray, most: float) -> FloatArray:
     return alone
 
 
-def different_peaks(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
-    """First channel where `peaks_apart` finds a difference; a mask may hide peaks: None."""
+def boundaries_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
+    """Tell what values two functions (V,) have on the boundary that differ most, if it is by more
+    than 0.1 of the larger range. A flow leads every boundary to itself, with all its values.
+    """
+    scale = float(max(np.ptp(f), np.ptp(g)))
+    most, told = _APART * scale, None
+    for loop in _boundaries(mesh):
+        ranges = np.array([[h[loop].min(), h[loop].max()] for h in (f, g)])
+        apart = float(np.abs(ranges[0] - ranges[1]).max())
+        if apart > most:
+            most, told = apart, ranges
+    if told is None:
+        return None
+    told[np.abs(told) < _TOLD * scale] = 0.0
+    here, there = (f"from {low:.2g} to {high:.2g}" for low, high in told)
+    return f"values {here} on a boundary", f"{there} there"
+
+
+def _boundaries(mesh: TriangleMesh) -> list[IntArray]:
+    """Return the vertices of each piece of the boundary; no flow leads from one to another."""
+    pieces = connected(len(mesh.vertices), mesh.edges[mesh.is_boundary_edge])
+    on = np.flatnonzero(mesh.is_boundary_vertex)
+    return [on[pieces[on] == piece] for piece in np.unique(pieces[on])]
+
+
+def unmatched(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
+    """First channel where `peaks_apart` or `boundaries_apart` finds a difference, that no flow
+    changes; a mask may hide what it is: None.
+    """
     if (functions.areas > 0).all():
         for channel in _counting(functions):
             f, g = functions.source[channel], functions.target[channel]
-            found = peaks_apart(functions.mesh, f, g)
-            if found is not None:
-                return int(channel), *found
+            for apart in (peaks_apart, boundaries_apart):
+                found = apart(functions.mesh, f, g)
+                if found is not None:
+                    return int(channel), *found
     return None
 
 

@@ -17,7 +17,7 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, subdivided
 from tests.core.fields import bump
 from tests.core.surfaces import SURFACES, renumbered
-from tests.shapes import disc, icosphere, square, torus
+from tests.shapes import disc, icosphere, open_cylinder, square, torus
 
 SPHERE, FINE, BALL = icosphere(2), icosphere(3), icosphere(4)
 COUNT = len(SPHERE.vertices)
@@ -96,7 +96,7 @@ def test_only_what_counts_is_bounded_and_constant():
     both = term(pair(source, source), pair(source, target), None, [1.0, 0])
     assert range_bound(both) == 0
     assert not solvability.source_is_constant(both)
-    assert solvability.different_peaks(both) is None
+    assert solvability.unmatched(both) is None
     outside = flat.copy()
     outside[:5] = 1
     assert solvability.source_is_constant(term(flat, at(0)))
@@ -135,10 +135,10 @@ def test_the_distance_is_that_between_gaussians(degrees):
 
 def test_peaks_are_not_told_where_a_mask_hides_some():
     one, two = at(0, 0.1), np.maximum(at(0, 0.1), at(120, 0.1))
-    assert solvability.different_peaks(term(one, two)) == (0, (1, 1), (2, 1))
+    assert solvability.unmatched(term(one, two)) == (0, (1, 1), (2, 1))
     half = (SPHERE.vertices[:, 2] > 0).astype(float)
-    assert solvability.different_peaks(term(one, two, half)) is None
-    assert solvability.different_peaks(term(pair(two, two), pair(two, one))) == (1, (2, 1), (1, 1))
+    assert solvability.unmatched(term(one, two, half)) is None
+    assert solvability.unmatched(term(pair(two, two), pair(two, one))) == (1, (2, 1), (1, 1))
 
 
 def gaussians(count):
@@ -259,6 +259,40 @@ def test_functions_with_other_peaks_are_told():
         Extrema(1, 2),
     )
     assert solvability.peaks_apart(FINE, gaussians(2), gaussians(2)) is None
+
+
+@given(SEEDS, st.floats(0.01, 100), st.floats(-10, 10))
+def test_what_turns_a_disc_is_never_told_apart_at_its_boundary(seed, factor, offset):
+    mesh, rng = disc(16), np.random.default_rng(seed)
+    waves, angle = rng.normal(size=(2, 3)) * 3, rng.uniform(0, 2 * np.pi)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    points = mesh.vertices[:, :2]
+    f, g = (np.sin(places @ waves).sum(axis=1) for places in (points, points @ turn))
+    assert solvability.boundaries_apart(mesh, factor * f + offset, factor * g + offset) is None
+
+
+def test_values_on_a_boundary_that_the_other_lacks_are_told():
+    mesh = disc(16)
+    inner, outer = (bump(mesh, [place, 0, 0], 0.1) for place in (0, 1))
+    words = "values from 0 to 1 on a boundary", "from 0 to 0 there"
+    assert solvability.boundaries_apart(mesh, outer, inner) == words
+    assert solvability.unmatched(FunctionTerm(mesh, 3 * inner, 3 * outer)) == (
+        *(0, "values from 0 to 0 on a boundary"),
+        "from 0 to 3 there",
+    )
+    assert solvability.boundaries_apart(mesh, outer, bump(mesh, [0, 1, 0], 0.1)) is None
+    height = SPHERE.vertices[:, 2]
+    assert solvability.boundaries_apart(SPHERE, height, -height) is None
+
+
+def test_every_boundary_stays_where_it_is():
+    mesh = open_cylinder(24, 24)
+    ends = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
+    low, high = (bump(mesh, [1, 0, z], 0.1) for z in ends)
+    assert peaks(mesh, low) == peaks(mesh, high)
+    here, there = solvability.boundaries_apart(mesh, low, high)
+    assert {here.split()[4], there.split()[3]} == {"0", "1"}
+    assert solvability.boundaries_apart(mesh, low, bump(mesh, [-1, 0, ends[0]], 0.1)) is None
 
 
 def ridges(*heights):

@@ -221,8 +221,8 @@ class _Case:
         self.folds = f"{100 * outcome.folded:.0f}% of the faces are folded"
 
     @cached_property
-    def different_peaks(self) -> tuple[int, Counted, Counted] | None:
-        return solvability.different_peaks(self.functions)
+    def unmatched(self) -> tuple[int, Counted, Counted] | None:
+        return solvability.unmatched(self.functions)
 
     @property
     def is_narrow(self) -> bool:
@@ -270,8 +270,8 @@ class _Case:
         if self.true_mismatch > NEARLY:
             return None
         if self.by_size_alone == "not reached":
-            if self.different_peaks:
-                return self._of_peaks()
+            if self.unmatched:
+                return self._of_what_stays()
             lines = f"by flow lines the mismatch is {verified:.2g}"
             why = f"{lines}, so the discrete flow is not one here"
             return self._verdict("not reached", why, "", *self._truer())
@@ -284,8 +284,8 @@ class _Case:
         if self.by_size_alone == "not reached":
             return None
         if self.by_size_alone == "matched":
-            if self.first > self.parameters.goal and not self.known and self.different_peaks:
-                return self._of_peaks("nearly")
+            if self.first > self.parameters.goal and not self.known and self.unmatched:
+                return self._of_what_stays("nearly")
             if self.functions.is_constant:
                 why = f"both are constant, up to {CONSTANT:g} of their values"
                 return self._verdict("matched", why, "")
@@ -314,8 +314,8 @@ class _Case:
             why = "the source hardly moved, as moving costs more smoothness than it gains"
             further = (remedies.further(),) if remedies.too_far else ()
             return self._verdict("not reached", why, "", *further, remedies.colder())
-        if self.different_peaks:
-            return self._of_peaks()
+        if self.unmatched:
+            return self._of_what_stays()
         if self._cut_short():
             return self._of_an_early_end("not reached")
         if outcome.stop_reason is StopReason.LINE_SEARCH_FAILED:
@@ -340,9 +340,9 @@ class _Case:
             words.append(GO_ON.words)
         return Verdict(kind, f"{change}: {why}" if why else change, "; or ".join(words), remedies)
 
-    def _of_peaks(self, kind: Kind = "not reached") -> Verdict:
-        assert self.different_peaks is not None
-        channel, here, there = self.different_peaks
+    def _of_what_stays(self, kind: Kind = "not reached") -> Verdict:
+        assert self.unmatched is not None
+        channel, here, there = self.unmatched
         why = f"{self._of(channel)}the source has {here}, the target {there}; no flow changes that"
         advised = "smooth the functions, refine the mesh, or expect a match in part"
         return self._verdict(kind, why, advised)

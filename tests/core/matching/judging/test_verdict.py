@@ -20,7 +20,7 @@ from abfm.matching.solving.record import StopReason, early_warning
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LARGEST_ALPHA, MANY, PAPER, SMALLEST, Parameters
 from tests.core.fields import bump
-from tests.shapes import ellipsoid, icosphere
+from tests.shapes import disc, ellipsoid, icosphere
 
 SPHERE, FINE, EGG = icosphere(3), icosphere(4), ellipsoid(3, 1.0, 0.7, 0.55)
 # of a solver that does not look for far targets, and so fails in the ways that are told here
@@ -184,6 +184,15 @@ def test_other_peaks_are_matched_in_part_at_best():
         assert "the source has 1 peak and 1 pit, the target 2 peaks and 1 pit" in verdict.reason
         assert "no flow changes that" in verdict.reason
     assert "no flow changes that" in imagined(at(0), at(50) + at(-50), at(50)).reason
+
+
+def test_values_on_a_boundary_stay_there():
+    mesh = disc(16)
+    ends = (bump(mesh, [place, 0, 0], 0.1) for place in (0.2, 1))
+    verdict = judged(abfm.match(mesh, *ends, Parameters(refine=0, iterations=200)), verified=0.7)
+    assert verdict.kind == "not reached"
+    why = "the source has values from 0 to 0 on a boundary, the target from 0 to 1 there"
+    assert f"{why}; no flow changes that" in verdict.reason
 
 
 def test_what_flow_lines_do_not_confirm_is_not_reached_and_folds_count_unless_they_confirm_it():
