@@ -12,7 +12,6 @@ from abfm.types import FloatArray
 NEARLY = 0.15  # mismatch with which functions nearly match
 _FOUND = 0.7  # mismatch with which the target is found: the paper's norm leads on, without reach
 _LESS = 1 / 3  # factor of alpha on the less smooth way
-_FARTHER = 3  # times the reach, on a way after one that did not find the target
 # a step goes on while its energy falls by this share within so many iterations
 _PAYING, _OVER = 0.03, 6
 _STIFF = 0.05  # sigma from which on alpha falls as its square: stiff fields go no closer
@@ -26,7 +25,6 @@ class Way(NamedTuple):
 
     alpha: float
     fields: int  # in a row
-    reach: float
 
 
 @dataclass(frozen=True)
@@ -83,13 +81,20 @@ class Course:
         two fields in a row where one does not come to the goal. A flow along one field keeps the
         value wherever it is zero, and one of two does not.
         """
-        p, first = self._p, Way(self._p.alpha, fields, self._p.reach)
+        p, first = self._p, Way(self._p.alpha, fields)
         if self.is_fixed or not p.reach:
             return [first]
         if self._has_detail:
             less = first._replace(alpha=_LESS * p.alpha)
             return [first, less] if self.is_measured and p.alpha else [first]
         return [first] if p.segments or fields > 1 else [first, first._replace(fields=2)]
+
+    def reach(self, before: float) -> float:
+        """Return how far a way looks after one that left so much: as far as it can, if that did
+        not find the target.
+        """
+        lost = self.is_free and not self.is_found(before)
+        return LONGEST if lost else self._p.reach
 
     def stage(self, level: int, sigma: float, way: Way, reach: float = 0.0) -> Stage:
         p, alpha, is_last = self._p, way.alpha, level >= self._meshes - 1
@@ -115,11 +120,6 @@ class Course:
         if p.sigma is None:
             return [warmest / ratio**step for step in range(count + 1)]
         return [last * ratio**left for left in reversed(range(count + 1))]
-
-    def after(self, left: float, way: Way) -> Way:
-        """Return how a way is walked after one that left so much."""
-        lost = self.is_free and not self.is_found(left)
-        return way._replace(reach=min(_FARTHER * way.reach, LONGEST)) if lost else way
 
     @staticmethod
     def is_found(mismatch: float) -> bool:

@@ -12,7 +12,7 @@ from abfm.matching.terms.functions import FunctionTerm
 from abfm.types import FloatArray, IntArray
 
 _FEW = 20_000  # vertices that are asked at most
-_MOST_CUT = 256  # faces that are cut into parts
+_MOST_CUT = 64  # faces that are cut into parts
 
 
 def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:

@@ -32,14 +32,14 @@ from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
 
-# of what is left by the worse witness: what a smaller sigma, a correction or a finer mesh must gain
+# of what is left by the worse witness: what a smaller sigma or a finer mesh must gain
 _GAIN = 0.03
 # corrections on a mesh at most; of the goal, as close as the mean of both witnesses comes in them;
 # and from where on they gain: times the goal by the discrete flow, and by flow lines
 _CORRECTIONS, _CORRECTED, _OFF, _FAR = 4, 0.3, 1.6, 0.3
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
-_EFFORT, _LEAST = 2.0, 20  # times what was spent before, for a finer mesh; and iterations on it
-_FREE, _MOST = 1e9, 1e10  # products of rows that one is worth in any case, and at most: seconds
+_MOST = 5e9  # products of rows that finer meshes are worth: about a minute
+_LEAST = 20  # iterations on one, which have to be within that
 _LATER = np.empty((1, 0, 3))  # instead of fields
 _PATIENCE = 2  # steps after the best one, before a measured way ends
 
@@ -52,7 +52,7 @@ class Solver:
     ) -> None:
         self.energy, self.record = energy, Record(on_iteration)
         self.way: list[Mark] = []
-        self._with = Way(energy.parameters.alpha, energy.shape[0], energy.parameters.reach)
+        self._with = Way(energy.parameters.alpha, energy.shape[0])
         self.step = 0
         self._earlier: list[list[Mark]] = []  # ways that were given up
         p, functions = energy.parameters, energy.functions
@@ -117,23 +117,23 @@ class Solver:
         """Walk the ways on the first mesh; that which comes closest stays."""
         iterations, descent = self.energy.parameters.iterations, self._descent
         x = where_it_begins(descent.levels, start, not iterations)
-        ways = self._course.ways(len(x))
+        ways, reach = self._course.ways(len(x)), self.energy.parameters.reach
         for number, way in enumerate(ways):
-            if self._earlier:
-                way = ways[number] = self._course.after(self._value(self._earlier[-1]), way)
             descent.progress, self.way, self._with = Progress(), [], way
-            self._walk(np.repeat(x, way.fields // len(x), axis=0), number == len(ways) - 1)
+            is_last = number == len(ways) - 1
+            self._walk(np.repeat(x, way.fields // len(x), axis=0), reach, is_last)
             self._correct()
             self._earlier.append(self.way)
-            enough = self._goal if self._course.is_free else NEARLY
-            if not self._course.is_measured and self._value(self.way) <= enough:
+            left, enough = self._value(self.way), self._goal if self._course.is_free else NEARLY
+            if not self._course.is_measured and left <= enough:
                 break
+            reach = self._course.reach(left)
         best = int(np.argmin([self._value(way) for way in self._earlier]))
         self.way, self._with = self._earlier[best], ways[best]
         self.record.is_trying = False
 
-    def _walk(self, x: FloatArray, is_last_way: bool) -> None:
-        course, descent, reach = self._course, self._descent, self._with.reach
+    def _walk(self, x: FloatArray, reach: float, is_last_way: bool) -> None:
+        course, descent = self._course, self._descent
         held = HeldOut(descent.levels[0].energy, x) if course.is_measured else None
         for sigma in course.sigmas:
             is_last = is_last_way and sigma == course.sigmas[-1]
@@ -214,10 +214,9 @@ class Solver:
             goal = _CORRECTED * p.goal
             descent.minimise(replace(stage, goal=goal, shift=self._defect(mark)), mark.x)
             found = self._judged(stage)
-            if found.worse < mark.worse:
-                self._keep([*self.way[:index], found, *self.way[index + 1 :]])
-            if found.worse > (1 - _GAIN) * mark.worse:
+            if not found.worse < mark.worse:
                 break
+            self._keep([*self.way[:index], found, *self.way[index + 1 :]])
         descent.reason = reason
 
     def _defect(self, mark: Mark) -> FloatArray:
@@ -236,6 +235,7 @@ class Solver:
         never = p.refine == 0 or not p.iterations or course.is_fixed
         if never or (p.refine is None and ends):
             return
+        end = descent.effort + _MOST if p.refine is None else np.inf
         while True:
             times = sum(isinstance(level.to_finer, Subdivision) for level in descent.levels)
             if times >= self._most_refined or not self._there():
@@ -250,13 +250,14 @@ class Solver:
                 coarse, fine = subdivided(descent.levels[-1])
             except AbfmError:  # of faces without area, or of a term that has no place there
                 return
+            jumps = not narrowest(fine.energy.functions) > narrowest(coarse.energy.functions)
+            if p.refine is None and jumps:  # which no mesh resolves
+                return
             descent.levels[-1:] = [coarse, *on_the_mesh(fine.energy)]
             self._home, before = len(descent.levels) - 1, len(self.way)
-            if p.refine is None:
-                spare = min(max(_EFFORT * descent.effort, _FREE), _MOST)
-                if spare < self._least_effort(mark):
-                    return
-                descent.limit = descent.effort + spare
+            if descent.effort + self._least_effort(mark) > end:
+                return
+            descent.limit = end
             self._bring(mark, descent.cheapest(self._home))
             self._rise()
             descent.limit = np.inf

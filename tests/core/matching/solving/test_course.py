@@ -53,8 +53,8 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count
     p = Parameters(**PAPER, **cooling, iterations=iterations)
     for functions in (EXACT, MEASURED):
         course = Course(p, functions, 1)
-        stages = [course.stage(0, sigma, Way(p.alpha, 1, p.reach)) for sigma in course.sigmas]
-        assert (course.sigmas, course.ways(1)) == (p.stage_sigmas(), [(p.alpha, 1, p.reach)])
+        stages = [course.stage(0, sigma, Way(p.alpha, 1)) for sigma in course.sigmas]
+        assert (course.sigmas, course.ways(1)) == (p.stage_sigmas(), [(p.alpha, 1)])
         assert [stage.iterations for stage in stages] == p.stage_limits()
         for stage in stages:
             assert (stage.reach, stage.goal, stage.until, stage.fixed) == (0, 0, iterations, True)
@@ -64,7 +64,7 @@ def test_without_reach_on_one_mesh_the_course_is_the_papers(sigma, factor, count
 def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
     p = Parameters(stage_iterations=7, sigma=0.1)
     course = Course(p, EXACT, 3)
-    *early, last = (course.stage(2, sigma, Way(p.alpha, 1, p.reach)) for sigma in course.sigmas)
+    *early, last = (course.stage(2, sigma, Way(p.alpha, 1)) for sigma in course.sigmas)
     assert {stage.iterations for stage in early} == {7}
     assert last.iterations == p.iterations
     assert all(stage.fixed and not stage.goal for stage in (*early, last))
@@ -90,21 +90,17 @@ def test_there_is_a_second_way_with_two_fields_or_for_measured_functions_a_third
     changes, functions, other
 ):
     p = Parameters(**changes)
-    first = (p.alpha, 1, p.reach)
-    ways = [first, (*other, p.reach)] if other else [first]
+    first = (p.alpha, 1)
+    ways = [first, other] if other else [first]
     assert_allclose(Course(p, functions, 1).ways(1), ways)
-    assert Course(p, EXACT, 1).ways(2) == [(p.alpha, 2, p.reach)]  # as a start has them
+    assert Course(p, EXACT, 1).ways(2) == [(p.alpha, 2)]  # as a start has them
 
 
-def test_after_a_way_that_did_not_find_the_target_the_next_one_looks_farther():
-    way = Way(0.01, 2, 1.0)
-    for reach, farther in ((1.0, 3.0), (5.0, LONGEST)):
-        course, second = Course(Parameters(reach=reach), EXACT, 1), way._replace(reach=reach)
-        assert course.after(0.6, second) == second
-        assert course.after(0.9, second) == second._replace(reach=farther)
-        assert course.after(np.inf, second).reach == farther
+def test_after_a_way_that_did_not_find_the_target_the_next_one_looks_as_far_as_there_is():
+    course = Course(Parameters(reach=0.5), EXACT, 1)
+    assert [course.reach(left) for left in (0.6, 0.9, np.inf)] == [0.5, LONGEST, LONGEST]
     for course in (Course(Parameters(), MEASURED, 1), Course(Parameters(sigma=1.0), EXACT, 1)):
-        assert course.after(0.9, way) == way
+        assert course.reach(0.9) == 1.0
 
 
 @given(st.integers(0, 1000), st.floats(0.01, 0.5), st.sampled_from([1, 2, 4]))
@@ -113,11 +109,11 @@ def test_exact_functions_end_below_the_goal_and_a_quarter_of_the_time_is_for_the
 ):
     p = Parameters(iterations=iterations, goal=goal)
     for level in range(meshes):
-        stage = Course(p, EXACT, meshes).stage(level, 1.0, Way(p.alpha, 1, p.reach), p.reach)
+        stage = Course(p, EXACT, meshes).stage(level, 1.0, Way(p.alpha, 1), p.reach)
         assert 0 < stage.goal < goal
         assert stage.until == (iterations if level == meshes - 1 else int(0.75 * iterations))
     for course in (Course(p, MEASURED, 1), Course(replace(p, sigma=1.0), EXACT, 1)):
-        assert course.stage(0, 1.0, Way(p.alpha, 1, p.reach)).goal == 0
+        assert course.stage(0, 1.0, Way(p.alpha, 1)).goal == 0
 
 
 def test_a_stage_pays_while_its_energy_falls():

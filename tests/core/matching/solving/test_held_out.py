@@ -14,7 +14,7 @@ from tests.shapes import hemisphere, icosphere, torus
 
 SPHERE = icosphere(4)
 MASK = np.clip(SPHERE.vertices[:, 0] + 0.3, 0, 1)
-ONE = Way(0.01, 1, 1.0)
+ONE = Way(0.01, 1)
 
 
 def energy(f, g, mask=None):
@@ -94,7 +94,7 @@ def test_noise_is_not_found_where_it_was_not_seen_and_a_flow_is():
         whole = energy(*functions)
         course = Course(Parameters(iterations=20), whole.functions, 1)
         still, held = (HeldOut(whole, np.zeros(whole.shape)) for _ in range(2))
-        before = still.follow([course.stage(0, 1e6, Way(1.0, 1, 1.0))])
+        before = still.follow([course.stage(0, 1e6, Way(1.0, 1))])
         after = held.follow([course.stage(0, sigma, ONE) for sigma in (3.0, 1.0, 0.3)])
         assert (after < 0.8 * before) == gains
         assert (after > before) != gains

@@ -247,6 +247,13 @@ def test_what_is_refined_is_seen_on_the_mesh_itself():
     assert seen[-1].advected.shape == (count, 1)
 
 
+def test_a_jump_is_refined_only_where_that_is_asked_for():
+    ends = "indicator:vertex=0,radius=0.4", "indicator:vertex=30,radius=0.4"
+    of = [abfm.match(SMALL, *ends, Parameters(refine=k)) for k in (None, 1)]
+    assert [match.refined for match in of] == [0, 1]
+    assert of[0].confirmed_mismatch > max(of[0].parameters.goal, of[1].confirmed_mismatch)
+
+
 def test_only_what_is_not_confirmed_is_refined_and_a_given_sigma_where_it_is_asked_for():
     assert exact(0.12, 30, SMALL, refine=None)[0].refined > 0
     assert exact(0.12, 30, SMALL, refine=None, sigma=0.3)[0].refined == 0
