@@ -15,7 +15,7 @@ from abfm import AbfmError, ParameterError, Parameters, Problem, TriangleMesh, f
 from abfm.calculus import geodesic_distance
 from abfm.flow.exponential import counted_row_products
 from abfm.maps import SymmetryError, detect_symmetry
-from abfm.matching.solvability import RESOLVED, different_peaks, range_bound, resolution
+from abfm.matching.solvability import RESOLVED, range_bound, resolution, unmatched
 from abfm.types import FloatArray
 from laboratory.common import LEVEL, aligned, in_words, machine, markdown, watched_match
 from laboratory.meshes import torus
@@ -108,7 +108,7 @@ class Trial:
             "edges_per_width": edges,
             "resolved": edges >= RESOLVED,
             "least": least,
-            "solvable": least <= LEVEL and different_peaks(term) is None,
+            "solvable": least <= LEVEL and unmatched(term) is None,
         }
 
 
@@ -236,12 +236,13 @@ def run_trial(
     stopped: Callable[[], bool] = lambda: False,
 ) -> Record:
     """Match for so many seconds at the most, or until it is stopped, and verify."""
-    source, target = trial.functions()
-    mesh = TriangleMesh(trial.mesh.vertices, trial.mesh.faces)  # nothing computed yet
+    old = trial.mesh  # of which something was computed already
+    numbers = old.vertex_ids, old.file_vertex_count
+    mesh = TriangleMesh(old.vertices, old.faces, numbers=numbers)
     start = perf_counter()
     with counted_row_products() as products:
         try:
-            stated = Problem(mesh, source, target, parameters)
+            stated = Problem(mesh, trial.source, trial.target, parameters)
             watched = watched_match(stated, limit, stopped=stopped)
         except AbfmError as error:
             seconds, count = perf_counter() - start, products.count
@@ -484,8 +485,8 @@ def _context(report: dict[str, Any]) -> list[str]:
         f"{_ARROW.join(versions)}. Both: the discrete flow and flow lines each leave a mismatch of "
         f"at most {LEVEL:g}, which is a success. Flow lines at most {CONFIRMED:g}: what was called "
         "confirmed before, whatever the discrete flow leaves. Solvable: the source has the "
-        "target's values and peaks. Mismatches are medians. Unfolded: share of matches that fold "
-        f"at most {100 * UNFOLDED:g}% of the faces. Refined: on a subdivision of the mesh. "
+        "target's values and peaks, on boundaries, too. Mismatches are medians. Unfolded: share of "
+        f"matches that fold at most {100 * UNFOLDED:g}% of the faces. Refined: on a subdivision. "
         f"{costs}, also of the problems that {last} refined and of the others.",
         f"{len(rows)} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}; "
         f"{_ARROW.join(sums)} in all. {in_words(report['machine'])}.",
