@@ -107,7 +107,6 @@ def test_solvable_problems_alone_may_be_selected():
     assert 0 < len(some) < len(whole)
 
 
-@pytest.mark.filterwarnings("ignore:overflow")
 def test_functions_are_evaluated_anew_on_finer_meshes():
     places = "indicator:vertex=1,radius=0.4", "indicator:vertex=31,radius=0.4"
     loose = TriangleMesh([*BALL.vertices[:1] + 9, *BALL.vertices], BALL.faces + 1)
@@ -119,6 +118,7 @@ def test_functions_are_evaluated_anew_on_finer_meshes():
         assert record.refined == 0
 
 
+@pytest.mark.filterwarnings("ignore:overflow")
 def test_what_no_solver_takes_is_recorded_as_such():
     problem = Trial("ball", 0, BALL, "gaussian", "expression:1e200*x", "expression:1e200*y")
     record = run_trial(problem, BEFORE).to_dict()
