@@ -34,9 +34,9 @@ from abfm.workers.progress import step
 
 # of what is left by the worse witness: what a smaller sigma or a finer mesh must gain
 _GAIN = 0.03
-# corrections on a mesh at most; of the goal, as close as the mean of both witnesses comes in them;
-# and from where on they gain: times the goal by the discrete flow, and by flow lines
-_CORRECTIONS, _CORRECTED, _OFF, _FAR = 4, 0.3, 1.6, 0.3
+# of the goal, as close as the mean of both witnesses comes in a correction; and from where on that
+# gains: times the goal by the discrete flow, and by flow lines
+_CORRECTED, _OFF, _FAR = 0.3, 1.6, 0.3
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
 _MOST = 5e9  # products of rows that finer meshes are worth: about a minute
 _LEAST = 20  # iterations on one, which have to be within that
@@ -193,29 +193,25 @@ class Solver:
         self._correct()
 
     def _correct(self) -> None:
-        """Bring the mean of both witnesses to the target, while the worse one gains by it.
+        """Bring the mean of both witnesses to the target, if the worse one gains by it.
 
         A minimisation sees the discrete flow alone. So what this carries more than the mean is
-        taken off, and the rest held against the target, until it hardly changes: the fixed point
-        of a defect correction [Stetter 1978].
+        taken off, and the rest held against the target: a defect correction [Stetter 1978].
         """
-        course, descent, p = self._course, self._descent, self.energy.parameters
-        if not course.is_free or not self.way:
+        course, descent = self._course, self._descent
+        there = [i for i, mark in enumerate(self.way) if mark.stage.level == descent.level]
+        if not course.is_free or not there:
             return
-        reason = descent.reason
-        for _ in range(_CORRECTIONS):
-            there = [i for i, mark in enumerate(self.way) if mark.stage.level == descent.level]
-            index = there[self._best([self.way[i] for i in there])]
-            mark = self.way[index]
-            near = mark.mismatch <= _OFF * self._goal and mark.verified_mismatch <= _FAR  # if known
-            if mark.worse <= self._goal or not near:
-                break
-            stage = course.stage(descent.level, mark.stage.sigma, self._with)
-            goal = _CORRECTED * p.goal
-            descent.minimise(replace(stage, goal=goal, shift=self._defect(mark)), mark.x)
-            found = self._judged(stage)
-            if not found.worse < mark.worse:
-                break
+        index = there[self._best([self.way[i] for i in there])]
+        mark, reason = self.way[index], descent.reason
+        near = mark.mismatch <= _OFF * self._goal and mark.verified_mismatch <= _FAR  # if known
+        if mark.worse <= self._goal or not near:
+            return
+        stage = course.stage(descent.level, mark.stage.sigma, self._with)
+        goal = _CORRECTED * self.energy.parameters.goal
+        descent.minimise(replace(stage, goal=goal, shift=self._defect(mark)), mark.x)
+        found = self._judged(stage)
+        if found.worse < mark.worse:
             self._keep([*self.way[:index], found, *self.way[index + 1 :]])
         descent.reason = reason
 
