@@ -74,7 +74,7 @@ def describe(mesh: TriangleMesh) -> dict[str, Any]:
         "faces": len(mesh.faces),
         "edges": len(mesh.edges),
         "genus": mesh.genus,
-        "boundary_loops": mesh.boundary_loop_count,
+        "boundary_loops": len(mesh.boundary_loops),
         "area": mesh.length_scale**2,
         "length_scale": mesh.length_scale,
         "bounding_box": [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()],

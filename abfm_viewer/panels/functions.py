@@ -45,7 +45,7 @@ def draw_mesh(context: Context) -> None:
     ui, mesh = context.ui, context.session.surface().mesh
     if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
         context.open_mesh()
-    loops, scale = mesh.boundary_loop_count, mesh.length_scale
+    loops, scale = len(mesh.boundary_loops), mesh.length_scale
     boundary = "" if mesh.is_closed else f", {loops} boundary loop{'s' if loops > 1 else ''}"
     topology = f"{'closed, ' if mesh.is_closed else ''}genus {mesh.genus}{boundary}"
     area = f"Area {scale**2:.4g}; widths are fractions of its root, {scale:.4g}."

@@ -24,7 +24,6 @@ from abfm.calculus.operators import (
 )
 from abfm.errors import AdvectionError, MeshError, ParameterError, brief
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.mesh.topology import connected
 from abfm.numerics import kernels
 from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import is_finite_number, is_whole_number, real_numbers
@@ -176,8 +175,7 @@ def _projections(mesh: TriangleMesh) -> tuple[Projection, Projection]:
     """Return ``G_F``-orthogonal projections of coefficients (2F,) onto both gradients' ranges."""
     edges, vertices = hodge_gradients(mesh)
     # pinched vertices do not join edges
-    pieces = connected(len(mesh.faces), mesh.edge_faces[~mesh.is_boundary_edge])
-    first_faces = np.unique(pieces, return_index=True)[1]
+    first_faces = np.unique(mesh.parts, return_index=True)[1]
     first_edges, first_vertex = mesh.face_edges[first_faces, 0], np.arange(int(mesh.is_closed))
     mass = field_mass(mesh)
     return _onto_range(edges, mass, first_edges), _onto_range(vertices, mass, first_vertex)

@@ -15,7 +15,7 @@ from abfm.calculus.channels import channels
 from abfm.calculus.operators import edge_areas, edge_lengths
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
-from abfm.mesh.topology import connected
+from abfm.mesh.topology import grouped
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
@@ -254,39 +254,35 @@ def _alone(one: FloatArray, other: FloatArray, most: float) -> FloatArray:
     return alone
 
 
-def boundaries_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
-    """Tell what values two functions (V,) have on the boundary that differ most, if it is by more
-    than 0.1 of the larger range. A flow leads every boundary to itself, with all its values.
+def places_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference | None:
+    """Tell where the values of two functions (V,) differ most, and by more than 0.1 of the larger
+    range, of the places that a flow leads to themselves: pieces of the boundary, and parts of the
+    surface that touch the rest at pinched vertices.
     """
     scale = float(max(np.ptp(f), np.ptp(g)))
-    most, told = _APART * scale, None
-    for loop in _boundaries(mesh):
-        ranges = np.array([[h[loop].min(), h[loop].max()] for h in (f, g)])
-        apart = float(np.abs(ranges[0] - ranges[1]).max())
-        if apart > most:
-            most, told = apart, ranges
+    most, told, at = _APART * scale, None, ""
+    parts = grouped(mesh.faces, mesh.parts) if mesh.parts.any() else []
+    for name, places in (("a boundary", mesh.boundary_loops), ("a part joined at vertices alone", parts)):
+        for place in places:
+            ranges = np.array([[h[place].min(), h[place].max()] for h in (f, g)])
+            apart = float(np.abs(ranges[0] - ranges[1]).max())
+            if apart > most:
+                most, told, at = apart, ranges, name
     if told is None:
         return None
     told[np.abs(told) < _TOLD * scale] = 0.0
     here, there = (f"from {low:.2g} to {high:.2g}" for low, high in told)
-    return f"values {here} on a boundary", f"{there} there"
-
-
-def _boundaries(mesh: TriangleMesh) -> list[IntArray]:
-    """Return the vertices of each piece of the boundary; no flow leads from one to another."""
-    pieces = connected(len(mesh.vertices), mesh.edges[mesh.is_boundary_edge])
-    on = np.flatnonzero(mesh.is_boundary_vertex)
-    return [on[pieces[on] == piece] for piece in np.unique(pieces[on])]
+    return f"values {here} on {at}", f"{there} there"
 
 
 def unmatched(functions: FunctionTerm) -> tuple[int, Counted, Counted] | None:
-    """First channel where `peaks_apart` or `boundaries_apart` finds a difference, that no flow
+    """First channel where `peaks_apart` or `places_apart` finds a difference, that no flow
     changes; a mask may hide what it is: None.
     """
     if (functions.areas > 0).all():
         for channel in _counting(functions):
             f, g = functions.source[channel], functions.target[channel]
-            for apart in (peaks_apart, boundaries_apart):
+            for apart in (peaks_apart, places_apart):
                 found = apart(functions.mesh, f, g)
                 if found is not None:
                     return int(channel), *found

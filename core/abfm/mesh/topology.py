@@ -72,6 +72,13 @@ def connected(count: int, pairs: IntArray) -> IntArray:
     return np.asarray((np.cumsum(root == nodes) - 1)[root])
 
 
+def grouped(rows: IntArray, labels: IntArray) -> list[IntArray]:
+    """Return the rows (n, ...) of each label (n,), lowest label first."""
+    order = np.argsort(labels, kind="stable")
+    last = np.flatnonzero(np.diff(labels[order]))
+    return np.split(rows[order], last + 1) if len(rows) else []
+
+
 def corner_fans(slots: IntArray, face_count: int) -> IntArray:
     """Return the fan of every corner, (F, 3): corners at one vertex, linked through shared edges.
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import FunctionError
 from abfm.mesh.checks import check, twice_areas
-from abfm.mesh.topology import connected, next_corner, pinched_vertices
+from abfm.mesh.topology import connected, grouped, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm.workers.messages import sent_by_name
 
@@ -197,19 +197,23 @@ class TriangleMesh:
         return len(self.vertices) - len(self.edges) + len(self.faces)
 
     @cached_property
-    def boundary_loop_count(self) -> int:
-        """Number of closed loops of the boundary; those touching at a pinched vertex are two."""
+    def parts(self) -> IntArray:
+        """(F,) part of each face: faces joined by edges; parts touch at pinched vertices alone."""
+        return _frozen(connected(len(self.faces), self.edge_faces[~self.is_boundary_edge]))
+
+    @cached_property
+    def boundary_loops(self) -> tuple[IntArray, ...]:
+        """Vertices of each closed loop of the boundary; two that touch at a pinched vertex."""
         start = next_corner(self.edge_slots[self.is_boundary_edge, 0])
         ends = self.corner_fans.ravel()[np.stack([start, next_corner(start)], axis=1)]
-        loops = connected(int(self.corner_fans.max()) + 1, ends)
-        return len(np.unique(loops[ends]))
+        loops = connected(int(self.corner_fans.max()) + 1, ends)[ends[:, 0]]
+        return tuple(map(_frozen, grouped(self.faces.ravel()[start], loops)))
 
     @cached_property
     def genus(self) -> int:
         """Handles: ``V - E + F = 2 - 2 genus - loops`` with pinched vertices cut apart."""
-        pieces = connected(len(self.faces), self.edge_faces[~self.is_boundary_edge]).max() + 1
         characteristic = self.corner_fans.max() + 1 - len(self.edges) + len(self.faces)
-        return int(2 * pieces - self.boundary_loop_count - characteristic) // 2
+        return int(2 * (self.parts.max() + 1) - len(self.boundary_loops) - characteristic) // 2
 
     def local_vertex(self, index: int) -> int:
         """Return the row of the vertex that the file calls ``index``, or raise a FunctionError."""

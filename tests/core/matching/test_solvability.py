@@ -268,21 +268,21 @@ def test_what_turns_a_disc_is_never_told_apart_at_its_boundary(seed, factor, off
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     points = mesh.vertices[:, :2]
     f, g = (np.sin(places @ waves).sum(axis=1) for places in (points, points @ turn))
-    assert solvability.boundaries_apart(mesh, factor * f + offset, factor * g + offset) is None
+    assert solvability.places_apart(mesh, factor * f + offset, factor * g + offset) is None
 
 
 def test_values_on_a_boundary_that_the_other_lacks_are_told():
     mesh = disc(16)
     inner, outer = (bump(mesh, [place, 0, 0], 0.1) for place in (0, 1))
     words = "values from 0 to 1 on a boundary", "from 0 to 0 there"
-    assert solvability.boundaries_apart(mesh, outer, inner) == words
+    assert solvability.places_apart(mesh, outer, inner) == words
     assert solvability.unmatched(FunctionTerm(mesh, 3 * inner, 3 * outer)) == (
         *(0, "values from 0 to 0 on a boundary"),
         "from 0 to 3 there",
     )
-    assert solvability.boundaries_apart(mesh, outer, bump(mesh, [0, 1, 0], 0.1)) is None
+    assert solvability.places_apart(mesh, outer, bump(mesh, [0, 1, 0], 0.1)) is None
     height = SPHERE.vertices[:, 2]
-    assert solvability.boundaries_apart(SPHERE, height, -height) is None
+    assert solvability.places_apart(SPHERE, height, -height) is None
 
 
 def test_every_boundary_stays_where_it_is():
@@ -290,9 +290,26 @@ def test_every_boundary_stays_where_it_is():
     ends = mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()
     low, high = (bump(mesh, [1, 0, z], 0.1) for z in ends)
     assert peaks(mesh, low) == peaks(mesh, high)
-    here, there = solvability.boundaries_apart(mesh, low, high)
+    here, there = solvability.places_apart(mesh, low, high)
     assert {here.split()[4], there.split()[3]} == {"0", "1"}
-    assert solvability.boundaries_apart(mesh, low, bump(mesh, [-1, 0, ends[0]], 0.1)) is None
+    assert solvability.places_apart(mesh, low, bump(mesh, [-1, 0, ends[0]], 0.1)) is None
+
+
+def test_nothing_flows_across_a_pinched_vertex():
+    """Two spheres that share a vertex: with both bumps on one there is a flow, else none."""
+    count = len(SPHERE.vertices)
+    both = np.concatenate([SPHERE.vertices, SPHERE.vertices + np.array([2, 0, 0])])
+    ends = int(np.argmax(SPHERE.vertices[:, 0])), count + int(np.argmin(SPHERE.vertices[:, 0]))
+    both[list(ends)] = [1, 0, 0]
+    faces = np.concatenate([SPHERE.faces, count + SPHERE.faces])
+    mesh = TriangleMesh(both, np.where(faces == ends[1], ends[0], faces))
+    assert mesh.is_pinched_vertex.sum() == 1
+    left, higher, right = (bump(mesh, at, 0.05) for at in ([-1, 0, 0], [0, 0, 1], [3, 0, 0]))
+    assert peaks(mesh, left) == peaks(mesh, right)
+    assert solvability.places_apart(mesh, left, higher) is None
+    told = "values from 0 to 1 on a part joined at vertices alone", "from 0 to 0 there"
+    assert solvability.places_apart(mesh, left, right) == told
+    assert solvability.unmatched(FunctionTerm(mesh, left, right)) == (0, *told)
 
 
 def ridges(*heights):

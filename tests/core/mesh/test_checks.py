@@ -169,7 +169,7 @@ def test_pinched_vertices_are_reported():
     """Two discs that share their centre; two tetrahedra, and tori, are one surface, too."""
     mesh = TriangleMesh(*glued(disc(2), disc(2), disc(2).vertices - [0, 0, 1]))
     assert re.match(r"warning: 1 vertex is pinched.*vertex 0\)", mesh.messages[0])
-    assert mesh.boundary_loop_count == 2
+    assert len(mesh.boundary_loops) == 2
     assert mesh.genus == 0
     mesh = TriangleMesh(*glued(tetrahedron(), tetrahedron(), tetrahedron().vertices + 10))
     assert "1 vertex is pinched" in mesh.messages[-1]
@@ -368,7 +368,7 @@ SHAPES = {  # mesh, genus, boundary loops, boundary edges
 def test_genus_boundary_and_euler_characteristic(mesh, genus, loops, edges):
     assert mesh.messages == ()
     assert mesh.genus == genus
-    assert mesh.boundary_loop_count == loops
+    assert len(mesh.boundary_loops) == loops
     assert mesh.is_boundary_edge.sum() == mesh.is_boundary_vertex.sum() == edges
     assert mesh.is_closed == (edges == 0)
     assert mesh.euler_characteristic == 2 - 2 * genus - loops
