@@ -13,7 +13,7 @@ from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import AbfmError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
-from abfm.matching.solvability import RESOLVED, narrowest
+from abfm.matching.solvability import RESOLVED, narrowest, unmatched
 from abfm.matching.solving.course import NEARLY, Course, Stage, Way
 from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.held_out import PRICE, HeldOut
@@ -270,8 +270,10 @@ class Solver:
 
     def _is_resolved(self, mark: Mark) -> bool:
         """Tell whether what a step leaves is not the mesh's doing."""
-        energy = self._descent.levels[mark.stage.level].energy
-        return mark.worse > NEARLY and narrowest(energy.functions) >= RESOLVED
+        functions = self._descent.levels[mark.stage.level].energy.functions
+        if not mark.worse > NEARLY or narrowest(functions) < RESOLVED:
+            return False
+        return mark.mismatch > NEARLY or unmatched(functions) is not None
 
     def _least_effort(self, mark: Mark) -> float:
         """Return what going on on a finer mesh takes at least: some iterations, and one flow
