@@ -45,7 +45,7 @@ def body(name, a, b, width):
 @pytest.mark.parametrize("degrees", [90, 135])
 def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degrees):
     (far, _), (blind, _) = (
-        matched(degrees, Parameters(reach=reach), width=0.05) for reach in (1.0, 0.0)
+        matched(degrees, Parameters(reach=reach, refine=1), width=0.05) for reach in (1.0, 0.0)
     )
     assert far.mismatch < 0.05
     assert far.verified_mismatch < 0.1
@@ -56,7 +56,7 @@ def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degr
 
 def test_a_far_target_on_a_body():
     given = body("human_A.off", 7, 300, 0.08)
-    p = Parameters(iterations=120, alpha=0.003, divergence=1.0)
+    p = Parameters(iterations=120, alpha=0.003, divergence=1.0, refine=0)
     assert abfm.match(*given, p).mismatch < 0.3
     assert abfm.match(*given, replace(p, reach=0.0)).mismatch > 0.6
     close = abfm.match(*given, Parameters(refine=0, divergence=1.0, sigma=0.003))
@@ -120,7 +120,7 @@ def test_linearised_steps_over_several_meshes():
 
 def test_a_mask_comes_to_coarser_meshes():
     """Where it is zero the target may be anything, on all of them."""
-    seen, f, g, p = SPHERE.vertices[:, 0] > -0.3, at(0), at(60), replace(QUICK, levels=2)
+    seen, f, g, p = SPHERE.vertices[:, 0] > -0.3, at(0), at(60), replace(QUICK, levels=2, refine=0)
     assert abfm.match(SPHERE, f, g, p, mask=seen).mismatch < 0.15
     assert abfm.match(SPHERE, f, np.where(seen, g, 7.0), p, mask=seen).mismatch < 0.3
 
@@ -290,7 +290,7 @@ def test_same_bits_with_other_work_beside_it():
 def test_units_place_rotation_and_numbering_hardly_matter():
     """Iterates drift apart from rounding on; what is reached does not."""
     mesh, f, g = body("eight.off", 7, 60, 0.2)
-    p = Parameters(levels=2)
+    p = Parameters(levels=2, refine=1)
     here = abfm.match(mesh, f, g, p)
     turned = moved(mesh, Rotation.from_rotvec([1.0, 0.4, -0.3]).as_matrix(), 1e3)
     mixed, vertices, _ = renumbered(mesh, 2)

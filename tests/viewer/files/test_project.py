@@ -210,7 +210,7 @@ def test_every_term_of_a_run_has_its_share(saved):
 
 
 def test_large_meshes_are_kept_as_they_are_and_once(tmp_path):
-    mesh, path = torus(500, 500), tmp_path / "p.abfm"
+    mesh, path = torus(250, 250), tmp_path / "p.abfm"
     velocity = np.random.default_rng(0).normal(size=(1, len(mesh.faces), 3))
     f = mesh.vertices[:, :1]
     problem = Problem(mesh, f, f, RESULT.parameters)
