@@ -262,7 +262,10 @@ def places_apart(mesh: TriangleMesh, f: FloatArray, g: FloatArray) -> Difference
     scale = float(max(np.ptp(f), np.ptp(g)))
     most, told, at = _APART * scale, None, ""
     parts = grouped(mesh.faces, mesh.parts) if mesh.parts.any() else []
-    for name, places in (("a boundary", mesh.boundary_loops), ("a part joined at vertices alone", parts)):
+    for name, places in (
+        ("a boundary", mesh.boundary_loops),
+        ("a part joined at vertices alone", parts),
+    ):
         for place in places:
             ranges = np.array([[h[place].min(), h[place].max()] for h in (f, g)])
             apart = float(np.abs(ranges[0] - ranges[1]).max())

@@ -32,11 +32,7 @@ from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import step
 
-# of what is left by the worse witness: what a smaller sigma or a finer mesh must gain
-_GAIN = 0.03
-# of the goal, as close as the mean of both witnesses comes in a correction; and from where on that
-# gains: times the goal by the discrete flow, and by flow lines
-_CORRECTED, _OFF, _FAR = 0.3, 1.6, 0.3
+_OFF = 1.6  # times the goal by the discrete flow, up to which a correction gains
 _FINEST = 60_000  # vertices of the finest mesh that is made without being asked for
 _MOST = 5e9  # products of rows that finer meshes are worth: about a minute
 _LEAST = 20  # iterations on one, which have to be within that
@@ -193,7 +189,7 @@ class Solver:
         self._correct()
 
     def _correct(self) -> None:
-        """Bring the mean of both witnesses to the target, if the worse one gains by it.
+        """Bring the mean of both witnesses towards the target, if the worse one gains by it.
 
         A minimisation sees the discrete flow alone. So what this carries more than the mean is
         taken off, and the rest held against the target: a defect correction [Stetter 1978].
@@ -204,12 +200,11 @@ class Solver:
             return
         index = there[self._best([self.way[i] for i in there])]
         mark, reason = self.way[index], descent.reason
-        near = mark.mismatch <= _OFF * self._goal and mark.verified_mismatch <= _FAR  # if known
+        near = mark.mismatch <= _OFF * self._goal and np.isfinite(mark.verified_mismatch)
         if mark.worse <= self._goal or not near:
             return
         stage = course.stage(descent.level, mark.stage.sigma, self._with)
-        goal = _CORRECTED * self.energy.parameters.goal
-        descent.minimise(replace(stage, goal=goal, shift=self._defect(mark)), mark.x)
+        descent.minimise(replace(stage, goal=0.0, shift=self._defect(mark)), mark.x)
         found = self._judged(stage)
         if found.worse < mark.worse:
             self._keep([*self.way[:index], found, *self.way[index + 1 :]])
@@ -258,8 +253,7 @@ class Solver:
             self._rise()
             descent.limit = np.inf
             left = min((mark.worse for mark in self.way[before:]), default=np.inf)
-            needed = 1.0 if p.refine else 1 - _GAIN
-            if not left < needed * mark.worse:
+            if not left < mark.worse:
                 self.way = self.way[:before]
                 return
 
@@ -291,7 +285,7 @@ class Solver:
             return True
         before, last = self.way[-2:]
         same = before.stage.level == last.stage.level
-        return not same or last.worse < (1 - _GAIN) * before.worse
+        return not same or last.worse < before.worse
 
     def _there(self) -> list[int]:
         """Return which steps are on the finest mesh so far, the mesh itself at least."""
