@@ -485,8 +485,9 @@ def _context(report: dict[str, Any]) -> list[str]:
         f"{_ARROW.join(versions)}. Both: the discrete flow and flow lines each leave a mismatch of "
         f"at most {LEVEL:g}, which is a success. Flow lines at most {CONFIRMED:g}: what was called "
         "confirmed before, whatever the discrete flow leaves. Solvable: the source has the "
-        "target's values and peaks, on boundaries, too. Mismatches are medians. Unfolded: share of "
-        f"matches that fold at most {100 * UNFOLDED:g}% of the faces. Refined: on a subdivision. "
+        "target's values and peaks, also on boundaries and on parts joined at vertices alone. "
+        "Mismatches are medians. Unfolded: share of matches that fold at most "
+        f"{100 * UNFOLDED:g}% of the faces. Refined: on a subdivision. "
         f"{costs}, also of the problems that {last} refined and of the others.",
         f"{len(rows)} problems on {len(settings['meshes'])} meshes, seed {settings['seed']}; "
         f"{_ARROW.join(sums)} in all. {in_words(report['machine'])}.",

@@ -12,6 +12,7 @@ from abfm import MatchingEnergy, Parameters, Problem
 from abfm.flow import ContinuousFlow
 from abfm.matching.solving import solve
 from abfm.matching.solving.measures import measured
+from abfm.matching.solving.record import Mark
 from abfm.mesh.subdivision import mean_of_children, refined
 from abfm.parameters import LAST, WARMEST
 from tests.core.fields import bump, wavy_field
@@ -233,7 +234,7 @@ def test_a_finer_mesh_never_ends_worse_and_is_made_as_often_as_asked_for(width, 
 
 
 def test_what_is_refined_is_seen_on_the_mesh_itself():
-    match, seen = exact(0.3, 8, SMALL, refine=1, goal=0.01)
+    match, seen = exact(0.3, 8, SMALL, refine=1, goal=0.01, segments=1)
     count, faces = len(SMALL.vertices), len(SMALL.faces)
     assert match.refined == 1
     assert match.fine.mesh is refined(SMALL, 1)
@@ -243,8 +244,24 @@ def test_what_is_refined_is_seen_on_the_mesh_itself():
     assert match.advect(1.0) == pytest.approx(match.advected[:, 0], abs=1e-6)
     assert match.fine.verify(subdivided=False).flow_lines == pytest.approx(match.verified_mismatch)
     assert {one.vertices for one in seen} == {count, len(refined(SMALL, 1).vertices)}
-    assert seen[-1].velocity.shape == match.velocity.shape
+    assert seen[-1].velocity.shape == (1, faces, 3)
     assert seen[-1].advected.shape == (count, 1)
+
+
+def test_what_the_mesh_resolves_is_refined_only_where_flow_lines_alone_are_far_and_a_flow_can_do():
+    """Otherwise the mesh is not what is in the way."""
+
+    def resolved(f, g, mismatch, verified):
+        solver = solve.Solver(MatchingEnergy(SPHERE, f, g, Parameters()), None)
+        stage, x = solver._course.stage(0, 1.0, solver._with), np.zeros(solver.energy.shape)
+        return solver._is_resolved(Mark(stage, x, f[None], mismatch, verified))
+
+    one, other = pair(width=0.25)
+    assert resolved(one, other, 0.2, 0.2)
+    assert not resolved(one, other, 0.1, 0.2)
+    assert not resolved(one, other, 0.1, 0.1)
+    assert not resolved(*pair(width=0.05), 0.2, 0.2)  # of fewer than five edges
+    assert resolved(one, one + other, 0.1, 0.2)  # of two peaks
 
 
 def test_a_jump_is_refined_only_where_that_is_asked_for():
