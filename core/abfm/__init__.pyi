@@ -6,6 +6,7 @@ from . import functions as functions
 from . import io as io
 from . import maps as maps
 from . import matching as matching
+from . import registration as registration
 from . import streaks as streaks
 from .errors import AbfmError as AbfmError
 from .errors import AdvectionError as AdvectionError
@@ -33,4 +34,9 @@ from .matching.solving.record import StopReason as StopReason
 from .mesh import TriangleMesh as TriangleMesh
 from .mesh import load_mesh as load_mesh
 from .parameters import Parameters as Parameters
+from .registration.correspondence import Correspondence as Correspondence
+from .registration.correspondence import load_correspondence as load_correspondence
+from .registration.register import register as register
+from .registration.registration import Registration as Registration
+from .registration.registration import load_registration as load_registration
 from .workers.control import Control as Control

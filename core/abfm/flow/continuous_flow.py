@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.calculus.vector_fields import to_frame
 from abfm.errors import ParameterError, brief
-from abfm.flow.flow_lines import AT_VERTEX, fields_in_a_row, opposite_slots, walkers
+from abfm.flow.flow_lines import AT_VERTEX, fields_in_a_row, walkers
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import refined, to_children, to_parents
@@ -155,7 +155,7 @@ class ContinuousFlow:
 class FlatFaces(NamedTuple):
     corners: IndexArray  # (F, 3), complex, the first one at zero
     areas: FloatArray  # (F,)
-    neighbours: IndexArray  # (F, 3), `opposite_slots`
+    neighbours: IndexArray  # (F, 3), `TriangleMesh.opposite_slots`
 
 
 class SmoothFlow(NamedTuple):
@@ -231,7 +231,7 @@ def corner_vectors(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> 
 def _flat_faces(mesh: TriangleMesh, unit: float = 1.0) -> FlatFaces:
     places = mesh.vertices[mesh.faces]
     corners = np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh))
-    return FlatFaces(_complex(corners) / unit, face_areas(mesh), opposite_slots(mesh))
+    return FlatFaces(_complex(corners) / unit, face_areas(mesh), mesh.opposite_slots)
 
 
 def _pairs(numbers: IndexArray) -> FloatArray:

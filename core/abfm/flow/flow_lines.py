@@ -17,7 +17,7 @@ from abfm.calculus.operators import face_areas, face_frames, hat_gradients
 from abfm.calculus.vector_fields import check_field, to_frame
 from abfm.errors import MeshError, ParameterError, brief
 from abfm.maps.surface_points import SurfacePoints
-from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import refined, times_subdivided, to_children, to_parents
 from abfm.numerics.kernels import kernel
 from abfm.numerics.real_numbers import is_finite_number, real_numbers
@@ -105,7 +105,7 @@ class FaceFlow(NamedTuple):
     # (F, 3), the vector's part along the edge opposite each corner, in edges per unit of time
     along: FloatArray
     areas: FloatArray  # (F,)
-    neighbours: IntArray  # (F, 3), `opposite_slots`
+    neighbours: IntArray  # (F, 3), `TriangleMesh.opposite_slots`
 
 
 class Path(NamedTuple):
@@ -135,17 +135,6 @@ def _walked(
     return count, status
 
 
-@per_mesh
-def opposite_slots(mesh: TriangleMesh) -> IntArray:
-    """Return the slot ``3 f + k`` of the edge opposite each corner in the other face, or -1."""
-    first, second = mesh.edge_slots.T
-    opposite = np.full(mesh.faces.size, -1)
-    opposite[first] = second
-    inner = second >= 0
-    opposite[second[inner]] = first[inner]
-    return opposite.reshape(-1, 3)
-
-
 def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
     """Prepare a field (F, 3), not so large that a walk would overflow."""
     coefficients, corners = to_frame(mesh, field), mesh.vertices[mesh.faces]
@@ -158,7 +147,7 @@ def face_flow(mesh: TriangleMesh, field: FloatArray) -> FaceFlow:
         raise ParameterError(
             f"velocity crosses a face in less than {1 / _FASTEST} units of time: scale it down"
         )
-    return FaceFlow(rates, along, face_areas(mesh), opposite_slots(mesh))
+    return FaceFlow(rates, along, face_areas(mesh), mesh.opposite_slots)
 
 
 @kernel

@@ -141,6 +141,26 @@ class Kind(NamedTuple):
 
 
 RESULT = Kind("result file", MESH_ENTRIES | MATCH_ENTRIES)
+_OTHER_MESH = {  # surface A of two; B has the names of the only one
+    "a_vertices": Entry("real", ("VA", 3)),
+    "a_faces": Entry("integer", ("FA", 3)),
+    "a_vertex_ids": Entry("integer", ("VA",)),
+    "a_file_vertex_count": Entry("integer", (), low=1),
+}
+_CORRESPONDENCE = {
+    # the directions of the vertices, where both surfaces are laid out on one sphere
+    "a_sphere": Entry("real", ("VA", 3), required=False),
+    "sphere": Entry("real", ("V", 3), required=False),
+    # where on A the vertices of B lie, and those of A on B
+    "image_faces": Entry("integer", ("V",), low=0),
+    "image_barycentric": Entry("real", ("V", 3), low=0, high=1 + 1e-9),
+    "back_faces": Entry("integer", ("VA",), low=0),
+    "back_barycentric": Entry("real", ("VA", 3), low=0, high=1 + 1e-9),
+}
+CORRESPONDENCE_ENTRIES = _OTHER_MESH | _CORRESPONDENCE
+CORRESPONDENCE = Kind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRIES)
+# the initial map, and the match on B
+REGISTRATION = Kind("registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES})
 PROBLEM = Kind("problem file", PROBLEM_ENTRIES)
 
 
@@ -282,8 +302,11 @@ def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
 
 def _checked(arrays: Mapping[str, Any], kind: Kind) -> dict[str, NDArray[Any]]:
     checked = check_arrays(arrays, kind.entries)
-    _check_indices(checked)
-    _check_parameters(str(checked["parameters"]))
+    for prefix in ("", "a_"):
+        if f"{prefix}faces" in checked:
+            _check_indices(checked, prefix)
+    if "parameters" in kind.entries:
+        _check_parameters(str(checked["parameters"]))
     return checked
 
 
@@ -304,14 +327,15 @@ def mesh_of(arrays: Arrays) -> TriangleMesh:
     return mesh
 
 
-def _check_indices(arrays: Arrays) -> None:
-    count = len(arrays["vertices"])
-    for name, limit in (("faces", count), ("vertex_ids", int(arrays["file_vertex_count"]))):
-        if arrays[name].min() < 0 or arrays[name].max() >= limit:
-            raise ValueError(f"{name} has an index outside 0 to {limit - 1}")
-    if (np.diff(arrays["vertex_ids"]) <= 0).any():
-        raise ValueError("vertex_ids do not ascend")
-    unused = np.count_nonzero(np.bincount(arrays["faces"].ravel(), minlength=count) == 0)
+def _check_indices(arrays: Arrays, prefix: str = "") -> None:
+    vertices, faces, ids, total = (arrays[f"{prefix}{name}"] for name in MESH_ENTRIES)
+    count = len(vertices)
+    for name, numbers, limit in (("faces", faces, count), ("vertex_ids", ids, int(total))):
+        if numbers.min() < 0 or numbers.max() >= limit:
+            raise ValueError(f"{prefix}{name} has an index outside 0 to {limit - 1}")
+    if (np.diff(ids) <= 0).any():
+        raise ValueError(f"{prefix}vertex_ids do not ascend")
+    unused = np.count_nonzero(np.bincount(faces.ravel(), minlength=count) == 0)
     if unused:
         raise ValueError(f"the mesh needs repairs: {unused} of its {count} vertices are in no face")
 

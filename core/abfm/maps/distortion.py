@@ -71,6 +71,11 @@ class Distortion:
         """``|log2 R|``, as they tell how much shapes change."""
         return self._log2(self.conformal)
 
+    def scaled(self, factor: float) -> Distortion:
+        """Return it with all stretches times a factor, as of surfaces in other units of length."""
+        values = factor * self.singular_values
+        return Distortion(values, factor**2 * self.area, self.conformal, self.flipped, self.weights)
+
     def report(self) -> str:
         """Return the numbers in a line."""
         return (

@@ -11,8 +11,14 @@ from scipy import sparse
 
 from abfm.errors import AbfmError
 from abfm.maps.distortion import Distortion, Map, chord_distortion, distortion_of_flow
-from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
+from abfm.maps.surface_points import (
+    ClosestPoints,
+    SurfacePoints,
+    project_onto_surface,
+    vertex_points,
+)
 from abfm.mesh import TriangleMesh
+from abfm.mesh.checks import twice_areas
 from abfm.types import FloatArray, IntArray
 
 
@@ -85,7 +91,7 @@ class PointMap:
     def to_matrix(self) -> sparse.csr_array:
         """Return the matrix (V, V') of `pull_back`."""
         count, columns = len(self.faces), self.codomain.faces[self.faces].ravel()
-        entries = self.barycentric.ravel(), columns, 3 * np.arange(count + 1)
+        entries = self.barycentric.flatten(), columns, 3 * np.arange(count + 1)
         return sparse.csr_array(entries, shape=(count, len(self.codomain.vertices)))
 
     def at(self, points: SurfacePoints) -> SurfacePoints:
@@ -95,6 +101,45 @@ class PointMap:
         if self.carried is None:
             return project_onto_surface(self.codomain, points.pull_back(self.positions))
         return self.carried(points)
+
+    def followed_by(self, other: PointMap) -> PointMap:
+        """Return this map and then another one, whose domain is this one's codomain."""
+        if len(other.domain.faces) != len(self.codomain.faces):
+            raise AbfmError(
+                f"a map from a surface of {len(other.domain.faces)} faces cannot follow one to a "
+                f"surface of {len(self.codomain.faces)}"
+            )
+        found = other.at(self.points)
+        return PointMap(
+            self.domain,
+            other.codomain,
+            found.faces,
+            found.barycentric,
+            carried=lambda points: other.at(self.at(points)),
+        )
+
+    def inverse(self) -> PointMap:
+        """Return where each vertex of the codomain comes from: by the point of the mapped domain,
+        flat between the images of its vertices, that is closest to it. Where a map leaves gaps or
+        covers the codomain twice this is no inverse: ``distances`` tell the gaps.
+        """
+        if not (twice_areas(self.positions, self.domain.faces) > 0).any():
+            raise AbfmError("all points are mapped to one line or place: there is no way back")
+        closest = ClosestPoints(self.domain, self.positions)
+        places = self.codomain.vertices
+        found = closest.to(places)
+        lying = np.einsum(
+            "pc,pcx->px", found.barycentric, self.positions[self.domain.faces[found.faces]]
+        )
+        distances = np.linalg.norm(places - lying, axis=1)
+        return PointMap(
+            self.codomain,
+            self.domain,
+            found.faces,
+            found.barycentric,
+            distances,
+            carried=lambda points: closest.to(points.positions),
+        )
 
     def distortion(self) -> Distortion:
         """Measure what the map does to each face: by its corners, where points inside faces are

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.channels import channels
 from abfm.errors import AbfmError, ParameterError
 from abfm.mesh import TriangleMesh
+from abfm.mesh.checks import twice_areas
 from abfm.numerics.kernels import kernel
 from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray, IndexArray, IntArray
@@ -105,21 +106,32 @@ def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints
 
 
 class ClosestPoints:
-    """A tree of faces; not kept with the mesh, as igl's must not live when the program ends."""
+    """A tree of faces, where they are or at other places (V, 3) of the vertices, of which those
+    without area are left out; not kept with the mesh, as igl's must not live when the program ends.
+    """
 
-    def __init__(self, mesh: TriangleMesh) -> None:
-        self._mesh, self._tree = mesh, igl.AABB()
-        self._tree.init(mesh.vertices, mesh.faces)
+    def __init__(self, mesh: TriangleMesh, places: FloatArray | None = None) -> None:
+        self._mesh, self._tree, self._faces = mesh, igl.AABB(), None
+        self._vertices, corners = mesh.vertices, mesh.faces
+        if places is not None:
+            self._vertices = np.ascontiguousarray(places)
+            self._faces = np.flatnonzero(twice_areas(places, corners) > 0)
+            corners = corners[self._faces]
+        self._tree.init(self._vertices, corners)
+        self._corners = corners
 
     def to(self, points: ArrayLike) -> SurfacePoints:
-        given, vertices, corners = finite_points(points), self._mesh.vertices, self._mesh.faces
+        """Return the points of the mesh whose places are closest to points in space (P, 3)."""
+        given, vertices, corners = finite_points(points), self._vertices, self._corners
         faces = np.empty(len(given), dtype=np.int64)
         barycentric = np.empty((len(given), 3))
         for start in range(0, len(given), POINTS_PER_QUERY):
             chunk = slice(start, start + POINTS_PER_QUERY)
             _, faces[chunk], closest = self._tree.squared_distance(vertices, corners, given[chunk])
             barycentric_weights(closest, faces[chunk], vertices, corners, barycentric[chunk])
-        return SurfacePoints(self._mesh, faces, barycentric)
+        return SurfacePoints(
+            self._mesh, faces if self._faces is None else self._faces[faces], barycentric
+        )
 
 
 def finite_points(points: ArrayLike) -> FloatArray:

@@ -525,14 +525,19 @@ def load_match(path: str | os.PathLike[str]) -> Match:
     """
     arrays = results.load_arrays(path)
     try:
-        mesh = results.mesh_of({name: arrays.pop(name) for name in results.MESH_ENTRIES})
-        parameters = Parameters.from_dict(from_json(str(arrays["parameters"])))
-        remedies = _remedies(str(arrays.pop("remedies", "[]")))
-        verdict = _verdict(arrays["verdict"], remedies) if "verdict" in arrays else None
-        found = match_of(mesh, arrays, parameters, verdict)
+        found = loaded_match(results.mesh_of(arrays), arrays)
     except Exception as error:  # what stands in for a text, a number or a list may do anything
         raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
     return found.borne_out()
+
+
+def loaded_match(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
+    """Return the match of a file's arrays, as it was saved; any error if they do not fit."""
+    own = {name: array for name, array in arrays.items() if name not in results.MESH_ENTRIES}
+    parameters = Parameters.from_dict(from_json(str(own["parameters"])))
+    remedies = _remedies(str(own.pop("remedies", "[]")))
+    verdict = _verdict(own["verdict"], remedies) if "verdict" in own else None
+    return match_of(mesh, own, parameters, verdict)
 
 
 def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:

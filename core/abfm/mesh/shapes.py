@@ -11,14 +11,18 @@ _LIMBS = np.array(
 )
 
 
-def even_sphere(count: int) -> TriangleMesh:
-    """Return evenly spread points of the unit sphere, and their convex hull."""
+def spread_directions(count: int) -> FloatArray:
+    """Return evenly spread points of the unit sphere, (count, 3), on a spiral."""
     k = np.arange(count)
     z = 1 - (2 * k + 1) / count
     angle = np.pi * (3 - np.sqrt(5)) * k
     ring = np.sqrt(1 - z**2)
-    points = np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
-    hull = trimesh.convex.convex_hull(points)
+    return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+
+
+def even_sphere(count: int) -> TriangleMesh:
+    """Return evenly spread points of the unit sphere, and their convex hull."""
+    hull = trimesh.convex.convex_hull(spread_directions(count))
     return TriangleMesh(hull.vertices, hull.faces)
 
 

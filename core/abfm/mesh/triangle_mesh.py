@@ -129,6 +129,17 @@ class TriangleMesh:
 
     @property
     @per_mesh
+    def opposite_slots(self) -> IntArray:
+        """The slot ``3 f + k`` of each corner's opposite edge in the other face, or -1, (F, 3)."""
+        first, second = self.edge_slots.T
+        opposite = np.full(self.faces.size, -1)
+        opposite[first] = second
+        inner = second >= 0
+        opposite[second[inner]] = first[inner]
+        return opposite.reshape(-1, 3)
+
+    @property
+    @per_mesh
     def digest(self) -> str:
         """Name of the mesh by its content, in hexadecimal digits: the same in every process."""
         found = hashlib.sha256(repr((self.file_vertex_count, self.messages)).encode())

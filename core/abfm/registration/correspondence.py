@@ -1,0 +1,313 @@
+"""Where two surfaces correspond, and what goes from one to the other by it."""
+
+from __future__ import annotations
+
+import os
+from functools import cached_property
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from abfm.calculus.operators import face_areas, vertex_areas
+from abfm.errors import AbfmError, FunctionError, ParameterError, ResultError, brief, one_line
+from abfm.io import results
+from abfm.maps.distortion import Distortion
+from abfm.maps.point_maps import PointMap
+from abfm.maps.quality import MapAccuracy, ThereAndBack, map_accuracy, there_and_back
+from abfm.maps.spherical import SphereLayout, through_sphere
+from abfm.maps.surface_points import SurfacePoints, vertex_points
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray, IntArray
+
+By: TypeAlias = Literal["point", "area"]
+_PARTS = 16  # of a face of A, on average, that its share in the coverage is told by
+_MOST_PARTS = 12  # along each side of a face of B
+_LEAST = 1e-12  # of a weight that carries
+
+
+class Correspondence:
+    """Where on surface A each vertex of surface B lies, and back.
+
+    Parameters
+    ----------
+    points : PointMap
+        From B to A.
+    back : PointMap, optional
+        From A to B; else found by the points of B whose images are closest (`PointMap.inverse`).
+
+    Examples
+    --------
+    >>> import abfm
+    >>> from abfm.assets import asset_path
+    >>> a, b = (abfm.load_mesh(asset_path(f"human_{pose}.off")) for pose in "AB")
+    >>> same = abfm.Correspondence(abfm.PointMap.of_vertices(b, a))
+    >>> same.carry(a.vertices).shape == b.vertices.shape
+    True
+    """
+
+    def __init__(self, points: PointMap, back: PointMap | None = None) -> None:
+        if back is not None:
+            pairs = (back.domain, points.codomain), (back.codomain, points.domain)
+            if any(len(one.faces) != len(other.faces) for one, other in pairs):
+                raise AbfmError("the way back is between other surfaces than the way there")
+        self.points, self._back = points, back
+
+    @classmethod
+    def through_sphere(
+        cls, a: TriangleMesh, b: TriangleMesh, sphere_a: ArrayLike, sphere_b: ArrayLike
+    ) -> Correspondence:
+        """Return the correspondence of points in the same direction on a sphere on which both
+        surfaces are laid out, by unit vectors (V_A, 3) and (V_B, 3): exact inside faces, and back.
+        """
+        return _ThroughSphere(SphereLayout(a, sphere_a), SphereLayout(b, sphere_b))
+
+    @classmethod
+    def of_same_faces(cls, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
+        """Return that of two meshes with the same faces: each point to the one of the same face
+        and weights.
+        """
+        if not np.array_equal(a.faces, b.faces):
+            raise AbfmError(
+                f"the surfaces have {len(a.faces)} and {len(b.faces)} faces, not the same ones; "
+                "equal connectivity is needed for a map by vertex numbers"
+            )
+        return cls(_by_number(b, a), _by_number(a, b))
+
+    @property
+    def a(self) -> TriangleMesh:
+        return self.points.codomain
+
+    @property
+    def b(self) -> TriangleMesh:
+        return self.points.domain
+
+    @cached_property
+    def back(self) -> PointMap:
+        """Where on B each vertex of A lies."""
+        return self.points.inverse() if self._back is None else self._back
+
+    def carry(self, h: ArrayLike, by: By = "point") -> FloatArray:
+        """Carry a function of A, (V_A,) or (V_A, C), to B, (V_B,) or (V_B, C).
+
+        ``by="point"`` takes at each vertex of B the value where it lies on A, linear inside faces;
+        ``by="area"`` means over all vertices of A around it, see `to_matrix`.
+        """
+        if by == "point":
+            return self.points.pull_back(h)
+        carried: FloatArray = self.to_matrix(by) @ self.a.restrict(np.asarray(h, dtype=np.float64))
+        return carried
+
+    def carry_labels(self, labels: ArrayLike, by: By = "point") -> IntArray:
+        """Carry labels of A, whole numbers (V_A,), to B, (V_B,): at each vertex the label that has
+        most weight there, the smallest of several; never a mixture.
+        """
+        given = self.a.restrict(_whole(labels))
+        known, numbers = np.unique(given, return_inverse=True)
+        weights = self.to_matrix(by)
+        rows = np.arange(len(numbers))
+        one_each = sparse.csr_array(
+            (np.ones(len(rows)), (rows, numbers)), shape=(len(rows), len(known))
+        )
+        shares = sparse.csr_array(weights @ one_each)
+        return np.asarray(known[np.asarray(shares.argmax(axis=1)).ravel()])
+
+    def carry_points(self, points: SurfacePoints | ArrayLike) -> SurfacePoints:
+        """Return where points of A, or vertices (P,) by number, lie on B."""
+        given = points if isinstance(points, SurfacePoints) else vertex_points(self.a, points)
+        return self.back.at(given)
+
+    def inverse(self) -> Correspondence:
+        """Return the correspondence from B to A."""
+        return Correspondence(self.back, self.points)
+
+    def compose(self, other: Correspondence) -> Correspondence:
+        """Return the correspondence from A to C, with another one from B to C."""
+        return Correspondence(
+            other.points.followed_by(self.points), self.back.followed_by(other.back)
+        )
+
+    def to_matrix(self, by: By = "point") -> sparse.csr_array:
+        """Return the matrix (V_B, V_A) of `carry`; rows sum to 1.
+
+        By points rows have at most three entries. By area each vertex of A gives its area to the
+        vertices of B around it, so that the mean over A is kept, by the areas that the rows were
+        given; where B is finer than A it is the interpolation by points, weighed alike (adaptive
+        barycentric area resampling, as in Connectome Workbench).
+        """
+        if by == "point":
+            return self.points.to_matrix()
+        if by != "area":
+            raise ParameterError(f"by is {brief(by)}; expected 'point' or 'area'")
+        shares = self.shares()
+        return sparse.csr_array(sparse.diags_array(1 / shares.sum(axis=1)) @ shares)
+
+    def shares(self) -> sparse.csr_array:
+        """Return what of the area of each vertex of A goes to each of B, (V_B, V_A): columns sum to
+        the areas of A, except for vertices that nothing of B is near to.
+        """
+        forward = _without_zeros(self.points.to_matrix())
+        reverse = _without_zeros(sparse.csr_array(self.back.to_matrix().T))
+        # B's vertices that get from A all that they would be interpolated from
+        common = forward.astype(bool).multiply(reverse.astype(bool))
+        whole = np.asarray(common.sum(axis=1)).ravel() == np.diff(forward.indptr)
+        keep, drop = sparse.diags_array(whole.astype(float)), sparse.diags_array(1.0 - whole)
+        areas_b = sparse.diags_array(vertex_areas(self.b))
+        chosen = sparse.csr_array(areas_b @ (keep @ reverse + drop @ forward))
+        given = np.asarray(chosen.sum(axis=0)).ravel()
+        factors = np.divide(vertex_areas(self.a), given, out=np.zeros_like(given), where=given > 0)
+        return sparse.csr_array(chosen @ sparse.diags_array(factors))
+
+    def to_vertices(self) -> IntArray:
+        """Return the nearest vertex of A for each vertex of B, (V_B,)."""
+        return self.points.nearest_vertices()
+
+    def distortion(self) -> Distortion:
+        """Measure what the map from B to A does to each face of B, with both surfaces scaled to
+        unit area: see `PointMap.distortion`. Of a map that turns the surface over as a whole, such
+        as between left and right, faces that do not are flipped.
+        """
+        points = _mirrored(self.points) if self.is_mirrored else self.points
+        return points.distortion().scaled(self.b.length_scale / self.a.length_scale)
+
+    @cached_property
+    def is_mirrored(self) -> bool:
+        """Whether most of B, by area, lies on A with its other side up."""
+        found = PointMap(self.b, self.a, self.points.faces, self.points.barycentric).distortion()
+        return bool(found.weights[found.flipped].sum() > found.weights.sum() / 2)
+
+    def coverage(self) -> float:
+        """Return the share of A's area, 0 to 1, in faces to which some point of B is mapped: of
+        points evenly spread in B's faces, so many that each face of A has 16 on average.
+        """
+        ratio = np.sqrt(_PARTS * len(self.a.faces) / len(self.b.faces))
+        n = int(np.clip(np.ceil(ratio), 2, _MOST_PARTS))
+        grid = np.indices((n, n)).reshape(2, -1)
+        second, third = grid[:, grid.sum(axis=0) < n] + 1 / 3  # middles of parts
+        weights = np.stack([n - second - third, second, third], axis=1) / n
+        faces = np.repeat(np.arange(len(self.b.faces)), len(weights))
+        spread = SurfacePoints(self.b, faces, np.tile(weights, (len(self.b.faces), 1)))
+        hit = np.unique(self.points.at(spread).faces)
+        areas = face_areas(self.a)
+        return float(areas[hit].sum() / areas.sum())
+
+    def there_and_back(self) -> ThereAndBack:
+        """Measure how far vertices of B come back from where they were, in edges."""
+        return there_and_back(self.points, self.back)
+
+    def accuracy(self, truth: ArrayLike | None = None, most: int = 1000) -> MapAccuracy:
+        """Measure geodesic errors against the true vertex of A for each of B, (V_B,), by default
+        the one with its number, see `abfm.maps.map_accuracy`.
+        """
+        return map_accuracy(self.points, truth, most)
+
+    def arrays(self) -> dict[str, Any]:
+        """Return what files hold: B's mesh, A's under ``a_``, and the points both ways."""
+        meshes = results.mesh_arrays(self.b) | {
+            f"a_{name}": array for name, array in results.mesh_arrays(self.a).items()
+        }
+        return meshes | {
+            "image_faces": self.points.faces,
+            "image_barycentric": self.points.barycentric,
+            "back_faces": self.back.faces,
+            "back_barycentric": self.back.barycentric,
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        results.save_arrays(path, self.arrays(), results.CORRESPONDENCE)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}(a={self.a!r}, b={self.b!r})"
+
+
+class _ThroughSphere(Correspondence):
+    """A correspondence by layouts of both surfaces on one sphere, which files keep."""
+
+    def __init__(self, a: SphereLayout, b: SphereLayout) -> None:
+        super().__init__(through_sphere(b, a), through_sphere(a, b))
+        self._layouts = a, b
+
+    def arrays(self) -> dict[str, Any]:
+        a, b = self._layouts
+        return super().arrays() | {"a_sphere": a.directions, "sphere": b.directions}
+
+
+def load_correspondence(path: str | os.PathLike[str]) -> Correspondence:
+    """Read a file of `Correspondence.save`; ResultError if it is missing, damaged, or none."""
+    arrays = results.load_arrays(path, results.CORRESPONDENCE)
+    try:
+        return correspondence_of(arrays)
+    except Exception as error:  # what stands in for numbers may do anything
+        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
+
+
+def correspondence_of(arrays: results.Arrays) -> Correspondence:
+    """Return that of `Correspondence.arrays`; an AbfmError or a ValueError if they do not fit."""
+    b = results.mesh_of({name: arrays[name] for name in results.MESH_ENTRIES})
+    a = results.mesh_of({name: arrays[f"a_{name}"] for name in results.MESH_ENTRIES})
+    there = PointMap(b, a, arrays["image_faces"], arrays["image_barycentric"])
+    back = PointMap(a, b, arrays["back_faces"], arrays["back_barycentric"])
+    if "sphere" in arrays and "a_sphere" in arrays:
+        return Correspondence.through_sphere(a, b, arrays["a_sphere"], arrays["sphere"])
+    if np.array_equal(a.faces, b.faces) and _is_by_number(there):
+        return Correspondence.of_same_faces(a, b)
+    nearest = there.inverse()
+    return Correspondence(
+        there, PointMap(a, b, back.faces, back.barycentric, carried=nearest.carried)
+    )
+
+
+def _by_number(domain: TriangleMesh, codomain: TriangleMesh) -> PointMap:
+    found = vertex_points(codomain)
+    return PointMap(
+        domain,
+        codomain,
+        found.faces,
+        found.barycentric,
+        carried=lambda points: SurfacePoints(codomain, points.faces, points.barycentric),
+    )
+
+
+def _is_by_number(points: PointMap) -> bool:
+    expected = vertex_points(points.codomain)
+    same = np.array_equal(points.faces, expected.faces)
+    return same and np.array_equal(points.barycentric, expected.barycentric)
+
+
+def _mirrored(points: PointMap) -> PointMap:
+    """Return a map onto the codomain seen in a mirror, whose sides are the other way round."""
+    surface, order = points.codomain, np.array([0, 2, 1])
+    mirror = TriangleMesh(surface.vertices * [-1, 1, 1], surface.faces[:, order])
+
+    def seen(found: SurfacePoints) -> SurfacePoints:
+        return SurfacePoints(mirror, found.faces, found.barycentric[:, order])
+
+    own = points.carried
+    image = seen(points.points)
+    return PointMap(
+        points.domain,
+        mirror,
+        image.faces,
+        image.barycentric,
+        carried=None if own is None else lambda given: seen(own(given)),
+    )
+
+
+def _without_zeros(matrix: sparse.csr_array) -> sparse.csr_array:
+    found = matrix.copy()  # its entries may be those of a map
+    found.data[np.abs(found.data) < _LEAST] = 0
+    found.eliminate_zeros()
+    found.sum_duplicates()
+    return found
+
+
+def _whole(labels: ArrayLike) -> NDArray[Any]:
+    given = np.asarray(labels)
+    if given.ndim != 1 or given.dtype.kind not in "iu":
+        raise FunctionError(
+            f"labels have shape {given.shape} of {given.dtype}; expected whole numbers, one per "
+            "vertex"
+        )
+    return given

@@ -1,0 +1,28 @@
+"""What an initial map may be found by."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from abfm.mesh import TriangleMesh
+from abfm.registration.correspondence import Correspondence
+from abfm.types import FloatArray
+
+
+class Given(NamedTuple):
+    """Two surfaces, functions on both, (C, V_A) and (C, V_B), and how much what of them counts."""
+
+    a: TriangleMesh
+    b: TriangleMesh
+    f: FloatArray | None = None
+    g: FloatArray | None = None
+    mask_a: FloatArray | None = None  # (V_A,)
+    mask_b: FloatArray | None = None  # (V_B,)
+    weights: FloatArray | None = None  # (C,)
+
+
+class Initial(NamedTuple):
+    """An initial map, and what is worth knowing of how it was found, a line each."""
+
+    correspondence: Correspondence
+    notes: tuple[str, ...] = ()

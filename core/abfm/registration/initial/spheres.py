@@ -1,0 +1,215 @@
+"""The map through spheres that are given with both surfaces, turned as functions or landmarks ask.
+
+Spheres of one atlas and another, or of a subject as it was inflated, differ by a rotation, of some
+tens of degrees between atlases. It is searched for over all rotations, on averages over cells of
+the sphere that get smaller, by the correlation of the functions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+from scipy.optimize import minimize
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from abfm.maps.spherical import SphereLayout
+from abfm.maps.surface_points import SurfacePoints
+from abfm.mesh.shapes import spread_directions
+from abfm.types import FloatArray
+from abfm.workers.control import checkpoint
+from abfm.workers.progress import step
+
+_ROTATIONS = 20_000  # about 9 degrees apart
+_CELLS = (400, 1600, 6400)  # of the sphere, 10, 5 and 2.5 degrees wide, or as many as vertices
+_KEPT = 12  # rotations that are refined
+_AT_ONCE = 500  # rotations in memory
+_ALIKE = np.radians(12)  # rotations closer than this lead to one
+_START = np.radians((6, 3, 1.5))  # of the simplex, by cells
+_LINES = 180  # of latitude in tables
+
+
+class Turned(NamedTuple):
+    """A rotation of sphere A, and what it comes to."""
+
+    rotation: Rotation
+    correlation: float  # of A's functions, carried, with B's; NaN for landmarks alone
+    # the largest one of rotations that are another one, over `correlation`
+    runner_up: float
+
+    @property
+    def degrees(self) -> float:
+        return float(np.degrees(self.rotation.magnitude()))
+
+
+@dataclass(frozen=True, eq=False)
+class OnSphere:
+    """Functions on a surface that is laid out on the unit sphere.
+
+    ``functions`` is (C, V); ``weights`` (V,), not negative, say how much vertices count.
+    """
+
+    layout: SphereLayout
+    functions: FloatArray
+    weights: FloatArray | None = field(default=None)
+
+    def averaged(self, cells: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return means over cells of the sphere, (C, n), by their middles (n, 3), and how much each
+        counts, (n,): cells that no vertex is in take what is where their middles are.
+        """
+        mesh = self.layout.mesh
+        corners = self.layout.directions[mesh.faces]
+        spans = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        areas = np.bincount(
+            mesh.faces.ravel(), np.repeat(np.linalg.norm(spans, axis=1) / 6, 3), len(mesh.vertices)
+        )
+        weights = np.ones(len(areas)) if self.weights is None else self.weights
+        cell, count = KDTree(cells).query(self.layout.directions)[1], len(cells)
+        whole, counted = (np.bincount(cell, x, count) for x in (areas, areas * weights))
+        sums = np.stack([np.bincount(cell, areas * weights * f, count) for f in self.functions])
+        empty = whole == 0
+        at_middles = self.layout.locate(cells[empty])
+        whole[empty], counted[empty] = 1.0, at_middles.pull_back(weights)
+        sums[:, empty] = at_middles.pull_back((weights * self.functions).T).T
+        means = np.divide(sums, counted, out=np.zeros_like(sums), where=counted > 0)
+        return means, counted / whole
+
+
+def rotation_by_functions(a: OnSphere, b: OnSphere, weights: FloatArray) -> Turned:
+    """Search all rotations of sphere A for the one whose functions correlate best with B's, summed
+    over channels by weights (C,).
+
+    The rotation takes directions on A to directions on B.
+    """
+    with step("searching for the rotation of the sphere") as report:
+        vertices = min(len(each.layout.directions) for each in (a, b))
+        start = _Level(a, b, weights, min(_CELLS[0], vertices))
+        rotations = _spread_rotations(_ROTATIONS)
+        scores = []
+        for begin in range(0, len(rotations), _AT_ONCE):
+            checkpoint()
+            scores.append(start.correlations(rotations[begin : begin + _AT_ONCE]))
+        best = _distinct(rotations, np.concatenate(scores))
+        report(1 / (len(_CELLS) + 1))
+        for number, count in enumerate(_CELLS):
+            level = start if number == 0 else _Level(a, b, weights, min(count, vertices))
+            best = [level.refined(each, _START[number]) for each in best]
+            found = np.array([level.correlations(each)[0] for each in best])
+            kept = _distinct(Rotation.concatenate(best), found)
+            best = kept[: max(2, _KEPT // 4 ** (number + 1))]
+            report((number + 2) / (len(_CELLS) + 1))
+    last = [float(level.correlations(each)[0]) for each in best]
+    runner_up = max((score for score in last[1:]), default=0.0)
+    return Turned(best[0], last[0], runner_up / last[0] if last[0] > 0 else 1.0)
+
+
+def rotation_by_landmarks(a: SphereLayout, b: SphereLayout, pairs: Pairs) -> Turned:
+    """Return the rotation of sphere A that brings landmarks nearest to their partners on B."""
+    here, there = a.directions_of(pairs.a), b.directions_of(pairs.b)
+    rotation, _ = Rotation.align_vectors(there, here, pairs.weights)
+    return Turned(rotation, np.nan, 0.0)
+
+
+class Pairs(NamedTuple):
+    """Points of A and of B that correspond, (L,) each, and how much each pair counts, (L,)."""
+
+    a: SurfacePoints
+    b: SurfacePoints
+    weights: FloatArray
+
+
+class _Level:
+    """Functions of both spheres as averages over cells, and A's as a table by angles."""
+
+    def __init__(self, a: OnSphere, b: OnSphere, weights: FloatArray, count: int) -> None:
+        self._places = spread_directions(count)
+        self._target, counted = b.averaged(self._places)
+        self._weights = weights
+        values, shares = a.averaged(self._places)
+        places = KDTree(self._places)
+        rows = np.radians(np.linspace(-90, 90, _LINES + 1))
+        columns = np.radians(np.linspace(-180, 180, 2 * _LINES + 1))
+        latitude, longitude = np.meshgrid(rows, columns, indexing="ij")
+        grid = np.stack(
+            [
+                np.cos(latitude) * np.cos(longitude),
+                np.cos(latitude) * np.sin(longitude),
+                np.sin(latitude),
+            ],
+            axis=-1,
+        )
+        distances, near = places.query(grid.reshape(-1, 3), 3)
+        shade = 1 / np.maximum(distances, 1e-6)
+        shade /= shade.sum(axis=1, keepdims=True)
+        self._table = np.einsum("gk,cgk->cg", shade, values[:, near]).reshape(
+            len(values), *latitude.shape
+        )
+        self._shares = (shade * shares[near]).sum(axis=1).reshape(latitude.shape)
+        self._counted = counted
+
+    def correlations(self, rotations: Rotation) -> FloatArray:
+        """Return the sum over channels of correlations, (K,), of rotations (K) of A."""
+        back = rotations.inv().as_matrix().reshape(-1, 3, 3)
+        seen = np.einsum("kxy,ny->xkn", back, self._places)
+        rows = (np.degrees(np.arcsin(np.clip(seen[2], -1, 1))) + 90) * (_LINES / 180)
+        columns = (np.degrees(np.arctan2(seen[1], seen[0])) + 180) * (_LINES / 180)
+        at = np.stack([rows, columns])
+        counted = self._counted * np.clip(map_coordinates(self._shares, at, order=1), 0, None)
+        total = np.maximum(counted.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+        score = np.zeros(len(back))
+        for table, target, weight in zip(self._table, self._target, self._weights, strict=True):
+            f = map_coordinates(table, at, order=1)
+            f = f - (counted * f).sum(axis=1, keepdims=True) / total
+            g = target - (counted * target).sum(axis=1, keepdims=True) / total
+            sizes = (counted * f**2).sum(axis=1) * (counted * g**2).sum(axis=1)
+            products = (counted * f * g).sum(axis=1)
+            score += weight * np.divide(
+                products, np.sqrt(sizes), out=np.zeros_like(products), where=sizes > 0
+            )
+        # where little of both is left to compare nothing is said
+        return np.asarray(score / self._weights.sum() * np.minimum(1, 2 * total[:, 0] / self._most))
+
+    @property
+    def _most(self) -> float:
+        return float(min(self._counted.sum(), self._shares.mean() * len(self._counted)))
+
+    def refined(self, rotation: Rotation, size: float) -> Rotation:
+        """Return the best rotation near one, by a simplex of a size in radians."""
+        corners = np.vstack([np.zeros(3), size * np.eye(3)])
+
+        def loss(vector: FloatArray) -> float:
+            turned = Rotation.from_rotvec(vector) * rotation
+            return -float(self.correlations(turned)[0])
+
+        found = minimize(
+            loss,
+            np.zeros(3),
+            method="Nelder-Mead",
+            options={"initial_simplex": corners, "xatol": 1e-4, "fatol": 1e-6, "maxfev": 200},
+        )
+        return Rotation.from_rotvec(found.x) * rotation
+
+
+def _spread_rotations(count: int) -> Rotation:
+    """Return evenly spread rotations: super-Fibonacci spirals [Alexa, CVPR 2022]."""
+    phi, psi = np.sqrt(2.0), 1.533751168755204288118041
+    s = np.arange(count) + 0.5
+    inner, outer = np.sqrt(s / count), np.sqrt(1 - s / count)
+    alpha, beta = 2 * np.pi * s / phi, 2 * np.pi * s / psi
+    parts = inner * np.sin(alpha), inner * np.cos(alpha), outer * np.sin(beta), outer * np.cos(beta)
+    return Rotation.from_quat(np.stack(parts, axis=1))
+
+
+def _distinct(rotations: Rotation, scores: FloatArray) -> list[Rotation]:
+    """Return rotations by descending score, without those that are like a better one."""
+    kept: list[Rotation] = []
+    for number in np.argsort(-scores, kind="stable")[: 60 * _KEPT]:
+        one = rotations[int(number)]
+        if all((one * other.inv()).magnitude() > _ALIKE for other in kept):
+            kept.append(one)
+        if len(kept) == _KEPT:
+            break
+    return kept

@@ -1,0 +1,92 @@
+"""A correspondence that was found by a flow: an initial map, and a match on surface B."""
+
+from __future__ import annotations
+
+import os
+from functools import cached_property
+from typing import Any
+
+from abfm.errors import ResultError, one_line
+from abfm.flow.flow import Flow
+from abfm.io import results
+from abfm.maps.point_maps import PointMap
+from abfm.matching.judging.verdict import Verdict
+from abfm.matching.match import Match, loaded_match, match_arrays
+from abfm.registration.correspondence import Correspondence, correspondence_of
+from abfm.types import FloatArray
+
+
+class Registration(Correspondence):
+    """A surface A registered to a surface B: where on A each vertex of B lies.
+
+    Functions of A go to B by the initial map, and there along the flow of a match.
+
+    Parameters
+    ----------
+    initial : Correspondence
+        From A to B.
+    match : Match
+        On B, of A's functions, carried by the initial map, and B's.
+    notes : tuple of str
+        What is worth knowing of how they came about, a line each.
+    """
+
+    def __init__(self, initial: Correspondence, match: Match, notes: tuple[str, ...] = ()) -> None:
+        if len(match.mesh.faces) != len(initial.b.faces):
+            raise ResultError("the match is on another surface than the initial map leads to")
+        self.initial, self.match, self.notes = initial, match, notes
+
+    @cached_property
+    def points(self) -> PointMap:  # type: ignore[override]
+        """Where on A each vertex of B lies: back along the flow, then by the initial map."""
+        return self.flow.point_map().followed_by(self.initial.points)
+
+    @cached_property
+    def back(self) -> PointMap:
+        """Where on B each vertex of A lies: by the initial map, then along the flow."""
+        return self.initial.back.followed_by(self.flow.point_map(inverse=True))
+
+    @property
+    def flow(self) -> Flow:
+        """The flow on B."""
+        return self.match.flow
+
+    @property
+    def verdict(self) -> Verdict:
+        """What the match came to, why, and what to try."""
+        return self.match.verdict
+
+    @property
+    def energy_history(self) -> FloatArray:
+        """As of a `Match`."""
+        return self.match.energy_history
+
+    def at_step(self, step: int) -> Registration:
+        """Return the registration at another step of the path of its match."""
+        return Registration(self.initial, self.match.at_step(step), self.notes)
+
+    def arrays(self) -> dict[str, Any]:
+        """Return what files hold: the initial map, and all of the match."""
+        return self.initial.arrays() | match_arrays(self.match)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError; as a
+        result file it holds the match on B.
+        """
+        results.save_arrays(path, self.arrays(), results.REGISTRATION)
+
+
+def load_registration(path: str | os.PathLike[str]) -> Registration:
+    """Read a file of `Registration.save`; ResultError if it is missing, damaged, or none.
+
+    As by `abfm.load_match`, what the field does not bear out is recomputed, and told in
+    ``match.doubt``.
+    """
+    arrays = results.load_arrays(path, results.REGISTRATION)
+    try:
+        initial = correspondence_of(arrays)
+        own = {name: arrays[name] for name in arrays.keys() & results.RESULT.entries.keys()}
+        match = loaded_match(initial.b, own)
+    except Exception as error:  # what stands in for a text, a number or a list may do anything
+        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
+    return Registration(initial, match.borne_out())

@@ -1,0 +1,99 @@
+"""Layouts on the sphere: where points are, both ways."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from abfm.errors import AbfmError
+from abfm.maps.spherical import SphereLayout, is_sphere, sphere_directions, through_sphere
+from abfm.maps.surface_points import SurfacePoints
+from abfm.mesh.shapes import even_sphere
+from tests.shapes import ellipsoid, icosphere, square, torus
+
+BALL, OTHER = icosphere(3), even_sphere(700)
+
+
+def somewhere(mesh, count=500, seed=0):
+    rng = np.random.default_rng(seed)
+    faces = rng.integers(len(mesh.faces), size=count)
+    return SurfacePoints(mesh, faces, rng.dirichlet(np.ones(3), size=count))
+
+
+@pytest.mark.parametrize("mirror", [1, -1])
+def test_a_point_is_found_where_its_direction_leads_and_the_other_way_round(mirror):
+    turned = Rotation.random(rng=3).apply(OTHER.vertices.copy()) * [mirror, 1, 1]
+    layout = SphereLayout(OTHER, turned)
+    assert layout.sign == mirror
+    points = somewhere(OTHER)
+    found = layout.locate(layout.directions_of(points))
+    assert_allclose(found.positions, points.positions, atol=1e-13)
+    wanted = np.random.default_rng(1).normal(size=(500, 3))
+    directions = layout.directions_of(layout.locate(wanted))
+    assert_allclose(directions, wanted / np.linalg.norm(wanted, axis=1)[:, None], atol=1e-13)
+
+
+def test_two_layouts_make_a_map_with_an_exact_way_back():
+    one, other = SphereLayout(BALL, BALL.vertices), SphereLayout(OTHER, OTHER.vertices)
+    there, back = through_sphere(one, other), through_sphere(other, one)
+    points = somewhere(BALL)
+    assert_allclose(back.at(there.at(points)).positions, points.positions, atol=1e-12)
+    assert there.distortion().folded == 0
+    h = BALL.vertices @ [1.0, 2, 3]
+    # of a linear function two meshes know the same up to the square of an edge
+    assert np.abs(back.pull_back(h) - OTHER.vertices @ [1.0, 2, 3]).max() < 0.03
+
+
+def test_the_layout_of_a_sphere_is_itself_wherever_it_lies():
+    moved = type(BALL)(7 * BALL.vertices + [100, 0, -3], BALL.faces)
+    assert_allclose(sphere_directions(moved), BALL.vertices, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "words"),
+    [
+        (ellipsoid(2, 1, 1, 1.2), "is no sphere"),
+        (torus(12, 8), "is no sphere"),
+        (square(4), "is no sphere"),
+    ],
+)
+def test_what_is_no_sphere_is_refused(mesh, words):
+    assert not is_sphere(mesh)
+    with pytest.raises(AbfmError, match=words):
+        sphere_directions(mesh)
+
+
+def test_a_sphere_with_a_hole_goes_around_less_than_once():
+    cap = BALL.vertices[BALL.faces].mean(axis=1)[:, 2] < 0.8
+    open_ball = type(BALL)(BALL.vertices, BALL.faces[cap])
+    assert not is_sphere(open_ball)
+    with pytest.raises(AbfmError, match="times around"):
+        SphereLayout(open_ball, open_ball.vertices)
+
+
+@pytest.mark.parametrize(
+    ("directions", "words"),
+    [
+        (OTHER.vertices, "642"),
+        (np.zeros((642, 3)), "middle"),
+        (np.full((642, 3), np.nan), "not finite"),
+        (np.random.default_rng(0).normal(size=(642, 3)), "times around"),
+    ],
+)
+def test_layouts_that_do_not_fit_are_refused(directions, words):
+    with pytest.raises(AbfmError, match=words):
+        SphereLayout(BALL, directions)
+
+
+def test_faces_that_lie_the_wrong_way_round_are_told_and_points_still_found():
+    vertex = 5
+    ring = np.unique(BALL.faces[(BALL.faces == vertex).any(axis=1)])
+    far = 2 * BALL.vertices[ring].mean(axis=0) - 1.0 * BALL.vertices[vertex]
+    moved = BALL.vertices.copy()
+    moved[vertex] = BALL.vertices[ring[ring != vertex][0]] * 1.5 - 0.5 * far
+    layout = SphereLayout(BALL, moved)
+    assert 0 < len(layout.folded) < 6
+    wanted = np.random.default_rng(1).normal(size=(2000, 3))
+    wanted /= np.linalg.norm(wanted, axis=1)[:, None]
+    found = layout.directions_of(layout.locate(wanted))
+    assert_allclose(found, wanted, atol=1e-12)

@@ -1,0 +1,203 @@
+"""Correspondences: what they carry, both ways, after each other, and what files keep of them."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+import abfm
+from abfm import Correspondence, PointMap, TriangleMesh
+from abfm.calculus.operators import vertex_areas
+from abfm.errors import AbfmError, FunctionError, ParameterError, ResultError
+from abfm.mesh.shapes import even_sphere
+from tests.shapes import icosphere, square, torus, with_loose_vertex
+
+FINE, COARSE = icosphere(4), even_sphere(300)
+TURN = Rotation.from_rotvec([0.3, -0.2, 0.9])
+
+
+def spheres(a, b, turn=TURN):
+    return Correspondence.through_sphere(a, b, turn.apply(a.vertices.copy()), b.vertices)
+
+
+def linear(mesh, turn=None):
+    places = mesh.vertices if turn is None else turn.apply(mesh.vertices.copy())
+    return places @ [1.0, -2, 0.5]
+
+
+@pytest.mark.parametrize(("a", "b"), [(FINE, COARSE), (COARSE, FINE)])
+def test_functions_go_with_the_points(a, b):
+    found = spheres(a, b)
+    for by in ("point", "area"):
+        carried = found.carry(linear(a, TURN), by)
+        assert np.abs(carried - linear(b)).max() < 0.1
+        assert_allclose(found.carry(np.ones(len(a.vertices)), by), 1)
+        matrix = found.to_matrix(by)
+        assert_allclose(matrix.sum(axis=1), 1)
+        assert_allclose(matrix @ linear(a, TURN), carried, atol=1e-12)
+        assert matrix.min() >= 0
+    assert np.diff(found.to_matrix().indptr).max() == 3
+    assert found.carry(np.ones((len(a.vertices), 2))).shape == (len(b.vertices), 2)
+
+
+@pytest.mark.parametrize(("a", "b"), [(FINE, COARSE), (COARSE, FINE)])
+def test_by_area_what_all_vertices_have_is_kept(a, b):
+    """Each vertex of A gives away its area, so that sums over A and over B are the same."""
+    found = spheres(a, b)
+    shares = found.shares()
+    assert_allclose(shares.sum(axis=0), vertex_areas(a))
+    h = np.random.default_rng(0).normal(size=len(a.vertices))
+    carried = found.carry(h, "area")
+    assert_allclose(shares.sum(axis=1) @ carried, vertex_areas(a) @ h)
+
+
+def test_averages_of_noise_are_quieter_than_samples_of_it():
+    found = spheres(FINE, COARSE)
+    noise = np.random.default_rng(0).normal(size=len(FINE.vertices))
+    assert found.carry(noise, "area").std() < 0.6 * found.carry(noise).std()
+
+
+def test_labels_are_never_mixed():
+    found = spheres(FINE, COARSE)
+    labels = np.where(linear(FINE, TURN) > 0.1, 1000, -7)
+    for by in ("point", "area"):
+        carried = found.carry_labels(labels, by)
+        assert set(carried) == {1000, -7}
+        clear = np.abs(linear(COARSE) - 0.1) > 0.15
+        assert_array_equal(carried[clear], np.where(linear(COARSE) > 0.1, 1000, -7)[clear])
+    with pytest.raises(FunctionError, match="whole numbers"):
+        found.carry_labels(linear(FINE))
+
+
+def test_points_go_there_and_back_and_vertices_to_the_nearest():
+    found = spheres(FINE, COARSE)
+    on_b = found.carry_points(np.arange(40))
+    assert_allclose(found.points.at(on_b).positions, FINE.vertices[:40], atol=1e-12)
+    assert found.there_and_back().p95 < 1e-10
+    nearest = found.to_vertices()
+    offsets = TURN.apply(FINE.vertices[nearest]) - COARSE.vertices
+    assert np.linalg.norm(offsets, axis=1).max() < 0.08
+
+
+def test_the_inverse_and_what_follows():
+    found = spheres(FINE, COARSE)
+    back = found.inverse()
+    assert back.a is COARSE
+    assert_allclose(back.points.positions, found.back.positions)
+    around = found.compose(back)
+    assert_allclose(around.points.positions, FINE.vertices, atol=1e-10)
+    third = even_sphere(500)
+    twice = found.compose(spheres(COARSE, third, TURN))
+    straight = spheres(FINE, third, TURN * TURN)
+    assert np.abs(twice.points.positions - straight.points.positions).max() < 1e-10
+
+
+def test_a_turn_distorts_nothing_in_any_unit_and_covers_all():
+    large = TriangleMesh(50 * FINE.vertices, FINE.faces)
+    found = spheres(large, COARSE)
+    told = found.distortion()
+    assert told.log2_area.maximum < 0.2  # of flat faces of either size
+    assert abs(np.average(np.log2(told.area), weights=told.weights)) < 0.02
+    assert told.folded == 0
+    assert found.coverage() == 1
+    half = Correspondence(
+        PointMap.of_vertices(
+            FINE, FINE, np.where(FINE.vertices[:, 0] > 0, np.arange(len(FINE.vertices)), 0)
+        )
+    )
+    assert 0.45 < half.coverage() < 0.75
+
+
+def test_a_mirror_turns_nothing_over():
+    mirror = Correspondence.through_sphere(
+        FINE, COARSE, FINE.vertices * [-1, 1, 1], COARSE.vertices
+    )
+    assert mirror.is_mirrored
+    assert mirror.distortion().folded == 0
+    assert not spheres(FINE, COARSE).is_mirrored
+
+
+def test_vertices_alone_have_a_way_back_by_the_nearest_images():
+    rng = np.random.default_rng(0)
+    order = rng.permutation(len(FINE.vertices))
+    place = np.argsort(order)
+    renumbered = TriangleMesh(FINE.vertices[order], place[FINE.faces])
+    found = Correspondence(PointMap.of_vertices(renumbered, FINE, order))
+    assert_allclose(found.back.positions, FINE.vertices, atol=1e-12)
+    assert_array_equal(found.to_vertices(), order)
+    assert found.there_and_back().p95 < 1e-10
+    assert found.distortion().log2_area.maximum < 1e-9
+    errors = found.accuracy(order)
+    assert errors.maximum < 1e-9
+
+
+def test_what_is_squeezed_to_a_point_has_no_way_back():
+    point = Correspondence(PointMap.of_vertices(FINE, COARSE, np.zeros(len(FINE.vertices), int)))
+    with pytest.raises(AbfmError, match="no way back"):
+        _ = point.back
+
+
+def test_equal_faces_are_the_same_points():
+    wavy = TriangleMesh(FINE.vertices * (1 + 0.1 * np.sin(5 * FINE.vertices[:, :1])), FINE.faces)
+    found = Correspondence.of_same_faces(wavy, FINE)
+    assert_array_equal(found.carry(linear(wavy)), linear(wavy))
+    assert found.there_and_back().p95 == 0
+    with pytest.raises(AbfmError, match="equal connectivity"):
+        Correspondence.of_same_faces(FINE, COARSE)
+
+
+def test_rows_of_files_count_as_the_file_does():
+    loose = with_loose_vertex(FINE)
+    found = spheres(loose, COARSE)
+    h = np.arange(len(FINE.vertices) + 1.0)
+    assert_array_equal(found.carry(h), found.carry(np.delete(h, 5)))
+    assert_allclose(found.carry(h, "area"), found.carry(np.delete(h, 5), "area"))
+    with pytest.raises(FunctionError, match="one per vertex"):
+        found.carry(h[:-7])
+    with pytest.raises(ParameterError, match="'point' or 'area'"):
+        found.to_matrix("volume")
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        spheres(FINE, COARSE),
+        Correspondence.of_same_faces(torus(12, 8), torus(12, 8, r=0.3)),
+        Correspondence(PointMap.project(square(6), square(4), square(6).vertices)),
+    ],
+    ids=["sphere", "same faces", "points"],
+)
+def test_files_keep_all(found, tmp_path):
+    found.save(tmp_path / "c.npz")
+    again = abfm.load_correspondence(tmp_path / "c.npz")
+    assert_array_equal(again.points.positions, found.points.positions)
+    assert_array_equal(again.back.positions, found.back.positions)
+    assert again.there_and_back() == found.there_and_back()
+    again.save(tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "c.npz").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("image_faces", np.full(300, 10**6), "faces 1000000"),
+        ("image_barycentric", np.full((300, 3), 0.5), "barycentric"),
+        ("a_faces", np.zeros((4, 3), int), "unused|repairs|face"),
+        ("sphere", np.zeros((300, 3)), "middle"),
+        ("back_faces", np.zeros(7, int), "shape"),
+        ("a_vertices", np.full((2562, 3), np.inf), "finite"),
+    ],
+)
+def test_damaged_files_are_refused(name, value, words, tmp_path):
+    arrays = spheres(FINE, COARSE).arrays() | {name: value, "format_version": 1}
+    np.savez(tmp_path / "bad.npz", **arrays)
+    with pytest.raises(ResultError, match=words):
+        abfm.load_correspondence(tmp_path / "bad.npz")
+
+
+def test_ways_between_other_surfaces_are_refused():
+    there = PointMap.of_vertices(FINE, FINE)
+    with pytest.raises(AbfmError, match="other surfaces"):
+        Correspondence(there, PointMap.of_vertices(COARSE, COARSE))
+    with pytest.raises(AbfmError, match="cannot follow"):
+        there.followed_by(PointMap.of_vertices(COARSE, COARSE))

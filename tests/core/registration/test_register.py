@@ -1,0 +1,213 @@
+"""Registering one surface to another: initial maps by words, and what the flow adds."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+import abfm
+from abfm import Correspondence, Parameters, PointMap, TriangleMesh, register
+from abfm.errors import AbfmError, FunctionError, MeshError, ParameterError, ResultError
+from abfm.io.exports import export_ply
+from abfm.maps.spherical import SphereLayout
+from abfm.mesh.shapes import even_sphere
+from abfm.registration.initial.spheres import (
+    OnSphere,
+    Pairs,
+    rotation_by_functions,
+    rotation_by_landmarks,
+)
+from abfm.registration.register import MEASURED, prepare
+from tests.shapes import icosphere, torus, with_loose_vertex
+
+A, B = even_sphere(3000), icosphere(4)
+TURN = Rotation.from_rotvec([0.4, -0.9, 0.3])
+
+
+def hills(directions, seed=0, count=300, width=0.15):
+    """A rough function of directions (P, 3), as if it had been measured."""
+    rng = np.random.default_rng(seed)
+    centres, heights = rng.normal(size=(count, 3)), rng.normal(size=count)
+    centres /= np.linalg.norm(centres, axis=1)[:, None]
+    return np.exp((directions @ centres.T - 1) / width**2) @ heights
+
+
+def on_sphere(mesh, turn=None, **others):
+    directions = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1)[:, None]
+    seen = directions if turn is None else turn.inv().apply(directions)
+    return OnSphere(SphereLayout(mesh, directions), hills(seen)[None], **others)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_rotation_between_spheres_is_found_wherever_they_start(seed):
+    turn = Rotation.random(rng=seed)
+    found = rotation_by_functions(on_sphere(A), on_sphere(B, turn), np.ones(1))
+    assert (found.rotation * turn.inv()).magnitude() < np.radians(0.5)
+    assert found.correlation > 0.97
+    assert found.runner_up < 0.8
+    assert_allclose(found.degrees, np.degrees(found.rotation.magnitude()))
+
+
+def test_what_masks_hide_does_not_turn_the_sphere():
+    b = on_sphere(B, TURN)
+    hidden = B.vertices[:, 2] > 0.6
+    b.functions[0, hidden] = 50
+    found = rotation_by_functions(
+        on_sphere(A), OnSphere(b.layout, b.functions, 1.0 - hidden), np.ones(1)
+    )
+    assert (found.rotation * TURN.inv()).magnitude() < np.radians(0.5)
+
+
+def test_three_landmarks_say_how_a_sphere_is_turned():
+    layouts = SphereLayout(A, A.vertices), SphereLayout(B, TURN.apply(B.vertices.copy()))
+    on_a = layouts[0].locate(np.eye(3))
+    on_b = layouts[1].locate(TURN.apply(np.eye(3)))
+    found = rotation_by_landmarks(*layouts, Pairs(on_a, on_b, np.ones(3)))
+    assert (found.rotation * TURN.inv()).magnitude() < 1e-6
+
+
+def flowed(mesh, directions, strength=0.12):
+    """Directions moved by a smooth map of the sphere."""
+    moved = directions + strength * np.sin(3 * directions[:, [1, 2, 0]])
+    return moved / np.linalg.norm(moved, axis=1)[:, None]
+
+
+@pytest.fixture(scope="module")
+def found():
+    f = hills(A.vertices)
+    g = hills(flowed(B, TURN.inv().apply(B.vertices.copy())))
+    return register(A, B, f, 3 * g + 7, parameters=Parameters(**{**MEASURED.to_dict(), "sigma": 2}))
+
+
+def test_a_sphere_is_turned_and_then_bent_to_where_it_belongs(found):
+    wanted = flowed(B, TURN.inv().apply(B.vertices.copy()))
+    wanted /= np.linalg.norm(wanted, axis=1)[:, None]
+    before = np.linalg.norm(found.initial.points.positions - wanted, axis=1)
+    after = np.linalg.norm(found.points.positions - wanted, axis=1)
+    assert np.median(after) < 0.35 * np.median(before)
+    assert found.distortion().folded == 0
+    assert found.there_and_back().median < 0.01
+    assert found.coverage() == 1
+    assert found.verdict.kind in ("registered", "matched", "nearly")
+    assert "turned by" in found.notes[0]
+
+
+def test_its_functions_go_as_the_match_says(found):
+    carried = found.carry(hills(A.vertices))
+    expected = found.match.push(found.initial.carry(hills(A.vertices)), found.match.parameters.tau)
+    assert np.abs(carried - expected).mean() < 0.1 * expected.std()
+
+
+def test_it_is_the_same_after_it_was_saved(found, tmp_path):
+    found.save(tmp_path / "r.npz")
+    again = abfm.load_registration(tmp_path / "r.npz")
+    assert_array_equal(again.points.positions, found.points.positions)
+    assert_array_equal(again.back.positions, found.back.positions)
+    assert again.verdict == found.verdict
+    assert_allclose(abfm.load_match(tmp_path / "r.npz").mismatch, found.match.mismatch)
+    step = found.at_step(0)
+    assert step.distortion().log2_area.mean < found.distortion().log2_area.mean
+    with pytest.raises(ResultError, match="lacks"):
+        abfm.load_registration(saved(found.match, tmp_path / "m.npz"))
+
+
+def saved(what, path):
+    what.save(path)
+    return path
+
+
+def test_measured_functions_are_compared_in_their_own_units():
+    f, g = hills(A.vertices), 100 - 3 * hills(B.vertices)
+    prepared = prepare(A, B, f, g, initial="sphere")
+    areas = np.bincount(B.faces.ravel(), minlength=len(B.vertices))
+    for values in (prepared.problem.source, prepared.problem.target):
+        assert abs(np.average(values[:, 0], weights=areas)) < 0.1
+        assert abs(np.sqrt(np.average(values[:, 0] ** 2, weights=areas)) - 1) < 0.1
+    assert prepared.problem.parameters == MEASURED
+
+
+def test_functions_of_the_other_sign_are_told():
+    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+    prepared = prepare(A, B, hills(A.vertices), -hills(B.vertices), initial=same)
+    assert "negative" in prepared.notes[0]
+    assert not prepare(A, B, hills(A.vertices), hills(B.vertices), initial=same).notes
+
+
+def test_exact_functions_keep_their_values():
+    prepared = prepare(A, B, "coordinate:x", "coordinate:x", initial="sphere")
+    assert_allclose(prepared.problem.target[:, 0], B.vertices[:, 0])
+    other = prepare(A, B, A.vertices[:, 0] * 9, "coordinate:x", initial="sphere").problem
+    assert_allclose(np.ptp(other.source), np.ptp(other.target), rtol=0.01)
+    assert prepared.problem.parameters == Parameters()
+
+
+def test_several_channels_with_weights_and_masks_on_both():
+    f = ["coordinate:x", "coordinate:z"]
+    mask_a, mask_b = A.vertices[:, 0] > -0.5, B.vertices[:, 1] > -0.5
+    prepared = prepare(A, B, f, f, mask_a=mask_a, mask_b=mask_b, weights=[1, 2])
+    assert_allclose(prepared.problem.weights, [1, 2])
+    mask = prepared.problem.mask
+    assert (mask[B.vertices[:, 1] <= -0.5] == 0).all()
+    assert (mask[B.vertices[:, 0] < -0.7] == 0).all()
+    assert_allclose(mask[B.vertices.min(axis=1) > 0], 1)
+
+
+def test_equal_faces_need_no_word():
+    bent = TriangleMesh(B.vertices * [1, 1.2, 0.9], B.faces)
+    prepared = prepare(bent, B, "coordinate:x", "coordinate:x")
+    assert_array_equal(prepared.initial.points.nearest_vertices(), np.arange(len(B.vertices)))
+
+
+def test_spheres_come_from_files_and_mirrors_on_request(tmp_path):
+    body_a, body_b = (
+        TriangleMesh(m.vertices * (1 + 0.2 * m.vertices[:, :1]) * [1, 2, 1], m.faces)
+        for m in (A, B)
+    )
+    names = [str(tmp_path / name) for name in ("a.ply", "b.ply")]
+    mirrored = TriangleMesh(A.vertices * [-1, 1, 1], A.faces)
+    for name, mesh in zip(names, (mirrored, B), strict=True):
+        export_ply(name, mesh, {}, {})
+    f, g = hills(A.vertices), hills(B.vertices)
+    prepared = prepare(body_a, body_b, f, g, initial=f"sphere:mirror,{','.join(names)}")
+    assert np.corrcoef(prepared.problem.source[:, 0], g)[0, 1] > 0.97
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"a": "x.off"}, MeshError, "a is 'x.off'"),
+        ({"g": None}, FunctionError, "both f and g"),
+        ({"f": np.ones(3)}, FunctionError, "one per vertex"),
+        ({"f": ["coordinate:x", "coordinate:y"]}, FunctionError, "2 and g 1"),
+        ({"f": "cordinate:x"}, FunctionError, "coordinate"),
+        ({"mask_a": -np.ones(3000)}, ParameterError, "mask_a"),
+        ({"mask_b": np.zeros(2562)}, ParameterError, "mask_b"),
+        ({"initial": "spher"}, ParameterError, "sphere"),
+        ({"initial": 3}, ParameterError, "expected a Correspondence"),
+        ({"initial": "sphere:a.ply"}, ParameterError, "names 1 files"),
+        ({"initial": "connectivity"}, AbfmError, "equal connectivity"),
+        ({"initial": PointMap.of_vertices(B, B)}, ParameterError, "another surface A"),
+        ({"a": torus(20, 10), "f": "coordinate:x"}, ParameterError, "no initial map"),
+        ({"weights": [1, 2]}, ParameterError, "weights"),
+        (
+            {"mask_a": A.vertices[:, 0] > 0.2, "mask_b": B.vertices[:, 0] < -0.2},
+            ParameterError,
+            "nothing in common",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused(change, error, words):
+    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+    given = {"a": A, "b": B, "f": "coordinate:x", "g": "coordinate:x", "initial": same} | change
+    if change.keys() & {"a"}:
+        given.pop("initial")
+    with pytest.raises(error, match=words):
+        prepare(**given)
+
+
+def test_vertices_that_no_face_uses_have_values_in_files():
+    loose = with_loose_vertex(B)
+    values = np.arange(len(B.vertices) + 1.0)
+    same = Correspondence.through_sphere(A, loose, A.vertices, B.vertices)
+    prepared = prepare(A, loose, "coordinate:x", values, initial=same)
+    assert len(prepared.problem.target) == len(B.vertices)
