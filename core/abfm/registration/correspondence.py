@@ -19,6 +19,7 @@ from abfm.maps.quality import MapAccuracy, ThereAndBack, map_accuracy, there_and
 from abfm.maps.spherical import SphereLayout, through_sphere
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
+from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray, IntArray
 
 By: TypeAlias = Literal["point", "area"]
@@ -92,11 +93,13 @@ class Correspondence:
         """Carry a function of A, (V_A,) or (V_A, C), to B, (V_B,) or (V_B, C).
 
         ``by="point"`` takes at each vertex of B the value where it lies on A, linear inside faces;
-        ``by="area"`` means over all vertices of A around it, see `to_matrix`.
+        ``by="area"`` means over all vertices of A around it, see `to_matrix`. What is not finite
+        makes what is carried of it so.
         """
-        if by == "point":
-            return self.points.pull_back(h)
-        carried: FloatArray = self.to_matrix(by) @ self.a.restrict(np.asarray(h, dtype=np.float64))
+        given = self.a.restrict(real_numbers(h, "h", FunctionError))
+        if given.ndim not in (1, 2):
+            raise FunctionError(f"h has shape {given.shape}; expected (V_A,) or (V_A, C)")
+        carried: FloatArray = _without_zeros(self.to_matrix(by)) @ given
         return carried
 
     def carry_labels(self, labels: ArrayLike, by: By = "point") -> IntArray:

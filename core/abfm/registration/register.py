@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.channels import channels
+from abfm.calculus.channels import extend
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import FunctionError, MeshError, ParameterError, brief
 from abfm.functions.spec import function
@@ -24,7 +24,7 @@ from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.given import Given
 from abfm.registration.initial.words import initial_map
 from abfm.registration.registration import Registration
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import Control
 
 Functions: TypeAlias = ArrayLike | str | Sequence[str]
@@ -71,8 +71,10 @@ def register(
     a, b : TriangleMesh
     f, g : (V_A,) or (V_A, C), and (V_B,) or (V_B, C) arrays, or str, or sequences of str
         One or several channels; texts are functions, see `abfm.function`, each on its own surface.
+        Where a value is not finite, such as behind a medial wall, nothing is compared.
         Functions that were measured, or are not in one unit, are compared by their deviations from
-        their means in standard deviations, both where the masks are above 0.
+        their means in standard deviations, both where the masks are above 0; where one is nearly
+        the negative of the other, its sign is turned, and that is told.
     initial : Correspondence, PointMap or str, optional
         See `abfm.registration.initial.words`; by default chosen by what is given.
     parameters : Parameters, optional
@@ -120,12 +122,12 @@ def prepare(
             raise MeshError(f"{name} is {brief(mesh)}; expected a TriangleMesh, see abfm.load_mesh")
     if f is None or g is None:
         raise FunctionError("give both f and g: functions of A and of B to register by")
-    source, target = _values(a, f, "f"), _values(b, g, "g")
+    (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
     if len(source) != len(target):
         raise FunctionError(
             f"f has {len(source)} and g {len(target)} channels; give as many of each"
         )
-    on_a, on_b = _mask(a, mask_a, "mask_a"), _mask(b, mask_b, "mask_b")
+    on_a, on_b = _mask(a, mask_a, known_a, "mask_a"), _mask(b, mask_b, known_b, "mask_b")
     counts = np.ones(len(source)) if weights is None else real_numbers(weights, "weights")
     given = Given(a, b, source, target, on_a, on_b, counts)
     first = initial_map(initial, given)
@@ -141,22 +143,35 @@ def prepare(
     return Prepared(found, problem, (*first.notes, *notes))
 
 
-def _values(mesh: TriangleMesh, given: Functions, name: str) -> FloatArray:
-    """Return functions (C, V)."""
+def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray, BoolArray]:
+    """Return functions (C, V), and where all of them are known, (V,): where not, as behind a medial
+    wall, they are filled in.
+    """
     if isinstance(given, str):
-        return function(mesh, given)[None]
+        given = [given]
     if isinstance(given, list | tuple) and given and all(isinstance(x, str) for x in given):
-        return np.stack([function(mesh, str(spec)) for spec in given])
-    return channels(mesh, given, name)
+        values = np.stack([function(mesh, str(spec)) for spec in given], axis=1)
+    else:
+        values = mesh.restrict(real_numbers(given, name, FunctionError))
+        values = values[:, None] if values.ndim == 1 else values
+    if values.ndim != 2:
+        raise FunctionError(f"{name} has shape {values.shape}; expected (V,) or (V, C)")
+    known: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
+    if not known.any():
+        raise FunctionError(f"{name} is finite nowhere")
+    rows = np.where(known[:, None], values, 0).T
+    return np.stack([extend(mesh, row, known) for row in rows]), known
 
 
-def _mask(mesh: TriangleMesh, given: ArrayLike | None, name: str) -> FloatArray | None:
+def _mask(
+    mesh: TriangleMesh, given: ArrayLike | None, known: BoolArray, name: str
+) -> FloatArray | None:
     if given is None:
-        return None
+        return None if known.all() else known.astype(np.float64)
     found = mesh.restrict(real_numbers(given, name))
     if found.ndim != 1 or not np.isfinite(found).all() or (found < 0).any() or not found.any():
         raise ParameterError(f"{name} must be one number per vertex, finite, not negative, not 0")
-    return found
+    return found * known
 
 
 def _comparable(
@@ -178,15 +193,15 @@ def _comparable(
         alike = float(np.average(apart[0] * apart[1], weights=areas)) / (sizes[0] * sizes[1])
         if alike < _OPPOSITE:
             notes.append(
-                f"channel {c + 1}: what comes from A looks like the negative of B's function "
-                f"(correlation {alike:.2f} by the initial map), as packages differ in the sign of "
-                "depth and curvature: give one of them with the other sign"
+                f"channel {c + 1} of A was taken with the other sign, as packages differ in it: by "
+                f"the initial map it correlates with B's by {alike:.2f}"
             )
-        means = [values.mean() - each.mean() for values, each in zip(pair, apart, strict=True)]
+            found[0][c], apart[0] = -source[c], -apart[0]
+        means = [own[c, 0] - each[0] for own, each in zip(found, apart, strict=True)]
         is_same = abs(means[0] - means[1]) < _SAME * min(sizes) and (
             max(sizes) < (1 + _SAME) * min(sizes)
         )
-        if not is_same or is_measured(FunctionTerm(unit, *pair, mask)):
+        if not is_same or is_measured(FunctionTerm(unit, found[0][c], target[c], mask)):
             measured = True
             for values, each, size in zip(found, apart, sizes, strict=True):
                 values[c] = each / size

@@ -126,10 +126,13 @@ def test_measured_functions_are_compared_in_their_own_units():
     assert prepared.problem.parameters == MEASURED
 
 
-def test_functions_of_the_other_sign_are_told():
+def test_functions_of_the_other_sign_are_turned_and_told():
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     prepared = prepare(A, B, hills(A.vertices), -hills(B.vertices), initial=same)
-    assert "negative" in prepared.notes[0]
+    assert "channel 1 of A was taken with the other sign" in prepared.notes[0]
+    assert np.corrcoef(prepared.problem.source[:, 0], -hills(B.vertices))[0, 1] > 0.97
+    turned = prepare(A, B, hills(A.vertices), -hills(TURN.apply(B.vertices.copy())))
+    assert np.corrcoef(turned.problem.source[:, 0], turned.problem.target[:, 0])[0, 1] > 0.97
     assert not prepare(A, B, hills(A.vertices), hills(B.vertices), initial=same).notes
 
 
@@ -203,6 +206,18 @@ def test_what_does_not_fit_is_refused(change, error, words):
         given.pop("initial")
     with pytest.raises(error, match=words):
         prepare(**given)
+
+
+def test_where_values_are_unknown_nothing_is_compared():
+    f, g = hills(A.vertices), hills(B.vertices)
+    f[A.vertices[:, 2] > 0.8], g[B.vertices[:, 2] < -0.8] = np.nan, np.inf
+    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+    problem = prepare(A, B, f, g, initial=same).problem
+    assert (problem.mask[np.abs(B.vertices[:, 2]) > 0.9] == 0).all()
+    assert_allclose(problem.mask[np.abs(B.vertices[:, 2]) < 0.7], 1)
+    assert np.isfinite(problem.source).all()
+    with pytest.raises(FunctionError, match="finite nowhere"):
+        prepare(A, B, f * np.nan, g, initial=same)
 
 
 def test_vertices_that_no_face_uses_have_values_in_files():

@@ -36,7 +36,7 @@ class Turned(NamedTuple):
     """A rotation of sphere A, and what it comes to."""
 
     rotation: Rotation
-    correlation: float  # of A's functions, carried, with B's; NaN for landmarks alone
+    correlation: float  # of A's functions, carried, with B's, of any sign; NaN for landmarks alone
     # the largest one of rotations that are another one, over `correlation`
     runner_up: float
 
@@ -79,8 +79,8 @@ class OnSphere:
 
 
 def rotation_by_functions(a: OnSphere, b: OnSphere, weights: FloatArray) -> Turned:
-    """Search all rotations of sphere A for the one whose functions correlate best with B's, summed
-    over channels by weights (C,).
+    """Search all rotations of sphere A for the one whose functions correlate best with B's, in the
+    mean over channels by weights (C,), with either sign, as packages differ in it.
 
     The rotation takes directions on A to directions on B.
     """
@@ -151,7 +151,7 @@ class _Level:
         self._counted = counted
 
     def correlations(self, rotations: Rotation) -> FloatArray:
-        """Return the sum over channels of correlations, (K,), of rotations (K) of A."""
+        """Return the mean over channels of correlations, (K,), of rotations (K) of A."""
         back = rotations.inv().as_matrix().reshape(-1, 3, 3)
         seen = np.einsum("kxy,ny->xkn", back, self._places)
         rows = (np.degrees(np.arcsin(np.clip(seen[2], -1, 1))) + 90) * (_LINES / 180)
@@ -166,8 +166,8 @@ class _Level:
             g = target - (counted * target).sum(axis=1, keepdims=True) / total
             sizes = (counted * f**2).sum(axis=1) * (counted * g**2).sum(axis=1)
             products = (counted * f * g).sum(axis=1)
-            score += weight * np.divide(
-                products, np.sqrt(sizes), out=np.zeros_like(products), where=sizes > 0
+            score += weight * np.abs(
+                np.divide(products, np.sqrt(sizes), out=np.zeros_like(products), where=sizes > 0)
             )
         # where little of both is left to compare nothing is said
         return np.asarray(score / self._weights.sum() * np.minimum(1, 2 * total[:, 0] / self._most))
