@@ -18,6 +18,7 @@ from abfm import Control, Match, Parameters, Problem, ResultError, TriangleMesh,
 from abfm.errors import brief, printable
 from abfm.functions import families, function
 from abfm.functions.family import quoted
+from abfm.matching import bounded
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals
@@ -75,9 +76,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--path", "table of the path, a step a line", "FILE.csv", type=Path)
     add(
         "--max-distortion",
-        "take the last step of the path whose mean |log2 J| is at most N, or the first one",
+        "the closest field with |log2 J| of areas and |log2 R| of shapes at most N on 99%% of the "
+        "faces",
         "N",
-        type=options.not_negative,
+        type=options.positive,
     )
     add("--json", "print one JSON object about the result")
     add("--quiet", "no progress")
@@ -187,7 +189,7 @@ class Outcome:
     seconds: float
     outputs: Sequence[Path]
     signal: int | None  # that came, also after the last iteration
-    picked: str = ""  # which step of the path it is, if that was asked for
+    picked: str = ""  # how a bound of distortion is kept, if one was asked for
 
     @property
     def status(self) -> int:
@@ -226,16 +228,18 @@ def solve(
 ) -> Outcome:
     """Match with progress on stderr and write the result, also after a signal, and its path.
 
-    A ``max_distortion`` is the most mean |log2 J| of the step of the path that is taken.
+    A ``max_distortion`` bounds what 99% of the faces may change by, see `abfm.matching.bounded`.
     """
     control = Control()
     start = time.perf_counter()
     with cancelled_by_signals(control) as kept:
         with progress(problem.parameters.iterations, quiet) as report:
             match, picked = abfm.match(problem, on_iteration=report, control=control), ""
-        seconds = time.perf_counter() - start
         if max_distortion is not None:
-            match, picked = results.within(match, max_distortion)
+            with nullcontext() if quiet else telling(print_long):
+                match = bounded(match, max_distortion, control=control)
+                picked = results.bound_told(match.distortion(), max_distortion)
+        seconds = time.perf_counter() - start
         outputs.write_all(outs, match)
         if path is not None:
             outputs.write_path(path, match)

@@ -1,10 +1,12 @@
-"""What is told of a match and of its path, to people and to machines; a step of it by its cost."""
+"""What is told of a match, of its path and of its distortion, to people and to machines."""
 
 import math
 from dataclasses import asdict, fields
 from typing import Any
 
 from abfm import Match, PathStep
+from abfm.maps import Distortion
+from abfm.matching import SHARE
 from abfm.mesh.subdivision import times_subdivided
 
 _HEADS = ("step", "sigma", "mismatch", "by flow lines", "folded", "|log2 J|", "|log2 R|", "refined")
@@ -68,18 +70,10 @@ def _short(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.3g}"
 
 
-def within(match: Match, most: float) -> tuple[Match, str]:
-    """Return the last step of a path whose mean |log2 J| is at most so much, and what to say; else
-    the first one, which distorts least.
-    """
-    known = [number for number, each in enumerate(match.path) if not math.isnan(each.log2_area)]
-    asked = f"--max-distortion {most:g}"
-    if not known:
-        return match, f"{asked}: no step's distortion is known; the match is as it was found"
-    able = [number for number in known if match.path[number].log2_area <= most]
-    step = able[-1] if able else 0
-    told = f"mean |log2 J| {_short(match.path[step].log2_area)}"
-    if not able:
-        told = f"even the first step has {told}; it is taken, and a larger sigma distorts less"
-        return match.at_step(step), f"{asked}: {told}"
-    return match.at_step(step), f"{asked}: step {step + 1} of {len(match.path)} taken, {told}"
+def bound_told(distortion: Distortion, most: float) -> str:
+    """Say how many faces keep a bound, and whether that is enough."""
+    share, folded = distortion.share_within(most), distortion.folded
+    told = f"--max-distortion {most:g}: kept by {100 * share:.2f}% of the faces"
+    if share >= SHARE and not folded:
+        return told
+    return f"{told}, {folded} are folded; this is the smoothest field that was tried"

@@ -71,6 +71,13 @@ class Distortion:
         """``|log2 R|``, as they tell how much shapes change."""
         return self._log2(self.conformal)
 
+    def share_within(self, most: float) -> float:
+        """Return the share of the faces, 0 to 1, with neither ``|log2 J|`` nor ``|log2 R|`` above
+        ``most``.
+        """
+        logs = np.log2(np.clip([self.area, self.conformal], _LEAST, 1 / _LEAST))
+        return float((np.abs(logs) <= most).all(axis=0).mean())
+
     def scaled(self, factor: float) -> Distortion:
         """Return it with all stretches times a factor, as of surfaces in other units of length."""
         values = factor * self.singular_values

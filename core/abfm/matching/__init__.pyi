@@ -1,3 +1,6 @@
+from .bounded import SHARE as SHARE
+from .bounded import bounded as bounded
+from .bounded import keeps as keeps
 from .judging.verdict import Remedy as Remedy
 from .judging.verdict import Verdict as Verdict
 from .judging.verdict import kind_of as kind_of
