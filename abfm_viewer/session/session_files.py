@@ -15,7 +15,8 @@ import numpy as np
 import abfm
 from abfm import FunctionError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
-from abfm.mesh.files import FREESURFER_SURFACES, READERS
+from abfm.mesh.files import READERS
+from abfm.reading import FREESURFER_SURFACES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line

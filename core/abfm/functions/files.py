@@ -15,6 +15,7 @@ from abfm.functions.labels import LISTED, listed_vertices, where_label
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh
 from abfm.reading import (
+    FREESURFER_VALUES,
     LABEL,
     array_from,
     freesurfer_kind,
@@ -30,7 +31,6 @@ _NO_NUMBER = re.compile(  # NumPy's words, which count rows from 0 and columns f
     re.DOTALL,
 )
 _SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".vts")
-_FREESURFER = (".sulc", ".curv", ".thickness", ".area", ".volume")  # names of values, as a rule
 _LABELS = (".annot", LISTED)
 _SYMMETRIC = ".sym.vts"
 _ARE_LABELS = (
@@ -51,7 +51,8 @@ class ValuesFile(Family):
     family = "file"
     positional = "path"
     path: str = parameter(
-        file_name(*_SUFFIXES, *_FREESURFER, *_LABELS), ".npy, .csv, .txt, .gii or FreeSurfer's"
+        file_name(*_SUFFIXES, *FREESURFER_VALUES, *_LABELS),
+        ".npy, .csv, .txt, .gii or FreeSurfer's",
     )
     column: str | None = parameter(
         WORD, "column by its name or number, counted from 0", default=None

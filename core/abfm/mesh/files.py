@@ -48,10 +48,6 @@ READERS: dict[str, Callable[[Path], FileContents]] = {
     ".gii.gz": read_gifti,
 }
 """By endings of names."""
-FREESURFER_SURFACES = (
-    *(".white", ".pial", ".inflated", ".smoothwm", ".orig", ".sphere", ".sphere.reg"),
-)
-"""Endings of what FreeSurfer's surfaces are usually called; they may have any other."""
 _NO_MESHES = {
     ".annot": "it holds labels of vertices",
     ".label": "it holds a list of vertices",

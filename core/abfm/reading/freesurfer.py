@@ -19,6 +19,11 @@ from abfm.reading.door import open_plain, read_bytes
 from abfm.reading.labels import Color, Labels
 from abfm.types import FloatArray, IntArray
 
+FREESURFER_SURFACES = (
+    *(".white", ".pial", ".inflated", ".smoothwm", ".orig", ".sphere", ".sphere.reg"),
+)
+FREESURFER_VALUES = (".sulc", ".curv", ".thickness", ".area", ".volume")
+"""What names of surfaces and of values usually end in; they may end in anything."""
 _SURFACE, _VALUES, _QUADRANGLES = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
 _KINDS = {_SURFACE: "surface", _VALUES: "values", _QUADRANGLES: "quadrangles"}
 _LONGEST_LINE = 1 << 16  # of the two lines that say who made a surface
