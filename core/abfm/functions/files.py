@@ -41,11 +41,11 @@ _ARE_LABELS = (
 
 @dataclass(frozen=True, kw_only=True)
 class ValuesFile(Family):
-    """Values from a .npy, .csv, .txt, .gii(.gz) or FreeSurfer file, in its own unit: one per
-    vertex, as the mesh file counts.
+    """Values from a file, in its own unit: one per vertex, as the mesh file counts.
 
-    Labels, of .label.gii and .annot files, are numbers between which there is nothing: a function
-    is where one of them is, 1 there and 0 elsewhere. So is what a .label file lists.
+    It may be .npy, .csv, .txt, .gii(.gz) or FreeSurfer's. Labels, of .label.gii and .annot files,
+    are numbers with nothing between them: a function is where one of them is, 1 there and 0
+    elsewhere. So is what a .label file lists.
     """
 
     family = "file"
@@ -125,7 +125,8 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
 
     .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers
     separated by commas, semicolons, tabs or blanks, with or without a line of names on top; empty
-    lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the columns.
+    lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the columns,
+    named by their metadata.
     Other names may be of FreeSurfer's values, such as ``lh.sulc``, which are known by how they
     begin; .label lists vertices with a value each. Labels are refused: see `read_labels`.
     """
@@ -143,7 +144,9 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
             raise ValueError("it holds no data array")
         if any(array.intent == LABEL for array in arrays):
             raise ValueError(_ARE_LABELS)
-        return [], _as_table(np.column_stack([array.values for array in arrays]))
+        table = _as_table(np.column_stack([array.values for array in arrays]))
+        names = [array.name for array in arrays]
+        return names if any(names) and len(names) == table.shape[1] else [], table
     except OSError as error:
         raise FunctionError(f"file {brief(path)} cannot be read: {one_line(error)}") from error
     except Exception as error:  # whatever a broken file makes of the readers

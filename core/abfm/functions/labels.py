@@ -32,7 +32,8 @@ def read_labels(path: str | os.PathLike[str], column: str | None = None) -> Labe
     ----------
     path : path
     column : str, optional
-        Which array of a GIFTI file, by its number from 0; needed where there are several.
+        Which array of a GIFTI file, by its name or number, counted from 0; needed where there are
+        several.
 
     Raises
     ------
@@ -105,13 +106,17 @@ def listed_vertices(mesh: TriangleMesh, path: str, column: str | None = None) ->
 
 def _of_gifti(file: Path, column: str | None) -> Labels:
     contents = read_gifti(file)
-    arrays = [array.values for array in contents.arrays if array.intent == LABEL]
+    arrays = [array for array in contents.arrays if array.intent == LABEL]
     if not arrays:
         raise ValueError(f"none of its {len(contents.arrays)} arrays has the intent {LABEL}")
     if column is None and len(arrays) > 1:
         raise ValueError(f"it has {len(arrays)} columns; choose column=0 to {len(arrays) - 1}")
-    _check_column(column, len(arrays))
-    values = arrays[int(column or 0)]
+    names = [array.name for array in arrays]
+    if column and column in names:
+        values = arrays[names.index(column)].values
+    else:
+        _check_column(column, len(arrays))
+        values = arrays[int(column or 0)].values
     if values.size != len(values):
         raise ValueError(f"an array of keys has shape {values.shape}; expected (n,)")
     with np.errstate(invalid="ignore"):

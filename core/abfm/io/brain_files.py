@@ -5,9 +5,10 @@ GIFTI is as Connectome Workbench expects it: values of single precision, keys of
 hemisphere as ``AnatomicalStructurePrimary``. The same data makes the same file every time.
 """
 
+import csv
 import gzip
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -83,7 +84,10 @@ def write_surface(
 
 
 def write_values(
-    path: str | os.PathLike[str], values: ArrayLike, structure: str | None = None
+    path: str | os.PathLike[str],
+    values: ArrayLike,
+    structure: str | None = None,
+    names: Sequence[str] = (),
 ) -> None:
     """Write values at vertices: .shape.gii, .func.gii, .gii, .npy, .csv, .txt or FreeSurfer's.
 
@@ -94,6 +98,8 @@ def write_values(
     ----------
     values : (n,) or (n, C) array
         One row per vertex of the file that they belong to.
+    names : sequence of C str, optional
+        What the columns are called, in GIFTI and .csv; others do not say it.
 
     Raises
     ------
@@ -104,22 +110,27 @@ def write_values(
     array = real_numbers(values, "values", ResultError)
     if array.ndim not in (1, 2) or array.size == 0:
         raise ResultError(f"values have shape {array.shape}; expected (n,) or (n, C)")
+    count = array.size // len(array)
+    if names and len(names) != count:
+        raise ResultError(f"{len(names)} names were given for {count} columns of values")
+    called = [_printable(name, "a name of values") for name in names]
     if ending == ".npy" or ending in _TEXTS:
-        _write_plain(path, ending, array, "%.17g")
+        _write_plain(path, ending, array, "%.17g", called if ending == ".csv" else [])
         return
-    columns = _single(array.reshape(len(array), -1).T, "values")
+    columns = _single(array.reshape(len(array), count).T, "values")
     if ending in FREESURFER_VALUES:
-        if len(columns) != 1:
+        if count != 1:
             raise ResultError(
-                f"cannot write {path}: FreeSurfer's files hold one column, and {len(columns)} are "
-                "given; write them one by one, or .func.gii"
+                f"cannot write {path}: FreeSurfer's files hold one column, and {count} are given; "
+                "write them one by one, or .func.gii"
             )
         write = brain_package("nibabel.freesurfer").write_morph_data
         with write_atomically(path) as temporary:
             write(temporary, columns[0])
         return
     intent = _INTENTS.get(ending, "NIFTI_INTENT_NONE")
-    arrays = [_gifti_array(column, intent) for column in columns]
+    metas = [{"Name": name} for name in called] or [{}] * count
+    arrays = [_gifti_array(c, intent, meta) for c, meta in zip(columns, metas, strict=True)]
     _write_gifti(path, arrays, _structure(path, structure))
 
 
@@ -221,12 +232,20 @@ def _write_gifti(
 
 
 def _write_plain(
-    path: str | os.PathLike[str], ending: str, values: NDArray[Any], form: str
+    path: str | os.PathLike[str],
+    ending: str,
+    values: NDArray[Any],
+    form: str,
+    names: Sequence[str] = (),
 ) -> None:
-    with write_atomically(path) as temporary, temporary.open("wb") as file:
+    with write_atomically(path) as temporary:
         if ending == ".npy":
-            np.save(file, values)
-        else:
+            with temporary.open("wb") as binary:  # NumPy adds .npy to other names
+                np.save(binary, values)
+            return
+        with temporary.open("w", encoding="utf-8", newline="") as file:
+            if names:
+                csv.writer(file, lineterminator="\n").writerow(names)
             np.savetxt(file, values, form, _TEXTS[ending])
 
 
@@ -247,12 +266,13 @@ def _table(labels: Labels) -> IntArray:
     taken, rows = {0}, []
     for key in labels.names:
         color = _color(labels, key)
-        red, green, blue, clear = (round(_OPAQUE * part) for part in color or (0.5, 0.5, 0.5, 1.0))
+        code = (round(_OPAQUE * part) for part in color or (0.5, 0.5, 0.5, 1.0))
+        red, green, blue, opacity = code
         packed = red | green << 8 | blue << 16
         while packed in taken:
             packed = (packed + 1) % _COLOURS
         taken.add(packed)
-        rows.append([packed & 255, packed >> 8 & 255, packed >> 16, _OPAQUE - clear])
+        rows.append([packed & 255, packed >> 8 & 255, packed >> 16, _OPAQUE - opacity])
     return np.array(rows, dtype=np.int64)
 
 

@@ -25,16 +25,20 @@ _TYPES = {
 _ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
 _LAYOUTS = {"RowMajorOrder": "C", "ColumnMajorOrder": "F"}
 _MOST_DIMENSIONS = 6
+_TEXTS = ("Data", "Label", "Name", "Value")  # elements whose text is used
 _LARGEST_KEY = 2**63 - 1
 LABEL = "NIFTI_INTENT_LABEL"
 """The intent of arrays of keys, which the table of labels names."""
 
 
 class GiftiArray(NamedTuple):
-    """One data array: what it is meant for, such as ``NIFTI_INTENT_POINTSET``, and its values."""
+    """One data array: what it is meant for, such as ``NIFTI_INTENT_POINTSET``, its values, and what
+    its metadata call it, if anything.
+    """
 
     intent: str
     values: NDArray[Any]
+    name: str = ""
 
 
 class Gifti(NamedTuple):
@@ -81,6 +85,7 @@ class _Reader:
         self.colors: dict[int, Color] = {}
         self._open: list[str] = []
         self._attributes: dict[str, str] = {}
+        self._name, self._entry = "", ""  # of the array; of its metadata
         self._text: list[str] = []
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
@@ -88,22 +93,29 @@ class _Reader:
             raise ValueError("it is XML, but not GIFTI")
         self._open.append(name)
         if name in ("DataArray", "Label"):
-            self._attributes = attributes
-        if name in ("Data", "Label"):
+            self._attributes, self._name = attributes, ""
+        if name in _TEXTS:
             self._text.clear()
 
     def characters(self, text: str) -> None:
-        if self._open[-1] in ("Data", "Label"):
+        if self._open[-1] in _TEXTS:
             self._text.append(text)
 
     def end(self, name: str) -> None:
         self._open.pop()
+        if name not in _TEXTS:
+            return
+        text = "".join(self._text)
+        self._text.clear()
         if name == "Data":
-            text = "".join(self._text)
-            self._text.clear()
-            self.arrays.append(GiftiArray(self._attributes.get("Intent", ""), self._values(text)))
-        if name == "Label":
-            self._label("".join(self._text).strip())
+            values = self._values(text)
+            self.arrays.append(GiftiArray(self._attributes.get("Intent", ""), values, self._name))
+        elif name == "Label":
+            self._label(text.strip())
+        elif name == "Name":
+            self._entry = text.strip()
+        elif self._entry == "Name" and "DataArray" in self._open:
+            self._name = text.strip()
 
     def entity(self, *_: object) -> None:
         raise ValueError("it declares entities, which GIFTI has none of")

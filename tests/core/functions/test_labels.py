@@ -22,7 +22,11 @@ VALUES = KEYS[np.random.default_rng(2).integers(0, 4, COUNT)]
 
 
 def write_gifti(path, columns, intent="NIFTI_INTENT_LABEL", names=NAMES, kind=np.int32):
-    arrays = [nibabel.gifti.GiftiDataArray(c.astype(kind), intent=intent) for c in columns]
+    """Columns are called ``map 0`` and so on."""
+    arrays = [
+        nibabel.gifti.GiftiDataArray(c.astype(kind), intent, meta={"a": "b", "Name": f"map {k}"})
+        for k, c in enumerate(columns)
+    ]
     image = nibabel.gifti.GiftiImage(darrays=arrays)
     for key, name in names.items():
         label = nibabel.gifti.GiftiLabel(key, *COLOURS.get(key, ()))
@@ -95,6 +99,7 @@ def test_labels_count_as_the_mesh_file_does(tmp_path):
 def test_columns_of_labels_are_chosen(tmp_path):
     path = write_gifti(tmp_path / "a.label.gii", [VALUES, VALUES[::-1]])
     assert_array_equal(function(MESH, f"file:{path},label=odd,column=1"), VALUES[::-1] == -7)
+    assert_array_equal(read_labels(path, "map 1").values, VALUES[::-1])
     for asked, told in (("", "2 columns; choose column=0 to 1"), (",column=2", "called '2'")):
         with pytest.raises(FunctionError, match=told):
             function(MESH, f"file:{path},label=odd{asked}")
@@ -140,6 +145,13 @@ def test_labels_are_no_values_and_no_map(tmp_path):
             assert str(caught.value).startswith("file ")
         with pytest.raises(FunctionError, match="it holds labels"):
             read_vertex_map(MESH, str(path))
+
+
+def test_columns_of_gifti_have_the_names_of_their_metadata(tmp_path):
+    columns = [np.arange(COUNT), -np.arange(COUNT)]
+    path = write_gifti(tmp_path / "a.func.gii", columns, "NIFTI_INTENT_NONE", kind=np.float32)
+    assert read_table(str(path))[0] == ["map 0", "map 1"]
+    assert_array_equal(function(MESH, f"file:{path},column=map 1"), -np.arange(COUNT))
 
 
 def test_values_of_freesurfer_are_known_by_how_they_begin(tmp_path):

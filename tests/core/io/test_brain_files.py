@@ -67,7 +67,8 @@ def test_surfaces_are_what_nibabel_expects(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["a.shape.gii", "a.func.gii", "a.gii", "a.func.gii.gz", "a.npy", "a.csv", "a.txt"]
+    "name",
+    ["a.shape.gii", "a.func.gii", "a.gii", "a.FUNC.gii.gz", "a.npy", "a.NPY", "a.csv", "a.Txt"],
 )
 @pytest.mark.parametrize("values", [VALUES, VALUES * 1e-30, np.stack([VALUES, np.cos(VALUES)], 1)])
 def test_values_come_back(tmp_path, name, values):
@@ -75,6 +76,18 @@ def test_values_come_back(tmp_path, name, values):
     found = read_table(str(tmp_path / name))[1]
     expected = values.astype(np.float32) if ".gii" in name else values
     assert_array_equal(found, expected.reshape(COUNT, -1))
+    assert os.listdir(tmp_path) == [name]
+
+
+@pytest.mark.parametrize("name", ["a.func.gii", "a.csv"])
+def test_columns_keep_their_names(tmp_path, name):
+    names, values = ["depth, mean", 'Ärmel "b"'], np.stack([VALUES, np.cos(VALUES)], 1)
+    write_values(tmp_path / name, values, names=names)
+    assert read_table(str(tmp_path / name))[0] == names
+    with pytest.raises(ResultError, match="1 names were given for 2 columns"):
+        write_values(tmp_path / name, values, names=["depth"])
+    with pytest.raises(ResultError, match=r"a name of values is 'a\\nb'"):
+        write_values(tmp_path / name, VALUES, names=["a\nb"])
 
 
 @pytest.mark.parametrize("name", ["lh.sulc", "rh.thickness", "lh.abfm.area"])
