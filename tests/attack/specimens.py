@@ -153,11 +153,14 @@ def _labels():
     annotation += struct.pack(">iiii", 1, -2, 3, 0) + struct.pack(">i", len(table))
     for number, (name, colour) in enumerate(table):
         annotation += struct.pack(">ii2s4i", number, 2, name.encode(), *colour)
+    overlay = struct.pack(">7i256x", 1, COUNT, 1, 1, 1, 3, 0)
+    overlay += (np.arange(COUNT) / 3).astype(">f4").tobytes()
     values = struct.pack(">3sIIi", b"\xff\xff\xff", COUNT, 7, 1)
     return {
         "a.label.gii": _gifti([keys], labels=names),
         "lh.annot": annotation,
         "lh.label": f"#!ascii label\n{len(range(3, COUNT, 4))}\n{rows}".encode(),
+        "lh.mgz": gzip.compress(overlay, mtime=0),
         "lh.sulc": values + (np.arange(COUNT) / 7).astype(">f4").tobytes(),
     }
 

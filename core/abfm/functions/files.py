@@ -20,6 +20,7 @@ from abfm.reading import (
     array_from,
     freesurfer_kind,
     freesurfer_label,
+    freesurfer_overlay,
     freesurfer_values,
     read_bytes,
     read_gifti,
@@ -30,7 +31,7 @@ _NO_NUMBER = re.compile(  # NumPy's words, which count rows from 0 and columns f
     r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
     re.DOTALL,
 )
-_SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".vts")
+_SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".mgh", ".mgz", ".vts")
 _LABELS = (".annot", LISTED)
 _SYMMETRIC = ".sym.vts"
 _ARE_LABELS = (
@@ -126,9 +127,9 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
     .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers
     separated by commas, semicolons, tabs or blanks, with or without a line of names on top; empty
     lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the columns,
-    named by their metadata.
-    Other names may be of FreeSurfer's values, such as ``lh.sulc``, which are known by how they
-    begin; .label lists vertices with a value each. Labels are refused: see `read_labels`.
+    named by their metadata. .mgh and .mgz are FreeSurfer's: frames are the columns. Other names
+    may be of FreeSurfer's values, such as ``lh.sulc``, which are known by how they begin; .label
+    lists vertices with a value each. Labels are refused: see `read_labels`.
     """
     suffix = next((suffix for suffix in _SUFFIXES if path.lower().endswith(suffix)), None)
     file = Path(os.path.expanduser(path))
@@ -139,6 +140,8 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
             return _read_text(file)
         if suffix == ".npy":
             return [], _as_table(array_from(read_bytes(file)))
+        if suffix in (".mgh", ".mgz"):
+            return [], freesurfer_overlay(file)
         arrays = read_gifti(file).arrays
         if not arrays:
             raise ValueError("it holds no data array")

@@ -31,7 +31,8 @@ _TEXTS = {".csv": ",", ".txt": " "}
 # longer ones first, so that what is neither .surf.gii nor the like is plain GIFTI
 _GIFTI = (".surf.gii", ".shape.gii", ".func.gii", ".label.gii", ".gii")
 _SURFACES = (".surf.gii", ".gii", ".ply", *FREESURFER_SURFACES)
-_VALUES = (".shape.gii", ".func.gii", ".gii", ".npy", *_TEXTS, *FREESURFER_VALUES)
+_OVERLAYS = (".mgh", ".mgz")
+_VALUES = (*_GIFTI[1:3], ".gii", ".npy", *_TEXTS, *_OVERLAYS, *FREESURFER_VALUES)
 _LABELS = (".label.gii", ".gii", ".annot", ".npy", *_TEXTS)
 _LARGEST_KEY = 2**31 - 1
 _STAMP = "created by abfm"
@@ -91,8 +92,8 @@ def write_values(
 ) -> None:
     """Write values at vertices: .shape.gii, .func.gii, .gii, .npy, .csv, .txt or FreeSurfer's.
 
-    GIFTI, which may also end in .gz and has an array a column, and FreeSurfer's (``lh.sulc``,
-    ``lh.thickness``), for one column, have single precision; all else keeps every digit.
+    GIFTI, which may also end in .gz and has an array a column, and FreeSurfer's, .mgh, .mgz and
+    for one column ``lh.sulc`` and the like, have single precision; all else keeps every digit.
 
     Parameters
     ----------
@@ -118,11 +119,17 @@ def write_values(
         _write_plain(path, ending, array, "%.17g", called if ending == ".csv" else [])
         return
     columns = _single(array.reshape(len(array), count).T, "values")
+    if ending in _OVERLAYS:
+        image = brain_package("nibabel.freesurfer").MGHImage
+        shape = (len(array), 1, 1) + ((count,) if count > 1 else ())
+        data = image(columns.T.reshape(shape), np.eye(4)).to_bytes()
+        _write_bytes(path, gzip.compress(data, mtime=0) if ending == ".mgz" else data)
+        return
     if ending in FREESURFER_VALUES:
         if count != 1:
             raise ResultError(
                 f"cannot write {path}: FreeSurfer's files hold one column, and {count} are given; "
-                "write them one by one, or .func.gii"
+                "write them one by one, or .mgh"
             )
         write = brain_package("nibabel.freesurfer").write_morph_data
         with write_atomically(path) as temporary:
@@ -226,9 +233,13 @@ def _write_gifti(
             label.label = name
             image.labeltable.labels.append(label)
     data = image.to_bytes()
+    is_packed = os.fspath(path).lower().endswith(".gz")
+    _write_bytes(path, gzip.compress(data, mtime=0) if is_packed else data)
+
+
+def _write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
     with write_atomically(path) as temporary:
-        is_packed = os.fspath(path).lower().endswith(".gz")
-        temporary.write_bytes(gzip.compress(data, mtime=0) if is_packed else data)
+        temporary.write_bytes(data)
 
 
 def _write_plain(

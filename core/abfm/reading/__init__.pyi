@@ -10,6 +10,7 @@ from .freesurfer import FREESURFER_VALUES as FREESURFER_VALUES
 from .freesurfer import freesurfer_annotation as freesurfer_annotation
 from .freesurfer import freesurfer_kind as freesurfer_kind
 from .freesurfer import freesurfer_label as freesurfer_label
+from .freesurfer import freesurfer_overlay as freesurfer_overlay
 from .freesurfer import freesurfer_surface as freesurfer_surface
 from .freesurfer import freesurfer_values as freesurfer_values
 from .gifti import LABEL as LABEL

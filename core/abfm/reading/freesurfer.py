@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief
-from abfm.reading.door import open_plain, read_bytes
+from abfm.reading.door import inflated, open_plain, read_bytes
 from abfm.reading.labels import Color, Labels
 from abfm.types import FloatArray, IntArray
 
@@ -27,6 +27,8 @@ FREESURFER_VALUES = (".sulc", ".curv", ".thickness", ".area", ".volume")
 _SURFACE, _VALUES, _QUADRANGLES = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
 _KINDS = {_SURFACE: "surface", _VALUES: "values", _QUADRANGLES: "quadrangles"}
 _LONGEST_LINE = 1 << 16  # of the two lines that say who made a surface
+_MGH_TYPES = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2", 10: ">u2"}
+_MGH_DATA = 284  # where it begins
 _NO_LABEL = -1
 _OPAQUE = 255
 
@@ -90,6 +92,25 @@ def freesurfer_values(path: str | os.PathLike[str]) -> FloatArray:
     return values.astype(np.float64)
 
 
+def freesurfer_overlay(path: str | os.PathLike[str]) -> FloatArray:
+    """Read the values at vertices of a .mgh file, or of a compressed one, .mgz: (n, frames).
+
+    Errors as for surfaces.
+    """
+    data = read_bytes(path)
+    bytes_ = _Bytes(inflated(data) if data[:2] == b"\x1f\x8b" else data)
+    version = bytes_.number()
+    if version != 1:
+        raise ValueError(f"it is no .mgh file, or of version {version}; expected 1")
+    counts = [bytes_.count(of) for of in ("columns", "rows", "slices", "frames")]
+    kind = bytes_.number()
+    if kind not in _MGH_TYPES:
+        raise ValueError(f"its values have the type {kind}; expected one of {[*_MGH_TYPES]}")
+    bytes_.skip(_MGH_DATA)
+    frames, count = counts[3], math.prod(counts[:3])
+    return bytes_.array(_MGH_TYPES[kind], (frames, count), "frames").T.astype(np.float64)
+
+
 def freesurfer_annotation(path: str | os.PathLike[str]) -> Labels:
     """Read a .annot file, with a table of colours of version 1 or 2; errors as for surfaces.
 
@@ -140,6 +161,11 @@ class _Bytes:
     @property
     def left(self) -> int:
         return len(self._data) - self._begin
+
+    def skip(self, to: int) -> None:
+        if to > len(self._data):
+            raise ValueError(f"it is cut off: it has {len(self._data)} bytes of a header of {to}")
+        self._begin = to
 
     def number(self) -> int:
         if self.left < 4:

@@ -68,13 +68,25 @@ def test_surfaces_are_what_nibabel_expects(tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["a.shape.gii", "a.func.gii", "a.gii", "a.FUNC.gii.gz", "a.npy", "a.NPY", "a.csv", "a.Txt"],
+    [
+        "a.shape.gii",
+        "a.func.gii",
+        "a.gii",
+        "a.FUNC.gii.gz",
+        "a.npy",
+        "a.NPY",
+        "a.csv",
+        "a.Txt",
+        "a.mgh",
+        "a.MGZ",
+    ],
 )
 @pytest.mark.parametrize("values", [VALUES, VALUES * 1e-30, np.stack([VALUES, np.cos(VALUES)], 1)])
 def test_values_come_back(tmp_path, name, values):
     write_values(tmp_path / name, values)
     found = read_table(str(tmp_path / name))[1]
-    expected = values.astype(np.float32) if ".gii" in name else values
+    is_single = name.lower().endswith((".gii", ".gz", ".mgh", ".mgz"))
+    expected = values.astype(np.float32) if is_single else values
     assert_array_equal(found, expected.reshape(COUNT, -1))
     assert os.listdir(tmp_path) == [name]
 
@@ -199,6 +211,7 @@ def test_the_same_data_makes_the_same_bytes_whenever_and_whoever_writes_them(tmp
     for name, write, data in (
         *((name, write_surface, MESH) for name in ("a.surf.gii", "a.surf.gii.gz", "lh.white")),
         *((name, write_values, VALUES) for name in ("lh.a.func.gii", "a.func.gii.gz", "lh.sulc")),
+        *((name, write_values, VALUES) for name in ("a.mgh", "a.mgz")),
         *((name, write_labels, LABELS) for name in ("lh.a.label.gii", "lh.annot")),
     ):
         contents = set()

@@ -13,6 +13,7 @@ from abfm.reading import (
     freesurfer_annotation,
     freesurfer_kind,
     freesurfer_label,
+    freesurfer_overlay,
     freesurfer_surface,
     freesurfer_values,
 )
@@ -60,6 +61,17 @@ def test_values_are_those_that_nibabel_writes(folder, seed, count):
     assert found.dtype == np.float64
     assert_array_equal(found, values)
     assert freesurfer_kind(folder / "lh.sulc") == "values"
+
+
+@pytest.mark.parametrize("kind", ["u1", "i2", "i4", "f4"])
+@pytest.mark.parametrize("shape", [(7, 1, 1), (7, 1, 1, 3), (1, 3, 2, 2)])
+@pytest.mark.parametrize("name", ["a.mgh", "a.mgz"])
+def test_overlays_are_those_that_nibabel_writes(tmp_path, kind, shape, name):
+    values = (100 * np.random.default_rng(0).random(shape)).astype(kind)
+    freesurfer.MGHImage(values, np.eye(4)).to_filename(tmp_path / name)
+    found = freesurfer_overlay(tmp_path / name)
+    count = np.prod(shape[:3])
+    assert_array_equal(found, values.reshape(count, -1, order="F").astype(np.float64), strict=True)
 
 
 def test_surfaces_are_as_nibabel_writes_and_reads_them(tmp_path):
@@ -140,10 +152,12 @@ def test_labels_list_vertices_with_values(tmp_path):
 SURFACE = freesurfer_bytes(tetrahedron().vertices, tetrahedron().faces)
 VALUES = b"\xff\xff\xff" + packed(3, 0, 1) + struct.pack(">3f", 1, 2, 3)
 ANNOTATION = annotation([0, 1, 2, 3], 2)
+OVERLAY = packed(1, 3, 1, 1, 2, 3, 0) + bytes(256) + struct.pack(">6f", *range(6))
 LARGE = packed(2**31 - 1)
 READERS = {
     "surface": (freesurfer_surface, SURFACE[: -len(b"\0\0\0\x02tag")]),
     "values": (freesurfer_values, VALUES),
+    "overlay": (freesurfer_overlay, OVERLAY),
     "annotation 1": (freesurfer_annotation, annotation([0, 1, 2, 3], 1)),
     "annotation 2": (freesurfer_annotation, ANNOTATION),
     "label": (freesurfer_label, LABEL.format(2).rstrip().encode()),
@@ -163,6 +177,12 @@ READERS = {
         (freesurfer_values, VALUES[:3] + LARGE + VALUES[7:], "2147483647 values, which have"),
         (freesurfer_values, VALUES[:11] + packed(2) + VALUES[15:], "2 values a vertex"),
         (freesurfer_values, VALUES + b"\0", "1 bytes follow the 3 values"),
+        (freesurfer_overlay, VALUES, "no .mgh file, or of version -256"),
+        (freesurfer_overlay, b"\x1f\x8b" + OVERLAY, "compressed data is damaged"),
+        (freesurfer_overlay, OVERLAY[:280], "has 280 bytes of a header of 284"),
+        (freesurfer_overlay, OVERLAY[:4] + LARGE + OVERLAY[8:], "24 bytes are left for 2 frames"),
+        (freesurfer_overlay, OVERLAY[:4] + packed(-1) + OVERLAY[8:], "to have -1 columns"),
+        (freesurfer_overlay, OVERLAY[:20] + packed(2) + OVERLAY[24:], "the type 2; expected one"),
         (freesurfer_annotation, LARGE + ANNOTATION[4:], "2147483647 vertices, which have"),
         (freesurfer_annotation, packed(1, 1, 0), "not one for each of the vertices"),
         (freesurfer_annotation, packed(2, 0, 0, 0, 0), "not one for each of the vertices"),
