@@ -44,6 +44,12 @@ def gifti_bytes(vertices, faces):
     return nibabel.gifti.GiftiImage(darrays=arrays).to_bytes()
 
 
+def freesurfer_bytes(vertices, faces):
+    counts = struct.pack(">ii", len(vertices), len(faces))
+    arrays = vertices.astype(">f4").tobytes() + faces.astype(">i4").tobytes()
+    return b"\xff\xff\xfemade for a test\n\n" + counts + arrays + b"\0\0\0\x02tag"
+
+
 def exported(vertices, faces, kind):
     data = trimesh.Trimesh(vertices, faces, process=False).export(file_type=kind)
     return data.encode() if isinstance(data, str) else data
@@ -61,6 +67,8 @@ WRITERS = {  # name of the file: its bytes, relative precision of its numbers
     "a.glb": (lambda v, f: exported(v, f, "glb"), 1e-7),
     "a.surf.gii": (gifti_bytes, 1e-7),
     "a.gii.gz": (lambda v, f: gzip.compress(gifti_bytes(v, f)), 1e-7),
+    "lh.white": (freesurfer_bytes, 1e-7),
+    "rh.sphere.reg": (freesurfer_bytes, 1e-7),
 }
 STL_WRITERS = {"binary.stl": "stl", "ascii.stl": "stl_ascii"}
 

@@ -13,7 +13,7 @@ from abfm.errors import did_you_mean, one_line, printable
 from abfm.parameters import CHOICES, is_whole
 from abfm_viewer.cli.exit_status import UsageError
 
-MESH = "triangle mesh: obj, off, ply, stl, glb, gltf or gii"
+MESH = "triangle mesh: obj, off, ply, stl, glb, gltf, gii or FreeSurfer's"
 LARGEST = "of several components use the one with the largest area"
 
 

@@ -16,6 +16,7 @@ import abfm
 from abfm import FunctionError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.mesh.files import READERS
+from abfm.reading import FREESURFER_SURFACES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
@@ -37,7 +38,7 @@ from abfm_viewer.session.session import Session
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder
 
-MESHES, PROJECT, RESULT = tuple(READERS), ".abfm", ".npz"
+MESHES, PROJECT, RESULT = (*READERS, *FREESURFER_SURFACES), ".abfm", ".npz"
 """Suffixes."""
 LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another mesh...", "Save as..."
 """Labels of what can be done about a file."""

@@ -79,7 +79,8 @@ def _check_values(values):
 
 def _values(path):
     column = ",column=0" if path.name.startswith("two") or path.suffix == ".csv" else ""
-    _check_values(abfm.function(MESH, f'file:"{path}"{column}'))
+    label = ",label=a" if path.name.endswith((".annot", ".label.gii")) else ""
+    _check_values(abfm.function(MESH, f'file:"{path}"{column}{label}'))
 
 
 def _map(path):

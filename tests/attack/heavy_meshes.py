@@ -213,6 +213,9 @@ _REPEATED = {
     "elements.gii": (b"<GIFTI>", b"<a>", b""),
     "metadata.gii": (b"<GIFTI><MetaData>", b"<MD></MD>", b""),
     "arrays.gii": (b"<GIFTI>", b"<DataArray></DataArray>", b""),
+    "labels.gii": (b"<GIFTI>", b'<Label Key="1">a</Label>', b""),
+    "one_label.gii": (b'<GIFTI><Label Key="1">', b"a", b"</Label></GIFTI>"),
+    "lines.white": (b"\xff\xff\xfe", b"a", b""),
 }
 """How a file begins, what is repeated in it, and how it ends."""
 _POINTS = (
@@ -315,6 +318,9 @@ HEAVY = {
         name: lambda size, header=header, row=row: filled(header(size), row, size)
         for name, (header, row) in _ROWS.items()
     },
+    "zeros.white": lambda size: filled(
+        b"\xff\xff\xfe\n\n" + struct.pack(">ii", size // 24, size // 24), b"\0", size + 2
+    ),
     "lists.ply": lambda size: filled(_binary(3, size), b"\0", size * 2)[: size + 200],
     "rows_of_nothing.ply": lambda size: ply_header("ascii", _HUGE),
     "no_columns.ply": lambda size: ply_header(BINARY, _HUGE, "element face 1"),

@@ -68,7 +68,9 @@ _VALUES = (
     *({}, {"x": 1}, {"": None}, [0] * 1000, [None, {}]),
 )
 _ATTRIBUTE = re.compile(rb'(\w+)="([^"]*)"')
-_ELEMENT = re.compile(rb"<(DataArray|Data|DataSpace|MetaData|GIFTI)\b.*?</\1>", re.DOTALL)
+_ELEMENT = re.compile(
+    rb"<(DataArray|Data|DataSpace|MetaData|GIFTI|LabelTable|Label)\b.*?</\1>", re.DOTALL
+)
 _DATA = re.compile(rb"(?<=<Data>).*?(?=</Data>)", re.DOTALL)
 _ATTRIBUTES = (
     *(b"ASCII", b"Base64Binary", b"GZipBase64Binary", b"ExternalFileBinary", b"BigEndian"),

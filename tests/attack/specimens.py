@@ -4,6 +4,7 @@ import base64
 import gzip
 import io
 import json
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -56,7 +57,7 @@ def specimens():
     preferences = {"theme": "dark", "ui_scale": 1.25, "follow": True, "flow_after_match": False}
     found = [
         *_meshes(),
-        *_all("values", _columns()),
+        *_all("values", _columns() | _labels()),
         *_all("map", _maps(used)),
         sym_vts,
         Specimen("recent.json", "recent", json.dumps(recent).encode()),
@@ -93,19 +94,25 @@ def _meshes():
     return [*_all("mesh", files), model, *_all("mesh", embedded)]
 
 
-def _gifti(columns, encoding="B64GZ"):
-    """Arrays as GIFTI: two of three columns are a surface."""
+def _gifti(columns, encoding="B64GZ", labels=None):
+    """Arrays as GIFTI: two of three columns are a surface, and with names of labels keys."""
+    kind = "NIFTI_INTENT_LABEL" if labels else "NIFTI_INTENT_SHAPE"
     intents = {"f": "NIFTI_INTENT_POINTSET", "i": "NIFTI_INTENT_TRIANGLE"}
     arrays = [
         nibabel.gifti.GiftiDataArray(
             column.astype(f"{column.dtype.kind}4"),
-            intent=intents[column.dtype.kind] if column.ndim == 2 else "NIFTI_INTENT_SHAPE",
+            intent=intents[column.dtype.kind] if column.ndim == 2 else kind,
             encoding=f"GIFTI_ENCODING_{encoding}",
             datatype="NIFTI_TYPE_FLOAT32" if column.dtype.kind == "f" else "NIFTI_TYPE_INT32",
         )
         for column in columns
     ]
-    return nibabel.gifti.GiftiImage(darrays=arrays).to_bytes()
+    image = nibabel.gifti.GiftiImage(darrays=arrays)
+    for key, name in (labels or {}).items():
+        label = nibabel.gifti.GiftiLabel(key, 0.5, 0.25, 1.0, 1.0)
+        label.label = name
+        image.labeltable.labels.append(label)
+    return image.to_bytes()
 
 
 def _npy(array):
@@ -131,6 +138,30 @@ def _columns():
         "values.vts": _text(np.arange(COUNT)),
         "values.gii": _gifti([one]),
         "two.gii.gz": gzip.compress(_gifti([one, -one], "B64BIN"), mtime=0),
+    }
+
+
+def _labels():
+    """Of FreeSurfer and GIFTI; a door asks for the label ``a`` of what holds several."""
+    keys = np.arange(COUNT) % 3
+    names = {1: "a", 2: "b", -5: "c"}
+    rows = "".join(f"{k} 0.5 {k}.25 -1 {k}e-1\n" for k in range(3, COUNT, 4))
+    table = [(name, (key + 5, 2, 3, 0)) for key, name in names.items()]
+    colours = [5 + key + 2 * 256 + 3 * 65536 for key in names]
+    annotation = struct.pack(">i", COUNT)
+    annotation += np.stack([np.arange(COUNT), np.take(colours, keys)], 1).astype(">i4").tobytes()
+    annotation += struct.pack(">iiii", 1, -2, 3, 0) + struct.pack(">i", len(table))
+    for number, (name, colour) in enumerate(table):
+        annotation += struct.pack(">ii2s4i", number, 2, name.encode(), *colour)
+    overlay = struct.pack(">7i256x", 1, COUNT, 1, 1, 1, 3, 0)
+    overlay += (np.arange(COUNT) / 3).astype(">f4").tobytes()
+    values = struct.pack(">3sIIi", b"\xff\xff\xff", COUNT, 7, 1)
+    return {
+        "a.label.gii": _gifti([keys], labels=names),
+        "lh.annot": annotation,
+        "lh.label": f"#!ascii label\n{len(range(3, COUNT, 4))}\n{rows}".encode(),
+        "lh.mgz": gzip.compress(overlay, mtime=0),
+        "lh.sulc": values + (np.arange(COUNT) / 7).astype(">f4").tobytes(),
     }
 
 

@@ -14,7 +14,8 @@ import pytest
 import abfm
 from tests.processes import python
 
-HEAVY = {"numba", "scipy", "igl", "cholespy", "potpourri3d", "pyevtk", "trimesh", "nibabel"}
+HEAVY = {"numba", "scipy", "igl", "cholespy", "potpourri3d", "pyevtk", "trimesh"}
+HEAVY |= {"nibabel", "nilearn"}
 
 FRONTS = [
     "abfm",
@@ -98,7 +99,10 @@ def test_importing_all_names_takes_those_of_no_other_modules():
     assert python(code).stdout == "text True False\n"
 
 
-@pytest.mark.parametrize("name", ["abfm.flow.flow", "abfm.matching.match", "abfm.matching.problem"])
+@pytest.mark.parametrize(
+    "name",
+    ["abfm.flow.flow", "abfm.io.bids_names", "abfm.matching.match", "abfm.matching.problem"],
+)
 def test_examples_show_what_they_say(name):
     found = doctest.testmod(import_module(name))
     assert found.attempted > 0

@@ -9,6 +9,8 @@ from .files import ValuesFile as ValuesFile
 from .files import read_table as read_table
 from .files import read_vertex_map as read_vertex_map
 from .files import vertex_map as vertex_map
+from .labels import Labels as Labels
+from .labels import read_labels as read_labels
 from .local_shape import vertex_normals as vertex_normals
 from .places import Gaussian as Gaussian
 from .spec import Sum as Sum

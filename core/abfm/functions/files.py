@@ -11,34 +11,64 @@ from scipy.spatial import cKDTree
 
 from abfm.errors import FunctionError, brief, did_you_mean, one_line
 from abfm.functions.family import WORD, Family, Spec, file_name, parameter, quoted
+from abfm.functions.labels import LISTED, listed_vertices, where_label
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh
-from abfm.reading import array_from, gifti_arrays, read_bytes
+from abfm.reading import (
+    FREESURFER_VALUES,
+    LABEL,
+    array_from,
+    freesurfer_kind,
+    freesurfer_label,
+    freesurfer_overlay,
+    freesurfer_values,
+    read_bytes,
+    read_gifti,
+)
 from abfm.types import FloatArray, IntArray
 
 _NO_NUMBER = re.compile(  # NumPy's words, which count rows from 0 and columns from 1
     r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
     re.DOTALL,
 )
-_SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".vts")
+_SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".mgh", ".mgz", ".vts")
+_LABELS = (".annot", LISTED)
 _SYMMETRIC = ".sym.vts"
+_ARE_LABELS = (
+    "it holds labels, which cannot be interpolated; give label=NAME for where one is, or use "
+    "abfm.functions.read_labels"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValuesFile(Family):
-    """Values from a .npy, .csv, .txt or .gii(.gz) file, in its own unit: one per vertex, as the
-    mesh file counts.
+    """Values from a file, in its own unit: one per vertex, as the mesh file counts.
+
+    It may be .npy, .csv, .txt, .gii(.gz) or FreeSurfer's. Labels, of .label.gii and .annot files,
+    are numbers with nothing between them: a function is where one of them is, 1 there and 0
+    elsewhere. So is what a .label file lists.
     """
 
     family = "file"
     positional = "path"
-    path: str = parameter(file_name(*_SUFFIXES), ".npy, .csv, .txt or .gii")
+    path: str = parameter(
+        file_name(*_SUFFIXES, *FREESURFER_VALUES, *_LABELS),
+        ".npy, .csv, .txt, .gii or FreeSurfer's",
+    )
     column: str | None = parameter(
         WORD, "column by its name or number, counted from 0", default=None
     )
+    label: str | None = parameter(
+        WORD, "of labels, the one that is 1, by its name or key; all else is 0", default=None
+    )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
-        values = read_column(self.path, self.column)
+        if self.label is not None:
+            values = where_label(self.path, self.label, self.column).astype(np.float64)
+        elif self.path.lower().endswith(LISTED):
+            return listed_vertices(mesh, self.path, self.column)
+        else:
+            values = read_column(self.path, self.column)
         try:
             return mesh.restrict(values)
         except FunctionError as error:
@@ -96,27 +126,53 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
 
     .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers
     separated by commas, semicolons, tabs or blanks, with or without a line of names on top; empty
-    lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the columns.
+    lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the columns,
+    named by their metadata. .mgh and .mgz are FreeSurfer's: frames are the columns. Other names
+    may be of FreeSurfer's values, such as ``lh.sulc``, which are known by how they begin; .label
+    lists vertices with a value each. Labels are refused: see `read_labels`.
     """
     suffix = next((suffix for suffix in _SUFFIXES if path.lower().endswith(suffix)), None)
-    if suffix is None:
-        raise FunctionError(f"file {brief(path)}: the name must end in {', '.join(_SUFFIXES)}")
     file = Path(os.path.expanduser(path))
     try:
+        if suffix is None:
+            return _read_freesurfer(file)
         if suffix in (".csv", ".txt", ".vts"):
             return _read_text(file)
         if suffix == ".npy":
             return [], _as_table(array_from(read_bytes(file)))
-        columns = [array.values for array in gifti_arrays(file)]
-        if not columns:
+        if suffix in (".mgh", ".mgz"):
+            return [], freesurfer_overlay(file)
+        arrays = read_gifti(file).arrays
+        if not arrays:
             raise ValueError("it holds no data array")
-        return [], _as_table(np.column_stack(columns))
+        if any(array.intent == LABEL for array in arrays):
+            raise ValueError(_ARE_LABELS)
+        table = _as_table(np.column_stack([array.values for array in arrays]))
+        names = [array.name for array in arrays]
+        return names if any(names) and len(names) == table.shape[1] else [], table
     except OSError as error:
         raise FunctionError(f"file {brief(path)} cannot be read: {one_line(error)}") from error
     except Exception as error:  # whatever a broken file makes of the readers
         raise FunctionError(
             f"file {brief(path)} is not a table of numbers: {one_line(error)}"
         ) from error
+
+
+def _read_freesurfer(file: Path) -> tuple[list[str], FloatArray]:
+    """Read values of FreeSurfer's, whatever their file is called."""
+    ending = file.suffix.lower()
+    if ending == LISTED:
+        return ["vertex", "value"], np.column_stack(freesurfer_label(file)).astype(np.float64)
+    if ending == ".annot":
+        raise ValueError(_ARE_LABELS)
+    kind = freesurfer_kind(file)
+    if kind == "values":
+        return [], freesurfer_values(file).reshape(-1, 1)
+    if kind:
+        raise ValueError("it is a surface of FreeSurfer's; give values, such as lh.sulc")
+    raise ValueError(
+        f"the name must end in {', '.join(_SUFFIXES)}, or the file begin as FreeSurfer's values do"
+    )
 
 
 def _as_table(values: np.ndarray) -> FloatArray:

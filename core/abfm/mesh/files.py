@@ -13,7 +13,7 @@ from abfm.mesh.readers.gltf import read_gltf
 from abfm.mesh.readers.plain import read_obj, read_off, read_stl
 from abfm.mesh.readers.ply import read_ply
 from abfm.mesh.triangle_mesh import TriangleMesh
-from abfm.reading import gifti_arrays, open_plain
+from abfm.reading import freesurfer_kind, freesurfer_surface, gifti_arrays, open_plain
 from abfm.workers.progress import step
 
 _LONGEST_NAME = 300
@@ -32,6 +32,11 @@ def read_gifti(path: Path) -> FileContents:
     return FileContents(np.asarray(points[0], dtype=np.float64), triangles[0])
 
 
+def read_freesurfer(path: Path) -> FileContents:
+    """Read a FreeSurfer surface of triangles, such as ``lh.white``, in surface RAS as it is."""
+    return FileContents(*freesurfer_surface(path))
+
+
 READERS: dict[str, Callable[[Path], FileContents]] = {
     ".obj": read_obj,
     ".off": read_off,
@@ -42,18 +47,26 @@ READERS: dict[str, Callable[[Path], FileContents]] = {
     ".gii": read_gifti,
     ".gii.gz": read_gifti,
 }
+"""By endings of names."""
+_NO_MESHES = {
+    ".annot": "it holds labels of vertices",
+    ".label": "it holds a list of vertices",
+    "values": "it holds values at vertices, as FreeSurfer writes them",
+}
 
 
 def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> TriangleMesh:
-    """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf or gii.
+    """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf, gii or FreeSurfer's.
 
     Vertices keep the file's order and count, unused ones included; only STL and glTF, which repeat
-    vertices, are merged by position, with a message. Polygons are split into triangles.
+    vertices, are merged by position, with a message. Polygons are split into triangles. Surfaces
+    of FreeSurfer, such as ``lh.white``, are known by their first bytes, and keep the coordinates
+    of the file: surface RAS, to which ``cras`` is not added, as in nibabel.
 
     Parameters
     ----------
     path : path
-        The ending of its name says the format.
+        The ending of its name says the format, or else how the file begins.
     largest_component : bool
         Of several components keep the one with the largest area instead of refusing the mesh.
 
@@ -64,13 +77,9 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
     """
     file, name = Path(path), one_line(path, _LONGEST_NAME)
     ending = next((ending for ending in READERS if file.name.lower().endswith(ending)), None)
-    if ending is None:
-        raise MeshError(
-            f"{name}: the format is not known from the name's ending; known are "
-            f"{', '.join(READERS)}"
-        )
+    form = ending or _form_by_beginning(file, name)
     try:
-        vertices, faces, messages = _read(file, ending)
+        vertices, faces, messages = _read(file, form)
         return TriangleMesh(vertices, faces, largest_component=largest_component, messages=messages)
     except MemoryError as error:
         raise MeshError(
@@ -80,16 +89,31 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
         raise MeshError(f"{name}: {error}") from error
 
 
-def _read(file: Path, ending: str) -> FileContents:
+def _form_by_beginning(file: Path, name: str) -> str:
+    """Return the format of a file whose name does not say it, or raise a MeshError."""
+    try:
+        kind = freesurfer_kind(file)
+    except OSError:
+        kind = "surface"  # reading it will tell why it cannot be read
+    if kind in ("surface", "quadrangles"):
+        return "a FreeSurfer surface"
+    no_mesh = _NO_MESHES.get(kind or file.suffix.lower())
+    if no_mesh:
+        raise MeshError(f"{name}: {no_mesh}, and no mesh: give a surface, such as lh.white")
+    known = f"{', '.join(READERS)}, and FreeSurfer's surfaces by how they begin"
+    raise MeshError(f"{name}: the format is not known from the name's ending; known are {known}")
+
+
+def _read(file: Path, form: str) -> FileContents:
     """Return the contents of the file, or a MeshError: readers may raise anything on a bad file."""
     try:
         with open_plain(file) as opened:
             size = opened.seek(0, os.SEEK_END)
         if size == 0:
             raise ValueError("the file is empty")
-        with step(f"reading {ending}", size), warnings.catch_warnings():
+        with step(f"reading {form}", size), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return READERS[ending](file)
+            return READERS.get(form, read_freesurfer)(file)
     except MemoryError:
         raise
     except FileNotFoundError as error:
@@ -99,4 +123,4 @@ def _read(file: Path, ending: str) -> FileContents:
         folder, named = "this is a folder, not a mesh file", "a file that it names is a folder: "
         raise MeshError(folder if file.is_dir() else f"{named}correct the name") from error
     except Exception as error:
-        raise MeshError(f"cannot be read as {ending}: {one_line(error)}") from error
+        raise MeshError(f"cannot be read as {form}: {one_line(error)}") from error

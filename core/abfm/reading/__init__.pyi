@@ -5,4 +5,16 @@ from .door import inflated as inflated
 from .door import most_inflated as most_inflated
 from .door import open_plain as open_plain
 from .door import read_bytes as read_bytes
+from .freesurfer import FREESURFER_SURFACES as FREESURFER_SURFACES
+from .freesurfer import FREESURFER_VALUES as FREESURFER_VALUES
+from .freesurfer import freesurfer_annotation as freesurfer_annotation
+from .freesurfer import freesurfer_kind as freesurfer_kind
+from .freesurfer import freesurfer_label as freesurfer_label
+from .freesurfer import freesurfer_overlay as freesurfer_overlay
+from .freesurfer import freesurfer_surface as freesurfer_surface
+from .freesurfer import freesurfer_values as freesurfer_values
+from .gifti import LABEL as LABEL
 from .gifti import gifti_arrays as gifti_arrays
+from .gifti import read_gifti as read_gifti
+from .labels import Color as Color
+from .labels import Labels as Labels

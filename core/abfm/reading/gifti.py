@@ -1,4 +1,4 @@
-"""The data arrays of GIFTI files; what they say of their size is held against what there is.
+"""Data arrays and labels of GIFTI files; what they say of their size is held against what there is.
 
 Format: https://www.nitrc.org/projects/gifti (version 1.0). Own code, as nibabel believes sizes,
 expands what is compressed without a bound, and hangs or throws anything on files that are no GIFTI.
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.reading.door import inflated, most_inflated, open_plain, read_bytes
+from abfm.reading.labels import Color
 
 _INTEGERS = ("uint8", "int8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 _TYPES = {
@@ -24,17 +25,37 @@ _TYPES = {
 _ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
 _LAYOUTS = {"RowMajorOrder": "C", "ColumnMajorOrder": "F"}
 _MOST_DIMENSIONS = 6
+_TEXTS = ("Data", "Label", "Name", "Value")  # elements whose text is used
+_LARGEST_KEY = 2**63 - 1
+LABEL = "NIFTI_INTENT_LABEL"
+"""The intent of arrays of keys, which the table of labels names."""
 
 
 class GiftiArray(NamedTuple):
-    """One data array: what it is meant for, such as ``NIFTI_INTENT_POINTSET``, and its values."""
+    """One data array: what it is meant for, such as ``NIFTI_INTENT_POINTSET``, its values, and what
+    its metadata call it, if anything.
+    """
 
     intent: str
     values: NDArray[Any]
+    name: str = ""
+
+
+class Gifti(NamedTuple):
+    """All data arrays of a file in its order, and its table of labels: names and colours by key."""
+
+    arrays: list[GiftiArray]
+    names: dict[int, str]
+    colors: dict[int, Color]
 
 
 def gifti_arrays(path: str | os.PathLike[str]) -> list[GiftiArray]:
-    """Read all data arrays of a GIFTI file, plain or compressed, in its order.
+    """Read all data arrays of a GIFTI file; see `read_gifti`."""
+    return read_gifti(path).arrays
+
+
+def read_gifti(path: str | os.PathLike[str]) -> Gifti:
+    """Read a GIFTI file, plain or compressed.
 
     An OSError says that the file, or one that it names, cannot be read, a ValueError that it is no
     GIFTI file, or an array not as large as it says.
@@ -51,41 +72,69 @@ def gifti_arrays(path: str | os.PathLike[str]) -> list[GiftiArray]:
         parser.Parse(inflated(content) if content[:2] == b"\x1f\x8b" else content, True)
     except expat.ExpatError as error:
         raise ValueError(f"it is no XML, or cut short: {error}") from error
-    return reader.arrays
+    return Gifti(reader.arrays, reader.names, reader.colors)
 
 
 class _Reader:
-    """Takes data arrays from an XML parser's events; all together may have so many bytes."""
+    """Takes arrays and labels from an XML parser's events; arrays may have so many bytes in all."""
 
     def __init__(self, path: Path, most: int) -> None:
         self._path, self._left = path, most
         self.arrays: list[GiftiArray] = []
+        self.names: dict[int, str] = {}
+        self.colors: dict[int, Color] = {}
         self._open: list[str] = []
         self._attributes: dict[str, str] = {}
+        self._name, self._entry = "", ""  # of the array; of its metadata
         self._text: list[str] = []
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
         if not self._open and name != "GIFTI":
             raise ValueError("it is XML, but not GIFTI")
         self._open.append(name)
-        if name == "DataArray":
-            self._attributes = attributes
-        if name == "Data":
+        if name in ("DataArray", "Label"):
+            self._attributes, self._name = attributes, ""
+        if name in _TEXTS:
             self._text.clear()
 
     def characters(self, text: str) -> None:
-        if self._open[-1] == "Data":
+        if self._open[-1] in _TEXTS:
             self._text.append(text)
 
     def end(self, name: str) -> None:
         self._open.pop()
+        if name not in _TEXTS:
+            return
+        text = "".join(self._text)
+        self._text.clear()
         if name == "Data":
-            text = "".join(self._text)
-            self._text.clear()
-            self.arrays.append(GiftiArray(self._attributes.get("Intent", ""), self._values(text)))
+            values = self._values(text)
+            self.arrays.append(GiftiArray(self._attributes.get("Intent", ""), values, self._name))
+        elif name == "Label":
+            self._label(text.strip())
+        elif name == "Name":
+            self._entry = text.strip()
+        elif self._entry == "Name" and "DataArray" in self._open:
+            self._name = text.strip()
 
     def entity(self, *_: object) -> None:
         raise ValueError("it declares entities, which GIFTI has none of")
+
+    def _label(self, name: str) -> None:
+        """Take a label, without its colour where it is none; early files call keys ``Index``."""
+        word = self._attributes.get("Key", self._attributes.get("Index", ""))
+        digits = word.removeprefix("-")
+        if not (digits.isascii() and digits.isdigit() and len(digits) <= 19):
+            raise ValueError(f"a label has the key {word[:40]!r}; expected a whole number")
+        key = int(word)
+        if abs(key) > _LARGEST_KEY:
+            raise ValueError(f"a label has the key {key}; at most {_LARGEST_KEY} is expected")
+        self.names[key] = name
+        self.colors.pop(key, None)
+        parts = [_number(self._attributes.get(part, "")) for part in ("Red", "Green", "Blue")]
+        red, green, blue, opacity = *parts, _number(self._attributes.get("Alpha", "1"))
+        if all(0 <= part <= 1 for part in (red, green, blue, opacity)):
+            self.colors[key] = red, green, blue, opacity
 
     def _values(self, text: str) -> NDArray[Any]:
         """Return the array that the attributes describe."""
@@ -138,6 +187,13 @@ class _Reader:
                 f"an array has the {name} {text[:40]!r}; expected a whole number, 0 or more"
             )
         return int(text)
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
 
 
 def _numbers(text: str, kind: np.dtype[Any], count: int) -> NDArray[Any]:

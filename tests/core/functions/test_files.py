@@ -280,6 +280,9 @@ def error_line(path, form="file:{}"):
         ("a.gii.gz", b"\x1f\x8b\x08\x00", "not a table of numbers"),
         ("b.gii.gz", b"plain", "it is no XML, or cut short"),
         ("a.xyz", b"1", "must end in .npy, .csv, .txt, .gii"),
+        ("lh.sulc", b"\xff\xff\xff", "it is cut off: a number is missing"),
+        ("a.mgh", b"\0\0\0\1", "it is cut off: a number is missing"),
+        ("a.mgz", b"\x1f\x8b\x08\x00", "compressed data is damaged or cut short"),
     ],
 )
 def test_what_is_wrong_fits_one_line(tmp_path, name, content, words):
@@ -358,7 +361,9 @@ def test_one_wrong_byte_of_an_array_is_noticed_or_harmless(tmp_path):
 @given(
     content=st.binary(max_size=60)
     | st.text("0123456789.,;\t\n\r\"'#+-eE naif\x00\x1b", max_size=60).map(str.encode),
-    suffix=st.sampled_from([".csv", ".txt", ".npy", ".gii", ".gii.gz", ".sym.vts"]),
+    suffix=st.sampled_from(
+        [".csv", ".txt", ".npy", ".gii", ".gii.gz", ".sym.vts", ".mgz", ".label", ".sulc"]
+    ),
 )
 def test_any_bytes_are_values_or_refused(tmp_path, content, suffix):
     path = tmp_path / f"a{suffix}"

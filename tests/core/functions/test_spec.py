@@ -36,6 +36,7 @@ MEANINGS = {
     "indicator:axis=x,above=0.2,below=1": Indicator(axis="x", above=0.2, below=1.0),
     "file:values.npy": ValuesFile(path="values.npy"),
     "file:C:\\data\\a b.csv,column=depth": ValuesFile(path="C:\\data\\a b.csv", column="depth"),
+    "file:lh.aparc.annot,label=G_and_S": ValuesFile(path="lh.aparc.annot", label="G_and_S"),
     "file:a+b,c (1).txt": ValuesFile(path="a+b,c (1).txt"),
     'file:"a + hks, column=2 ""x"".csv"': ValuesFile(path='a + hks, column=2 "x".csv'),
     "expression:sin(10*x)*z": Expression(formula="sin(10*x)*z"),

@@ -3,6 +3,7 @@
 import os
 import re
 import socket
+import struct
 import sys
 import tracemalloc
 
@@ -16,7 +17,15 @@ from hypothesis import strategies as st
 from abfm.errors import MeshError
 from abfm.mesh import load_mesh
 from tests.attack.heavy_meshes import HEAVY
-from tests.mesh_writers import STL_WRITERS, WRITERS, exported, off_text, ply_bytes, write
+from tests.mesh_writers import (
+    STL_WRITERS,
+    WRITERS,
+    exported,
+    freesurfer_bytes,
+    off_text,
+    ply_bytes,
+    write,
+)
 from tests.shapes import icosphere, tetrahedron
 
 SMALL, SPHERE = tetrahedron(), icosphere(0)
@@ -29,6 +38,7 @@ STL, TEXT_STL, GLB = (
 POINTS = trimesh.PointCloud(np.eye(3))
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 OFF_TRIANGLE = b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
+FREESURFER = freesurfer_bytes(SMALL.vertices, SMALL.faces)
 DIGITS = "'3333.*' where a number of fewer digits is expected"
 BAD_FILES = {
     "empty.obj": (b"", "the file is empty"),
@@ -81,6 +91,20 @@ BAD_FILES = {
     "surface.txt": (b"", r"format is not known .* are \.obj, \.off, \.ply, \.stl, \.glb, \.gltf"),
     "surface": (b"hello", "format is not known"),
     "points_in_disguise.obj": (STL, "no vertices"),
+    "lh.white": (FREESURFER[:-8], "cut off: 47 bytes are left for 4 triangles, which have 48"),
+    "lh.pial": (FREESURFER[:60], "cut off: .* 4 vertices"),
+    "lh.orig": (FREESURFER[:8], "lines that say who made it do not end"),
+    "lh.inflated": (FREESURFER[:23], "cut off: a number is missing"),
+    "lh.quadrangles": (b"\xff\xff\xfd" + FREESURFER[3:], "let mris_convert write it anew"),
+    "lh.sulc": (b"\xff\xff\xff" + bytes(12), "it holds values at vertices"),
+    "lh.aparc.annot": (bytes(8), "it holds labels of vertices"),
+    "lh.V1.label": (b"#!ascii label\n0\n", "it holds a list of vertices"),
+    "lh.minus": (
+        FREESURFER[:20] + struct.pack(">i", -4) + FREESURFER[24:],
+        "it says to have -4 vertices",
+    ),
+    "lh.beyond": (FREESURFER[:-11] + bytes([9]) + FREESURFER[-10:], "names vertex"),
+    "lh.nan": (FREESURFER[:28] + b"\xff" * 4 + FREESURFER[32:], "not finite"),
 }
 
 
@@ -122,8 +146,9 @@ def test_gifti_needs_no_further_package(tmp_path, monkeypatch):
     assert load_mesh(write(tmp_path, "a.gii", content)).is_closed
 
 
-ENDINGS = ["obj", "off", "ply", "stl", "glb", "gltf", "gii", "gii.gz"]
+ENDINGS = ["obj", "off", "ply", "stl", "glb", "gltf", "gii", "gii.gz", "white"]
 BEGINNINGS = {"off": b"OFF\n", "stl": b"solid ", "glb": b"glTF\x02\0\0\0", "obj": b"v "}
+BEGINNINGS["white"] = b"\xff\xff\xfea\n\n"
 BEGINNINGS["ply"] = b"ply\nformat ascii 1.0\n"
 
 

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 import laboratory
 from abfm import Parameters, load_match
 from abfm.assets import asset_path
+from abfm.io import write_values
 from abfm.workers import progress
 from abfm_viewer.cli import main
 from abfm_viewer.cli.match import Outcome
@@ -27,7 +28,9 @@ from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.pictures.sheets import DEFAULT_WIDTH
 from abfm_viewer.session.session_files import document_of_result
+from tests.mesh_writers import freesurfer_bytes
 from tests.processes import argv
+from tests.shapes import icosphere
 from tests.viewer.sessions import EGG, SPHERE
 
 HUMAN, EIGHT = (str(asset_path(f"{name}.off")) for name in ("human_A", "eight"))
@@ -287,6 +290,16 @@ def test_exports_hold_the_functions_and_the_field(tmp_path, abfm):
     rows = csv.read_text().splitlines()
     assert rows[0] == "iteration,stage,total,regularity,mismatch"
     assert len(rows) == len(match.energy_history) + 1
+
+
+def test_info_knows_surfaces_of_freesurfer_and_what_is_none(abfm, tmp_path):
+    path, sphere = tmp_path / "lh.sphere.reg", icosphere(1)
+    path.write_bytes(freesurfer_bytes(sphere.vertices, sphere.faces))
+    facts = json.loads(abfm(f"info {path} --json").out)
+    assert (facts["vertices"], facts["faces"], facts["genus"]) == (42, 80, 0)
+    write_values(tmp_path / "lh.sulc", sphere.vertices[:, 0])
+    told = abfm(f"info {tmp_path / 'lh.sulc'}", status=2).err
+    assert "lh.sulc: it holds values at vertices" in told
 
 
 def test_info_tells_the_facts_of_a_mesh_and_its_symmetries(abfm):

@@ -5,6 +5,7 @@ Both sides are drawn by the same code: what the widgets do is tried on one of th
 
 import numpy as np
 import pytest
+from nibabel.freesurfer import write_annot
 
 from abfm.functions import families, function
 from abfm_viewer.document.gaussians import gaussians
@@ -160,6 +161,14 @@ def test_values_and_vertex_maps_from_files_and_by_symmetry(gui, tmp_path):
     gui.type("column", "b", within=side)
     settled(gui)
     np.testing.assert_allclose(gui.session.values(side), 2 * values)
+    keys = np.arange(len(values)) % 3
+    colours = np.array([[10, 20, 30, 0], [20, 30, 40, 0], [30, 40, 50, 0]])
+    write_annot(tmp_path / "lh.parts.annot", keys, colours, [b"top", b"middle", b"bottom"])
+    gui.type("column", "0", within=side)
+    gui.type("path", str(tmp_path / "lh.parts.annot"), within=side)
+    gui.type("label", "middle", within=side)
+    settled(gui)
+    np.testing.assert_array_equal(gui.session.values(side), keys == 1)
     # the egg is symmetric; whatever the map, the function is the one that its text names
     side = "source"
     for word in ("mirror", "rotation"):

@@ -16,7 +16,7 @@ from abfm_viewer.session.loading import Load, Loading
 from abfm_viewer.session.notices import Notices
 from abfm_viewer.session.session_files import open_session
 from abfm_viewer.window.samples import figure_document
-from tests.mesh_writers import off_text
+from tests.mesh_writers import freesurfer_bytes, off_text
 from tests.processes import python
 from tests.shapes import icosphere
 from tests.viewer.sessions import ENDLESS, QUICK, matched, solving, until
@@ -121,6 +121,15 @@ def test_what_cannot_be_opened_is_one_line_and_changes_nothing(desk, tmp_path, n
     assert told in desk.session.notices.latest.text
     assert desk.session.document is was
     assert desk.state.recent() == []
+
+
+def test_a_surface_of_freesurfer_opens(desk, tmp_path):
+    path, mesh = tmp_path / "rh.inflated", icosphere(1)
+    path.write_bytes(freesurfer_bytes(mesh.vertices, mesh.faces))
+    desk.files.open(path)
+    desk.settle()
+    opened = desk.session.surface()
+    assert (opened.name, len(opened.mesh.faces)) == ("rh.inflated", 80)
 
 
 @pytest.mark.parametrize("suffix", ["npz", "abfm"])

@@ -1,0 +1,89 @@
+"""Surface images of nilearn, meshes with values for the hemispheres, in and out.
+
+nilearn is installed by ``pip install 'abfm[brain]'``, and only needed to make one.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.errors import AbfmError, ResultError, brief, one_line
+from abfm.io.brain_files import brain_package
+from abfm.mesh import TriangleMesh
+from abfm.numerics.real_numbers import real_numbers
+from abfm.types import FloatArray
+
+_PARTS = ("left", "right")
+
+
+def from_surface_image(image: Any) -> dict[str, tuple[TriangleMesh, FloatArray]]:
+    """Return mesh and values, (V,) or (V, T), of each part of nilearn's ``SurfaceImage``.
+
+    Parts are called ``left`` and ``right``. Values are those of the mesh's vertices: rows of what
+    no face uses are left out, as the mesh leaves them out.
+
+    Raises
+    ------
+    ResultError
+        If it is no such image, or has values that are no real numbers.
+    MeshError
+        If a part has a mesh that the solver cannot use.
+    """
+    try:
+        meshes, values = dict(image.mesh.parts), dict(image.data.parts)
+        arrays = {part: (mesh.coordinates, mesh.faces) for part, mesh in meshes.items()}
+    except (AttributeError, TypeError, ValueError):
+        raise ResultError(
+            f"the image is {brief(type(image).__name__)}; expected nilearn's SurfaceImage"
+        ) from None
+    found = {}
+    for part, (vertices, faces) in arrays.items():
+        if part not in values:
+            raise ResultError(f"the image has a mesh, but no values for its part {brief(part)}")
+        try:
+            mesh = TriangleMesh(vertices, faces)
+            found[part] = mesh, mesh.restrict(real_numbers(values[part], "its values", ResultError))
+        except AbfmError as error:
+            raise type(error)(f"part {brief(part)} of the image: {one_line(error)}") from error
+    return found
+
+
+def to_surface_image(parts: Mapping[str, tuple[TriangleMesh, ArrayLike]]) -> Any:
+    """Return nilearn's ``SurfaceImage`` of meshes with values, (V,) or (V, T).
+
+    Parameters
+    ----------
+    parts : mapping
+        Mesh and values of ``left``, ``right`` or both, with the same T.
+
+    Raises
+    ------
+    ResultError
+        If nilearn is missing, or parts are called anything else or do not fit their mesh or one
+        another.
+    """
+    if not parts or not set(parts) <= set(_PARTS):
+        raise ResultError(
+            f"the parts of a surface image are {brief(list(parts))}; expected left, right or both"
+        )
+    arrays = {}
+    for part, (mesh, given) in parts.items():
+        values = real_numbers(given, f"values of the part {part}", ResultError)
+        if values.ndim not in (1, 2) or len(values) != len(mesh.vertices):
+            count = len(mesh.vertices)
+            raise ResultError(
+                f"values of the part {part} have shape {values.shape}; expected ({count},) or "
+                f"({count}, T)"
+            )
+        arrays[part] = np.array(values)
+    if len({values.shape[1:] for values in arrays.values()}) > 1:
+        shapes = " and ".join(str(values.shape) for values in arrays.values())
+        raise ResultError(f"values of the parts have shapes {shapes}; expected as many columns")
+    surface = brain_package("nilearn.surface")
+    meshes = {
+        part: surface.InMemoryMesh(np.array(mesh.vertices), np.array(mesh.faces))
+        for part, (mesh, _) in parts.items()
+    }
+    return surface.SurfaceImage(surface.PolyMesh(**meshes), surface.PolyData(**arrays))

@@ -1,0 +1,241 @@
+"""The files of FreeSurfer: surfaces, values, annotations and labels of vertices.
+
+Format: https://surfer.nmr.mgh.harvard.edu/fswiki/FileFormats; numbers are big endian. Names of
+surfaces and values have no ending of their own (``lh.white``, ``lh.sulc``): their first three bytes
+tell. Own code, as nibabel believes the sizes that files give.
+"""
+
+import math
+import os
+import struct
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abfm.errors import brief
+from abfm.reading.door import inflated, open_plain, read_bytes
+from abfm.reading.labels import Color, Labels
+from abfm.types import FloatArray, IntArray
+
+FREESURFER_SURFACES = (
+    *(".white", ".pial", ".inflated", ".smoothwm", ".orig", ".sphere", ".sphere.reg"),
+)
+FREESURFER_VALUES = (".sulc", ".curv", ".thickness", ".area", ".volume")
+"""What names of surfaces and of values usually end in; they may end in anything."""
+_SURFACE, _VALUES, _QUADRANGLES = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
+_KINDS = {_SURFACE: "surface", _VALUES: "values", _QUADRANGLES: "quadrangles"}
+_LONGEST_LINE = 1 << 16  # of the two lines that say who made a surface
+_MGH_TYPES = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2", 10: ">u2"}
+_MGH_DATA = 284  # where it begins
+_NO_LABEL = -1
+_OPAQUE = 255
+
+
+class LabelFile(NamedTuple):
+    """Vertices (n,) that a .label file lists, and a value (n,) of each."""
+
+    vertices: IntArray
+    values: FloatArray
+
+
+def freesurfer_kind(path: str | os.PathLike[str]) -> str:
+    """Return what the first bytes of a file say that it is: "surface", "values", "quadrangles" (an
+    old surface), or "" if it is nothing of FreeSurfer's that can be told so.
+
+    An OSError says that it cannot be read.
+    """
+    with open_plain(path) as file:
+        return _KINDS.get(file.read(len(_SURFACE)), "")
+
+
+def freesurfer_surface(path: str | os.PathLike[str]) -> tuple[FloatArray, IntArray]:
+    """Read vertices (V, 3) and triangles (F, 3) of a surface.
+
+    Coordinates are those of the file, FreeSurfer's surface RAS, as nibabel gives them: the centre
+    of the volume (``cras``), which may follow the triangles, is not added.
+
+    An OSError says that the file cannot be read, a ValueError what is wrong with it.
+    """
+    data = read_bytes(path)
+    if data[:3] != _SURFACE:
+        old = ": it is an old one of quadrangles; let mris_convert write it anew"
+        raise ValueError(
+            "it is no FreeSurfer surface of triangles"
+            + (old if data[:3] in (_QUADRANGLES, _VALUES) else "")
+        )
+    begin = len(_SURFACE)
+    for _ in range(2):  # who made it and when, and an empty line
+        begin = data.find(b"\n", begin, begin + _LONGEST_LINE) + 1
+        if begin == 0:
+            raise ValueError("the lines that say who made it do not end: it may be cut off")
+    bytes_ = _Bytes(data, begin)
+    vertex_count, face_count = bytes_.count("vertices"), bytes_.count("triangles")
+    vertices = bytes_.array(">f4", (vertex_count, 3), "vertices")
+    faces = bytes_.array(">i4", (face_count, 3), "triangles")
+    return vertices.astype(np.float64), faces.astype(np.int64)
+
+
+def freesurfer_values(path: str | os.PathLike[str]) -> FloatArray:
+    """Read the values at vertices, (n,), of a file such as ``lh.sulc``; errors as for surfaces."""
+    data = read_bytes(path)
+    if data[:3] != _VALUES:
+        raise ValueError("it does not begin as FreeSurfer's files of values do")
+    bytes_ = _Bytes(data, len(_VALUES))
+    count, _, each = bytes_.count("values"), bytes_.count("faces"), bytes_.count("values a vertex")
+    if each != 1:
+        raise ValueError(f"it says to have {each} values a vertex; expected 1")
+    values = bytes_.array(">f4", (count,), "values")
+    if bytes_.left:
+        raise ValueError(f"{bytes_.left} bytes follow the {count} values that it says to have")
+    return values.astype(np.float64)
+
+
+def freesurfer_overlay(path: str | os.PathLike[str]) -> FloatArray:
+    """Read the values at vertices of a .mgh file, or of a compressed one, .mgz: (n, frames).
+
+    Errors as for surfaces.
+    """
+    data = read_bytes(path)
+    bytes_ = _Bytes(inflated(data) if data[:2] == b"\x1f\x8b" else data)
+    version = bytes_.number()
+    if version != 1:
+        raise ValueError(f"it is no .mgh file, or of version {version}; expected 1")
+    counts = [bytes_.count(of) for of in ("columns", "rows", "slices", "frames")]
+    kind = bytes_.number()
+    if kind not in _MGH_TYPES:
+        raise ValueError(f"its values have the type {kind}; expected one of {[*_MGH_TYPES]}")
+    bytes_.skip(_MGH_DATA)
+    frames, count = counts[3], math.prod(counts[:3])
+    return bytes_.array(_MGH_TYPES[kind], (frames, count), "frames").T.astype(np.float64)
+
+
+def freesurfer_annotation(path: str | os.PathLike[str]) -> Labels:
+    """Read a .annot file, with a table of colours of version 1 or 2; errors as for surfaces.
+
+    The file gives each vertex a colour; keys are the numbers of the colours in the table, from 0
+    (version 2 has numbers of its own for them). Vertices without a colour, or with one that the
+    table does not have, have the key -1.
+    """
+    bytes_ = _Bytes(read_bytes(path))
+    count = bytes_.count("vertices")
+    vertices, colors = bytes_.array(">i4", (count, 2), "vertices").astype(np.int64).T
+    if not np.array_equal(np.sort(vertices), np.arange(count)):
+        raise ValueError(f"its {count} rows are not one for each of the vertices from 0")
+    names, codes = dict[int, str](), dict[int, tuple[int, int, int, int]]()
+    if bytes_.left and bytes_.number():
+        for key, name, code in _table(bytes_):
+            if key in names:
+                raise ValueError(f"its table has two entries of the number {key}")
+            names[key], codes[key] = name, code
+    values = np.full(count, _NO_LABEL)
+    values[vertices] = _keys(colors, codes)
+    return Labels(values, names, {key: _color(code) for key, code in codes.items()})
+
+
+def freesurfer_label(path: str | os.PathLike[str]) -> LabelFile:
+    """Read a .label file, a text: vertices of one region, counted from 0, each with a value."""
+    lines = read_bytes(path).decode("utf-8", "replace").splitlines()
+    rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    if not rows or len(rows[0]) != 1 or not rows[0][0].isdecimal():
+        raise ValueError("its second line is not the number of its vertices")
+    if len(rows) - 1 != int(rows[0][0][:18]):
+        raise ValueError(f"it says to have {brief(rows[0][0])} vertices, and has {len(rows) - 1}")
+    for k, row in enumerate(rows[1:]):
+        if len(row) != 5 or not (row[0].isdecimal() and len(row[0]) < 10 and _is_number(row[4])):
+            raise ValueError(
+                f"vertex {k} of it, counting from 0, is {brief(' '.join(row))}; expected its "
+                "number, three coordinates and a value"
+            )
+    vertices = np.array([int(row[0]) for row in rows[1:]], dtype=np.int64)
+    return LabelFile(vertices, np.array([float(row[4]) for row in rows[1:]], dtype=np.float64))
+
+
+class _Bytes:
+    """Numbers and arrays taken from bytes one after the other, never more than there are."""
+
+    def __init__(self, data: bytes, begin: int = 0) -> None:
+        self._data, self._begin = data, begin
+
+    @property
+    def left(self) -> int:
+        return len(self._data) - self._begin
+
+    def skip(self, to: int) -> None:
+        if to > len(self._data):
+            raise ValueError(f"it is cut off: it has {len(self._data)} bytes of a header of {to}")
+        self._begin = to
+
+    def number(self) -> int:
+        if self.left < 4:
+            raise ValueError("it is cut off: a number is missing")
+        self._begin += 4
+        return int(struct.unpack_from(">i", self._data, self._begin - 4)[0])
+
+    def count(self, of: str) -> int:
+        count = self.number()
+        if count < 0:
+            raise ValueError(f"it says to have {count} {of}")
+        return count
+
+    def text(self) -> str:
+        count = self.count("letters of a name")
+        if count > self.left:
+            raise ValueError(f"it is cut off: a name of {count} letters is missing")
+        self._begin += count
+        found = self._data[self._begin - count : self._begin]
+        return found.partition(b"\0")[0].decode("utf-8", "replace")
+
+    def array(self, dtype: str, shape: tuple[int, ...], of: str) -> NDArray[Any]:
+        count = math.prod(shape)
+        size = count * np.dtype(dtype).itemsize
+        if size > self.left:
+            raise ValueError(
+                f"it is cut off: {self.left} bytes are left for {shape[0]} {of}, which have {size}"
+            )
+        self._begin += size
+        return np.frombuffer(self._data, dtype, count, self._begin - size).reshape(shape)
+
+
+def _table(bytes_: _Bytes) -> list[tuple[int, str, tuple[int, int, int, int]]]:
+    """Return number, name, and red, green, blue and transparency of a table's colours."""
+    count = bytes_.number()
+    version = 1 if count > 0 else -count
+    if version not in (1, 2):
+        raise ValueError(f"its table of colours has version {version}; expected 1 or 2")
+    if version == 2:
+        bytes_.count("colours")  # at most
+    bytes_.text()  # the file that the table was in
+    count = count if version == 1 else bytes_.count("colours")
+    found = []
+    for place in range(count):  # which ends with an error where the bytes do
+        key = place if version == 1 else bytes_.count("as the number of a colour")
+        name = bytes_.text()
+        red, green, blue, clear = (bytes_.number() for _ in range(4))
+        if not all(0 <= part <= _OPAQUE for part in (red, green, blue, clear)):
+            raise ValueError(f"the colour of {brief(name)} has parts that are not from 0 to 255")
+        found.append((key, name, (red, green, blue, clear)))
+    return found
+
+
+def _keys(colors: IntArray, codes: Mapping[int, tuple[int, int, int, int]]) -> IntArray:
+    """Return the key of each colour; the first where two have the same one."""
+    packed: dict[int, int] = {}
+    for key, (red, green, blue, _) in codes.items():
+        packed.setdefault(red | green << 8 | blue << 16, key)
+    known, place = np.unique(colors, return_inverse=True)
+    keys = [packed.get(color, _NO_LABEL) for color in known.tolist()]
+    return np.array(keys, dtype=np.int64)[place]
+
+
+def _color(code: tuple[int, int, int, int]) -> Color:
+    red, green, blue, clear = code
+    return red / _OPAQUE, green / _OPAQUE, blue / _OPAQUE, 1 - clear / _OPAQUE
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False

@@ -1,0 +1,242 @@
+"""Labels from files: what nibabel writes, and functions that are where one label is."""
+
+import nibabel
+import nibabel.freesurfer
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from abfm.errors import FunctionError
+from abfm.functions import function, read_labels, read_table, read_vertex_map
+from tests.core.reading.hostile import one_byte_changed
+from tests.shapes import icosphere, with_loose_vertex
+
+MESH = icosphere(1)
+COUNT = len(MESH.vertices)
+KEYS = np.array([-7, 0, 3, 2**31 - 1])
+NAMES = {-7: "odd", 0: "???", 3: "pre central", 2**31 - 1: "Ärmel & <co>", 5: "nowhere"}
+COLOURS = {-7: (0.25, 0.5, 1.0, 0.0), 0: (0.0, 0.0, 0.0, 0.0), 3: (1.0, 0.125, 0.0, 1.0)}
+VALUES = KEYS[np.random.default_rng(2).integers(0, 4, COUNT)]
+
+
+def write_gifti(path, columns, intent="NIFTI_INTENT_LABEL", names=NAMES, kind=np.int32):
+    """Columns are called ``map 0`` and so on."""
+    arrays = [
+        nibabel.gifti.GiftiDataArray(c.astype(kind), intent, meta={"a": "b", "Name": f"map {k}"})
+        for k, c in enumerate(columns)
+    ]
+    image = nibabel.gifti.GiftiImage(darrays=arrays)
+    for key, name in names.items():
+        label = nibabel.gifti.GiftiLabel(key, *COLOURS.get(key, ()))
+        label.label = name
+        image.labeltable.labels.append(label)
+    nibabel.save(image, path)
+    return path
+
+
+def write_annotation(path, values):
+    table = np.array([[25, 5, 25, 0], [220, 20, 100, 0], [25, 100, 40, 0]])
+    names = [b"unknown", b"precentral", b"lingual"]
+    nibabel.freesurfer.write_annot(path, values, table, names)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.label.gii", "a.gii.gz"])
+def test_labels_of_gifti_come_with_names_and_colours_by_their_keys(tmp_path, name):
+    labels = read_labels(write_gifti(tmp_path / name, [VALUES]))
+    assert_array_equal(labels.values, VALUES, strict=True)
+    assert labels.names == NAMES
+    assert labels.colors == COLOURS
+
+
+@given(
+    table=st.dictionaries(
+        st.integers(-(2**31), 2**31 - 1),
+        st.text(st.characters(exclude_categories=["C", "Z"]), max_size=20),
+        max_size=8,
+    )
+)
+@settings(max_examples=50)
+def test_any_table_comes_back(folder, table):
+    path = write_gifti(folder / "a.label.gii", [np.array([*table, 0])], names=table)
+    assert read_labels(path).names == table
+    for key, name in table.items():
+        found = read_labels(path).where(key) if name else None
+        assert found is None or found[list(table).index(key)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("labels")
+
+
+def test_a_label_is_a_function_by_its_name_or_key(tmp_path):
+    path = write_gifti(tmp_path / "a.label.gii", [VALUES])
+    for word, key in (("odd", -7), ("-7", -7), ('"pre central"', 3), ("3", 3), ("0", 0)):
+        assert_array_equal(function(MESH, f"file:{path},label={word}"), key == VALUES)
+    assert not function(MESH, f"file:{path},label=nowhere").any()
+    path = write_annotation(tmp_path / "lh.annot", np.arange(COUNT) % 3)
+    for word, key in (("precentral", 1), ("2", 2)):
+        assert_array_equal(function(MESH, f"file:{path},label={word}"), np.arange(COUNT) % 3 == key)
+
+
+def test_a_name_that_is_a_number_is_a_name_and_two_keys_of_a_name_are_one_place(tmp_path):
+    names = {1: "2", 2: "both", 3: "both"}
+    values = np.arange(COUNT) % 4
+    path = write_gifti(tmp_path / "a.label.gii", [values], names=names)
+    assert_array_equal(function(MESH, f"file:{path},label=2"), values == 1)
+    assert_array_equal(function(MESH, f"file:{path},label=both"), values >= 2)
+
+
+def test_labels_count_as_the_mesh_file_does(tmp_path):
+    mesh = with_loose_vertex(MESH)
+    path = write_gifti(tmp_path / "a.label.gii", [np.insert(VALUES, 5, 3)])
+    assert_array_equal(function(mesh, f"file:{path},label=3"), VALUES == 3)
+
+
+def test_columns_of_labels_are_chosen(tmp_path):
+    path = write_gifti(tmp_path / "a.label.gii", [VALUES, VALUES[::-1]])
+    assert_array_equal(function(MESH, f"file:{path},label=odd,column=1"), VALUES[::-1] == -7)
+    assert_array_equal(read_labels(path, "map 1").values, VALUES[::-1])
+    for asked, told in (("", "2 columns; choose column=0 to 1"), (",column=2", "called '2'")):
+        with pytest.raises(FunctionError, match=told):
+            function(MESH, f"file:{path},label=odd{asked}")
+
+
+LIST = "#!ascii label, from subject a\n3\n5 0 0 0 2.5\n0 1.5 0 0 -1\n7 0 0 0 1\n"
+
+
+def test_what_a_list_of_vertices_names_is_a_function(tmp_path):
+    path = tmp_path / "lh.V1.label"
+    path.write_text(LIST)
+    for mesh, offset in ((MESH, 0), (with_loose_vertex(MESH), 1)):
+        found = function(mesh, f"file:{path}")
+        values = function(mesh, f"file:{path},column=value")
+        expected = {5: 2.5, 0: -1, 7: 1} if not offset else {0: -1, 6: 1}
+        assert dict(zip(np.flatnonzero(found), values[found > 0], strict=True)) == expected
+        assert set(found) == {0, 1}
+        assert np.count_nonzero(values) == len(expected)
+    names, table = read_table(str(path))
+    assert names == ["vertex", "value"]
+    assert table.tolist() == [[5, 2.5], [0, -1], [7, 1]]
+    path.write_text(LIST.replace("7 0", f"{COUNT} 0"))
+    for asked, told in (
+        ("", f"lists vertex {COUNT}, and the mesh has {COUNT}, counted from 0"),
+        (",column=2", "give column=value"),
+        (",label=V1", "but lists the vertices of one: give it as file:"),
+    ):
+        with pytest.raises(FunctionError, match=told):
+            function(MESH, f"file:{path}{asked}")
+
+
+def test_labels_are_no_values_and_no_map(tmp_path):
+    """They would be interpolated, or count vertices, without a word."""
+    told = r"it holds labels, which cannot be interpolated; give label=NAME .*\.read_labels"
+    for path in (
+        write_gifti(tmp_path / "a.label.gii", [VALUES]),
+        write_gifti(tmp_path / "b.gii.gz", [VALUES], names={}),
+        write_annotation(tmp_path / "lh.aparc.annot", np.zeros(COUNT, dtype=int)),
+    ):
+        for read in (read_table, lambda p: function(MESH, f"file:{p}")):
+            with pytest.raises(FunctionError, match=told) as caught:
+                read(str(path))
+            assert str(caught.value).startswith("file ")
+        with pytest.raises(FunctionError, match="it holds labels"):
+            read_vertex_map(MESH, str(path))
+
+
+def test_columns_of_gifti_have_the_names_of_their_metadata(tmp_path):
+    columns = [np.arange(COUNT), -np.arange(COUNT)]
+    path = write_gifti(tmp_path / "a.func.gii", columns, "NIFTI_INTENT_NONE", kind=np.float32)
+    assert read_table(str(path))[0] == ["map 0", "map 1"]
+    assert_array_equal(function(MESH, f"file:{path},column=map 1"), -np.arange(COUNT))
+
+
+def test_values_of_freesurfer_are_known_by_how_they_begin(tmp_path):
+    values = np.random.default_rng(0).normal(size=COUNT).astype(np.float32)
+    for name in ("lh.sulc", "values", "rh.thickness.smooth"):
+        nibabel.freesurfer.write_morph_data(tmp_path / name, values)
+        assert_array_equal(function(MESH, f"file:{tmp_path / name}"), values)
+    nibabel.freesurfer.write_geometry(tmp_path / "lh.white", MESH.vertices, MESH.faces)
+    with pytest.raises(FunctionError, match="a surface of FreeSurfer's; give values"):
+        function(MESH, f"file:{tmp_path / 'lh.white'}")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.npy", b"", "expected .label.gii, .gii, .gii.gz, .annot"),
+        ("lh.annot", b"\0", "a number is missing"),
+        ("missing.annot", None, "cannot be read: No such file"),
+        ("a.label.gii", b"<GIFTI", "no XML, or cut short"),
+        ("b.label.gii", b'<GIFTI><LabelTable><Label Key="1.5"/></LabelTable></GIFTI>', "'1.5'"),
+        ("c.label.gii", b'<GIFTI><LabelTable><Label Key="%d"/>' % 10**18, "cut short"),
+        ("d.label.gii", b'<GIFTI><Label Key="9223372036854775808"/></GIFTI>', "at most"),
+        ("e.label.gii", b"<GIFTI><Label>a</Label></GIFTI>", "a label has the key ''"),
+    ],
+)
+def test_what_holds_no_labels_says_so_in_one_line(tmp_path, name, content, words):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(FunctionError, match=words) as caught:
+        read_labels(tmp_path / name)
+    assert name in str(caught.value)
+    assert str(caught.value).isprintable()
+
+
+def test_values_and_fractions_are_no_labels_and_unknown_labels_are_told(tmp_path):
+    path = write_gifti(tmp_path / "a.gii", [VALUES], "NIFTI_INTENT_SHAPE", kind=np.float32)
+    with pytest.raises(FunctionError, match="none of its 1 arrays has the intent"):
+        read_labels(path)
+    write_gifti(path, [VALUES + 0.5], kind=np.float32)
+    with pytest.raises(FunctionError, match="a key is no whole number"):
+        read_labels(path)
+    write_gifti(path, [np.full(COUNT, np.nan)], kind=np.float32)
+    with pytest.raises(FunctionError, match="a key is no whole number"):
+        read_labels(path)
+    write_gifti(path, [VALUES])
+    for word, told in (
+        ("pre centrall", "did you mean 'pre central'"),
+        *((number, "there are odd, ") for number in ("9", "9" * 40, "9" * 5000, "1.5")),
+    ):
+        with pytest.raises(FunctionError, match=told):
+            function(MESH, f'file:{path},label="{word}"')
+
+
+@pytest.mark.parametrize(
+    "colour", ['Red="2" Green="0" Blue="0"', 'Red="x" Green="0" Blue="0"', 'Red="0"', ""]
+)
+def test_a_colour_that_is_none_is_left_out_and_early_files_call_keys_index(tmp_path, colour):
+    array = (
+        '<DataArray Intent="NIFTI_INTENT_LABEL" DataType="NIFTI_TYPE_INT32" Encoding="ASCII" '
+        'Dimensionality="1" Dim0="2"><Data>4 4</Data></DataArray>'
+    )
+    (tmp_path / "a.label.gii").write_text(
+        f'<GIFTI><LabelTable><Label Index="4" {colour}><![CDATA[ a&b ]]></Label></LabelTable>'
+        f"{array}</GIFTI>"
+    )
+    labels = read_labels(tmp_path / "a.label.gii")
+    assert (labels.values.tolist(), labels.names, labels.colors) == ([4, 4], {4: "a&b"}, {})
+
+
+@pytest.mark.parametrize("name", ["a.label.gii", "lh.annot"])
+def test_one_wrong_byte_gives_labels_or_is_refused_in_one_line(tmp_path, name):
+    path, few = tmp_path / name, np.arange(3)
+    if name == "lh.annot":
+        write_annotation(path, few)
+    else:
+        write_gifti(path, [few], names={1: "a"})
+    told = []
+    for changed in one_byte_changed(path.read_bytes()):
+        path.write_bytes(changed)
+        try:
+            labels = read_labels(path)
+        except FunctionError as error:
+            told.append(str(error))
+        else:
+            assert labels.values.size <= 3
+            assert labels.values.dtype == np.int64
+    assert told
+    assert all(text.isprintable() for text in told)

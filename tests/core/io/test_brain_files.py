@@ -1,0 +1,294 @@
+"""Files of brain imaging that come out: as nibabel reads them, and as they are read here again."""
+
+import getpass
+import os
+import sys
+import time
+
+import nibabel
+import nibabel.freesurfer as freesurfer
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from abfm.errors import ResultError
+from abfm.functions import Labels, function, read_labels, read_table
+from abfm.io import write_labels, write_surface, write_values
+from abfm.mesh import load_mesh
+from tests.shapes import icosphere, torus
+
+MESH = icosphere(1)
+COUNT = len(MESH.vertices)
+RANDOM = np.random.default_rng(1)
+VALUES = RANDOM.normal(size=COUNT)
+LABELS = Labels(
+    RANDOM.integers(-1, 4, COUNT),
+    {0: "???", 1: "pre central", 3: "Ärmel & <co>", 2: "post"},
+    {0: (0.0, 0.0, 0.0, 0.0), 1: (1.0, 0.2, 0.4, 1.0), 3: (0.2, 0.6, 0.0, 0.8)},
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("brain")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("a.surf.gii", "a.gii", "a.surf.gii.gz", "a.ply", "lh.white", "rh.sphere.reg", "LH.PIAL"),
+    ],
+)
+def test_surfaces_come_back(tmp_path, name):
+    shape = torus(9, 7)
+    write_surface(tmp_path / name, shape)
+    mesh = load_mesh(tmp_path / name)
+    assert_array_equal(mesh.faces, shape.faces)
+    kind = np.float64 if name == "a.ply" else np.float32
+    assert_array_equal(mesh.vertices, shape.vertices.astype(kind))
+    assert os.listdir(tmp_path) == [name]
+
+
+def test_surfaces_are_what_nibabel_expects(tmp_path):
+    write_surface(tmp_path / "lh.white.surf.gii", MESH)
+    points, triangles = nibabel.load(tmp_path / "lh.white.surf.gii").darrays
+    assert (points.intent, points.datatype) == (1008, 16)  # NIFTI_INTENT_POINTSET, FLOAT32
+    assert (triangles.intent, triangles.datatype) == (1009, 8)  # NIFTI_INTENT_TRIANGLE, INT32
+    assert dict(points.meta) == {"AnatomicalStructurePrimary": "CortexLeft"}
+    assert_array_equal(points.data, MESH.vertices.astype(np.float32), strict=True)
+    assert_array_equal(triangles.data, MESH.faces.astype(np.int32), strict=True)
+    write_surface(tmp_path / "rh.white", MESH)
+    vertices, faces, stamp = freesurfer.read_geometry(tmp_path / "rh.white", read_stamp=True)
+    assert_array_equal(vertices, MESH.vertices.astype(np.float32).astype(np.float64))
+    assert_array_equal(faces, MESH.faces)
+    assert stamp == "created by abfm"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "a.shape.gii",
+        "a.func.gii",
+        "a.gii",
+        "a.FUNC.gii.gz",
+        "a.npy",
+        "a.NPY",
+        "a.csv",
+        "a.Txt",
+        "a.mgh",
+        "a.MGZ",
+    ],
+)
+@pytest.mark.parametrize("values", [VALUES, VALUES * 1e-30, np.stack([VALUES, np.cos(VALUES)], 1)])
+def test_values_come_back(tmp_path, name, values):
+    write_values(tmp_path / name, values)
+    found = read_table(str(tmp_path / name))[1]
+    is_single = name.lower().endswith((".gii", ".gz", ".mgh", ".mgz"))
+    expected = values.astype(np.float32) if is_single else values
+    assert_array_equal(found, expected.reshape(COUNT, -1))
+    assert os.listdir(tmp_path) == [name]
+
+
+@pytest.mark.parametrize("name", ["a.func.gii", "a.csv"])
+def test_columns_keep_their_names(tmp_path, name):
+    names, values = ["depth, mean", 'Ärmel "b"'], np.stack([VALUES, np.cos(VALUES)], 1)
+    write_values(tmp_path / name, values, names=names)
+    assert read_table(str(tmp_path / name))[0] == names
+    with pytest.raises(ResultError, match="1 names were given for 2 columns"):
+        write_values(tmp_path / name, values, names=["depth"])
+    with pytest.raises(ResultError, match=r"a name of values is 'a\\nb'"):
+        write_values(tmp_path / name, VALUES, names=["a\nb"])
+
+
+@pytest.mark.parametrize("name", ["lh.sulc", "rh.thickness", "lh.abfm.area"])
+def test_values_of_freesurfer_come_back(tmp_path, name):
+    write_values(tmp_path / name, VALUES[:, None])
+    assert_array_equal(function(MESH, f"file:{tmp_path / name}"), VALUES.astype(np.float32))
+    assert_array_equal(freesurfer.read_morph_data(tmp_path / name), VALUES.astype(np.float32))
+    with pytest.raises(ResultError, match="hold one column, and 2 are given"):
+        write_values(tmp_path / name, np.ones((COUNT, 2)))
+
+
+def test_values_may_be_none_at_vertices_without_any(tmp_path):
+    values = np.where(VALUES > 1, np.nan, VALUES)
+    for name in ("a.func.gii", "lh.sulc", "a.txt"):
+        write_values(tmp_path / name, values)
+        found = read_table(str(tmp_path / name))[1][:, 0]
+        assert_array_equal(np.isnan(found), np.isnan(values))
+
+
+@pytest.mark.parametrize(
+    ("name", "structure", "intent", "told"),
+    [
+        ("lh.abfm.shape.gii", None, "NIFTI_INTENT_SHAPE", "CortexLeft"),
+        ("sub-1_hemi-R_x.func.gii", None, "NIFTI_INTENT_NONE", "CortexRight"),
+        ("sub-1_hemi-R_x.func.gii", "Cerebellum", "NIFTI_INTENT_NONE", "Cerebellum"),
+        ("a.func.gii", None, "NIFTI_INTENT_NONE", None),
+    ],
+)
+def test_gifti_tells_intent_structure_and_single_precision(tmp_path, name, structure, intent, told):
+    write_values(tmp_path / name, np.stack([VALUES, -VALUES], axis=1), structure)
+    image = nibabel.load(tmp_path / name)
+    expected = {"AnatomicalStructurePrimary": told} if told else {}
+    assert dict(image.meta) == expected
+    for array, sign in zip(image.darrays, (1, -1), strict=True):
+        assert nibabel.nifti1.intent_codes.niistring[array.intent] == intent
+        assert array.encoding == 3  # GZipBase64Binary
+        assert_array_equal(array.data, (sign * VALUES).astype(np.float32), strict=True)
+
+
+@pytest.mark.parametrize("name", ["a.label.gii", "a.gii", "lh.a.label.gii.gz"])
+def test_labels_of_gifti_come_back(tmp_path, name):
+    write_labels(tmp_path / name, LABELS)
+    found = read_labels(tmp_path / name)
+    assert_array_equal(found.values, LABELS.values)
+    assert (found.names, found.colors) == (LABELS.names, LABELS.colors)
+    image = nibabel.load(tmp_path / name)
+    [array] = image.darrays
+    assert (array.intent, array.datatype) == (1002, 8)  # NIFTI_INTENT_LABEL, INT32
+    assert image.labeltable.get_labels_as_dict() == LABELS.names
+    assert_array_equal(array.data, LABELS.values.astype(np.int32), strict=True)
+
+
+keys = st.integers(-(2**31) + 1, 2**31 - 1)
+names = st.text(st.characters(exclude_categories=["C", "Z"]), max_size=9)
+parts = st.integers(0, 255).map(lambda part: part / 255)
+colours = st.tuples(parts, parts, parts, parts)
+
+
+@given(
+    table=st.dictionaries(keys, st.tuples(names, colours | st.none()), min_size=1, max_size=6),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=60)
+def test_any_labels_come_back(folder, table, seed):
+    """From .annot files numbered anew, each vertex with the name that it had."""
+    random = np.random.default_rng(seed)
+    labels = Labels(
+        random.choice(list(table), 9),
+        {key: name for key, (name, _) in table.items()},
+        {key: colour for key, (_, colour) in table.items() if colour},
+    )
+    write_labels(folder / "a.label.gii", labels)
+    found = read_labels(folder / "a.label.gii")
+    assert_array_equal(found.values, labels.values)
+    assert (found.names, found.colors) == (labels.names, labels.colors)
+    write_labels(folder / "lh.annot", labels)
+    found = read_labels(folder / "lh.annot")
+    assert list(found.names) == list(range(len(table)))
+    assert list(found.names.values()) == list(labels.names.values())
+    again = freesurfer.read_annot(folder / "lh.annot")[0]
+    assert_array_equal(found.values, again)
+    assert_array_equal(np.array(list(table))[found.values], labels.values)
+
+
+def test_annotations_keep_colours_that_tell_labels_apart(tmp_path):
+    """The others, black or alike, get the next ones; keys without a name get -1."""
+    red, blue = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.8)
+    labels = Labels(
+        np.array([7, 3, 9, 11, 12, 7]),
+        {7: "a", 3: "b", 9: "c", 11: "d"},
+        {7: red, 3: blue, 9: red, 11: (0.0, 0.0, 0.0, 1.0)},
+    )
+    write_labels(tmp_path / "lh.annot", labels)
+    found = read_labels(tmp_path / "lh.annot")
+    assert found.values.tolist() == [0, 1, 2, 3, -1, 0]
+    assert found.colors[0] == red
+    assert found.colors[1] == pytest.approx(blue)
+    assert found.colors[2] == (0.0, 1 / 255, 1.0 * 0, 1.0)
+    assert found.colors[3] == (1 / 255, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.csv", "a.txt"])
+def test_keys_alone_come_back(tmp_path, name):
+    write_labels(tmp_path / name, LABELS)
+    assert_array_equal(read_table(str(tmp_path / name))[1][:, 0], LABELS.values)
+
+
+def test_the_same_data_makes_the_same_bytes_whenever_and_whoever_writes_them(tmp_path, monkeypatch):
+    for name, write, data in (
+        *((name, write_surface, MESH) for name in ("a.surf.gii", "a.surf.gii.gz", "lh.white")),
+        *((name, write_values, VALUES) for name in ("lh.a.func.gii", "a.func.gii.gz", "lh.sulc")),
+        *((name, write_values, VALUES) for name in ("a.mgh", "a.mgz")),
+        *((name, write_labels, LABELS) for name in ("lh.a.label.gii", "lh.annot")),
+    ):
+        contents = set()
+        for seconds in (10**9, 2 * 10**9):
+            monkeypatch.setattr(time, "time", lambda seconds=seconds: seconds)
+            monkeypatch.setattr(time, "ctime", lambda *_, seconds=seconds: str(seconds))
+            monkeypatch.setattr(getpass, "getuser", lambda seconds=seconds: str(seconds))
+            write(tmp_path / f"{seconds}.{name}", data)
+            contents.add((tmp_path / f"{seconds}.{name}").read_bytes())
+        assert len(contents) == 1
+
+
+@pytest.mark.parametrize(
+    ("write", "data", "name"),
+    [
+        (write_surface, MESH, "a.shape.gii"),
+        (write_surface, MESH, "a.label.gii.gz"),
+        (write_surface, MESH, "lh.sulc"),
+        (write_surface, MESH, "a.ply.gz"),
+        (write_surface, MESH, "white"),
+        (write_values, VALUES, "a.surf.gii"),
+        (write_values, VALUES, "lh.white"),
+        (write_values, VALUES, "a.label.gii"),
+        (write_values, VALUES, "a"),
+        (write_labels, LABELS, "a.func.gii"),
+        (write_labels, LABELS, "lh.sulc"),
+        (write_labels, LABELS, "lh.annot.gz"),
+    ],
+)
+def test_wrong_endings_are_refused_with_what_there_is(tmp_path, write, data, name):
+    with pytest.raises(ResultError, match=rf"cannot write .*{name}: its name must end in \.") as e:
+        write(tmp_path / name, data)
+    assert ".gii" in str(e.value)
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("write", "data", "name", "words"),
+    [
+        (write_values, np.full(COUNT, 1e39), "a.func.gii", "values are too large for single"),
+        (write_values, np.ones((2, 3, 4)), "a.func.gii", r"shape \(2, 3, 4\)"),
+        (write_values, np.ones(0), "a.npy", r"shape \(0,\)"),
+        (write_values, ["a"], "a.txt", "expected real numbers"),
+        (write_labels, VALUES, "a.label.gii", "expected what read_labels returns"),
+        (write_labels, Labels(VALUES), "a.label.gii", "expected a whole number"),
+        (write_labels, Labels([2**31]), "a.label.gii", "key 2.14748e+09; expected a whole"),
+        (write_labels, Labels([[1]]), "a.label.gii", r"shape \(1, 1\); expected \(n,\)"),
+        (write_labels, Labels([np.nan]), "a.label.gii", "expected a whole number"),
+        (write_labels, Labels([1], {1: "a\nb"}), "a.label.gii", "name of label 1 is"),
+        (write_labels, Labels([1], {1: b"a"}), "a.label.gii", "name of label 1 is"),
+        (write_labels, Labels([1], {0.5: "a"}), "a.label.gii", "key 0.5; expected"),
+        (write_labels, Labels([1], {"a": "a"}), "a.label.gii", "keys of names has values of type"),
+        (write_labels, Labels([1], {1: "a"}, {1: (2, 0, 0, 1)}), "lh.annot", "four numbers from"),
+        (write_labels, Labels([1], {1: "a"}, {1: (0, 0, 1)}), "a.label.gii", "four numbers from"),
+        (write_labels, Labels([1]), "lh.annot", "its labels have no names"),
+    ],
+)
+def test_what_cannot_be_written_is_refused(tmp_path, write, data, name, words):
+    with pytest.raises(ResultError) as caught:
+        write(tmp_path / name, data)
+    assert words.replace("\\", "") in str(caught.value)
+    assert os.listdir(tmp_path) == []
+
+
+def test_without_nibabel_what_needs_it_says_what_to_install(tmp_path, monkeypatch):
+    for module in [name for name in sys.modules if name.partition(".")[0] == "nibabel"]:
+        monkeypatch.setitem(sys.modules, module, None)
+    for write, data, name in (
+        (write_surface, MESH, "a.surf.gii"),
+        (write_surface, MESH, "lh.white"),
+        (write_values, VALUES, "a.func.gii"),
+        (write_values, VALUES, "lh.sulc"),
+        (write_labels, LABELS, "lh.annot"),
+    ):
+        with pytest.raises(ResultError, match=r"needs nibabel; type: pip install 'abfm\[brain\]'"):
+            write(tmp_path / name, data)
+    assert os.listdir(tmp_path) == []
+    write_surface(tmp_path / "a.ply", MESH)
+    write_values(tmp_path / "a.npy", VALUES)
+    write_labels(tmp_path / "a.txt", LABELS)

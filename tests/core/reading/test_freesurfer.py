@@ -1,0 +1,264 @@
+"""FreeSurfer's files: as nibabel reads them, and refused where they are not whole."""
+
+import struct
+
+import nibabel.freesurfer as freesurfer
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from abfm.reading import (
+    freesurfer_annotation,
+    freesurfer_kind,
+    freesurfer_label,
+    freesurfer_overlay,
+    freesurfer_surface,
+    freesurfer_values,
+)
+from tests.core.reading.hostile import one_byte_changed
+from tests.mesh_writers import freesurfer_bytes
+from tests.shapes import icosphere, tetrahedron
+
+seeds = st.integers(0, 2**32 - 1)
+COLOURS = [(25, 5, 25, 0), (220, 20, 100, 0), (25, 100, 40, 128), (1, 2, 3, 255)]
+NAMES = ["unknown", "precentral", "Ärmel", "?"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("freesurfer")
+
+
+def packed(*numbers):
+    return struct.pack(f">{len(numbers)}i", *numbers)
+
+
+def text(word):
+    return packed(len(word.encode()) + 1) + word.encode() + b"\0"
+
+
+def annotation(colours, version, numbers=(0, 1, 2, 3), order=None):
+    """A .annot file by hand: vertices in an order, with the numbers of their colours."""
+    order = range(len(colours)) if order is None else order
+    packs = [red | green << 8 | blue << 16 for red, green, blue, _ in COLOURS]
+    rows = [(k, packs[colours[k]] if colours[k] >= 0 else 0) for k in order]
+    data = packed(len(colours), *np.ravel(rows), 1)
+    data += packed(4) if version == 1 else packed(-2, max(numbers) + 1)
+    data += text("colours.txt") + (b"" if version == 1 else packed(4))
+    for number, name, colour in zip(numbers, NAMES, COLOURS, strict=True):
+        data += (b"" if version == 1 else packed(number)) + text(name) + packed(*colour)
+    return data
+
+
+@given(seed=seeds, count=st.integers(0, 30))
+@settings(max_examples=30)
+def test_values_are_those_that_nibabel_writes(folder, seed, count):
+    values = np.random.default_rng(seed).normal(size=count).astype(np.float32)
+    freesurfer.write_morph_data(folder / "lh.sulc", values, fnum=7)
+    found = freesurfer_values(folder / "lh.sulc")
+    assert found.dtype == np.float64
+    assert_array_equal(found, values)
+    assert freesurfer_kind(folder / "lh.sulc") == "values"
+
+
+@pytest.mark.parametrize("kind", ["u1", "i2", "i4", "f4"])
+@pytest.mark.parametrize("shape", [(7, 1, 1), (7, 1, 1, 3), (1, 3, 2, 2)])
+@pytest.mark.parametrize("name", ["a.mgh", "a.mgz"])
+def test_overlays_are_those_that_nibabel_writes(tmp_path, kind, shape, name):
+    values = (100 * np.random.default_rng(0).random(shape)).astype(kind)
+    freesurfer.MGHImage(values, np.eye(4)).to_filename(tmp_path / name)
+    found = freesurfer_overlay(tmp_path / name)
+    count = np.prod(shape[:3])
+    assert_array_equal(found, values.reshape(count, -1, order="F").astype(np.float64), strict=True)
+
+
+def test_surfaces_are_as_nibabel_writes_and_reads_them(tmp_path):
+    mesh = icosphere(2)
+    volume = {
+        "head": [2, 0, 20],
+        "valid": "1  # volume info valid",
+        "filename": "T1.mgz",
+        "volume": [256] * 3,
+        "voxelsize": [1.0] * 3,
+        "xras": [-1.0, 0, 0],
+        "yras": [0.0, 0, -1],
+        "zras": [0.0, 1, 0],
+        "cras": [5.0, -17, 20],
+    }
+    for name, info in (("lh.white", volume), ("lh.sphere.reg", None)):
+        freesurfer.write_geometry(tmp_path / name, 90 * mesh.vertices, mesh.faces, None, info)
+        vertices, faces = freesurfer_surface(tmp_path / name)
+        expected = freesurfer.read_geometry(tmp_path / name)
+        assert_array_equal(vertices, expected[0], strict=True)
+        assert_array_equal(faces, expected[1])
+        assert freesurfer_kind(tmp_path / name) == "surface"
+
+
+@given(seed=seeds, count=st.integers(1, 30))
+@settings(max_examples=30)
+def test_annotations_are_those_that_nibabel_writes(folder, seed, count):
+    values = np.random.default_rng(seed).integers(-1, 4, count)
+    table = np.array(COLOURS)
+    path = folder / "lh.annot"
+    freesurfer.write_annot(path, values, table, [name.encode() for name in NAMES])
+    found = freesurfer_annotation(path)
+    assert_array_equal(found.values, values, strict=True)
+    assert_array_equal(found.values, freesurfer.read_annot(path)[0])
+    assert [found.names[key] for key in range(4)] == NAMES
+    for key, (red, green, blue, clear) in enumerate(COLOURS):
+        expected = red / 255, green / 255, blue / 255, 1 - clear / 255
+        assert found.colors[key] == expected
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_annotations_of_both_versions_in_any_order(tmp_path, version):
+    colours = np.array([2, -1, 0, 3, 1, 1])
+    path = tmp_path / "lh.annot"
+    path.write_bytes(annotation(colours, version, order=[3, 1, 0, 5, 4, 2]))
+    found = freesurfer_annotation(path)
+    assert_array_equal(found.values, colours)
+    assert found.names == dict(enumerate(NAMES))
+    if version == 2:  # whose colours have numbers of their own
+        path.write_bytes(annotation(colours, version, numbers=(7, 0, 3, 40)))
+        found = freesurfer_annotation(path)
+        assert found.values.tolist() == [3, -1, 7, 40, 0, 0]
+        assert found.names == dict(zip((7, 0, 3, 40), NAMES, strict=True))
+
+
+def test_without_a_table_no_vertex_has_a_label(tmp_path):
+    path = tmp_path / "lh.annot"
+    whole = annotation([1, 2], 2)
+    for data in (whole[:20], whole[:20] + packed(0)):
+        path.write_bytes(data)
+        found = freesurfer_annotation(path)
+        assert (found.values.tolist(), found.names, found.colors) == ([-1, -1], {}, {})
+
+
+LABEL = "#!ascii label  , from subject a vox2ras=TkReg\n{}\n5  1.0 -2.5 3.0 0.25\n0 0 0 0 1e-3\n"
+
+
+def test_labels_list_vertices_with_values(tmp_path):
+    path = tmp_path / "lh.V1.label"
+    path.write_text(LABEL.format(2))
+    vertices, values = freesurfer_label(path)
+    assert (vertices.tolist(), values.tolist()) == ([5, 0], [0.25, 1e-3])
+    assert_array_equal(vertices, freesurfer.read_label(path))
+    path.write_text("# nothing\n0\n")
+    assert freesurfer_label(path).vertices.tolist() == []
+
+
+SURFACE = freesurfer_bytes(tetrahedron().vertices, tetrahedron().faces)
+VALUES = b"\xff\xff\xff" + packed(3, 0, 1) + struct.pack(">3f", 1, 2, 3)
+ANNOTATION = annotation([0, 1, 2, 3], 2)
+OVERLAY = packed(1, 3, 1, 1, 2, 3, 0) + bytes(256) + struct.pack(">6f", *range(6))
+LARGE = packed(2**31 - 1)
+READERS = {
+    "surface": (freesurfer_surface, SURFACE[: -len(b"\0\0\0\x02tag")]),
+    "values": (freesurfer_values, VALUES),
+    "overlay": (freesurfer_overlay, OVERLAY),
+    "annotation 1": (freesurfer_annotation, annotation([0, 1, 2, 3], 1)),
+    "annotation 2": (freesurfer_annotation, ANNOTATION),
+    "label": (freesurfer_label, LABEL.format(2).rstrip().encode()),
+}
+
+
+@pytest.mark.parametrize(
+    ("reader", "content", "words"),
+    [
+        (freesurfer_surface, b"", "no FreeSurfer surface of triangles"),
+        (freesurfer_surface, b"\xff\xff\xfd" + SURFACE[3:], "quadrangles; let mris_convert"),
+        (freesurfer_surface, b"\xff\xff\xfe" + b"a" * 10**6, "do not end"),
+        (freesurfer_surface, SURFACE[:20] + LARGE + SURFACE[24:], "2147483647 vertices, which"),
+        (freesurfer_surface, SURFACE[:24] + LARGE + SURFACE[28:], "2147483647 triangles, which"),
+        (freesurfer_surface, SURFACE[:20] + packed(-1) + SURFACE[24:], "to have -1 vertices"),
+        (freesurfer_values, SURFACE, "does not begin as"),
+        (freesurfer_values, VALUES[:3] + LARGE + VALUES[7:], "2147483647 values, which have"),
+        (freesurfer_values, VALUES[:11] + packed(2) + VALUES[15:], "2 values a vertex"),
+        (freesurfer_values, VALUES + b"\0", "1 bytes follow the 3 values"),
+        (freesurfer_overlay, VALUES, "no .mgh file, or of version -256"),
+        (freesurfer_overlay, b"\x1f\x8b" + OVERLAY, "compressed data is damaged"),
+        (freesurfer_overlay, OVERLAY[:280], "has 280 bytes of a header of 284"),
+        (freesurfer_overlay, OVERLAY[:4] + LARGE + OVERLAY[8:], "24 bytes are left for 2 frames"),
+        (freesurfer_overlay, OVERLAY[:4] + packed(-1) + OVERLAY[8:], "to have -1 columns"),
+        (freesurfer_overlay, OVERLAY[:20] + packed(2) + OVERLAY[24:], "the type 2; expected one"),
+        (freesurfer_annotation, LARGE + ANNOTATION[4:], "2147483647 vertices, which have"),
+        (freesurfer_annotation, packed(1, 1, 0), "not one for each of the vertices"),
+        (freesurfer_annotation, packed(2, 0, 0, 0, 0), "not one for each of the vertices"),
+        (freesurfer_annotation, packed(0, 1, -3), "version 3; expected 1 or 2"),
+        (freesurfer_annotation, packed(0, 1, 0), "version 0; expected 1 or 2"),
+        (freesurfer_annotation, packed(0, 1, -(2**31)), "version 2147483648"),
+        (freesurfer_annotation, packed(0, 1, 2**31 - 1, 0), "a number is missing"),
+        (freesurfer_annotation, packed(0, 1, 1, 2**31 - 1), "name of 2147483647 letters"),
+        (freesurfer_annotation, packed(0, 1, 1, -5), "-5 letters"),
+        (freesurfer_annotation, packed(0, 1, 1, 0, 0, 256, 0, 0, 0), "not from 0 to 255"),
+        (
+            freesurfer_annotation,
+            packed(0, 1, -2, 2, 0, 2) + 2 * packed(1, 0, 0, 0, 0, 0),
+            "two entries of the number 1",
+        ),
+        (freesurfer_label, b"", "not the number of its vertices"),
+        (freesurfer_label, b"#\n1 2\n", "not the number of its vertices"),
+        (freesurfer_label, b"#\n" + b"9" * 5000, "has 0"),
+        (freesurfer_label, LABEL.format(3).encode(), "'3' vertices, and has 2"),
+        (freesurfer_label, b"#\n1\n-1 0 0 0 0", "expected its number, three coordinates"),
+        (freesurfer_label, b"#\n1\n1 0 0 0 nan", "expected its number, three coordinates"),
+        (freesurfer_label, b"#\n1\n1 0 0 0 " + b"x" * 10**5, "three coordinates and a value"),
+    ],
+)
+def test_files_that_lie_are_refused(tmp_path, reader, content, words):
+    (tmp_path / "a").write_bytes(content)
+    with pytest.raises(ValueError, match=words) as caught:
+        reader(tmp_path / "a")
+    assert len(str(caught.value)) < 300
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_every_cut_is_noticed(tmp_path, name):
+    """But one that leaves an annotation without its table, which is a whole file."""
+    reader, content = READERS[name]
+    reader(_written(tmp_path, content))
+    whole = [4 + 8 * 4] if "annotation" in name else []
+    for end in range(len(content)):
+        if end in whole:
+            continue
+        if name == "label" and end in (len(content) - 1, len(content) - 2, len(content) - 3):
+            continue  # shorter numbers are numbers
+        with pytest.raises(ValueError, match=r"^it|^its|^vertex|^the"):
+            reader(_written(tmp_path, content[:end]))
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_one_wrong_byte_gives_no_more_than_there_is_or_is_refused(tmp_path, name):
+    (reader, content), told = READERS[name], []
+    for changed in one_byte_changed(content):
+        try:
+            found = reader(_written(tmp_path, changed))
+        except ValueError as error:
+            told.append(str(error))
+        else:
+            arrays = found if isinstance(found, tuple) else [getattr(found, "values", found)]
+            assert sum(array.size for array in arrays) <= len(content)
+    assert told
+    assert max(map(len, told)) < 300
+
+
+@given(content=st.binary(max_size=80), begin=st.sampled_from([b"", b"\xff\xff\xfe\n\n", VALUES]))
+@settings(max_examples=100)
+def test_any_bytes_are_read_or_refused(folder, content, begin):
+    told = []
+    for reader in {reader for reader, _ in READERS.values()}:
+        try:
+            reader(_written(folder, begin + content))
+        except ValueError as error:
+            told.append(str(error))
+    assert len(told) >= 3  # they are one format at most
+    assert all(text.isprintable() for text in told)
+
+
+def _written(folder, content):
+    path = folder / "a"
+    path.write_bytes(content)
+    return path
