@@ -12,8 +12,10 @@ from abfm.calculus.channels import extend
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import FunctionError, MeshError, ParameterError, brief
 from abfm.functions.spec import function
+from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
-from abfm.matching.match import Iteration, match
+from abfm.matching.bounded import bounded
+from abfm.matching.match import Iteration, Match, match
 from abfm.matching.problem import Problem
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.functions import FunctionTerm
@@ -58,6 +60,7 @@ def register(
     mask_a: ArrayLike | None = None,
     mask_b: ArrayLike | None = None,
     weights: ArrayLike | None = None,
+    max_distortion: float | None = None,
     on_iteration: Callable[[Iteration], None] | None = None,
     control: Control | None = None,
 ) -> Registration:
@@ -83,6 +86,8 @@ def register(
         How much the mismatch counts at each vertex, not negative.
     weights : (C,) array, optional
         Weight of each channel's mismatch.
+    max_distortion : float, optional
+        The most ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, see `within`.
 
     Raises
     ------
@@ -101,7 +106,24 @@ def register(
         weights=weights,
     )
     found = match(prepared.problem, on_iteration=on_iteration, control=control)
-    return Registration(prepared.initial, found, prepared.notes)
+    registration = Registration(prepared.initial, found, prepared.notes)
+    if max_distortion is None:
+        return registration
+    return within(registration, max_distortion, control)
+
+
+def within(
+    found: Registration, max_distortion: float, control: Control | None = None
+) -> Registration:
+    """Return the closest registration on the way of one of whose faces 99% keep a bound of
+    ``|log2 J|`` and ``|log2 R|``, initial map and flow together: see `abfm.matching.bounded`.
+    """
+
+    def measure(match: Match) -> Distortion:
+        return Registration(found.initial, match).distortion()
+
+    chosen = bounded(found.match, max_distortion, measure, control)
+    return Registration(found.initial, chosen, found.notes)
 
 
 def prepare(

@@ -1,0 +1,180 @@
+"""`abfm register`: two surfaces, and what leads from the one to the other."""
+
+import argparse
+import json
+import sys
+import time
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import abfm
+from abfm import Control, Match, Parameters, Registration, TriangleMesh, load_mesh
+from abfm.errors import printable
+from abfm.functions import function
+from abfm.functions.family import quoted
+from abfm.registration import prepare, within
+from abfm.types import FloatArray
+from abfm.workers.progress import telling
+from abfm_viewer import signals
+from abfm_viewer.cli import options, results
+from abfm_viewer.cli.exit_status import UNMATCHED
+from abfm_viewer.cli.match import cancelled_by_signals, read_channels
+from abfm_viewer.cli.progress import print_long, progress
+from abfm_viewer.document import verdict_words
+from abfm_viewer.files import outputs
+
+SUMMARY = "register one surface to another by functions on both"
+DESCRIPTION = """\
+Find where on surface A each point of surface B lies, so that the functions of A (--source), carried
+to B, are as near to those of B (--target) as they can be: by an initial map, and then by the flow
+of a vector field on B.
+
+Examples:
+  abfm register lh.sphere fsaverage.sphere.surf.gii --source file:lh.sulc --target file:avg.shape.gii \\
+      --mask-b cortex.csv --out sub-01_reg.npz
+  abfm register pose1.off pose2.off --source hks:time=0.01 --target hks:time=0.01 --out reg.npz
+  abfm apply sub-01_reg.npz --labels lh.aparc.annot --out aparc.label.gii
+
+The initial map (--initial): by default vertex to vertex where the surfaces have the same faces, and
+through the sphere where both are spheres, the one of A turned as the functions ask; else one of
+  connectivity            vertex i to vertex i
+  sphere                  both surfaces are spheres; or sphere:A.surf.gii,B.surf.gii, theirs
+  sphere:mirror           the same with A seen in a mirror, as from left to right
+Functions that were measured, or have other units, are compared in standard deviations from their
+means; where one has the other sign, that is turned and told.
+
+The exit status is as of `abfm match`.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = options.adder(parser)
+    add("a", f"surface A, a {options.MESH}", "A")
+    add("b", "surface B, on which the flow is", "B")
+    add("--largest-component", options.LARGEST)
+    options.add_channels(parser, "function on A to bring to B", "function on B that it should become")
+    add = options.adder(parser.add_argument_group("what counts, and where it begins"))
+    for side in "ab":
+        add(
+            f"--mask-{side}",
+            f"how much vertices of {side.upper()} count, not negative: a function or its file",
+            "SPEC",
+        )
+    add("--initial", "the initial map, see above", "WORD[:...]")
+    options.add_parameters(parser, "as measured functions of two surfaces ask, else auto")
+    add = options.adder(parser.add_argument_group("output"))
+    add(
+        "--out",
+        "registration .npz; .gii or .ply with A's faces where they lie on B, such as a sphere.reg; "
+        ".txt, .csv or .npy with A's vertex for each of B; repeatable",
+        "FILE",
+        type=Path,
+        action="append",
+        required=True,
+    )
+    options.add_max_distortion(add)
+    add("--json", "print one JSON object about the result")
+    add("--quiet", "no progress")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Register and write; the status is that of `abfm match`."""
+    for path in arguments.out:
+        outputs.check(path, outputs.REGISTERED)
+    sources, targets, weights = read_channels(arguments)
+    with nullcontext() if arguments.quiet else telling(print_long):
+        surfaces = [_mesh(arguments, path) for path in (arguments.a, arguments.b)]
+        prepared = prepare(
+            *surfaces,
+            sources,
+            targets,
+            initial=arguments.initial,
+            mask_a=_mask(surfaces[0], arguments.mask_a),
+            mask_b=_mask(surfaces[1], arguments.mask_b),
+            weights=weights,
+        )
+    for note in prepared.notes:
+        print(f"note: {note}", file=sys.stderr)
+    parameters = prepared.problem.parameters
+    changed = {
+        entry.name: value
+        for entry in fields(Parameters)
+        if (value := getattr(arguments, entry.name)) is not options.UNSET
+    }
+    problem = prepared.problem.with_parameters(replace(parameters, **changed))
+    control, start, bound = Control(), time.perf_counter(), ""
+    with cancelled_by_signals(control) as kept:
+        with progress(problem.parameters.iterations, arguments.quiet) as report:
+            match = abfm.match(problem, on_iteration=report, control=control)
+        found = Registration(prepared.initial, match, prepared.notes)
+        with nullcontext() if arguments.quiet else telling(print_long):
+            if arguments.max_distortion is not None:
+                found = within(found, arguments.max_distortion, control)
+                bound = results.bound_told(found.distortion(), arguments.max_distortion)
+        outputs.write_registration(arguments.out, found)
+    seconds = time.perf_counter() - start
+    outcome = Outcome(found, seconds, arguments.out, kept.number, bound)
+    if arguments.json:
+        print(json.dumps({"a": arguments.a, "b": arguments.b, **outcome.to_dict()}))
+    else:
+        print(outcome.summary())
+    return outcome.status
+
+
+def _mesh(arguments: argparse.Namespace, path: str) -> TriangleMesh:
+    loaded = load_mesh(path, largest_component=arguments.largest_component)
+    for message in loaded.messages:
+        print(f"note: {printable(path)}: {message}", file=sys.stderr)
+    return loaded
+
+
+def _mask(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
+    if given is None:
+        return None
+    return function(mesh, f"file:{quoted(given)}" if Path(given).is_file() else given)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    registration: Registration
+    seconds: float
+    outputs: list[Path]
+    signal: int | None
+    bound: str
+
+    @property
+    def match(self) -> Match:
+        return self.registration.match
+
+    @property
+    def status(self) -> int:
+        if self.signal is not None:
+            return signals.status(self.signal)
+        return UNMATCHED if self.match.verdict.kind in ("not reached", "impossible") else 0
+
+    def summary(self) -> str:
+        """Say for a person how well it went, what the map does, and where it is."""
+        match, names = self.match, map(printable, self.outputs)
+        lines = [
+            verdict_words.headline(match),
+            verdict_words.why(match),
+            f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
+            f"iterations in {self.seconds:.1f} s; wrote {', '.join(names)}",
+            *(results.path_lines(match) if len(match.path) > 1 else []),
+            *results.map_lines(self.registration),
+            *([self.bound] if self.bound else []),
+        ]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            **results.facts(self.match),
+            "map": results.map_facts(self.registration),
+            "notes": list(self.registration.notes),
+            "initial": asdict(InitialFacts.of(self.registration)),
+            "seconds": self.seconds,
+            "outputs": list(map(str, self.outputs)),
+            "bound": self.bound or None,
+        }
