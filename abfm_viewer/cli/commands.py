@@ -3,11 +3,13 @@
 from importlib.metadata import version
 
 from abfm.errors import did_you_mean
-from abfm_viewer.cli import bench, demo, figure, info, map, match, render
+from abfm_viewer.cli import apply, bench, demo, figure, info, map, match, register, render
 from abfm_viewer.cli.options import Parser
 
 _COMMANDS = {
     "match": match,
+    "register": register,
+    "apply": apply,
     "demo": demo,
     "figure": figure,
     "map": map,
@@ -17,7 +19,7 @@ _COMMANDS = {
 }
 _DESCRIPTION = """\
 Match two functions on a triangle mesh: find the vector field whose flow carries the one to the
-other.
+other. Register one surface to another by functions on both.
 
 Try `abfm demo` first; then
   abfm match mesh.off --source gaussian:vertex=10 --target gaussian:vertex=200 --out match.npz

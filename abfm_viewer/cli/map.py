@@ -21,7 +21,7 @@ from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import adder, warn_of_doubt
 from abfm_viewer.files import outputs
 
-SUMMARY = "the map that a result's flow makes: as a file, against a known one, for textures"
+SUMMARY = "the map of a result's flow or of a registration: as a file, against a known one"
 DESCRIPTION = """\
 Write the map of a result's flow, by the flow lines that verify a match: for every vertex the vertex
 where its value came from, or with --inverse the one where it goes. Such a file works in functions,
@@ -29,11 +29,15 @@ permuted:map.txt(coordinate:x), and as a --truth. What the flow does to areas (J
 of faces, how many it folds, and how far from itself a vertex comes back, is always told, with a
 warning on stderr where too many are folded to trust the map.
 
+Of what `abfm register` wrote it is the map between both surfaces: for every vertex of B the one of
+A that lies there, which is also what a --truth holds; and how much of A is covered is told.
+
 Examples:
   abfm map match.npz --out map.txt
   abfm map match.npz --truth rotation
   abfm map match.npz --carry uv.npy --out carried.npy
   abfm map match.npz --functional-map 50 --out C.npy
+  abfm map reg.npz --truth true_vertices.txt
 """
 _TABLES = (".txt", ".csv", ".npy")
 
@@ -69,6 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--carry and --functional-map need --out, where the table goes")
     elif truth is None:
         raise UsageError("nothing to do: give --out, --truth or both")
+    if holds_two_surfaces(arguments.input):
+        return _of_two_surfaces(arguments)
     match = load_match(arguments.input)
     warn_of_doubt(arguments.input, match)
     time = match.parameters.tau if arguments.time is None else arguments.time
@@ -96,17 +102,47 @@ def run(arguments: argparse.Namespace) -> int:
     lines = [quality.report()]
     if accuracy:
         lines.append(accuracy.report())
-        told["accuracy"] = {
-            "vertices": len(accuracy.vertices),
-            **{name: getattr(accuracy, name) for name in ("mean", "median", "maximum")},
-            "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in BOUNDS},
-            "report": accuracy.report(),
-        }
+        told["accuracy"] = _accuracy_facts(accuracy)
     if out:
         lines.append(f"wrote {printable(out)}")
     told["output"] = str(out) if out else None
     print(json.dumps(told) if arguments.json else "\n".join(lines))
     return 0
+
+
+def _of_two_surfaces(arguments: argparse.Namespace) -> int:
+    asked = arguments.time, arguments.carry, arguments.functional_map
+    if any(each is not None for each in asked):
+        raise UsageError(
+            "--time, --carry and --functional-map are for results on one surface; "
+            "for a registration see abfm apply"
+        )
+    found = load_correspondence(arguments.input)
+    if isinstance(found, Registration):
+        warn_of_doubt(arguments.input, found.match)
+    way = found.inverse() if arguments.inverse else found
+    told: dict[str, Any] = {"map": results.map_facts(way)}
+    lines = results.map_lines(way)
+    if arguments.truth:
+        same = arguments.truth == "identity"
+        accuracy = way.accuracy(None if same else vertices_of(way, arguments.truth))
+        lines.append(accuracy.report())
+        told["accuracy"] = _accuracy_facts(accuracy)
+    if arguments.out is not None:
+        write_values(arguments.out, vertex_numbers(way))
+        lines.append(f"wrote {printable(arguments.out)}")
+    told["output"] = str(arguments.out) if arguments.out else None
+    print(json.dumps(told) if arguments.json else "\n".join(lines))
+    return 0
+
+
+def _accuracy_facts(accuracy: MapAccuracy) -> dict[str, Any]:
+    return {
+        "vertices": len(accuracy.vertices),
+        **{name: getattr(accuracy, name) for name in ("mean", "median", "maximum")},
+        "share_under": {f"{bound:g}": float(accuracy.share_under(bound)) for bound in BOUNDS},
+        "report": accuracy.report(),
+    }
 
 
 def _table(

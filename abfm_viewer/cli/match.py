@@ -15,9 +15,8 @@ import numpy as np
 
 import abfm
 from abfm import Control, Match, Parameters, Problem, ResultError, TriangleMesh, load_match
-from abfm.errors import brief, printable
-from abfm.functions import families, function
-from abfm.functions.family import quoted
+from abfm.errors import printable
+from abfm.functions import families
 from abfm.matching import bounded
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
@@ -52,17 +51,10 @@ _TOGETHER = 0.1  # seconds: `timeout` and terminals may send a signal to a proce
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_mesh(parser)
-    add = options.adder(parser.add_argument_group("functions"))
-    add("--source", "function to carry along the flow", "SPEC")
-    add("--target", "function that it should become", "SPEC")
-    add(
-        "--channel",
-        "one more source and target for the same flow, with the weight of its mismatch; repeatable",
-        ("SRC", "DST", "WEIGHT"),
-        nargs=3,
-        action="append",
-        default=[],
+    options.add_channels(
+        parser, "function to carry along the flow", "function that it should become"
     )
+    add = options.adder(parser.add_argument_group("what counts, and where it begins"))
     add(
         "--mask",
         "weight of the mismatch at each vertex, not negative: a function or its file",
@@ -74,13 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = "result .npz, or .ply or .vtu for other programs, or .csv with the energy; repeatable"
     add("--out", what, "FILE", type=Path, action="append", required=True)
     add("--path", "table of the path, a step a line", "FILE.csv", type=Path)
-    add(
-        "--max-distortion",
-        "the closest field with |log2 J| of areas and |log2 R| of shapes at most N on 99%% of the "
-        "faces",
-        "N",
-        type=options.positive,
-    )
+    options.add_max_distortion(add)
     add("--json", "print one JSON object about the result")
     add("--quiet", "no progress")
 
@@ -95,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsageError("--path and --out name the same file; give each its own")
     given = {entry.name: getattr(arguments, entry.name) for entry in fields(Parameters)}
     parameters = Parameters(**given)
-    sources, targets, weights = _channels(arguments)
+    sources, targets, weights = options.channels(arguments)
     with nullcontext() if arguments.quiet else telling(print_long):
         mesh = options.mesh(arguments)
         problem = Problem(
@@ -103,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
             _alone(sources),
             _alone(targets),
             parameters,
-            mask=_mask(mesh, arguments.mask),
+            mask=options.weight(mesh, arguments.mask),
             weights=weights,
             start=_start(mesh, arguments.start, parameters),
         )
@@ -116,31 +102,8 @@ def run(arguments: argparse.Namespace) -> int:
     return outcome.status
 
 
-def _channels(arguments: argparse.Namespace) -> tuple[list[str], list[str], list[float]]:
-    if (arguments.source is None) != (arguments.target is None):
-        raise UsageError("--source and --target need each other")
-    first = [] if arguments.source is None else [(arguments.source, arguments.target, "1")]
-    if not (channels := [*first, *arguments.channel]):
-        raise UsageError("give --source and --target; see abfm match --help")
-    weights = []
-    for *_, word in channels:
-        try:
-            weights.append(float(word))
-        except ValueError:
-            raise UsageError(
-                f"--channel: its third word is the weight, a number, not {brief(word)}"
-            ) from None
-    return [source for source, *_ in channels], [target for _, target, _ in channels], weights
-
-
 def _alone(specs: list[str]) -> list[str] | str:
     return specs if len(specs) > 1 else specs[0]
-
-
-def _mask(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
-    if given is None:
-        return None
-    return function(mesh, f"file:{quoted(given)}" if Path(given).is_file() else given)
 
 
 def _start(mesh: TriangleMesh, path: str | None, parameters: Parameters) -> FloatArray | None:

@@ -6,14 +6,20 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
+from pathlib import Path
 from typing import Any, NoReturn
 
 from abfm import Match, Parameters, TriangleMesh, load_mesh
-from abfm.errors import did_you_mean, one_line, printable
+from abfm.errors import brief, did_you_mean, one_line, printable
+from abfm.functions import function
+from abfm.functions.family import quoted
 from abfm.parameters import CHOICES, is_whole
+from abfm.types import FloatArray
 from abfm_viewer.cli.exit_status import UsageError
 
 MESH = "triangle mesh: obj, off, ply, stl, glb, gltf, gii or FreeSurfer's"
+UNSET = object()
+"""What an option is that was not given."""
 LARGEST = "of several components use the one with the largest area"
 
 
@@ -50,8 +56,60 @@ def adder(to: argparse._ActionsContainer) -> Callable[..., None]:
     return add
 
 
-def add_parameters(parser: argparse.ArgumentParser) -> None:
-    """Declare an option for each parameter, with help and symbol of its definition."""
+def add_channels(parser: argparse.ArgumentParser, source: str, target: str) -> None:
+    """Declare the options that `channels` reads."""
+    add = adder(parser.add_argument_group("functions"))
+    add("--source", source, "SPEC")
+    add("--target", target, "SPEC")
+    add(
+        "--channel",
+        "one more source and target for the same flow, with the weight of its mismatch; repeatable",
+        ("SRC", "DST", "WEIGHT"),
+        nargs=3,
+        action="append",
+        default=[],
+    )
+
+
+def channels(arguments: argparse.Namespace) -> tuple[list[str], list[str], list[float]]:
+    """Return sources, targets and weights."""
+    if (arguments.source is None) != (arguments.target is None):
+        raise UsageError("--source and --target need each other")
+    first = [] if arguments.source is None else [(arguments.source, arguments.target, "1")]
+    if not (found := [*first, *arguments.channel]):
+        raise UsageError(f"give --source and --target; see {arguments.parser.prog} --help")
+    weights = []
+    for *_, word in found:
+        try:
+            weights.append(float(word))
+        except ValueError:
+            raise UsageError(
+                f"--channel: its third word is the weight, a number, not {brief(word)}"
+            ) from None
+    return [source for source, *_ in found], [target for _, target, _ in found], weights
+
+
+def add_max_distortion(add: Callable[..., None]) -> None:
+    add(
+        "--max-distortion",
+        "the closest field with |log2 J| of areas and |log2 R| of shapes at most N on 99%% of the "
+        "faces",
+        "N",
+        type=positive,
+    )
+
+
+def weight(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
+    """Return how much vertices count, (V,), by a function or its file."""
+    if given is None:
+        return None
+    return function(mesh, f"file:{quoted(given)}" if Path(given).is_file() else given)
+
+
+def add_parameters(parser: argparse.ArgumentParser, unset: object = None) -> None:
+    """Declare an option for each parameter, with help and symbol of its definition; one that is not
+    given has its default, or else is ``unset``.
+    """
     add = adder(parser.add_argument_group("parameters (symbols of the paper in brackets)"))
     for entry in fields(Parameters):
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
@@ -61,7 +119,8 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
         kind = int if is_whole(entry) else float
         metavar = f"{{{','.join(choices)}}}" if choices else "INT" if kind is int else "X"
         read = str if choices else kind if entry.default is not None else partial(_or_auto, kind)
-        settings = {"type": read, "choices": choices, "default": entry.default}
+        usual = entry.default if unset is None else unset
+        settings = {"type": read, "choices": choices, "default": usual}
         add("--" + entry.name.replace("_", "-"), text, metavar, **settings)
 
 

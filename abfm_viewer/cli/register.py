@@ -5,22 +5,19 @@ import json
 import sys
 import time
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import abfm
 from abfm import Control, Match, Parameters, Registration, TriangleMesh, load_mesh
 from abfm.errors import printable
-from abfm.functions import function
-from abfm.functions.family import quoted
 from abfm.registration import prepare, within
-from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals
 from abfm_viewer.cli import options, results
 from abfm_viewer.cli.exit_status import UNMATCHED
-from abfm_viewer.cli.match import cancelled_by_signals, read_channels
+from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.progress import print_long, progress
 from abfm_viewer.document import verdict_words
 from abfm_viewer.files import outputs
@@ -32,7 +29,7 @@ to B, are as near to those of B (--target) as they can be: by an initial map, an
 of a vector field on B.
 
 Examples:
-  abfm register lh.sphere fsaverage.sphere.surf.gii --source file:lh.sulc --target file:avg.shape.gii \\
+  abfm register lh.sphere fsaverage.sphere.surf.gii --source file:lh.sulc --target file:avg.gii \\
       --mask-b cortex.csv --out sub-01_reg.npz
   abfm register pose1.off pose2.off --source hks:time=0.01 --target hks:time=0.01 --out reg.npz
   abfm apply sub-01_reg.npz --labels lh.aparc.annot --out aparc.label.gii
@@ -54,7 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("a", f"surface A, a {options.MESH}", "A")
     add("b", "surface B, on which the flow is", "B")
     add("--largest-component", options.LARGEST)
-    options.add_channels(parser, "function on A to bring to B", "function on B that it should become")
+    options.add_channels(
+        parser, "function on A to bring to B", "function on B that it should become"
+    )
     add = options.adder(parser.add_argument_group("what counts, and where it begins"))
     for side in "ab":
         add(
@@ -63,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "SPEC",
         )
     add("--initial", "the initial map, see above", "WORD[:...]")
-    options.add_parameters(parser, "as measured functions of two surfaces ask, else auto")
+    options.add_parameters(parser, options.UNSET)
     add = options.adder(parser.add_argument_group("output"))
     add(
         "--out",
@@ -83,16 +82,17 @@ def run(arguments: argparse.Namespace) -> int:
     """Register and write; the status is that of `abfm match`."""
     for path in arguments.out:
         outputs.check(path, outputs.REGISTERED)
-    sources, targets, weights = read_channels(arguments)
+    sources, targets, weights = options.channels(arguments)
     with nullcontext() if arguments.quiet else telling(print_long):
-        surfaces = [_mesh(arguments, path) for path in (arguments.a, arguments.b)]
+        a, b = (_mesh(arguments, path) for path in (arguments.a, arguments.b))
         prepared = prepare(
-            *surfaces,
+            a,
+            b,
             sources,
             targets,
             initial=arguments.initial,
-            mask_a=_mask(surfaces[0], arguments.mask_a),
-            mask_b=_mask(surfaces[1], arguments.mask_b),
+            mask_a=options.weight(a, arguments.mask_a),
+            mask_b=options.weight(b, arguments.mask_b),
             weights=weights,
         )
     for note in prepared.notes:
@@ -113,7 +113,7 @@ def run(arguments: argparse.Namespace) -> int:
             if arguments.max_distortion is not None:
                 found = within(found, arguments.max_distortion, control)
                 bound = results.bound_told(found.distortion(), arguments.max_distortion)
-        outputs.write_registration(arguments.out, found)
+        outputs.write_registrations(arguments.out, found)
     seconds = time.perf_counter() - start
     outcome = Outcome(found, seconds, arguments.out, kept.number, bound)
     if arguments.json:
@@ -128,12 +128,6 @@ def _mesh(arguments: argparse.Namespace, path: str) -> TriangleMesh:
     for message in loaded.messages:
         print(f"note: {printable(path)}: {message}", file=sys.stderr)
     return loaded
-
-
-def _mask(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
-    if given is None:
-        return None
-    return function(mesh, f"file:{quoted(given)}" if Path(given).is_file() else given)
 
 
 @dataclass(frozen=True)
@@ -173,7 +167,6 @@ class Outcome:
             **results.facts(self.match),
             "map": results.map_facts(self.registration),
             "notes": list(self.registration.notes),
-            "initial": asdict(InitialFacts.of(self.registration)),
             "seconds": self.seconds,
             "outputs": list(map(str, self.outputs)),
             "bound": self.bound or None,

@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict, fields
 from typing import Any
 
-from abfm import Match, PathStep
+from abfm import Correspondence, Match, PathStep
 from abfm.maps import Distortion
 from abfm.matching import SHARE
 from abfm.mesh.subdivision import times_subdivided
@@ -68,6 +68,27 @@ def _cells(match: Match, number: int) -> tuple[str, ...]:
 
 def _short(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.3g}"
+
+
+def map_facts(found: Correspondence) -> dict[str, Any]:
+    """Return what machines are told of what a map from B to A does."""
+    distortion, back = found.distortion(), found.there_and_back()
+    return {
+        "log2_area": distortion.log2_area._asdict(),
+        "log2_shape": distortion.log2_shape._asdict(),
+        "folded": distortion.folded,
+        "faces": len(distortion.flipped),
+        "coverage": found.coverage(),
+        "there_and_back": back._asdict(),
+    }
+
+
+def map_lines(found: Correspondence) -> list[str]:
+    """Return the same in lines for people."""
+    return [
+        found.distortion().report(),
+        f"{found.there_and_back().report()}; {100 * found.coverage():.1f}% of A is covered",
+    ]
 
 
 def bound_told(distortion: Distortion, most: float) -> str:

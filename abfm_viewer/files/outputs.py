@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import secrets
 import tempfile
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,9 +29,33 @@ def check(path: Path, suffixes: Collection[str]) -> None:
     """Refuse a path that could not be written, by a `ResultError` that says why and what to do."""
     if path.suffix not in suffixes:
         raise ResultError(f"cannot write {path}: its name must end in {', '.join(suffixes)}")
+    check_folder(path)
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a path that could not be written, whatever its suffix."""
     if not path.parent.is_dir():
         raise ResultError(f"cannot write {path}: there is no folder {path.parent}; make it first")
     abfm.io.check_writable(path)
+
+
+REGISTERED = (".npz", ".gii", ".ply", ".reg", ".txt", ".csv", ".npy")
+"""Suffixes of files that a registration can be written to."""
+
+
+def write_registrations(paths: Sequence[Path], found: abfm.Registration) -> None:
+    """Write a registration to several files; where one cannot be written, it is kept elsewhere."""
+    _write_each(paths, partial(write_registration, found=found), found)
+
+
+def write_registration(path: Path, found: abfm.Registration) -> None:
+    if path.suffix == ".npz":
+        found.save(path)
+    elif path.suffix in (".txt", ".csv", ".npy"):
+        abfm.io.write_values(path, found.a.vertex_ids[found.to_vertices()])
+    else:
+        placed = abfm.TriangleMesh(found.back.positions, found.a.faces)
+        abfm.io.write_surface(path, placed)
 
 
 def make_folder(path: Path) -> None:
@@ -66,22 +91,28 @@ def write_path(path: Path, match: abfm.Match) -> None:
 
 def write_all(paths: Sequence[Path], match: abfm.Match) -> None:
     """Write a match to several files; where one cannot be written, its result is kept elsewhere."""
+    _write_each(paths, partial(write, match=match), match)
+
+
+def _write_each(
+    paths: Sequence[Path], write: Callable[[Path], None], whole: abfm.Match | abfm.Registration
+) -> None:
     problem, kept = None, False
     for path in paths:
         try:
-            write(path, match)
+            write(path)
             kept = kept or path.suffix == ".npz"
         except ResultError as error:
             problem = problem or error
     if problem is not None:
-        raise problem if kept else ResultError(f"{problem}; {_kept_elsewhere(match)}")
+        raise problem if kept else ResultError(f"{problem}; {_kept_elsewhere(whole)}")
 
 
-def _kept_elsewhere(match: abfm.Match) -> str:
+def _kept_elsewhere(whole: abfm.Match | abfm.Registration) -> str:
     for folder in (Path.cwd, Path.home, tempfile.gettempdir):
         with suppress(ResultError, OSError, RuntimeError):
             place = Path(folder()) / f"abfm-{secrets.token_hex(4)}.npz"
-            match.save(place)
+            whole.save(place)
             return f"the result is in {place}"
     return "there was no other place for the result either"
 

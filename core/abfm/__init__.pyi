@@ -35,8 +35,8 @@ from .mesh import TriangleMesh as TriangleMesh
 from .mesh import load_mesh as load_mesh
 from .parameters import Parameters as Parameters
 from .registration.correspondence import Correspondence as Correspondence
-from .registration.correspondence import load_correspondence as load_correspondence
+from .registration.files import load_correspondence as load_correspondence
+from .registration.files import load_registration as load_registration
 from .registration.register import register as register
 from .registration.registration import Registration as Registration
-from .registration.registration import load_registration as load_registration
 from .workers.control import Control as Control

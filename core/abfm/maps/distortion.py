@@ -22,6 +22,7 @@ _PARTS = 8  # along each side
 _TURNED = 0.75
 _INSIDE = 1e-6  # of the way to the centre, so that no point lies on two faces
 _FLAT = 1e-12  # of its size before: a part that has less area now has collapsed, not turned over
+_COLLAPSED = 1e-9  # of a face's area: less is left by rounding
 _CHUNK = 4096  # faces that are cut at once, 184,320 points
 _LEAST = 1e-6  # of a stretch: logarithms of less are those of this
 # A triangle between mapped corners says little where it is stretched this much and the surface's
@@ -60,6 +61,11 @@ class Distortion:
     def folded(self) -> int:
         """The number of flipped faces."""
         return int(self.flipped.sum())
+
+    @property
+    def collapsed(self) -> int:
+        """The number of faces that are mapped to a line or a point."""
+        return int((self.area <= _COLLAPSED).sum())
 
     @property
     def log2_area(self) -> Log2:

@@ -125,9 +125,8 @@ class PointMap:
         """
         if not (twice_areas(self.positions, self.domain.faces) > 0).any():
             raise AbfmError("all points are mapped to one line or place: there is no way back")
-        closest = ClosestPoints(self.domain, self.positions)
         places = self.codomain.vertices
-        found = closest.to(places)
+        found = self._nearest_image(places)
         lying = np.einsum(
             "pc,pcx->px", found.barycentric, self.positions[self.domain.faces[found.faces]]
         )
@@ -138,8 +137,12 @@ class PointMap:
             found.faces,
             found.barycentric,
             distances,
-            carried=lambda points: closest.to(points.positions),
+            carried=lambda points: self._nearest_image(points.positions),
         )
+
+    def _nearest_image(self, places: FloatArray) -> SurfacePoints:
+        """Return the points of the domain whose images are closest to places in space (P, 3)."""
+        return ClosestPoints(self.domain, self.positions).to(places)
 
     def distortion(self) -> Distortion:
         """Measure what the map does to each face: by its corners, where points inside faces are

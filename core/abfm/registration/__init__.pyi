@@ -1,9 +1,9 @@
 from .correspondence import Correspondence as Correspondence
-from .correspondence import load_correspondence as load_correspondence
+from .files import load_correspondence as load_correspondence
+from .files import load_registration as load_registration
 from .register import MEASURED as MEASURED
 from .register import Prepared as Prepared
 from .register import prepare as prepare
 from .register import register as register
 from .register import within as within
 from .registration import Registration as Registration
-from .registration import load_registration as load_registration

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from abfm.calculus.operators import face_areas, vertex_areas
-from abfm.errors import AbfmError, FunctionError, ParameterError, ResultError, brief, one_line
+from abfm.calculus.operators import edge_lengths, face_areas, vertex_areas
+from abfm.errors import AbfmError, FunctionError, ParameterError, brief
 from abfm.io import results
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
@@ -23,8 +23,6 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray, IntArray
 
 By: TypeAlias = Literal["point", "area"]
-_PARTS = 16  # of a face of A, on average, that its share in the coverage is told by
-_MOST_PARTS = 12  # along each side of a face of B
 _LEAST = 1e-12  # of a weight that carries
 
 
@@ -181,19 +179,15 @@ class Correspondence:
         return bool(found.weights[found.flipped].sum() > found.weights.sum() / 2)
 
     def coverage(self) -> float:
-        """Return the share of A's area, 0 to 1, in faces to which some point of B is mapped: of
-        points evenly spread in B's faces, so many that each face of A has 16 on average.
+        """Return the share of A's area, 0 to 1, that B is mapped onto: of the faces whose middle,
+        taken to B and back to A, comes back no farther than the face is long.
         """
-        ratio = np.sqrt(_PARTS * len(self.a.faces) / len(self.b.faces))
-        n = int(np.clip(np.ceil(ratio), 2, _MOST_PARTS))
-        grid = np.indices((n, n)).reshape(2, -1)
-        second, third = grid[:, grid.sum(axis=0) < n] + 1 / 3  # middles of parts
-        weights = np.stack([n - second - third, second, third], axis=1) / n
-        faces = np.repeat(np.arange(len(self.b.faces)), len(weights))
-        spread = SurfacePoints(self.b, faces, np.tile(weights, (len(self.b.faces), 1)))
-        hit = np.unique(self.points.at(spread).faces)
+        count, lengths = len(self.a.faces), edge_lengths(self.a)[self.a.face_edges].max(axis=1)
+        middles = SurfacePoints(self.a, np.arange(count), np.full((count, 3), 1 / 3))
+        returned = self.points.at(self.back.at(middles))
+        reached = returned.distances_from(middles.positions) <= lengths
         areas = face_areas(self.a)
-        return float(areas[hit].sum() / areas.sum())
+        return float(areas[reached].sum() / areas.sum())
 
     def there_and_back(self) -> ThereAndBack:
         """Measure how far vertices of B come back from where they were, in edges."""
@@ -235,15 +229,6 @@ class _ThroughSphere(Correspondence):
     def arrays(self) -> dict[str, Any]:
         a, b = self._layouts
         return super().arrays() | {"a_sphere": a.directions, "sphere": b.directions}
-
-
-def load_correspondence(path: str | os.PathLike[str]) -> Correspondence:
-    """Read a file of `Correspondence.save`; ResultError if it is missing, damaged, or none."""
-    arrays = results.load_arrays(path, results.CORRESPONDENCE)
-    try:
-        return correspondence_of(arrays)
-    except Exception as error:  # what stands in for numbers may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
 
 
 def correspondence_of(arrays: results.Arrays) -> Correspondence:

@@ -6,13 +6,13 @@ import os
 from functools import cached_property
 from typing import Any
 
-from abfm.errors import ResultError, one_line
+from abfm.errors import ResultError
 from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.point_maps import PointMap
 from abfm.matching.judging.verdict import Verdict
-from abfm.matching.match import Match, loaded_match, match_arrays
-from abfm.registration.correspondence import Correspondence, correspondence_of
+from abfm.matching.match import Match, match_arrays
+from abfm.registration.correspondence import Correspondence
 from abfm.types import FloatArray
 
 
@@ -74,19 +74,3 @@ class Registration(Correspondence):
         result file it holds the match on B.
         """
         results.save_arrays(path, self.arrays(), results.REGISTRATION)
-
-
-def load_registration(path: str | os.PathLike[str]) -> Registration:
-    """Read a file of `Registration.save`; ResultError if it is missing, damaged, or none.
-
-    As by `abfm.load_match`, what the field does not bear out is recomputed, and told in
-    ``match.doubt``.
-    """
-    arrays = results.load_arrays(path, results.REGISTRATION)
-    try:
-        initial = correspondence_of(arrays)
-        own = {name: arrays[name] for name in arrays.keys() & results.RESULT.entries.keys()}
-        match = loaded_match(initial.b, own)
-    except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
-    return Registration(initial, match.borne_out())

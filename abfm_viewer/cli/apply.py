@@ -1,0 +1,111 @@
+"""`abfm apply`: what goes from one surface to another by a registration."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from abfm import Correspondence, FunctionError, Registration, load_correspondence
+from abfm.errors import printable
+from abfm.functions import read_labels, read_table
+from abfm.io import write_labels, write_values
+from abfm.maps import project_onto_surface
+from abfm.reading import Labels
+from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.options import adder, warn_of_doubt
+from abfm_viewer.files import outputs
+
+SUMMARY = "carry data, labels or points from surface A to B by a registration, or back"
+DESCRIPTION = """\
+Carry what is known on surface A of a registration to surface B, or with --inverse from B to A.
+
+Examples:
+  abfm apply reg.npz --data lh.thickness --out thickness.shape.gii
+  abfm apply reg.npz --labels lh.aparc.annot --out aparc.label.gii
+  abfm apply reg.npz --points electrodes.csv --out on_b.csv
+  abfm apply reg.npz --inverse --labels atlas.label.gii --out in_subject.annot
+
+Data may have several columns. By area (the default) each vertex averages what lies around it, as
+--by point does not, where the other surface is coarser; labels are never mixed: the one with most
+weight is taken. Points are vertex numbers, one a line, or x, y and z, which are brought onto the
+surface; what is written is x, y and z on the other one.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = adder(parser)
+    add("registration", "what `abfm register` wrote", "REG.npz")
+    choose = adder(parser.add_mutually_exclusive_group(required=True))
+    choose("--data", "values, one or several a vertex: .gii, .csv, .npy, FreeSurfer's", "FILE")
+    choose("--labels", "labels: .label.gii, .annot, or a table of whole numbers", "FILE")
+    choose("--points", "a table of vertex numbers, or of x, y, z", "FILE")
+    add("--inverse", "from B to A")
+    add("--by", "area or point", "WAY", choices=("area", "point"), default="area")
+    add("--out", "by its ending: .shape.gii, .label.gii, .annot, .csv, ...", "FILE", type=Path)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    out = arguments.out
+    if out is None:
+        raise UsageError("give --out, where it goes; see abfm apply --help")
+    outputs.check_folder(out)
+    found = load_correspondence(arguments.registration)
+    if isinstance(found, Registration):
+        warn_of_doubt(arguments.registration, found.match)
+    way = found.inverse() if arguments.inverse else found
+    if arguments.data:
+        names, values = read_table(arguments.data)
+        _check_rows(way, len(values), arguments.data)
+        write_values(out, _on_file(way, way.carry(values, arguments.by)), names=names)
+    elif arguments.labels:
+        labels = _labels(arguments.labels)
+        _check_rows(way, len(labels.values), arguments.labels)
+        carried = _on_file(way, way.carry_labels(labels.values, arguments.by))
+        write_labels(out, Labels(carried, labels.names, labels.colors))
+    else:
+        write_values(out, _points(way, arguments.points), names=("x", "y", "z"))
+    print(f"wrote {printable(out)}")
+    return 0
+
+
+def _check_rows(way: Correspondence, rows: int, path: str) -> None:
+    if rows in (len(way.a.vertices), way.a.file_vertex_count):
+        return
+    other = rows in (len(way.b.vertices), way.b.file_vertex_count)
+    hint = "; they fit the other surface: see --inverse" if other else ""
+    raise FunctionError(
+        f"{path} has {rows} rows, and the surface {way.a.file_vertex_count} vertices{hint}"
+    )
+
+
+def _labels(path: str) -> Labels:
+    if path.lower().endswith((".npy", ".csv", ".txt")):
+        table = read_table(path)[1]
+        if table.shape[1] != 1 or not np.array_equal(table, np.round(table)):
+            raise FunctionError(f"{path}: labels are one column of whole numbers")
+        return Labels(table[:, 0].astype(np.int64), {}, {})
+    return read_labels(path)
+
+
+def _on_file(way: Correspondence, values: np.ndarray) -> np.ndarray:
+    """Return rows as the other surface's file counts them; 0 for vertices that no face uses."""
+    if len(values) == way.b.file_vertex_count:
+        return values
+    whole = np.zeros((way.b.file_vertex_count, *values.shape[1:]), values.dtype)
+    whole[way.b.vertex_ids] = values
+    return whole
+
+
+def _points(way: Correspondence, path: str) -> np.ndarray:
+    table = read_table(path)[1]
+    if table.shape[1] == 3:
+        return way.carry_points(project_onto_surface(way.a, table)).positions
+    if table.shape[1] != 1:
+        raise FunctionError(f"{path} has {table.shape[1]} columns; expected 1, or 3: x, y, z")
+    place = np.searchsorted(way.a.vertex_ids, table[:, 0]).clip(max=len(way.a.vertices) - 1)
+    wrong = np.flatnonzero(way.a.vertex_ids[place] != table[:, 0])
+    if len(wrong):
+        raise FunctionError(
+            f"{path}: line {wrong[0] + 1} has {table[wrong[0], 0]:g}, which is no vertex in use"
+        )
+    return way.carry_points(place).positions

@@ -1,0 +1,52 @@
+"""Reading files of correspondences and registrations."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import TypeVar
+
+from abfm.errors import ResultError, one_line
+from abfm.io import results
+from abfm.matching.match import loaded_match
+from abfm.registration.correspondence import Correspondence, correspondence_of
+from abfm.registration.registration import Registration
+
+Found = TypeVar("Found", bound=Correspondence)
+
+
+def load_correspondence(path: str | os.PathLike[str]) -> Correspondence:
+    """Read a file of `Correspondence.save`, or of `Registration.save`, which gives a Registration;
+    ResultError if it is missing, damaged, or neither.
+    """
+    with results.open_archive(path, results.CORRESPONDENCE.name, results.MEND) as archive:
+        is_registration = "velocity" in archive
+    if is_registration:
+        return load_registration(path)
+    return _loaded(path, results.CORRESPONDENCE, correspondence_of)
+
+
+def load_registration(path: str | os.PathLike[str]) -> Registration:
+    """Read a file of `Registration.save`; ResultError if it is missing, damaged, or none.
+
+    As by `abfm.load_match`, what the field does not bear out is recomputed, and told in
+    ``match.doubt``.
+    """
+    found = _loaded(path, results.REGISTRATION, _registration_of)
+    return Registration(found.initial, found.match.borne_out())
+
+
+def _loaded(
+    path: str | os.PathLike[str], kind: results.Kind, make: Callable[[results.Arrays], Found]
+) -> Found:
+    arrays = results.load_arrays(path, kind)
+    try:
+        return make(arrays)
+    except Exception as error:  # what stands in for a text, a number or a list may do anything
+        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
+
+
+def _registration_of(arrays: results.Arrays) -> Registration:
+    initial = correspondence_of(arrays)
+    own = {name: arrays[name] for name in arrays.keys() & results.RESULT.entries.keys()}
+    return Registration(initial, loaded_match(initial.b, own))
