@@ -128,12 +128,31 @@ def _as_table(values: np.ndarray) -> FloatArray:
     return values.reshape(len(values), -1).astype(np.float64)
 
 
-def _read_text(path: Path) -> tuple[list[str], FloatArray]:
+def _text_lines(path: Path) -> tuple[list[str], str | None]:
+    """Return the lines that are neither empty nor begin with ``#``, and what separates cells; None
+    is blanks.
+    """
     text = read_bytes(path).decode("utf-8-sig")
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if not lines:
         raise ValueError("it is empty")
-    delimiter, names = next((sign for sign in ";,\t" if sign in lines[0]), None), list[str]()
+    return lines, next((sign for sign in ";,\t" if sign in lines[0]), None)
+
+
+def text_rows(path: Path) -> list[list[str]]:
+    """Return the cells of the lines of a text file, which may hold words; see `read_table`."""
+    lines, delimiter = _text_lines(path)
+    if delimiter is None:
+        return [line.split() for line in lines]
+    try:
+        return list(csv.reader(lines, delimiter=delimiter))
+    except csv.Error as error:  # which is no ValueError
+        raise ValueError(str(error)) from None
+
+
+def _read_text(path: Path) -> tuple[list[str], FloatArray]:
+    lines, delimiter = _text_lines(path)
+    names = list[str]()
     first = next(csv.reader(lines[:1], delimiter=delimiter)) if delimiter else lines[0].split()
     try:
         list(map(float, first))
