@@ -21,6 +21,7 @@ _NO_NUMBER = re.compile(  # NumPy's words, which count rows from 0 and columns f
     re.DOTALL,
 )
 _SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".vts")
+_TABLES = (*_SUFFIXES, ".map")
 _SYMMETRIC = ".sym.vts"
 
 
@@ -94,16 +95,17 @@ def read_column(path: str, column: str | None = None) -> FloatArray:
 def read_table(path: str) -> tuple[list[str], FloatArray]:
     """Read the names of the columns, if any, and the numbers, (n, c), or raise a FunctionError.
 
-    .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers
-    separated by commas, semicolons, tabs or blanks, with or without a line of names on top; empty
-    lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the columns.
+    .npy holds an array (n,) or (n, c), no pickle. .csv, .txt, .vts and .map hold lines of
+    numbers separated by commas, semicolons, tabs or blanks, with or without a line of names on top;
+    empty lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the
+    columns.
     """
-    suffix = next((suffix for suffix in _SUFFIXES if path.lower().endswith(suffix)), None)
+    suffix = next((suffix for suffix in _TABLES if path.lower().endswith(suffix)), None)
     if suffix is None:
-        raise FunctionError(f"file {brief(path)}: the name must end in {', '.join(_SUFFIXES)}")
+        raise FunctionError(f"file {brief(path)}: the name must end in {', '.join(_TABLES)}")
     file = Path(os.path.expanduser(path))
     try:
-        if suffix in (".csv", ".txt", ".vts"):
+        if suffix in (".csv", ".txt", ".vts", ".map"):
             return _read_text(file)
         if suffix == ".npy":
             return [], _as_table(array_from(read_bytes(file)))
@@ -231,15 +233,30 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
         known, first = np.unique(both[:, 0], return_index=True)
         nearest = cKDTree(mesh.vertices[known]).query(mesh.vertices)[1]
         return np.asarray(both[first[nearest], 1])
+    return listed_vertices(mesh, mesh, path, table)
+
+
+def listed_vertices(
+    domain: TriangleMesh, codomain: TriangleMesh, path: str, table: FloatArray
+) -> IntArray:
+    """Return the vertex of the codomain that each of the domain is mapped to, (V,), by the table
+    (n, 1) that a file holds, which counts as `read_vertex_map` says.
+    """
     try:
-        column = mesh.restrict(read_column(path))
+        if table.shape[1] != 1:
+            raise FunctionError(f"it has {table.shape[1]} columns; expected 1 or 2")
+        column = domain.restrict(table[:, 0])
     except FunctionError as error:
         raise FunctionError(f"map {brief(path)}: {error}") from None
-    return _local_vertices(mesh, path, column)
+    return _local_vertices(codomain, path, column, domain.vertex_ids)
 
 
-def _local_vertices(mesh: TriangleMesh, path: str, numbers: FloatArray) -> IntArray:
-    """Return the mesh's own numbers, in the same shape, of vertices as its file counts them."""
+def _local_vertices(
+    mesh: TriangleMesh, path: str, numbers: FloatArray, owners: IntArray | None = None
+) -> IntArray:
+    """Return the mesh's own numbers, in the same shape, of vertices as its file counts them; an
+    error names the owner of the number.
+    """
     count = mesh.file_vertex_count
     readings = []
     for first in (0, 1):
@@ -252,7 +269,7 @@ def _local_vertices(mesh: TriangleMesh, path: str, numbers: FloatArray) -> IntAr
             wrong = min(wrong, readings[1] < 0, key=np.count_nonzero)
         row = int(np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))[0])
         example = numbers[row][wrong[row]][0] if numbers.ndim == 2 else numbers[row]
-        place = f"line {row + 1}" if numbers.ndim == 2 else f"vertex {mesh.vertex_ids[row]}"
+        place = f"line {row + 1}" if owners is None else f"vertex {owners[row]}"
         raise FunctionError(
             f"map {brief(path)}: {np.count_nonzero(wrong)} of {wrong.size} entries are not "
             "numbers of vertices in use, "

@@ -92,11 +92,11 @@ def align(
     ``mirror``, a similarity that turns B inside out.
 
     Three landmarks and more that lie on no line give the start. Else it is searched: both
-    surfaces stand as they are, or their principal axes are laid on each other, and turned by the rotations of a cube and of an
-    icosahedron. From every start turns of closest points, of either surface on the other one, and
-    of the best motion for the nearest 80% of these pairs follow; the result is the one with the
-    smallest RMS distance. Points are spread by area, so that triangles do not count. Landmarks
-    weigh as much as all pairs together.
+    surfaces stand as they are, or their principal axes are laid on each other, and turned by the
+    rotations of a cube and of an icosahedron. From every start turns of closest points, of either
+    surface on the other one, and of the best motion for the nearest 80% of these pairs follow; the
+    result is the one with the smallest RMS distance. Points are spread by area, so that triangles
+    do not count. Landmarks weigh as much as all pairs together.
 
     Raises
     ------
