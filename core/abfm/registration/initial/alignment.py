@@ -18,10 +18,14 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from abfm.calculus.operators import face_areas
 from abfm.errors import ParameterError, brief
 from abfm.maps.point_maps import PointMap
-from abfm.maps.surface_points import ClosestPoints, SurfacePoints, project_onto_surface
+from abfm.maps.surface_points import (
+    ClosestPoints,
+    SurfacePoints,
+    points_by_area,
+    project_onto_surface,
+)
 from abfm.maps.symmetry import principal_axes
 from abfm.mesh import TriangleMesh
 from abfm.registration.initial.landmark_pairs import Landmarks
@@ -40,8 +44,6 @@ _NEAREST = 0.8  # share of the pairs, those closest to each other, that a motion
 _SETTLED = 1e-5  # of the RMS distance: turns that gain less end
 _SAME = 1e-9  # RMS distance, in sqrt(area), below which nothing better is looked for
 _ON_A_LINE = 1e-6  # width of landmarks, in sqrt(area), that leaves a rotation open
-# fractional parts of multiples of these are spread evenly over a square (Roberts' R2 sequence)
-_SPREAD = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,17 +249,6 @@ def best_motion(b: FloatArray, a: FloatArray, weights: FloatArray, kind: Kind) -
     # nothing is to vanish, whatever the pairs of a bad start are
     scale = max(scale, 0.1) if kind != "rigid" else 1.0
     return rotation, scale, middle_a - scale * rotation @ middle_b
-
-
-def points_by_area(mesh: TriangleMesh, count: int) -> SurfacePoints:
-    """Return so many points (count,) of a surface, evenly spread by area, always the same ones."""
-    before = np.cumsum(face_areas(mesh))
-    at = (np.arange(count) + 0.5) / count * before[-1]
-    faces = np.searchsorted(before, at).clip(max=len(before) - 1)
-    u, v = (np.arange(1, count + 1)[:, None] * _SPREAD % 1).T
-    beyond = u + v > 1
-    u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
-    return SurfacePoints(mesh, faces, np.stack([1 - u - v, u, v], axis=1))
 
 
 def _starts(

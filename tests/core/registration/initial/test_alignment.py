@@ -7,16 +7,15 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from abfm.calculus.operators import vertex_areas
 from abfm.errors import ParameterError
 from abfm.experiments.vocabulary import bundled
-from abfm.maps.surface_points import SurfacePoints, project_onto_surface
+from abfm.maps.surface_points import SurfacePoints, points_by_area, project_onto_surface
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
 from abfm.registration.initial import Landmarks, align, closest_after_alignment
-from abfm.registration.initial.alignment import best_motion, points_by_area
+from abfm.registration.initial.alignment import best_motion
 from tests.core.surfaces import renumbered
-from tests.shapes import icosphere, square
+from tests.shapes import icosphere
 
 BODY = shapes.five_limbs(400)
 POSES = bundled("human_A.off"), bundled("human_B.off")
@@ -163,14 +162,6 @@ def test_best_motion_is_least_squares():
                 found[2] + 0.05 * rng.normal(size=3),
             )
             assert other > least
-
-
-def test_points_by_area_integrate_functions_however_uneven_the_triangles():
-    mesh = square(9)
-    points = points_by_area(mesh, 1000).positions
-    expected = vertex_areas(mesh) @ mesh.vertices / vertex_areas(mesh).sum()
-    assert_allclose(points.mean(axis=0), expected, atol=2e-3)
-    assert_allclose((points[:, :2] ** 2).mean(axis=0), 1 / 3, atol=3e-3)
 
 
 def test_there_is_no_other_kind():
