@@ -32,6 +32,7 @@ _NO_NUMBER = re.compile(  # NumPy's words, which count rows from 0 and columns f
     re.DOTALL,
 )
 _SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".mgh", ".mgz", ".vts")
+_TABLES = (*_SUFFIXES, ".map")
 _LABELS = (".annot", LISTED)
 _SYMMETRIC = ".sym.vts"
 _ARE_LABELS = (
@@ -124,19 +125,19 @@ def read_column(path: str, column: str | None = None) -> FloatArray:
 def read_table(path: str) -> tuple[list[str], FloatArray]:
     """Read the names of the columns, if any, and the numbers, (n, c), or raise a FunctionError.
 
-    .npy holds an array (n,) or (n, c), no pickle. .csv, .txt and .vts hold lines of numbers
-    separated by commas, semicolons, tabs or blanks, with or without a line of names on top; empty
-    lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the columns,
+    .npy holds an array (n,) or (n, c), no pickle. .csv, .txt, .vts and .map hold lines of
+    numbers separated by commas, semicolons, tabs or blanks, with or without a line of names on top;
+    empty lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the columns,
     named by their metadata. .mgh and .mgz are FreeSurfer's: frames are the columns. Other names
     may be of FreeSurfer's values, such as ``lh.sulc``, which are known by how they begin; .label
     lists vertices with a value each. Labels are refused: see `read_labels`.
     """
-    suffix = next((suffix for suffix in _SUFFIXES if path.lower().endswith(suffix)), None)
+    suffix = next((suffix for suffix in _TABLES if path.lower().endswith(suffix)), None)
     file = Path(os.path.expanduser(path))
     try:
         if suffix is None:
             return _read_freesurfer(file)
-        if suffix in (".csv", ".txt", ".vts"):
+        if suffix in (".csv", ".txt", ".vts", ".map"):
             return _read_text(file)
         if suffix == ".npy":
             return [], _as_table(array_from(read_bytes(file)))
@@ -184,12 +185,31 @@ def _as_table(values: np.ndarray) -> FloatArray:
     return values.reshape(len(values), -1).astype(np.float64)
 
 
-def _read_text(path: Path) -> tuple[list[str], FloatArray]:
+def _text_lines(path: Path) -> tuple[list[str], str | None]:
+    """Return the lines that are neither empty nor begin with ``#``, and what separates cells; None
+    is blanks.
+    """
     text = read_bytes(path).decode("utf-8-sig")
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     if not lines:
         raise ValueError("it is empty")
-    delimiter, names = next((sign for sign in ";,\t" if sign in lines[0]), None), list[str]()
+    return lines, next((sign for sign in ";,\t" if sign in lines[0]), None)
+
+
+def text_rows(path: Path) -> list[list[str]]:
+    """Return the cells of the lines of a text file, which may hold words; see `read_table`."""
+    lines, delimiter = _text_lines(path)
+    if delimiter is None:
+        return [line.split() for line in lines]
+    try:
+        return list(csv.reader(lines, delimiter=delimiter))
+    except csv.Error as error:  # which is no ValueError
+        raise ValueError(str(error)) from None
+
+
+def _read_text(path: Path) -> tuple[list[str], FloatArray]:
+    lines, delimiter = _text_lines(path)
+    names = list[str]()
     first = next(csv.reader(lines[:1], delimiter=delimiter)) if delimiter else lines[0].split()
     try:
         list(map(float, first))
@@ -268,15 +288,30 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
         known, first = np.unique(both[:, 0], return_index=True)
         nearest = cKDTree(mesh.vertices[known]).query(mesh.vertices)[1]
         return np.asarray(both[first[nearest], 1])
+    return listed_vertices(mesh, mesh, path, table)
+
+
+def listed_vertices(
+    domain: TriangleMesh, codomain: TriangleMesh, path: str, table: FloatArray
+) -> IntArray:
+    """Return the vertex of the codomain that each of the domain is mapped to, (V,), by the table
+    (n, 1) that a file holds, which counts as `read_vertex_map` says.
+    """
     try:
-        column = mesh.restrict(read_column(path))
+        if table.shape[1] != 1:
+            raise FunctionError(f"it has {table.shape[1]} columns; expected 1 or 2")
+        column = domain.restrict(table[:, 0])
     except FunctionError as error:
         raise FunctionError(f"map {brief(path)}: {error}") from None
-    return _local_vertices(mesh, path, column)
+    return _local_vertices(codomain, path, column, domain.vertex_ids)
 
 
-def _local_vertices(mesh: TriangleMesh, path: str, numbers: FloatArray) -> IntArray:
-    """Return the mesh's own numbers, in the same shape, of vertices as its file counts them."""
+def _local_vertices(
+    mesh: TriangleMesh, path: str, numbers: FloatArray, owners: IntArray | None = None
+) -> IntArray:
+    """Return the mesh's own numbers, in the same shape, of vertices as its file counts them; an
+    error names the owner of the number.
+    """
     count = mesh.file_vertex_count
     readings = []
     for first in (0, 1):
@@ -289,7 +324,7 @@ def _local_vertices(mesh: TriangleMesh, path: str, numbers: FloatArray) -> IntAr
             wrong = min(wrong, readings[1] < 0, key=np.count_nonzero)
         row = int(np.flatnonzero(wrong.reshape(len(wrong), -1).any(axis=1))[0])
         example = numbers[row][wrong[row]][0] if numbers.ndim == 2 else numbers[row]
-        place = f"line {row + 1}" if numbers.ndim == 2 else f"vertex {mesh.vertex_ids[row]}"
+        place = f"line {row + 1}" if owners is None else f"vertex {owners[row]}"
         raise FunctionError(
             f"map {brief(path)}: {np.count_nonzero(wrong)} of {wrong.size} entries are not "
             "numbers of vertices in use, "

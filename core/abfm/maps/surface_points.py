@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import channels
+from abfm.calculus.operators import face_areas
 from abfm.errors import AbfmError, ParameterError
 from abfm.mesh import TriangleMesh
 from abfm.mesh.checks import twice_areas
@@ -22,6 +23,8 @@ Vector: TypeAlias = tuple[float, float, float]
 # igl keeps the GIL for a whole query: about 15 ms each, so that a window stays alive
 POINTS_PER_QUERY = 8192
 _ROUNDING = 1e-9  # of barycentric weights
+# fractional parts of multiples of these are spread evenly over a square (Roberts' R2 sequence)
+_SPREAD = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +99,17 @@ def vertex_points(mesh: TriangleMesh, vertices: ArrayLike | None = None) -> Surf
     corner[mesh.faces.ravel()] = np.arange(mesh.faces.size)
     faces, corners = np.divmod(corner[given], 3)
     return SurfacePoints(mesh, faces, np.eye(3)[corners])
+
+
+def points_by_area(mesh: TriangleMesh, count: int) -> SurfacePoints:
+    """Return so many points (count,) of a surface, evenly spread by area, always the same ones."""
+    before = np.cumsum(face_areas(mesh))
+    at = (np.arange(count) + 0.5) / count * before[-1]
+    faces = np.searchsorted(before, at).clip(max=len(before) - 1)
+    u, v = (np.arange(1, count + 1)[:, None] * _SPREAD % 1).T
+    beyond = u + v > 1
+    u, v = np.where(beyond, 1 - u, u), np.where(beyond, 1 - v, v)
+    return SurfacePoints(mesh, faces, np.stack([1 - u - v, u, v], axis=1))
 
 
 def project_onto_surface(mesh: TriangleMesh, points: ArrayLike) -> SurfacePoints:

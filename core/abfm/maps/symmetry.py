@@ -111,7 +111,7 @@ def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     """Find the symmetry to choose, whatever its error."""
     unit = mesh.normalized()
     group = _Isometries(unit, ClosestPoints(unit), kind, order)
-    centroid, axes = _principal_axes(unit)
+    centroid, axes = principal_axes(unit)
     x = unit.vertices - centroid
     # three vertices in independent directions, not all left in place by a symmetry
     first = int(np.linalg.norm(x, axis=1).argmax())
@@ -146,7 +146,7 @@ def _carry(linear: FloatArray, centre: FloatArray, points: FloatArray) -> FloatA
     return np.asarray(centre + (points - centre) @ np.swapaxes(linear, -1, -2))
 
 
-def _principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
+def principal_axes(mesh: TriangleMesh) -> tuple[FloatArray, FloatArray]:
     """Return the centroid (3,), and unit eigenvectors of the exact second moments in rows."""
     corners, areas = mesh.vertices[mesh.faces], face_areas(mesh)
     centroid = np.average(corners.mean(axis=1), axis=0, weights=areas)

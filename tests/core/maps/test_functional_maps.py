@@ -11,13 +11,14 @@ from abfm.calculus.eigenbasis import eigenbasis
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmError, FunctionError, ParameterError
 from abfm.maps import functional_map, point_map, vertex_points, zoom_out
-from abfm.maps.functional_maps import carry, spectral_coefficients
+from abfm.maps.functional_maps import carry, refined, spectral_coefficients
 from abfm.maps.point_maps import PointMap
+from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.mesh import TriangleMesh, load_mesh
 from tests.shapes import ellipsoid, icosphere
 
 
-def refined(mesh):
+def subdivided(mesh):
     """The same surface with every face cut into four; the old vertices come first."""
     return TriangleMesh(*trimesh.remesh.subdivide(mesh.vertices, mesh.faces))
 
@@ -91,9 +92,9 @@ def test_zoom_out_improves_a_map_between_different_triangulations(finer, expecte
     """By the adjoint 0.0303 and 0.0270 are left; the coarse source's vertices miss by 0.0117."""
     a, b = POSES
     if finer == "source":
-        truth = PointMap.of_vertices(b, refined(a), np.arange(len(a.vertices)))
+        truth = PointMap.of_vertices(b, subdivided(a), np.arange(len(a.vertices)))
     else:
-        truth = PointMap.project(refined(b), a, refined(a).vertices)
+        truth = PointMap.project(subdivided(b), a, subdivided(a).vertices)
     before, after = refined_errors(truth, 12)
     assert after < expected
     assert after < 0.5 * before
@@ -115,6 +116,25 @@ def test_carried_functions_are_those_of_the_point_map_and_coefficients_the_weigh
         assert_allclose(found, truth.pull_back(h), atol=1e-6)
     mesh, weights = ellipsoid(2, 1, 2, 3), np.arange(1.0, 6)
     assert_allclose(spectral_coefficients(mesh, basis(mesh, 5) @ weights, 5), weights)
+
+
+def test_refining_by_some_points_of_a_surface_finds_the_map_of_all_its_vertices(isometric):
+    """Points by area are enough, inside faces, too: their eigenfunctions are not orthonormal."""
+    a, b, truth = isometric
+    some = points_by_area(a, 500)
+    there = SurfacePoints(b, some.faces, some.barycentric)  # faces keep their places
+    start = functional_map(truth, 6) + 0.03 * np.random.default_rng(0).normal(size=(6, 6))
+    at = some.pull_back(basis(a, 25)), there.pull_back(basis(b, 25))
+    found = refined(*at, np.full(500, 1 / 500), start, range(7, 26))
+    assert_allclose(found, functional_map(truth, 25), atol=1e-6)
+
+
+def test_zoom_out_is_what_going_to_points_and_back_by_hand_gives():
+    a, b = POSES
+    C = start = functional_map(PointMap.of_vertices(b, a), 9)
+    for size in (12, 15, 16):
+        C = functional_map(point_map(a, b, C), 16)[:size, :size]
+    assert_allclose(zoom_out(a, b, start, 16, step=3), C, atol=1e-9)
 
 
 def match_of(mesh, axis, tau):

@@ -12,12 +12,17 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from abfm.assets import asset_path
-from abfm.calculus.operators import face_areas, l2_norm
+from abfm.calculus.operators import face_areas, l2_norm, vertex_areas
 from abfm.errors import AbfmError, FunctionError, ParameterError
 from abfm.flow.flow import Flow
 from abfm.maps.distortion import chord_distortion
 from abfm.maps.point_maps import PointMap
-from abfm.maps.surface_points import POINTS_PER_QUERY, SurfacePoints, project_onto_surface
+from abfm.maps.surface_points import (
+    POINTS_PER_QUERY,
+    SurfacePoints,
+    points_by_area,
+    project_onto_surface,
+)
 from abfm.mesh import TriangleMesh, load_mesh
 from tests.core.fields import rotation_field
 from tests.core.verification import near
@@ -242,3 +247,11 @@ def test_distortion_of_a_linear_map_of_the_plane(matrix):
     if expected[1] > 0.01:
         assert_allclose(found.conformal, expected[0] / expected[1], rtol=1e-9)
         assert (found.flipped == (np.linalg.det(matrix) < 0)).all()
+
+
+def test_points_by_area_integrate_functions_however_uneven_the_triangles():
+    mesh = square(9)
+    points = points_by_area(mesh, 1000).positions
+    expected = vertex_areas(mesh) @ mesh.vertices / vertex_areas(mesh).sum()
+    assert_allclose(points.mean(axis=0), expected, atol=2e-3)
+    assert_allclose((points[:, :2] ** 2).mean(axis=0), 1 / 3, atol=3e-3)

@@ -1,0 +1,92 @@
+"""The functional map that carries descriptors of A to those of B, in least squares.
+
+Descriptors are functions that mean the same on both surfaces: wave kernel signatures; what is known
+at landmarks, spread by bands of eigenvalues; and functions that are given.
+
+References
+----------
+Ovsjanikov, Ben-Chen, Solomon, Butscher, Guibas: Functional Maps, ACM TOG 31(4), 2012.
+Aubry, Schlickewei, Cremers: The Wave Kernel Signature, ICCV Workshops 2011.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.calculus.eigenbasis import unit_eigenbasis
+from abfm.functions.spectral import WaveKernelSignature
+from abfm.maps.functional_maps import spectral_coefficients
+from abfm.mesh import TriangleMesh
+from abfm.types import FloatArray
+
+_ENERGIES = 20  # logarithms of eigenvalues, evenly spaced, that a descriptor is made for
+_COMMUTING = 0.1  # weight of the commutator with the Laplacian beside all descriptors
+
+
+class Hints(NamedTuple):
+    """What is known of a map beside the surfaces: L pairs of points, C pairs of functions."""
+
+    places: FloatArray  # (L, 3), landmarks on A, in sqrt(area)
+    at_landmarks: tuple[FloatArray, FloatArray]  # (L, K), eigenfunctions there, on A and on B
+    weights: FloatArray  # (L,), of mean 1
+    functions: tuple[FloatArray, FloatArray]  # (K, C), coefficients, of norm 1 on either
+
+
+def map_of_descriptors(a: TriangleMesh, b: TriangleMesh, hints: Hints, k: int) -> FloatArray:
+    """Return the functional map (k, k) that carries descriptors and nearly commutes with the
+    Laplacian: each row by itself is a least-squares problem [OBC*12, 5.2].
+    """
+    values = [unit_eigenbasis(mesh, k)[0] for mesh in (a, b)]
+    kinds = [
+        [_signatures(mesh, k) for mesh in (a, b)],
+        [
+            _bands(own, (hints.weights[:, None] * rows)[:, :k])
+            for own, rows in zip(values, hints.at_landmarks, strict=True)
+        ],
+        [of_one[:k] for of_one in hints.functions],
+    ]
+    of_a, of_b = (np.hstack([kind[side] for kind in kinds]) for side in (0, 1))
+    # each counts as much, whatever its unit
+    size = np.sqrt((np.linalg.norm(of_a, axis=0) ** 2 + np.linalg.norm(of_b, axis=0) ** 2) / 2)
+    used = size > 0
+    of_a, of_b = of_a[:, used] / size[used], of_b[:, used] / size[used]
+    gaps = (values[0] - values[1][:, None]) ** 2 / values[0].max() ** 2
+    weight = _COMMUTING * used.sum()
+    gram = of_a @ of_a.T
+    # constants go to constants
+    rows = [
+        np.linalg.solve(gram + weight * np.diag(gaps[i] + 1e-9), of_a @ of_b[i]) for i in range(k)
+    ]
+    C = np.array(rows)
+    C[0], C[:, 0] = 0, 0
+    C[0, 0] = 1
+    return C
+
+
+def _signatures(mesh: TriangleMesh, k: int) -> FloatArray:
+    """Return coefficients (k, E) of wave kernel signatures, without their means."""
+    pairs = min(128, len(mesh.vertices))
+    energies = _energies(unit_eigenbasis(mesh, pairs)[0])
+    found = [
+        WaveKernelSignature(energy=float(e), eigenpairs=pairs).evaluate(mesh) for e in energies
+    ]
+    coefficients = spectral_coefficients(mesh, np.stack(found, axis=1), k)
+    coefficients[0] = 0
+    return coefficients
+
+
+def _bands(values: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return coefficients (k, L E) of delta functions at points, which have rows (L, k) of
+    eigenfunctions, in bands of eigenvalues.
+    """
+    energies = _energies(values)
+    width = 1.5 * (energies[1] - energies[0])
+    logarithms = np.log(np.maximum(values, values[1] / 4))
+    bands = np.exp(-0.5 * ((energies - logarithms[:, None]) / width) ** 2)
+    return np.asarray((rows.T[:, :, None] * bands[:, None]).reshape(len(values), -1))
+
+
+def _energies(values: FloatArray) -> FloatArray:
+    return np.linspace(np.log(values[1]), np.log(values[-1]), _ENERGIES)

@@ -1,0 +1,203 @@
+"""The initial map of two surfaces that are nearly isometric, by their eigenfunctions.
+
+References
+----------
+Ovsjanikov, Ben-Chen, Solomon, Butscher, Guibas: Functional Maps, ACM TOG 31(4), 2012.
+Nogneng, Ovsjanikov: Informative Descriptor Preservation via Commutativity for Shape Matching, CGF
+36(2), 2017.
+Ren, Poulenard, Wonka, Ovsjanikov: Continuous and Orientation-preserving Correspondences via
+Functional Maps, ACM TOG 37(6), 2018.
+Melzi, Ren, Rodolà, Sharma, Wonka, Ovsjanikov: ZoomOut, ACM TOG 38(6), 2019.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.calculus.channels import channels
+from abfm.calculus.eigenbasis import unit_eigenbasis
+from abfm.errors import AbfmError, FunctionError
+from abfm.maps.functional_maps import nearest_rows, point_map, spectral_coefficients
+from abfm.maps.point_maps import PointMap
+from abfm.maps.surface_points import points_by_area, project_onto_surface
+from abfm.mesh import TriangleMesh
+from abfm.mesh.coarsening import coarsened
+from abfm.registration.initial.descriptors import Hints, map_of_descriptors
+from abfm.registration.initial.landmark_pairs import Landmarks
+from abfm.registration.initial.sign_search import candidates
+from abfm.registration.initial.spectra import Spectra
+from abfm.types import FloatArray
+from abfm.workers.progress import step
+
+FINEST = 5000  # vertices of the meshes that a map is looked for on: coarser ones of larger meshes
+_LEAST = 60  # vertices without which there are too few eigenfunctions
+_K, _K_COMPARED, _K_DESCRIBED = 120, 40, 20  # eigenfunctions: in the end, to choose by, at first
+_SAMPLES, _FEW_SAMPLES = 1200, 300  # points of each surface to refine by, and to search by
+_REFINED = 24  # candidates that are refined and compared
+_ELSEWHERE = 0.05  # sqrt(area) between the images of points, on average, of maps that differ
+_PER_LANDMARK = 2.0  # of the defect, for a distance of sqrt(area) between landmarks
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralFit:
+    """The functional map that was found, and what speaks for it."""
+
+    # (k_b, k_a), takes coefficients of functions of A to those of B, in the first eigenfunctions of
+    # the meshes, or of coarser ones
+    functional_map: FloatArray
+    # 1 for an isometry, -1 for one onto the mirror image
+    side: float
+    # how far it is from an isometry, and from the landmarks and functions, if there are any
+    defect: float
+    # the same of the best map that leads elsewhere: if it is as small, either may be the right one
+    rival: float
+
+
+def functional_map_start(
+    a: TriangleMesh,
+    b: TriangleMesh,
+    landmarks: Landmarks | None = None,
+    functions: tuple[ArrayLike, ArrayLike] | None = None,
+    mirrored: bool = False,
+) -> tuple[PointMap, SpectralFit]:
+    """Find the map from B to A that is nearest to an isometry and agrees with landmarks and with
+    functions, where there are any; each vertex goes to one of A, or of a coarser mesh of A.
+
+    Nothing but distances along the surfaces counts, and which side of them is outside: where a
+    surface is nearly symmetric, that decides between left and right, unless it is ``mirrored``.
+    Where it does not, as for half a turn, several maps are as good (`SpectralFit.rival`), and a
+    landmark or a function that tells them apart is needed.
+
+    Parameters
+    ----------
+    landmarks : Landmarks, optional
+        Also in small number: one or two choose between maps, three or more give a start.
+    functions : pair of (V_A,) or (V_A, C) and (V_B,) or (V_B, C) arrays, optional
+        That have the same values at points that belong together.
+    mirrored : bool
+        Whether B is like the mirror image of A.
+
+    Raises
+    ------
+    AbfmError
+        If a mesh has too few vertices, or functions do not fit.
+    """
+    with step("searching a map by eigenfunctions") as done:
+        coarse_a, coarse_b = _coarser(a, "A"), _coarser(b, "B")
+        k = min(_K, len(coarse_a.vertices) // 3, len(coarse_b.vertices) // 3)
+        spectra = Spectra.of(coarse_a, coarse_b, k, _SAMPLES)
+        done(0.3)
+        hints = _hints((a, b), (coarse_a, coarse_b), k, landmarks, functions)
+        size = min(_K_COMPARED, k)
+        places = points_by_area(coarse_a, _SAMPLES).positions[::2] / a.length_scale
+        few = spectra.thinned(_SAMPLES // _FEW_SAMPLES)
+        starts = [map_of_descriptors(coarse_a, coarse_b, hints, min(_K_DESCRIBED, k))]
+        found = candidates(few, starts, _REFINED)
+        done(0.7)
+        compared = _Compared(spectra.thinned(2), hints, places, -1 if mirrored else 1)
+        maps = [compared.spectra.refined(C, range(len(C) + 1, size + 1, 2)) for C in found]
+        maps.sort(key=compared.rank)
+        best = maps[0]
+        rivals = [C for C in maps[1:] if compared.apart(best, C) > _ELSEWHERE]
+        side, defect = compared.spectra.side(best), compared.rank(best)[1]
+        rival = compared.rank(rivals[0])[1] if rivals else np.inf
+        C = spectra.refined(best, [*range(size + 4, k, 4), k, k])
+        done(0.8)
+        points = _point_map(a, b, coarse_a, coarse_b, C)
+    return points, SpectralFit(C, side, defect, float(rival))
+
+
+class _Compared(NamedTuple):
+    """What candidates are compared by."""
+
+    spectra: Spectra
+    hints: Hints
+    places: FloatArray  # (P, 3), the points of the spectra on A, in sqrt(area)
+    side: int  # that is wanted
+
+    def rank(self, C: FloatArray) -> tuple[bool, float]:
+        """Return whether a map is on the wrong side, and its defect: smaller is better."""
+        found = self.spectra.defect(C)
+        if len(self.hints.places):
+            rows = self.hints.at_landmarks[1][:, : len(C)]
+            gaps = np.linalg.norm(self._images(C, rows) - self.hints.places, axis=1)
+            found += _PER_LANDMARK * float(np.average(gaps, weights=self.hints.weights))
+        of_a, of_b = self.hints.functions
+        if of_a.shape[1]:
+            off = C @ of_a[: len(C)] - of_b[: len(C)]
+            found += float(np.linalg.norm(off) / np.linalg.norm(of_b))
+        return self.spectra.side(C) * self.side <= 0, found
+
+    def apart(self, C: FloatArray, D: FloatArray) -> float:
+        """Return how far, on average, two maps lead to different places, in sqrt(area)."""
+        rows = self.spectra.functions[1][:, : len(C)]
+        return float(np.linalg.norm(self._images(C, rows) - self._images(D, rows), axis=1).mean())
+
+    def _images(self, C: FloatArray, rows: FloatArray) -> FloatArray:
+        return self.places[nearest_rows(C, self.spectra.functions[0][:, : len(C)], rows)]
+
+
+def _coarser(mesh: TriangleMesh, which: str) -> TriangleMesh:
+    """Return a mesh of the surface that is not too fine, or refuse one that is too coarse."""
+    if len(mesh.vertices) < _LEAST:
+        raise AbfmError(
+            f"{which} has {len(mesh.vertices)} vertices; expected at least {_LEAST} for a map by "
+            "eigenfunctions: give a finer mesh, or landmarks"
+        )
+    if len(mesh.vertices) <= 1.5 * FINEST:
+        return mesh
+    return coarsened(mesh, FINEST) or mesh
+
+
+def _hints(
+    meshes: tuple[TriangleMesh, TriangleMesh],
+    coarse: tuple[TriangleMesh, TriangleMesh],
+    k: int,
+    landmarks: Landmarks | None,
+    functions: tuple[ArrayLike, ArrayLike] | None,
+) -> Hints:
+    """Say in eigenfunctions of the coarse meshes what is known."""
+    bases = [unit_eigenbasis(mesh, k)[1] for mesh in coarse]
+    places, weights = np.zeros((0, 3)), np.zeros(0)
+    at = [np.zeros((0, k))] * 2
+    if landmarks is not None:
+        places = landmarks.a.positions / meshes[0].length_scale
+        weights = landmarks.weights / landmarks.weights.mean()
+        at = [
+            project_onto_surface(mesh, points.positions).pull_back(basis)
+            for mesh, basis, points in zip(coarse, bases, (landmarks.a, landmarks.b), strict=True)
+        ]
+    of = [np.zeros((k, 0))] * 2
+    if functions is not None:
+        rows = [
+            channels(mesh, f, "a function").T for mesh, f in zip(meshes, functions, strict=True)
+        ]
+        if rows[0].shape[1] != rows[1].shape[1]:
+            raise FunctionError(
+                f"A has {rows[0].shape[1]} functions, B has {rows[1].shape[1]}; expected as many"
+            )
+        carried = [
+            f if fine is mesh else project_onto_surface(fine, mesh.vertices).pull_back(f)
+            for fine, mesh, f in zip(meshes, coarse, rows, strict=True)
+        ]
+        of = [spectral_coefficients(mesh, f, k) for mesh, f in zip(coarse, carried, strict=True)]
+        size = np.sqrt(sum((f**2).sum(axis=0) for f in of) / 2)
+        of = [f / np.where(size > 0, size, 1) for f in of]
+    return Hints(places, (at[0], at[1]), weights, (of[0], of[1]))
+
+
+def _point_map(
+    a: TriangleMesh, b: TriangleMesh, coarse_a: TriangleMesh, coarse_b: TriangleMesh, C: FloatArray
+) -> PointMap:
+    """Return where the vertices of B go: those of a coarser mesh, then what is between."""
+    found = point_map(coarse_a, coarse_b, C)
+    if a is coarse_a and b is coarse_b:
+        return found
+    positions = found.positions
+    if b is not coarse_b:
+        positions = project_onto_surface(coarse_b, b.vertices).pull_back(positions)
+    return PointMap.project(b, a, positions)

@@ -1,0 +1,169 @@
+"""Alignments that are known: moved, mirrored, remeshed and landmarked copies; Umeyama's formula."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from abfm.errors import ParameterError
+from abfm.experiments.vocabulary import bundled
+from abfm.maps.surface_points import SurfacePoints, points_by_area, project_onto_surface
+from abfm.mesh import TriangleMesh, shapes
+from abfm.mesh.coarsening import coarsened
+from abfm.registration.initial import Landmarks, align, closest_after_alignment
+from abfm.registration.initial.alignment import best_motion
+from tests.core.surfaces import renumbered
+from tests.shapes import icosphere
+
+BODY = shapes.five_limbs(400)
+POSES = bundled("human_A.off"), bundled("human_B.off")
+
+
+def moved(mesh, turn, scale=1.0, side=1):
+    """A copy turned, or mirrored and turned, scaled and shifted."""
+    vertices = scale * side * Rotation.from_rotvec(turn).apply(mesh.vertices.copy()) + [3, -1, 2]
+    return TriangleMesh(vertices, mesh.faces[:, ::side])
+
+
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(
+    turn=st.tuples(*[st.floats(-3, 3)] * 3),
+    scale=st.floats(1e-3, 1e3),
+    kind=st.sampled_from(["similarity", "mirror"]),
+    seed=st.integers(0, 99),
+)
+def test_a_copy_is_found_exactly_however_it_is_moved_and_numbered(turn, scale, kind, seed):
+    side = -1 if kind == "mirror" else 1
+    b, order, _ = renumbered(moved(BODY, turn, scale, side), seed)
+    points, found = closest_after_alignment(BODY, b, kind)
+    assert found.scale == pytest.approx(1 / scale)
+    assert np.linalg.det(found.rotation) == pytest.approx(side)
+    assert found.rms < 1e-9
+    assert_allclose(points.positions, BODY.vertices[order], atol=1e-7)
+    assert_allclose(found(b.vertices), BODY.vertices[order], atol=1e-7)
+
+
+def test_a_rigid_motion_keeps_the_size_and_tells_how_far_off_that_is():
+    found = align(BODY, moved(BODY, [1, 2, 0.5]), "rigid")
+    assert (found.scale, found.rms < 1e-9) == (1, True)
+    found = align(icosphere(3), icosphere(3, radius=1.2), "rigid")
+    assert found.scale == 1
+    assert found.rms == pytest.approx(0.2 / np.sqrt(4 * np.pi), rel=0.02)
+
+
+def test_other_triangles_and_uneven_ones_move_the_alignment_little():
+    coarse = coarsened(POSES[0], 700)
+    crowded = TriangleMesh(*uneven(POSES[0]))
+    for other in (coarse, crowded):
+        points, found = closest_after_alignment(POSES[0], moved(other, [0.3, 2, -1], 5))
+        turn = Rotation.from_matrix(found.rotation) * Rotation.from_rotvec([0.3, 2, -1])
+        assert turn.magnitude() < 0.02
+        assert found.scale == pytest.approx(0.2, rel=0.01)
+        off = np.linalg.norm(points.positions - other.vertices, axis=1) / POSES[0].length_scale
+        assert np.sqrt(np.mean(off**2)) < 0.01
+
+
+def uneven(mesh):
+    """Faces on one side cut into three: most vertices are there, and the surface is the same."""
+    centres = mesh.vertices[mesh.faces].mean(axis=1)
+    cut = centres[:, 0] > np.median(centres[:, 0])
+    middle = len(mesh.vertices) + np.arange(cut.sum())
+    a, b, c = mesh.faces[cut].T
+    parts = [np.stack(corners, axis=1) for corners in ((a, b, middle), (b, c, middle))]
+    parts.append(np.stack([c, a, middle], axis=1))
+    return np.concatenate([mesh.vertices, centres[cut]]), np.concatenate([mesh.faces[~cut], *parts])
+
+
+def test_landmarks_turn_a_body_that_the_shape_alone_leaves_open():
+    """A sphere's rotation is known by landmarks alone."""
+    a = icosphere(3)
+    turn = Rotation.from_rotvec([0.4, -1.2, 2])
+    b = TriangleMesh(2 * turn.apply(a.vertices.copy()), a.faces)
+    marks = Landmarks.of_vertices(a, b, [5, 77, 200, 431], [5, 77, 200, 431])
+    points, found = closest_after_alignment(a, b, "similarity", marks)
+    assert_allclose(found.rotation, turn.inv().as_matrix(), atol=1e-9)
+    assert_allclose(points.positions, a.vertices, atol=1e-9)
+
+
+def test_one_landmark_chooses_between_turns_that_fit_as_well():
+    """The two arms of this body are exchanged by half a turn."""
+    a = shapes.two_armed(2)
+    tip = int(a.vertices[:, 0].argmax())
+    other = int(a.vertices[:, 0].argmin())
+    for end in (tip, other):
+        points, found = closest_after_alignment(
+            a, a, "similarity", Landmarks.of_vertices(a, a, [end], [tip])
+        )
+        assert found.rms < 1e-6
+        assert_allclose(points.positions[tip], a.vertices[end], atol=1e-6)
+
+
+def test_the_map_goes_on_inside_faces_by_closest_points():
+    a = icosphere(4)
+    points, found = closest_after_alignment(a, icosphere(2))
+    middles = SurfacePoints(points.domain, np.arange(320), np.full((320, 3), 1 / 3))
+    landed = points.at(middles).positions
+    straight = found(middles.positions)
+    along = straight / np.linalg.norm(straight, axis=1)[:, None]
+    assert_allclose(landed, along, atol=0.01)
+    assert points.distances.max() < 0.02
+
+
+def test_of_many_motions_that_fit_the_one_that_moves_nothing_is_chosen():
+    ball = icosphere(3)
+    points, _ = closest_after_alignment(ball, TriangleMesh(3 * ball.vertices, ball.faces))
+    assert_allclose(points.positions, ball.vertices, atol=1e-9)
+
+
+def test_poses_of_a_body_end_no_farther_apart_than_they_were():
+    """They stand alike: the search may not end with a worse one."""
+    given = np.sqrt(np.mean(both_ways(*POSES) ** 2))
+    assert align(*POSES).rms < given
+
+
+def both_ways(a, b):
+    """Distances of points of either surface from the other, in sqrt(area) of A."""
+    some = [points_by_area(mesh, 500).positions for mesh in (a, b)]
+    gaps = [
+        project_onto_surface(mesh, points).distances_from(points)
+        for mesh, points in zip((b, a), some, strict=True)
+    ]
+    return np.concatenate(gaps) / a.length_scale
+
+
+@pytest.mark.parametrize("kind", ["similarity", "rigid", "mirror"])
+def test_best_motion_recovers_what_moved_points(kind):
+    rng = np.random.default_rng(2)
+    b, weights = rng.normal(size=(20, 3)), rng.uniform(0.1, 1, 20)
+    turn = Rotation.from_rotvec([1, -2, 0.5]).as_matrix() * (-1 if kind == "mirror" else 1)
+    scale = 1.0 if kind == "rigid" else 1.7
+    found = best_motion(b, scale * b @ turn.T + [1, 2, 3], weights, kind)
+    for part, expected in zip(found, (turn, scale, [1, 2, 3]), strict=True):
+        assert_allclose(part, expected, atol=1e-12)
+
+
+def test_best_motion_is_least_squares():
+    rng = np.random.default_rng(3)
+    b, a, weights = rng.normal(size=(9, 3)), rng.normal(size=(9, 3)), rng.uniform(0.1, 1, 9)
+
+    def squares(rotation, scale, shift):
+        return weights @ ((scale * b @ rotation.T + shift - a) ** 2).sum(axis=1)
+
+    found = best_motion(b, a, weights, "similarity")
+    if found[1] > 0.1:
+        least = squares(*found)
+        for _ in range(50):
+            nudge = Rotation.from_rotvec(0.05 * rng.normal(size=3)).as_matrix()
+            other = squares(
+                nudge @ found[0],
+                found[1] * (1 + 0.05 * rng.normal()),
+                found[2] + 0.05 * rng.normal(size=3),
+            )
+            assert other > least
+
+
+def test_there_is_no_other_kind():
+    with pytest.raises(ParameterError, match="'affine'; expected 'similarity', 'rigid', 'mirror'"):
+        align(BODY, BODY, "affine")

@@ -1,0 +1,154 @@
+"""Files of landmarks and curves, in every form, and what is wrong with others."""
+
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from abfm.errors import AbfmError
+from abfm.maps import vertex_points
+from abfm.registration.initial import Landmarks, read_landmarks
+from tests.shapes import ellipsoid, icosphere, square, with_loose_vertex
+
+A, B = ellipsoid(2, 1, 2, 3), icosphere(2)
+COUNT = len(A.vertices)
+
+
+@pytest.fixture
+def read(tmp_path):
+    def reading(text, name="pairs.csv", a=A, b=B):
+        path = tmp_path / name
+        path.write_text(text)
+        return read_landmarks(a, b, str(path))
+
+    return reading
+
+
+@pytest.mark.parametrize(
+    "text", ["5,9\n0,161\n", "a,b\n5,9\n0,161\n", "# x\n\n5;9\n0;161", "5 9\n0 161"]
+)
+def test_pairs_of_vertices(read, text):
+    found = read(text)
+    assert_allclose(found.a.positions, A.vertices[[5, 0]], atol=1e-12)
+    assert_allclose(found.b.positions, B.vertices[[9, 161]], atol=1e-12)
+    assert (len(found), found.names, found.weights.tolist()) == (2, ("0", "1"), [1, 1])
+
+
+def test_names_and_weights_stand_in_columns_that_are_called_so(read):
+    found = read("name,left,right,Weight\nnose,5,9,2.5\n,7,8,\n")
+    assert (found.names, found.weights.tolist()) == (("nose", "1"), [2.5, 1])
+    assert_allclose(found.b.positions, B.vertices[[9, 8]], atol=1e-12)
+
+
+def test_vts_files_count_from_1_and_all_count_as_the_mesh_file(read):
+    assert_allclose(read("1 162\n", "pairs.vts").b.positions, B.vertices[[161]], atol=1e-12)
+    loose = with_loose_vertex(A)
+    assert_allclose(read("6,6\n", a=loose).a.positions, A.vertices[[5]], atol=1e-12)
+    with pytest.raises(AbfmError, match=r"row 1 has 5 for the vertex of A, .* was dropped"):
+        read("5,6\n", a=loose)
+
+
+def test_six_columns_are_places_which_come_onto_the_surfaces(read):
+    off = 1.02 * np.hstack([A.vertices[[3, 8]], B.vertices[[4, 5]]])
+    found = read("\n".join(",".join(map(repr, row)) for row in off.tolist()))
+    assert_allclose(found.b.positions, B.vertices[[4, 5]], atol=0.01)
+    assert_allclose(found.a.positions, A.vertices[[3, 8]], atol=0.03)
+    off[1, 3:] *= 2
+    with pytest.raises(AbfmError, match=r"point of B in row 2 is .* sqrt\(area\) away"):
+        read("\n".join(",".join(map(repr, row)) for row in off.tolist()))
+
+
+def line(x, y):
+    return f"{x!r},{y!r},0"
+
+
+def test_a_curve_is_cut_by_arc_length_on_either_side(read):
+    """Straight lines on squares, given by uneven points, more of them on A than on B."""
+    flat, rows = square(8), []
+    for x, y in ((0.1, 0.2), (0.4, 0.4), (0.15, None), (0.9, 0.8), (0.95, None)):
+        rows.append(f"{line(x, 0.5)},{line(0.3, y) if y is not None else ',,'},rim")
+    rows[1], rows[2] = rows[2].replace("0.15", "0.2"), rows[1]
+    found = read("\n".join(rows), a=flat, b=flat)
+    assert found.names == tuple(f"rim {k}" for k in range(5))
+    assert_allclose(found.a.positions[:, 0], np.linspace(0.1, 0.95, 5), atol=1e-9)
+    assert_allclose(found.b.positions[:, 1], np.linspace(0.2, 0.8, 5), atol=1e-9)
+    assert_allclose(found.a.positions[:, 1:], [[0.5, 0]] * 5, atol=1e-9)
+
+
+def test_a_curve_over_few_vertices_stays_on_the_surface(read):
+    """A quarter of a great circle, by its ends and its middle: equal angles."""
+    sphere = icosphere(4)
+    ends = [np.array(p, dtype=float) for p in ([1, 0, 0], [0.6, 0.8, 0], [0, 1, 0])]
+    near = [int(np.linalg.norm(sphere.vertices - p, axis=1).argmin()) for p in ends]
+    text = "a,b,curve,weight\n" + "\n".join(f"{v},{v},arc,3" for v in near) + "\n40,41,,5\n"
+    found = read(text, a=sphere, b=sphere)
+    arc = found.a.positions[1:]
+    assert found.names == ("3", "arc 0", "arc 1", "arc 2")
+    assert found.weights.tolist() == [5, 3, 3, 3]
+    angles = np.arccos(np.clip((arc[1:] * arc[:-1]).sum(axis=1), -1, 1))
+    assert angles[0] == pytest.approx(angles[1], rel=0.01)
+    assert angles.sum() == pytest.approx(np.pi / 2, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "it is empty"),
+        ("a,b\n", "only a line of names"),
+        ("1\n2\n", "1 columns of numbers; expected 2 .* or 6"),
+        ("1,2,3\n", "3 columns of numbers"),
+        ("1,2\n3\n", "row 2 has 1 cells; expected 2"),
+        ("1,2\nx,3\n", "row 2 has 'x' for a place on A; expected a finite number"),
+        ("1,2\n3,nan\n", "row 2 has 'nan' for a place on B"),
+        ("1,2\n3,\n", "row 2 has '' for a place on B"),
+        ("1,2\n3.5,4\n", "row 2 has 3.5 for the vertex of A; expected a whole number"),
+        (
+            f"1,2\n{COUNT},4\n",
+            f"row 2 has {COUNT} for the vertex of A, counted from 0: there is no",
+        ),
+        ("1,2\n-1,4\n", "row 2 has -1 for the vertex of A"),
+        ("1,2\n1,4\n", "rows 1 and 2 have the same point of A"),
+        ("1,2\n4,2\n", "rows 1 and 2 have the same point of B"),
+        ("a,b,weight\n1,2,0\n", "landmark 0 has weight 0; expected positive"),
+        ("a,b,weight\n1,2,heavy\n", "row 1 has 'heavy' for the weight"),
+        ("1,2,rim\n", "curve 'rim' has 1 points on A; expected 2"),
+        ("1,2,rim\n1,3,rim\n", "curve 'rim' has no length on A"),
+        ("1,2,rim\n5,,rim\n", "curve 'rim' has 1 points on B"),
+        ("1,2,rim\n,,rim\n", "row 2 has no point"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_row(read, text, told):
+    with pytest.raises(AbfmError, match=f"^landmarks '.*pairs.csv': .*{told}"):
+        read(text)
+
+
+def test_files_that_are_none(read, tmp_path):
+    with pytest.raises(AbfmError, match=r"must end in \.csv"):
+        read("1,2", "pairs.json")
+    with pytest.raises(AbfmError, match="cannot be read: No such file"):
+        read_landmarks(A, B, str(tmp_path / "none.csv"))
+
+
+@settings(
+    deadline=None, max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(text=st.text(alphabet="0123456789.,;-e\t\n \"'#nax", max_size=40))
+def test_any_text_is_read_or_refused(read, text):
+    with suppress(AbfmError):
+        found = read(text)
+        assert len(found) == len(found.names) >= 1
+
+
+def test_landmarks_by_hand():
+    found = Landmarks.of_vertices(A, B, [1, 2], [3, 4])
+    assert_allclose(found.a.positions, A.vertices[[1, 2]])
+    one, two = vertex_points(A, [1]), vertex_points(B, [1, 2])
+    with pytest.raises(AbfmError, match="1 points of A, 2 of B"):
+        Landmarks(one, two, np.ones(1), ("x",))
+    with pytest.raises(AbfmError, match="no landmarks"):
+        Landmarks.of_vertices(A, B, np.zeros(0, int), np.zeros(0, int))
+    with pytest.raises(AbfmError, match="vertices are 1 to 900"):
+        Landmarks.of_vertices(A, B, [1, 900], [3, 4])

@@ -1,0 +1,120 @@
+"""Maps from files of vertices, of points in faces and of pairs; what is none is refused."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm.errors import AbfmError
+from abfm.mesh import TriangleMesh
+from abfm.registration.initial import Landmarks, map_from_file
+from tests.shapes import ellipsoid, icosphere, with_loose_vertex
+
+A, B = ellipsoid(2, 1, 2, 3), icosphere(1)
+COUNT, FEW = len(A.vertices), len(B.vertices)
+RNG = np.random.default_rng(0)
+LIST = RNG.permutation(COUNT)[:FEW]
+
+
+def saved(path, array):
+    np.save(path, array) if path.suffix == ".npy" else np.savetxt(path, array, fmt="%.9g")
+    return str(path)
+
+
+@pytest.mark.parametrize("suffix", ["npy", "csv", "txt", "vts", "map"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_vertex_of_a_for_each_of_b_from_every_format(tmp_path, suffix, first):
+    some = np.append(LIST[:-1], 0 if first == 0 else COUNT - 1)
+    found = map_from_file(A, B, saved(tmp_path / f"m.{suffix}", some + first))
+    assert (found.domain, found.codomain) == (B, A)
+    assert_array_equal(found.positions, A.vertices[some])
+
+
+@pytest.mark.parametrize(("suffix", "first"), [("vts", 1), ("txt", 0), ("map", 0)])
+def test_where_both_countings_fit_it_is_that_of_the_format(tmp_path, suffix, first):
+    numbers = np.clip(LIST, 1, COUNT - 1)
+    found = map_from_file(A, B, saved(tmp_path / f"m.{suffix}", numbers))
+    assert_array_equal(found.positions, A.vertices[numbers - first])
+
+
+def test_rows_and_numbers_count_as_the_files_of_the_meshes_do(tmp_path):
+    a, b = with_loose_vertex(A), with_loose_vertex(B)
+    numbers = np.insert(a.vertex_ids[LIST], 5, 5)
+    found = map_from_file(a, b, saved(tmp_path / "m.txt", numbers))
+    assert_array_equal(found.positions, A.vertices[LIST])
+    numbers[9] = 5
+    with pytest.raises(AbfmError, match=r"1 of 42 entries .* \(vertex 9 has 5\)"):
+        map_from_file(a, b, saved(tmp_path / "m.txt", numbers))
+    with pytest.raises(AbfmError, match="41 values were given for a mesh of 43 vertices"):
+        map_from_file(a, b, saved(tmp_path / "m.txt", numbers[:41]))
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_faces_and_rounded_weights(tmp_path, first):
+    faces = np.append(RNG.integers(0, len(A.faces), FEW - 1), 0 if first == 0 else 319)
+    weights = RNG.dirichlet(np.ones(3), FEW)
+    table = np.column_stack([faces + first, weights.round(4)])
+    found = map_from_file(A, B, saved(tmp_path / "m.csv", table))
+    assert_array_equal(found.faces, faces)
+    assert_allclose(found.barycentric, weights, atol=2e-4)
+    assert_allclose(found.barycentric.sum(axis=1), 1, atol=1e-12)
+
+
+def test_pairs_are_landmarks_or_the_map_if_all_are_there(tmp_path):
+    some = np.column_stack([LIST, RNG.permutation(FEW)])
+    for name in ("m.npy", "m.txt"):
+        found = map_from_file(A, B, saved(tmp_path / name, some))
+        assert_allclose(found.positions[some[:, 1]], A.vertices[LIST], atol=1e-12)
+        found = map_from_file(A, B, saved(tmp_path / name, some[:7]))
+        assert isinstance(found, Landmarks)
+        assert_allclose(found.a.positions, A.vertices[LIST[:7]], atol=1e-12)
+        assert_allclose(found.b.positions, B.vertices[some[:7, 1]], atol=1e-12)
+
+
+def table(column, value):
+    good = np.tile([1.0, 0.2, 0.3, 0.5], (FEW, 1))
+    good[3, column] = value
+    return good
+
+
+@pytest.mark.parametrize(
+    ("array", "told"),
+    [
+        (np.zeros((FEW, 3)), "3 columns; expected 1 .* 2 .* or 4"),
+        (np.zeros((FEW - 1, 4)), "41 values were given for a mesh of 42"),
+        (table(0, len(A.faces) + 1), r"1 of 42 entries are no numbers of faces .*vertex 3 has 321"),
+        (table(0, 0.5), "vertex 3 has 0.5"),
+        (table(0, np.nan), "vertex 3 has nan"),
+        (table(1, 0.3), r"1 of 42 rows of weights .* \(vertex 3 has 0.3, 0.3, 0.5\)"),
+        (table(2, np.nan), "vertex 3 has 0.2, nan, 0.5"),
+        (np.array([[0.5, 1], [1, 2]]), "row 1 holds .* whole numbers"),
+        (np.array([[0, 1], [1, 99]]), "there is no vertex 99"),
+        (np.full(FEW, COUNT + 1), "42 of 42 entries are not numbers of vertices"),
+        (np.full(FEW, np.inf), "42 of 42 entries"),
+    ],
+)
+def test_what_is_no_map_is_refused(tmp_path, array, told):
+    path = saved(tmp_path / "m.npy", array)
+    with pytest.raises(AbfmError, match=told):
+        map_from_file(A, B, path)
+
+
+def test_weights_of_faces_whose_corners_were_exchanged_are_refused(tmp_path):
+    faces = A.faces.copy()
+    faces[7] = faces[7, ::-1]
+    with pytest.raises(AbfmError, match="turned over"):
+        map_from_file(TriangleMesh(A.vertices, faces), B, saved(tmp_path / "m.txt", table(0, 1)))
+
+
+@settings(
+    deadline=None, max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(rows=st.lists(st.floats(width=32), min_size=1, max_size=50), columns=st.integers(1, 5))
+def test_any_numbers_give_a_map_landmarks_or_a_refusal(tmp_path, rows, columns):
+    path = saved(tmp_path / "m.npy", np.resize(rows, (FEW, columns)))
+    try:
+        found = map_from_file(A, B, path)
+    except AbfmError:
+        return
+    assert len(found.points.faces if hasattr(found, "points") else found) == FEW
