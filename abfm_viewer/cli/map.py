@@ -11,12 +11,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm import FunctionError, Match, ParameterError, load_match
+from abfm import (
+    Correspondence,
+    FunctionError,
+    Match,
+    ParameterError,
+    Registration,
+    load_correspondence,
+    load_match,
+)
 from abfm.errors import printable
 from abfm.functions import read_table, vertex_map
 from abfm.io import write_atomically
 from abfm.maps.point_maps import PointMap
-from abfm.maps.quality import BOUNDS, map_accuracy
+from abfm.maps.quality import BOUNDS, MapAccuracy, map_accuracy
+from abfm.registration import is_correspondence
+from abfm.registration.initial import Landmarks, map_from_file
+from abfm.types import IntArray
+from abfm_viewer.cli import results
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import adder, warn_of_doubt
 from abfm_viewer.files import outputs
@@ -73,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--carry and --functional-map need --out, where the table goes")
     elif truth is None:
         raise UsageError("nothing to do: give --out, --truth or both")
-    if holds_two_surfaces(arguments.input):
+    if is_correspondence(arguments.input):
         return _of_two_surfaces(arguments)
     match = load_match(arguments.input)
     warn_of_doubt(arguments.input, match)
@@ -125,15 +137,22 @@ def _of_two_surfaces(arguments: argparse.Namespace) -> int:
     lines = results.map_lines(way)
     if arguments.truth:
         same = arguments.truth == "identity"
-        accuracy = way.accuracy(None if same else vertices_of(way, arguments.truth))
+        accuracy = way.accuracy(None if same else _true_vertices(way, arguments.truth))
         lines.append(accuracy.report())
         told["accuracy"] = _accuracy_facts(accuracy)
     if arguments.out is not None:
-        write_values(arguments.out, vertex_numbers(way))
+        _write(arguments.out, outputs.vertex_numbers(way.points))
         lines.append(f"wrote {printable(arguments.out)}")
     told["output"] = str(arguments.out) if arguments.out else None
     print(json.dumps(told) if arguments.json else "\n".join(lines))
     return 0
+
+
+def _true_vertices(way: Correspondence, path: str) -> IntArray:
+    found = map_from_file(way.a, way.b, path)
+    if isinstance(found, Landmarks):
+        raise ParameterError(f"{path} holds pairs of points; expected a vertex for each of B")
+    return found.nearest_vertices()
 
 
 def _accuracy_facts(accuracy: MapAccuracy) -> dict[str, Any]:
@@ -153,11 +172,7 @@ def _table(
         return match.functional_map(arguments.functional_map, way * time)
     if arguments.carry:
         return _carried(points, arguments.carry)
-    # the nearest vertices, counted as the mesh file does; -1 for vertices that no face uses
-    mesh = points.domain
-    whole = np.full(mesh.file_vertex_count, -1)
-    whole[mesh.vertex_ids] = mesh.vertex_ids[points.nearest_vertices()]
-    return whole
+    return outputs.vertex_numbers(points)
 
 
 def _carried(points: PointMap, path: str) -> NDArray[Any]:

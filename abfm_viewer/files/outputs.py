@@ -10,10 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 import abfm
 from abfm import ResultError
 from abfm.errors import one_line
 from abfm.io import write_atomically
+from abfm.types import IntArray
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -52,10 +55,20 @@ def write_registration(path: Path, found: abfm.Registration) -> None:
     if path.suffix == ".npz":
         found.save(path)
     elif path.suffix in (".txt", ".csv", ".npy"):
-        abfm.io.write_values(path, found.a.vertex_ids[found.to_vertices()])
+        abfm.io.write_values(path, vertex_numbers(found.points))
     else:
         placed = abfm.TriangleMesh(found.back.positions, found.a.faces)
         abfm.io.write_surface(path, placed)
+
+
+def vertex_numbers(points: abfm.PointMap) -> IntArray:
+    """Return the nearest vertex for each vertex of the domain, both counted as the mesh files do;
+    -1 for vertices that no face uses.
+    """
+    ids = points.domain.vertex_ids
+    whole = np.full(points.domain.file_vertex_count, -1)
+    whole[ids] = points.codomain.vertex_ids[points.nearest_vertices()]
+    return whole
 
 
 def make_folder(path: Path) -> None:

@@ -36,8 +36,8 @@ _TABLES = (*_SUFFIXES, ".map")
 _LABELS = (".annot", LISTED)
 _SYMMETRIC = ".sym.vts"
 _ARE_LABELS = (
-    "it holds labels, which cannot be interpolated; give label=NAME for where one is, or use "
-    "abfm.functions.read_labels"
+    "it holds labels, which cannot be interpolated; give label=NAME for where one is, carry them "
+    "by abfm apply --labels, or use abfm.functions.read_labels"
 )
 
 
@@ -127,7 +127,7 @@ def read_table(path: str) -> tuple[list[str], FloatArray]:
 
     .npy holds an array (n,) or (n, c), no pickle. .csv, .txt, .vts and .map hold lines of
     numbers separated by commas, semicolons, tabs or blanks, with or without a line of names on top;
-    empty lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are the columns,
+    empty lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are columns,
     named by their metadata. .mgh and .mgz are FreeSurfer's: frames are the columns. Other names
     may be of FreeSurfer's values, such as ``lh.sulc``, which are known by how they begin; .label
     lists vertices with a value each. Labels are refused: see `read_labels`.
@@ -288,10 +288,10 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
         known, first = np.unique(both[:, 0], return_index=True)
         nearest = cKDTree(mesh.vertices[known]).query(mesh.vertices)[1]
         return np.asarray(both[first[nearest], 1])
-    return listed_vertices(mesh, mesh, path, table)
+    return mapped_vertices(mesh, mesh, path, table)
 
 
-def listed_vertices(
+def mapped_vertices(
     domain: TriangleMesh, codomain: TriangleMesh, path: str, table: FloatArray
 ) -> IntArray:
     """Return the vertex of the codomain that each of the domain is mapped to, (V,), by the table

@@ -1,4 +1,5 @@
 from .correspondence import Correspondence as Correspondence
+from .files import is_correspondence as is_correspondence
 from .files import load_correspondence as load_correspondence
 from .files import load_registration as load_registration
 from .register import MEASURED as MEASURED

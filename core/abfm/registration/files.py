@@ -15,13 +15,16 @@ from abfm.registration.registration import Registration
 Found = TypeVar("Found", bound=Correspondence)
 
 
+def is_correspondence(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a file holds two surfaces; ResultError if it cannot be read."""
+    return "a_vertices" in _names(path)
+
+
 def load_correspondence(path: str | os.PathLike[str]) -> Correspondence:
     """Read a file of `Correspondence.save`, or of `Registration.save`, which gives a Registration;
     ResultError if it is missing, damaged, or neither.
     """
-    with results.open_archive(path, results.CORRESPONDENCE.name, results.MEND) as archive:
-        is_registration = "velocity" in archive
-    if is_registration:
+    if "velocity" in _names(path):
         return load_registration(path)
     return _loaded(path, results.CORRESPONDENCE, correspondence_of)
 
@@ -34,6 +37,11 @@ def load_registration(path: str | os.PathLike[str]) -> Registration:
     """
     found = _loaded(path, results.REGISTRATION, _registration_of)
     return Registration(found.initial, found.match.borne_out())
+
+
+def _names(path: str | os.PathLike[str]) -> set[str]:
+    with results.open_archive(path, results.CORRESPONDENCE.name, results.MEND) as archive:
+        return set(archive)
 
 
 def _loaded(

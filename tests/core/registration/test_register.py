@@ -11,14 +11,14 @@ from abfm.errors import AbfmError, FunctionError, MeshError, ParameterError, Res
 from abfm.io.exports import export_ply
 from abfm.maps.spherical import SphereLayout
 from abfm.mesh.shapes import even_sphere
+from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.spheres import (
     OnSphere,
-    Pairs,
     rotation_by_functions,
     rotation_by_landmarks,
 )
 from abfm.registration.register import MEASURED, prepare
-from tests.shapes import icosphere, torus, with_loose_vertex
+from tests.shapes import icosphere, with_loose_vertex
 
 A, B = even_sphere(3000), icosphere(4)
 TURN = Rotation.from_rotvec([0.4, -0.9, 0.3])
@@ -62,7 +62,7 @@ def test_three_landmarks_say_how_a_sphere_is_turned():
     layouts = SphereLayout(A, A.vertices), SphereLayout(B, TURN.apply(B.vertices.copy()))
     on_a = layouts[0].locate(np.eye(3))
     on_b = layouts[1].locate(TURN.apply(np.eye(3)))
-    found = rotation_by_landmarks(*layouts, Pairs(on_a, on_b, np.ones(3)))
+    found = rotation_by_landmarks(*layouts, Landmarks(on_a, on_b, np.ones(3), ("x", "y", "z")))
     assert (found.rotation * TURN.inv()).magnitude() < 1e-6
 
 
@@ -185,12 +185,15 @@ def test_spheres_come_from_files_and_mirrors_on_request(tmp_path):
         ({"f": "cordinate:x"}, FunctionError, "coordinate"),
         ({"mask_a": -np.ones(3000)}, ParameterError, "mask_a"),
         ({"mask_b": np.zeros(2562)}, ParameterError, "mask_b"),
-        ({"initial": "spher"}, ParameterError, "sphere"),
+        ({"initial": "spher"}, ParameterError, "did you mean .?sphere"),
         ({"initial": 3}, ParameterError, "expected a Correspondence"),
         ({"initial": "sphere:a.ply"}, ParameterError, "names 1 files"),
-        ({"initial": "connectivity"}, AbfmError, "equal connectivity"),
+        ({"initial": "connectivity"}, AbfmError, "same connectivity"),
         ({"initial": PointMap.of_vertices(B, B)}, ParameterError, "another surface A"),
-        ({"a": torus(20, 10), "f": "coordinate:x"}, ParameterError, "no initial map"),
+        ({"initial": "closest:left"}, ParameterError, "expected one of similarity"),
+        ({"initial": "spectral:left"}, ParameterError, "expected mirror"),
+        ({"initial": "file"}, ParameterError, "needs a name"),
+        ({"initial": "connectivity:x"}, AbfmError, "nothing can follow"),
         ({"weights": [1, 2]}, ParameterError, "weights"),
         (
             {"mask_a": A.vertices[:, 0] > 0.2, "mask_b": B.vertices[:, 0] < -0.2},

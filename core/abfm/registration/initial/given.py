@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from abfm.mesh import TriangleMesh
 from abfm.registration.correspondence import Correspondence
+from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.types import FloatArray
 
 
@@ -19,6 +20,7 @@ class Given(NamedTuple):
     mask_a: FloatArray | None = None  # (V_A,)
     mask_b: FloatArray | None = None  # (V_B,)
     weights: FloatArray | None = None  # (C,)
+    landmarks: Landmarks | None = None
 
 
 class Initial(NamedTuple):

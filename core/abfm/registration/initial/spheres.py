@@ -17,8 +17,8 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from abfm.maps.spherical import SphereLayout
-from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh.shapes import spread_directions
+from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -106,19 +106,11 @@ def rotation_by_functions(a: OnSphere, b: OnSphere, weights: FloatArray) -> Turn
     return Turned(best[0], last[0], runner_up / last[0] if last[0] > 0 else 1.0)
 
 
-def rotation_by_landmarks(a: SphereLayout, b: SphereLayout, pairs: Pairs) -> Turned:
+def rotation_by_landmarks(a: SphereLayout, b: SphereLayout, pairs: Landmarks) -> Turned:
     """Return the rotation of sphere A that brings landmarks nearest to their partners on B."""
     here, there = a.directions_of(pairs.a), b.directions_of(pairs.b)
     rotation, _ = Rotation.align_vectors(there, here, pairs.weights)
     return Turned(rotation, np.nan, 0.0)
-
-
-class Pairs(NamedTuple):
-    """Points of A and of B that correspond, (L,) each, and how much each pair counts, (L,)."""
-
-    a: SurfacePoints
-    b: SurfacePoints
-    weights: FloatArray
 
 
 class _Level:

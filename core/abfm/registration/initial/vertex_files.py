@@ -3,7 +3,7 @@
 import numpy as np
 
 from abfm.errors import AbfmError, ParameterError, brief
-from abfm.functions.files import listed_vertices, read_table
+from abfm.functions.files import mapped_vertices, read_table
 from abfm.maps.point_maps import PointMap
 from abfm.mesh import TriangleMesh
 from abfm.registration.initial.landmark_pairs import Landmarks, read_landmarks
@@ -35,7 +35,7 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
     table = read_table(path)[1]
     columns = table.shape[1]
     if columns == 1:
-        return PointMap.of_vertices(b, a, listed_vertices(b, a, path, table))
+        return PointMap.of_vertices(b, a, mapped_vertices(b, a, path, table))
     if columns == 2:
         return _of_pairs(a, b, path, table)
     if columns == 4:

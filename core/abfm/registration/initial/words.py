@@ -2,53 +2,79 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
-from abfm.errors import ParameterError, brief, did_you_mean
+from abfm.errors import AbfmError, ParameterError, brief, did_you_mean
 from abfm.maps.point_maps import PointMap
 from abfm.maps.spherical import SphereLayout, is_sphere, sphere_directions
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.registration.correspondence import Correspondence
+from abfm.registration.initial.alignment import KINDS, closest_after_alignment
+from abfm.registration.initial.connectivity import same_connectivity
 from abfm.registration.initial.given import Given, Initial
-from abfm.registration.initial.spheres import OnSphere, rotation_by_functions
+from abfm.registration.initial.landmark_pairs import Landmarks
+from abfm.registration.initial.spectral import functional_map_start
+from abfm.registration.initial.spheres import (
+    OnSphere,
+    Turned,
+    rotation_by_functions,
+    rotation_by_landmarks,
+)
+from abfm.registration.initial.vertex_files import map_from_file
 from abfm.types import FloatArray
 
-WORDS = ("connectivity", "sphere")
+_FEWEST = 3  # landmarks that fix a rotation
+_RIVAL = 0.9  # of a correlation, or of a defect, from which on another map is as good
+
+
+class Word(NamedTuple):
+    """A way to find an initial map: how it is written, in a few words what it is, and itself."""
+
+    form: str
+    about: str
+    find: Callable[[Given, list[str]], Initial]
+
+    @property
+    def name(self) -> str:
+        return self.form.replace("[", ":").partition(":")[0]
 
 
 def initial_map(initial: object, given: Given) -> Initial:
-    """Return the initial map that a word asks for, or what was given as one; None is chosen by what
-    there is.
+    """Return the initial map that a word asks for, see `WORDS`, or what was given as one; None is
+    chosen by what there is: equal faces, then spheres, then what is closest in space.
 
-    ``connectivity``
-        Vertex i to vertex i, of surfaces with the same faces.
-    ``sphere``, ``sphere:A,B``
-        Through spheres, by default the surfaces themselves, else mesh files with their vertices;
-        sphere A is turned as the functions ask. ``sphere:mirror`` and ``sphere:mirror,A,B`` see A
-        in a mirror first, as between left and right.
+    Raises
+    ------
+    AbfmError
+        If there is no such word, or the surfaces have no such map.
     """
-    if isinstance(initial, Correspondence):
-        _check(given, initial)
-        return Initial(initial)
     if isinstance(initial, PointMap):
-        found = Correspondence(initial)
-        _check(given, found)
-        return Initial(found)
+        initial = Correspondence(initial)
+    if isinstance(initial, Correspondence):
+        for name, mesh, own in (("A", given.a, initial.a), ("B", given.b, initial.b)):
+            if not np.array_equal(mesh.faces, own.faces):
+                raise ParameterError(
+                    f"the initial map is of another surface {name} than the one given"
+                )
+        return Initial(initial)
     if initial is None:
         initial = _chosen(given)
     if not isinstance(initial, str):
         raise ParameterError(
-            f"initial is {brief(initial)}; expected a Correspondence, a PointMap, or a word: "
-            f"{', '.join(WORDS)}"
+            f"initial is {brief(initial)}; expected a Correspondence, a PointMap, or one of "
+            f"{', '.join(word.form for word in WORDS)}"
         )
-    word, _, rest = initial.partition(":")
-    if word == "connectivity":
-        return Initial(Correspondence.of_same_faces(given.a, given.b))
-    if word == "sphere":
-        return _by_spheres(given, [part.strip() for part in rest.split(",") if part.strip()])
+    name, _, rest = initial.partition(":")
+    for word in WORDS:
+        if word.name == name:
+            return word.find(given, [part.strip() for part in rest.split(",") if part.strip()])
+    hint = did_you_mean(name, [word.name for word in WORDS])
     raise ParameterError(
-        f"unknown initial map {brief(word)}{did_you_mean(word, WORDS)}; known are "
-        f"{', '.join(WORDS)}"
+        f"unknown initial map {brief(name)}{hint}; expected one of "
+        f"{', '.join(word.form for word in WORDS)}"
     )
 
 
@@ -57,19 +83,60 @@ def _chosen(given: Given) -> str:
         return "connectivity"
     if is_sphere(given.a) and is_sphere(given.b):
         return "sphere"
-    raise ParameterError(
-        f"no initial map can be told from the surfaces alone; give initial=, one of "
-        f"{', '.join(WORDS)}, or a map"
+    return "closest"
+
+
+def _by_numbers(given: Given, words: list[str]) -> Initial:
+    _no_words("connectivity", words)
+    if np.array_equal(given.a.faces, given.b.faces):
+        return Initial(Correspondence.of_same_faces(given.a, given.b))
+    return Initial(Correspondence(same_connectivity(given.a, given.b)))
+
+
+def _closest(given: Given, words: list[str]) -> Initial:
+    kind = next((kind for kind in KINDS if words in ([], [kind])), None)
+    if kind is None:
+        raise ParameterError(
+            f"closest:{','.join(words)}: expected one of {', '.join(KINDS)}, or nothing"
+        )
+    points, found = closest_after_alignment(given.a, given.b, kind, given.landmarks)
+    note = (
+        f"B was laid on A, {found.rms:.3f} sqrt(area) from it (RMS): each of its points starts at "
+        "the closest one"
     )
+    return Initial(Correspondence(points), (note,))
 
 
-def _check(given: Given, found: Correspondence) -> None:
-    for name, mesh, own in (("A", given.a, found.a), ("B", given.b, found.b)):
-        if not np.array_equal(mesh.faces, own.faces):
-            raise ParameterError(f"the initial map is of another surface {name} than the one given")
+def _spectral(given: Given, words: list[str]) -> Initial:
+    if words not in ([], ["mirror"]):
+        raise ParameterError(f"spectral:{','.join(words)}: expected mirror, or nothing")
+    functions = None if given.f is None or given.g is None else (given.f.T, given.g.T)
+    points, found = functional_map_start(
+        given.a, given.b, given.landmarks, functions, mirrored=bool(words)
+    )
+    notes = []
+    if found.defect > _RIVAL * found.rival:
+        notes.append(
+            "another map that leads elsewhere is nearly as good, as on symmetric surfaces: give "
+            "landmarks that tell them apart"
+        )
+    return Initial(Correspondence(points), tuple(notes))
 
 
-def _by_spheres(given: Given, words: list[str]) -> Initial:
+def _of_file(given: Given, words: list[str]) -> Initial:
+    if not words:
+        raise ParameterError("file: needs a name, as in file:map.vts")
+    path = ",".join(words)
+    found = map_from_file(given.a, given.b, path)
+    if isinstance(found, Landmarks):
+        raise ParameterError(
+            f"{path} holds pairs of points, not a point for every vertex of B: give them as "
+            "landmarks"
+        )
+    return Initial(Correspondence(found))
+
+
+def _spheres(given: Given, words: list[str]) -> Initial:
     mirror = bool(words) and words[0] == "mirror"
     files = words[mirror:]
     if len(files) not in (0, 2):
@@ -77,43 +144,83 @@ def _by_spheres(given: Given, words: list[str]) -> Initial:
             f"sphere:{','.join(words)} names {len(files)} files; expected the spheres of A and of "
             "B, or none where the surfaces are spheres themselves"
         )
-    spheres = (
-        [_sphere_file(*pair) for pair in zip((given.a, given.b), files, strict=True)]
-        if (files)
-        else [sphere_directions(given.a), sphere_directions(given.b)]
-    )
-    directions_a = spheres[0] * [-1, 1, 1] if mirror else spheres[0]
-    layouts = SphereLayout(given.a, directions_a), SphereLayout(given.b, spheres[1])
+    if files:
+        spheres = [_sphere_file(given.a, files[0]), _sphere_file(given.b, files[1])]
+    else:
+        spheres = [sphere_directions(given.a), sphere_directions(given.b)]
+    directions = spheres[0] * [-1, 1, 1] if mirror else spheres[0]
+    layouts = SphereLayout(given.a, directions), SphereLayout(given.b, spheres[1])
     notes = [
         f"{len(layout.folded)} faces of sphere {name} lie the wrong way round"
         for name, layout in zip("AB", layouts, strict=True)
         if len(layout.folded)
     ]
+    turned = _rotation(given, *layouts)
+    if turned is not None:
+        directions = turned.rotation.apply(directions)
+        notes += _turned_words(turned)
+    found = Correspondence.through_sphere(given.a, given.b, directions, spheres[1])
+    return Initial(found, tuple(notes))
+
+
+def _rotation(given: Given, a: SphereLayout, b: SphereLayout) -> Turned | None:
     if given.f is not None and given.g is not None:
         weights = np.ones(len(given.f)) if given.weights is None else given.weights
-        turned = rotation_by_functions(
-            OnSphere(layouts[0], given.f, given.mask_a),
-            OnSphere(layouts[1], given.g, given.mask_b),
-            weights,
-        )
-        directions_a = turned.rotation.apply(directions_a)
+        on_a, on_b = OnSphere(a, given.f, given.mask_a), OnSphere(b, given.g, given.mask_b)
+        return rotation_by_functions(on_a, on_b, weights)
+    marks = given.landmarks
+    return None if marks is None or len(marks) < _FEWEST else rotation_by_landmarks(a, b, marks)
+
+
+def _turned_words(turned: Turned) -> list[str]:
+    told = f"sphere A was turned by {turned.degrees:.1f} degrees"
+    if np.isnan(turned.correlation):
+        return [f"{told}, as the landmarks ask"]
+    notes = [f"{told}: the functions correlate by {turned.correlation:.2f}"]
+    if turned.runner_up > _RIVAL:
         notes.append(
-            f"sphere A was turned by {turned.degrees:.1f} degrees: the functions correlate by "
-            f"{turned.correlation:.2f}"
+            "another rotation is nearly as good: give more functions, or a map, to tell them apart"
         )
-    return Initial(
-        Correspondence.through_sphere(given.a, given.b, directions_a, spheres[1]), tuple(notes)
-    )
+    return notes
 
 
 def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
     """Return the directions (V, 3) of a mesh's vertices on the sphere that a file holds."""
     sphere = load_mesh(path)
-    if sphere.file_vertex_count == mesh.file_vertex_count and np.array_equal(
-        sphere.vertex_ids, mesh.vertex_ids
-    ):
-        return sphere_directions(sphere)
-    raise ParameterError(
-        f"{path} has {sphere.file_vertex_count} vertices, and the surface {mesh.file_vertex_count};"
-        " give a sphere with the same vertices"
-    )
+    if not np.array_equal(sphere.vertex_ids, mesh.vertex_ids):
+        raise ParameterError(
+            f"{path} has {sphere.file_vertex_count} vertices, and the surface "
+            f"{mesh.file_vertex_count}; give a sphere with the same vertices"
+        )
+    return sphere_directions(sphere)
+
+
+def _no_words(name: str, words: list[str]) -> None:
+    if words:
+        raise AbfmError(f"{name}:{','.join(words)}: nothing can follow {name}")
+
+
+WORDS = (
+    Word("connectivity", "vertex i to vertex i, of the same faces", _by_numbers),
+    Word(
+        "sphere[:[mirror,][A,B]]",
+        "through spheres, the surfaces or files A and B; A's turned as the functions ask",
+        _spheres,
+    ),
+    Word(
+        "closest[:similarity|rigid|mirror]",
+        "to the closest point, after B was laid on A",
+        _closest,
+    ),
+    Word(
+        "spectral[:mirror]",
+        "by eigenfunctions and functions, of surfaces that are nearly isometric",
+        _spectral,
+    ),
+    Word(
+        "file:MAP",
+        "from a file: for each vertex of B its vertex of A, or face and weights",
+        _of_file,
+    ),
+)
+"""All ways, by name; ``mirror`` sees A in a mirror first, as from left to right."""
