@@ -13,6 +13,7 @@ from .quality import ThereAndBack as ThereAndBack
 from .quality import map_accuracy as map_accuracy
 from .quality import map_quality as map_quality
 from .quality import there_and_back as there_and_back
+from .sphere_embedding import sphere_embedding as sphere_embedding
 from .surface_points import SurfacePoints as SurfacePoints
 from .surface_points import project_onto_surface as project_onto_surface
 from .surface_points import vertex_points as vertex_points

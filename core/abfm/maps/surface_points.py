@@ -203,7 +203,7 @@ def barycentric_weights(
 
 
 @kernel
-def cross(a: FloatArray, b: FloatArray) -> Vector:
+def cross(a: FloatArray | Vector, b: FloatArray | Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 

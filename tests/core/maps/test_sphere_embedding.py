@@ -1,0 +1,160 @@
+"""Embeddings in the sphere: no face turned over, and what is round stays as it is."""
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose
+
+from abfm.assets import asset_path
+from abfm.calculus.operators import face_areas
+from abfm.errors import MeshError
+from abfm.maps import sphere_embedding
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.mesh.shapes import five_limbs, geodesic_sphere, three_arms, torus, two_armed
+from tests.shapes import ellipsoid, icosphere, square, tetrahedron
+
+
+def solid_angles(sphere, faces):
+    """Signed ones [Van Oosterom, Strackee 1983], of faces up to a half-sphere."""
+    a, b, c = np.moveaxis(sphere[faces], 1, 0)
+    over = 1 + (a * b).sum(axis=1) + (b * c).sum(axis=1) + (c * a).sum(axis=1)
+    return 2 * np.arctan2(np.linalg.det(sphere[faces]), over)
+
+
+def assert_embedded(mesh, sphere):
+    """Faces that all look outward and cover the sphere once overlap nowhere."""
+    angles = solid_angles(sphere, mesh.faces)
+    assert_allclose(np.linalg.norm(sphere, axis=1), 1, atol=1e-14)
+    assert angles.min() > 0
+    assert_allclose(angles.sum(), 4 * np.pi, rtol=1e-9)
+    return angles
+
+
+def noisy():
+    ball = icosphere(3)
+    moves = np.random.default_rng(0).normal(scale=0.3, size=ball.vertices.shape)
+    return TriangleMesh(ball.vertices + moves, ball.faces)
+
+
+def spiked():
+    ball = icosphere(3)
+    radius = np.where(np.arange(len(ball.vertices)) % 3, 1.0, 0.001)
+    return TriangleMesh(ball.vertices * radius[:, None], ball.faces)
+
+
+def needles():
+    """A cylinder whose ends are fans of 100 faces."""
+    solid = trimesh.creation.cylinder(radius=1, height=20, sections=100)
+    return TriangleMesh(solid.vertices, solid.faces)
+
+
+def nested(times):
+    """A ball one of whose faces has smaller ones in it, down to a fifth to the power of times."""
+    vertices, faces = list(icosphere(2).vertices), icosphere(2).faces.tolist()
+    for _ in range(times):
+        a, b, c = faces[0]
+        new = len(vertices)
+        vertices.append(0.6 * vertices[a] + 0.2 * vertices[b] + 0.2 * vertices[c])
+        faces[0] = [a, b, new]
+        faces += [[b, c, new], [c, a, new]]
+    return TriangleMesh(vertices, faces)
+
+
+SHAPES = {
+    "tetrahedron": tetrahedron,
+    "icosahedron": lambda: geodesic_sphere(1),
+    "five limbs": lambda: five_limbs(1000),
+    "three arms": lambda: three_arms(4)[0],
+    "two arms": lambda: two_armed(3),
+    "human A": lambda: load_mesh(asset_path("human_A.off")),
+    "human B": lambda: load_mesh(asset_path("human_B.off")),
+    "needle": lambda: ellipsoid(3, 1, 1, 1000),
+    "leaf": lambda: ellipsoid(3, 1, 1, 1e-4),
+    "noise": noisy,
+    "spikes": spiked,
+    "fans": needles,
+    "tiny faces": lambda: nested(10),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_no_face_is_turned_over(shape):
+    mesh = SHAPES[shape]()
+    assert_embedded(mesh, sphere_embedding(mesh))
+
+
+def test_a_sphere_stays_as_it_is_up_to_a_turn():
+    ball = geodesic_sphere(12)
+    sphere = sphere_embedding(ball)
+    u, _, v = np.linalg.svd(sphere.T @ ball.vertices)
+    assert np.linalg.det(u @ v) > 0
+    assert_allclose(sphere @ (u @ v), ball.vertices, atol=0.02)
+
+
+def test_areas_of_limbs_change_little():
+    mesh = five_limbs(1000)
+    angles = assert_embedded(mesh, sphere_embedding(mesh))
+    ratios = angles / face_areas(mesh.normalized()) / (4 * np.pi)
+    assert np.average(np.abs(np.log2(ratios)), weights=face_areas(mesh)) < 0.4
+    assert np.abs(np.log2(ratios)).max() < 1.5
+
+
+def gaps(mesh, first, second):
+    """Distances between two embeddings after the turn that brings them together best."""
+    u, _, v = np.linalg.svd(first.T @ second)
+    return np.linalg.norm(first @ u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v - second, axis=1)
+
+
+def test_units_places_and_turns_of_the_mesh_matter_little():
+    mesh = two_armed(3)
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    other = TriangleMesh(70.0 * mesh.vertices @ turn.T + [1, 2, 3], mesh.faces)
+    assert gaps(mesh, sphere_embedding(mesh), sphere_embedding(other)).mean() < 0.05
+
+
+def test_renumbered_vertices_come_to_the_same_places_nearly():
+    mesh = five_limbs(1000)
+    old = np.random.default_rng(5).permutation(len(mesh.vertices))
+    other = TriangleMesh(mesh.vertices[old], np.argsort(old)[mesh.faces])
+    sphere = sphere_embedding(other)
+    assert_embedded(other, sphere)
+    assert gaps(mesh, sphere_embedding(mesh)[old], sphere).mean() < 0.05
+
+
+def test_the_same_mesh_has_the_same_embedding():
+    mesh = two_armed(3)
+    assert (sphere_embedding(mesh) == sphere_embedding(mesh)).all()
+
+
+@pytest.mark.parametrize("holes", [1, 3])
+def test_holes_stay_uncovered(holes):
+    ball = icosphere(3)
+    middles = ball.vertices[ball.faces].mean(axis=1)
+    away = [middles @ np.eye(3)[k] < 0.85 for k in range(holes)]
+    mesh = TriangleMesh(ball.vertices, ball.faces[np.all(away, axis=0)])
+    angles = solid_angles(sphere_embedding(mesh), mesh.faces)
+    assert len(mesh.boundary_loops) == holes
+    assert angles.min() > 0
+    assert_allclose(angles.sum(), 4 * np.pi - holes * 2 * np.pi * 0.15, rtol=0.05)
+
+
+def test_a_disc_is_embedded():
+    mesh = square(8)
+    angles = solid_angles(sphere_embedding(mesh), mesh.faces)
+    assert angles.min() > 0
+    assert angles.sum() < 4 * np.pi
+
+
+def test_handles_are_refused():
+    with pytest.raises(MeshError, match="has genus 1; expected 0"):
+        sphere_embedding(torus(12, 8))
+
+
+def test_pinched_vertices_are_refused():
+    ball = icosphere(1)
+    first = ball.vertices[0]
+    twice = np.concatenate([ball.vertices, 2 * first - ball.vertices[1:]])
+    other = np.append(0, np.arange(len(ball.vertices), len(twice)))[ball.faces][:, ::-1]
+    with pytest.raises(MeshError, match="pinched"):
+        sphere_embedding(TriangleMesh(twice, np.concatenate([ball.faces, other])))
