@@ -12,7 +12,8 @@ from typing import Any
 import abfm
 from abfm import Control, Match, Parameters, Registration, TriangleMesh, load_mesh
 from abfm.errors import printable
-from abfm.registration import prepare, within
+from abfm.registration import MEASURED, prepare, within
+from abfm.registration.initial import WORDS
 from abfm.workers.progress import telling
 from abfm_viewer import signals
 from abfm_viewer.cli import options, results
@@ -23,7 +24,13 @@ from abfm_viewer.document import verdict_words
 from abfm_viewer.files import outputs
 
 SUMMARY = "register one surface to another by functions on both"
-DESCRIPTION = """\
+_WORDS = "\n".join(f"  {word.form}\n      {word.about}" for word in WORDS)
+_MEASURED = ", ".join(
+    f"--{name} {value:g}"
+    for name, value in MEASURED.to_dict().items()
+    if value != getattr(Parameters(), name)
+)
+DESCRIPTION = f"""\
 Find where on surface A each point of surface B lies, so that the functions of A (--source), carried
 to B, are as near to those of B (--target) as they can be: by an initial map, and then by the flow
 of a vector field on B.
@@ -34,13 +41,12 @@ Examples:
   abfm register pose1.off pose2.off --source hks:time=0.01 --target hks:time=0.01 --out reg.npz
   abfm apply sub-01_reg.npz --labels lh.aparc.annot --out aparc.label.gii
 
-The initial map (--initial): by default vertex to vertex where the surfaces have the same faces, and
-through the sphere where both are spheres, the one of A turned as the functions ask; else one of
-  connectivity            vertex i to vertex i
-  sphere                  both surfaces are spheres; or sphere:A.surf.gii,B.surf.gii, theirs
-  sphere:mirror           the same with A seen in a mirror, as from left to right
+The initial map (--initial): by default vertex to vertex where the surfaces have the same faces,
+through the sphere where both are spheres, else the closest points; or one of
+{_WORDS}
 Functions that were measured, or have other units, are compared in standard deviations from their
-means; where one has the other sign, that is turned and told.
+means; where one has the other sign, that is turned and told. Their parameters are {_MEASURED}
+unless given; of other functions they are those of `abfm match`.
 
 The exit status is as of `abfm match`.
 """

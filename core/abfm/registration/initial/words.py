@@ -9,6 +9,7 @@ import numpy as np
 
 from abfm.errors import AbfmError, ParameterError, brief, did_you_mean
 from abfm.maps.point_maps import PointMap
+from abfm.maps.sphere_embedding import sphere_embedding
 from abfm.maps.spherical import SphereLayout, is_sphere, sphere_directions
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.registration.correspondence import Correspondence
@@ -136,6 +137,12 @@ def _of_file(given: Given, words: list[str]) -> Initial:
     return Initial(Correspondence(found))
 
 
+def _embedded(given: Given, words: list[str]) -> Initial:
+    if words not in ([], ["mirror"]):
+        raise ParameterError(f"embedding:{','.join(words)}: expected mirror, or nothing")
+    return _turned(given, sphere_embedding(given.a), sphere_embedding(given.b), bool(words))
+
+
 def _spheres(given: Given, words: list[str]) -> Initial:
     mirror = bool(words) and words[0] == "mirror"
     files = words[mirror:]
@@ -145,11 +152,16 @@ def _spheres(given: Given, words: list[str]) -> Initial:
             "B, or none where the surfaces are spheres themselves"
         )
     if files:
-        spheres = [_sphere_file(given.a, files[0]), _sphere_file(given.b, files[1])]
+        sphere_a, sphere_b = _sphere_file(given.a, files[0]), _sphere_file(given.b, files[1])
     else:
-        spheres = [sphere_directions(given.a), sphere_directions(given.b)]
-    directions = spheres[0] * [-1, 1, 1] if mirror else spheres[0]
-    layouts = SphereLayout(given.a, directions), SphereLayout(given.b, spheres[1])
+        sphere_a, sphere_b = sphere_directions(given.a), sphere_directions(given.b)
+    return _turned(given, sphere_a, sphere_b, mirror)
+
+
+def _turned(given: Given, sphere_a: FloatArray, sphere_b: FloatArray, mirror: bool) -> Initial:
+    """Return the map through spheres, A's (V_A, 3), maybe seen in a mirror, turned as it fits."""
+    sphere_a = sphere_a * [-1, 1, 1] if mirror else sphere_a
+    layouts = SphereLayout(given.a, sphere_a), SphereLayout(given.b, sphere_b)
     notes = [
         f"{len(layout.folded)} faces of sphere {name} lie the wrong way round"
         for name, layout in zip("AB", layouts, strict=True)
@@ -157,9 +169,9 @@ def _spheres(given: Given, words: list[str]) -> Initial:
     ]
     turned = _rotation(given, *layouts)
     if turned is not None:
-        directions = turned.rotation.apply(directions)
+        sphere_a = turned.rotation.apply(sphere_a)
         notes += _turned_words(turned)
-    found = Correspondence.through_sphere(given.a, given.b, directions, spheres[1])
+    found = Correspondence.through_sphere(given.a, given.b, sphere_a, sphere_b)
     return Initial(found, tuple(notes))
 
 
@@ -206,6 +218,11 @@ WORDS = (
         "sphere[:[mirror,][A,B]]",
         "through spheres, the surfaces or files A and B; A's turned as the functions ask",
         _spheres,
+    ),
+    Word(
+        "embedding[:mirror]",
+        "through spheres that are made of both surfaces, which have no handles",
+        _embedded,
     ),
     Word(
         "closest[:similarity|rigid|mirror]",

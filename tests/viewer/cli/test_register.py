@@ -1,0 +1,142 @@
+"""`abfm register`, `abfm apply` and `abfm map` of two surfaces, run in this process."""
+
+import json
+
+import numpy as np
+import pytest
+
+import abfm as library
+from abfm import Correspondence, load_mesh
+from abfm.assets import asset_path
+from abfm.functions import read_labels
+from abfm.io import export_ply, write_labels
+from abfm.mesh.shapes import even_sphere
+from abfm.reading import Labels
+from tests.core.registration.test_register import TURN, flowed, hills
+from tests.shapes import icosphere
+
+A, B = even_sphere(1500), icosphere(3)
+POSES = [str(asset_path(f"human_{pose}.off")) for pose in "AB"]
+SHORT = "--iterations 30 --refine 0 --quiet"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Two spheres of which one is turned and bent, with a function and labels on both."""
+    folder = tmp_path_factory.mktemp("spheres")
+    seen = flowed(B, TURN.inv().apply(B.vertices.copy()))
+    for name, mesh, directions in (("a", A, A.vertices), ("b", B, seen)):
+        export_ply(folder / f"{name}.ply", mesh, {}, {})
+        np.save(folder / f"{name}.npy", hills(directions))
+        keys = np.where(directions[:, 2] > 0, 5, 2)
+        write_labels(folder / f"{name}.label.gii", Labels(keys, {2: "south", 5: "north"}, {}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def registration(files):
+    from abfm_viewer.cli import main
+
+    words = f"register {files}/a.ply {files}/b.ply --source file:{files}/a.npy --target"
+    words += f" file:{files}/b.npy --sigma 2 {SHORT} --out {files}/r.npz"
+    assert main(words.split()) in (0, 3)
+    return files / "r.npz"
+
+
+def test_a_registration_is_told_and_written_in_several_forms(files, abfm, tmp_path):
+    outs = [tmp_path / name for name in ("r.npz", "r.csv", "r.ply", "lh.sphere.reg", "r.surf.gii")]
+    words = " ".join(f"--out {out}" for out in outs)
+    told = abfm(
+        f"register {files}/a.ply {files}/b.ply --source file:{files}/a.npy --target "
+        f"file:{files}/b.npy --sigma 2 {SHORT} --max-distortion 2 {words}",
+    )
+    assert told.out.startswith("registered: ")
+    assert "note: sphere A was turned by " in told.err
+    assert "folded faces: 0 of 1280\nthere and back: median" in told.out
+    assert "; 100.0% of A is covered" in told.out
+    assert "--max-distortion 2: kept by" in told.out
+    found = library.load_registration(outs[0])
+    numbers = np.loadtxt(outs[1], delimiter=",", skiprows=0)
+    np.testing.assert_array_equal(numbers, found.to_vertices())
+    for path in outs[2:]:
+        placed = load_mesh(path)
+        np.testing.assert_array_equal(placed.faces, A.faces)
+        np.testing.assert_allclose(placed.vertices, found.back.positions, atol=1e-5)
+
+
+def test_what_machines_are_told_is_whole(files, abfm, tmp_path):
+    told = abfm(
+        f"register {files}/a.ply {files}/b.ply --channel file:{files}/a.npy file:{files}/b.npy 2 "
+        f"--initial sphere --mask-a expression:x>-2 --mask-b expression:1 {SHORT} --sigma 5 --json "
+        f"--out {tmp_path}/r.npz"
+    ).out
+    facts = json.loads(told)
+    assert facts["map"]["folded"] == 0
+    assert facts["map"]["coverage"] == 1
+    assert facts["notes"][0].startswith("sphere A was turned")
+    assert facts["parameters"]["order"] == 1
+    assert facts["parameters"]["sigma"] == 5
+
+
+def test_data_labels_and_points_go_there_and_back(registration, files, abfm, tmp_path):
+    found = library.load_registration(registration)
+    for by in ("area", "point"):
+        abfm(f"apply {registration} --data {files}/a.npy --by {by} --out {tmp_path}/d.csv")
+        carried = np.loadtxt(tmp_path / "d.csv", delimiter=",")
+        np.testing.assert_allclose(carried, found.carry(np.load(files / "a.npy"), by))
+    told = abfm(f"apply {registration} --labels {files}/a.label.gii --out {tmp_path}/l.label.gii")
+    assert told.out == f"wrote {tmp_path}/l.label.gii\n"
+    labels, wanted = read_labels(tmp_path / "l.label.gii"), read_labels(files / "b.label.gii")
+    assert labels.names == {2: "south", 5: "north"}
+    assert (labels.values == wanted.values).mean() > 0.95
+    abfm(f"apply {registration} --inverse --labels {tmp_path}/l.label.gii --out {tmp_path}/k.csv")
+    back = np.loadtxt(tmp_path / "k.csv", delimiter=",")
+    assert (back == read_labels(files / "a.label.gii").values).mean() > 0.95
+    np.savetxt(tmp_path / "p.csv", [3, 17], fmt="%d")
+    abfm(f"apply {registration} --points {tmp_path}/p.csv --out {tmp_path}/q.csv")
+    places = np.loadtxt(tmp_path / "q.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(places, found.back.positions[[3, 17]])
+    np.savetxt(tmp_path / "q.txt", places)
+    abfm(f"apply {registration} --inverse --points {tmp_path}/q.txt --out {tmp_path}/p.csv")
+    places = np.loadtxt(tmp_path / "p.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(places, A.vertices[[3, 17]], atol=1e-3)
+
+
+def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
+    a, b = map(load_mesh, POSES)
+    count = len(a.vertices)
+    Correspondence.of_same_faces(a, b).save(tmp_path / "c.npz")
+    np.savetxt(tmp_path / "t.txt", np.arange(count), fmt="%d")
+    told = abfm(f"map {tmp_path}/c.npz --truth {tmp_path}/t.txt --out {tmp_path}/m.txt").out
+    assert "geodesic error: mean 0.0000" in told
+    assert "of A is covered" in told
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "m.txt"), np.arange(count))
+    facts = json.loads(abfm(f"map {tmp_path}/c.npz --truth identity --inverse --json").out)
+    assert facts["accuracy"]["maximum"] < 1e-9
+    assert facts["map"]["coverage"] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("register {a} {b} --source file:{n} --out {t}/r.npz", "need each other"),
+        ("register {a} {b} --out {t}/r.npz", "give --source and --target"),
+        ("register {a} {b} --source file:{n} --target file:{n} --out {t}/r.npz", "one per vertex"),
+        ("register {a} {a} --source file:{n} --target file:{n} --out {t}/r.xyz", "must end in"),
+        (
+            "register {a} {a} --source file:{n} --target file:{n} --initial spher --out {t}/r.npz",
+            "did you mean",
+        ),
+        ("apply {r} --data {n}", "give --out"),
+        ("apply {r} --out {t}/x.csv", "one of the arguments"),
+        ("apply {r} --inverse --data {n} --out {t}/x.csv", "they fit the other surface"),
+        ("apply {r} --labels {n} --out {t}/x.csv", "whole numbers"),
+        ("apply {a} --data {n} --out {t}/x.csv", "damaged"),
+        ("apply {r} --points {n} --out {t}/x.csv", "no vertex in use"),
+        ("map {r} --truth identity --time 1", "on one surface"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_a_line(words, told, registration, files, tmp_path, abfm):
+    names = {"a": files / "a.ply", "b": files / "b.ply", "n": files / "a.npy"}
+    line = words.format(**names, r=registration, t=tmp_path)
+    assert told in abfm(line, status=2).err
