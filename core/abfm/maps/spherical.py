@@ -22,6 +22,7 @@ from abfm.workers.control import checkpoint
 
 ROUND = 0.02  # of the radius: how far from a sphere its vertices may lie
 _INSIDE = -1e-14  # of a volume: rounding on the side of a face
+_LEAST_COVERED = 0.25  # of the sphere, by a surface with holes
 _ROUNDING = 1e-14  # of unit vectors
 _CHUNK = 8192  # points between checkpoints
 
@@ -95,7 +96,8 @@ class SphereLayout:
     ----------
     mesh : TriangleMesh
     directions : (V, 3) array
-        Where its vertices lie, not zero; brought to length 1. A mirrored layout is allowed.
+        Where its vertices lie, not zero; brought to length 1. A mirrored layout is allowed, and one
+        with holes where the surface has them.
 
     Raises
     ------
@@ -117,7 +119,8 @@ class SphereLayout:
         self.mesh, self.directions = mesh, given / lengths[:, None]
         angles = _solid_angles(self.directions[mesh.faces])
         turns = angles.sum() / (4 * np.pi)
-        if not abs(abs(turns) - 1) < ROUND:
+        least = _LEAST_COVERED if mesh.is_boundary_vertex.any() else 1 - ROUND
+        if not least < abs(turns) < 1 + ROUND:
             raise AbfmError(
                 f"the layout goes {turns:.3g} times around the sphere; expected once: give a "
                 "spherical mesh with the surface's faces"
@@ -137,7 +140,8 @@ class SphereLayout:
 
     def locate(self, directions: ArrayLike) -> SurfacePoints:
         """Return the points of the surface that lie in given directions (P, 3): the inverse of
-        `directions_of`, but where faces lie the wrong way round.
+        `directions_of`, but where faces lie the wrong way round. In a hole it is a point on its
+        boundary, near by.
         """
         given = finite_points(directions)
         given = given / np.linalg.norm(given, axis=1)[:, None]

@@ -45,7 +45,8 @@ class Word(NamedTuple):
 
 def initial_map(initial: object, given: Given) -> Initial:
     """Return the initial map that a word asks for, see `WORDS`, or what was given as one; None is
-    chosen by what there is: equal faces, then spheres, then what is closest in space.
+    chosen by what there is: equal faces, then spheres, or ones that are made where neither surface
+    has handles, then what is closest in space.
 
     Raises
     ------
@@ -84,7 +85,8 @@ def _chosen(given: Given) -> str:
         return "connectivity"
     if is_sphere(given.a) and is_sphere(given.b):
         return "sphere"
-    return "closest"
+    is_told = given.f is not None or given.landmarks is not None
+    return "embedding" if is_told and not (given.a.genus or given.b.genus) else "closest"
 
 
 def _by_numbers(given: Given, words: list[str]) -> Initial:

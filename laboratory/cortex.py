@@ -1,0 +1,297 @@
+"""Registering cortices, against FreeSurfer's and HCP's own maps, by one measure for all.
+
+    python -m laboratory.cortex --subject sub-001 --template fsaverage5 [--labels lh.aparc.annot]
+        [--conte69 FOLDER --published SPHERE.surf.gii] [--write docs/cortex.md]
+
+The subject is a folder of FreeSurfer's (left hemisphere), the template nilearn's folder of
+fsaverage5, with labels of the same parcellation; conte69 has its files as BrainSpace has them, and
+the published sphere is the one that HCPpipelines has for fs_LR on fsaverage.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm import Correspondence, Parameters, TriangleMesh, load_mesh, register
+from abfm.functions import read_labels, read_table
+from abfm.maps.spherical import sphere_directions
+from abfm.registration.initial import initial_map
+from abfm.registration.initial.given import Given
+from abfm.types import BoolArray, FloatArray, IntArray
+
+_HEADS = (
+    "",
+    "depth",
+    "curvature",
+    "Dice",
+    "mean abs. log₂ J",
+    "95%",
+    "98%",
+    "mean log₂ R",
+    "95%",
+    "folded",
+    "back (edges)",
+    "s",
+)
+_NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")
+MARKS = ("<!-- table of laboratory.cortex -->", "<!-- end of the table -->")
+
+
+class Side(NamedTuple):
+    """A hemisphere: its sphere, and the surface itself; maps on its vertices."""
+
+    sphere: TriangleMesh
+    surface: TriangleMesh
+    depth: FloatArray
+    curvature: FloatArray
+    thickness: FloatArray | None
+    labels: tuple[str, ...] | None
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Tells what a map from the vertices of a template to a subject is worth."""
+
+    a: Side
+    b: Side
+    cortex: BoolArray  # of B's vertices, where it is told
+
+    def row(self, name: str, found: Correspondence, seconds: float | None = None) -> list[str]:
+        distortion = found.distortion()
+        area, shape = distortion.log2_area, distortion.log2_shape
+        numbers = [
+            self.alike(found.carry(self.a.depth), self.b.depth),
+            self.alike(found.carry(self.a.curvature), self.b.curvature),
+            self.dice(found),
+            area.mean,
+            area.p95,
+            area.p98,
+            shape.mean,
+            shape.p95,
+        ]
+        told = ["" if np.isnan(x) else f"{x:.3f}" for x in numbers]
+        back = f"{found.there_and_back().median:.1g}"
+        time = "" if seconds is None else f"{seconds:.0f}"
+        return [name, *told, str(distortion.folded), back, time]
+
+    def alike(self, one: FloatArray, other: FloatArray) -> float:
+        """Return the correlation of two maps on B."""
+        known = self.cortex & np.isfinite(one) & np.isfinite(other)
+        return float(np.corrcoef(one[known], other[known])[0, 1])
+
+    def dice(self, found: Correspondence) -> float:
+        """Return the mean over labels of the Dice coefficient."""
+        if self.a.labels is None or self.b.labels is None:
+            return float("nan")
+        names = sorted({*self.a.labels, *self.b.labels})
+        number = {name: index for index, name in enumerate(names)}
+        own, other = (np.array([number[n] for n in x]) for x in (self.b.labels, self.a.labels))
+        return _dice(own, found.carry_labels(other), self.cortex, number)
+
+
+def _dice(own: IntArray, carried: IntArray, cortex: BoolArray, number: dict[str, int]) -> float:
+    found = []
+    for name, index in number.items():
+        one, other = (own == index) & cortex, (carried == index) & cortex
+        if name.lower() not in _NO_CORTEX and one.any():
+            found.append(2 * (one & other).sum() / (one.sum() + other.sum()))
+    return float(np.mean(found))
+
+
+def read_subject(folder: Path) -> Side:
+    """Read a subject of FreeSurfer's, the left hemisphere."""
+
+    def place(name: str) -> Path:
+        return next(path for path in sorted(folder.rglob(name)))
+
+    depth, curvature = (read_table(str(place(f"lh.{n}")))[1][:, 0] for n in ("sulc", "curv"))
+    sphere, surface = load_mesh(place("lh.sphere")), load_mesh(place("lh.smoothwm"))
+    return Side(sphere, surface, depth, curvature, None, label_names(place("lh.aparc.annot")))
+
+
+def read_template(folder: Path, side: str, labels: Path | None) -> Side:
+    """Read a hemisphere of fsaverage5 as nilearn has it."""
+    sphere, surface = (load_mesh(folder / f"{name}_{side}.gii.gz") for name in ("sphere", "white"))
+    depth, curvature, thickness = (
+        read_table(str(folder / f"{name}_{side}.gii.gz"))[1][:, 0]
+        for name in ("sulc", "curv", "thick")
+    )
+    return Side(
+        sphere, surface, depth, curvature, thickness, label_names(labels) if labels else None
+    )
+
+
+def label_names(path: Path) -> tuple[str, ...]:
+    """Return the name of each vertex' label."""
+    found = read_labels(str(path))
+    return tuple(found.names.get(int(key), "unknown") for key in found.values)
+
+
+def subject_rows(subject: Side, template: Side, registered: TriangleMesh) -> Iterator[list[str]]:
+    """Yield rows of the subject on the template: on spheres, and on the surfaces themselves."""
+    cortex = _cortex(template)
+    judge = Judge(subject, template, cortex)
+    a, b, f, g = subject.sphere, template.sphere, subject.depth, template.depth
+    theirs = Correspondence.through_sphere(
+        a, b, sphere_directions(registered), sphere_directions(b)
+    )
+    yield judge.row("FreeSurfer, `sphere.reg`", theirs)
+    given = Given(a, b, f[None], g[None], None, _weights(cortex))
+    yield judge.row("rotation of the sphere only", _initial(given, "sphere"))
+
+    def timed(name: str, find: Callable[[], Correspondence]) -> list[str]:
+        start = perf_counter()
+        found = find()
+        return judge.row(name, found, perf_counter() - start)
+
+    yield timed("`register`", lambda: register(a, b, f, g, mask_b=cortex))
+    yield timed(
+        "the same with the parameters of `match`",
+        lambda: register(a, b, f, g, mask_b=cortex, parameters=Parameters()),
+    )
+    for most in (1.5, 1.0, 0.6):
+        yield timed(
+            f"`register(max_distortion={most:g})`",
+            lambda most=most: register(a, b, f, g, mask_b=cortex, max_distortion=most),  # type: ignore[misc]
+        )
+    both = [np.stack([side.depth, side.curvature], 1) for side in (subject, template)]
+    yield timed("depth and curvature matched", lambda: register(a, b, *both, mask_b=cortex))
+    a, b = subject.surface, template.surface
+    given = given._replace(a=a, b=b)
+    yield judge.row("spheres made by ourselves, turned", _initial(given, "embedding"))
+    yield timed(
+        "`register` without spheres, on the template's white surface",
+        lambda: register(a, b, f, g, initial="embedding", mask_b=cortex),
+    )
+    yield timed(
+        "the same with `max_distortion=2`",
+        lambda: register(a, b, f, g, initial="embedding", mask_b=cortex, max_distortion=2),
+    )
+    yield timed(
+        f"on the subject's own surface, {len(a.vertices):,} vertices, back to the template",
+        lambda: register(b, a, g, f, initial="embedding", mask_a=cortex).inverse(),
+    )
+
+
+def sides_rows(left: Side, right: Side) -> Iterator[list[str]]:
+    """Yield rows of the right hemisphere, seen in a mirror, on the left one."""
+    cortex, other = _cortex(left), _cortex(right)
+    judge = Judge(right, left, cortex)
+    given = Given(
+        right.sphere,
+        left.sphere,
+        right.depth[None],
+        left.depth[None],
+        _weights(other),
+        _weights(cortex),
+    )
+    yield judge.row("rotation only", initial_map("sphere:mirror", given).correspondence)
+    start = perf_counter()
+    found = register(
+        right.sphere,
+        left.sphere,
+        right.depth,
+        left.depth,
+        initial="sphere:mirror",
+        mask_a=other,
+        mask_b=cortex,
+    )
+    yield judge.row("`register`", found, perf_counter() - start)
+
+
+def conte69_lines(folder: Path, published: Path, template: Side) -> Iterator[list[str]]:
+    """Yield rows of conte69 on fsaverage5 by curvature, thickness held out, beside HCP's map."""
+    a, b = load_mesh(folder / "conte69_32k_lh_sphere.gii"), template.sphere
+    count = len(a.vertices)
+    curvature, thickness, _ = (
+        read_table(str(folder / f"conte69_32k_{name}.csv"))[1][:count, 0]
+        for name in ("curvature", "thickness", "t1wt2w")
+    )
+    mask = read_table(str(folder / "conte69_32k_lh_mask.csv"))[1][:, 0]
+    theirs = Correspondence.through_sphere(
+        a, b, sphere_directions(load_mesh(published)), sphere_directions(b)
+    )
+    cortex = _cortex(template) & (theirs.carry(mask) > 0.5)
+    judge = Judge(template, template, cortex)
+    places = theirs.points.positions
+    held_out = template.thickness
+    assert held_out is not None
+
+    def row(name: str, found: Correspondence, seconds: float | None = None) -> list[str]:
+        off = np.linalg.norm(found.points.positions - places, axis=1)[cortex]
+        distortion = found.distortion()
+        return [
+            name,
+            f"{abs(judge.alike(found.carry(curvature), template.curvature)):.3f}",
+            f"{judge.alike(found.carry(thickness), held_out):.3f}",
+            f"{off.mean():.2f}",
+            f"{distortion.log2_area.mean:.3f}",
+            f"{distortion.log2_shape.mean:.3f}",
+            str(distortion.folded),
+            "" if seconds is None else f"{seconds:.0f}",
+        ]
+
+    yield row("HCP's published sphere", theirs)
+    start = perf_counter()
+    found = register(a, b, curvature, template.curvature, mask_a=mask, mask_b=cortex)
+    seconds = perf_counter() - start
+    yield row("rotation only", found.initial)
+    yield row("`register`", found, seconds)
+
+
+def _cortex(side: Side) -> BoolArray:
+    assert side.thickness is not None
+    return np.asarray(side.thickness > 0)
+
+
+def _weights(mask: BoolArray) -> FloatArray:
+    return mask.astype(np.float64)
+
+
+def _initial(surfaces: Given, word: str) -> Correspondence:
+    return initial_map(word, surfaces).correspondence
+
+
+def _table(heads: tuple[str, ...], rows: Iterator[list[str]]) -> str:
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    for row in rows:
+        lines.append(f"| {' | '.join(row)} |")
+        print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    for name in ("subject", "template"):
+        parser.add_argument(f"--{name}", type=Path, required=True)
+    for name in ("labels", "conte69", "published", "write"):
+        parser.add_argument(f"--{name}", type=Path)
+    given = parser.parse_args()
+    subject, left = read_subject(given.subject), read_template(given.template, "left", given.labels)
+    registered = load_mesh(next(iter(sorted(given.subject.rglob("lh.sphere.reg")))))
+    parts = [
+        "A subject on fsaverage5:",
+        _table(_HEADS, subject_rows(subject, left, registered)),
+        "The right hemisphere of fsaverage5 on the left one:",
+        _table(_HEADS, sides_rows(left, read_template(given.template, "right", None))),
+    ]
+    if given.conte69 and given.published:
+        heads = ("", "curvature", "thickness", "mm to HCP's", "mean abs. log₂ J", "mean log₂ R")
+        rows = conte69_lines(given.conte69, given.published, left)
+        parts += ["conte69 on fsaverage5:", _table((*heads, "folded", "s"), rows)]
+    if given.write:
+        page = given.write.read_text(encoding="utf-8")
+        before, after = page.split(MARKS[0])[0], page.split(MARKS[1])[1]
+        table = "\n\n".join([MARKS[0], *parts, MARKS[1]])
+        given.write.write_text(before + table + after, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
