@@ -63,13 +63,17 @@ def sphere_embedding(mesh: TriangleMesh) -> FloatArray:
     MeshError
         If the surface has handles or pinched vertices, or its faces are too thin for rounding.
     """
-    points, faces = filled(mesh)
+    return embed(*filled(mesh))[: len(mesh.vertices)]
+
+
+def embed(points: FloatArray, faces: IntArray) -> FloatArray:
+    """Return the `sphere_embedding` of a closed surface of genus 0."""
     with step("embedding in the sphere", len(points)) as done:
         for state, alive in unfolding(points, faces):
             done(len(alive) / len(points))
             sphere = state.sphere
     check_embedded(sphere, faces)
-    return sphere[: len(mesh.vertices)]
+    return sphere
 
 
 def check_embedded(sphere: FloatArray, faces: IntArray) -> None:
