@@ -1,3 +1,4 @@
+from .continuous_map import continuous_map as continuous_map
 from .distortion import Distortion as Distortion
 from .distortion import chord_distortion as chord_distortion
 from .distortion import folds as folds

@@ -63,14 +63,14 @@ def _directions(mesh: TriangleMesh) -> FloatArray | str:
             f"farther than the mean, and {100 * ROUND:g}% are allowed; give a spherical mesh"
         )
     directions: FloatArray = offsets / radii[:, None]
-    solid = float(_solid_angles(directions[mesh.faces]).sum())
+    solid = float(solid_angles(directions[mesh.faces]).sum())
     turns = abs(solid) / (4 * np.pi)
     if not abs(turns - 1) < ROUND:
         return f"the mesh goes {turns:.3g} times around its centre; expected a whole sphere, once"
     return directions
 
 
-def _solid_angles(corners: FloatArray) -> FloatArray:
+def solid_angles(corners: FloatArray) -> FloatArray:
     """Return signed solid angles (F,) of triangles of unit vectors (F, 3, 3) [Van Oosterom,
     Strackee 1983].
     """
@@ -117,7 +117,7 @@ class SphereLayout:
             raise AbfmError("a vertex lies in the middle of the sphere: give unit vectors")
         lengths[np.abs(lengths - 1) < _ROUNDING] = 1  # so that files give the same bits again
         self.mesh, self.directions = mesh, given / lengths[:, None]
-        angles = _solid_angles(self.directions[mesh.faces])
+        angles = solid_angles(self.directions[mesh.faces])
         turns = angles.sum() / (4 * np.pi)
         least = _LEAST_COVERED if mesh.is_boundary_vertex.any() else 1 - ROUND
         if not least < abs(turns) < 1 + ROUND:

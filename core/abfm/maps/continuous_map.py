@@ -1,0 +1,161 @@
+"""From a torn map between surfaces of genus 0 a homeomorphism: both laid out on one sphere.
+
+Point maps of functional maps tear: they turn some faces over and collapse others. Here A is
+embedded in the sphere, and B is unfolded there, as in `sphere_embedding`; from about a hundred
+vertices on it is pulled, after every round, to where the torn map has it. Then its image on A is
+moved to less distortion. No face of B ever turns over.
+"""
+
+import numpy as np
+from scipy import sparse
+
+from abfm.calculus.operators import cotangent_laplacian, vertex_areas
+from abfm.errors import AbfmError
+from abfm.maps.image_relaxation import Ground, Image, push_to_sphere, relax, relocate
+from abfm.maps.point_maps import PointMap
+from abfm.maps.sphere_embedding import (
+    State,
+    check_embedded,
+    embed,
+    filled,
+    surface_of,
+    sweep,
+    unfolding,
+)
+from abfm.maps.sphere_pull import average, pull_for, set_moves, shift
+from abfm.maps.spherical import Faces, solid_angles
+from abfm.maps.star_moves import room_for
+from abfm.mesh import TriangleMesh
+from abfm.numerics.cholesky import factor
+from abfm.types import FloatArray, IntArray
+from abfm.workers.control import checkpoint
+from abfm.workers.progress import step
+
+_FIRST = 100  # vertices that are turned to where they belong
+_SHORT = 1e-12  # a direction that is none
+_TURNS, _NEAR = 20, 0.1  # of weighing down those that are farther off, squared
+# on the sphere: how often moves are averaged, one after the other, how long they are at most, and
+# how many times vertices move, few of them more often, with sweeps of less distortion each time
+_AVERAGED, _LONGEST, _PULLS, _PULLED, _SWEEPS = (16, 8, 4, 2, 1), 0.5, (2, 10), 10_000, 6
+# on A: the same, in sqrt(area)
+_AVERAGED_ON_A, _LONGEST_ON_A, _PULLS_ON_A, _SWEEPS_ON_A = (8, 4, 2, 1), 0.1, 3, 4
+_SMOOTHED = 0.02  # sqrt(area), the torn map that its image is pulled to
+_LOOSE, _TIGHT, _LAST = 0.05, 0.02, 10  # distances that cost as much as distortion; last sweeps
+
+
+def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
+    """Lay out both surfaces of a map on one sphere, so that points in the same direction make it
+    continuous: unit vectors of the codomain's vertices (V_A, 3) and of the domain's (V_B, 3).
+
+    On a closed surface, the map of equal directions (`abfm.maps.spherical.through_sphere`) is a
+    homeomorphism, near the given one in space where that does not contradict itself, and of little
+    distortion. It keeps the side: a map that mirrors cannot be followed.
+
+    Raises
+    ------
+    MeshError
+        If a surface has handles or pinched vertices, or its faces are too thin for rounding.
+    AbfmError
+        If the map does not go around A, or does so backward.
+    """
+    a, b = points.codomain.normalized(), points.domain.normalized()
+    (points_a, faces_a), (points_b, faces_b) = filled(a), filled(b)
+    sphere_a = embed(points_a, faces_a)
+    directions = points.pull_back(sphere_a[: len(a.vertices)])
+    directions /= np.maximum(np.linalg.norm(directions, axis=1), _SHORT)[:, None]
+    targets = _with_middles(b, directions)
+    _check_side(targets[faces_b])
+    places = _smoothed(b, points.positions / points.codomain.length_scale)
+    sphere_b = _pulled(points_b, faces_b, targets)
+    with step("moving the map to less distortion", len(points_b)):
+        surface = surface_of(faces_a, len(points_a))
+        corners, neighbours = surface.faces.reshape(-1, 3), surface.twins.reshape(-1, 3)
+        ground = Ground(Faces(corners, neighbours, sphere_a, 1.0), points_a)
+        state = State(points_b, surface_of(faces_b, len(points_b)), sphere_b)
+        _relax(state, ground, _with_middles(b, places))
+    check_embedded(sphere_b, faces_b)
+    return sphere_a[: len(a.vertices)], sphere_b[: len(b.vertices)]
+
+
+def _check_side(corners: FloatArray) -> None:
+    """Raise an error if triangles (F, 3, 3) of a closed surface do not go around the sphere."""
+    turns = int(np.rint(solid_angles(corners).sum() / (4 * np.pi)))
+    if turns < 1:
+        raise AbfmError(
+            f"the map goes {turns} times around the surface, -1 if it takes left to right; "
+            "expected 1: give one that keeps the side, or mirror a surface"
+        )
+
+
+def _with_middles(mesh: TriangleMesh, values: FloatArray) -> FloatArray:
+    """Add means over boundaries, for the vertices that close them."""
+    return np.concatenate(
+        [values, *(values[loop].mean(axis=0)[None] for loop in mesh.boundary_loops)]
+    )
+
+
+def _smoothed(mesh: TriangleMesh, values: FloatArray) -> FloatArray:
+    """Smooth values (V, C) over a distance, by a step of heat."""
+    areas = vertex_areas(mesh)
+    heat = sparse.diags_array(areas) + _SMOOTHED**2 * cotangent_laplacian(mesh)
+    solve = factor(sparse.csr_array(heat))
+    return np.stack([solve(areas * channel) for channel in values.T], axis=1)
+
+
+def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatArray:
+    """Unfold a surface on the sphere, pulled to targets (V, 3)."""
+    count, turned = len(points), False
+    pull, room = pull_for(count), room_for(count)
+    with step("pulling the map together", count) as done:
+        for state, alive in unfolding(points, faces):
+            done(len(alive) / count)
+            if len(alive) < min(_FIRST, count):
+                continue
+            if not turned:
+                state.sphere[alive] = _turned(state.sphere[alive], targets[alive])
+                turned = True
+            pulls = int(np.clip(_PULLED // len(alive), *_PULLS))
+            for rounds in np.repeat(_AVERAGED, pulls).tolist():
+                checkpoint()
+                set_moves(state.sphere, targets, _LONGEST, alive, pull.moves)
+                average(state.surface, rounds, alive, pull, room.star)
+                shift(state, alive, pull, room)
+                for _ in range(_SWEEPS):
+                    sweep(state, alive, room)
+    return state.sphere
+
+
+def _turned(sphere: FloatArray, targets: FloatArray) -> FloatArray:
+    """Turn the sphere so that vertices (V, 3) are near their targets, most of them."""
+    weights = np.ones(len(sphere))
+    for _ in range(_TURNS):
+        u, _, v = np.linalg.svd((weights[:, None] * sphere).T @ targets)
+        turned = sphere @ u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
+        weights = 1 / (((turned - targets) ** 2).sum(axis=1) + _NEAR)
+    return np.asarray(turned)
+
+
+def _relax(state: State, ground: Ground, targets: FloatArray) -> None:
+    """Move a surface on the sphere so that its image is less distorted and near to targets."""
+    count = len(targets)
+    alive, pull, room = np.arange(count), pull_for(count), room_for(count)
+    corners = state.surface.faces.reshape(-1, 3)
+    a, b, c = np.moveaxis(state.points[corners], 1, 0)
+    sizes = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+    areas = np.bincount(corners.ravel(), np.repeat(sizes, 3), count)
+    faces, weights = np.zeros(count, dtype=np.int64), areas / _LOOSE**2
+    image = Image(state, ground, faces, np.zeros((count, 3)), targets, weights)
+    relocate(image)
+    for rounds in np.repeat(_AVERAGED_ON_A, _PULLS_ON_A).tolist():
+        checkpoint()
+        set_moves(image.places, targets, _LONGEST_ON_A, alive, pull.moves)
+        average(state.surface, rounds, alive, pull, room.star)
+        push_to_sphere(image, pull.moves, room)
+        shift(state, alive, pull, room)
+        relocate(image)
+        for _ in range(_SWEEPS_ON_A):
+            relax(image, room)
+    weights *= (_LOOSE / _TIGHT) ** 2
+    for _ in range(_LAST):
+        checkpoint()
+        relax(image, room)

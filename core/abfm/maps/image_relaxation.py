@@ -1,0 +1,227 @@
+"""The image of one surface on another, moved to less distortion and nearer to where it belongs.
+
+Both surfaces are on one sphere, B over A, so that each vertex of B is at a point of A; no face of B
+turns over there. The energy of a face of B is the symmetric Dirichlet energy of the triangle
+between the images of its corners, in space, and a little of its conformal energy on the sphere,
+which is infinite where it turns over.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.maps.collapses import next_slot
+from abfm.maps.sphere_embedding import State, set_shapes
+from abfm.maps.spherical import Faces, side_volumes, walk
+from abfm.maps.star_moves import (
+    FLAT,
+    SHORTER,
+    TRIES,
+    Room,
+    add_product,
+    difference,
+    normalize,
+    set_tangents,
+    step_to_minimum,
+    volume,
+)
+from abfm.maps.surface_points import cross, scalar
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IntArray
+
+_ON_SPHERE = 0.02  # weight of the conformal energy
+_TINY = 1e-300
+
+
+class Ground(NamedTuple):
+    """Surface A, closed, on the sphere."""
+
+    layout: Faces
+    points: FloatArray  # (V, 3), in space
+
+
+class Image(NamedTuple):
+    """Surface B on A."""
+
+    state: State
+    ground: Ground
+    faces: IntArray  # (V_B,), of A, that hold its vertices
+    places: FloatArray  # (V_B, 3), where these are in space
+    targets: FloatArray  # (V_B, 3), where they belong
+    weights: FloatArray  # (V_B,), of squared distances from there
+
+
+@kernel
+def relocate(image: Image) -> None:
+    """Find the images of all vertices, from their faces before and where they are on the sphere."""
+    for v in range(image.faces.size):
+        image.faces[v] = _locate(
+            image.ground, image.state.sphere[v], image.faces[v], image.places[v]
+        )
+
+
+@kernel
+def _locate(ground: Ground, direction: FloatArray, face: int, place: FloatArray) -> int:
+    """Find the face in a direction, beginning at another one, and the place in space."""
+    found, weights = np.array([face]), np.empty((1, 3))
+    walk(ground.layout, direction.reshape(1, 3), found, weights)
+    place[:] = 0.0
+    for k in range(3):
+        place += weights[0, k] * ground.points[ground.layout.corners[found[0], k]]
+    return int(found[0])
+
+
+@kernel
+def push_to_sphere(image: Image, moves: FloatArray, room: Room) -> None:
+    """Turn moves of images in space into those of their vertices on the sphere."""
+    slopes = np.empty((2, 3))
+    for v in range(image.faces.size):
+        _set_frame(image, v, room.axes, slopes)
+        along, across = scalar(moves[v], room.axes[0]), scalar(moves[v], room.axes[1])
+        moves[v] = along * slopes[0] + across * slopes[1]
+
+
+@kernel
+def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> None:
+    """Compute two axes in the face of A that holds a vertex, and how it moves on the sphere when
+    its image moves along them.
+    """
+    (layout, points), direction = image.ground, image.state.sphere[v]
+    corners = layout.corners[image.faces[v]]
+    p, s = points[corners], layout.directions[corners]
+    first, second, normal = difference(p[1], p[0]), difference(p[2], p[0]), np.empty(3)
+    normal[:] = cross(first, second)
+    square = scalar(normal, normal)
+    set_tangents(normal / np.sqrt(square), axes)
+    weights = np.empty(3)
+    side_volumes(layout, direction, image.faces[v], weights)
+    weights /= weights.sum()
+    chord = weights[0] * s[0] + weights[1] * s[1] + weights[2] * s[2]
+    for k in range(2):
+        to_second = scalar(cross(axes[k], second), normal) / square
+        to_third = scalar(cross(first, axes[k]), normal) / square
+        slopes[k] = to_second * (s[1] - s[0]) + to_third * (s[2] - s[0])
+        slopes[k] /= np.sqrt(scalar(chord, chord))
+        slopes[k] -= scalar(slopes[k], direction) * direction
+
+
+@kernel
+def relax(image: Image, room: Room) -> None:
+    """Move each vertex by a Newton step toward the least energy of its faces."""
+    slopes, place = np.empty((2, 3)), np.empty(3)
+    for v in range(image.faces.size):
+        size = set_shapes(image.state, v, room)
+        around = Room(room.star[:size], room.shapes[:size], room.axes, room.model)
+        _set_frame(image, v, room.axes, slopes)
+        _set_model(image, v, slopes, around)
+        along, across = step_to_minimum(room.model)
+        sphere = image.state.sphere
+        energy = _energy(image, v, sphere[v], image.places[v], around)
+        for _ in range(TRIES):
+            moved = sphere[v] + along * slopes[0] + across * slopes[1]
+            normalize(moved)
+            if _looks_outward(image.state, moved, around):
+                face = _locate(image.ground, moved, image.faces[v], place)
+                if _energy(image, v, moved, place, around) < energy:
+                    sphere[v], image.places[v], image.faces[v] = moved, place, face
+                    break
+            along *= SHORTER
+            across *= SHORTER
+
+
+@kernel
+def _looks_outward(state: State, direction: FloatArray, around: Room) -> bool:
+    faces, sphere = state.surface.faces, state.sphere
+    for corner in around.star:
+        b, c = faces[next_slot(corner)], faces[next_slot(next_slot(corner))]
+        if not volume(direction, sphere[b], sphere[c]) > FLAT:
+            return False
+    return True
+
+
+@kernel
+def _energy(image: Image, v: int, direction: FloatArray, place: FloatArray, around: Room) -> float:
+    """Return the energy of the faces at a vertex in some direction, with its image at a place."""
+    (_, surface, sphere), places = image.state, image.places
+    total: float = 0.0
+    for k in range(around.star.size):
+        after = next_slot(around.star[k])
+        b, c = surface.faces[after], surface.faces[next_slot(after)]
+        _, _, _, area = around.shapes[k]
+        dirichlet, normal = _dirichlet(around.shapes[k], place, places[b], places[c])
+        total += 0.25 * dirichlet * (1 + (2 * area) ** 2 / (scalar(normal, normal) + _TINY))
+        dirichlet, _ = _dirichlet(around.shapes[k], direction, sphere[b], sphere[c])
+        total += _ON_SPHERE * area * dirichlet / volume(direction, sphere[b], sphere[c])
+    gap = difference(place, image.targets[v])
+    total += image.weights[v] * scalar(gap, gap)
+    return total
+
+
+@kernel
+def _dirichlet(
+    shape: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
+) -> tuple[float, tuple[float, float, float]]:
+    """Return the Dirichlet energy of a face mapped to a triangle, and the triangle's normal, as
+    long as twice its area.
+    """
+    p, q, r = difference(b, c), difference(c, a), difference(a, b)
+    total = shape[0] * scalar(p, p) + shape[1] * scalar(q, q) + shape[2] * scalar(r, r)
+    return total, cross(q, r)
+
+
+@kernel
+def _set_model(image: Image, v: int, slopes: FloatArray, around: Room) -> None:
+    """Compute the derivatives of the energy along the axes in the vertex' face."""
+    (_, surface, sphere), places, model = image.state, image.places, around.model
+    model[:] = 0.0
+    metric = (
+        scalar(slopes[0], slopes[0]),
+        scalar(slopes[0], slopes[1]),
+        scalar(slopes[1], slopes[1]),
+    )
+    for k in range(around.star.size):
+        after = next_slot(around.star[k])
+        b, c = surface.faces[after], surface.faces[next_slot(after)]
+        _, at_b, at_c, area = around.shapes[k]
+        size = 2 * (at_b + at_c)
+        dirichlet, normal = _dirichlet(around.shapes[k], places[v], places[b], places[c])
+        inverse = (2 * area) ** 2 / (scalar(normal, normal) + _TINY)
+        height = cross(normal, difference(places[c], places[b]))
+        height_square = scalar(normal, normal) + _TINY
+        add_product(
+            model,
+            _first(dirichlet, around.shapes[k], around.axes, (places[v], places[b], places[c])),
+            (size, 0.0, size),
+            (
+                scalar(around.axes[0], height) / height_square,
+                scalar(around.axes[1], height) / height_square,
+            ),
+            (0.25 * (1 + inverse), -0.5 * inverse, 1.5 * inverse),
+        )
+        dirichlet, _ = _dirichlet(around.shapes[k], sphere[v], sphere[b], sphere[c])
+        normal, covered = cross(sphere[b], sphere[c]), volume(sphere[v], sphere[b], sphere[c])
+        share = _ON_SPHERE * area / covered
+        add_product(
+            model,
+            _first(dirichlet, around.shapes[k], slopes, (sphere[v], sphere[b], sphere[c])),
+            (size * metric[0], size * metric[1], size * metric[2]),
+            (scalar(slopes[0], normal) / covered, scalar(slopes[1], normal) / covered),
+            (share, -share, 2 * share),
+        )
+    gap = difference(places[v], image.targets[v])
+    for k in range(2):
+        model[k] += 2 * image.weights[v] * scalar(around.axes[k], gap)
+        model[2 + 2 * k] += 2 * image.weights[v]
+
+
+@kernel
+def _first(
+    dirichlet: float,
+    shape: FloatArray,
+    axes: FloatArray,
+    corners: tuple[FloatArray, FloatArray, FloatArray],
+) -> tuple[float, float, float]:
+    """Return a Dirichlet energy and its first derivatives, as the first corner moves."""
+    q, r = difference(corners[2], corners[0]), difference(corners[0], corners[1])
+    first = 2 * (shape[2] * scalar(axes[0], r) - shape[1] * scalar(axes[0], q))
+    return dirichlet, first, 2 * (shape[2] * scalar(axes[1], r) - shape[1] * scalar(axes[1], q))

@@ -1,0 +1,105 @@
+"""Moves of single vertices of a mesh toward less energy of the faces around them.
+
+Energies are products ``D phi(V)`` of a face's Dirichlet energy D, quadratic in a corner's place,
+and a function of its area or volume V, which is taken as linear in it. Kernels that take two axes
+work in the plane that these span.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.maps.surface_points import Vector, cross, scalar
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IntArray
+
+# what sides are longer by, as a share of their face's mean: needles need not stay such
+_MOLLIFIED = 0.01
+_CONVEX = 0.01  # least curvature, as a share of the largest
+FLAT = 1e-15  # a face's volume, see `volume`, that rounding may turn over
+SHORTER, TRIES = 0.4, 12  # steps that do not go down
+
+
+class Room(NamedTuple):
+    """Room for what is around a vertex of a mesh with V vertices."""
+
+    star: IntArray  # (V,), its corners
+    shapes: FloatArray  # (V, 4), of their faces, see `shape`
+    axes: FloatArray  # (2, 3), of the plane that it moves in
+    model: FloatArray  # (5,), two first derivatives and the second ones: 11, 12, 22
+
+
+def room_for(count: int) -> Room:
+    star, shapes = np.empty(count, dtype=np.int64), np.empty((count, 4))
+    return Room(star, shapes, np.empty((2, 3)), np.empty(5))
+
+
+@kernel
+def difference(a: FloatArray, b: FloatArray) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@kernel
+def normalize(a: FloatArray) -> None:
+    a /= np.sqrt(scalar(a, a))
+
+
+@kernel
+def volume(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
+    """Return six times the volume of a tetrahedron with the centre of the unit sphere: of a small
+    face on it, twice the area; negative where it is turned over.
+    """
+    return scalar(a, cross(difference(b, a), difference(c, a)))
+
+
+@kernel
+def shape(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[float, float, float, float]:
+    """Return half the cotangents of a face's angles, and its area, its sides somewhat longer."""
+    p, q, r = difference(b, c), difference(c, a), difference(a, b)
+    first, second, third = np.sqrt(scalar(p, p)), np.sqrt(scalar(q, q)), np.sqrt(scalar(r, r))
+    more = _MOLLIFIED * (first + second + third) / 3
+    u, v, w = (first + more) ** 2, (second + more) ** 2, (third + more) ** 2
+    area = 0.25 * np.sqrt(4 * u * v - (u + v - w) ** 2)
+    return (v + w - u) / (8 * area), (w + u - v) / (8 * area), (u + v - w) / (8 * area), area
+
+
+@kernel
+def set_tangents(normal: FloatArray, axes: FloatArray) -> None:
+    """Compute two unit vectors perpendicular to a third and to each other."""
+    least = np.argmin(np.abs(normal))
+    axes[0] = -normal[least] * normal
+    axes[0, least] += 1.0
+    normalize(axes[0])
+    axes[1] = cross(normal, axes[0])
+
+
+@kernel
+def add_product(
+    model: FloatArray,
+    dirichlet: tuple[float, float, float],
+    metric: tuple[float, float, float],
+    logarithm: tuple[float, float],
+    phi: tuple[float, float, float],
+) -> None:
+    """Add derivatives of ``D phi(V)`` along two axes, given D and its first derivatives, its second
+    ones, first ones of ``log V``, and ``phi``, ``V phi'`` and ``V^2 phi''``.
+    """
+    value, d1, d2 = dirichlet
+    v1, v2 = logarithm
+    model[0] += d1 * phi[0] + value * phi[1] * v1
+    model[1] += d2 * phi[0] + value * phi[1] * v2
+    model[2] += metric[0] * phi[0] + 2 * d1 * v1 * phi[1] + value * phi[2] * v1 * v1
+    model[3] += metric[1] * phi[0] + (d1 * v2 + d2 * v1) * phi[1] + value * phi[2] * v1 * v2
+    model[4] += metric[2] * phi[0] + 2 * d2 * v2 * phi[1] + value * phi[2] * v2 * v2
+
+
+@kernel
+def step_to_minimum(model: FloatArray) -> tuple[float, float]:
+    """Return the step along two axes to the minimum of a quadratic model, made convex."""
+    g1, g2, h11, h12, h22 = model
+    middle, gap = (h11 + h22) / 2, np.hypot((h11 - h22) / 2, h12)
+    more = max(0.0, _CONVEX * (abs(middle) + gap) - (middle - gap))
+    h11 += more
+    h22 += more
+    determinant = h11 * h22 - h12 * h12
+    return (h12 * g2 - h22 * g1) / determinant, (h12 * g1 - h11 * g2) / determinant

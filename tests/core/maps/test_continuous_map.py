@@ -1,0 +1,127 @@
+"""Homeomorphisms from torn maps: no face turned over, and nearer to the truth than these."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial import KDTree
+
+from abfm.assets import asset_path
+from abfm.errors import AbfmError, MeshError
+from abfm.maps import PointMap, continuous_map, functional_map, point_map, zoom_out
+from abfm.maps.spherical import SphereLayout, through_sphere
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.mesh.shapes import torus, two_armed
+from tests.shapes import ellipsoid, icosphere
+
+
+def layouts(points):
+    sphere_a, sphere_b = continuous_map(points)
+    return SphereLayout(points.codomain, sphere_a), SphereLayout(points.domain, sphere_b)
+
+
+def torn(domain, codomain, edges, seed=0):
+    """The map by vertex numbers, each image moved to a vertex near it at random."""
+    length = np.linalg.norm(np.diff(codomain.vertices[codomain.edges], axis=1), axis=2).mean()
+    near = KDTree(codomain.vertices).query_ball_point(codomain.vertices, edges * length)
+    rng = np.random.default_rng(seed)
+    return PointMap.of_vertices(domain, codomain, [int(rng.choice(some)) for some in near])
+
+
+def errors(points):
+    """Distances in space to the images by vertex numbers, in sqrt(area)."""
+    gaps = points.positions - points.codomain.vertices
+    return np.linalg.norm(gaps, axis=1) / points.codomain.length_scale
+
+
+@pytest.fixture(scope="module")
+def bent():
+    """Two surfaces with the same faces, one of them bent and thicker."""
+    a = two_armed(2)
+    x, y, z = a.vertices.T
+    return a, TriangleMesh(np.stack([x, y + 0.15 * x**2, 1.2 * z], axis=1), a.faces)
+
+
+@pytest.fixture(scope="module")
+def mended(bent):
+    """A torn map between them, and the layouts that mend it, of A and of B."""
+    a, b = bent
+    start = torn(b, a, edges=1.6)
+    return start, *layouts(start)
+
+
+def test_a_torn_map_becomes_a_homeomorphism_nearer_to_the_truth(mended):
+    start, on_a, on_b = mended
+    found = through_sphere(on_b, on_a)
+    assert start.distortion().flipped.mean() > 0.2
+    assert len(on_a.folded) == len(on_b.folded) == 0
+    assert found.distortion().flipped.mean() == 0
+    assert errors(found).mean() < 0.6 * errors(start).mean()
+
+
+def test_there_and_back_is_the_identity(mended):
+    _, on_a, on_b = mended
+    there, back = through_sphere(on_b, on_a), through_sphere(on_a, on_b)
+    assert_allclose(back.at(there.points).positions, on_b.mesh.vertices, atol=1e-9)
+
+
+def test_units_do_not_matter(mended):
+    start, on_a, on_b = mended
+    a, b = (
+        TriangleMesh(factor * mesh.vertices, mesh.faces)
+        for factor, mesh in ((8, start.codomain), (0.25, start.domain))
+    )
+    sphere_a, sphere_b = continuous_map(PointMap.of_vertices(b, a, start.nearest_vertices()))
+    assert_allclose(sphere_a, on_a.directions, atol=1e-6)
+    assert_allclose(sphere_b, on_b.directions, atol=1e-6)
+
+
+def test_a_continuous_map_stays_nearly_as_it_is(bent):
+    a, b = bent
+    on_a, on_b = layouts(PointMap.of_vertices(b, a))
+    found = through_sphere(on_b, on_a)
+    assert errors(found).mean() < 0.01
+    assert found.distortion().log2_area.mean < 0.3
+
+
+def test_a_map_of_eigenfunctions_between_two_poses_becomes_continuous():
+    a, b = (load_mesh(asset_path(f"human_{pose}.off")) for pose in "AB")
+    C = zoom_out(a, b, functional_map(PointMap.of_vertices(b, a), 20), 32, step=4)
+    start = point_map(a, b, C)
+    on_a, on_b = layouts(start)
+    found = through_sphere(on_b, on_a)
+    assert start.distortion().flipped.mean() > 0.03
+    assert len(on_b.folded) == 0
+    assert found.distortion().flipped.mean() < 0.005
+    assert errors(found).mean() < 0.015
+
+
+def test_holes_are_kept():
+    ball, egg = icosphere(2), ellipsoid(2, 1, 1.2, 1.1)
+    kept = ball.vertices[ball.faces].mean(axis=1)[:, 0] < 0.85
+    a, b = (TriangleMesh(mesh.vertices, mesh.faces[kept]) for mesh in (ball, egg))
+    start = torn(b, a, edges=1.2)
+    sphere_a, sphere_b = continuous_map(start)
+    off = start.pull_back(sphere_a) - sphere_a
+    assert len(a.boundary_loops) == 1
+    assert np.linalg.det(sphere_a[a.faces]).min() > 0
+    assert np.linalg.det(sphere_b[b.faces]).min() > 0
+    assert ((sphere_b - sphere_a) ** 2).sum() < 0.5 * (off**2).sum()
+
+
+def test_maps_that_mirror_are_refused(bent):
+    a, _ = bent
+    mirrored = TriangleMesh(a.vertices * [1, 1, -1], a.faces[:, ::-1])
+    with pytest.raises(AbfmError, match="goes -1 times around"):
+        continuous_map(PointMap.of_vertices(mirrored, a))
+
+
+def test_maps_to_one_point_are_refused(bent):
+    a, b = bent
+    with pytest.raises(AbfmError, match="goes 0 times around"):
+        continuous_map(PointMap.of_vertices(b, a, np.zeros(len(b.vertices), dtype=int)))
+
+
+def test_handles_are_refused():
+    ring = torus(12, 8)
+    with pytest.raises(MeshError, match="genus 1"):
+        continuous_map(PointMap.of_vertices(ring, ring))
