@@ -35,7 +35,7 @@ from abfm.types import FloatArray
 from abfm.workers.progress import step
 
 FINEST = 5000  # vertices of the meshes that a map is looked for on: coarser ones of larger meshes
-_LEAST = 60  # vertices without which there are too few eigenfunctions
+LEAST = 60  # vertices without which there are too few eigenfunctions
 _K, _K_COMPARED, _K_DESCRIBED = 120, 40, 20  # eigenfunctions: in the end, to choose by, at first
 _SAMPLES, _FEW_SAMPLES = 1200, 300  # points of each surface to refine by, and to search by
 _REFINED = 24  # candidates that are refined and compared
@@ -43,8 +43,8 @@ _TURNS = 2  # of all vertices in the end
 _ELSEWHERE = 0.05  # sqrt(area) between the images of points, on average, of maps that differ
 # Weights beside the defect of a map as an isometry. Of 22 pairs of bodies in different poses, 21 of
 # different people, these lead to the right one of their nearly symmetric maps in 20, none in 18
-_PER_SIDE, _PER_BENDING = 0.2, 0.5
-_PER_LANDMARK = 2.0  # of the defect, for a distance of sqrt(area) between landmarks
+_PER_SIDE, _PER_BENDING = 0.3, 0.5
+_PER_LANDMARK = 5.0  # of the defect, for a distance of sqrt(area) between landmarks
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,17 +107,19 @@ def functional_map_start(
         bent = bending(coarse_a, size), bending(coarse_b, size)
         compared = _Compared(spectra.thinned(2), hints, places, bent, -1 if mirrored else 1)
         maps = [compared.spectra.refined(C, [*range(len(C) + 2, size, 2), size]) for C in found]
-        ranked = sorted(((*compared.rank(C), n) for n, C in enumerate(maps)))
-        _, defect, first = ranked[0]
-        best = maps[first]
-        elsewhere = [other for _, other, n in ranked if compared.apart(best, maps[n]) > _ELSEWHERE]
-        rival = min(elsewhere, default=np.inf)
+        defects = [compared.defect(C) for C in maps]
+        best = maps[int(np.argmin(defects))]
+        rivals = [
+            defect
+            for C, defect in zip(maps, defects, strict=True)
+            if compared.apart(best, C) > _ELSEWHERE
+        ]
         C = spectra.refined(best, [*range(size + 4, k, 4), k])
         bases = [unit_eigenbasis(mesh, k)[1] for mesh in (coarse_a, coarse_b)]
         C = refined(bases[0], bases[1], vertex_areas(coarse_b.normalized()), C, [k] * _TURNS)
         done(0.8)
         points = _point_map(a, b, coarse_a, coarse_b, C)
-    return points, SpectralFit(C, spectra.side(C), defect, rival)
+    return points, SpectralFit(C, spectra.side(C), min(defects), min(rivals, default=np.inf))
 
 
 class _Compared(NamedTuple):
@@ -129,16 +131,16 @@ class _Compared(NamedTuple):
     bent: tuple[FloatArray, FloatArray]  # coefficients (k,) of the mean curvature
     side: int  # that is wanted
 
-    def rank(self, C: FloatArray) -> tuple[bool, float]:
-        """Return whether a map is on the wrong side, and its defect: smaller is better."""
-        side = self.side * self.spectra.side(C)
-        found = self.spectra.defect(C) + _PER_SIDE * (1 - side)
+    def defect(self, C: FloatArray) -> float:
+        """Return how far a map is from what is wanted."""
+        found = self.spectra.defect(C)
+        found += _PER_SIDE * (1 - self.side * self.spectra.side(C))
         found += _PER_BENDING * _missed(C, *self.bent)
         if len(self.hints.places):
             rows = self.hints.at_landmarks[1][:, : len(C)]
             gaps = np.linalg.norm(self._images(C, rows) - self.hints.places, axis=1)
             found += _PER_LANDMARK * float(np.average(gaps, weights=self.hints.weights))
-        return side <= 0, found + _missed(C, *self.hints.functions)
+        return found + _missed(C, *self.hints.functions)
 
     def apart(self, C: FloatArray, D: FloatArray) -> float:
         """Return how far, on average, two maps lead to different places, in sqrt(area)."""
@@ -159,9 +161,9 @@ def _missed(C: FloatArray, of_a: FloatArray, of_b: FloatArray) -> float:
 
 def _coarser(mesh: TriangleMesh, which: str) -> TriangleMesh:
     """Return a mesh of the surface that is not too fine, or refuse one that is too coarse."""
-    if len(mesh.vertices) < _LEAST:
+    if len(mesh.vertices) < LEAST:
         raise AbfmError(
-            f"{which} has {len(mesh.vertices)} vertices; expected at least {_LEAST} for a map by "
+            f"{which} has {len(mesh.vertices)} vertices; expected at least {LEAST} for a map by "
             "eigenfunctions: give a finer mesh, or landmarks"
         )
     if len(mesh.vertices) <= 1.5 * FINEST:
