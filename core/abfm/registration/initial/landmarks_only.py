@@ -8,7 +8,7 @@ from abfm.calculus.operators import face_areas
 from abfm.errors import AbfmError
 from abfm.maps.point_maps import PointMap
 from abfm.mesh import TriangleMesh
-from abfm.registration.initial.alignment import closest_after_alignment
+from abfm.registration.initial.alignment import Kind, closest_after_alignment
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.spectral import LEAST, functional_map_start
 
@@ -33,10 +33,10 @@ def map_from_landmarks(
     """
     if len(landmarks) < FEWEST:
         raise AbfmError(
-            f"{len(landmarks)} landmarks were given; expected {FEWEST} or more: add some, or choose "
-            "a map by eigenfunctions, which fewer landmarks help, too"
+            f"{len(landmarks)} landmarks were given; expected {FEWEST} or more: add some, or "
+            "choose a map by eigenfunctions, which fewer landmarks help, too"
         )
-    kind = "mirror" if mirrored else "similarity"
+    kind: Kind = "mirror" if mirrored else "similarity"
     maps = [closest_after_alignment(a, b, kind, landmarks)[0]]
     if min(len(a.vertices), len(b.vertices)) >= LEAST:
         maps.append(functional_map_start(a, b, landmarks, mirrored=mirrored)[0])
