@@ -16,12 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.calculus.eigenbasis import unit_eigenbasis
+from abfm.functions.local_shape import Curvature
 from abfm.functions.spectral import WaveKernelSignature
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
 
 _ENERGIES = 20  # logarithms of eigenvalues, evenly spaced, that a descriptor is made for
+_SHARPEST = 30.0  # mean curvature, over sqrt(area): more is a crease or noise
 _COMMUTING = 0.1  # weight of the commutator with the Laplacian beside all descriptors
 
 
@@ -63,6 +65,16 @@ def map_of_descriptors(a: TriangleMesh, b: TriangleMesh, hints: Hints, k: int) -
     C[0], C[:, 0] = 0, 0
     C[0, 0] = 1
     return C
+
+
+def bending(mesh: TriangleMesh, k: int) -> FloatArray:
+    """Return coefficients (k,) of the mean curvature of the surface of unit area, cut at creases; 0
+    where every vertex is on the boundary.
+    """
+    if mesh.is_boundary_vertex.all():
+        return np.zeros(k)
+    curvature = Curvature(kind="mean").evaluate(mesh.normalized())
+    return spectral_coefficients(mesh, np.clip(curvature, -_SHARPEST, _SHARPEST), k)
 
 
 def _signatures(mesh: TriangleMesh, k: int) -> FloatArray:

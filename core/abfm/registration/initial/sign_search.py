@@ -26,7 +26,7 @@ from abfm.workers.control import checkpoint
 SIZE = 24  # of the functional maps that are compared
 _SIGNS = (4, 5, 6, 7)  # eigenfunctions, after the constant, whose signs are tried
 _COMBINED = 7  # of the best that are followed by each other
-_ALIKE = 0.1  # distance of functional maps, over sqrt(size), that go to the same places
+_ALIKE = 0.4  # distance of functional maps, over sqrt(size), that go to the same places
 
 
 def candidates(spectra: Spectra, others: Iterable[FloatArray], most: int) -> list[FloatArray]:

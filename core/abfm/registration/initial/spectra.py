@@ -31,14 +31,13 @@ class Spectra(NamedTuple):
 
     @classmethod
     def of(cls, a: TriangleMesh, b: TriangleMesh, k: int, count: int) -> Spectra:
-        """Take k eigenfunctions at so many points of each surface, evenly spread."""
-        pairs = [unit_eigenbasis(mesh, k) for mesh in (a, b)]
-        at = [
-            points_by_area(mesh, count).pull_back(functions)
-            for mesh, (_, functions) in zip((a, b), pairs, strict=True)
-        ]
-        values = pairs[0][0], pairs[1][0]
-        return cls(values, (at[0], at[1]), (_brackets(a, k), _brackets(b, k)))
+        """Take k eigenfunctions at so many points of A, evenly spread, and at some more of B: the
+        same points of the same surface would make its map to itself better than it is.
+        """
+        (values_a, of_a), (values_b, of_b) = unit_eigenbasis(a, k), unit_eigenbasis(b, k)
+        at_a = points_by_area(a, count).pull_back(of_a)
+        at_b = points_by_area(b, count + count // 10).pull_back(of_b)
+        return cls((values_a, values_b), (at_a, at_b), (_brackets(a, k), _brackets(b, k)))
 
     def thinned(self, by: int) -> Spectra:
         return self._replace(functions=(self.functions[0][::by], self.functions[1][::by]))

@@ -1,0 +1,147 @@
+"""Maps by eigenfunctions: copies, poses, mirror images, symmetric bodies, and what chooses."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from abfm.calculus.eigenbasis import unit_eigenbasis
+from abfm.errors import AbfmError, FunctionError
+from abfm.experiments.vocabulary import bundled
+from abfm.maps import PointMap, functional_map, map_accuracy, vertex_points
+from abfm.mesh import TriangleMesh, shapes
+from abfm.mesh.coarsening import coarsened
+from abfm.registration.initial import Landmarks, functional_map_start, spectral
+from abfm.registration.initial.descriptors import Hints, map_of_descriptors
+from abfm.registration.initial.sign_search import candidates
+from abfm.registration.initial.spectra import Spectra
+from tests.core.surfaces import renumbered
+from tests.shapes import icosphere, tetrahedron
+
+BODY = shapes.five_limbs(400)
+TURNED = shapes.two_armed(2)  # to itself by half a turn
+HALF_TURN = PointMap.project(TURNED, TURNED, TURNED.vertices * [-1, -1, 1]).nearest_vertices()
+
+
+def moved(mesh, side=1):
+    vertices = 7 * side * Rotation.from_rotvec([1, -2, 0.4]).apply(mesh.vertices.copy()) + [9, 8, 7]
+    return TriangleMesh(vertices, mesh.faces[:, ::side])
+
+
+def bent(mesh):
+    """Rolled up about an axis: nearly isometric where it is flat."""
+    x, y, z = mesh.vertices.T
+    angle, radius = x / 3, 3 + z
+    return TriangleMesh(
+        np.stack([radius * np.sin(angle), y, radius * np.cos(angle)], axis=1), mesh.faces
+    )
+
+
+def mean_error(points, truth):
+    return map_accuracy(points, truth, most=150).mean
+
+
+def test_a_copy_is_found_exactly_however_it_is_moved_and_numbered():
+    b, order, _ = renumbered(moved(BODY), 3)
+    points, fit = functional_map_start(BODY, b)
+    assert (points.domain, points.codomain) == (b, BODY)
+    assert_array_equal(points.nearest_vertices(), order)
+    assert fit.side == pytest.approx(1, abs=0.02)
+    assert 2 * fit.defect < fit.rival
+    assert_allclose(np.abs(fit.functional_map[:6, :6]), np.eye(6), atol=0.01)
+
+
+def test_a_mirror_image_is_found_where_it_is_asked_for():
+    b = moved(BODY, side=-1)
+    points, fit = functional_map_start(BODY, b, mirrored=True)
+    assert_array_equal(points.nearest_vertices(), np.arange(len(b.vertices)))
+    assert fit.side == pytest.approx(-1, abs=0.02)
+
+
+def test_left_and_right_of_a_body_are_told_apart_between_its_poses():
+    a, b = bundled("human_A.off"), bundled("human_B.off")
+    points, fit = functional_map_start(a, b)
+    assert mean_error(points, None) < 0.005
+    assert fit.side > 0.9
+    assert fit.rival > 1.3 * fit.defect
+
+
+def test_other_triangles_change_little():
+    b = moved(coarsened(bundled("human_A.off"), 800))
+    points, _ = functional_map_start(bundled("human_A.off"), b)
+    truth = PointMap.project(b, points.codomain, coarsened(points.codomain, 800).vertices)
+    assert mean_error(points, truth.nearest_vertices()) < 0.02
+
+
+def test_larger_meshes_go_by_coarser_ones(monkeypatch):
+    monkeypatch.setattr(spectral, "FINEST", 250)
+    b = bent(BODY)
+    points, _ = functional_map_start(BODY, b)
+    assert_allclose(mean_error(points, None), 0, atol=0.04)
+    assert len(np.unique(points.faces)) > 0.6 * len(b.vertices)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("by", ["landmark", "function"])
+def test_what_is_known_chooses_between_maps_that_are_as_good(by, turned):
+    truth = HALF_TURN if turned else np.arange(len(TURNED.vertices))
+    known = {}
+    if by == "landmark":
+        tip = int(TURNED.vertices[:, 0].argmax())
+        known["landmarks"] = Landmarks.of_vertices(TURNED, TURNED, [truth[tip]], [tip])
+    else:
+        f = TURNED.vertices[:, :2]
+        known["functions"] = f, f[truth]
+    points, fit = functional_map_start(TURNED, TURNED, **known)
+    assert mean_error(points, truth) < 1e-3
+    assert fit.rival > 2 * fit.defect
+
+
+def test_two_maps_that_are_as_good_are_told_of():
+    fit = functional_map_start(TURNED, TURNED)[1]
+    assert fit.rival < fit.defect + 0.05
+
+
+def test_the_search_finds_a_map_and_the_one_after_a_symmetry():
+    spectra = Spectra.of(TURNED, TURNED, 30, 300)
+    found = candidates(spectra, [], 4)  # two more are near to turning it over
+    for truth in (np.arange(len(TURNED.vertices)), HALF_TURN):
+        expected = functional_map(PointMap.of_vertices(TURNED, TURNED, truth), 24)
+        assert min(np.linalg.norm(C - expected) for C in found) < 0.15 * np.linalg.norm(expected)
+
+
+def test_defect_and_side_of_isometries_and_of_none():
+    spectra = Spectra.of(BODY, moved(BODY, side=-1), 30, 300)
+    truth = functional_map(PointMap.of_vertices(moved(BODY, side=-1), BODY), 30)
+    assert spectra.defect(truth) < 1e-6
+    assert spectra.side(truth) == pytest.approx(-1, abs=1e-6)
+    assert spectra.side(-truth) == pytest.approx(1, abs=1e-6)  # minus a function, a bracket of two
+    same = Spectra.of(BODY, BODY, 30, 300)
+    assert same.side(np.eye(30)) == pytest.approx(1, abs=1e-6)
+    assert same.defect(2 * np.eye(30)) == pytest.approx(3, abs=1e-6)
+    assert same.defect(np.zeros((30, 30))) == pytest.approx(1)
+
+
+def hints(mesh, marks, k):
+    rows = vertex_points(mesh, marks).pull_back(unit_eigenbasis(mesh, k)[1])
+    return vertex_points(mesh, marks).positions / mesh.length_scale, rows
+
+
+def test_descriptors_and_landmarks_of_a_copy_give_its_functional_map():
+    b, order, _ = renumbered(BODY, 1)
+    on_a = np.array([3, 50, 200, 333])
+    (places, rows_a), (_, rows_b) = hints(BODY, on_a, 15), hints(b, np.argsort(order)[on_a], 15)
+    none = np.zeros((15, 0)), np.zeros((15, 0))
+    found = map_of_descriptors(BODY, b, Hints(places, (rows_a, rows_b), np.ones(4), none), 15)
+    assert_allclose(found, functional_map(PointMap.of_vertices(b, BODY, order), 15), atol=1e-6)
+
+
+def test_what_does_not_fit_is_refused():
+    for a, b, which in ((tetrahedron(), BODY, "A has 4"), (BODY, icosphere(1), "B has 42")):
+        with pytest.raises(AbfmError, match=f"{which} vertices; expected at least 60"):
+            functional_map_start(a, b)
+    f = BODY.vertices
+    with pytest.raises(FunctionError, match="A has 3 functions, B has 2"):
+        functional_map_start(BODY, BODY, functions=(f, f[:, :2]))
+    with pytest.raises(FunctionError, match="400"):
+        functional_map_start(BODY, BODY, functions=(f[:, 0], f[1:, 0]))
