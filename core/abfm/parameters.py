@@ -72,6 +72,8 @@ sigma: weight of the match against the smoothness, the last of its path: smaller
   given, as close as can be certified
 sigma_unit: sigma as a fraction of the functions' deviation from their mean in L2, or as the paper
   has it
+landmark_sigma: weight of landmarks against the smoothness, the last of its path: how far one may be
+  left, as a fraction of sqrt(area), where moving it costs as much as that; smaller is closer
 reach: how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper
 goal: mismatch that counts as matched, if flow lines leave no more
 refine: how often the mesh may be subdivided where it is too coarse; 0 never, not given by its
@@ -122,6 +124,7 @@ class Parameters:
     order: int = _of("order", 2, "", Range(1, 2))
     sigma: float | None = _of("sigma", None, "σ", _ABOVE_0)
     sigma_unit: Literal["relative", "absolute"] = _of("sigma_unit", "relative")
+    landmark_sigma: float = _of("landmark_sigma", 0.01, "", _ABOVE_0)
     reach: float = _of("reach", 1.0, "", Range(0, LONGEST))
     goal: float = _of("goal", 0.05, "", Range(0, 1, without_low=True))
     refine: int | None = _of("refine", None, "", Range(0, MOST_REFINED))

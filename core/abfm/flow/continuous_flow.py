@@ -36,7 +36,7 @@ _STILL = 1e-12  # a part of the face so short is no way
 _INWARD = 1e-10
 _CHUNK = 4096  # points between checkpoints: 0.2 s where they go over a hundred faces each
 _CROSSINGS = 64  # edges that a step may meet before the walk counts as caught at a vertex
-_RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
+RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
 _CENTRES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # of children, in weights
 _STRAIGHT = 1 - 1e-9  # of a way's squared length: less is left where it slid along the boundary
 Face: TypeAlias = int | np.int64
@@ -182,7 +182,7 @@ class Walker(NamedTuple):
 
 def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:
     """Make a field (F, 3) continuous, with lengths in a unit; faces without speed keep none."""
-    flat, gradients = _flat_faces(mesh, unit), hat_gradients(mesh) * unit
+    flat, gradients = flat_faces(mesh, unit), hat_gradients(mesh) * unit
     vectors = corner_vectors(mesh, field, unit)
     slopes = np.einsum("fc,fck->fk", vectors, gradients)
     starts, ends = (np.roll(flat.corners, turn, axis=1) for turn in (-1, -2))  # of the edges
@@ -208,7 +208,7 @@ def on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
 
 def slots_ahead(mesh: TriangleMesh, field: FloatArray) -> IntArray:
     """Return each vertex's slot ``3 f + k`` in the face that the continuous field leads into."""
-    corners, vectors = _flat_faces(mesh).corners, corner_vectors(mesh, field)
+    corners, vectors = flat_faces(mesh).corners, corner_vectors(mesh, field)
     first, last = (np.roll(corners, turn, axis=1) - corners for turn in (-1, -2))
     middles = first / np.abs(first) + last / np.abs(last)
     aside = np.where(
@@ -224,11 +224,11 @@ def corner_vectors(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> 
     """Return the continuous field at corners, as complex numbers in the faces' frames, (F, 3)."""
     vectors = np.empty((len(mesh.faces), 3), dtype=np.complex128)
     most = int(np.bincount(mesh.faces.ravel()).max())
-    fit_corners(_flat_faces(mesh, unit), _complex(to_frame(mesh, field)), most, vectors)
+    fit_corners(flat_faces(mesh, unit), _complex(to_frame(mesh, field)), most, vectors)
     return vectors
 
 
-def _flat_faces(mesh: TriangleMesh, unit: float = 1.0) -> FlatFaces:
+def flat_faces(mesh: TriangleMesh, unit: float = 1.0) -> FlatFaces:
     places = mesh.vertices[mesh.faces]
     corners = np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh))
     return FlatFaces(_complex(corners) / unit, face_areas(mesh), mesh.opposite_slots)
@@ -322,7 +322,7 @@ def fitted(fan: IndexArray, places: IndexArray, values: IndexArray, areas: Float
         yy += weight * away.imag**2
         vx += weight * away.real * more
         vy += weight * away.imag * more
-    ridge = _RIDGE * (xx + yy)
+    ridge = RIDGE * (xx + yy)
     xx, yy = xx + ridge, yy + ridge
     determinant = xx * yy - xy * xy
     if determinant <= 0.0:

@@ -110,7 +110,13 @@ _START = {"start": Entry("real", ("M", "S", 3), required=False)}
 SPEC_ENTRIES = {
     name: Entry("text", ("C",), required=False) for name in ("source_specs", "target_specs")
 }
-PROBLEM_ENTRIES = MESH_ENTRIES | _FUNCTIONS | _START | SPEC_ENTRIES | _DATA
+LANDMARK_ENTRIES = {
+    # of each landmark, and of where it is wanted
+    "landmark_faces": Entry("integer", ("L", 2), required=False, low=0),
+    "landmark_barycentric": Entry("real", ("L", 2, 3), required=False),
+    "landmark_weights": Entry("real", ("L",), required=False, low=0),
+}
+PROBLEM_ENTRIES = MESH_ENTRIES | _FUNCTIONS | _START | SPEC_ENTRIES | LANDMARK_ENTRIES | _DATA
 _MATCH = {
     "advected": _FUNCTION,
     "velocity": Entry("real", ("N", "F", 3)),
@@ -122,6 +128,7 @@ _MATCH = {
     "stop_reason": Entry("text", ()),
     "verified_mismatch": Entry("real", (), required=False, low=0),
     "folded": Entry("real", (), required=False, low=0, high=1),
+    "landmark_errors": Entry("real", ("L",), required=False, low=0),  # of sqrt(area)
     "verdict": Entry("text", (3,), required=False),
     "remedies": Entry("text", (), required=False),
     # sigma, alpha, reach, mismatch, by flow lines, folded, log2 J, log2 R, times refined
@@ -130,7 +137,7 @@ _MATCH = {
     # the others' fields side by side, in lengths of the mesh: squares of more overflow
     "path_velocity": Entry("single", ("N", "P", 3), required=False, low=-1e30, high=1e30),
 }
-MATCH_ENTRIES = _FUNCTIONS | _MATCH | SPEC_ENTRIES | _DATA
+MATCH_ENTRIES = _FUNCTIONS | _MATCH | SPEC_ENTRIES | LANDMARK_ENTRIES | _DATA
 
 
 class Kind(NamedTuple):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import AbfmError, ParameterError, ResultError, one_line
+from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.distortion import Distortion
@@ -63,7 +64,8 @@ class Match:
     stages : (iterations + 1,) array of int
         Cooling stage of each row.
     mismatch : float
-        ``||f_tau - g|| / ||g||`` in L2 on the surface.
+        ``||f_tau - g|| / ||g||`` in L2 on the surface; with landmarks the error of the farthest one
+        where that is more, in tenths of sqrt(area).
     verified_mismatch : float
         The same with the source carried along flow lines of the fields made continuous (see
         `abfm.verify`), on large meshes estimated from some of the vertices; NaN if unknown.
@@ -162,6 +164,15 @@ class Match:
         advected = _carried(problem, self.fine_velocity)
         return replace(self, problem=problem, advected=advected, path=(), step=0)
 
+    @cached_property
+    def landmark_errors(self) -> FloatArray | None:
+        """How far from where it is wanted the flow takes each landmark, along the surface and by
+        the flow lines that verify a match, (L,), as fractions of sqrt(area); None without any.
+        """
+        with suppress(ParameterError):  # flow lines that lead over too many faces
+            return _landmark_errors(self.problem, self.fine_velocity)
+        return np.full(len(self.problem.landmarks or ()), np.inf)
+
     @property
     def confirmed_mismatch(self) -> float:
         """What is left by the worse of the two witnesses, discrete flow and flow lines."""
@@ -170,8 +181,9 @@ class Match:
     @cached_property
     def initial_mismatch(self) -> float:
         """``||f - g|| / ||g||``: the mismatch before anything moved."""
-        functions = self.problem.functions
-        return functions.relative_mismatch(functions.source)
+        marks = self.problem.landmarks
+        errors = None if marks is None else marks.first_errors
+        return self.problem.left(self.problem.functions.source, errors)
 
     def advect(self, t: ArrayLike) -> FloatArray:
         """The source carried to time ``t``, in the shape it was given; times as in `push`."""
@@ -233,7 +245,7 @@ class Match:
     def _held_against(self, problem: Problem, carried: FloatArray) -> Match:
         """Return it as the source (V, C), carried by its field on its own mesh, bears it out."""
         advected = carried[: len(self.mesh.vertices)]
-        left = problem.functions.relative_mismatch(carried.T)
+        left = problem.left(carried.T, self.landmark_errors)
         off = self.problem.functions.relative_size((advected - self.advected).T)
         agreed = max(_AGREED, _AGREED_SHARE * self.mismatch)
         if left > self.mismatch + agreed:
@@ -282,6 +294,7 @@ class Match:
             self.folded,
             log2_area=self.path[self.step].log2_area,
             refined=self.refined,
+            landmarks=_landmarks(self.problem, self.landmark_errors),
         )
         return verdicts.advice(self.problem.functions, outcome, self.parameters)
 
@@ -311,7 +324,7 @@ class Match:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a result file (``.npz``, no pickles), whole or not at all, or raise ResultError.
 
-        Of the data terms it keeps the functions alone.
+        Of the data terms it keeps the functions and the landmarks.
         """
         results.save_arrays(path, results.mesh_arrays(self.mesh) | match_arrays(self))
 
@@ -415,6 +428,7 @@ def match(
         history[stages == stages[-1], 0],
         end.log2_area,
         _refined(end, the_problem.mesh),
+        _landmarks(the_problem, _landmark_errors(the_problem, end.velocity)),
     )
     return Match(
         problem=the_problem.starting_from(None),
@@ -430,6 +444,21 @@ def match(
         path=path,
         step=solver.step,
     )
+
+
+def _landmark_errors(problem: Problem, velocity: FloatArray) -> FloatArray | None:
+    """Return how far flow lines of fields (N, 4^k F, 3) leave each landmark, (L,)."""
+    marks, mesh = problem.landmarks, problem.mesh
+    if marks is None:
+        return None
+    flow = ContinuousFlow(mesh, velocity, problem.parameters.tau)
+    return marks.errors(flow.destinations(marks.points(mesh)))
+
+
+def _landmarks(problem: Problem, errors: FloatArray | None) -> tuple[FloatArray, FloatArray] | None:
+    """Return what a verdict has to know of landmarks: their errors before and after."""
+    marks = problem.landmarks
+    return None if marks is None or errors is None else (marks.first_errors, errors)
 
 
 def _with(step: PathStep, said: dict[str, float]) -> PathStep:
@@ -465,12 +494,14 @@ def match_arrays(match: Match) -> dict[str, Any]:
     """Return what files hold of a match besides its mesh; what is not known is left out."""
     verdict = match.verdict
     parts = path_arrays(match.path, match.step, match.mesh) | match.problem.spec_arrays()
-    left_out = {"remedies", "path_velocity", *results.SPEC_ENTRIES}
+    left_out = {"remedies", "path_velocity", *results.SPEC_ENTRIES, *results.LANDMARK_ENTRIES}
+    if match.problem.landmarks is not None:
+        parts |= match.problem.landmarks.arrays()
     if not match.refined:
         left_out.add("fine_velocity")
     own = results.MATCH_ENTRIES.keys() - parts.keys() - left_out
     parts |= {name: getattr(match, name) for name in results.MATCH_ENTRIES if name in own}
-    parts["parameters"] = json.dumps(match.parameters.to_dict())
+    parts["parameters"] = json.dumps(match.problem.parameter_values())
     parts["verdict"] = verdict.kind, verdict.reason, verdict.advice
     if verdict.remedies:
         parts["remedies"] = json.dumps([asdict(remedy) for remedy in verdict.remedies])
@@ -493,7 +524,7 @@ def match_of(
     parts |= {
         name: array if array.ndim else array.item()
         for name, array in arrays.items()
-        if name not in results.PROBLEM_ENTRIES
+        if name not in results.PROBLEM_ENTRIES and name != "landmark_errors"  # these follow
     }
     velocity = parts.pop("velocity")
     if parameters.segments not in (0, len(velocity)):

@@ -20,9 +20,11 @@ from abfm.flow.continuous_flow import on_children
 from abfm.functions.refinement import on_subdivision
 from abfm.functions.spec import function, parse
 from abfm.io import results
+from abfm.maps.surface_points import SurfacePoints
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.data_term import DataTerm, Restriction
 from abfm.matching.terms.functions import FunctionTerm
+from abfm.matching.terms.landmarks import Landmarks, landmarks_of, mismatch_of
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined, times_subdivided
 from abfm.numerics.real_numbers import real_numbers
@@ -42,7 +44,7 @@ class Problem:
     mesh : TriangleMesh
     f, g : (V,) or (V, C) arrays, or str, or sequences of str
         Source and target, one or several channels; texts are functions, see `abfm.function`, which
-        finer meshes evaluate anew.
+        finer meshes evaluate anew. Both None where landmarks alone are to be matched: zero then.
     parameters : Parameters, optional
     mask : (V,) array, optional
         Weight of the mismatch at each vertex, not negative.
@@ -56,11 +58,17 @@ class Problem:
         may be on the mesh subdivided k times: ``start`` is then their mean over children.
     terms : sequence of DataTerm
         What else is to be matched, on ``mesh.normalized()``.
+    landmarks : (L, 2) array of int, or pair of SurfacePoints, optional
+        Vertices of the mesh, or points, and where the flow is to take them, each to its own:
+        ``1/(2 lambda^2) sum_i w_i d(phi(p_i), q_i)^2`` is added, with the flow ``phi`` to tau,
+        distances along the surface, and lambda as the parameters' ``landmark_sigma``.
+    landmark_weights : (L,) array, optional
+        Weight of each, not negative.
 
     Raises
     ------
     AbfmError
-        If the functions, parameters, mask, weights or start do not fit.
+        If the functions, parameters, mask, weights, start or landmarks do not fit.
 
     Examples
     --------
@@ -80,19 +88,22 @@ class Problem:
     # texts of source and target, one each for a channel, empty for one that is given by values
     specs: tuple[tuple[str, ...], tuple[str, ...]]
     functions: FunctionTerm
+    landmarks: Landmarks | None
     channels_given: bool  # source and target came as (V, C); else as (V,)
 
     def __init__(
         self,
         mesh: TriangleMesh,
-        f: ArrayLike | Sequence[str],
-        g: ArrayLike | Sequence[str],
+        f: ArrayLike | Sequence[str] | None,
+        g: ArrayLike | Sequence[str] | None,
         parameters: Parameters | None = None,
         *,
         mask: ArrayLike | None = None,
         weights: ArrayLike | None = None,
         start: ArrayLike | None = None,
         terms: Sequence[DataTerm] = (),
+        landmarks: ArrayLike | tuple[SurfacePoints, SurfacePoints] | None = None,
+        landmark_weights: ArrayLike | None = None,
     ) -> None:
         if not isinstance(mesh, TriangleMesh):
             raise MeshError(f"mesh is {brief(mesh)}; expected a TriangleMesh, see abfm.load_mesh")
@@ -100,6 +111,8 @@ class Problem:
             raise ParameterError(
                 f"parameters is {brief(parameters)}; expected abfm.Parameters(...)"
             )
+        if landmarks is not None and f is None and g is None:
+            f = g = np.zeros(len(mesh.vertices))
         source, target = (_values(mesh, given) for given in (f, g))
         functions = FunctionTerm(mesh.normalized(), source, target, mask, weights)
         functions.refuse_extremes()
@@ -109,6 +122,7 @@ class Problem:
             parameters=parameters or Parameters(),
             fine_start=_checked_start(start, mesh),
             functions=functions,
+            landmarks=_landmarks(mesh, landmarks, landmark_weights),
             channels_given=np.ndim(source) == 2,
             specs=tuple(_specs(given, len(functions.source)) for given in (f, g)),
         )
@@ -204,13 +218,14 @@ class Problem:
         others = [term.restricted(_Finer(mesh, fine)) for term in self.terms[1:]]
         if None in others:
             raise ParameterError("a data term has no place on a finer mesh: do not refine")
-        start = self.fine_start
+        start, marks = self.fine_start, self.landmarks
         if start is not None and start.shape[1] == len(mesh.faces):
             start = np.stack([on_children(mesh, field) for field in start])
         return self._with(
             mesh=fine,
             terms=(functions, *others),
             functions=functions,
+            landmarks=marks and marks.subdivided(fine.normalized()),
             fine_start=start,
             divergence=self.divergence,
         )
@@ -225,6 +240,7 @@ class Problem:
             mesh=restriction.coarse,
             terms=terms,
             functions=terms[0],
+            landmarks=self.landmarks and self.landmarks.restricted(restriction.coarse),
             fine_start=None,
             specs=(none, none),
             divergence=self.divergence,
@@ -244,7 +260,7 @@ class Problem:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return all that it is made of: what files hold, and what the digest is of."""
-        parameters = json.dumps(self.parameters.to_dict(), sort_keys=True)
+        parameters = json.dumps(self.parameter_values(), sort_keys=True)
         parts: dict[str, Any] = results.mesh_arrays(self.mesh)
         for index, term in enumerate(self.terms):
             for name, array in term.arrays().items():
@@ -252,8 +268,26 @@ class Problem:
         parts |= {"parameters": parameters, "channels_given": self.channels_given}
         if self.fine_start is not None:
             parts["start"] = self.fine_start
+        if self.landmarks is not None:
+            parts |= self.landmarks.arrays()
         parts |= self.spec_arrays()
         return {name: np.asarray(part) for name, part in parts.items()}
+
+    def parameter_values(self) -> dict[str, Any]:
+        """Return the parameters as files and digests have them: as before there were landmarks
+        where there are none.
+        """
+        values = self.parameters.to_dict()
+        if self.landmarks is None and self.parameters.landmark_sigma == Parameters.landmark_sigma:
+            del values["landmark_sigma"]
+        return values
+
+    def left(self, carried: FloatArray, errors: FloatArray | None) -> float:
+        """Return the relative mismatch of functions (C, V) and of landmarks that are so far off,
+        (L,), whichever is larger.
+        """
+        of_functions = self.functions.relative_mismatch(carried)
+        return of_functions if errors is None else max(of_functions, mismatch_of(errors))
 
     def spec_arrays(self) -> dict[str, NDArray[Any]]:
         """Return what files hold of the texts, (C,) each; nothing where there are none."""
@@ -273,7 +307,7 @@ class Problem:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process needs: the terms' mesh is made of the problem's there."""
-        kept = ("mesh", "parameters", "fine_start", "channels_given", "specs")
+        kept = ("mesh", "parameters", "fine_start", "channels_given", "specs", "landmarks")
         terms = [copy(term) for term in self.terms]
         for term in terms:
             term.__dict__.pop("mesh", None)
@@ -283,6 +317,8 @@ class Problem:
         unit = state["mesh"].normalized()
         for term in state["terms"]:
             term.__dict__["mesh"] = unit
+        if state["landmarks"] is not None:
+            state["landmarks"].mesh = unit
         self.__dict__.update(state, terms=tuple(state["terms"]), functions=state["terms"][0])
 
     def _with(self, **changes: Any) -> Problem:
@@ -311,6 +347,7 @@ def problem_of(
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
     functions = FunctionTerm(mesh.normalized(), source, target, arrays.get("mask"), weights)
     zero = np.zeros(len(mesh.vertices))
+    marks = [arrays[name] for name in results.LANDMARK_ENTRIES if name in arrays]
     none = [""] * len(functions.source)
     specs = [arrays[name].tolist() if name in arrays else none for name in results.SPEC_ENTRIES]
     return Problem(mesh, zero, zero, parameters)._with(
@@ -319,6 +356,7 @@ def problem_of(
         channels_given=bool(arrays["channels_given"]),
         fine_start=_checked_start(arrays.get("start"), mesh),
         specs=tuple(map(tuple, specs)),
+        landmarks=_landmarks_of_file(mesh, marks),
     )
 
 
@@ -342,6 +380,22 @@ def _checked_start(start: ArrayLike | None, mesh: TriangleMesh) -> FloatArray | 
     with suppress(MeshError, IndexError):
         faces *= 4 ** times_subdivided(fields.shape[-2], mesh)
     return _read_only(check_fields(fields, (count, faces, 3), "start").copy())
+
+
+def _landmarks(mesh: TriangleMesh, given: Any, weights: ArrayLike | None) -> Landmarks | None:
+    if given is None and weights is not None:
+        raise ParameterError("landmark_weights without landmarks: give both")
+    return None if given is None else landmarks_of(mesh, given, weights)
+
+
+def _landmarks_of_file(mesh: TriangleMesh, arrays: list[NDArray[Any]]) -> Landmarks | None:
+    if not arrays:
+        return None
+    if len(arrays) != len(results.LANDMARK_ENTRIES):
+        raise ValueError(f"it lacks some of {', '.join(results.LANDMARK_ENTRIES)}")
+    faces, barycentric, weights = arrays
+    pair = tuple(SurfacePoints(mesh, faces[:, k], barycentric[:, k]) for k in range(2))
+    return landmarks_of(mesh, pair, weights)
 
 
 def mask_on_children(mesh: TriangleMesh, mask: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from abfm.matching.solvability import Counted, range_bound
 from abfm.matching.solving.course import NEARLY
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import CONSTANT, FunctionTerm
+from abfm.matching.terms.landmarks import NEAR, mismatch_of
 from abfm.parameters import FORMER, LARGEST_ALPHA, MANY, MOST_REFINED, SMALLEST, Parameters
 from abfm.types import FloatArray
 
@@ -110,6 +111,8 @@ class Outcome:
     energies: FloatArray | None = None
     log2_area: float = math.nan  # mean ``|log2 J|`` of the flow's map; NaN if unknown
     refined: int = 0  # how often the mesh was subdivided
+    # how far landmarks were and are off, (L,) each, in sqrt(area); None without any
+    landmarks: tuple[FloatArray, FloatArray] | None = None
 
 
 def advice(functions: FunctionTerm, outcome: Outcome, parameters: Parameters) -> Verdict:
@@ -117,6 +120,7 @@ def advice(functions: FunctionTerm, outcome: Outcome, parameters: Parameters) ->
     case = _Case(functions, outcome, parameters)
     rules = (
         case.impossible,
+        case.of_landmarks,
         case.registered,
         case.unconfirmed,
         case.by_size,
@@ -192,6 +196,11 @@ class Remedies:
         sigma = max(_rounded(self._sigma / _FURTHER), SMALLEST)
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
 
+    def closer_landmarks(self) -> Remedy:
+        sigma = max(_rounded(self._parameters.landmark_sigma / _FURTHER), SMALLEST)
+        words = f"a smaller landmark_sigma, such as {sigma:g}"
+        return Remedy("Landmarks closer", words, {"landmark_sigma": sigma}, True)
+
     def colder(self) -> Remedy:
         least = _USUAL.last_sigma if self.is_warm else SMALLEST
         sigma = max(_rounded(self._sigma / _COLDER), least)
@@ -216,6 +225,9 @@ class _Case:
         left = confirmed_mismatch(self.true_mismatch, outcome.verified)
         self.by_size_alone = kind_of(left, parameters.goal)
         self.first = functions.relative_mismatch(functions.source)
+        self.first_of_functions = self.first
+        if outcome.landmarks is not None:
+            self.first = max(self.first, mismatch_of(outcome.landmarks[0]))
         self.known = not math.isnan(outcome.verified)
         self.remedies = Remedies(functions, parameters, outcome.refined)
         self.folds = f"{100 * outcome.folded:.0f}% of the faces are folded"
@@ -252,10 +264,28 @@ class _Case:
             return self._verdict("impossible", self._missing_values(), _SCALE)
         return None
 
+    def of_landmarks(self) -> Verdict | None:
+        """Landmarks that are left farther off than the goal has it."""
+        if self.outcome.landmarks is None:
+            return None
+        goal, errors = self.parameters.goal, self.outcome.landmarks[1]
+        kind = kind_of(mismatch_of(errors), goal)
+        if kind == "matched":
+            return None
+        if self.outcome.stop_reason.is_early or self._cut_short():
+            return self._of_an_early_end(kind)
+        far = sum(mismatch_of(errors[[i]]) > goal for i in range(len(errors)))
+        why = (
+            f"{far} of {len(errors)} landmarks {'is' if far == 1 else 'are'} left farther than "
+            f"{100 * goal * NEAR / _USUAL.goal:.2g}%"
+        )
+        helps = (self.remedies.closer_landmarks(), self.remedies.refine())
+        return self._verdict(kind, why, "", *(each for each in helps if each))
+
     def registered(self) -> Verdict | None:
         """Measured functions, which match as far as they are alike."""
         outcome = self.outcome
-        gained = max(outcome.mismatch, outcome.verified) < (1 - _GAINED) * self.first
+        gained = max(outcome.mismatch, outcome.verified) < (1 - _GAINED) * self.first_of_functions
         is_sound = self.known and gained and not outcome.folded > FOLDED
         if self.by_size_alone == "matched" or not is_sound or outcome.stop_reason.is_early:
             return None
@@ -286,7 +316,7 @@ class _Case:
         if self.by_size_alone == "matched":
             if self.first > self.parameters.goal and not self.known and self.unmatched:
                 return self._of_what_stays("nearly")
-            if self.functions.is_constant:
+            if self.functions.is_constant and self.outcome.landmarks is None:
                 why = f"both are constant, up to {CONSTANT:g} of their values"
                 return self._verdict("matched", why, "")
             advised = f"do not trust its point map, where {self.folds}"
@@ -331,6 +361,8 @@ class _Case:
         change = f"the mismatch {'stayed at' if before == after else moved} {after}"
         if self.known:
             change += f" ({self.outcome.verified:.2g} by flow lines)"
+        if self.outcome.landmarks is not None:
+            change = self._of_how_far(change)
         if kind == "registered" and self.outcome.log2_area < _MOST_LOG2:
             areas = 100 * (2**self.outcome.log2_area - 1)
             change += f", and areas change by {areas:.0f}% on average"
@@ -339,6 +371,16 @@ class _Case:
             remedies = (*remedies, GO_ON)
             words.append(GO_ON.words)
         return Verdict(kind, f"{change}: {why}" if why else change, "; or ".join(words), remedies)
+
+    def _of_how_far(self, change: str) -> str:
+        """Add where the landmarks are to what changed, or tell that alone if they are alone."""
+        assert self.outcome.landmarks is not None
+        first, last = (100 * float(errors.max()) for errors in self.outcome.landmarks)
+        count = len(self.outcome.landmarks[0])
+        words = f"{count} landmark{'s' * (count > 1)} within {last:.2g}% of sqrt(area)"
+        if self.functions.is_constant:
+            return f"{words}, {first:.2g}% before"
+        return f"{change}, {words}"
 
     def _of_what_stays(self, kind: Kind = "not reached") -> Verdict:
         assert self.unmatched is not None

@@ -25,6 +25,7 @@ from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Trajectory
 from abfm.matching.objective.regularizer import Regularizer, regularizer
 from abfm.matching.problem import Problem, check_fields
 from abfm.matching.terms.data_term import DataTerms, Sum
+from abfm.matching.terms.landmarks import Missed, mismatch_of
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
 from abfm.types import FloatArray
@@ -39,6 +40,7 @@ class Evaluation:
     shares: tuple[float, ...]  # of the data terms in the mismatch
     advected: FloatArray  # what the data terms want carried, carried to the end time, (C, V)
     differentiate: Callable[[], FloatArray]  # faster before than after the next evaluation
+    landmark_errors: FloatArray | None = None  # (L,), see `Landmarks`; None without any, or by inf
 
     @property
     def mismatch(self) -> float:
@@ -129,7 +131,9 @@ class Bracket:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """``step/2 sum_j v_j^T R v_j`` plus data terms of what the flow of fields carries (Eq. 6)."""
+    """``step/2 sum_j v_j^T R v_j`` plus data terms of what the flow of fields carries (Eq. 6), and
+    of where it takes landmarks.
+    """
 
     regularity: Regularizer  # ``R``, by ``apply``
     carried: FloatArray  # functions (C, V) that the data terms want carried
@@ -139,6 +143,8 @@ class Objective:
     tau: float
     gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
     shift: FloatArray | float = 0.0  # what is taken off what was carried, before it is measured
+    landmarks: Callable[[FloatArray], Missed] | None = None  # what they say of (N, F, 2)
+    is_still: bool = False  # whether what is carried is constant, which no flow changes
 
     def evaluate(self, x: FloatArray) -> Evaluation:
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable flow ends in any numbers
@@ -149,14 +155,34 @@ class Objective:
             except AdvectionError:
                 shares, differentiate = (np.inf,), partial(np.full, x.shape, np.nan)
                 advected = np.full_like(self.carried, np.nan)
-        total = regularity + float(sum(shares))
+            missed = None
+            if self.landmarks is not None and np.isfinite(sum(shares)):
+                try:
+                    missed = self.landmarks(x)
+                except AdvectionError:
+                    shares = (np.inf,)
+        if missed is None:
+            total = regularity + float(sum(shares))
+            return Evaluation(
+                x, total, regularity, shares, advected, lambda: momentum + differentiate()
+            )
+        shares, of_landmarks = (*shares, missed.share), missed.differentiate
         return Evaluation(
-            x, total, regularity, shares, advected, lambda: momentum + differentiate()
+            x,
+            regularity + float(sum(shares)),
+            regularity,
+            shares,
+            advected,
+            lambda: momentum + differentiate() + of_landmarks(),
+            missed.errors,
         )
 
     def _mismatch(
         self, x: FloatArray
     ) -> tuple[tuple[float, ...], FloatArray, Callable[[], FloatArray]]:
+        if self.is_still:
+            still = self.missed(self.carried - self.shift)[0]
+            return still, self.carried, partial(np.zeros, x.shape)
         flow, gradient = self.advect(x), self.gradient(x)
         trajectories, advected = [], np.empty_like(self.carried)
         for c, f in enumerate(self.carried):
@@ -190,11 +216,20 @@ class MatchingEnergy:
         self.problem, self.parameters = problem, problem.parameters
         self.mesh, self.length_scale = problem.mesh.normalized(), problem.mesh.length_scale
         self.functions, self.terms = problem.functions, DataTerms(problem.terms)
+        self.landmarks = problem.landmarks
+        alone = self.landmarks is not None and len(problem.terms) == 1
+        self.is_still = alone and self.functions.is_constant
         self.discretisation = Discretisation(self.mesh, self.parameters.method)
         alpha, order = self.parameters.alpha, self.parameters.order
         usual = regularizer(self.mesh, alpha, order, problem.divergence)
         self._regularizers = {alpha: usual}
         self._measures = {0.0: self.terms.measure(self.parameters, 0.0)}
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What the shares of the data terms are called."""
+        words = tuple(term.word for term in self.terms.terms)
+        return words if self.landmarks is None else (*words, self.landmarks.word)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -231,6 +266,8 @@ class MatchingEnergy:
             self.parameters.tau,
             self._gradient,
             shift,
+            self.missed_landmarks(self.parameters.landmark_sigma),
+            self.is_still,
         )
 
     def flow(self, x: FloatArray) -> Advection:
@@ -268,8 +305,41 @@ class MatchingEnergy:
         """Return ``||f_tau - g|| / ||g||`` of functions (C, V), see `FunctionTerm`."""
         return self.terms.relative_mismatch(carried)
 
+    def missed_landmarks(self, sigma: float) -> Callable[[FloatArray], Missed] | None:
+        """Return what landmarks say of frame coefficients (N, F, 2), by their own sigma."""
+        if self.landmarks is None:
+            return None
+        return partial(self.landmarks.missed, tau=self.parameters.tau, sigma=sigma)
+
+    def left(self, point: Evaluation, shift: FloatArray | float = 0.0) -> float:
+        """Return the relative mismatch at an evaluation, of functions and of landmarks: the larger
+        one.
+        """
+        return self._larger(point.advected - shift, point.landmark_errors)
+
+    def left_by(self, x: FloatArray, carried: FloatArray) -> float:
+        """Return the same of fields (N, F, 2), and what they carried (C, V)."""
+        return self._larger(carried, self.landmark_errors(x))
+
+    def landmark_errors(self, x: FloatArray) -> FloatArray | None:
+        """Return how far the flow of fields (N, F, 2) leaves each landmark, (L,); None without any,
+        infinite where it leads over too many faces.
+        """
+        if self.landmarks is None:
+            return None
+        try:
+            return self.landmarks.errors_of(x, self.parameters.tau)
+        except AdvectionError:
+            return np.full(len(self.landmarks), np.inf)
+
+    def _larger(self, carried: FloatArray, errors: FloatArray | None) -> float:
+        of_terms = self.relative_mismatch(carried)
+        return of_terms if errors is None else max(of_terms, mismatch_of(errors))
+
     def advected(self, x: FloatArray) -> FloatArray:
         """Carry the terms' functions (C, V) by (N, F, 2); not finite where the flow overflows."""
+        if self.is_still:
+            return self.terms.carried
         try:
             flow = self.flow(x)
             return np.stack([flow.forward(f)[-1].end for f in self.terms.carried])

@@ -18,6 +18,9 @@ _STIFF = 0.05  # sigma from which on alpha falls as its square: stiff fields go 
 _SHARE = 0.75  # of all iterations, before the mesh itself
 _CLOSE = 0.8  # of the goal: how close a step comes, as flow lines seldom confirm as much
 _ROUNDING = 1e-9  # of a number of steps
+# times the last landmark_sigma with which a path begins, and the power of sigma by which it falls
+_LOOSE, _FASTER = 100.0, 2
+_BARE = (100.0, 10.0, 1.0)  # times the last sigma, where landmarks are alone
 
 
 class Way(NamedTuple):
@@ -40,6 +43,7 @@ class Stage:
     until: int  # at most, of all together
     fixed: bool  # whether it goes on to the end of its iterations
     goal: float  # mismatch at which it ends
+    landmark_sigma: float = Parameters.landmark_sigma
     # what is taken off what is carried (C, V), before that is held against the target
     shift: FloatArray | float = field(default=0.0, repr=False, compare=False)
 
@@ -48,6 +52,12 @@ class Stage:
         names = "level", "fields", "reach", "alpha"
         same = all(getattr(before, name) == getattr(self, name) for name in names)
         return same and not (self.fixed and before.sigma != self.sigma)
+
+    def steeper(self, before: "Stage") -> float:
+        """Return how many times as much the energy bends as in the stage before."""
+        if self.sigma == before.sigma:
+            return (before.landmark_sigma / self.landmark_sigma) ** 2
+        return (before.sigma / self.sigma) ** 2
 
     def pays(self, energies: list[float]) -> bool:
         """Tell whether to go on after these energies, one for each of the stage's iterates."""
@@ -64,8 +74,12 @@ class Course:
     (`held_out`).
     """
 
-    def __init__(self, p: Parameters, functions: FunctionTerm, meshes: int) -> None:
-        self._p, self._meshes = p, meshes
+    def __init__(
+        self, p: Parameters, functions: FunctionTerm, meshes: int, has_landmarks: bool = False
+    ) -> None:
+        self._p, self._meshes, self._has_landmarks = p, meshes, has_landmarks
+        # landmarks alone, which need no sigma but their own, and no reach
+        self._is_bare = has_landmarks and functions.is_constant
         self.is_given = p.sigma is not None
         self._has_detail = is_measured(functions)
         # as in the paper: every step goes on to the end of its iterations
@@ -93,12 +107,17 @@ class Course:
         """Return how far a way looks after one that left so much: as far as it can, if that did
         not find the target.
         """
-        lost = self.is_free and not self.is_found(before)
-        return LONGEST if lost else self._p.reach
+        lost = self.is_free and not self.is_found(before) and not self._is_bare
+        return LONGEST if lost else self.first_reach
+
+    @property
+    def first_reach(self) -> float:
+        """How far the first way looks."""
+        return 0.0 if self._is_bare else self._p.reach
 
     def stage(self, level: int, sigma: float, way: Way, reach: float = 0.0) -> Stage:
         p, alpha, is_last = self._p, way.alpha, level >= self._meshes - 1
-        if self.is_free:
+        if self.is_free and not self._is_bare:
             alpha *= min(1.0, sigma / (_STIFF * self.unit)) ** 2
         own = (
             p.stage_limits()[0 if sigma > self.sigmas[-1] else -1]
@@ -107,13 +126,26 @@ class Course:
         )
         goal = _CLOSE * p.goal if self.is_free else 0.0
         until = p.iterations if is_last else int(_SHARE * p.iterations)
-        return Stage(level, way.fields, sigma, alpha, reach, own, until, self.is_fixed, goal)
+        close = self._landmark_sigma(sigma)
+        return Stage(level, way.fields, sigma, alpha, reach, own, until, self.is_fixed, goal, close)
+
+    def _landmark_sigma(self, sigma: float) -> float:
+        """Return that of landmarks beside a sigma: it falls faster, so that landmarks lead."""
+        first, last = self.sigmas[0], self.sigmas[-1]
+        if not self._has_landmarks:
+            return self._p.landmark_sigma
+        times = sigma / last
+        if not self._is_bare:
+            times = min(times, max(1.0, _LOOSE * (sigma / first) ** _FASTER))
+        return self._p.landmark_sigma * times
 
     def _sigmas(self) -> list[float]:
         p = self._p
         if p.cooling_stages:
             return p.stage_sigmas()
         last = self.unit * LAST if p.sigma is None else p.sigma
+        if self._is_bare:
+            return [last * times for times in _BARE]
         ratio = math.sqrt(p.cooling_factor) if self.is_measured else p.cooling_factor
         warmest = self.unit * WARMEST
         count = max(0, math.floor(math.log(warmest / last, ratio) + _ROUNDING))

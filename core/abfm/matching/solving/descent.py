@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.solvability import range_bound
 from abfm.matching.solving.course import Stage
 from abfm.matching.solving.levels import Subdivision, on_the_mesh
+from abfm.matching.solving.newton import GaussNewton, Inverse, Iterate, Search, with_landmarks
 from abfm.matching.solving.record import Record, StopReason
 from abfm.mesh import TriangleMesh
 from abfm.numerics.optimizer import LBFGS, State
@@ -25,13 +27,19 @@ _TOLERANCE = 1e-7  # of advection in the search, which sees no more; the gradien
 _WORSE, _GROWN = 2.0, 0.4
 _SCALES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # edges over which they are smoothed
 
+# iterations after which how landmarks bend the energy is computed anew, beside functions
+_ANEW = 10
+_MOST_BENT = 5e7  # numbers kept of that
+
 Point = TypeVar("Point")
 
 
 @dataclass(frozen=True)
 class Progress:
     best: Evaluation | None = None  # on the level of the latest stage
-    learned: State[Evaluation] | None = None  # whose pairs tell how the energy bends there
+    learned: State[Evaluation] | Iterate | None = (
+        None  # whose pairs tell how the energy bends there
+    )
     before: Stage | None = None  # the latest one that was minimised
 
 
@@ -58,7 +66,7 @@ class Descent:
         return self.mismatch_of(self.best)
 
     def mismatch_of(self, point: Evaluation) -> float:
-        return self.levels[self.level].energy.relative_mismatch(point.advected)
+        return self.levels[self.level].energy.left(point)
 
     def cheapest(self, level: int) -> int:
         """Return the first level on the same mesh, with clusters where they are cheaper."""
@@ -83,7 +91,7 @@ class Descent:
 
         def measured(fields: FloatArray) -> tuple[Evaluation, float]:
             point = evaluate(fields)
-            return point, energy.relative_mismatch(point.advected)
+            return point, energy.left(point)
 
         found = self._brought(x, level, stage.level, mismatch, measured)
         before = self.levels[self.cheapest(stage.level) - 1]
@@ -102,7 +110,7 @@ class Descent:
 
         def measured(fields: FloatArray) -> tuple[tuple[FloatArray, FloatArray], float]:
             carried = energy.advected(fields)
-            return (fields, carried), energy.relative_mismatch(carried)
+            return (fields, carried), energy.left_by(fields, carried)
 
         return self._brought(x, level, to, mismatch, measured)
 
@@ -129,6 +137,9 @@ class Descent:
         if self._left(stage) <= goal:
             return self.best
         current, history = self._first(search, stage), self._record.history
+        energy = self.levels[stage.level].energy
+        has_landmarks = energy.landmarks is not None and not energy.is_still
+        least = self.best
         energies = [current.point.energy]
         left = self.levels[stage.level].affordable(stage.iterations, self.best.x)
         until, counted = min(stage.until, len(history) - 1 + left), self._record.evaluations
@@ -139,14 +150,21 @@ class Descent:
             if reason is not None:
                 self.reason = reason
                 break
+            if has_landmarks and (len(energies) - 1) % _ANEW == 0:
+                search = self._search(stage, current.x)
+                current = search.init(current.x, current.point)
             current = search.step(current)
             evaluations, counted = self._record.evaluations - counted, self._record.evaluations
             self.effort += evaluations * self.cost(stage.level, self.best.x)
             if current.failed:
                 continue
             self.progress = Progress(current.point, current, stage)
-            energies.append(current.point.energy)
+            energies.append(min(energies[-1], current.point.energy))
             self._record.add(self.levels, self.own, stage, self.best)
+            if self.best.energy <= least.energy:
+                least = self.best
+        if least.energy < self.best.energy:  # of a search that may go up
+            self.progress = replace(self.progress, best=least)
         return self.best
 
     def cost(self, level: int, x: FloatArray) -> float:
@@ -165,8 +183,7 @@ class Descent:
         return None if pays else StopReason.NO_PROGRESS
 
     def _left(self, stage: Stage) -> float:
-        energy = self.levels[stage.level].energy
-        return energy.relative_mismatch(self.best.advected - stage.shift)
+        return self.levels[stage.level].energy.left(self.best, stage.shift)
 
     def _arrive(self, stage: Stage, best: Evaluation) -> None:
         """Take fields as the best on a stage's level, and as an iterate where a level begins."""
@@ -183,30 +200,39 @@ class Descent:
         if not history or (is_new and len(history) <= self._parameters.iterations):
             self._record.add(self.levels, self.own, stage, best)
 
-    def _first(self, search: LBFGS[Evaluation], stage: Stage) -> State[Evaluation]:
+    def _first(self, search: Search, stage: Stage) -> Any:
         before, best, learned = self.progress.before, self.best, self.progress.learned
         self.progress = replace(self.progress, before=stage)
         if before is None or not stage.continues(before):
             return search.init(best.x, best)
-        return search.init(best.x, best, learned, (before.sigma / stage.sigma) ** 2)
+        return search.init(best.x, best, learned, stage.steeper(before))
 
-    def _search(self, stage: Stage) -> LBFGS[Evaluation]:
+    def _search(self, stage: Stage, at: FloatArray | None = None) -> Search:
         def counted() -> None:
             self._record.evaluations += 1
 
-        return search(self.levels[stage.level].energy, stage, counted)
+        return search(self.levels[stage.level].energy, stage, counted, at)
 
 
 def search(
     energy: MatchingEnergy,
     stage: Stage,
     counted: Callable[[], None] = lambda: None,
-) -> LBFGS[Evaluation]:
-    """Return the search of a stage, which tells of each evaluation."""
+    at: FloatArray | None = None,
+) -> Search:
+    """Return the search of a stage, which tells of each evaluation; beside functions it knows how
+    landmarks bend the energy at some fields (N, F, 2).
+    """
     p = energy.parameters
     objective = energy.objective(
-        stage.sigma, stage.reach, alpha=stage.alpha, shift=stage.shift, tolerance=_TOLERANCE
+        stage.sigma,
+        stage.reach,
+        alpha=stage.alpha,
+        shift=stage.shift,
+        tolerance=_TOLERANCE,
     )
+    close = energy.missed_landmarks(stage.landmark_sigma)
+    objective = replace(objective, landmarks=close)
     regularity, tau = objective.regularity, p.tau
 
     def evaluate(x: FloatArray) -> Evaluation:
@@ -222,13 +248,20 @@ def search(
     def displacement(fields: FloatArray) -> float:
         return tau * float(np.sqrt((fields**2).sum(axis=-1)).max(axis=-1).mean())
 
-    precondition = inverse if p.preconditioner == "hodge" else None
+    precondition: Inverse | None = inverse if p.preconditioner == "hodge" else None
+    landmarks = energy.landmarks
+    if precondition and landmarks is not None:
+        bends = partial(landmarks.bends, tau=tau, sigma=stage.landmark_sigma)
+        if energy.is_still:
+            return GaussNewton(evaluate, inverse, bends, displacement, p.max_displacement)
+        if at is not None and 2 * len(landmarks) * at.size <= _MOST_BENT:
+            precondition = with_landmarks(inverse, *bends(at)[:2])
     return LBFGS(evaluate, precondition, p.memory, displacement, p.max_displacement, p.tolerance)
 
 
 def minimum(energy: MatchingEnergy, stage: Stage, x: FloatArray) -> FloatArray:
     """Return what a stage comes to from fields (N, F, 2), off the record."""
-    found = search(energy, stage)
+    found = search(energy, stage, at=x)
     current = found.init(x)
     energies = [current.point.energy]
     while len(energies) <= stage.iterations and stage.pays(energies):
@@ -236,7 +269,8 @@ def minimum(energy: MatchingEnergy, stage: Stage, x: FloatArray) -> FloatArray:
             break
         current = found.step(current)
         energies.append(current.point.energy)
-    return current.x
+    fields: FloatArray = current.x
+    return fields
 
 
 def calmed(

@@ -9,6 +9,7 @@ from abfm.maps.distortion import folds, mean_log2
 from abfm.maps.surface_points import vertex_points
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.terms.functions import FunctionTerm
+from abfm.matching.terms.landmarks import mismatch_of
 from abfm.types import FloatArray, IntArray
 
 _FEW = 20_000  # vertices that are asked at most
@@ -31,6 +32,9 @@ def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
     except ParameterError:
         return {}
     left, places = walked_back(functions, flow, faces)
+    if energy.landmarks is not None:
+        ends = flow.destinations(energy.landmarks.points())
+        left = max(left, mismatch_of(energy.landmarks.errors(ends)))
     area, shape = mean_log2(mesh, faces, places)
     return {
         "verified_mismatch": left,

@@ -205,8 +205,8 @@ class Record:
         energy, number = levels[stage.level].energy, len(self.history) - 1
         carried = point.advected[: len(energy.functions.source)]
         shares: dict[str, float] = {}
-        for term, share in zip(energy.terms.terms, point.shares, strict=True):
-            shares[term.word] = shares.get(term.word, 0.0) + share
+        for word, share in zip(energy.words, point.shares, strict=True):
+            shares[word] = shares.get(word, 0.0) + share
         between = levels[stage.level : max(own, stage.level) + 1]
         iteration = Iteration(
             iteration=number,
@@ -221,7 +221,7 @@ class Record:
             regularity=point.regularity,
             mismatch_energy=point.mismatch,
             shares=shares,
-            mismatch=energy.relative_mismatch(point.advected),
+            mismatch=energy.left(point),
             evaluations=self.evaluations,
             look=Found(point.x, carried, between, levels[own].energy.mesh, number, self.is_trying),
             path=self.path,

@@ -51,8 +51,7 @@ class Solver:
         self._with = Way(energy.parameters.alpha, energy.shape[0])
         self.step = 0
         self._earlier: list[list[Mark]] = []  # ways that were given up
-        p, functions = energy.parameters, energy.functions
-        self._course = Course(p, functions, 1)
+        self._course = self._course_on(1)
         self._descent = Descent(energy, self.record)
         self._home = self._descent.own  # the level where it ends: the mesh itself, or a finer one
         # what does not move: no field, and the one that was given
@@ -84,6 +83,10 @@ class Solver:
             self._end(reason is not None)
         return reason or self._descent.reason
 
+    def _course_on(self, meshes: int) -> Course:
+        energy = self.energy
+        return Course(energy.parameters, energy.functions, meshes, energy.landmarks is not None)
+
     def _descend(self) -> None:
         descent, p = self._descent, self.energy.parameters
         start, finer, lost = given(self.energy), None, True
@@ -91,7 +94,7 @@ class Solver:
             self._at_rest.append((start, self.energy.advected(start)))
             self._with = self._with._replace(fields=len(start))
             finer = on_finer(self.energy, descent.levels)
-            lost = finer is None and is_lost(self.energy, self._at_rest[-1][1])
+            lost = finer is None and is_lost(self.energy, *self._at_rest[-1])
         if self._course.is_measured and p.iterations:
             # what is held out would not be new to a field that has seen it
             start, finer, lost = None, None, True
@@ -104,7 +107,7 @@ class Solver:
         else:
             descent.levels = levels(descent.levels)
             descent.own = self._home = len(descent.levels) - 1
-            self._course = Course(p, self.energy.functions, descent.cheapest(descent.own) + 1)
+            self._course = self._course_on(descent.cheapest(descent.own) + 1)
             self._find(start)
         self._rise()
         self._refine()
@@ -113,7 +116,7 @@ class Solver:
         """Walk the ways on the first mesh; that which comes closest stays."""
         iterations, descent = self.energy.parameters.iterations, self._descent
         x = where_it_begins(descent.levels, start, not iterations)
-        ways, reach = self._course.ways(len(x)), self.energy.parameters.reach
+        ways, reach = self._course.ways(len(x)), self._course.first_reach
         for number, way in enumerate(ways):
             descent.progress, self.way, self._with = Progress(), [], way
             is_last = number == len(ways) - 1
@@ -321,7 +324,7 @@ class Solver:
                 step("checking by flow lines", len(energy.mesh.vertices)),
             ):
                 said = measured(energy, to_ambient(energy.mesh, x))
-        mismatch = energy.relative_mismatch(carried)
+        mismatch = energy.left_by(x, carried)
         return Mark(stage, x, carried, mismatch, held_out=held_out, **said)
 
     def _is_over(self) -> bool:
@@ -330,6 +333,8 @@ class Solver:
         if course.is_given or course.is_fixed:
             return False
         if course.is_measured:
+            if self.way[-1].stage.landmark_sigma > self.energy.parameters.landmark_sigma:
+                return False
             return self._best(self.way) < len(self.way) - _PATIENCE
         # less than the stage's goal is not sought with a smaller sigma either
         is_done = self._descent.reason is StopReason.GOAL_REACHED
@@ -344,6 +349,8 @@ class Solver:
 
     def _score(self, mark: Mark) -> float:
         if self._course.is_measured:
+            if mark.stage.landmark_sigma > self.energy.parameters.landmark_sigma:
+                return np.inf  # whatever functions say: landmarks come closer
             return mark.held_out + PRICE * mark.log2_area
         return mark.worse
 
@@ -360,7 +367,7 @@ class Solver:
         if self._there():
             self.step = self._end_so_far()
             left = self.way[self.step].mismatch
-        rest = [self.energy.relative_mismatch(carried) for _, carried in self._at_rest]
+        rest = [self.energy.left_by(x, carried) for x, carried in self._at_rest]
         if not left <= max(rest):
             x, carried = self._at_rest[int(np.argmin(rest))]
             if self.way:
@@ -387,7 +394,7 @@ class Solver:
         level = descent.exact(max(best.stage.level, own))
         x, carried = descent.kept(best.x, best.stage.level, level, best.mismatch)
         energy, on = descent.levels[level].energy, replace(best.stage, level=level)
-        self.way = [*self.way, Mark(on, x, carried, energy.relative_mismatch(carried))]
+        self.way = [*self.way, Mark(on, x, carried, energy.left_by(x, carried))]
 
     def path(self) -> tuple[PathStep, ...]:
         """Return the way, with its fields on the mesh itself or on finer ones, in its units."""

@@ -28,16 +28,16 @@ def given(energy: MatchingEnergy) -> FloatArray | None:
     return to_frame(energy.mesh, np.tensordot(averages, start / energy.length_scale, 1))
 
 
-def is_lost(energy: MatchingEnergy, advected: FloatArray) -> bool:
-    """Tell whether the target has to be looked for, as a start carries the source (C, V) elsewhere;
-    ParameterError if its flow overflows.
+def is_lost(energy: MatchingEnergy, start: FloatArray, advected: FloatArray) -> bool:
+    """Tell whether the target has to be looked for, as a start (N, F, 2) carries the source (C, V)
+    elsewhere; ParameterError if its flow overflows.
     """
     if not np.isfinite(advected).all():
         raise ParameterError(
             "start: the flow of these fields overflows; start from slower ones or from none"
         )
     if energy.parameters.reach:
-        return energy.relative_mismatch(advected) > _LOST
+        return energy.left_by(start, advected) > _LOST
     largest, grown = float(np.abs(energy.terms.carried).max()), float(np.abs(advected).max())
     if grown > _UNSTABLE * largest:
         raise ParameterError(
@@ -62,7 +62,7 @@ def on_finer(energy: MatchingEnergy, levels: list[Level]) -> tuple[list[Level], 
         found[-1:] = subdivided(found[-1])
     finest = found[-1].energy
     x = to_frame(finest.mesh, start / energy.length_scale)
-    return (found, x) if finest.relative_mismatch(finest.advected(x)) <= _LOST else None
+    return (found, x) if finest.left_by(x, finest.advected(x)) <= _LOST else None
 
 
 def where_it_begins(levels: list[Level], start: FloatArray | None, at_once: bool) -> FloatArray:
@@ -74,6 +74,6 @@ def where_it_begins(levels: list[Level], start: FloatArray | None, at_once: bool
         return np.zeros(energy.shape)
     for coarser, finer in zip(levels[-2::-1], levels[:0:-1], strict=True):
         start = coarser.fields_from_finer(to_ambient(finer.energy.mesh, start))
-    at_rest = energy.relative_mismatch(energy.terms.carried)
-    mismatch = energy.relative_mismatch(energy.advected(start))
+    at_rest = energy.left_by(np.zeros(energy.shape), energy.terms.carried)
+    mismatch = energy.left_by(start, energy.advected(start))
     return start if at_once or mismatch <= _ASTRAY * at_rest else np.zeros(energy.shape)

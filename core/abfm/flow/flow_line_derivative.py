@@ -1,0 +1,431 @@
+"""Where points go along fields made continuous, with the exact derivative by the fields.
+
+The walk is that of `continuous_flow`, in even steps whose number depends on the speed alone: it is
+a smooth function of the field as long as points pass the same faces. Its derivative goes back along
+what each step has kept, and then through the fit of vectors at corners, which is linear.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from abfm.errors import AdvectionError
+from abfm.flow.continuous_flow import (
+    RIDGE,
+    FlatFaces,
+    SmoothFlow,
+    around,
+    clockwise_end,
+    enter,
+    flat_faces,
+    leave,
+    smooth_flow,
+    vector_at,
+)
+from abfm.flow.flow_lines import AT_VERTEX
+from abfm.maps.surface_points import SurfacePoints
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.numerics.kernels import kernel
+from abfm.types import FloatArray, IndexArray, IntArray
+from abfm.workers.control import checkpoint
+
+STEPS_PER_FACE = 2.0  # at the largest speed, over a face of mean size
+_FEWEST, _MOST = 8, 4096  # steps of a walk along one field
+_CROSSINGS = 64  # edges that a step may meet, as in `continuous_flow`
+
+
+class Tape(NamedTuple):
+    """What the S steps of L walks along one field keep."""
+
+    faces: IndexArray  # (L, S, 2), where a step begins, and where it is halfway
+    weights: FloatArray  # (L, S, 2, 3), barycentric, of these places
+    # (L, S, 3, 2, 2), derivatives of a step's end: by the place where it begins, and by the
+    # field's vectors there and halfway
+    jacobians: FloatArray
+
+
+class Walk(NamedTuple):
+    """Where L points came to, and what leads back."""
+
+    points: SurfacePoints
+    tapes: list[Tape]  # one for each field
+
+
+class FlowLineDerivative:
+    """Walks of points of a mesh of unit area along fields given by frame coefficients."""
+
+    def __init__(self, points: SurfacePoints, tau: float) -> None:
+        self.mesh, self.points, self.tau = points.mesh, points, tau
+        mesh = points.mesh
+        self._fit, self._back = corner_fit(mesh)
+        self._geometry = smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
+        self._size = 1 / math.sqrt(len(mesh.faces))
+        self._fans = _Fans(points)
+
+    def walk(self, x: FloatArray) -> Walk:
+        """Walk along N fields (N, F, 2), each for ``tau / N``.
+
+        Raises
+        ------
+        AdvectionError
+            If they lead over too many faces.
+        """
+        faces, weights = self.points.faces.copy(), self.points.barycentric.copy()
+        tapes: list[Tape] = []
+        places = np.empty((len(faces), 2))
+        for j, field in enumerate(x):
+            flow, count = self._flow(field), self.steps(field, len(x))
+            if j == 0:
+                self._fans.turn_ahead(flow, faces, weights)
+                enter(flow.gradients, faces, weights, places)
+            tape = Tape(
+                np.empty((len(faces), count, 2), dtype=np.int64),
+                np.empty((len(faces), count, 2, 3)),
+                np.empty((len(faces), count, 3, 2, 2)),
+            )
+            follow(flow, self.tau / len(x) / count, faces, places, tape)
+            tapes.append(tape)
+        leave(self._geometry.gradients, faces, places, weights)
+        if not np.isfinite(weights).all():
+            raise AdvectionError("flow lines lead nowhere: slow the field")
+        return Walk(SurfacePoints(self.mesh, faces, weights), tapes)
+
+    def gradient(self, walk: Walk, slopes: FloatArray) -> FloatArray:
+        """Return the derivative by the fields, (N, F, 2), of what has the slopes (L, 2) at the
+        points that a walk came to, in the frames of their faces.
+        """
+        slopes = slopes.copy()
+        found = np.empty((len(walk.tapes), len(self.mesh.faces), 2))
+        for j in reversed(range(len(walk.tapes))):
+            at_corners = np.zeros((len(self.mesh.faces), 3, 2))
+            go_back(walk.tapes[j], slopes, at_corners)
+            of_corners = at_corners.view(np.complex128)[..., 0].ravel()
+            found[j] = np.asarray(self._back @ of_corners).view(np.float64).reshape(-1, 2)
+        return found
+
+    def steps(self, field: FloatArray, fields: int) -> int:
+        """Return how many steps there are along one of so many fields: a power of two."""
+        with np.errstate(over="ignore"):
+            fastest = math.sqrt(float((field**2).sum(axis=1).max()))
+        over = STEPS_PER_FACE * fastest * self.tau / fields / self._size
+        if not over <= _MOST:
+            raise AdvectionError(f"flow lines lead over {over:.0e} faces: slow the field")
+        return int(2 ** math.ceil(math.log2(max(over, _FEWEST))))
+
+    def _flow(self, field: FloatArray) -> SmoothFlow:
+        values = np.ascontiguousarray(field, dtype=np.float64).view(np.complex128)[:, 0]
+        corners = np.asarray(self._fit @ values).reshape(-1, 3)
+        slopes = np.einsum("fc,fck->fk", corners, self._geometry.gradients)
+        vectors = np.concatenate([corners[:, :1], slopes], axis=1)
+        pairs = np.stack([vectors.real, vectors.imag], axis=-1)
+        return self._geometry._replace(vectors=pairs)
+
+    def jacobian(self, walk: Walk) -> sparse.csr_array:
+        """Return the derivative of the ends of a walk, in the frames of their faces, by the
+        fields, (2 L, N F 2).
+        """
+        rows, nothing = [], np.zeros((len(self.points.faces), 2))
+        for row in range(nothing.size):
+            checkpoint()
+            slopes = nothing.copy()
+            slopes[row // 2, row % 2] = 1.0
+            rows.append(sparse.csr_array(self.gradient(walk, slopes).reshape(1, -1)))
+        return sparse.csr_array(sparse.vstack(rows))
+
+
+class _Fans:
+    """The faces around those of some points that are at vertices."""
+
+    def __init__(self, points: SurfacePoints) -> None:
+        mesh = points.mesh
+        at = np.flatnonzero(points.barycentric.max(axis=1) >= AT_VERTEX)
+        vertices = mesh.faces[points.faces[at], points.barycentric[at].argmax(axis=1)]
+        order = np.argsort(mesh.faces, axis=None, kind="stable")
+        begins, ends = (
+            np.searchsorted(mesh.faces.ravel()[order], vertices, side) for side in ("left", "right")
+        )
+        self._slots = np.concatenate(
+            [np.zeros(0, int), *(order[b:e] for b, e in zip(begins, ends, strict=True))]
+        )
+        self._owners = np.repeat(at, ends - begins)
+        faces, here = np.divmod(self._slots, 3)
+        corners = flat_faces(mesh).corners[faces]
+        place, first, last = (
+            np.take_along_axis(corners, (here[:, None] + k) % 3, axis=1)[:, 0] for k in range(3)
+        )
+        first, last = first - place, last - place
+        self._places = np.stack([place.real, place.imag], axis=-1)
+        self._middles = first / np.abs(first) + last / np.abs(last)
+        self._angles = np.angle(last / first)
+
+    def turn_ahead(self, flow: SmoothFlow, faces: IntArray, weights: FloatArray) -> None:
+        """Begin at vertices in the face that the field leads into, as `slots_ahead`."""
+        own = flow.vectors[self._slots // 3]
+        x, y = (own[:, 0] + np.einsum("pj,pjk->pk", self._places, own[:, 1:])).T
+        turned = (x + 1j * y) / self._middles
+        aside = np.where(turned == 0, np.inf, np.abs(np.angle(turned)) / self._angles)
+        order = np.argsort(-aside, kind="stable")
+        best = np.full(len(faces), -1)
+        best[self._owners[order]] = self._slots[order]  # of repeated points the last one stays
+        at = np.flatnonzero(best >= 0)
+        faces[at], weights[at] = best[at] // 3, np.eye(3)[best[at] % 3]
+
+
+@per_mesh
+def corner_fit(mesh: TriangleMesh) -> tuple[sparse.csr_array, sparse.csr_array]:
+    """Return the map of complex vectors in faces (F,) to those that `corner_vectors` fits at
+    corners, (3 F, F), which takes faces without speed for others; and its adjoint.
+    """
+    flat, slots = flat_faces(mesh), np.bincount(mesh.corner_fans.ravel())
+    total, most = int((slots**2).sum()), int(slots.max())
+    rows, columns = np.empty(total, dtype=np.int64), np.empty(total, dtype=np.int64)
+    values = np.empty(total, dtype=np.complex128)
+    fit_weights(flat, most, (rows, columns), values)
+    shape = (mesh.faces.size, len(mesh.faces))
+    fit = sparse.csr_array((values, (rows, columns)), shape=shape)
+    return fit, sparse.csr_array(fit.conj().T)
+
+
+@kernel
+def fit_weights(
+    flat: FlatFaces,
+    most: int,
+    entries: tuple[IndexArray, IndexArray],
+    values: IndexArray,
+) -> None:
+    """Write the entries of `corner_fit`: the linear map that `fit_corners` applies."""
+    rows, columns = entries
+    corners, areas, neighbours = flat
+    seen = np.zeros(corners.shape, dtype=np.bool_)
+    fan = np.empty(most, dtype=np.int64)
+    rotations, centres = np.empty(most, np.complex128), np.empty(most, np.complex128)
+    middles, turns = np.empty(most, np.complex128), np.empty(most)
+    shares, free = np.empty(most), 0
+    for slot in range(seen.size):
+        if seen[slot // 3, slot % 3]:
+            continue
+        start, closed = clockwise_end(neighbours, slot)
+        count, turned, here = 0, 0.0, start
+        while here >= 0:
+            f, c = here // 3, here % 3
+            seen[f, c] = True
+            fan[count] = here
+            first = corners[f, (c + 1) % 3] - corners[f, c]
+            last = corners[f, (c + 2) % 3] - corners[f, c]
+            middle = first / abs(first) + last / abs(last)
+            angle = np.angle(last / first)
+            middles[count] = middle / abs(middle)
+            turns[count] = turned + angle / 2
+            turned += angle
+            count += 1
+            here = around(neighbours, here, 1)
+            if here == start:
+                break
+        scale = 2 * np.pi / turned if closed else 1.0
+        for i in range(count):
+            f, c = fan[i] // 3, fan[i] % 3
+            rotations[i] = np.exp(1j * scale * turns[i]) / middles[i]
+            centre = (corners[f, 0] + corners[f, 1] + corners[f, 2]) / 3 - corners[f, c]
+            centres[i] = centre * rotations[i]
+        weigh(fan[:count], centres, areas, shares)
+        for i in range(count):
+            back = middles[i] * np.exp(-1j * scale * turns[i])
+            for j in range(count):
+                rows[free], columns[free] = fan[i], fan[j] // 3
+                values[free] = shares[j] * rotations[j] * back
+                free += 1
+
+
+@kernel
+def weigh(fan: IndexArray, places: IndexArray, areas: FloatArray, shares: FloatArray) -> None:
+    """Write the weights of values in `continuous_flow.fitted`."""
+    total, place = 0.0, 0j
+    for i in range(fan.size):
+        shares[i] = areas[fan[i] // 3]
+        total += shares[i]
+        place += shares[i] * places[i]
+    place /= total
+    xx, xy, yy = 0.0, 0.0, 0.0
+    for i in range(fan.size):
+        away = places[i] - place
+        xx += shares[i] * away.real**2
+        xy += shares[i] * away.real * away.imag
+        yy += shares[i] * away.imag**2
+    ridge = RIDGE * (xx + yy)
+    xx, yy = xx + ridge, yy + ridge
+    determinant = xx * yy - xy * xy
+    is_flat = fan.size == 1 or determinant <= 0.0
+    for i in range(fan.size):
+        slope = 0.0
+        if not is_flat:
+            away = places[i] - place
+            along_x = (yy * away.real - xy * away.imag) / determinant
+            along_y = (xx * away.imag - xy * away.real) / determinant
+            slope = along_x * place.real + along_y * place.imag
+        shares[i] *= 1 / total - slope
+
+
+@kernel
+def product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return ``a b`` for (2, 2) and (2, n)."""
+    out = np.empty((2, b.shape[1]))
+    for i in range(2):
+        for j in range(b.shape[1]):
+            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j]
+    return out
+
+
+@kernel
+def glide(
+    flow: SmoothFlow, f: int, place: FloatArray, way: FloatArray, motion: FloatArray
+) -> tuple[int, bool, FloatArray]:
+    """Go a way over the faces, sliding along boundaries, as `walk_straight` does.
+
+    Place and way (2,) become those at the end, ``motion`` (2, 2) the rotation to the frame there.
+    Returned are the face, whether it slid, and the derivatives of place (rows 0, 1) and way (2, 3)
+    by both at the beginning, (4, 4).
+    """
+    gradients, left, entered, slid = flow.gradients, 1.0, -1, False
+    x, y, u, v = place[0], place[1], way[0], way[1]
+    # of the place at the beginning, as seen from this frame and along this way, and of the way
+    base, ahead = np.zeros((2, 4)), np.zeros((2, 4))
+    base[0, 0] = base[1, 1] = ahead[0, 2] = ahead[1, 3] = 1.0
+    motion[0, 0] = motion[1, 1] = 1.0
+    motion[0, 1] = motion[1, 0] = 0.0
+    for _ in range(_CROSSINGS):
+        edge, used = -1, left
+        for i in range(3):
+            rate = gradients[f, i, 0] * u + gradients[f, i, 1] * v
+            if rate < 0.0 and i != entered:
+                weight = gradients[f, i, 0] * x + gradients[f, i, 1] * y + (1.0 if i == 0 else 0.0)
+                if weight + rate * used < 0.0:
+                    edge, used = i, max(weight, 0.0) / -rate
+        x, y = x + used * u, y + used * v
+        if edge < 0:
+            break
+        left -= used
+        slot = flow.neighbours[f, edge]
+        if slot < 0:
+            slid = True
+            p, q = gradients[f, edge, 0], gradients[f, edge, 1]
+            squared, rate, gone = p * p + q * q, p * u + q * v, 1.0 - left
+            along = (p * v - q * u) / squared
+            for k in range(4):
+                hit = -(p * (base[0, k] + gone * ahead[0, k])) / rate
+                hit -= (q * (base[1, k] + gone * ahead[1, k])) / rate
+                slower = (p * ahead[1, k] - q * ahead[0, k]) / squared
+                base[0, k] += gone * (ahead[0, k] + q * slower) + (u + q * along) * hit
+                base[1, k] += gone * (ahead[1, k] - p * slower) + (v - p * along) * hit
+                ahead[0, k], ahead[1, k] = -q * slower, p * slower
+            u, v, entered = -q * along, p * along, edge
+            continue
+        c, s = flow.unfolding[f, edge, 0], flow.unfolding[f, edge, 1]
+        x, y = (
+            c * x - s * y + flow.unfolding[f, edge, 2],
+            s * x + c * y + flow.unfolding[f, edge, 3],
+        )
+        u, v = c * u - s * v, s * u + c * v
+        turn = np.array([[c, -s], [s, c]])
+        base, ahead = product(turn, base), product(turn, ahead)
+        motion[:] = product(turn, motion)
+        f, entered = slot // 3, slot % 3
+    place[0], place[1], way[0], way[1] = x, y, u, v
+    derivative = np.empty((4, 4))
+    derivative[:2] = base + ahead
+    derivative[2:] = ahead
+    return f, slid, derivative
+
+
+@kernel
+def weights_at(flow: SmoothFlow, f: int, place: FloatArray, out: FloatArray) -> None:
+    for c in range(3):
+        x, y = flow.gradients[f, c, 0], flow.gradients[f, c, 1]
+        out[c] = x * place[0] + y * place[1] + (1.0 if c == 0 else 0.0)
+
+
+@kernel
+def slopes_in(flow: SmoothFlow, f: int) -> FloatArray:
+    """Return the derivative (2, 2) of the field by the place in a face."""
+    out = np.empty((2, 2))
+    for i in range(2):
+        for k in range(2):
+            out[i, k] = flow.vectors[f, 1 + k, i]
+    return out
+
+
+@kernel
+def follow(
+    flow: SmoothFlow, step: float, faces: IndexArray, places: FloatArray, tape: Tape
+) -> None:
+    """Move points by as many steps of the midpoint rule as a tape has, and write it."""
+    turn, ignored = np.empty((2, 2)), np.empty((2, 2))
+    by_halfway, by_seen, by_start = np.empty((2, 2)), np.empty((2, 2)), np.empty((2, 2))
+    for i in range(faces.size):
+        f, place = faces[i], places[i].copy()
+        for k in range(tape.faces.shape[1]):
+            u, v = vector_at(flow, f, place[0], place[1])
+            middle, seen = place.copy(), np.array([step / 2 * u, step / 2 * v])
+            g, slid, half = glide(flow, f, middle, seen, turn)
+            r, s = vector_at(flow, g, middle[0], middle[1])
+            tape.faces[i, k, 0], tape.faces[i, k, 1] = f, g
+            weights_at(flow, f, place, tape.weights[i, k, 0])
+            weights_at(flow, g, middle, tape.weights[i, k, 1])
+            # the way by the vector halfway, by the way halfway as seen there, and by the start's
+            by_seen[:], by_start[:] = 0.0, 0.0
+            squared = 4 * (seen[0] ** 2 + seen[1] ** 2)
+            if not slid or squared == 0.0:
+                by_halfway[:] = step * turn.T
+                way = product(by_halfway, np.array([[r], [s]]))[:, 0]
+            else:  # how much faster does it slide there?
+                inner = 2 * step * (seen[0] * r + seen[1] * s)
+                ratio = max(inner / squared, 0.0)
+                way = np.array([ratio * step * u, ratio * step * v])
+                by_start[0, 0] = by_start[1, 1] = ratio * step
+                by_halfway[:] = 0.0
+                if ratio > 0.0:
+                    for a in range(2):
+                        begun = step * (u if a == 0 else v)
+                        for b in range(2):
+                            other = r if b == 0 else s
+                            by_halfway[a, b] = begun * 2 * step * seen[b] / squared
+                            bends = 2 * step * other - 8 * ratio * seen[b]
+                            by_seen[a, b] = begun * bends / squared
+            along = product(by_halfway, slopes_in(flow, g))
+            by_place = product(along, half[:2, :2]) + product(by_seen, half[2:, :2])
+            by_way = product(along, half[:2, 2:]) + product(by_seen, half[2:, 2:])
+            by_start += step / 2 * by_way
+            h, _, full = glide(flow, f, place, way, ignored)
+            from_place, from_way = full[:2, :2].copy(), full[:2, 2:].copy()
+            of_start = product(from_way, by_start)
+            tape.jacobians[i, k, 0] = (
+                from_place + product(from_way, by_place) + product(of_start, slopes_in(flow, f))
+            )
+            tape.jacobians[i, k, 1] = of_start
+            tape.jacobians[i, k, 2] = product(from_way, by_halfway)
+            f = h
+        faces[i], places[i] = f, place
+
+
+@kernel
+def go_back(tape: Tape, slopes: FloatArray, at_corners: FloatArray) -> None:
+    """Take slopes (L, 2) at the ends of walks to their beginnings, and add what they say of the
+    field's vectors at corners (F, 3, 2).
+    """
+    count = tape.faces.shape[1]
+    for i in range(slopes.shape[0]):
+        for back in range(count):
+            k = count - 1 - back
+            a, b = slopes[i]
+            for part in range(2):
+                by, f = tape.jacobians[i, k, 1 + part], tape.faces[i, k, part]
+                first, second = by[0, 0] * a + by[1, 0] * b, by[0, 1] * a + by[1, 1] * b
+                for c in range(3):
+                    at_corners[f, c, 0] += tape.weights[i, k, part, c] * first
+                    at_corners[f, c, 1] += tape.weights[i, k, part, c] * second
+            by = tape.jacobians[i, k, 0]
+            slopes[i, 0] = by[0, 0] * a + by[1, 0] * b
+            slopes[i, 1] = by[0, 1] * a + by[1, 1] * b

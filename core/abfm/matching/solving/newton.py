@@ -1,0 +1,140 @@
+"""Gauss-Newton for landmarks: how they bend the energy is known, and what it costs to move them.
+
+Where flow lines pass a vertex on the other side they may end elsewhere, and the energy jumps. A
+search that may never go up would stay in front of each such wall, as one landmark there stops all;
+this one goes over it if it must, and whoever runs it keeps the best. A landmark that moved other
+than its derivative said is trusted less in the next step.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import cho_factor, cho_solve
+
+from abfm.matching.objective.matching_energy import Evaluation
+from abfm.matching.terms.landmarks import Bends
+from abfm.types import FloatArray
+from abfm.workers.control import checkpoint
+
+_DECREASE, _MOST_TRIALS = 1e-4, 6
+_UP = 0.5  # share by which the energy may rise where no length lowers it
+_ROUNDING = 1e-16
+# what a landmark's error may be off what its derivative said: of sqrt(area), and of its motion
+_OFF, _BENT = 0.01, 0.3
+
+Inverse = Callable[[FloatArray], FloatArray]
+
+
+class Search(Protocol):
+    """What runs a stage: this one or L-BFGS."""
+
+    @property
+    def evaluate(self) -> Callable[[FloatArray], Evaluation]: ...
+
+    def init(
+        self,
+        x: FloatArray,
+        point: Evaluation | None = None,
+        before: Any = None,
+        steeper: float = 1.0,
+    ) -> Any: ...
+
+    def step(self, state: Any) -> Any: ...
+
+    def stop_reason(self, state: Any) -> str | None: ...
+
+
+@dataclass(frozen=True)
+class Iterate:
+    x: FloatArray
+    point: Evaluation
+    # (L,), how far each landmark's derivative is trusted, 0 to 1
+    trust: FloatArray | float = 1.0
+    promised: float = np.inf  # the decrease that the last step promised
+    failed: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class GaussNewton:
+    """Minimise an energy whose second derivative is about ``A + J^T D J``."""
+
+    evaluate: Callable[[FloatArray], Evaluation]
+    inverse: Inverse  # of A
+    bends: Callable[[FloatArray], Bends]  # at fields
+    size: Callable[[FloatArray], float]  # of a step
+    longest: float  # the most that it may be
+
+    def init(
+        self,
+        x: FloatArray,
+        point: Evaluation | None = None,
+        before: object = None,
+        steeper: float = 1.0,
+    ) -> Iterate:
+        """Return the first iterate; there is nothing to be learned from a search before."""
+        point = self.evaluate(x) if point is None else point
+        return Iterate(x, point)
+
+    def step(self, state: Iterate) -> Iterate:
+        """Do one iteration."""
+        jacobian, weights, away = self.bends(state.x)
+        trusted = weights * np.repeat(state.trust, 2 if np.ndim(state.trust) else len(weights))
+        gradient = state.point.gradient
+        less = (jacobian.T @ ((weights - trusted) * away)).reshape(gradient.shape)
+        direction = -with_landmarks(self.inverse, jacobian, trusted)(gradient - less)
+        moved = (jacobian @ direction.ravel()).reshape(-1, 2)
+        slope, full = float((direction * gradient).sum()), self.size(direction)
+        length = min(1.0, self.longest / full) if full > 0 else 1.0
+        before, tried = state.point.energy, list[tuple[Evaluation, float]]()
+        while len(tried) < _MOST_TRIALS:
+            tried.append((self.evaluate(state.x + length * direction), length))
+            if tried[-1][0].energy <= before + _DECREASE * length * slope:
+                break
+            length /= 2
+        point, length = min(tried, key=lambda trial: trial[0].energy)
+        if point.energy > (1 + _UP) * before or point.landmark_errors is None:
+            return replace(state, failed=True)
+        trust = _trust(point.landmark_errors, away.reshape(-1, 2), length * moved)
+        return Iterate(point.x, point, trust, abs(slope))
+
+    def stop_reason(self, state: Iterate) -> str | None:
+        """Return why to stop at this iterate, or None to go on."""
+        if state.failed:
+            return "line search failed"
+        return "converged" if state.promised <= _ROUNDING * abs(state.point.energy) else None
+
+
+def _trust(errors: FloatArray, away: FloatArray, moved: FloatArray) -> FloatArray:
+    """Return how far landmarks are trusted whose errors (L,) came from residuals (L, 2) and motions
+    that were expected of them.
+    """
+    expected = np.linalg.norm(away + moved, axis=1)
+    usual = np.maximum(_OFF, _BENT * np.linalg.norm(moved, axis=1))
+    return np.asarray(1 / (1 + ((errors - expected) / usual) ** 2))
+
+
+def with_landmarks(inverse: Inverse, jacobian: sparse.csr_array, bends: FloatArray) -> Inverse:
+    """Return the inverse of ``A + J^T D J`` by that of A, with J (M, n) and the diagonal D (M,): by
+    the Woodbury identity, one inverse for each row.
+    """
+    rows, bends = jacobian[bends > 0], bends[bends > 0]
+    known: list[tuple[FloatArray, tuple[FloatArray, bool]]] = []
+
+    def applied(gradient: FloatArray) -> FloatArray:
+        if not known:  # until it is asked for
+            moved = np.empty((len(bends), gradient.size))
+            for number in range(len(bends)):
+                checkpoint()
+                row = rows[[number]].toarray().reshape(gradient.shape)
+                moved[number] = inverse(row).ravel()
+            inner = np.diag(1 / bends) + rows @ moved.T
+            known.append((moved, cho_factor((inner + inner.T) / 2)))
+        moved, factor = known[0]
+        off = moved.T @ cho_solve(factor, moved @ gradient.ravel())
+        found: FloatArray = inverse(gradient) - off.reshape(gradient.shape)
+        return found
+
+    return applied

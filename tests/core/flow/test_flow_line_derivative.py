@@ -1,0 +1,145 @@
+"""Where flow lines lead, and the exact derivative of that by the field."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from abfm.calculus.operators import face_frames
+from abfm.calculus.vector_fields import to_ambient, to_frame
+from abfm.errors import AdvectionError
+from abfm.flow.continuous_flow import ContinuousFlow, corner_vectors
+from abfm.flow.flow_line_derivative import FlowLineDerivative, corner_fit
+from abfm.maps.surface_points import SurfacePoints, vertex_points
+from tests.core.fields import rotation_field, wavy_field
+from tests.core.surfaces import SURFACES
+from tests.core.verification import near, observed_orders, taylor_order
+from tests.shapes import ellipsoid, hemisphere, icosphere
+
+NEEDLES = ellipsoid(3, 1.0, 1.0, 0.01)
+
+
+def some_points(mesh, count, seed):
+    rng = np.random.default_rng(seed)
+    faces = rng.integers(len(mesh.faces), size=count)
+    return SurfacePoints(mesh, faces, rng.dirichlet(np.ones(3), size=count))
+
+
+def fields(mesh, count, seed, speed=0.3):
+    found = [speed * wavy_field(mesh, seed + number) for number in range(count)]
+    return to_frame(mesh, np.stack(found))
+
+
+def outwards(mesh, count):
+    """Fields that lead to the boundary."""
+    away = mesh.vertices[mesh.faces].mean(axis=1)
+    away = to_frame(mesh, np.broadcast_to(0.6 * (away - [0, 0, 1]), (count, *away.shape)))
+    return away + fields(mesh, count, 3, 0.1)
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_the_fit_is_that_of_the_continuous_field_and_has_its_adjoint(name):
+    mesh = SURFACES[name].normalized()
+    field = to_frame(mesh, wavy_field(mesh, 2))
+    fit, back = corner_fit(mesh)
+    found = (fit @ np.ascontiguousarray(field).view(complex)[:, 0]).reshape(-1, 3)
+    expected = corner_vectors(mesh, to_ambient(mesh, field))
+    near(found, expected, 1e-13 * np.abs(expected).max())
+    rng = np.random.default_rng(0)
+    one, other = (rng.normal(size=(n, 2)).view(complex)[:, 0] for n in fit.shape[::-1])
+    assert np.vdot(other, fit @ one) == pytest.approx(np.vdot(back @ other, one))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "hemisphere", "cylinder"])
+def test_points_go_where_certified_flow_lines_go(name, count):
+    mesh = SURFACES[name].normalized()
+    x = fields(mesh, count, 1)
+    for points in (some_points(mesh, 9, 0), vertex_points(mesh, np.arange(9))):
+        expected = ContinuousFlow(mesh, to_ambient(mesh, x), 1.3).destinations(points)
+        found = FlowLineDerivative(points, 1.3).walk(x).points
+        near(found.positions, expected.positions, 0.1 / np.sqrt(len(mesh.faces)))
+
+
+def test_on_a_sphere_a_rotation_is_found_with_second_order():
+    errors = []
+    for subdivisions in (2, 3, 4):
+        mesh = icosphere(subdivisions).normalized()
+        start = some_points(mesh, 30, 1)
+        x = to_frame(mesh, rotation_field(mesh, [0, 0, 1.0]))[None]
+        ends = FlowLineDerivative(start, 1.0).walk(x).points.positions
+        turned = start.positions @ np.array(
+            [[np.cos(1), np.sin(1), 0], [-np.sin(1), np.cos(1), 0], [0, 0, 1]]
+        )
+        errors.append(np.linalg.norm(ends - turned, axis=1).mean())
+    assert observed_orders([4, 2, 1], errors).min() > 1.7
+    assert errors[-1] < 3e-4
+
+
+def measured(points, aims):
+    """The sum of products of ends with vectors in space (L, 3), and its derivative."""
+    lines = FlowLineDerivative(points, 1.0)
+
+    def evaluate(x):
+        walk = lines.walk(x)
+        frames = face_frames(points.mesh)[walk.points.faces]
+        slopes = np.einsum("lkx,lx->lk", frames, aims)
+        return float((walk.points.positions * aims).sum()), lines.gradient(walk, slopes)
+
+    return evaluate
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("at_vertices", [False, True])
+@pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "square", "needles"])
+def test_the_derivative_is_exact_where_points_stay_in_the_same_faces(name, at_vertices, count):
+    mesh = (SURFACES | {"needles": NEEDLES})[name].normalized()
+    points = vertex_points(mesh, np.arange(5, 9)) if at_vertices else some_points(mesh, 4, 2)
+    aims = np.random.default_rng(4).normal(size=(4, 3))
+    step = (1e-7 if name == "needles" else 1e-5) * fields(mesh, count, 20)
+    assert taylor_order(measured(points, aims), fields(mesh, count, 5), step) > 1.9
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_it_is_exact_where_points_slide_along_a_boundary(count):
+    mesh = hemisphere(8).normalized()
+    at_the_boundary = mesh.vertices[:, 2].min() + 1e-9
+    points, x = some_points(mesh, 8, 3), outwards(mesh, count)
+    ends = FlowLineDerivative(points, 1.0).walk(x).points.positions
+    assert np.count_nonzero(ends[:, 2] < at_the_boundary) >= 3
+    aims = np.random.default_rng(5).normal(size=(8, 3))
+    step = 1e-5 * fields(mesh, count, 30)
+    assert taylor_order(measured(points, aims), x, step) > 1.9
+
+
+def test_where_nothing_moves_the_derivative_is_that_of_the_field_at_the_points():
+    mesh = SURFACES["ellipsoid"].normalized()
+    points = some_points(mesh, 5, 6)
+    lines, rest, field = FlowLineDerivative(points, 2.0), np.zeros((1, 80, 2)), fields(mesh, 1, 7)
+    walk = lines.walk(rest)
+    near(walk.points.positions, points.positions, 1e-9)
+    vectors = corner_vectors(mesh, to_ambient(mesh, field)[0])[points.faces]
+    here = (vectors * points.barycentric).sum(axis=1)
+    moved = (lines.jacobian(walk) @ field.ravel()).reshape(-1, 2)
+    near(moved, 2.0 * np.stack([here.real, here.imag], axis=1), 1e-8)
+
+
+def test_the_jacobian_and_the_gradient_are_adjoint():
+    mesh = SURFACES["torus"].normalized()
+    lines, x = FlowLineDerivative(some_points(mesh, 5, 8), 1.0), fields(mesh, 2, 8)
+    walk, rng = lines.walk(x), np.random.default_rng(9)
+    slopes, step = rng.normal(size=(5, 2)), rng.normal(size=x.shape)
+    one = float((lines.gradient(walk, slopes) * step).sum())
+    other = float(((lines.jacobian(walk) @ step.ravel()).reshape(-1, 2) * slopes).sum())
+    assert one == pytest.approx(other, rel=1e-12)
+    assert_allclose(lines.gradient(walk, 0 * slopes), 0)
+
+
+def test_more_speed_takes_more_steps_and_too_much_is_refused():
+    mesh = SURFACES["ellipsoid"].normalized()
+    lines, field = FlowLineDerivative(some_points(mesh, 2, 0), 1.0), fields(mesh, 1, 0)[0]
+    assert lines.steps(0 * field, 1) == 8
+    assert lines.steps(16 * field, 1) == 2 * lines.steps(8 * field, 1)
+    assert lines.steps(16 * field, 4) == lines.steps(4 * field, 1)
+    for speed in (1e5, 1e200):
+        with pytest.raises(AdvectionError, match="slow the field"):
+            lines.walk(speed * field[None])

@@ -1,0 +1,195 @@
+"""Landmarks as a data term: what they say of fields, exactly, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+import abfm
+from abfm.calculus.operators import face_frames
+from abfm.calculus.vector_fields import to_ambient, to_frame
+from abfm.errors import AbfmError, ParameterError
+from abfm.maps.surface_points import SurfacePoints, vertex_points
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.solving.levels import Transfer
+from abfm.matching.terms.landmarks import landmarks_of, mismatch_of
+from abfm.mesh import TriangleMesh
+from abfm.mesh.coarsening import coarsened
+from tests.core.fields import bump, rotation_field, wavy_field
+from tests.core.surfaces import SURFACES, moved
+from tests.core.verification import near, taylor_order
+from tests.shapes import icosphere
+
+SPHERE = icosphere(3)
+PAIRS = np.array([[0, 17], [40, 300], [77, 78], [200, 500]])
+UNIT = SPHERE.normalized()
+
+
+def fields(mesh, count, seed, speed=0.2):
+    return to_frame(mesh, np.stack([speed * wavy_field(mesh, seed + n) for n in range(count)]))
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "hemisphere", "cylinder"])
+def test_the_energy_has_its_exact_derivative(name, count):
+    mesh = SURFACES[name].normalized()
+    term = landmarks_of(mesh, PAIRS[:3] % len(mesh.vertices), [1.0, 0.5, 2.0])
+
+    def evaluate(x):
+        found = term.missed(x, 1.2, 0.3)
+        return found.share, found.differentiate()
+
+    x, step = fields(mesh, count, 1), 1e-5 * fields(mesh, count, 30)
+    assert taylor_order(evaluate, x, step) > 1.9
+    found = term.missed(x, 1.2, 0.3)
+    assert found.share == pytest.approx(float(term.weights @ found.errors**2) / (2 * 0.09))
+    assert_allclose(found.errors, term.errors_of(x, 1.2))
+    bends = term.bends(x, 1.2, 0.3)
+    gradient = bends.jacobian.T @ (bends.weights * bends.residuals)
+    assert_allclose(gradient.reshape(x.shape), found.differentiate(), atol=1e-12)
+
+
+def test_the_whole_objective_with_functions_has_its_exact_derivative():
+    f, g = (bump(SPHERE, SPHERE.vertices[i], 0.2) for i in (0, 30))
+    problem = abfm.Problem(
+        SPHERE, f, g, abfm.Parameters(sigma=0.2, landmark_sigma=0.1), landmarks=PAIRS
+    )
+    energy = MatchingEnergy(problem)
+    field, step = (to_ambient(UNIT, fields(UNIT, 1, seed)) for seed in (2, 40))
+    assert taylor_order(energy, field, 1e-4 * step) > 1.9
+    found = energy.objective(0.2).evaluate(to_frame(UNIT, field))
+    assert energy.words == ("closeness", "landmarks")
+    assert found.energy == pytest.approx(found.regularity + sum(found.shares))
+    lone = MatchingEnergy(abfm.Problem(SPHERE, f, g, problem.parameters))
+    without = lone.objective(0.2).evaluate(to_frame(UNIT, field))
+    assert found.shares[0] == without.shares[0]
+    missed = problem.landmarks.missed(to_frame(UNIT, field), 1.0, 0.1)
+    assert_allclose(found.gradient, without.gradient + missed.differentiate(), atol=1e-12)
+    of_functions = problem.functions.relative_mismatch(found.advected)
+    assert energy.left(found) == max(of_functions, mismatch_of(missed.errors))
+
+
+def test_a_rotation_takes_landmarks_where_it_turns_them():
+    turn = Rotation.from_rotvec([0, 0, 0.7]).as_matrix()
+    ends = abfm.maps.project_onto_surface(SPHERE, SPHERE.vertices[PAIRS[:, 0]] @ turn.T)
+    term = landmarks_of(SPHERE, (vertex_points(SPHERE, PAIRS[:, 0]), ends), None)
+    x = to_frame(UNIT, rotation_field(UNIT, [0, 0, 0.7]))[None]
+    assert term.errors_of(x, 1.0).max() < 2e-3
+    away = np.linalg.norm(SPHERE.vertices[PAIRS[:, 0], :2], axis=1) / SPHERE.length_scale
+    assert_allclose(term.first_errors, 0.7 * away, rtol=0.05, atol=0.01)
+    assert term.missed(x, 1.0, 0.1).share < 1e-3 * term.missed(0 * x, 1.0, 0.1).share
+
+
+def test_where_nothing_flows_it_points_to_where_landmarks_are_wanted():
+    """Whatever the distance: the gradient of half its square is minus the logarithm."""
+    term = landmarks_of(UNIT, PAIRS, None)
+    rest = np.zeros((1, len(UNIT.faces), 2))
+    bends = term.bends(rest, 1.0, 1.0)
+    away = bends.residuals.reshape(-1, 2)
+    assert_allclose(np.linalg.norm(away, axis=1), term.first_errors, rtol=0.1)
+    frames = face_frames(UNIT)[term.faces[:, 0]]
+    away = np.einsum("lk,lkx->lx", away, frames)
+    here, there = (UNIT.vertices[column] for column in PAIRS.T)
+    along = there - here * (np.einsum("lx,lx->l", here, there) / (here**2).sum(axis=1))[:, None]
+    products = np.einsum("lx,lx->l", away, along)
+    sizes = np.linalg.norm(away, axis=1) * np.linalg.norm(along, axis=1)
+    assert (products < -0.97 * sizes).all()
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e9])
+def test_motion_and_units_do_not_matter(scale):
+    rotation = Rotation.from_rotvec([0.4, -0.2, 1.0]).as_matrix()
+    mesh = SURFACES["torus"]
+    other = moved(mesh, rotation, scale)
+    pairs = PAIRS % len(mesh.vertices)
+    one, two = (landmarks_of(each, pairs, None) for each in (mesh, other))
+    x = fields(mesh.normalized(), 2, 3)
+    field = to_ambient(mesh.normalized(), x) @ rotation.T
+    y = to_frame(other.normalized(), field)
+    assert_allclose(two.errors_of(y, 1.0), one.errors_of(x, 1.0), rtol=1e-6)
+
+
+def test_on_other_meshes_the_points_are_the_same():
+    rng = np.random.default_rng(1)
+    pair = tuple(
+        SurfacePoints(SPHERE, rng.integers(1280, size=4), rng.dirichlet(np.ones(3), 4))
+        for _ in range(2)
+    )
+    problem = abfm.Problem(SPHERE, None, None, landmarks=pair, landmark_weights=[1, 2, 0, 3])
+    fine = problem.subdivided()
+    assert fine.landmarks.mesh is fine.mesh.normalized()
+    for there, here in zip(
+        (fine.landmarks.points(fine.mesh), fine.landmarks.wanted(fine.mesh)), pair, strict=True
+    ):
+        near(there.positions, here.positions, 1e-12)
+    coarse = coarsened(UNIT, 160)
+    found = abfm.Problem(UNIT, None, None, landmarks=PAIRS).restricted(Transfer(coarse, UNIT))
+    assert found.landmarks.mesh is found.mesh.normalized()
+    near(found.landmarks.points(coarse).positions, UNIT.vertices[PAIRS[:, 0]], 0.03)
+    assert np.array_equal(fine.landmarks.weights, [1, 2, 0, 3])
+
+
+def test_a_landmark_without_weight_says_nothing():
+    term = landmarks_of(SPHERE, PAIRS, [1, 0, 0, 0])
+    alone = landmarks_of(SPHERE, PAIRS[:1], None)
+    x = fields(UNIT, 1, 4)
+    one, other = (each.missed(x, 1.0, 0.1) for each in (term, alone))
+    assert one.share == pytest.approx(other.share)
+    assert_allclose(one.differentiate(), other.differentiate(), atol=1e-12)
+
+
+ON_OTHER = vertex_points(icosphere(1), [0, 1])
+
+
+@pytest.mark.parametrize(
+    ("given", "weights", "words"),
+    [
+        ([0, 1], None, r"shape \(2,\); expected \(L, 2\) vertices"),
+        ([[0, 642]], None, "vertex 642; expected vertices 0 to 641"),
+        ([[0, -1]], None, "vertex -1"),
+        ([[0, 1.5]], None, "vertex 1.5"),
+        ([[0, np.nan]], None, "vertex nan"),
+        (np.zeros((0, 2)), None, "landmarks are empty"),
+        ("ab", None, "real numbers"),
+        ((ON_OTHER, ON_OTHER), None, "a mesh of 80 faces; expected points of the problem's own"),
+        ((vertex_points(SPHERE, [0]), [1]), None, "expected a pair of SurfacePoints"),
+        ((vertex_points(SPHERE, [0]), vertex_points(SPHERE, [0, 1])), None, "1 and 2 points"),
+        ((vertex_points(SPHERE, [0]),), None, "1 points; expected a pair"),
+        (PAIRS, [1, 2], r"shape \(2,\); expected \(4,\)"),
+        (PAIRS, [1, -2, 1, 1], "not negative"),
+        (PAIRS, [0, 0, 0, 0], "zero everywhere"),
+        (PAIRS, [1, np.inf, 1, 1], "finite"),
+        (PAIRS, [1e-40, 0, 0, 0], "between"),
+        (None, [1, 2], "landmark_weights without landmarks"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_words(given, weights, words):
+    f = SPHERE.vertices[:, 0]
+    with pytest.raises(AbfmError, match=words):
+        abfm.Problem(SPHERE, f, f, landmarks=given, landmark_weights=weights)
+
+
+def test_functions_are_missing_only_beside_landmarks():
+    with pytest.raises(AbfmError):
+        abfm.Problem(SPHERE, None, None)
+    with pytest.raises(AbfmError):
+        abfm.Problem(SPHERE, SPHERE.vertices[:, 0], None, landmarks=PAIRS)
+    with pytest.raises(ParameterError, match="landmark_sigma is 0"):
+        abfm.Parameters(landmark_sigma=0)
+    assert replace(abfm.Parameters(), landmark_sigma=0.2).landmark_sigma == 0.2
+
+
+def test_flow_lines_over_too_many_faces_are_an_infinite_energy():
+    energy = MatchingEnergy(abfm.Problem(SPHERE, None, None, landmarks=PAIRS))
+    x = 1e6 * fields(UNIT, 1, 1)
+    assert energy.objective(0.1).evaluate(x).energy == np.inf
+    assert energy.left_by(x, energy.terms.carried) == np.inf
+
+
+def test_a_mesh_that_is_scaled_is_the_same_mesh():
+    large = TriangleMesh(10 * SPHERE.vertices, SPHERE.faces)
+    pair = vertex_points(SPHERE, PAIRS[:, 0]), vertex_points(SPHERE, PAIRS[:, 1])
+    one, other = landmarks_of(large, pair, None), landmarks_of(large, PAIRS, None)
+    assert_allclose(one.first_errors, other.first_errors)

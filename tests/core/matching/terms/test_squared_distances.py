@@ -1,0 +1,133 @@
+"""Squared distances along a surface: exact near their points and on planes, and least there."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from abfm.calculus.geodesics import exact_distances
+from abfm.calculus.operators import face_frames
+from abfm.flow.continuous_flow import Walker, smooth_flow, walk_straight
+from abfm.maps.surface_points import SurfacePoints, vertex_points
+from abfm.matching.terms.squared_distances import SquaredDistances
+from abfm.mesh import TriangleMesh
+from tests.core.surfaces import SURFACES
+from tests.core.verification import near, observed_orders
+from tests.shapes import ellipsoid, icosphere, square
+
+
+def some_points(mesh, count, seed):
+    rng = np.random.default_rng(seed)
+    faces = rng.integers(len(mesh.faces), size=count)
+    return SurfacePoints(mesh, faces, rng.dirichlet(np.ones(3), size=count))
+
+
+def repeated(points, number, count):
+    return points[np.full(count, number)]
+
+
+def test_on_a_plane_they_are_exact():
+    mesh = square(7)
+    to, points = some_points(mesh, 40, 0), some_points(mesh, 40, 1)
+    distances, apart = SquaredDistances(to), points.positions - to.positions
+    near(distances.at(points), (apart**2).sum(axis=1), 1e-13)
+    frames = face_frames(mesh)[points.faces]
+    near(distances.slopes(points), 2 * np.einsum("lkx,lx->lk", frames, apart), 1e-11)
+
+
+def test_they_are_exact_around_their_point_on_any_surface():
+    for name in ("ellipsoid", "torus", "genus two", "hemisphere"):
+        mesh = SURFACES[name]
+        to = some_points(mesh, 10, 2)
+        near_by = SurfacePoints(mesh, to.faces, np.full((10, 3), 1 / 3))
+        apart = np.linalg.norm(near_by.positions - to.positions, axis=1)
+        assert_allclose(SquaredDistances(to).at(near_by), apart**2, rtol=1e-9)
+        near(SquaredDistances(to).at(to), 0, 1e-14)
+        near(SquaredDistances(to).slopes(to), 0, 1e-12)
+
+
+@pytest.mark.parametrize("name", ["ellipsoid", "torus", "genus two", "hemisphere", "cylinder"])
+def test_the_exact_geodesic_distance_is_near(name):
+    mesh = SURFACES[name].normalized()
+    every = np.arange(len(mesh.vertices))
+    for source in (0, 17):
+        to = repeated(vertex_points(mesh, [source]), 0, len(every))
+        found = np.sqrt(SquaredDistances(to).at(vertex_points(mesh)))
+        exact = exact_distances(mesh, source, every)
+        assert np.abs(found - exact).mean() < 0.02 * exact.max()
+        assert np.abs(found - exact).max() < 0.05 * exact.max()
+
+
+def test_on_a_sphere_they_converge_to_arcs():
+    errors = []
+    for subdivisions in (2, 3, 4):
+        mesh = icosphere(subdivisions)
+        to, points = some_points(mesh, 60, 3), some_points(mesh, 60, 4)
+        units = (p.positions / np.linalg.norm(p.positions, axis=1)[:, None] for p in (to, points))
+        arcs = np.arccos(np.clip(np.einsum("px,px->p", *units), -1, 1))
+        errors.append(np.abs(np.sqrt(SquaredDistances(to).at(points)) - arcs).mean())
+    assert observed_orders([4, 2, 1], errors).min() > 0.9
+    assert errors[-1] < 0.01
+
+
+def test_they_are_continuous_over_edges_and_slopes_are_their_derivatives():
+    mesh = SURFACES["genus two"].normalized()
+    slots = mesh.edge_slots[~mesh.is_boundary_edge][:40]
+    weights = np.zeros((2, len(slots), 3))
+    for side in range(2):
+        faces, corners = np.divmod(slots[:, side], 3)
+        first = mesh.faces[faces, (corners + 1) % 3] == mesh.edges[~mesh.is_boundary_edge][:40, 0]
+        rows = np.arange(len(slots))
+        weights[side, rows, (corners + 1) % 3] = np.where(first, 0.3, 0.7)
+        weights[side, rows, (corners + 2) % 3] = np.where(first, 0.7, 0.3)
+    distances = SquaredDistances(some_points(mesh, len(slots), 5))
+    here, there = (
+        distances.at(SurfacePoints(mesh, slots[:, side] // 3, weights[side])) for side in range(2)
+    )
+    near(here, there, 1e-13)
+    points, step = some_points(mesh, 40, 6), 1e-4 * np.array([1.0, -2.0, 1.0])
+    ahead, back = (
+        SurfacePoints(mesh, points.faces, points.barycentric + s * step) for s in (1, -1)
+    )
+    moved = np.einsum(
+        "lkx,lx->lk", face_frames(mesh)[points.faces], ahead.positions - back.positions
+    )
+    slopes = (distances.slopes(points) * moved).sum(axis=1)
+    assert_allclose(distances.at(ahead) - distances.at(back), slopes, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["sphere", "flat ellipsoid", "torus", "genus two", "cylinder"])
+def test_downhill_from_anywhere_leads_to_the_point(name):
+    mesh = (SURFACES | {"sphere": icosphere(3), "flat ellipsoid": ellipsoid(2, 1.0, 1.0, 0.1)})[
+        name
+    ].normalized()
+    starts, size = some_points(mesh, 60, 7), 0.5 / np.sqrt(len(mesh.faces))
+    to = repeated(some_points(mesh, 1, 8), 0, 60)
+    distances, flow = SquaredDistances(to), smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
+    points = starts
+    for _ in range(int(2.5 / size)):
+        ways = -0.5 * distances.slopes(points)
+        ways *= np.minimum(1, size / np.maximum(np.linalg.norm(ways, axis=1), 1e-30))[:, None]
+        points = walked(mesh, flow, points, ways)
+    assert np.sqrt(distances.at(points).clip(0)).max() < 1e-6
+
+
+def walked(mesh, flow, points, ways):
+    faces, weights = points.faces.copy(), points.barycentric.copy()
+    corners = mesh.vertices[mesh.faces[faces]]
+    places = np.einsum("px,pkx->pk", points.positions - corners[:, 0], face_frames(mesh)[faces])
+    for i, ((x, y), (u, v)) in enumerate(zip(places, ways, strict=True)):
+        end = walk_straight(flow, Walker(faces[i], x, y, u, v), True)
+        faces[i] = end.face
+        inside = flow.gradients[end.face] @ [end.x, end.y] + [1, 0, 0]
+        weights[i] = np.maximum(inside, 0) / np.maximum(inside, 0).sum()
+    return SurfacePoints(mesh, faces, weights)
+
+
+def test_units_do_not_matter():
+    mesh = SURFACES["torus"]
+    large = TriangleMesh(1e6 * mesh.vertices, mesh.faces)
+    one, other = (
+        SquaredDistances(some_points(each, 9, 1)).at(some_points(each, 9, 2))
+        for each in (mesh, large)
+    )
+    assert_allclose(other, 1e12 * one, rtol=1e-9)

@@ -1,0 +1,182 @@
+"""Matches of landmarks, alone and beside functions."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm.calculus.vector_fields import to_ambient
+from abfm.errors import ResultError
+from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.io import results
+from abfm.maps.surface_points import vertex_points
+from abfm.matching.objective.regularizer import Regularizer
+from tests.core.fields import bump
+from tests.core.surfaces import SURFACES
+from tests.core.verification import near
+from tests.shapes import icosphere, torus
+
+SPHERE, SMALL = icosphere(3), icosphere(2)
+NEAR = 0.005
+
+
+def smooth_field(mesh, speed, seed):
+    """Noise that the norm of fields has smoothed, (F, 3)."""
+    unit, rng = mesh.normalized(), np.random.default_rng(seed)
+    field = Regularizer(unit, 0.05, 2).inverse(rng.normal(size=(len(mesh.faces), 2)))
+    field *= speed / np.linalg.norm(field, axis=1).max()
+    return mesh.length_scale * to_ambient(unit, field)
+
+
+def flowed(mesh, count, speed=0.3, seed=0):
+    rng = np.random.default_rng(seed)
+    start = vertex_points(mesh, rng.choice(len(mesh.vertices), count, replace=False))
+    flow = ContinuousFlow(mesh, smooth_field(mesh, speed, seed), 1.0)
+    return (start, flow.destinations(start)), flow
+
+
+def well_matched(found):
+    assert found.verdict.kind == "matched"
+    assert found.landmark_errors.max() <= NEAR
+    assert found.folded == 0
+    assert found.distortion().folded == 0
+
+
+@pytest.fixture(scope="module")
+def matched():
+    pair, _ = flowed(SPHERE, 8)
+    return abfm.match(abfm.Problem(SPHERE, None, None, landmarks=pair))
+
+
+@pytest.mark.parametrize("name", ["torus", "genus two", "hemisphere"])
+def test_landmarks_alone_are_matched(name):
+    mesh = torus(24, 12) if name == "torus" else SURFACES[name]
+    pair, _ = flowed(mesh, 12)
+    found = abfm.match(abfm.Problem(mesh, None, None, landmarks=pair))
+    well_matched(found)
+    assert found.problem.landmarks.first_errors.max() > 0.1
+
+
+def test_its_errors_are_those_of_certified_flow_lines(matched):
+    well_matched(matched)
+    marks = matched.problem.landmarks
+    ends = ContinuousFlow(SPHERE, matched.velocity, 1.0).destinations(marks.points(SPHERE))
+    straight = np.linalg.norm(ends.positions - marks.wanted(SPHERE).positions, axis=1)
+    near(matched.landmark_errors, straight / SPHERE.length_scale, 1e-4)
+    assert matched.mismatch == pytest.approx(10 * matched.landmark_errors.max(), abs=0.005)
+    assert matched.verified_mismatch == pytest.approx(10 * matched.landmark_errors.max())
+    assert matched.initial_mismatch == pytest.approx(10 * marks.first_errors.max())
+    most = 100 * matched.landmark_errors.max()
+    assert matched.verdict.reason.startswith(f"8 landmarks within {most:.2g}% of sqrt(area), ")
+
+
+def test_two_that_pass_each_other_and_one_that_goes_far():
+    opposite = int(np.argmin(SMALL.vertices @ SMALL.vertices[3]))
+    for pairs in ([[0, 20], [20, 0]], [[3, opposite]]):
+        found = abfm.match(abfm.Problem(SMALL, None, None, landmarks=pairs))
+        well_matched(found)
+
+
+def test_beside_functions_both_are_matched():
+    pair, flow = flowed(SPHERE, 6, seed=2)
+    f = bump(SPHERE, SPHERE.vertices[0], 0.25) + 0.6 * bump(SPHERE, SPHERE.vertices[90], 0.3)
+    g = flow.origins().pull_back(f)
+    told = []
+    problem = abfm.Problem(SPHERE, f, g, landmarks=pair)
+    found = abfm.match(problem, on_iteration=told.append)
+    well_matched(found)
+    assert problem.functions.relative_mismatch(found.advected.T) <= 0.05
+    assert f"6 landmarks within {100 * found.landmark_errors.max():.2g}%" in found.verdict.reason
+    assert all(list(now.shares) == ["closeness", "landmarks"] for now in told)
+    assert all(sum(now.shares.values()) == now.mismatch_energy for now in told)
+    alone = abfm.match(SPHERE, f, g)
+    assert alone.landmark_errors is None
+    left = problem.landmarks.errors(alone.flow._lines.destinations(pair[0]))
+    assert left.max() > 2 * NEAR
+    at_first = found.at_step(0)
+    assert at_first.landmark_errors.max() > found.landmark_errors.max()
+
+
+def test_a_coarser_mesh_leads_to_the_mesh_itself():
+    pair, _ = flowed(SPHERE, 5, seed=3)
+    found = abfm.match(abfm.Problem(SPHERE, None, None, abfm.Parameters(levels=2), landmarks=pair))
+    well_matched(found)
+    assert found.velocity.shape == (1, len(SPHERE.faces), 3)
+
+
+def test_a_start_goes_on_and_what_is_not_reached_is_told(matched):
+    problem = matched.problem
+    short = abfm.match(problem.with_parameters(abfm.Parameters(iterations=2)))
+    assert short.verdict.kind == "not reached"
+    assert "stopped after the 2 iterations" in short.verdict.reason
+    again = abfm.match(problem.starting_from(matched.velocity))
+    well_matched(again)
+    assert len(again.energy_history) <= 3
+    loose = abfm.Parameters(landmark_sigma=3.0, segments=1)
+    left = abfm.match(problem.with_parameters(loose))
+    assert left.verdict.kind == "not reached"
+    assert "landmarks are left farther than 0.5%" in left.verdict.reason
+    assert left.verdict.remedies[0].parameters == {"landmark_sigma": 1.0}
+    assert left.landmark_errors.max() > 10 * NEAR
+
+
+def test_smaller_landmark_sigmas_leave_less():
+    pair, _ = flowed(SMALL, 4)
+    left = []
+    for sigma in (1.0, 0.3, 0.1):
+        p = abfm.Parameters(landmark_sigma=sigma, segments=1)
+        left.append(abfm.match(abfm.Problem(SMALL, None, None, p, landmarks=pair)).landmark_errors)
+    assert left[0].max() > 2 * left[1].max() > 4 * left[2].max()
+
+
+def test_it_comes_back_from_files_and_from_other_processes(matched, tmp_path):
+    matched.save(tmp_path / "m.npz")
+    loaded = abfm.load_match(tmp_path / "m.npz")
+    assert not loaded.doubt
+    assert loaded.verdict == matched.verdict
+    assert np.array_equal(loaded.landmark_errors, matched.landmark_errors)
+    assert loaded.problem.digest == matched.problem.digest
+    arrays = results.load_arrays(tmp_path / "m.npz")
+    assert np.array_equal(arrays["landmark_errors"], matched.landmark_errors)
+    matched.problem.save(tmp_path / "p.npz")
+    for other in (
+        abfm.load_problem(tmp_path / "p.npz"),
+        pickle.loads(pickle.dumps(matched.problem)),
+    ):
+        assert other.digest == matched.problem.digest
+        assert other.landmarks.mesh is other.mesh.normalized()
+        near(other.landmarks.first_errors, matched.problem.landmarks.first_errors, 0)
+
+
+def test_a_file_with_half_of_them_is_refused(matched, tmp_path):
+    arrays = matched.problem.arrays()
+    del arrays["landmark_faces"]
+    results.save_arrays(tmp_path / "p.npz", arrays, results.PROBLEM)
+    with pytest.raises(ResultError, match="lacks some of landmark_faces"):
+        abfm.load_problem(tmp_path / "p.npz")
+    arrays = matched.problem.arrays()
+    arrays["landmark_faces"] = arrays["landmark_faces"] + len(SPHERE.faces)
+    results.save_arrays(tmp_path / "q.npz", arrays, results.PROBLEM)
+    with pytest.raises(ResultError, match="points have faces"):
+        abfm.load_problem(tmp_path / "q.npz")
+
+
+def test_digests_and_files_without_landmarks_are_those_of_before_there_were_any():
+    f = np.linspace(0.0, 1.0, 162)
+    plain = abfm.Problem(icosphere(2), f, f[::-1])
+    assert "landmark_sigma" not in str(plain.arrays()["parameters"])
+    digests = {
+        plain.digest,
+        plain.with_parameters(abfm.Parameters(landmark_sigma=0.5)).digest,
+        abfm.Problem(icosphere(2), f, f[::-1], landmarks=[[0, 1]]).digest,
+        abfm.Problem(icosphere(2), f, f[::-1], landmarks=[[0, 2]]).digest,
+        abfm.Problem(icosphere(2), f, f[::-1], landmarks=[[0, 2]], landmark_weights=[2]).digest,
+    }
+    assert len(digests) == 5
+    assert plain._with(landmarks=None).digest == plain.digest
+
+
+def test_the_same_problem_gives_the_same_field(matched):
+    again = abfm.match(matched.problem)
+    assert np.array_equal(again.velocity, matched.velocity)
