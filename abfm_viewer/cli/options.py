@@ -71,12 +71,14 @@ def add_channels(parser: argparse.ArgumentParser, source: str, target: str) -> N
     )
 
 
-def channels(arguments: argparse.Namespace) -> tuple[list[str], list[str], list[float]]:
-    """Return sources, targets and weights."""
+def channels(
+    arguments: argparse.Namespace, may_lack: bool = False
+) -> tuple[list[str], list[str], list[float]]:
+    """Return sources, targets and weights; none only where they may be lacking."""
     if (arguments.source is None) != (arguments.target is None):
         raise UsageError("--source and --target need each other")
     first = [] if arguments.source is None else [(arguments.source, arguments.target, "1")]
-    if not (found := [*first, *arguments.channel]):
+    if not (found := [*first, *arguments.channel]) and not may_lack:
         raise UsageError(f"give --source and --target; see {arguments.parser.prog} --help")
     weights = []
     for *_, word in found:

@@ -13,7 +13,7 @@ import abfm
 from abfm import Control, Match, Parameters, Registration, TriangleMesh, load_mesh
 from abfm.errors import printable
 from abfm.registration import MEASURED, prepare, within
-from abfm.registration.initial import WORDS
+from abfm.registration.initial import WORDS, read_landmarks
 from abfm.workers.progress import telling
 from abfm_viewer import signals
 from abfm_viewer.cli import options, results
@@ -39,10 +39,12 @@ Examples:
   abfm register lh.sphere fsaverage.sphere.surf.gii --source file:lh.sulc --target file:avg.gii \\
       --mask-b cortex.csv --out sub-01_reg.npz
   abfm register pose1.off pose2.off --source hks:time=0.01 --target hks:time=0.01 --out reg.npz
+  abfm register cat.off lion.off --landmarks pairs.csv --out reg.npz
   abfm apply sub-01_reg.npz --labels lh.aparc.annot --out aparc.label.gii
 
 The initial map (--initial): by default vertex to vertex where the surfaces have the same faces,
-through the sphere where both are spheres, else the closest points; or one of
+through the sphere where both are spheres, from three landmarks if there are any, through spheres
+that are made where neither has handles, else the closest points; or one of
 {_WORDS}
 Functions that were measured, or have other units, are compared in standard deviations from their
 means; where one has the other sign, that is turned and told. Their parameters are {_MEASURED}
@@ -67,6 +69,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             f"how much vertices of {side.upper()} count, not negative: a function or its file",
             "SPEC",
         )
+    add(
+        "--landmarks",
+        "pairs of vertices of A and of B, or of x, y, z on both, a pair a line; alone or beside "
+        "functions",
+        "FILE.csv",
+    )
     add("--initial", "the initial map, see above", "WORD[:...]")
     options.add_parameters(parser, options.UNSET)
     add = options.adder(parser.add_argument_group("output"))
@@ -88,18 +96,21 @@ def run(arguments: argparse.Namespace) -> int:
     """Register and write; the status is that of `abfm match`."""
     for path in arguments.out:
         outputs.check(path, outputs.REGISTERED)
-    sources, targets, weights = options.channels(arguments)
+    sources, targets, weights = options.channels(
+        arguments, may_lack=arguments.landmarks is not None
+    )
     with nullcontext() if arguments.quiet else telling(print_long):
         a, b = (_mesh(arguments, path) for path in (arguments.a, arguments.b))
         prepared = prepare(
             a,
             b,
-            sources,
-            targets,
+            sources or None,
+            targets or None,
             initial=arguments.initial,
+            landmarks=arguments.landmarks and read_landmarks(a, b, arguments.landmarks),
             mask_a=options.weight(a, arguments.mask_a),
             mask_b=options.weight(b, arguments.mask_b),
-            weights=weights,
+            weights=weights or None,
         )
     for note in prepared.notes:
         print(f"note: {note}", file=sys.stderr)
@@ -164,6 +175,7 @@ class Outcome:
             f"iterations in {self.seconds:.1f} s; wrote {', '.join(names)}",
             *(results.path_lines(match) if len(match.path) > 1 else []),
             *results.map_lines(self.registration),
+            *results.landmark_lines(self.registration),
             *([self.bound] if self.bound else []),
         ]
         return "\n".join(lines)

@@ -4,7 +4,7 @@ import math
 from dataclasses import asdict, fields
 from typing import Any
 
-from abfm import Correspondence, Match, PathStep
+from abfm import Correspondence, Match, PathStep, Registration
 from abfm.maps import Distortion
 from abfm.matching import SHARE
 from abfm.mesh.subdivision import times_subdivided
@@ -89,6 +89,15 @@ def map_lines(found: Correspondence) -> list[str]:
         found.distortion().report(),
         f"{found.there_and_back().report()}; {100 * found.coverage():.1f}% of A is covered",
     ]
+
+
+def landmark_lines(found: Registration) -> list[str]:
+    """Return how far landmarks are left, in a line, where there are any."""
+    errors = found.landmark_errors
+    if errors is None:
+        return []
+    told = f"mean {errors.mean():.2g}, largest {errors.max():.2g} sqrt(area)"
+    return [f"{len(errors)} landmarks are left off by {told}"]
 
 
 def bound_told(distortion: Distortion, most: float) -> str:

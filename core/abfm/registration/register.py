@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +14,7 @@ from abfm.errors import FunctionError, MeshError, ParameterError, brief
 from abfm.functions.spec import function
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
+from abfm.maps.surface_points import SurfacePoints
 from abfm.matching.bounded import bounded
 from abfm.matching.match import Iteration, Match, match
 from abfm.matching.problem import Problem
@@ -24,12 +25,14 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.given import Given
+from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.words import initial_map
 from abfm.registration.registration import Registration
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import Control
 
 Functions: TypeAlias = ArrayLike | str | Sequence[str]
+Pairs: TypeAlias = ArrayLike | tuple[SurfacePoints, SurfacePoints] | Landmarks
 MEASURED = Parameters(order=1, alpha=0.03, divergence=1.5)
 """Parameters for measured functions of two surfaces, which are only as alike as two people are.
 
@@ -56,6 +59,7 @@ def register(
     g: Functions | None = None,
     *,
     initial: Correspondence | PointMap | str | None = None,
+    landmarks: Pairs | None = None,
     parameters: Parameters | None = None,
     mask_a: ArrayLike | None = None,
     mask_b: ArrayLike | None = None,
@@ -80,6 +84,9 @@ def register(
         the negative of the other, its sign is turned, and that is told.
     initial : Correspondence, PointMap or str, optional
         See `abfm.registration.initial.words`; by default chosen by what is given.
+    landmarks : (L, 2) array of int, pair of SurfacePoints, or Landmarks, optional
+        Vertices, or points, of A and of B that belong together: the flow takes where the initial
+        map has A's to B's. Without f and g they are all that is matched.
     parameters : Parameters, optional
         By default `MEASURED` where the functions are, else ``Parameters()``.
     mask_a, mask_b : (V_A,) and (V_B,) arrays, optional
@@ -100,6 +107,7 @@ def register(
         f,
         g,
         initial=initial,
+        landmarks=landmarks,
         parameters=parameters,
         mask_a=mask_a,
         mask_b=mask_b,
@@ -133,6 +141,7 @@ def prepare(
     g: Functions | None = None,
     *,
     initial: Correspondence | PointMap | str | None = None,
+    landmarks: Pairs | None = None,
     parameters: Parameters | None = None,
     mask_a: ArrayLike | None = None,
     mask_b: ArrayLike | None = None,
@@ -142,8 +151,17 @@ def prepare(
     for name, mesh in (("a", a), ("b", b)):
         if not isinstance(mesh, TriangleMesh):
             raise MeshError(f"{name} is {brief(mesh)}; expected a TriangleMesh, see abfm.load_mesh")
-    if f is None or g is None:
+    if (f is None) != (g is None):
         raise FunctionError("give both f and g: functions of A and of B to register by")
+    marks = None if landmarks is None else _landmarks(a, b, landmarks)
+    if f is None or g is None:
+        if marks is None:
+            raise FunctionError(
+                "give f and g, functions of A and of B to register by, or landmarks"
+            )
+        first = initial_map(initial, Given(a, b, landmarks=marks))
+        problem = Problem(b, None, None, parameters, **_on_b(first.correspondence, marks))
+        return Prepared(first.correspondence, problem, first.notes)
     (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
     if len(source) != len(target):
         raise FunctionError(
@@ -151,7 +169,7 @@ def prepare(
         )
     on_a, on_b = _mask(a, mask_a, known_a, "mask_a"), _mask(b, mask_b, known_b, "mask_b")
     counts = np.ones(len(source)) if weights is None else real_numbers(weights, "weights")
-    given = Given(a, b, source, target, on_a, on_b, counts)
+    given = Given(a, b, source, target, on_a, on_b, counts, marks)
     first = initial_map(initial, given)
     found = first.correspondence
     carried = found.carry(source.T, by="area").T
@@ -161,8 +179,38 @@ def prepare(
     mask = np.prod(masks, axis=0) if masks else None
     carried, target, measured, notes = _comparable(b, carried, target, mask)
     usual = MEASURED if measured else Parameters()
-    problem = Problem(b, carried.T, target.T, parameters or usual, mask=mask, weights=counts)
+    problem = Problem(
+        b,
+        carried.T,
+        target.T,
+        parameters or usual,
+        mask=mask,
+        weights=counts,
+        **({} if marks is None else _on_b(found, marks)),
+    )
     return Prepared(found, problem, (*first.notes, *notes))
+
+
+def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:
+    if isinstance(given, Landmarks):
+        return given
+    if isinstance(given, tuple) and all(isinstance(points, SurfacePoints) for points in given):
+        on_a, on_b = given
+        count = len(on_a.faces)
+        return Landmarks(on_a, on_b, np.ones(count), tuple(map(str, range(count))))
+    pairs = np.asarray(given)
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
+        raise ParameterError(
+            f"landmarks have shape {pairs.shape} of {pairs.dtype}; expected (L, 2) vertices of A "
+            "and of B, or two SurfacePoints"
+        )
+    return Landmarks.of_vertices(a, b, pairs[:, 0], pairs[:, 1])
+
+
+def _on_b(initial: Correspondence, marks: Landmarks) -> dict[str, Any]:
+    """Return the landmarks of a problem on B: from where the initial map has A's."""
+    pair = initial.carry_points(marks.a), marks.b
+    return {"landmarks": pair, "landmark_weights": marks.weights}
 
 
 def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray, BoolArray]:

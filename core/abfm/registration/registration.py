@@ -57,6 +57,11 @@ class Registration(Correspondence):
         return self.match.verdict
 
     @property
+    def landmark_errors(self) -> FloatArray | None:
+        """How far landmarks are left from their places on B, (L,), in sqrt(area), or None."""
+        return self.match.landmark_errors
+
+    @property
     def energy_history(self) -> FloatArray:
         """As of a `Match`."""
         return self.match.energy_history

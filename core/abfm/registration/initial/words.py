@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.errors import AbfmError, ParameterError, brief, did_you_mean
+from abfm.maps.continuous_map import continuous_map
 from abfm.maps.point_maps import PointMap
 from abfm.maps.sphere_embedding import sphere_embedding
 from abfm.maps.spherical import SphereLayout, is_sphere, sphere_directions
@@ -17,6 +18,7 @@ from abfm.registration.initial.alignment import KINDS, closest_after_alignment
 from abfm.registration.initial.connectivity import same_connectivity
 from abfm.registration.initial.given import Given, Initial
 from abfm.registration.initial.landmark_pairs import Landmarks
+from abfm.registration.initial.landmarks_only import FEWEST, map_from_landmarks
 from abfm.registration.initial.spectral import functional_map_start
 from abfm.registration.initial.spheres import (
     OnSphere,
@@ -27,7 +29,6 @@ from abfm.registration.initial.spheres import (
 from abfm.registration.initial.vertex_files import map_from_file
 from abfm.types import FloatArray
 
-_FEWEST = 3  # landmarks that fix a rotation
 _RIVAL = 0.9  # of a correlation, or of a defect, from which on another map is as good
 
 
@@ -45,8 +46,9 @@ class Word(NamedTuple):
 
 def initial_map(initial: object, given: Given) -> Initial:
     """Return the initial map that a word asks for, see `WORDS`, or what was given as one; None is
-    chosen by what there is: equal faces, then spheres, or ones that are made where neither surface
-    has handles, then what is closest in space.
+    chosen by what there is: equal faces, spheres, three landmarks, functions on surfaces without
+    handles, and else what is closest in space. Torn maps are made continuous where neither surface
+    has handles (`abfm.maps.continuous_map`); what was given as a map stays as it is.
 
     Raises
     ------
@@ -85,8 +87,11 @@ def _chosen(given: Given) -> str:
         return "connectivity"
     if is_sphere(given.a) and is_sphere(given.b):
         return "sphere"
-    is_told = given.f is not None or given.landmarks is not None
-    return "embedding" if is_told and not (given.a.genus or given.b.genus) else "closest"
+    if given.landmarks is not None and len(given.landmarks) >= FEWEST:
+        return "landmarks"
+    if given.f is not None and not (given.a.genus or given.b.genus):
+        return "embedding"
+    return "closest"
 
 
 def _by_numbers(given: Given, words: list[str]) -> Initial:
@@ -94,6 +99,28 @@ def _by_numbers(given: Given, words: list[str]) -> Initial:
     if np.array_equal(given.a.faces, given.b.faces):
         return Initial(Correspondence.of_same_faces(given.a, given.b))
     return Initial(Correspondence(same_connectivity(given.a, given.b)))
+
+
+def _mended(given: Given, points: PointMap, notes: tuple[str, ...] = ()) -> Initial:
+    """Return a map that may be torn, made continuous where surfaces have no handles."""
+    torn = Correspondence(points)
+    distortion, faces = torn.distortion(), len(given.b.faces)
+    share = (distortion.flipped | (distortion.area <= 0)).sum() / faces
+    if share == 0:
+        return Initial(torn, notes)
+    told = f"it turns over or collapses {100 * share:.2g}% of the faces"
+    if given.a.genus or given.b.genus or torn.is_mirrored:
+        return Initial(torn, (*notes, f"the initial map is torn: {told}"))
+    spheres = continuous_map(points)
+    found = Correspondence.through_sphere(given.a, given.b, *spheres)
+    return Initial(found, (*notes, f"the initial map was made continuous, as {told}"))
+
+
+def _by_landmarks(given: Given, words: list[str]) -> Initial:
+    mirrored = _is_mirrored("landmarks", words)
+    if given.landmarks is None:
+        raise ParameterError("an initial map by landmarks needs landmarks: give three or more")
+    return _mended(given, map_from_landmarks(given.a, given.b, given.landmarks, mirrored))
 
 
 def _closest(given: Given, words: list[str]) -> Initial:
@@ -107,23 +134,20 @@ def _closest(given: Given, words: list[str]) -> Initial:
         f"B was laid on A, {found.rms:.3f} sqrt(area) from it (RMS): each of its points starts at "
         "the closest one"
     )
-    return Initial(Correspondence(points), (note,))
+    return _mended(given, points, (note,))
 
 
 def _spectral(given: Given, words: list[str]) -> Initial:
-    if words not in ([], ["mirror"]):
-        raise ParameterError(f"spectral:{','.join(words)}: expected mirror, or nothing")
+    mirrored = _is_mirrored("spectral", words)
     functions = None if given.f is None or given.g is None else (given.f.T, given.g.T)
     points, found = functional_map_start(
-        given.a, given.b, given.landmarks, functions, mirrored=bool(words)
+        given.a, given.b, given.landmarks, functions, mirrored=mirrored
     )
-    notes = []
-    if found.defect > _RIVAL * found.rival:
-        notes.append(
-            "another map that leads elsewhere is nearly as good, as on symmetric surfaces: give "
-            "landmarks that tell them apart"
-        )
-    return Initial(Correspondence(points), tuple(notes))
+    notes = (
+        "another map that leads elsewhere is nearly as good, as on symmetric surfaces: give "
+        "landmarks that tell them apart",
+    )
+    return _mended(given, points, notes if found.defect > _RIVAL * found.rival else ())
 
 
 def _of_file(given: Given, words: list[str]) -> Initial:
@@ -136,13 +160,12 @@ def _of_file(given: Given, words: list[str]) -> Initial:
             f"{path} holds pairs of points, not a point for every vertex of B: give them as "
             "landmarks"
         )
-    return Initial(Correspondence(found))
+    return _mended(given, found)
 
 
 def _embedded(given: Given, words: list[str]) -> Initial:
-    if words not in ([], ["mirror"]):
-        raise ParameterError(f"embedding:{','.join(words)}: expected mirror, or nothing")
-    return _turned(given, sphere_embedding(given.a), sphere_embedding(given.b), bool(words))
+    mirrored = _is_mirrored("embedding", words)
+    return _turned(given, sphere_embedding(given.a), sphere_embedding(given.b), mirrored)
 
 
 def _spheres(given: Given, words: list[str]) -> Initial:
@@ -183,7 +206,7 @@ def _rotation(given: Given, a: SphereLayout, b: SphereLayout) -> Turned | None:
         on_a, on_b = OnSphere(a, given.f, given.mask_a), OnSphere(b, given.g, given.mask_b)
         return rotation_by_functions(on_a, on_b, weights)
     marks = given.landmarks
-    return None if marks is None or len(marks) < _FEWEST else rotation_by_landmarks(a, b, marks)
+    return None if marks is None or len(marks) < FEWEST else rotation_by_landmarks(a, b, marks)
 
 
 def _turned_words(turned: Turned) -> list[str]:
@@ -207,6 +230,12 @@ def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
             f"{mesh.file_vertex_count}; give a sphere with the same vertices"
         )
     return sphere_directions(sphere)
+
+
+def _is_mirrored(name: str, words: list[str]) -> bool:
+    if words not in ([], ["mirror"]):
+        raise ParameterError(f"{name}:{','.join(words)}: expected mirror, or nothing")
+    return bool(words)
 
 
 def _no_words(name: str, words: list[str]) -> None:
@@ -235,6 +264,11 @@ WORDS = (
         "spectral[:mirror]",
         "by eigenfunctions and functions, of surfaces that are nearly isometric",
         _spectral,
+    ),
+    Word(
+        "landmarks[:mirror]",
+        "from three and more landmarks: by eigenfunctions, or closest once aligned",
+        _by_landmarks,
     ),
     Word(
         "file:MAP",
