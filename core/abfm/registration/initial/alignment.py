@@ -98,9 +98,9 @@ def align(
     surfaces stand as they are, or their principal axes are laid on each other, and turned by the
     rotations of a cube and of an icosahedron. From every start turns of closest points, of either
     surface on the other one, and of the best motion for the nearest 80% of these pairs follow; the
-    result is the one with the smallest RMS distance, or the start as the surfaces stand if that comes
-    within a tenth of it. Points are spread by area, so that triangles
-    do not count. Landmarks weigh as much as all pairs together.
+    result is the one with the smallest RMS distance, or the one from where the surfaces stand if
+    that comes within a tenth of it. Points are spread by area, so that triangles do not count.
+    Landmarks weigh as much as all pairs together.
 
     Raises
     ------
