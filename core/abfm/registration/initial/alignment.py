@@ -42,6 +42,7 @@ _MOST_TURNS = 60  # of closest points and best motions
 _SCREENED = (0, 16), (8, 3)  # turns for each start, and how many of the best go on
 _NEAREST = 0.8  # share of the pairs, those closest to each other, that a motion is fitted to
 _SETTLED = 1e-5  # of the RMS distance: turns that gain less end
+_HARDLY = 1.1  # times the least RMS distance
 _SAME = 1e-9  # RMS distance, in sqrt(area), below which nothing better is looked for
 _ON_A_LINE = 1e-6  # width of landmarks, in sqrt(area), that leaves a rotation open
 
@@ -97,8 +98,9 @@ def align(
     surfaces stand as they are, or their principal axes are laid on each other, and turned by the
     rotations of a cube and of an icosahedron. From every start turns of closest points, of either
     surface on the other one, and of the best motion for the nearest 80% of these pairs follow; the
-    result is the one with the smallest RMS distance. Points are spread by area, so that triangles
-    do not count. Landmarks weigh as much as all pairs together.
+    result is the one with the smallest RMS distance, or the one from where the surfaces stand if
+    that comes within a tenth of it. Points are spread by area, so that triangles do not count.
+    Landmarks weigh as much as all pairs together.
 
     Raises
     ------
@@ -114,13 +116,20 @@ def align(
         sizes = a.length_scale, a.length_scale if kind == "rigid" else b.length_scale
         many = _Surfaces.of(a, b, kind, sizes, landmarks)
         if landmarks is not None and _fix_a_motion(landmarks):
-            motions = [best_motion(*many.marks, kind)]
+            starts = [best_motion(*many.marks, kind)]
         else:
-            motions = _starts(a, b, kind, sizes)
-            few = many.thinned(_MANY // _FEW)
-            for turns, kept in _SCREENED:
-                motions = _best(few, motions, turns, kept)
-        rotation, scale, shift = motion = _best(many, motions, _MOST_TURNS, 1)[0]
+            starts = _starts(a, b, kind, sizes)
+        motions, few = starts, many.thinned(_MANY // _FEW)
+        for turns, kept in _SCREENED:
+            motions = _best(few, motions, turns, kept)
+        motion, least = min(
+            (_refined(many, start, _MOST_TURNS) for start in motions), key=lambda found: found[1]
+        )
+        # as the surfaces stand, or landmarks lay them, if nothing is clearly better
+        first, score = _refined(many, starts[0], _MOST_TURNS)
+        if kind != "mirror" and score <= _HARDLY * least:
+            motion = first
+        rotation, scale, shift = motion
         rms = many.rms(many.distances(motion))
     return Alignment(rotation, scale * sizes[0] / sizes[1], shift * sizes[0], rms)
 
