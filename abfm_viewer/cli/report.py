@@ -39,8 +39,8 @@ well it went, both surfaces and their functions from two sides, what the map doe
 to areas and to shapes, its path from smooth to close, and its parameters. All numbers are in it,
 too, as JSON in the element with the id "facts".
 
-It warns of folded faces, of less than {100 * LEAST_COVERED:g}% of A that is covered, and where 5% of the
-vertices come back more than {MOST_APART:g} edges from where they were.
+It warns of folded faces, of less than {100 * LEAST_COVERED:g}% of A that is covered, and where
+5% of the vertices come back more than {MOST_APART:g} edges from where they were.
 
 Also of maps without functions (`Correspondence.save`), and of results of `abfm match`.
 
@@ -109,7 +109,7 @@ def _facts(
 ) -> dict[str, Any]:
     """Return all that the page tells, as plain numbers and texts; None for unknown numbers."""
     name = printable(Path(arguments.input).name)
-    told = {
+    told: dict[str, Any] = {
         "abfm": version("abfm"),
         "file": name,
         "title": printable(arguments.title or name),
@@ -130,7 +130,7 @@ def _facts(
             "notes": [*found.notes, *match.mesh.messages],
             "changed_parameters": changed(match.parameters),
         }
-        told["channels"] = match.source.shape[1]
+        told["functions"] = list(zip(*match.problem.specs, strict=True))
     told["warnings"] = _warnings(of_map, found)
     return dict(_finite(told))
 
@@ -144,7 +144,9 @@ def changed(parameters: Parameters) -> dict[str, Any]:
     usual = Parameters()
     names = (entry.name for entry in fields(Parameters))
     return {
-        name: value for name in names if (value := getattr(parameters, name)) != getattr(usual, name)
+        name: value
+        for name in names
+        if (value := getattr(parameters, name)) != getattr(usual, name)
     }
 
 

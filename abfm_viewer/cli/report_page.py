@@ -25,6 +25,7 @@ LEAST_COVERED = 0.98
 MOST_APART = 0.1
 """Edges from the start, that 5% of the vertices may come back without a warning."""
 _COLORS = 256  # of pictures: a third of the bytes, and no eye sees it
+_COLUMN, _TALL = 14.6, 1.4  # width of pictures in rem, less of those more than this times as high
 _STYLE = """
 :root { --ink: #1d222b; --muted: #5d6675; --line: #d9dde4; --good: #12633a; --bad: #b3261e;
   --panel: #f5f6f8; color-scheme: light; }
@@ -56,16 +57,21 @@ figure img { display: block; width: 100%; }
   font-variant-numeric: tabular-nums; }
 .bars span { display: flex; align-items: center; gap: .5rem; }
 .bars img { width: 11rem; height: .8rem; border: 1px solid var(--line); }
-.half { display: grid; grid-template-columns: 1fr 1fr; gap: 1rem 2rem; align-items: center; }
+.half { display: grid; grid-template-columns: 1fr 1fr; gap: 1rem 2rem; align-items: start; }
+th[colspan] { text-align: center; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .5rem 0; }
 th, td { text-align: right; padding: .2rem 0 .2rem 1.1rem; border-bottom: 1px solid var(--line);
   vertical-align: top; }
 th:first-child, td:first-child, .words td { text-align: left; padding-left: 0; }
+.numbers th, .numbers td { white-space: nowrap; }
 .words td + td, .words th + th { text-align: left; padding-left: 1.3rem; }
 th { font-weight: 600; } tr.chosen { background: #eaf0fc; font-weight: 600; }
 footer { margin-top: 2.5rem; color: var(--muted); font-size: .85rem; }
 @page { size: A4; margin: 12mm; }
 @media print { body { max-width: none; padding: 0; font-size: 10pt; }
+  dl { grid-template-columns: repeat(6, 1fr); gap: .3rem; } dl div { padding: .3rem .4rem; }
+  dt { font-size: 7pt; } dd { font-size: 10pt; } table { font-size: 8pt; }
+  th, td { padding-left: .7rem; }
   section, .verdict, tr, .bars { break-inside: avoid; } h2, h3 { break-after: avoid; } }
 @media (max-width: 40rem) { .half { grid-template-columns: 1fr; } }
 """
@@ -83,7 +89,7 @@ def page(told: Facts, pictures: RegistrationPictures) -> str:
         _warnings(told["warnings"]),
         _list(told.get("notes", ()), ""),
         _numbers(told),
-        *(_functions(told, row) for row in pictures.functions),
+        _functions(told, pictures.functions),
         _map(told, pictures.map),
         _distortion(told, *pictures.histograms),
         *([_path(told, pictures.path), _parameters(told)] if is_registration else []),
@@ -159,7 +165,11 @@ def _numbers(told: Facts) -> str:
         ("areas: |log2 J|, 95%", f"{of_map['log2_area']['p95']:.2f}", False),
         ("shapes: |log2 R|, 95%", f"{of_map['log2_shape']['p95']:.2f}", False),
         ("folded faces", f"{of_map['folded']:,}", of_map["folded"] > 0),
-        ("A covered", _percent(of_map["coverage"]), of_map["coverage"] < LEAST_COVERED),
+        (
+            "A covered" if _has_two(told) else "covered",
+            _percent(of_map["coverage"]),
+            of_map["coverage"] < LEAST_COVERED,
+        ),
         (
             "there and back, 95%",
             f"{_edges(of_map['there_and_back']['p95'])} edges",
@@ -178,37 +188,49 @@ def _worse(mismatch: float, verified: float | None) -> float:
     return mismatch if verified is None else max(mismatch, verified)
 
 
-def _functions(told: Facts, row: Row) -> str:
-    first = row.title == "function 1"
-    many = told["channels"] > 1
-    heading = "<h2>Functions</h2>" if first else ""
-    if first and _has_two(told):
-        heading += (
-            "<p>A with its function; that function on B, by the initial map and by the registration; "
-            "B with its own; and what is left between them, where it counts. In front, and below "
-            "from behind. Functions are as they were compared: measured ones in standard deviations.</p>"
+def _functions(told: Facts, rows: Sequence[Row]) -> str:
+    if not rows:
+        return ""
+    text = "From the front, and below from behind."
+    if _has_two(told):
+        text = (
+            "A with its function; that function on B, by the initial map and by the registration; "
+            "B with its own; and what is left between them, where it counts; from the front, and "
+            "below from behind. Measured functions are in standard deviations, as compared."
         )
-    elif first:
-        heading += "<p>In front, and below from behind.</p>"
-    shown = f"<h3>{escape(row.title.capitalize())}</h3>" if many else ""
-    return f"<section>{heading}{shown}{_row(row)}</section>"
+    specs = told["functions"]
+    if len(rows) < len(specs):
+        text += f" These are the first {len(rows)} of {len(specs)} pairs of functions."
+    parts = []
+    for row, (source, target) in zip(rows, specs, strict=False):
+        named = f": {source} → {target}" if source and target else ""
+        is_needed = len(rows) > 1 or named
+        heading = f"<h3>{_sentence(row.title)}{escape(named)}</h3>" if is_needed else ""
+        parts.append(f"<section>{heading}{_row(row)}</section>")
+    return f"<h2>Functions</h2><p>{text}</p>{''.join(parts)}"
 
 
 def _map(told: Facts, row: Row) -> str:
     text = (
-        "A checkerboard that is straight on A as seen from the front, and where it goes on B; "
+        "A checkerboard that is straight on A as seen from the front, and where it goes on B; and "
+        "how much areas and shapes of B change on their way to A, see below."
         if _has_two(told)
-        else "A checkerboard, and where the flow carries it; "
+        else "A checkerboard, and where the flow carries it; and how much areas and shapes change "
+        "on the way back, see below."
     )
-    text += "and how much areas and shapes of B change on their way to A, see below."
     return f"<section><h2>The map seen</h2><p>{text}</p>{_row(row)}</section>"
 
 
 def _distortion(told: Facts, of_areas: Image.Image, of_shapes: Image.Image) -> str:
     text = (
         "J is the area of a face of B where it lies on A over its own, both surfaces scaled to one "
-        "area; R is its largest stretch over its smallest. The lines are where |log2 J| and "
-        "|log2 R| stay below on 95% and 98% of B's area."
+        "area"
+        if _has_two(told)
+        else "J is the area of a face where the flow brought it from over its own"
+    )
+    text += (
+        "; R is its largest stretch over its smallest. |log2 J| and |log2 R| are below the lines "
+        "on 95% and 98% of the area; what lies beyond the ends is in the outermost bars."
     )
     plots = (
         f"<figure>{_image(of_areas, 'Histogram of log2 J')}</figure>"
@@ -224,10 +246,16 @@ def _distortion_table(told: Facts) -> str:
     """Write a row a map: what it does to areas and shapes, and how whole it is."""
     maps = {"initial map": told["initial_map"]} if "initial_map" in told else {}
     maps["registered" if maps else "map"] = told["map"]
-    groups = {"": 1, "|log2 J| of areas": 4, "|log2 R| of shapes": 4, "faces": 2, "A": 1}
-    groups["there and back, edges"] = 2
+    groups = (
+        ("", 1),
+        ("|log2 J| of areas", 4),
+        ("|log2 R| of shapes", 4),
+        ("faces", 2),
+        ("", 1),
+        ("there and back, edges", 2),
+    )
     each = ("mean", "95%", "98%", "most")
-    heads = ("", *each, *each, "folded", "collapsed", "covered", "median", "95%")
+    heads = ("", *each, *each, "folded", "collapsed", "A covered", "median", "95%")
     rows = []
     for name, facts in maps.items():
         logs = [value for key in ("log2_area", "log2_shape") for value in facts[key].values()]
@@ -249,7 +277,7 @@ def _path(told: Facts, picture: Image.Image | None) -> str:
         shown = (step["mismatch"], step["verified_mismatch"])
         cost = (step["log2_area"], step["log2_shape"])
         mark = "→ " if number == told["step"] else ""
-        cells = (*map(_short, shown), folded, *map(_short, cost))
+        cells = (*map(_number, shown), folded, *map(_number, cost))
         rows.append((f"{mark}{number + 1}", f"{step['sigma']:.3g}", *cells))
     text = (
         "The fields that were found on the way; the arrow is at the one that was chosen. "
@@ -288,7 +316,8 @@ def _footer(told: Facts) -> str:
 
 def _row(row: Row) -> str:
     columns = len(row.drawings)
-    widest = f"{columns * 15}rem"
+    aspect = row.drawings[0].sides[0].width / row.drawings[0].sides[0].height
+    widest = f"{columns * _COLUMN * min(_TALL * aspect, 1):.3g}rem"
     figures = "".join(
         f"<figure><figcaption>{escape(each.title)}</figcaption>"
         + "".join(
@@ -300,9 +329,8 @@ def _row(row: Row) -> str:
     )
     bars = "".join(map(_bar, row.bars))
     style = f"grid-template-columns: repeat({columns}, 1fr); max-width: {widest}"
-    return (
-        f'<div class="row" style="{style}">{figures}</div>'
-        + (f'<div class="bars">{bars}</div>' if bars else "")
+    return f'<div class="row" style="{style}">{figures}</div>' + (
+        f'<div class="bars">{bars}</div>' if bars else ""
     )
 
 
@@ -314,7 +342,7 @@ def _bar(bar: Bar) -> str:
 
 def _image(picture: Image.Image, what: str) -> str:
     stream = io.BytesIO()
-    picture.quantize(_COLORS, dither=0).save(stream, "PNG", optimize=True)
+    picture.quantize(_COLORS).save(stream, "PNG", optimize=True)
     png = base64.b64encode(stream.getvalue()).decode()
     return f'<img alt="{escape(what)}" src="data:image/png;base64,{png}">'
 
@@ -324,12 +352,12 @@ def _table(
     rows: Sequence[Sequence[str]],
     chosen: int = -1,
     kind: str = "numbers",
-    groups: Mapping[str, int] | None = None,
+    groups: Sequence[tuple[str, int]] = (),
 ) -> str:
     """Write a table, with a line of heads for groups of so many columns where these are given."""
     head = "".join(f"<th>{escape(each)}</th>" for each in heads)
     if groups:
-        wide = (f'<th colspan="{n}">{escape(name)}</th>' for name, n in groups.items())
+        wide = (f'<th colspan="{n}">{escape(name)}</th>' for name, n in groups)
         head = f"{''.join(wide)}</tr><tr>{head}"
     lines = []
     for number, row in enumerate(rows):
@@ -342,8 +370,8 @@ def _table(
     )
 
 
-def _short(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
 
 
 def _percent(share: float) -> str:

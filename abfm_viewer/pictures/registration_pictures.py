@@ -26,12 +26,11 @@ from abfm_viewer.scene.surfaces import Camera, fitted
 MOST_CHANNELS = 4
 """The most pairs of functions that are drawn."""
 SIDES = ("front", "back")
-LOG2 = "log2"
-"""The title of the colours of logarithms."""
+_LOG2 = "log2 J and log2 R"
 _FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees; share of the surface
 _ASPECTS = 0.5, 1.5  # least and greatest width over height of all pictures
 _HIDDEN = 0.2, 99.8  # percentiles of functions at the ends of the colours: noise has few extremes
-_FIELDS = 12  # of the checkerboard, along A's larger side
+_FIELDS = 16  # of the checkerboard, along A's larger side
 _LEAST = 1e-6  # of a stretch, as `Distortion.log2_area` has it
 _LEAST_RANGE = 0.5  # of logarithms: less hardly shows anywhere else
 
@@ -106,7 +105,7 @@ def registration_pictures(
 
 
 def log2_of(ratios: FloatArray) -> FloatArray:
-    """Return logarithms to base 2 of areas or shapes (F,), those of hardly any as of a millionth."""
+    """Return logarithms to base 2 of areas or shapes (F,), those of none as of a millionth."""
     return np.asarray(np.log2(np.clip(ratios, _LEAST, 1 / _LEAST)))
 
 
@@ -174,34 +173,35 @@ def _map(found: Correspondence, distortion: Distortion, front: Front) -> _Planne
     places = found.a.vertices @ front.axes[:2].T
     low, extent = places.min(axis=0), np.ptp(places, axis=0).max()
     board = (places - low) * (0.5 * _FIELDS / extent)
-    panels = [Panel(found.a, Checker(board), "A")]
-    if isinstance(found, Registration) and found.a is not found.b:
-        panels.append(Panel(found.b, Checker(found.initial.carry(board)), "on B, at first"))
-    registered = "on B, registered" if isinstance(found, Registration) else "on B"
-    panels.append(Panel(found.b, Checker(found.carry(board)), registered))
+    boards = [(found.a, board, "A")]
+    if not isinstance(found, Registration):
+        boards.append((found.b, found.carry(board), "on B"))
+    elif found.a is found.b:
+        boards = [(found.a, board, "at first"), (found.b, found.carry(board), "carried")]
+    else:
+        boards.append((found.b, found.initial.carry(board), "on B, at first"))
+        boards.append((found.b, found.carry(board), "on B, registered"))
+    panels = [Panel(mesh, Checker(each), title) for mesh, each, title in boards]
     values = (("areas: log2 J", distortion.area), ("shapes: log2 R", distortion.conformal))
-    panels += [Panel(found.b, Values(log2_of(each), LOG2), title) for title, each in values]
+    panels += [Panel(found.b, Values(log2_of(each), _LOG2), title) for title, each in values]
     most = max(distortion.log2_area.p98, distortion.log2_shape.p98)
     end = max(math.ceil(2 * most) / 2, _LEAST_RANGE)
-    return _Planned("the map", tuple(panels), {LOG2: ColorRange("abfm diverging", -end, end)})
+    return _Planned("the map", tuple(panels), {_LOG2: ColorRange("abfm diverging", -end, end)})
 
 
 def _histograms(distortion: Distortion, width: int) -> tuple[Image.Image, Image.Image]:
     size, areas = _plot_size(width), distortion.weights
     area, shape = distortion.log2_area, distortion.log2_shape
-    end = max(1.5 * area.p98, _LEAST_RANGE / 2)
     of_areas = histogram_picture(
         log2_of(distortion.area),
         areas,
         {"95%": (-area.p95, area.p95), "98%": (-area.p98, area.p98)},
-        (-end, end),
         "areas, log2 J",
         size,
     )
-    end = max(1.5 * shape.p98, _LEAST_RANGE / 2)
     marks = {"95%": (shape.p95,), "98%": (shape.p98,)}
     shapes = log2_of(distortion.conformal)
-    return of_areas, histogram_picture(shapes, areas, marks, (0, end), "shapes, log2 R", size)
+    return of_areas, histogram_picture(shapes, areas, marks, "shapes, log2 R", size)
 
 
 def _path(match: Match, width: int) -> Image.Image | None:

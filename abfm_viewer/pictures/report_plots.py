@@ -13,7 +13,7 @@ from abfm_viewer.pictures.plots import CURVE_COLORS
 
 _DPI = 100
 _TEXT = 0.027  # of the width
-_BINS = 60
+_BINS, _BEYOND, _SHORTEST = 60, 1.5, 0.25
 _MARKS = ("--", ":")
 _FILLED, _MARKED, _CHOSEN = "#7d93c9", CURVE_COLORS[0], CURVE_COLORS[2]
 
@@ -22,19 +22,21 @@ def histogram_picture(
     values: FloatArray,
     areas: FloatArray,
     marks: Mapping[str, Sequence[float]],
-    ends: tuple[float, float],
     title: str,
     size: tuple[int, int],
 ) -> Image.Image:
-    """Draw how much area has which value (F,), in percent; what lies beyond the ends is in the
-    outermost bins. Marks are upright lines by name.
+    """Draw how much area has which value (F,), in percent, to half as far again as the marks, which
+    are upright lines by name; what lies beyond is in the outermost bins.
     """
+    places = np.concatenate([*marks.values()])
+    end = max(_BEYOND * places.max(), _SHORTEST)
+    ends = (-end if places.min() < 0 else 0.0, end)
     figure, axes = _axes(size)
     weights = 100 * areas / areas.sum()
-    edges = np.linspace(*ends, _BINS + 1)
-    axes.hist(np.clip(values, *ends), edges, weights=weights, color=_FILLED)
-    for (name, places), style in zip(marks.items(), _MARKS, strict=False):
-        for number, place in enumerate(places):
+    heights, edges = np.histogram(np.clip(values, *ends), _BINS, ends, weights=weights)
+    axes.stairs(heights, edges, fill=True, color=_FILLED)
+    for (name, lines), style in zip(marks.items(), _MARKS, strict=False):
+        for number, place in enumerate(lines):
             label = None if number else name
             axes.axvline(place, color=_MARKED, linestyle=style, linewidth=1.5, label=label)
     axes.set_xlim(*ends)
@@ -49,8 +51,7 @@ def path_picture(
     axes.plot(cost, 100 * left, "o-", color=_FILLED, markersize=6, linewidth=1.5)
     one, other = cost[chosen], 100 * left[chosen]
     axes.plot([one], [other], "o", color=_CHOSEN, markersize=9, label="chosen")
-    axes.margins(x=0.05, y=0.12)
-    axes.set_ylim(bottom=min(axes.get_ylim()[0], 0) if left.min() < 0.1 else None)
+    axes.set_ylim(0, 112 * left.max())
     title = "mean |log2 J| of the flow"
     return _finished(figure, axes, title, "mismatch, %", size)
 
