@@ -194,9 +194,10 @@ def _functions(told: Facts, rows: Sequence[Row]) -> str:
     text = "From the front, and below from behind."
     if _has_two(told):
         text = (
-            "A with its function; that function on B, by the initial map and by the registration; "
-            "B with its own; and what is left between them, where it counts; from the front, and "
-            "below from behind. Measured functions are in standard deviations, as compared."
+            "A with its function, which the file keeps as the initial map brought it to B; that "
+            "function on B, by the initial map and by the registration; B with its own; and what "
+            "is left between them, where it counts; from the front, and below from behind. "
+            "Measured functions are in standard deviations, as compared."
         )
     specs = told["functions"]
     if len(rows) < len(specs):
@@ -255,7 +256,8 @@ def _distortion_table(told: Facts) -> str:
         ("there and back, edges", 2),
     )
     each = ("mean", "95%", "98%", "most")
-    heads = ("", *each, *each, "folded", "collapsed", "A covered", "median", "95%")
+    covered = "A covered" if _has_two(told) else "covered"
+    heads = ("", *each, *each, "folded", "collapsed", covered, "median", "95%")
     rows = []
     for name, facts in maps.items():
         logs = [value for key in ("log2_area", "log2_shape") for value in facts[key].values()]

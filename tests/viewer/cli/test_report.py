@@ -3,6 +3,7 @@
 import base64
 import io
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.metadata import version
 from unittest.mock import Mock
@@ -168,6 +169,17 @@ def test_the_same_file_gives_the_same_bytes_and_machines_the_same_numbers(
     told = abfm(f"report {written}/r.npz --out {tmp_path}/s.html --json {SMALL} --title", TITLE)
     assert json.loads(told.out) == json.loads(page.facts)
     assert (tmp_path / "s.html").read_bytes() == (written / "r.html").read_bytes()
+
+
+def test_notes_and_doubts_of_a_registration_are_on_its_page(found, written, abfm, monkeypatch):
+    doubtful = replace(found.match, doubt="0.1 is said to be left")
+    other = library.Registration(found.initial, doubtful, ("A & B began <near> each other",))
+    monkeypatch.setattr("abfm_viewer.cli.report.load_correspondence", lambda path: other)
+    abfm(f"report {written}/r.npz --out {written}/n.html {SMALL}")
+    page = Page((written / "n.html").read_text(encoding="utf-8"))
+    assert "A & B began <near> each other." in page.text
+    assert "judged anew: 0.1 is said to be left." in page.text
+    assert json.loads(page.facts)["notes"] == list(other.notes)
 
 
 def test_a_map_without_functions_is_told_with_its_folds(abfm, tmp_path):
