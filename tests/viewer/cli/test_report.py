@@ -182,8 +182,8 @@ def test_notes_and_doubts_of_a_registration_are_on_its_page(found, written, abfm
     assert json.loads(page.facts)["notes"] == list(other.notes)
 
 
-def test_a_map_without_functions_is_told_with_its_folds(abfm, tmp_path):
-    moved = B.vertices + 0.15 * np.random.default_rng(0).normal(size=B.vertices.shape)
+def test_a_map_without_functions_is_told_with_its_faults(abfm, tmp_path):
+    moved = B.vertices + [0, 0, 1.5] + 0.15 * np.random.default_rng(0).normal(size=B.vertices.shape)
     places = project_onto_surface(A, moved)
     found = Correspondence(PointMap(B, A, places.faces, places.barycentric))
     found.save(tmp_path / "c.npz")
@@ -196,6 +196,7 @@ def test_a_map_without_functions_is_told_with_its_folds(abfm, tmp_path):
     page = Page((tmp_path / "c.html").read_text())
     assert f"Warning: {warning}" in page.text
     assert "A map without functions" in page.text
+    assert f"warning: only {100 * found.coverage():.3g}% of A is covered" in told.err
     assert len(page.pictures) == 4 * 2 + 1 + 2
     assert json.loads(page.facts)["map"]["folded"] == folded
 
