@@ -3,7 +3,7 @@
 from importlib.metadata import version
 
 from abfm.errors import did_you_mean
-from abfm_viewer.cli import apply, bench, demo, figure, info, map, match, register, render
+from abfm_viewer.cli import apply, bench, demo, figure, info, map, match, register, render, report
 from abfm_viewer.cli.options import Parser
 
 _COMMANDS = {
@@ -14,6 +14,7 @@ _COMMANDS = {
     "figure": figure,
     "map": map,
     "render": render,
+    "report": report,
     "info": info,
     "bench": bench,
 }

@@ -70,13 +70,16 @@ def _short(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.3g}"
 
 
-def map_facts(found: Correspondence) -> dict[str, Any]:
-    """Return what machines are told of what a map from B to A does."""
-    distortion, back = found.distortion(), found.there_and_back()
+def map_facts(found: Correspondence, distortion: Distortion | None = None) -> dict[str, Any]:
+    """Return what machines are told of what a map from B to A does, whose distortion may be known
+    already.
+    """
+    distortion, back = distortion or found.distortion(), found.there_and_back()
     return {
         "log2_area": distortion.log2_area._asdict(),
         "log2_shape": distortion.log2_shape._asdict(),
         "folded": distortion.folded,
+        "collapsed": distortion.collapsed,
         "faces": len(distortion.flipped),
         "coverage": found.coverage(),
         "there_and_back": back._asdict(),

@@ -1,0 +1,181 @@
+"""`abfm report`: one page of a registration for people, with its numbers for machines."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from contextlib import nullcontext
+from dataclasses import fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from abfm import (
+    Correspondence,
+    Match,
+    Parameters,
+    Registration,
+    TriangleMesh,
+    load_correspondence,
+    load_match,
+)
+from abfm.errors import one_line, printable
+from abfm.io import write_atomically
+from abfm.registration import is_correspondence
+from abfm.workers.progress import telling
+from abfm_viewer import pictures
+from abfm_viewer.cli import options, results
+from abfm_viewer.cli.progress import print_long, share_progress
+from abfm_viewer.cli.report_page import LEAST_COVERED, MOST_APART, page
+from abfm_viewer.document import verdict_words
+from abfm_viewer.files import outputs
+
+SUMMARY = "one page about a registration: pictures, distortion, path, warnings"
+DESCRIPTION = f"""\
+Write a page (.html) about a registration that can be printed or sent, with nothing outside it: how
+well it went, both surfaces and their functions from two sides, what the map does to a checkerboard,
+to areas and to shapes, its path from smooth to close, and its parameters. All numbers are in it,
+too, as JSON in the element with the id "facts".
+
+It warns of folded faces, of less than {100 * LEAST_COVERED:g}% of A that is covered, and where
+5% of the vertices come back more than {MOST_APART:g} edges from where they were.
+
+Also of maps without functions (`Correspondence.save`), and of results of `abfm match`.
+
+Examples:
+  abfm report reg.npz --out report.html
+  abfm report sub-01_reg.npz --out sub-01.html --title "sub-01, left" --up z --json
+"""
+_WIDTH, _NARROWEST, _WIDEST = 400, 32, 2000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = options.adder(parser)
+    add("input", "what `abfm register` wrote, or `abfm match`", "REG.npz")
+    add("--out", "the page (.html)", "FILE", type=Path, required=True)
+    add("--title", "its title (default: the input's name)", "TEXT")
+    add("--up", "axis of B that points upwards (default: y)", choices=("x", "y", "z"), default="y")
+    what = f"of each picture in pixels (default: {_WIDTH})"
+    add("--width", what, "N", type=_width, default=_WIDTH)
+    add("--json", "print the page's numbers as one JSON object")
+    add("--quiet", "no progress")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    out, quiet = arguments.out, arguments.quiet
+    outputs.check(out, [".html"])
+    with nullcontext() if quiet else telling(print_long):
+        found = _loaded(arguments.input)
+        match = found.match if isinstance(found, Registration) else None
+        options.warn_of_doubt(arguments.input, match)
+        with share_progress("report", quiet) as report:
+            report("measuring", 0.0)
+            distortion = found.distortion()
+            told = _facts(arguments, found, results.map_facts(found, distortion))
+            drawn = pictures.registration_pictures(
+                found, distortion, arguments.width, arguments.up, report
+            )
+    for warning in told["warnings"]:
+        print(f"warning: {warning}", file=sys.stderr)
+    text = page(told, drawn)
+    with write_atomically(out) as temporary:
+        Path(temporary).write_text(text, encoding="utf-8")
+    if arguments.json:
+        print(json.dumps(told))
+    else:
+        print(f"{told['headline']}\nwrote {printable(out)}")
+    return 0
+
+
+def _width(text: str) -> int:
+    if not text.isdecimal() or not _NARROWEST <= int(text) <= _WIDEST:
+        expected = f"a whole number from {_NARROWEST} to {_WIDEST}"
+        raise argparse.ArgumentTypeError(f"{one_line(text, 40)} is not {expected}")
+    return int(text)
+
+
+def _loaded(path: str) -> Correspondence:
+    """Return what a file holds; a match on one surface as a registration of it to itself."""
+    if is_correspondence(path):
+        return load_correspondence(path)
+    match = load_match(path)
+    return Registration(Correspondence.of_same_faces(match.mesh, match.mesh), match)
+
+
+def _facts(
+    arguments: argparse.Namespace, found: Correspondence, of_map: dict[str, Any]
+) -> dict[str, Any]:
+    """Return all that the page tells, as plain numbers and texts; None for unknown numbers."""
+    name = printable(Path(arguments.input).name)
+    told: dict[str, Any] = {
+        "abfm": version("abfm"),
+        "file": name,
+        "title": printable(arguments.title or name),
+        "a": _sizes(found.a),
+        "b": _sizes(found.b),
+        "headline": "a map without functions",
+        "map": of_map,
+    }
+    if isinstance(found, Registration):
+        match = found.match
+        if found.a is not found.b:
+            told["initial_map"] = results.map_facts(found.initial)
+        told |= results.facts(match) | {
+            "headline": verdict_words.headline(match),
+            "why": verdict_words.why(match),
+            "tone": verdict_words.tone(match),
+            "initial_mismatch": match.initial_mismatch,
+            "notes": [*found.notes, *match.mesh.messages],
+            "changed_parameters": changed(match.parameters),
+        }
+        told["functions"] = list(zip(*match.problem.specs, strict=True))
+    told["warnings"] = _warnings(of_map, found)
+    return dict(_finite(told))
+
+
+def _sizes(mesh: TriangleMesh) -> dict[str, int]:
+    return {"vertices": len(mesh.vertices), "faces": len(mesh.faces)}
+
+
+def changed(parameters: Parameters) -> dict[str, Any]:
+    """Return the parameters that differ from their defaults."""
+    usual = Parameters()
+    names = (entry.name for entry in fields(Parameters))
+    return {
+        name: value
+        for name in names
+        if (value := getattr(parameters, name)) != getattr(usual, name)
+    }
+
+
+def _warnings(of_map: dict[str, Any], found: Correspondence) -> list[str]:
+    folded, collapsed, faces = (of_map[name] for name in ("folded", "collapsed", "faces"))
+    apart, covered = of_map["there_and_back"]["p95"], of_map["coverage"]
+    match: Match | None = found.match if isinstance(found, Registration) else None
+    told = []
+    if folded:
+        told.append(f"{folded:,} of {faces:,} faces are folded, {_percent(folded / faces)}")
+    if collapsed:
+        told.append(f"{collapsed:,} of {faces:,} faces collapse to a line or a point")
+    if covered < LEAST_COVERED:
+        told.append(f"only {_percent(covered)} of A is covered")
+    if apart > MOST_APART:
+        told.append(f"5% of the vertices come back {apart:.2g} edges or more from where they were")
+    if match is not None and match.doubt:
+        told.append(f"the file was not believed, and was judged anew: {match.doubt}")
+    return told
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g}%"
+
+
+def _finite(value: Any) -> Any:
+    """Return facts with None for numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

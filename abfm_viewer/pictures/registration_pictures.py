@@ -1,0 +1,267 @@
+"""Pictures of a registration from two opposite sides: its functions, the map itself as a
+checkerboard, and what it does to areas and shapes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from PIL import Image
+
+from abfm import Correspondence, Match, PathStep, Registration, TriangleMesh
+from abfm.calculus.operators import vertex_areas
+from abfm.io.sheets import Checker, Panel, Sheet, Up, Values
+from abfm.maps import Distortion
+from abfm.types import FloatArray
+from abfm_viewer.appearance.colormaps import ColorRange, color_range, table
+from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.document.document import Front, triple
+from abfm_viewer.pictures.panels import panel_pictures
+from abfm_viewer.pictures.report_plots import histogram_picture, path_picture
+from abfm_viewer.scene.surfaces import Camera, fitted
+
+MOST_CHANNELS = 4
+"""The most pairs of functions that are drawn."""
+SIDES = ("front", "back")
+_LOG2 = "log2 J and log2 R"
+_FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees; share of the surface
+_ASPECTS = 0.5, 1.5  # least and greatest width over height of all pictures
+_HIDDEN = 0.2, 99.8  # percentiles of functions at the ends of the colours: noise has few extremes
+_FIELDS = 16  # of the checkerboard, along A's larger side
+_LEAST = 1e-6  # of a stretch, as `Distortion.log2_area` has it
+_LEAST_RANGE = 0.5  # of logarithms: less hardly shows anywhere else
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A surface from the front and from the back."""
+
+    title: str
+    sides: tuple[Image.Image, Image.Image]
+
+
+@dataclass(frozen=True, eq=False)
+class Bar:
+    """What colours mean: a strip from the low to the high end."""
+
+    title: str
+    low: float
+    high: float
+    strip: Image.Image
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """Drawings that are compared, and what their colours mean."""
+
+    title: str
+    drawings: tuple[Drawing, ...]
+    bars: tuple[Bar, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Planned:
+    title: str
+    panels: tuple[Panel, ...]
+    ranges: Mapping[str, ColorRange]
+
+
+@dataclass(frozen=True, eq=False)
+class RegistrationPictures:
+    """All that a report draws."""
+
+    functions: tuple[Row, ...]  # one a channel, of a registration
+    map: Row  # a checkerboard on A and on B, and logarithms of areas and shapes on B
+    histograms: tuple[Image.Image, Image.Image]  # of areas and shapes
+    path: Image.Image | None  # where it has several steps whose distortion is known
+
+
+def registration_pictures(
+    found: Correspondence,
+    distortion: Distortion,
+    width: int,
+    up: Up = "y",
+    report: Callable[[str, float], None] = lambda text, share: None,
+) -> RegistrationPictures:
+    """Draw a registration, or a map without functions, in pictures of a width in pixels.
+
+    ``distortion`` is the map's, and ``report`` is called with what is drawn and the share that is
+    behind. A `DrawingError` says why the machine cannot draw.
+    """
+    views, aspect = _views(found, up)
+    functions = _functions(found) if isinstance(found, Registration) else []
+    planned = [*functions, _map(found, distortion, views[0][found.a].front)]
+    size = width, max(round(width / aspect), 1)
+    rows = []
+    for number, row in enumerate(planned):
+        report(f"drawing {row.title}", number / len(planned))
+        rows.append(_drawn(row, views, size))
+    report("drawing plots", 1.0)
+    path = _path(found.match, width) if isinstance(found, Registration) else None
+    return RegistrationPictures(tuple(rows[:-1]), rows[-1], _histograms(distortion, width), path)
+
+
+def log2_of(ratios: FloatArray) -> FloatArray:
+    """Return logarithms to base 2 of areas or shapes (F,), those of none as of a millionth."""
+    return np.asarray(np.log2(np.clip(ratios, _LEAST, 1 / _LEAST)))
+
+
+def _drawn(
+    row: _Planned, views: tuple[dict[TriangleMesh, Camera], ...], size: tuple[int, int]
+) -> Row:
+    sheet, sizes = Sheet((row.panels,)), [size] * len(row.panels)
+    front, back = (panel_pictures(sheet, sizes, row.ranges, view) for view in views)
+    drawings = (
+        Drawing(panel.label, (_on_white(one), _on_white(other)))
+        for panel, one, other in zip(row.panels, front, back, strict=True)
+    )
+    bars = (
+        Bar(title, colors.low, colors.high, _strip(colors.colormap))
+        for title, colors in row.ranges.items()
+    )
+    return Row(row.title, tuple(drawings), tuple(bars))
+
+
+def _strip(colormap: str) -> Image.Image:
+    return Image.fromarray(np.round(255 * table(colormap, 256)).astype(np.uint8)[None])
+
+
+def _on_white(picture: Image.Image) -> Image.Image:
+    ground = Image.new("RGB", picture.size, "white")
+    ground.paste(picture, (0, 0), picture)
+    return ground
+
+
+def _functions(found: Registration) -> list[_Planned]:
+    match, rows = found.match, []
+    on_a = found.initial.inverse().carry(match.source)
+    counts = np.ones(len(match.target)) if match.mask is None else (match.mask > 0).astype(float)
+    channels = zip(on_a.T, match.source.T, match.advected.T, match.target.T, strict=True)
+    is_one_surface = found.a is found.b
+    for c, (own, before, after, target) in enumerate(channels):
+        if c == MOST_CHANNELS:
+            break
+        bar, off = f"function {c + 1}", f"difference {c + 1}"
+        seen = [before[counts > 0], target[counts > 0]]
+        colors = color_range(*(_without_extremes(each) for each in seen))
+        half = (colors.high - colors.low) / 2
+        ranges = {bar: colors, off: ColorRange("abfm diverging", -half, half)}
+        of_a = Panel(found.a, Values(own, bar), "A")
+        names = ("source", "carried") if is_one_surface else ("A on B, at first", "registered")
+        others = (
+            Panel(found.b, Values(before, bar), names[0]),
+            Panel(found.b, Values(after, bar), names[1]),
+            Panel(found.b, Values(target, bar), "target" if is_one_surface else "B"),
+            Panel(found.b, Values(counts * (after - target), off), "difference"),
+        )
+        panels = others if is_one_surface else (of_a, *others)
+        rows.append(_Planned(bar, panels, ranges))
+    return rows
+
+
+def _without_extremes(values: FloatArray) -> FloatArray:
+    return np.asarray(np.clip(values, *np.percentile(values, _HIDDEN)))
+
+
+def _map(found: Correspondence, distortion: Distortion, front: Front) -> _Planned:
+    """Plan a checkerboard, straight as A is seen from the front, where it goes on B, and what the
+    map does to B's faces.
+    """
+    places = found.a.vertices @ front.axes[:2].T
+    low, extent = places.min(axis=0), np.ptp(places, axis=0).max()
+    board = (places - low) * (0.5 * _FIELDS / extent)
+    boards = [(found.a, board, "A")]
+    if not isinstance(found, Registration):
+        boards.append((found.b, found.carry(board), "on B"))
+    elif found.a is found.b:
+        boards = [(found.a, board, "at first"), (found.b, found.carry(board), "carried")]
+    else:
+        boards.append((found.b, found.initial.carry(board), "on B, at first"))
+        boards.append((found.b, found.carry(board), "on B, registered"))
+    panels = [Panel(mesh, Checker(each), title) for mesh, each, title in boards]
+    values = (("areas: log2 J", distortion.area), ("shapes: log2 R", distortion.conformal))
+    panels += [Panel(found.b, Values(log2_of(each), _LOG2), title) for title, each in values]
+    most = max(distortion.log2_area.p98, distortion.log2_shape.p98)
+    end = max(math.ceil(2 * most) / 2, _LEAST_RANGE)
+    return _Planned("the map", tuple(panels), {_LOG2: ColorRange("abfm diverging", -end, end)})
+
+
+def _histograms(distortion: Distortion, width: int) -> tuple[Image.Image, Image.Image]:
+    size, areas = _plot_size(width), distortion.weights
+    area, shape = distortion.log2_area, distortion.log2_shape
+    of_areas = histogram_picture(
+        log2_of(distortion.area),
+        areas,
+        {"95%": (-area.p95, area.p95), "98%": (-area.p98, area.p98)},
+        "areas, log2 J",
+        size,
+    )
+    marks = {"95%": (shape.p95,), "98%": (shape.p98,)}
+    shapes = log2_of(distortion.conformal)
+    return of_areas, histogram_picture(shapes, areas, marks, "shapes, log2 R", size)
+
+
+def _path(match: Match, width: int) -> Image.Image | None:
+    cost = np.array([step.log2_area for step in match.path])
+    left = np.array([confirmed(step) for step in match.path])
+    if np.isfinite(cost).sum() < 2 or math.isnan(cost[match.step]):
+        return None
+    return path_picture(cost, left, match.step, _plot_size(width))
+
+
+def confirmed(step: PathStep) -> float:
+    """Return what a step leaves, by flow lines where that is known."""
+    return step.mismatch if math.isnan(step.verified_mismatch) else step.verified_mismatch
+
+
+def _plot_size(width: int) -> tuple[int, int]:
+    return 2 * width, round(1.1 * width)
+
+
+def _views(found: Correspondence, up: Up) -> tuple[tuple[dict[TriangleMesh, Camera], ...], float]:
+    """Return cameras of both surfaces on two opposite sides, and the aspect of all pictures.
+
+    A is seen from where most of what is seen of B lies on it: turned as the map turns B.
+    """
+    target = [found.match.target[:, 0]] if isinstance(found, Registration) else []
+    front_b = best_front(found.b, *target, up=up)
+    turn = _turn(found)
+    front_a = Front(*(triple(turn @ np.array(one)) for one in (front_b.direction, front_b.up)))
+    fronts = {found.a: front_a, found.b: front_b}
+    free = (
+        fitted(mesh.vertices, front, None, _FIELD_OF_VIEW, _MARGIN).aspect
+        for mesh, front in fronts.items()
+    )
+    aspect = min(max(*free, _ASPECTS[0]), _ASPECTS[1])
+    views = tuple(
+        {
+            mesh: fitted(mesh.vertices, _seen(front, side), aspect, _FIELD_OF_VIEW, _MARGIN)
+            for mesh, front in fronts.items()
+        }
+        for side in SIDES
+    )
+    return views, aspect
+
+
+def _seen(front: Front, side: str) -> Front:
+    if side == "front":
+        return front
+    return replace(front, direction=triple(-np.array(front.direction)))
+
+
+def _turn(found: Correspondence) -> FloatArray:
+    """Return the orthogonal matrix (3, 3) that turns B's places about their middle as near to where
+    they lie on A as it can; of a mirrored map one that mirrors (Kabsch 1976).
+    """
+    if found.a is found.b:
+        return np.eye(3)
+    weights = vertex_areas(found.b) / vertex_areas(found.b).sum()
+    here, there = (
+        places - weights @ places for places in (found.b.vertices, found.points.positions)
+    )
+    u, _, v = np.linalg.svd((there * weights[:, None]).T @ here)
+    sign = np.sign(np.linalg.det(u @ v)) * (-1 if found.is_mirrored else 1)
+    return np.asarray(u @ np.diag([1, 1, sign]) @ v)
