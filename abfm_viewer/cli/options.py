@@ -97,7 +97,7 @@ def add_max_distortion(add: Callable[..., None]) -> None:
         "the closest field with |log2 J| of areas and |log2 R| of shapes at most N on 99%% of the "
         "faces",
         "N",
-        type=positive,
+        type=bound,
     )
 
 
@@ -180,8 +180,8 @@ def _within(
 
 
 # types for argparse
-not_negative = partial(_within, float, 0, 1e30, "a number from 0 on")
 positive = partial(_within, float, math.ulp(0), 86400, "a number above 0 and at most 86400")
+bound = partial(_within, float, 1e-9, 1000, "a number above 0 and at most 1000")
 angle = partial(_within, float, -360_000, 360_000, "an angle up to 360000 degrees")
 seed = partial(_within, int, 0, 1e39, "a whole number from 0 on")
 count = partial(_within, int, 1, 1_000_000, "a whole number from 1 to 1000000")

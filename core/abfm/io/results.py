@@ -167,7 +167,8 @@ _CORRESPONDENCE = {
 CORRESPONDENCE_ENTRIES = _OTHER_MESH | _CORRESPONDENCE
 CORRESPONDENCE = Kind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRIES)
 # the initial map, and the match on B
-REGISTRATION = Kind("registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES})
+_NOTES = {"notes": Entry("text", ("K",), required=False)}
+REGISTRATION = Kind("registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_NOTES})
 PROBLEM = Kind("problem file", PROBLEM_ENTRIES)
 
 

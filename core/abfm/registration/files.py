@@ -36,7 +36,7 @@ def load_registration(path: str | os.PathLike[str]) -> Registration:
     ``match.doubt``.
     """
     found = _loaded(path, results.REGISTRATION, _registration_of)
-    return Registration(found.initial, found.match.borne_out())
+    return Registration(found.initial, found.match.borne_out(), found.notes)
 
 
 def _names(path: str | os.PathLike[str]) -> set[str]:
@@ -57,4 +57,5 @@ def _loaded(
 def _registration_of(arrays: results.Arrays) -> Registration:
     initial = correspondence_of(arrays)
     own = {name: arrays[name] for name in arrays.keys() & results.RESULT.entries.keys()}
-    return Registration(initial, loaded_match(initial.b, own))
+    notes = tuple(arrays["notes"].tolist()) if "notes" in arrays else ()
+    return Registration(initial, loaded_match(initial.b, own), notes)

@@ -6,6 +6,8 @@ import os
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from abfm.errors import ResultError
 from abfm.flow.flow import Flow
 from abfm.io import results
@@ -71,8 +73,9 @@ class Registration(Correspondence):
         return Registration(self.initial, self.match.at_step(step), self.notes)
 
     def arrays(self) -> dict[str, Any]:
-        """Return what files hold: the initial map, and all of the match."""
-        return self.initial.arrays() | match_arrays(self.match)
+        """Return what files hold: the initial map, the notes, and all of the match."""
+        notes = {"notes": np.array(self.notes)} if self.notes else {}
+        return self.initial.arrays() | notes | match_arrays(self.match)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError; as a

@@ -105,7 +105,7 @@ def test_without_words_all_commands_are_shown_and_argparse_reaches_their_parsers
         (f"{MATCH} m.npz --refine 9", "refine is 9; expected a whole number at least 0"),
         (f"{MATCH} m.npz --path p.txt", "must end in .csv"),
         (f"{MATCH} m.csv --path m.csv", "name the same file"),
-        (f"{MATCH} m.npz --max-distortion -1", "-1 is not a number from 0 on"),
+        (f"{MATCH} m.npz --max-distortion -1", "-1 is not a number above 0 and at most 1000"),
         (f"{MATCH} m.npz --method linear", "--method"),
         (f"{MATCH} m.npz --sgima 1", "did you mean '--sigma'?"),
         (f"{MATCH} m.npz --channel coordinate:x coordinate:y z", "not 'z'"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -103,7 +104,8 @@ def _by_numbers(given: Given, words: list[str]) -> Initial:
 
 def _mended(given: Given, points: PointMap, notes: tuple[str, ...] = ()) -> Initial:
     """Return a map that may be torn, made continuous where surfaces have no handles."""
-    torn = Correspondence(points)
+    # between vertices as files keep it
+    torn = Correspondence(replace(points, carried=None))
     distortion, faces = torn.distortion(), len(given.b.faces)
     share = (distortion.flipped | (distortion.area <= 0)).sum() / faces
     if share == 0:
