@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 import abfm
-from abfm import FunctionError, MeshError, TriangleMesh, load_mesh
+from abfm import AbfmError, FunctionError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.mesh.files import READERS
 from abfm.reading import FREESURFER_SURFACES
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 MESHES, PROJECT, RESULT = (*READERS, *FREESURFER_SURFACES), ".abfm", ".npz"
 """Suffixes."""
 LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another mesh...", "Save as..."
+OTHER_SECOND = "Open another second surface..."
 """Labels of what can be done about a file."""
 SAVING = "saving"
 """What cards are about."""
@@ -50,10 +51,22 @@ Opened = tuple[Document, dict[str, FloatArray]]
 Ask = Callable[[str, str, Mapping[str, Do | None]], None]
 
 
-def open_session(path: Path, largest_component: bool = False) -> Session:
-    """A session that begins with a file, read now; AbfmError if it cannot be read."""
-    if not path.name.lower().endswith((PROJECT, RESULT)):
-        return Session(load_mesh(path, largest_component=largest_component), path.name)
+def open_session(
+    path: Path, largest_component: bool = False, second: Path | None = None
+) -> Session:
+    """A session that begins with a file, or a mesh and a second one, read now; AbfmError if it
+    cannot be read.
+    """
+    is_document = path.name.lower().endswith((PROJECT, RESULT))
+    if second is not None and is_document:
+        raise AbfmError(f"{path.name} is no mesh; give two meshes, or one project or result")
+    if not is_document:
+        session = Session(load_mesh(path, largest_component=largest_component), path.name)
+        if second is not None:
+            other = load_mesh(second, largest_component=largest_component)
+            session.set_surfaces(*session.document.surfaces, Surface(other, second.name))
+            session.reset_history()
+        return session
     origin = _origin(path.absolute())
     document, known = read_document(path)
     session = Session(document.surface().mesh, document.name)
@@ -113,8 +126,8 @@ class SessionFiles:
     """Opens and saves a session's files, and keeps recent ones in `state`.
 
     `ask` puts a question to the user: title, text, and the answers with what they do. `ways_out`
-    are what the window offers where a file cannot be read or written, by their labels `OTHER_MESH`
-    and `OTHER_NAME`. What is `waiting` is done when a run has ended.
+    are what the window offers where a file cannot be read or written, by their labels `OTHER_MESH`,
+    `OTHER_SECOND` and `OTHER_NAME`. What is `waiting` is done when a run has ended.
     """
 
     def __init__(self, session: Session, state: StateFolder | None, ask: Ask) -> None:
@@ -152,6 +165,20 @@ class SessionFiles:
         source = Origin.of(path)  # as it is now
         what = f"opening {path.name}"
         self._load(Load(what, partial(read, path), remedies=remedies, source=source))
+
+    def open_second(self, path: Path) -> None:
+        """Open a mesh in the background as surface B, to which the present A is registered."""
+        path = path.expanduser().absolute()
+        remedies = self._offered(OTHER_SECOND, partial(self.open_second, path))
+        read = partial(self._read_mesh, path, self._show_second)
+        what = f"opening {path.name} as second surface"
+        self._load(Load(what, read, remedies=remedies, source=(Origin.of(path), "second")))
+
+    def close_second(self) -> None:
+        """Go back to surface A alone."""
+        first = self._session.surface("source")
+        close = partial(self._session.set_surfaces, first)
+        self.when_free("closing the second surface", close)
 
     def open_first(self, paths: list[Path]) -> None:
         self.open(paths[0])
@@ -245,9 +272,12 @@ class SessionFiles:
     def close(self) -> None:
         self._writer.shutdown()
 
-    def _read_mesh(self, path: Path) -> Do:
+    def _read_mesh(
+        self, path: Path, show_mesh: Callable[[Path, TriangleMesh], None] | None = None
+    ) -> Do:
+        show_mesh = show_mesh or self._show_mesh
         try:
-            return partial(self._show_mesh, path, load_mesh(path))
+            return partial(show_mesh, path, load_mesh(path))
         except MeshError as error:
             reason = str(error)
         try:
@@ -256,7 +286,7 @@ class SessionFiles:
             raise MeshError(reason) from None
         size = f"{len(largest.vertices):,} vertices and {len(largest.faces):,} faces"
         text = f"{path.name} has several components, and one is needed; the largest has {size}"
-        show = partial(self._show_mesh, path, largest)
+        show = partial(show_mesh, path, largest)
         open_largest: Do = partial(self.when_free, f"opening {path.name}", show)
         remedies = {LARGEST: open_largest} | self._offered(OTHER_MESH)
         return partial(self._session.notices.say, text, True, OPENING, remedies)
@@ -265,6 +295,11 @@ class SessionFiles:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), mesh.messages)
         is_sample = path in map(asset_path, MESH_SAMPLES)
         self._samples[self._session.document.identity] = path.name if is_sample else ""
+
+    def _show_second(self, path: Path, mesh: TriangleMesh) -> None:
+        first = self._session.surface("source")
+        show = partial(self._session.set_surfaces, first, Surface(mesh, path.name))
+        self._show(path, show, (f"{first.name} is surface A, it is surface B", *mesh.messages))
 
     def _read_document(self, path: Path) -> Do:
         origin = _origin(path)
