@@ -283,7 +283,8 @@ class Driver:
             up = axis - (axis @ direction) * direction
             up /= np.linalg.norm(up)
             for zoom in _ZOOMS:
-                self._look(Look(Front(triple(direction), triple(up)), zoom, target))
+                own = Look(Front(triple(direction), triple(up)), zoom, target)
+                self._look(self.window.scene.look_at(surface, own))
                 self.window.tick()
                 if self._sees(vertex, surface):
                     return True

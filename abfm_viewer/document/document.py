@@ -285,6 +285,10 @@ class Document:
         """
         return self.surfaces[0 if slot == "source" else -1]
 
+    def titled(self, slot: str) -> str:
+        """A slot's name, of two surfaces with which of them it shows: ``source on A``."""
+        return f"{slot} on {'A' if slot == 'source' else 'B'}" if self.is_pair else slot
+
     def facing(self, front: Front, slot: str = "advected") -> Document:
         """Return it with the surface of a slot seen from another side."""
         seen = self.surface(slot)

@@ -134,6 +134,17 @@ class Scene:
         if look != before:
             self._session.editor.amend(view=replace(self._session.view, look=look))
 
+    def look_at(self, name: str, look: Look) -> Look:
+        """Return how all are seen where one surface is seen by a look of its own."""
+        if name not in self._views:
+            return look
+        own, all_of_them = self._fitted("source"), self._fitted("advected")
+        drawn = None if look.target is None else viewport(own.mesh).drawn(np.array(look.target))
+        seen = own.fit.view(self.view.slots, look.front, look.zoom, drawn)
+        view = seen.seen_alike(own.front, all_of_them.fit, all_of_them.front)
+        front = Front(triple(view.rotation[2]), triple(view.rotation[1]))
+        return Look(front, view.zoom, triple(self._viewport.undrawn(view.target)))
+
     def enlarge(self, name: str) -> None:
         self._session.editor.amend(view=replace(self._session.view, large=name))
 

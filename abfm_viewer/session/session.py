@@ -9,6 +9,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
@@ -23,9 +25,11 @@ from abfm_viewer.document.document import (
     Document,
     Identity,
     InitialMap,
+    Point,
     Side,
     Surface,
     View,
+    triple,
 )
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Editor, Step
@@ -245,6 +249,19 @@ class Session:
     def snapshot(self) -> Snapshot | None:
         is_of_run = self._run_began.identity is self.document.identity
         return self.solver.snapshot if is_of_run else None
+
+    def place_point(self, kind: Literal["lines", "points"], slot: str, point: Point) -> None:
+        """Place a point where it was clicked on; one on A where the initial map takes it on B."""
+        document = self.document
+        if document.is_pair and slot == "source":
+            if (prepared := self.prepared) is None:
+                self.notices.say("no point on A yet: there is no initial map that takes it to B")
+                return
+            faces, weights = np.array([point.face]), np.array([point.barycentric])
+            on_a = abfm.maps.SurfacePoints(document.surface(slot).mesh, faces, weights)
+            on_b = prepared.correspondence.carry_points(on_a)
+            point = Point(int(on_b.faces[0]), triple(on_b.barycentric[0]))
+        self.editor.add_point(kind, point)
 
     def match(self, goes_on: bool | None = None) -> None:
         """Start a run, unless one is under way; if there is nothing to match yet, say why.

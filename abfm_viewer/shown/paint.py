@@ -72,12 +72,6 @@ class Painter:
             return self._error(target, advected)
         return self._by_coloring(advected, colors) or self._plain(advected, colors)
 
-    def _titled(self, name: str) -> str:
-        """The name of a surface, of two with where it is."""
-        if not self._session.document.is_pair:
-            return name
-        return f"{name} on {'A' if name == 'source' else 'B'}"
-
     def _before_the_map(self, name: str) -> Paint | None:
         """Show functions of two surfaces as they are, while nothing is known of how they lie on
         each other, or nothing can be.
@@ -89,13 +83,13 @@ class Painter:
         if name not in SIDES:
             return self._without_values(name) if session.initial_maps.error else None
         colors, own = self._function_range(source, target), {"source": source, "target": target}
-        return self._function(name, own[name], self._titled(name), colors)
+        return self._function(name, own[name], self._session.document.titled(name), colors)
 
     def _of_side(self, side: Side, values: FloatArray, colors: ColorRange) -> Paint:
         """Show a side's function, or the pattern that is carried where it begins; A's function in
         its own unit, though what is compared on B be in another one.
         """
-        session, title = self._session, self._titled(side)
+        session, title = self._session, self._session.document.titled(side)
         is_pair, is_of_a = session.document.is_pair, side == "source"
         if session.view.coloring in ("coordinates", "checker") and (is_of_a or not is_pair):
             return self._carried(side, session.surface(side).mesh.vertices, title)
@@ -134,7 +128,7 @@ class Painter:
         if found is None:
             return None
         mesh, values = found
-        title = self._titled(name)
+        title = self._session.document.titled(name)
         title = title if is_side else self._extrapolated(title, flow.is_behind)
 
         def make() -> Paint:
@@ -147,7 +141,7 @@ class Painter:
         shown, is_function = self._shown, self._session.view.coloring == "function"
         is_busy = shown.flow.busy or shown.quantities.busy
         is_behind = shown.flow.is_behind if is_function else is_busy
-        title = self._extrapolated(self._titled("advected"), is_behind)
+        title = self._extrapolated(self._session.document.titled("advected"), is_behind)
 
         def make() -> Paint:
             told = title if is_behind else _with_range(title, advected, colors)
@@ -225,7 +219,7 @@ class Painter:
         texture = self._shown.quantities.texture(advected, colors)
         if texture is None:
             return None
-        title = self._extrapolated(self._titled("advected"))
+        title = self._extrapolated(self._session.document.titled("advected"))
 
         def make() -> Paint:
             told, atlas = _with_range(title, advected, colors), texture.streaks.atlas

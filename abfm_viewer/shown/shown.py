@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -252,6 +253,16 @@ class FieldQuantities(Jobs):
             return abfm.flow.flow_lines(mesh, fields, starts, EXTRAPOLATION * tau, tau)
 
         return self._paths.ask((flow, points), compute) or []
+
+    def starts(self, paths: Sequence[abfm.flow.FlowLine]) -> FloatArray:
+        """Return where points that are followed start on the source's surface, (P, 3)."""
+        prepared = self._session.prepared
+        if prepared is None:
+            return np.array([path.positions[0] for path in paths])
+        faces, weights = zip(*((path.faces[0], path.barycentric[0]) for path in paths), strict=True)
+        mesh = self._session.surface().mesh
+        on_b = abfm.maps.SurfacePoints(mesh, np.array(faces), np.array(weights))
+        return prepared.correspondence.points.at(on_b).positions
 
 
 class MassTransport(Latest[FloatArray]):
