@@ -188,6 +188,14 @@ class Session:
         """What is matched on surface B of two, as far as it is known by now."""
         return self.initial_maps.prepared(self.document)
 
+    @property
+    def registration(self) -> abfm.Registration | None:
+        """The result with the initial map that it began with, where there are two surfaces."""
+        result, initial = self.document.result, self.document.initial_map
+        if result is None or initial is None:
+            return None
+        return abfm.Registration(initial.correspondence, result, initial.notes)
+
     def compared(self, side: Side) -> FloatArray | None:
         """The same as a flow carries or meets it, (V,), on B where there are two surfaces."""
         if not self.document.is_pair:

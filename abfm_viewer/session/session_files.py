@@ -21,10 +21,12 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import (
+    OF_A,
     SIDES,
     Channel,
     Document,
     Identity,
+    InitialMap,
     Run,
     Surface,
     View,
@@ -32,6 +34,7 @@ from abfm_viewer.document.document import (
 from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
 from abfm_viewer.session.functions import known_values
+from abfm_viewer.session.initial_maps import GIVEN
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session
 
@@ -82,6 +85,8 @@ def _origin(path: Path) -> Origin | None:
 def read_document(path: Path) -> Opened:
     if path.name.lower().endswith(PROJECT):
         return load_project(path)
+    if abfm.registration.is_correspondence(path):
+        return document_of_registration(abfm.load_registration(path), path)
     return document_of_result(abfm.load_match(path), path)
 
 
@@ -92,8 +97,7 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
     known: dict[str, FloatArray] = {}
 
     def spec(column: str, values: FloatArray, given: str = "") -> str:
-        own = str(abfm.functions.ValuesFile(path=str(path.absolute()), column=column))
-        text = given if given and _needs_no_file(given) else own
+        text = given if given and _needs_no_file(given) else _column(path, column)
         known[text] = np.array(values)
         return text
 
@@ -113,6 +117,25 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
         time=match.parameters.tau,
     )
     return document, known
+
+
+def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
+    """A document that shows a registration at tau. Files have A's functions as they came to B: on A
+    they are what the initial map brings back of them.
+    """
+    match, initial = found.match, found.initial
+    (document, on_b), back = document_of_result(match, path), initial.inverse()
+    names = [_column(path, f"source {number}") for number in range(len(document.channels))]
+    known = {name: values for name, values in on_b.items() if name not in names}
+    for name, values in zip(names, match.source.T, strict=True):
+        known[f"{OF_A}{name}"] = back.carry(values)
+    pair = Surface(initial.a, "A"), Surface(match.mesh, f"B of {path.name}")
+    kept = InitialMap(initial, GIVEN, document.channels, document.mask, found.notes)
+    return replace(document, surfaces=pair, initial=GIVEN, initial_map=kept), known
+
+
+def _column(path: Path, name: str) -> str:
+    return str(abfm.functions.ValuesFile(path=str(path.absolute()), column=name))
 
 
 def _needs_no_file(spec: str) -> bool:

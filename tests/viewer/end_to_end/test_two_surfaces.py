@@ -129,3 +129,35 @@ def test_a_is_matched_to_b_and_its_function_goes_there(gui):
     gui.wait(lambda s: s.outdated)
     gui.key("ctrl+z")
     gui.wait(lambda s: not s.outdated)
+
+
+def test_it_is_saved_as_project_and_registration_and_opened_again(gui, tmp_path):
+    session = gui.session
+    session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
+    gui.wait(lambda s: not s.obstacle)
+    match(gui)
+    saved, known = session.document, session.registration
+    gui.menu("File", "Save project as...")
+    gui.type("file name", "pair")
+    gui.wait(lambda s: not s.saves.unsaved)
+    gui.click("Export")
+    gui.click("Save registration...")
+    gui.type("file name", "pair.npz")
+    gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
+    for name in ("pair.abfm", "pair.npz"):
+        before = session.document.identity
+        gui.window.files.open(tmp_path / name)
+        gui.wait(lambda s, before=before: s.document.identity is not before and not s.obstacle)
+        gui.wait(lambda _: "advected" in gui.window.scene.paints)
+        opened = session.document
+        assert not session.outdated
+        for slot in ("source", "target"):
+            meshes = opened.surface(slot).mesh, saved.surface(slot).mesh
+            assert_array_equal(*(mesh.vertices for mesh in meshes))
+        places = (one.points.positions for one in (session.registration, known))
+        assert_allclose(*places, atol=1e-9)
+        again = session.prepared.correspondence
+        assert_array_equal(again.to_vertices(), known.initial.to_vertices())
+        if name == "pair.abfm":
+            assert (opened.channels, opened.initial) == (saved.channels, "connectivity")
+    assert gui.text_of("initial map", "Functions") == "as opened"
