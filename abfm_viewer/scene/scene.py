@@ -254,14 +254,15 @@ class Scene:
         left, top, right, bottom = rect
         free = (left, top, right, max(bottom - self.room_below, top + 1))
         names = (view.large,) if view.large in self.names else self.names
-        places = slots(names, free, fitted.fit.shape, view.layout, self.name_height)
+        other = self._fitted("source")
+        width, height = np.maximum(fitted.fit.shape, other.fit.shape).tolist()
+        places = slots(names, free, (width, height), view.layout, self.name_height)
         zoom, target = look.zoom, look.target
         if self._turns:
             zoom, target = 1.0, None
         drawn = None if target is None else self._viewport.drawn(np.array(target))
         self.view, self._views = fitted.fit.view(places, look.front, zoom, drawn), {}
         if self._session.document.is_pair:
-            other = self._fitted("source")
             self._views["source"] = self.view.seen_alike(fitted.front, other.fit, other.front)
 
     def _place(self) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 import abfm
-from abfm import TriangleMesh
+from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step
@@ -46,6 +46,7 @@ class Prepared:
     correspondence: abfm.Correspondence
     problem: abfm.Problem
     notes: tuple[str, ...]
+    usual: Parameters | None = None  # what functions like these are best matched with
 
 
 class InitialMaps:
@@ -152,7 +153,8 @@ class InitialMaps:
                 mask_b=given.mask,
                 weights=given.weights,
             )
-        return Prepared(found.initial, found.problem, (*notes, *found.notes))
+        notes, usual = (*notes, *found.notes), found.problem.parameters
+        return Prepared(found.initial, found.problem, notes, usual)
 
     def _map(self, way: _Way) -> tuple[str | abfm.Correspondence | None, tuple[str, ...]]:
         """Return a map that does not ask for functions, which is found but once, and what is worth

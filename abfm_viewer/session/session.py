@@ -285,6 +285,7 @@ class Session:
         if self.obstacle:
             self.notices.say(f"no match yet: {self.obstacle}", self.problem_told != "", RUN)
             return
+        self._take_usual_parameters()
         field, mesh = None, self.surface().mesh
         warm = self.solver.warm if goes_on is None else goes_on
         if warm and self.result is not None and self.result.mesh.digest == mesh.digest:
@@ -295,6 +296,14 @@ class Session:
         self.editor.amend(time=self.parameters.tau)
         self._run_began, self._remedied = self.document, -1
         self.solver.start(self.problem, self.functions_of(self.document), field)
+
+    def _take_usual_parameters(self) -> None:
+        """Match functions of two surfaces as their kind is, unless the user set parameters."""
+        usual = self.prepared.usual if self.prepared else None
+        if usual is not None and usual != self.parameters == Parameters():
+            label = "parameters for measured functions"
+            self.editor.set_parameter(label=label, **usual.to_dict())
+            self.notices.say(f"{label} were set, as the functions of A and B look like such")
 
     def remedy(self, remedy: Remedy) -> None:
         """Do what a verdict proposes: change the parameters, and start a run.

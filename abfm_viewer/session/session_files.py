@@ -218,7 +218,7 @@ class SessionFiles:
 
             def show() -> None:
                 self._session.restore(document, known, None)
-                self._samples[document.identity] = capital(name)
+                self._samples[document.identity] = name if document.is_pair else capital(name)
                 self._session.notices.say(f"{name} is ready: {ready}")
 
             return show

@@ -20,7 +20,8 @@ PaintKind = Literal["vertex values", "face values", "colors", "checker", "textur
 _LEAST_RANGE = 1e-12
 _BESIDE = 0.02  # of a range: what values may leave it by before it is told
 _NO_VALUES = 0.3  # grey, in linear light
-_OWN = "function on A, in its own unit"  # where what is compared is in another one
+# where A's function is in its own unit, and what is compared on B is not
+_OWN, _DEVIATIONS = "function on A, in its own unit", "function, in standard deviations"
 _SQUARES = 20  # of a checkerboard, across a mesh as it is seen from the front
 
 
@@ -114,11 +115,19 @@ class Painter:
 
         return self._kept[name].get((count, title), make)
 
+    @property
+    def _bar(self) -> str:
+        """What colours of functions are called: of two surfaces, B's may be in another unit."""
+        session = self._session
+        is_own = session.compared("target") is session.values("target")
+        return "function" if is_own or session.compared("target") is None else _DEVIATIONS
+
     def _function(
-        self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = "function"
+        self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = ""
     ) -> Paint:
+        bar = bar or self._bar
         make = partial(Paint, "vertex values", values, title, colors, bar)
-        return self._kept[name].get((values, title, colors), make)
+        return self._kept[name].get((values, title, colors, bar), make)
 
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
         """Show a function of a match on the finer mesh that it was found on, if that is wanted."""
@@ -132,7 +141,7 @@ class Painter:
         title = title if is_side else self._extrapolated(title, flow.is_behind)
 
         def make() -> Paint:
-            return Paint("vertex values", values, title, colors, "function", mesh=mesh)
+            return Paint("vertex values", values, title, colors, self._bar, mesh=mesh)
 
         return self._kept[name].get((mesh, values, title, colors), make)
 
@@ -145,7 +154,7 @@ class Painter:
 
         def make() -> Paint:
             told = title if is_behind else _with_range(title, advected, colors)
-            return Paint("vertex values", advected, told, colors, "function")
+            return Paint("vertex values", advected, told, colors, self._bar)
 
         return self._kept["advected"].get((advected, title, colors), make)
 
@@ -223,7 +232,7 @@ class Painter:
 
         def make() -> Paint:
             told, atlas = _with_range(title, advected, colors), texture.streaks.atlas
-            look = (colors, "function", atlas.corner_coordinates)
+            look = (colors, self._bar, atlas.corner_coordinates)
             return Paint("texture", texture.colors, told, *look)
 
         return self._kept["advected"].get((texture, title, colors), make)
@@ -234,7 +243,7 @@ class Painter:
 
         def make() -> Paint:
             blend = abfm.baselines.linear_blend(source, target, time, tau)
-            return Paint("vertex values", blend, "linear blend", colors, "function")
+            return Paint("vertex values", blend, "linear blend", colors, self._bar)
 
         return self._kept["linear blend"].get((source, target, time, tau, colors), make)
 
