@@ -46,14 +46,17 @@ def draw_mesh(context: Context) -> None:
     ui, document = context.ui, context.session.document
     if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
         context.open_mesh()
-    area = _area(document.surface().mesh)
     ui.beside()
     ui.align()
-    ui.line(document.name, "ink", "" if document.is_pair else area)
-    for letter, surface in zip("AB", document.surfaces, strict=False):
-        mesh = surface.mesh
-        said = f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces; {_topology(mesh)}"
-        ui.line(f"{letter}: {said}" if document.is_pair else said, tip=_area(mesh))
+    if document.is_pair:
+        for letter, surface in zip("AB", document.surfaces, strict=True):
+            count = f"{len(surface.mesh.vertices):,} vertices"
+            tip = f"{_size(surface.mesh)}. {_area(surface.mesh)}"
+            ui.line(f"{letter}: {surface.name}, {count}", "ink", tip)
+    else:
+        mesh = document.surface().mesh
+        ui.line(document.name, "ink", _area(mesh))
+        ui.line(_size(mesh), tip=_area(mesh))
     for surface in document.surfaces:
         for message in surface.mesh.messages:
             ui.note(message)
@@ -61,10 +64,11 @@ def draw_mesh(context: Context) -> None:
         initial_map.draw(context)
 
 
-def _topology(mesh: TriangleMesh) -> str:
+def _size(mesh: TriangleMesh) -> str:
     loops = len(mesh.boundary_loops)
     boundary = "" if mesh.is_closed else f", {loops} boundary loop{'s' if loops > 1 else ''}"
-    return f"{'closed, ' if mesh.is_closed else ''}genus {mesh.genus}{boundary}"
+    topology = f"{'closed, ' if mesh.is_closed else ''}genus {mesh.genus}{boundary}"
+    return f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces; {topology}"
 
 
 def _area(mesh: TriangleMesh) -> str:

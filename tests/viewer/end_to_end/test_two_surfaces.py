@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import Channel
+from abfm_viewer.panels.right_panel import TABS
 from tests.mesh_writers import off_file
 from tests.shapes import ellipsoid, icosphere
 from tests.viewer.sessions import SIZE, match
@@ -161,3 +162,13 @@ def test_it_is_saved_as_project_and_registration_and_opened_again(gui, tmp_path)
         if name == "pair.abfm":
             assert (opened.channels, opened.initial) == (saved.channels, "connectivity")
     assert gui.text_of("initial map", "Functions") == "as opened"
+
+
+def test_its_tabs_fit_one_screen(files):
+    with Driver((files["egg"], files["ball"]), size=(1280, 800)) as gui:
+        gui.session.editor.change("functions", channels=(Channel(NEAR, FAR),))
+        gui.wait(lambda s: not s.obstacle)
+        for tab in TABS:
+            gui.window.ui.open_tab = tab
+            gui.frames(3)
+            assert gui.window.ui.hidden_heights[f"/{tab}"] == 0
