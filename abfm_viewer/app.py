@@ -10,6 +10,7 @@ Open a window with a mesh, two functions on it, and their match.
 
 Examples:
   abfm-viewer spot.obj
+  abfm-viewer subject.gii template.gii
   abfm-viewer match.npz
   abfm-viewer project.abfm
 """
@@ -34,12 +35,14 @@ def _run(words: list[str]) -> int:
         "FILE",
         nargs="?",
     )
+    add("second", "a second mesh, to which the first is registered", "B", nargs="?")
     add("--largest-component", "of several components use the largest")
     parser.set_defaults(parser=parser)
     arguments = parser.parse_whole(words)
     if any(name.startswith("NUMBA_") for name in os.environ):
         import_module("abfm.numerics.kernels")  # which refuses settings before a window is there
+    what = (arguments.file, arguments.second) if arguments.second else arguments.file
     window.open_window(
-        arguments.file, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component
+        what, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component
     ).run()
     return 0

@@ -12,6 +12,9 @@ MESHES = {
     "fandisk.off": "A mechanical part with sharp edges",
 }
 """The bundled meshes, and a few words for each."""
+PAIR = "human_A.off to human_B.off"
+PAIRS = {PAIR: "A pair of shapes: one pose is registered to the other"}
+"""Surfaces A and B in one document, and a few words for each."""
 PICTURES = Path(__file__).with_name("samples.png")
 """Squares of `SIDE` pixels, `COLUMNS` in a row, in the order of the table."""
 TABLE = Path(__file__).with_name("samples.json")

@@ -25,7 +25,7 @@ from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.scene.scene import Hit
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.widget_record import KINDS, Widget, WidgetKind
-from abfm_viewer.window.window import open_window
+from abfm_viewer.window.window import What, open_window
 
 _CLICKABLE: tuple[WidgetKind, ...] = tuple(kind for kind in KINDS if kind != "plot")
 _SECONDS_TO_OPEN = 120.0
@@ -45,8 +45,9 @@ class Driver:
 
     Parameters
     ----------
-    mesh : str, Path, TriangleMesh or None
-        A mesh, project or result file, or a mesh; by default a bundled one.
+    mesh : str, Path, TriangleMesh, pair of str or Path, or None
+        A mesh, project or result file, a mesh, or mesh files of surfaces A and B; by default a
+        bundled mesh.
     backend : str
         "openGL3_egl" (no screen), "openGL3_glfw" (a window) or "openGL_mock" (draws nothing; there
         a vertex is picked though it is hidden). A process can have only one, any number of times.
@@ -71,7 +72,7 @@ class Driver:
 
     def __init__(
         self,
-        mesh: str | Path | TriangleMesh | None = None,
+        mesh: What = None,
         backend: Backend = OFFSCREEN,
         size: tuple[int, int] = (1600, 1000),
         state: Path | None = None,
@@ -282,7 +283,8 @@ class Driver:
             up = axis - (axis @ direction) * direction
             up /= np.linalg.norm(up)
             for zoom in _ZOOMS:
-                self._look(Look(Front(triple(direction), triple(up)), zoom, target))
+                own = Look(Front(triple(direction), triple(up)), zoom, target)
+                self._look(self.window.scene.look_at(surface, own))
                 self.window.tick()
                 if self._sees(vertex, surface):
                     return True

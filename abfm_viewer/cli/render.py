@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from abfm import ParameterError
+import abfm
+from abfm import ParameterError, ResultError
 from abfm.errors import printable
 from abfm.types import FloatArray
 from abfm_viewer import pictures
@@ -29,8 +31,8 @@ DESCRIPTION = """\
 Draw a result or a project: a picture (.png) or a movie of the flow (.mp4, .gif).
 
 A picture of a result is a sheet with the source, the source on its way to the target, and the
-target. Pictures of a project and all movies show what the window shows: every surface in its slot,
-as the project has it.
+target. Pictures of a project, of a registration, and all movies show what the window shows: every
+surface in its slot, as the project has it.
 
 Examples:
   abfm render match.npz --out match.png
@@ -88,7 +90,8 @@ def run(arguments: argparse.Namespace) -> int:
     out = arguments.out
     outputs.check(out, [".png", *_MOVIES])
     path, is_movie = Path(arguments.input), out.suffix in _MOVIES
-    style = arguments.style or ("window" if path.suffix == ".abfm" or is_movie else "sheet")
+    shows_all = path.suffix == ".abfm" or is_movie or _is_of_two(path)
+    style = arguments.style or ("window" if shows_all else "sheet")
     for is_useless, problem in _objections(arguments, style, is_movie):
         if is_useless:
             raise UsageError(problem)
@@ -111,6 +114,13 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.write_picture(out, picture)
     print(f"wrote {printable(out)} ({picture.width} x {picture.height})")
     return 0
+
+
+def _is_of_two(path: Path) -> bool:
+    """Tell whether a file holds a registration; what cannot be read is told later."""
+    with suppress(ResultError):
+        return abfm.registration.is_correspondence(path)
+    return False
 
 
 def _objections(
@@ -194,6 +204,9 @@ def _renderer(
         functions = [] if result is None else [result.source[:, 0], result.target[:, 0]]
         front = best_front(document.surface().mesh, *functions, up=arguments.up)
         document = replace(document.facing(front), view=replace(document.view, look=None))
+        if document.is_pair:
+            own = best_front(document.surface("source").mesh, up=arguments.up)
+            document = document.facing(own, "source")
     with_bar, with_labels = not arguments.no_color_bar, not arguments.no_labels
     choices = pictures.PictureOptions(
         arguments.transparent, with_bar, with_labels, turns=bool(arguments.turntable)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from abfm.workers.progress import Step
 from abfm.workers.worker import Worker, stateless
 from abfm_viewer.computing.background import Latest, error_line
 from abfm_viewer.computing.defaults import default_functions
+from abfm_viewer.document.document import Side
 
 OWN_PROCESS_FROM = 20_000
 """Vertices from which on a process computes: below, it is quick, and starting a process is not.
@@ -140,6 +141,18 @@ class Functions:
         if self._worker is None:
             return function(self.mesh, *given)
         return self._worker.call(_apart, function, self.mesh, *given).result()
+
+
+class Evaluators(NamedTuple):
+    """What evaluates a document's functions: on the source's surface, and on the target's, which
+    may be the same.
+    """
+
+    source: Functions
+    target: Functions
+
+    def evaluate(self, spec: str, side: Side = "target") -> FloatArray:
+        return (self.source if side == "source" else self.target).evaluate(spec)
 
 
 def _apart(_: None, function: Callable[..., Result], *given: object) -> Result:

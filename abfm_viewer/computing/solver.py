@@ -21,10 +21,10 @@ from abfm.types import FloatArray
 from abfm.workers.control import controlled
 from abfm.workers.progress import Step, telling
 from abfm_viewer.computing.background import THREADS, Memo, error_line
-from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.freed_memory import give_back
 from abfm_viewer.computing.match_apart import Look, MatchApart
-from abfm_viewer.document.document import SIDES, Channel, Run
+from abfm_viewer.document.document import SIDES, Channel, InitialMap, Run
 
 FIRST = 2.0
 """Seconds of a run before a field is fetched to be kept: shorter ones lose little, and should
@@ -47,12 +47,28 @@ class ProblemSpec:
     channels: tuple[Channel, ...]
     parameters: Parameters
     mask: str
+    initial: InitialMap | None = None  # of two surfaces, from A to the mesh, which is B
 
-    def problem(self, functions: Functions) -> abfm.Problem:
+    def problem(self, functions: Evaluators) -> abfm.Problem:
         specs = [[channel.spec(side) for channel in self.channels] for side in SIDES]
-        source, target = (np.stack(list(map(functions.evaluate, s)), axis=1) for s in specs)
+        source, target = (
+            np.stack([functions.evaluate(spec, side) for spec in own], axis=1)
+            for side, own in zip(SIDES, specs, strict=True)
+        )
         mask = functions.evaluate(self.mask) if self.mask else None
         weights = [channel.weight for channel in self.channels]
+        if (initial := self.initial) is not None:
+            found = initial.correspondence
+            return abfm.registration.prepare(
+                found.a,
+                self.mesh,
+                source,
+                target,
+                initial=found,
+                parameters=self.parameters,
+                mask_b=mask,
+                weights=weights,
+            ).problem
         given = abfm.Problem(self.mesh, source, target, self.parameters, mask=mask, weights=weights)
         return given.with_specs(*specs)
 
@@ -189,13 +205,14 @@ class Solver:
         return None if self.paused else self._course.seconds_each
 
     def start(
-        self, problem: ProblemSpec, functions: Functions, field: FloatArray | None = None
+        self, problem: ProblemSpec, functions: Evaluators, field: FloatArray | None = None
     ) -> None:
         self.state, self.reason, self.snapshot, self.step = State.RUNNING, "", None, None
         self.started += 1
         self.problem = problem
         self._next: ProblemSpec | None = problem
         self._result: abfm.Match | None = None
+        self._solved = problem  # that the result is of
         self._course = Course(len(problem.mesh.vertices))
         self._error = ""
         self._control = abfm.Control()
@@ -243,21 +260,21 @@ class Solver:
         return not self.running or not wait([self._working], seconds).not_done
 
     def collect(self) -> tuple[abfm.Match | None, Run | None, ProblemSpec] | None:
-        """Return, once, what a run that has ended leaves, failed or not."""
+        """Return, once, what a run that has ended leaves, failed or not, and what it solved."""
         if not self.running or self.problem is None or not self._working.done():
             return None
         run = self.run
         if run is not None and self.snapshot is not None:
             ends = self._result.path if self._result else (self.snapshot.iteration,)
             run = replace(run, mismatch=min(end.mismatch for end in ends))
-        left = (self._result, run, self.problem)
+        left = (self._result, run, self._solved)
         self.state = State.FAILED if self._error else State.ENDED
         self.reason = self._error or (self._result.stop_reason if self._result else "cancelled")
         self.snapshot = self.step = self._result = None
         self._course = Course()
         return left
 
-    def unfinished(self, snapshot: Snapshot, functions: Functions) -> tuple[abfm.Match, Run]:
+    def unfinished(self, snapshot: Snapshot, functions: Evaluators) -> tuple[abfm.Match, Run]:
         """A snapshot as if the run had been cancelled there, unverified, and the run's energies.
 
         It waits, so not for the frame loop; it is kept, should the run fail. AbfmError if its field
@@ -298,13 +315,14 @@ class Solver:
     # In the thread
 
     @factoring_apart()
-    def _work(self, functions: Functions, start: FloatArray | None) -> None:
+    def _work(self, functions: Evaluators, start: FloatArray | None) -> None:
         try:
             while (problem := self._take()) is not None:
                 self._course.begin(problem)
                 if self._result is not None:
                     start = self._result.start_for(problem.parameters)
                 self._result = self._solve(problem, functions, start)
+                self._solved = problem
         except Exception as error:
             if not isinstance(error, AbfmError | MemoryError):
                 traceback.print_exc()
@@ -314,6 +332,7 @@ class Solver:
                 with suppress(AbfmError, MemoryError):  # where its process was killed
                     if snapshot is not None:
                         self._result, _ = self.unfinished(snapshot, functions)
+                        self._solved = snapshot.problem
                         break
         give_back()
 
@@ -327,7 +346,7 @@ class Solver:
             return problem if self.state in _GOES_ON or self._result is None else None
 
     def _solve(
-        self, spec: ProblemSpec, functions: Functions, start: FloatArray | None
+        self, spec: ProblemSpec, functions: Evaluators, start: FloatArray | None
     ) -> abfm.Match:
         problem = spec.problem(functions)
         with self._lock:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import compress
 from typing import TYPE_CHECKING, Literal, get_args
@@ -12,7 +13,7 @@ from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from abfm import Match
+    from abfm import Correspondence, Match
 
 Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]
@@ -44,6 +45,8 @@ EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
 NEAREST, FARTHEST = 200.0, 0.2
 """Zooms."""
+OF_A = "A: "
+"""What names of values from files begin with that are of surface A of two."""
 
 
 def triple(values: FloatArray) -> Triple:
@@ -107,6 +110,24 @@ class Surface:
     mesh: TriangleMesh
     name: str
     front: Front | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class InitialMap:
+    """The map by which a result's functions came from surface A to surface B, what is worth knowing
+    of it, and what it was found for.
+    """
+
+    correspondence: Correspondence
+    word: str
+    channels: tuple[Channel, ...]
+    mask: str
+    notes: tuple[str, ...] = ()
+
+    def is_for(self, document: Document) -> bool:
+        """Return whether a document still has what it was found for."""
+        now = (document.initial, document.channels, document.mask)
+        return now == (self.word, self.channels, self.mask)
 
 
 @dataclass(frozen=True)
@@ -227,14 +248,16 @@ class Identity:
 class Document:
     """A state of the session that undo returns to and a project file keeps."""
 
-    surfaces: tuple[Surface, ...]
+    surfaces: tuple[Surface, ...]  # the only one, or A and B
     channels: tuple[Channel, ...] = ()  # until the default functions of a new mesh are known
     channel: int = 0  # the active one
     side: Side = "source"  # of it, the active one
     bump: int = 0  # which of that side's Gaussians the mouse moves
     parameters: Parameters = field(default_factory=Parameters)
     mask: str = ""  # spec of the weight of the mismatch at each vertex; empty for none
+    initial: str = ""  # word of the map from A to B; empty for one that is chosen by what there is
     result: Match | None = None
+    initial_map: InitialMap | None = None  # that the result began with
     # the step at which the result's match ended, where another one of its path is shown
     chosen: int | None = None
     runs: tuple[Run, ...] = ()  # those that ended, the latest last
@@ -250,14 +273,38 @@ class Document:
 
     @property
     def name(self) -> str:
-        return self.surface().name
+        return " to ".join(surface.name for surface in self.surfaces)
+
+    @property
+    def is_pair(self) -> bool:
+        return len(self.surfaces) > 1
 
     def surface(self, slot: str = "advected") -> Surface:
-        """The surface that a slot shows, on which a side's functions are: all show the only one."""
-        return self.surfaces[0]
+        """The surface that a slot shows, on which a side's functions are: of two, the source is on
+        A, and all else, as the flow, on B.
+        """
+        return self.surfaces[0 if slot == "source" else -1]
 
-    def facing(self, front: Front) -> Document:
-        return replace(self, surfaces=(replace(self.surface(), front=front),))
+    def titled(self, slot: str) -> str:
+        """A slot's name, of two surfaces with which of them it shows: ``source on A``."""
+        return f"{slot} on {'A' if slot == 'source' else 'B'}" if self.is_pair else slot
+
+    def facing(self, front: Front, slot: str = "advected") -> Document:
+        """Return it with the surface of a slot seen from another side."""
+        seen = self.surface(slot)
+        surfaces = (replace(one, front=front) if one is seen else one for one in self.surfaces)
+        return replace(self, surfaces=tuple(surfaces))
+
+    def known_as(self, side: Side, spec: str) -> str:
+        """Return the name of a function's values from files: of two surfaces, A's have a prefix."""
+        return f"{OF_A if self.is_pair and side == 'source' else ''}{spec}"
+
+    def known_on(self, side: Side, known: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return those values, by their names, that are of a side's surface, by specs."""
+        if not self.is_pair:
+            return dict(known)
+        own = {name: name.startswith(OF_A) == (side == "source") for name in known}
+        return {name.removeprefix(OF_A): known[name] for name, is_own in own.items() if is_own}
 
     def function(self, side: Side, channel: Channel | None = None) -> Function:
         channel = channel or self.channels[self.channel]

@@ -1,7 +1,9 @@
 """Project files (``.abfm``): a zip with everything that is needed to go on elsewhere.
 
 ``project.json`` holds all that is small; ``mesh/*.npy``, ``result/*.npy`` and ``runs/*/*.npy`` the
-arrays of the document, and ``known/*.npy`` the values of functions that come from other files.
+arrays of the document, and ``known/*.npy`` the values of functions that come from other files. Of
+two surfaces ``mesh/*.npy`` is B, on which the result is, ``mesh_a/*.npy`` A, and ``initial/*.npy``
+the initial map that the result began with.
 """
 
 from __future__ import annotations
@@ -22,13 +24,31 @@ import abfm
 from abfm import Parameters, ResultError, TriangleMesh
 from abfm.errors import brief, one_line
 from abfm.io import results, write_atomically
-from abfm.io.results import MATCH_ENTRIES, MESH_ENTRIES, Entry, check_arrays, mesh_of
+from abfm.io.results import (
+    CORRESPONDENCE_ENTRIES,
+    MATCH_ENTRIES,
+    MESH_ENTRIES,
+    Entry,
+    check_arrays,
+    mesh_of,
+)
 from abfm.reading import from_json
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import NAMES
-from abfm_viewer.document.document import FARTHEST, NEAREST, Document, Identity, Run, Surface, View
+from abfm_viewer.document.document import (
+    FARTHEST,
+    NEAREST,
+    OF_A,
+    Document,
+    Front,
+    Identity,
+    InitialMap,
+    Run,
+    Surface,
+    View,
+)
 
-_FORMAT = 2
+_OF_ONE, _FORMAT = 2, 3  # of one surface, which older versions read, and the newest
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
 _MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
 _RUN = {
@@ -41,6 +61,11 @@ _COURSE = _RUN | {
 }
 _LEFT = {"mismatches": Entry("real", ("n",), required=False, low=0)}
 _SHARES = {"shares": Entry("real", ("n", "T"), low=0)}
+_INITIAL = {  # without the meshes
+    name: entry
+    for name, entry in CORRESPONDENCE_ENTRIES.items()
+    if name.removeprefix("a_") not in MESH_ENTRIES
+}
 _PLAIN = ("parameters", "verdict", "remedies")  # parts of a result that are no arrays
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in _PLAIN}
 _ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}
@@ -72,6 +97,15 @@ class Origin:
 
 
 @dataclass(frozen=True)
+class _SurfaceA:
+    """What `project.json` holds of surface A of two."""
+
+    name: str
+    file_vertex_count: int
+    front: Front | None = None
+
+
+@dataclass(frozen=True)
 class _Header:
     """What `project.json` holds; `known` are functions with values, as their members count."""
 
@@ -81,6 +115,8 @@ class _Header:
     result: dict[str, Any] | None
     result_has_mask: bool
     known: tuple[str, ...]
+    surface_a: _SurfaceA | None = None
+    initial_map: dict[str, Any] | None = None
 
 
 def save_project(
@@ -95,8 +131,13 @@ def save_project(
     says of which project file it is one. A `ResultError` says why it would not open again, or
     cannot be written.
     """
-    surface = document.surface()
+    surface, first = document.surface(), document.surface("source")
     arrays = {f"mesh/{name}": getattr(surface.mesh, name) for name in _MESH}
+    if document.is_pair:
+        arrays |= {f"mesh_a/{name}": getattr(first.mesh, name) for name in _MESH}
+    if (initial := document.initial_map) is not None:
+        of_map = initial.correspondence.arrays()
+        arrays |= {f"initial/{name}": of_map[name] for name in _INITIAL if name in of_map}
     runs = []
     for number, run in enumerate(document.runs):
         names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
@@ -114,10 +155,11 @@ def save_project(
         result |= {name: getattr(document.result, name) for name in ("parameters", "verdict")}
     arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
     # the surface's name is the document's in the file, and its front the view's
-    plain = to_plain(document, without=("identity", "surfaces", "result", "runs"))
+    kept_apart = ("identity", "surfaces", "result", "runs", "initial_map")
+    plain = to_plain(document, without=kept_apart)
     plain["view"] = to_plain(document.view) | {"front": surface.front}
     content = {
-        "format_version": _FORMAT,
+        "format_version": _FORMAT if document.is_pair else _OF_ONE,
         "file_vertex_count": surface.mesh.file_vertex_count,
         "document": {"name": surface.name} | plain,
         "runs": runs,
@@ -125,6 +167,11 @@ def save_project(
         "result_has_mask": "result/mask" in arrays,
         "known": sorted(known),
     }
+    if document.is_pair:
+        count = first.mesh.file_vertex_count
+        content["surface_a"] = _SurfaceA(first.name, count, first.front)
+    if initial is not None:
+        content["initial_map"] = to_plain(initial, without=("correspondence",))
     try:
         text = json.dumps(content, indent=1, default=to_plain)
         if len(text) > _LARGEST_HEADER:
@@ -132,7 +179,7 @@ def save_project(
                 f"it has {len(text)} bytes besides its arrays, and at most {_LARGEST_HEADER} can "
                 "be read"
             )
-        _document(json.loads(text), arrays, surface.mesh)
+        _document(json.loads(text), arrays, document)
     except ValueError as error:
         raise ResultError(f"{one_line(path)} not written: {one_line(error, 400)}") from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
@@ -187,14 +234,16 @@ def terms_from_files(spec: str) -> list[str]:
 
 
 def _document(
-    content: Any, arrays: Mapping[str, Any], mesh: TriangleMesh | None = None
+    content: Any, arrays: Mapping[str, Any], written: Document | None = None
 ) -> tuple[Document, dict[str, FloatArray]]:
-    """Document and known values from what a file holds; the mesh is made unless it is given."""
+    """Document and known values from what a file holds; meshes and the map between them are made,
+    unless what is `written` has them.
+    """
     version = content.pop("format_version", None) if isinstance(content, dict) else None
     results.check_version(version, _FORMAT)
     header: _Header = from_plain(_Header, content, "project")
-    mesh_parts = check_arrays(arrays, _MESH, "mesh/")
-    mesh = mesh or mesh_of({**mesh_parts, "file_vertex_count": np.array(header.file_vertex_count)})
+    meshes, initial = _meshes(header, arrays, written)
+    mesh = meshes[-1]
     runs = tuple(_run(number, state, arrays) for number, state in enumerate(header.runs))
     result, plain = None, header.document
     if header.result is not None:
@@ -202,17 +251,55 @@ def _document(
     view = plain.get("view")
     front = view.pop("front", None) if isinstance(view, dict) else None
     own = {"name": plain.pop("name", None), "front": front}
-    surface = from_plain(Surface, own, "project.document", mesh=mesh)
-    given = {"surfaces": (surface,), "result": result, "runs": runs, "identity": Identity()}
-    document: Document = from_plain(Document, plain, "project.document", **given)
+    surfaces: tuple[Surface, ...] = (from_plain(Surface, own, "project.document", mesh=mesh),)
+    if (first := header.surface_a) is not None:
+        surfaces = (Surface(meshes[0], first.name, first.front), *surfaces)
+    given = {"surfaces": surfaces, "result": result, "runs": runs, "identity": Identity()}
+    document: Document = from_plain(
+        Document, plain, "project.document", initial_map=initial, **given
+    )
     values = {
         f"the values of {spec}": arrays[f"known/{number}"]
         for number, spec in enumerate(header.known)
     }
-    entries = dict.fromkeys(header.known, Entry("real", ("V",)))
-    known = check_arrays(values, entries, "the values of ", V=len(mesh.vertices))
+    entries = {
+        name: Entry("real", ("VA" if document.is_pair and name.startswith(OF_A) else "V",))
+        for name in header.known
+    }
+    sizes = {"V": len(mesh.vertices), "VA": len(meshes[0].vertices)}
+    known = check_arrays(values, entries, "the values of ", **sizes)
     _check(document)
     return document, known
+
+
+def _meshes(
+    header: _Header, arrays: Mapping[str, Any], written: Document | None
+) -> tuple[tuple[TriangleMesh, ...], InitialMap | None]:
+    """Return the surfaces' meshes, B last, and the map between them, if there is one."""
+    parts = _mesh_parts(arrays, "mesh/", header.file_vertex_count)
+    if header.surface_a is None:
+        _require(header.initial_map is None, "there is an initial map of one surface")
+        return (written.surface().mesh if written else mesh_of(parts),), None
+    of_a = _mesh_parts(arrays, "mesh_a/", header.surface_a.file_vertex_count)
+    state = header.initial_map
+    if state is None:
+        meshes = (surface.mesh for surface in written.surfaces) if written else ()
+        return tuple(meshes) or (mesh_of(of_a), mesh_of(parts)), None
+    sizes = {"V": len(parts["vertices"]), "VA": len(of_a["vertices"])}
+    maps = check_arrays(arrays, _INITIAL, "initial/", **sizes)
+    if written is not None and written.initial_map is not None:
+        found = written.initial_map.correspondence
+    else:
+        from abfm.registration.correspondence import correspondence_of  # with all that it loads
+
+        of_both = parts | {f"a_{name}": part for name, part in of_a.items()} | maps
+        found = correspondence_of(of_both)
+    initial: InitialMap = from_plain(InitialMap, state, "project.initial_map", correspondence=found)
+    return (found.a, found.b), initial
+
+
+def _mesh_parts(arrays: Mapping[str, Any], prefix: str, count: int) -> dict[str, Any]:
+    return {**check_arrays(arrays, _MESH, prefix), "file_vertex_count": np.array(count)}
 
 
 def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
@@ -262,7 +349,12 @@ def _check(document: Document) -> None:
         _require(inside, f"a point has weights {point.barycentric}; expected 0 or more, with sum 1")
     _check_view(document.view)
     look = document.view.look
-    for front in (document.surface().front, look.front if look else None):
+    _require(
+        document.initial_map is None or document.result is not None,
+        "there is an initial map of no result",
+    )
+    fronts = [surface.front for surface in document.surfaces]
+    for front in (*fronts, look.front if look else None):
         axes = np.eye(3)[:2] if front is None else np.array([front.direction, front.up])
         is_upright = bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
         _require(is_upright, f"front is {front}; expected two unit vectors at a right angle")
@@ -326,7 +418,7 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
 
 def _dataclass(hint: Any, value: dict[str, Any], where: str, given: dict[str, Any]) -> Any:
     # a document without a result does not load its type
-    hints = get_type_hints(hint, localns={"Match": Any})
+    hints = get_type_hints(hint, localns={"Match": Any, "Correspondence": Any})
     known = {entry.name: entry for entry in fields(hint) if entry.name not in given}
     unknown = sorted(value.keys() - known.keys())
     _expect(not unknown, where, unknown, f"only {', '.join(known)}")

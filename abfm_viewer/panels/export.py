@@ -9,7 +9,7 @@ from pathlib import Path
 from abfm_viewer.document.document import Document
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_step
-from abfm_viewer.session.exporter import DATA, MOVIES, PICTURES, Exporter, Known
+from abfm_viewer.session.exporter import DATA, MOVIES, PICTURES, REGISTERED, Exporter, Known
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
@@ -17,20 +17,19 @@ from abfm_viewer.widgets.widget_record import Range
 
 _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": (7680, 4320)}
 _OWN = "own size"
+_REGISTRATION = (
+    "Where A and B correspond (.npz); A's faces where they lie on B (.gii, .ply); or the vertex of "
+    "A for each of B (.txt, .csv, .npy)."
+)
 _ACROSS, _DOWN = Range(320, 7680, whole=True), Range(240, 4320, whole=True)
 
 
 def draw(context: Context) -> None:
     ui, session, exporter = context.ui, context.session, context.exporter
-    result = session.result
 
     def save(drawn: Callable[[Path, Document, Known], None], path: Path) -> None:
         document = session.document
         drawn(path, document, partial(known_values, document, session.functions_of(document)))
-
-    def save_result(path: Path) -> None:
-        if session.result is not None:
-            exporter.save_result(path, session.result)
 
     ask = context.dialogs.save
     with ui.disabled(exporter.running):
@@ -43,11 +42,37 @@ def draw(context: Context) -> None:
         if ui.button("Save movie...", tip):
             ask("Save a movie", MOVIES, "movie.mp4", partial(save, exporter.save_movie))
         ui.heading("data")
-        tip = "The result (.npz), mesh, functions and field (.ply, .vtu), or energies (.csv)."
-        tip += "" if result else " There is one after a match."
-        if ui.button("Save result...", tip, enabled=result is not None):
-            ask("Save the result", DATA, "match.npz", save_result)
+        _draw_data(context)
     _draw_state(ui, session, exporter)
+
+
+def _draw_data(context: Context) -> None:
+    ui, session, exporter, ask = (
+        context.ui,
+        context.session,
+        context.exporter,
+        context.dialogs.save,
+    )
+
+    def save_result(path: Path) -> None:
+        if session.result is not None:
+            exporter.save_result(path, session.result)
+
+    def save_registration(path: Path) -> None:
+        if (found := session.registration) is not None:
+            exporter.save_registration(path, found)
+
+    is_there = session.result is not None
+    later = "" if is_there else " There is one after a match."
+    what = "The result"
+    if session.document.is_pair:
+        if ui.button("Save registration...", f"{_REGISTRATION}{later}", enabled=is_there):
+            ask("Save the registration", REGISTERED, "registration.npz", save_registration)
+        ui.beside_if_fits("Save result...", is_button=True)
+        what = "What was matched on B"
+    tip = f"{what} (.npz), mesh, functions and field (.ply, .vtu), or energies (.csv).{later}"
+    if ui.button("Save result...", tip, enabled=is_there):
+        ask("Save the result", DATA, "match.npz", save_result)
 
 
 def _draw_state(ui: Ui, session: Session, exporter: Exporter) -> None:

@@ -14,6 +14,7 @@ from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.document.verdict_words import sentence
+from abfm_viewer.panels import initial_map
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.widgets.toolkit import Ui
@@ -42,19 +43,37 @@ _MAP = (
 
 
 def draw_mesh(context: Context) -> None:
-    ui, mesh = context.ui, context.session.surface().mesh
+    ui, document = context.ui, context.session.document
     if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
         context.open_mesh()
-    loops, scale = len(mesh.boundary_loops), mesh.length_scale
-    boundary = "" if mesh.is_closed else f", {loops} boundary loop{'s' if loops > 1 else ''}"
-    topology = f"{'closed, ' if mesh.is_closed else ''}genus {mesh.genus}{boundary}"
-    area = f"Area {scale**2:.4g}; widths are fractions of its root, {scale:.4g}."
     ui.beside()
     ui.align()
-    ui.line(context.session.document.name, "ink", area)
-    ui.line(f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces; {topology}", tip=area)
-    for message in mesh.messages:
-        ui.note(message)
+    if document.is_pair:
+        for letter, surface in zip("AB", document.surfaces, strict=True):
+            count = f"{len(surface.mesh.vertices):,} vertices"
+            tip = f"{_size(surface.mesh)}. {_area(surface.mesh)}"
+            ui.line(f"{letter}: {surface.name}, {count}", "ink", tip)
+    else:
+        mesh = document.surface().mesh
+        ui.line(document.name, "ink", _area(mesh))
+        ui.line(_size(mesh), tip=_area(mesh))
+    for surface in document.surfaces:
+        for message in surface.mesh.messages:
+            ui.note(message)
+    if document.is_pair:
+        initial_map.draw(context)
+
+
+def _size(mesh: TriangleMesh) -> str:
+    loops = len(mesh.boundary_loops)
+    boundary = "" if mesh.is_closed else f", {loops} boundary loop{'s' if loops > 1 else ''}"
+    topology = f"{'closed, ' if mesh.is_closed else ''}genus {mesh.genus}{boundary}"
+    return f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces; {topology}"
+
+
+def _area(mesh: TriangleMesh) -> str:
+    scale = mesh.length_scale
+    return f"Area {scale**2:.4g}; widths are fractions of its root, {scale:.4g}."
 
 
 def draw(context: Context) -> None:
@@ -164,12 +183,12 @@ class _Side:
 
     def _draw_heading(self) -> None:
         ui, bump = self._ui, self._bump
-        color = getattr(ui.colors, self._side)
+        color, title = getattr(ui.colors, self._side), self._session.document.titled(self._side)
         if bump is None:
-            ui.heading(self._side, color)
+            ui.heading(title, color)
             return
         count = len(gaussians.gaussians(self._spec))
-        ui.heading(self._side, color, buttons=(_ADD, _REMOVE)[: 2 if count > 1 else 1])
+        ui.heading(title, color, buttons=(_ADD, _REMOVE)[: 2 if count > 1 else 1])
         if ui.button(_ADD, "One more bump, as far as possible from the others."):
             with ui.refusals.refusing(_ADD):
                 self._put(gaussians.added(self._spec, self._mesh), "family", count)

@@ -108,7 +108,7 @@ def _error(context: Context) -> None:
         ui.note(f"No optimal transport: {transport.error}.", "failure")
     elif session.view.transport and transport.note:
         ui.note(f"{transport.note.capitalize()}.")
-    target, advected = session.values("target"), context.shown.flow.advected()
+    target, advected = session.compared("target"), context.shown.flow.advected()
     if target is not None and advected is not None:
         difference = np.abs(target - advected)
         worst = int(np.argmax(difference))

@@ -2,13 +2,17 @@
 
 from collections.abc import Callable
 
-from abfm_viewer.panels import energy, export, functions, look, parameters, solver
+from abfm_viewer.panels import energy, export, functions, initial_map, look, parameters, solver
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.containers import child, tabs, window
 from abfm_viewer.widgets.widget_record import Rect
 
 TABS: dict[str, dict[str, Callable[[Context], None]]] = {
-    "Functions": {"mesh": functions.draw_mesh, "functions": functions.draw},
+    "Functions": {
+        "mesh": functions.draw_mesh,
+        "functions": functions.draw,
+        "initial map": initial_map.draw_notes,
+    },
     "Match": {"parameters": parameters.draw, "energy": energy.draw},
     "Look": {
         "coloring": look.draw_coloring,

@@ -121,7 +121,7 @@ def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
     if solver.failed:
         _line(ui, f"The solver stopped: {solver.reason}", "failure", _MOST_LINES)
     elif result is None:
-        failed = session.functions.problem(session.document) != ""
+        failed = session.problem_told != ""
         _line(ui, "No match yet", "ink")
         about = session.obstacle or "Match finds a flow from the source to the target"
         _line(ui, sentence(about), "failure" if failed else "muted", _MOST_LINES)

@@ -16,7 +16,8 @@ def draw(context: Context, rect: Rect) -> None:
         left = imgui.GetCursorPosX()
         right = left + imgui.GetContentRegionAvail()[0]
         name = cut(session.document.name, (right - left) / 3, ui.text_width)
-        size = f"{len(session.surface().mesh.vertices):,} vertices"
+        sizes = (f"{len(one.mesh.vertices):,}" for one in session.document.surfaces)
+        size = f"{' and '.join(sizes)} vertices"
         details = f"{name}   {size}   {imgui.GetIO().Framerate:.0f} fps"
         start = right - ui.text_width(details) - ui.px(2)
         # errors are cards in the viewport

@@ -75,7 +75,7 @@ class DocumentRenderer:
             opened.callback(self._shown.close)
             session.restore(self._document, self._known, None)
             session.update()
-            if problem := session.functions.problem(session.document):
+            if problem := session.problem_told:
                 raise FunctionError(problem)
             self._scene = Scene(self._shown, self._options.turns)
             self._scene.name_height = name_height(self._pen) if self._options.labels else 0.0
@@ -130,5 +130,5 @@ class DocumentRenderer:
 
     def _error(self, time: float) -> float:
         self._go_to(time)
-        target, advected = self._session.values("target"), self._shown.flow.advected()
+        target, advected = self._session.compared("target"), self._shown.flow.advected()
         return 0.0 if target is None or advected is None else float(np.abs(target - advected).max())

@@ -192,7 +192,7 @@ def laid_out(
 def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
     for name in scene.shown:
         paint = scene.paints.get(name)
-        yield name, paint.title if paint else f"{name}: computing", scene.view.label(name)
+        yield name, paint.title if paint else f"{name}: computing", scene.view_of(name).label(name)
 
 
 def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
@@ -285,7 +285,7 @@ class GaussianMarkers:
             place, normal = found
             x, y, _ = scene.projected(side, place)[0]
             left, top, right, bottom = scene.view.slots[side].rect
-            is_in_front = scene.view.rotation[2] @ normal > 0
+            is_in_front = scene.view_of(side).rotation[2] @ normal > 0
             if is_in_front and left <= x <= right and top <= y <= bottom:
                 for width, color in ((2 * _LINE, ui.colors.ground), (_LINE, ui.colors.ink)):
                     canvas.AddCircle((x, y), ui.px(_RADIUS), _u32(color), 0, ui.px(width))

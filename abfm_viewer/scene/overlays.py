@@ -279,8 +279,8 @@ class Overlays:
             places = np.array([path.at(time) for path in paths])
             draw_points(_NOW, mesh, places, marker, _POINT)
         if self._is_new("source", _START, (paths, view.theme) if paths and has_source else None):
-            places = np.array([path.positions[0] for path in paths])
-            draw_points(_START, mesh, places, marker, _POINT)
+            on = self._shown.session.surface("source").mesh
+            draw_points(_START, on, quantities.starts(paths), marker, _POINT)
 
     def structures(self) -> Iterator[Placed]:
         for name, (surface, _) in self._drawn.items():

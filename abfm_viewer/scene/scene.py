@@ -1,6 +1,8 @@
 """The surfaces in the window, each in its slot: draws what is shown of a session."""
 
-from collections.abc import Callable, Iterable
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +12,7 @@ from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.defaults import best_front
-from abfm_viewer.document.document import Document, Front, Look, Point, triple
+from abfm_viewer.document.document import SIDES, Document, Front, Look, Point, triple
 from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays, Placed
@@ -50,9 +52,8 @@ class Scene:
         # pixels of names, in each slot, and of colour bars below all
         self.name_height = self.room_below = 0.0
         self._meshes: dict[str, TriangleMesh] = {}
-        self._axis: FloatArray
-        self._fit: Fit
-        self._fitted_to: object = None
+        self._fits: dict[str, Fitted] = {}  # by surfaces' names
+        self._views: dict[str, SlotView] = {}
         self._style: object = None
         self._document: Document | None = None
         self._degrees = 0.0
@@ -63,13 +64,14 @@ class Scene:
         session.draws_quickly = self.pacing.draws_quickly
         ground = theme.palette(view.theme).ground
         ps.set_background_color([*theme.linear(ground), 1.0])
-        front = self._front()
+        fronts = [self._front(slot) for slot in ("advected", "source")]
+        is_seen = all(front is not None for front in fronts)
         # nothing is shown that would turn as soon as the front is known
-        names = () if front is None else view.shown_surfaces
+        names = view.shown_surfaces if is_seen else ()
         self._register({name: self.mesh(name) for name in names})
-        if front is None:
+        if not is_seen:
             return
-        self._look(rect, front)
+        self._look(rect)
         self._restyle()
         overlays_wait = self._paint()
         earlier, self._document = self._document, session.document
@@ -113,7 +115,7 @@ class Scene:
         """Return how the surfaces are seen now; None before they are."""
         if look := self._session.view.look:
             return look
-        return Look(front) if (front := self._front()) else None
+        return Look(front) if (front := self._front("advected")) else None
 
     def turn(self, degrees: float) -> None:
         """Turn all about their upright axes; picks are wrong then."""
@@ -132,12 +134,28 @@ class Scene:
         if look != before:
             self._session.editor.amend(view=replace(self._session.view, look=look))
 
+    def look_at(self, name: str, look: Look) -> Look:
+        """Return how all are seen where one surface is seen by a look of its own."""
+        if name not in self._views:
+            return look
+        own, all_of_them = self._fitted("source"), self._fitted("advected")
+        drawn = None if look.target is None else viewport(own.mesh).drawn(np.array(look.target))
+        seen = own.fit.view(self.view.slots, look.front, look.zoom, drawn)
+        view = seen.seen_alike(own.front, all_of_them.fit, all_of_them.front)
+        front = Front(triple(view.rotation[2]), triple(view.rotation[1]))
+        return Look(front, view.zoom, triple(self._viewport.undrawn(view.target)))
+
     def enlarge(self, name: str) -> None:
         self._session.editor.amend(view=replace(self._session.view, large=name))
 
     def projected(self, name: str, points: FloatArray) -> FloatArray:
         """Return places in the window and depths (P, 3) of points (P, 3) of a shown surface."""
-        return self.view.projected(name, viewport(self._meshes[name]).drawn(np.atleast_2d(points)))
+        drawn = viewport(self._meshes[name]).drawn(np.atleast_2d(points))
+        return self.view_of(name).projected(name, drawn)
+
+    def view_of(self, name: str) -> SlotView:
+        """Return how a surface is seen: as all are, from a front of its own."""
+        return self._views.get(name, self.view)
 
     def covers(self, name: str, place: Place) -> bool:
         """Return whether a shown surface is drawn at a place of the window, without drawing it."""
@@ -158,8 +176,9 @@ class Scene:
         mesh, drawn = self._session.surface(name).mesh, self._meshes[name]
         # a finer one has the children of each face side by side
         face = int(hit.structure_data["index"]) * len(mesh.faces) // len(drawn.faces)
-        matrix = self.view.matrix(name, ps.get_window_size())
-        place = viewport(mesh).undrawn((np.asarray(hit.position) - matrix[:3, 3]) @ matrix[:3, :3])
+        matrix = self.view_of(name).matrix(name, ps.get_window_size(), self.view.scale)
+        away: FloatArray = np.asarray(hit.position) - matrix[:3, 3]
+        place = viewport(mesh).undrawn(np.linalg.inv(matrix[:3, :3]) @ away)
         a, b, c = mesh.vertices[mesh.faces[face]]
         found = np.linalg.lstsq(np.stack([b - a, c - a], axis=1), place - a, rcond=None)[0]
         inside = np.maximum(np.array([1 - found.sum(), *found]), 0.0)
@@ -174,19 +193,20 @@ class Scene:
         vertex = int(self._session.surface(name).mesh.faces[face][np.argmax(weights)])
         return Hit(name, Point(face, triple(weights)), vertex)
 
-    def _front(self) -> Front | None:
+    def _front(self, slot: str) -> Front | None:
         """Choose the front when functions are known, or without any if there will be none."""
-        session, surface = self._session, self._session.surface()
+        session, surface = self._session, self._session.surface(slot)
         if surface.front is not None:
             return surface.front
-        functions = [session.values("source"), session.values("target")]
+        on_it = (side for side in SIDES if session.surface(side) is surface)
+        functions = [session.values(side) for side in on_it]
         known = [values for values in functions if values is not None]
         if len(known) < len(functions):
             if session.channels and not session.functions.problem(session.document):
                 return None
             known = []
         front = best_front(surface.mesh, *known)
-        session.editor.amend(surfaces=session.document.facing(front).surfaces)
+        session.editor.amend(surfaces=session.document.facing(front, slot).surfaces)
         return front
 
     def _register(self, meshes: dict[str, TriangleMesh]) -> None:
@@ -221,34 +241,54 @@ class Scene:
     def _viewport(self) -> Viewport:
         return viewport(self._session.surface().mesh)
 
-    def _look(self, rect: Rect, front: Front) -> None:
-        view, look, mesh = self._session.view, self.look, self._session.surface().mesh
+    def _fitted(self, slot: str) -> Fitted:
+        surface, known = self._session.surface(slot), self._fits.get(slot)
+        assert surface.front is not None
+        if known is None or (known.mesh, known.front) != (surface.mesh, surface.front):
+            known = self._fits[slot] = Fitted(surface.mesh, surface.front, self._turns)
+        return known
+
+    def _look(self, rect: Rect) -> None:
+        view, look, fitted = self._session.view, self.look, self._fitted("advected")
         assert look is not None
-        if self._fitted_to != (mesh, front):
-            self._fitted_to = (mesh, front)
-            up = front.axes[1]
-            upright = int(np.argmax(np.abs(up)))
-            self._axis = np.sign(up[upright]) * np.eye(3)[upright]
-            extent = _rims(mesh, self._axis) if self._turns else mesh.vertices
-            self._fit = Fit(self._viewport.drawn(extent), front)
         left, top, right, bottom = rect
         free = (left, top, right, max(bottom - self.room_below, top + 1))
         names = (view.large,) if view.large in self.names else self.names
-        places = slots(names, free, self._fit.shape, view.layout, self.name_height)
+        other = self._fitted("source")
+        width, height = np.maximum(fitted.fit.shape, other.fit.shape).tolist()
+        places = slots(names, free, (width, height), view.layout, self.name_height)
         zoom, target = look.zoom, look.target
         if self._turns:
             zoom, target = 1.0, None
         drawn = None if target is None else self._viewport.drawn(np.array(target))
-        self.view = self._fit.view(places, look.front, zoom, drawn)
+        self.view, self._views = fitted.fit.view(places, look.front, zoom, drawn), {}
+        if self._session.document.is_pair:
+            self._views["source"] = self.view.seen_alike(fitted.front, other.fit, other.front)
 
     def _place(self) -> None:
         if not self.names:
             return
-        turned = np.eye(4)
-        if self._turns:
-            turned[:3, :3] = rotation(self._axis, np.radians(self._degrees))
+        transforms = {}
+        for name in self.shown:
+            transform = self.view_of(name).matrix(name, ps.get_window_size(), self.view.scale)
+            if self._turns:
+                axis = self._fitted("source" if name in self._views else "advected").axis
+                transform[:3, :3] @= rotation(axis, np.radians(self._degrees))
+            transforms[name] = transform
         placed = [(name, name, ps.get_surface_mesh(name)) for name in self.names]
-        self._placing.place(self.view, turned, [*placed, *self.overlays.structures()])
+        self._placing.place(self.view, transforms, [*placed, *self.overlays.structures()])
+
+
+class Fitted:
+    """How large a mesh is from its front, and the axis about which it turns upright."""
+
+    def __init__(self, mesh: TriangleMesh, front: Front, turns: bool) -> None:
+        self.mesh, self.front = mesh, front
+        up = front.axes[1]
+        upright = int(np.argmax(np.abs(up)))
+        self.axis: FloatArray = np.sign(up[upright]) * np.eye(3)[upright]
+        extent = _rims(mesh, self.axis) if turns else mesh.vertices
+        self.fit = Fit(viewport(mesh).drawn(extent), front)
 
 
 def _rims(mesh: TriangleMesh, axis: FloatArray) -> FloatArray:
@@ -275,9 +315,12 @@ class Placing:
         self._seen: object = None
         self.placed: set[str] = set()  # structures that need not be told again
 
-    def place(self, view: SlotView, turned: FloatArray, structures: Iterable[Placed]) -> None:
+    def place(
+        self, view: SlotView, transforms: Mapping[str, FloatArray], structures: Iterable[Placed]
+    ) -> None:
+        """Give each structure the transform (4, 4) of its surface."""
         window = ps.get_window_size()
-        arrays = (view.rotation, view.target, turned)
+        arrays = (view.rotation, view.target, *transforms.values())
         seen = (window, view.scale, *view.slots.items(), *(array.tobytes() for array in arrays))
         if seen != self._seen:
             self._seen = seen
@@ -296,7 +339,7 @@ class Placing:
             structure.set_enabled(surface in view.slots)
             if surface not in view.slots:
                 continue
-            structure.set_transform(view.matrix(surface, window) @ turned)
+            structure.set_transform(transforms[surface])
             kept = _sides(view, surface)
             for plane, side in zip(self._planes, self._sides, strict=False):
                 ignored = side not in kept

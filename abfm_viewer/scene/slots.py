@@ -1,5 +1,7 @@
 """Where surfaces stand in the window, how they are seen there, and what turns and moves them."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from abfm.types import FloatArray
-from abfm_viewer.document.document import FARTHEST, NEAREST, Front, Layout
+from abfm_viewer.document.document import FARTHEST, NEAREST, Front, Layout, triple
 from abfm_viewer.widgets.widget_record import Rect
 
 _MARGIN = 0.04  # of the smaller side, free on each side of a surface that fits
@@ -106,11 +108,14 @@ class SlotView:
         middle = self.slots[name].middle
         return np.stack([middle[0] + self.scale * x, middle[1] - self.scale * y, -z], axis=1)
 
-    def matrix(self, name: str, window: tuple[int, int]) -> FloatArray:
-        """Return what (4, 4) puts a surface into its slot, for a viewer along z."""
-        matrix = np.eye(4)
+    def matrix(self, name: str, window: tuple[int, int], scale: float) -> FloatArray:
+        """Return what (4, 4) puts a surface into its slot, for a viewer along z to whom a length of
+        1 has a scale in pixels.
+        """
+        matrix, share = np.eye(4), self.scale / scale
         matrix[:3, :3], matrix[:3, 3] = self.rotation, -self.rotation @ self.target
-        matrix[:2, 3] += self.drawn(self.slots[name].middle, window)
+        matrix[:3] *= share
+        matrix[:2, 3] += share * self.drawn(self.slots[name].middle, window)
         return matrix
 
     def drawn(self, place: Place, window: tuple[int, int]) -> FloatArray:
@@ -193,6 +198,15 @@ class SlotView:
         away = np.array([place[0] - middle[0], middle[1] - place[1], 0.0]) / self.scale
         target = self.target + (1 - self.zoom / zoom) * away @ self.rotation
         return replace(self, zoom=zoom, target=target)
+
+    def seen_alike(self, front: Front, fit: Fit, other: Front) -> SlotView:
+        """Return the view of another surface, with a fit and a front of its own, that is turned,
+        zoomed and moved as this one is from its front.
+        """
+        axes = self.rotation @ front.axes.T @ other.axes
+        seen = fit.view(self.slots, Front(triple(axes[2]), triple(axes[1])), self.zoom, None)
+        moved = front.axes @ (self.target - self.home) * (self.scale / seen.scale)
+        return replace(seen, target=seen.home + moved @ other.axes)
 
     def _on_ball(self, name: str, place: Place) -> FloatArray:
         """A unit vector to where a place is on the ball, or on the hyperboloid around it."""

@@ -143,8 +143,15 @@ class Editor:
         """Add a channel and make it active: a landmark that stays, far from others' Gaussians."""
         document = self.document
         specs = [channel.spec(side) for channel in document.channels for side in SIDES]
-        stays = landmark(specs, document.surface().mesh)
-        self._insert("add a channel", Channel(stays, stays))
+        if not document.is_pair:
+            stays = landmark(specs, document.surface().mesh)
+            self._insert("add a channel", Channel(stays, stays))
+            return
+        source, target = (
+            landmark([one.spec(side) for one in document.channels], document.surface(side).mesh)
+            for side in SIDES
+        )
+        self._insert("add a channel", Channel(source, target))
 
     def duplicate_channel(self) -> None:
         if self.document.active:
@@ -202,6 +209,11 @@ class Editor:
     def reset_parameters(self) -> None:
         self.set_parameter(label="reset the parameters", **Parameters().to_dict())
 
+    def set_initial(self, word: str) -> None:
+        """Let A's functions come to B by another map."""
+        if word != self.document.initial:
+            self.change("change the initial map", initial=word)
+
     def set_mask(self, spec: str) -> None:
         """Weight the mismatch at each vertex by a function, or none; FunctionError if no spec."""
         if spec:
@@ -229,6 +241,7 @@ def _large_parts(document: Document) -> dict[int, int]:
     result = document.result
     held = [*(surface.mesh for surface in document.surfaces), *([result] if result else [])]
     held += result.path if result else []  # which results of one match share
+    held += [document.initial_map.correspondence.points] if document.initial_map else []
     arrays = [array for part in held for array in vars(part).values()]
     return {id(array): array.nbytes for array in arrays if isinstance(array, np.ndarray)}
 

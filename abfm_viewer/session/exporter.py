@@ -29,6 +29,7 @@ from abfm_viewer.files.project import save_project
 
 Known = Callable[[], dict[str, FloatArray]]
 PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), outputs.WRITTEN
+REGISTERED = outputs.REGISTERED
 """Suffixes."""
 
 
@@ -97,6 +98,10 @@ class Exporter:
 
     def save_result(self, path: Path, match: abfm.Match) -> None:
         self._start(path, DATA, partial(outputs.write, path, match))
+
+    def save_registration(self, path: Path, found: abfm.Registration) -> None:
+        write = partial(outputs.write_registration, path, found)
+        self._start(path, REGISTERED, write)
 
     def cancel(self) -> None:
         """End the export; nothing is written, and an older file stays."""

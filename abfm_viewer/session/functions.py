@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Collection, Mapping
 from contextlib import suppress
+from functools import partial
 
 import numpy as np
 
@@ -12,9 +13,9 @@ import abfm
 from abfm import AbfmError, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers.progress import Step
-from abfm_viewer.computing.background import Jobs, Latest, Memo
-from abfm_viewer.computing.evaluation import Evaluated, Functions
-from abfm_viewer.document.document import SIDES, Document, Function
+from abfm_viewer.computing.background import Jobs, Latest, Memo, same
+from abfm_viewer.computing.evaluation import Evaluated, Evaluators, Functions
+from abfm_viewer.document.document import SIDES, Document, Function, Side
 from abfm_viewer.files.project import terms_from_files
 
 
@@ -40,23 +41,35 @@ class DocumentFunctions:
             self._by_mesh[mesh] = Functions(mesh, at_once=self._at_once)
         return self._by_mesh[mesh]
 
+    def of_document(self, document: Document) -> Evaluators:
+        return Evaluators(*(self.of(document.surface(side).mesh) for side in SIDES))
+
     def add(self, mesh: TriangleMesh, known: Mapping[str, FloatArray]) -> None:
         """Begin with a mesh that was opened, and known values (V,) of functions from files."""
         if mesh in self._by_mesh:
             self._by_mesh[mesh].let_go()
         self._by_mesh[mesh] = Functions(mesh, known, self._at_once)
 
-    def defaults(self, mesh: TriangleMesh) -> tuple[tuple[str, str] | None, str]:
-        """Specs of a source and a target, None before they are known, and why there are none."""
-        found = self._defaults.ask(mesh, self.of(mesh).defaults)
-        return found, self._defaults.error if self._defaults.key is mesh else ""
+    def defaults(self, document: Document) -> tuple[tuple[str, str] | None, str]:
+        """Specs of a source and a target, None before they are known, and why there are none.
+
+        Of two surfaces each gets what would be its source alone.
+        """
+        meshes = tuple(surface.mesh for surface in document.surfaces)
+        found = self._defaults.ask(meshes, partial(self._default_pair, meshes))
+        return found, self._defaults.error if same(self._defaults.key, meshes) else ""
+
+    def _default_pair(self, meshes: tuple[TriangleMesh, ...]) -> tuple[str, str]:
+        found = [self.of(mesh).defaults() for mesh in meshes]
+        return found[0] if len(found) == 1 else (found[0][0], found[1][0])
 
     def update(self, document: Document) -> None:
         """Evaluate what the document asks for, or take in what was: call once per frame."""
         before, self._evaluated = self._evaluated, {}
         for surface in document.surfaces:
             evaluating = self.of(surface.mesh)
-            specs = tuple(one.spec for one in document.functions if one.surface == surface)
+            own = (one for one in document.functions if one.surface.mesh is surface.mesh)
+            specs = tuple(one.spec for one in own)
             found = evaluating.ask(specs) if specs else None
             self._evaluated[evaluating] = found or before.get(evaluating, {})
         is_bare = not any(self._evaluated.values())
@@ -96,7 +109,8 @@ class DocumentFunctions:
     def outdated(self, document: Document) -> bool:
         """Tell whether the result was found for another problem; False without a result.
 
-        While new values are being computed, the answer is the one before.
+        While new values are being computed, the answer is the one before. Of two surfaces the
+        result is of what its initial map was found for.
         """
         if (result := document.result) is None:
             return False
@@ -108,14 +122,16 @@ class DocumentFunctions:
                 self._compared, self._answer = result, self._differs(result, document)
             return self._answer
 
-        problem = (document.parameters, document.channels, document.mask)
-        return self._is_outdated.get((result, problem, *values), compare)
+        problem = (document.parameters, document.channels, document.mask, document.initial)
+        return self._is_outdated.get((result, problem, document.initial_map, *values), compare)
 
     def _differs(self, result: abfm.Match, document: Document) -> bool:
         channels = document.channels
         weights = [channel.weight for channel in channels]
         if result.parameters != document.parameters or weights != result.weights.tolist():
             return True
+        if document.is_pair:
+            return document.initial_map is None or not document.initial_map.is_for(document)
         if (document.mask == "") != (result.mask is None):
             return True
         functions = [document.function(side, channel) for side in SIDES for channel in channels]
@@ -168,10 +184,15 @@ def _is_from_file(term: str) -> bool:
     return False
 
 
-def known_values(document: Document, functions: Functions) -> dict[str, FloatArray]:
-    """Return the values (V,) of a document's functions from files, which a project holds."""
+def known_values(document: Document, functions: Evaluators) -> dict[str, FloatArray]:
+    """Return the values (V,) of a document's functions from files, which a project holds, by their
+    names (`Document.known_as`).
+    """
     known = {}
-    for term in {term for one in document.functions for term in terms_from_files(one.spec)}:
+    given: list[tuple[Side, str]] = [("target", document.mask)] if document.mask else []
+    given += [(side, channel.spec(side)) for channel in document.channels for side in SIDES]
+    terms = {(side, term) for side, spec in given for term in terms_from_files(spec)}
+    for side, term in terms:
         with suppress(AbfmError):  # what cannot be evaluated now has no values to keep
-            known[term] = functions.evaluate(term)
+            known[document.known_as(side, term)] = functions.evaluate(term, side)
     return known

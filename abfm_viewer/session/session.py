@@ -7,6 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
+from weakref import WeakKeyDictionary
+
+import numpy as np
 
 import abfm
 from abfm import Parameters, TriangleMesh
@@ -14,12 +17,24 @@ from abfm.types import FloatArray
 from abfm.workers import progress
 from abfm.workers.progress import said
 from abfm_viewer.computing.background import Jobs, Latest
-from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
-from abfm_viewer.document.document import Channel, Document, Identity, Side, Surface, View
+from abfm_viewer.document.document import (
+    SIDES,
+    Channel,
+    Document,
+    Identity,
+    InitialMap,
+    Point,
+    Side,
+    Surface,
+    View,
+    triple,
+)
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Editor, Step
 from abfm_viewer.session.functions import DocumentFunctions
+from abfm_viewer.session.initial_maps import InitialMaps, Prepared
 from abfm_viewer.session.loading import Loading
 from abfm_viewer.session.notices import Notices, WaysOut
 from abfm_viewer.session.path_steps import PathSteps
@@ -47,6 +62,7 @@ class Session:
         self.at_once = at_once
         self.editor = Editor(Document((Surface(mesh, name),)))
         self.functions = DocumentFunctions(self._jobs)
+        self.initial_maps = InitialMaps(self._jobs, self.functions)
         self.notices = Notices(lambda: self.editor.moves)
         self.loading = Loading(self._jobs, self.notices)
         self.saves = Saves(self.editor)
@@ -54,6 +70,8 @@ class Session:
         self.solver = Solver()
         self.player = Player()
         self.dragging = self.draws_quickly = False
+        # of documents that began with one of another
+        self._sources: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self._coarse_meshes: Latest[None] = self._jobs.latest()
         self._flow_seen: Identity | None = None  # of a document whose flow was shown
         self._run_began = self.document
@@ -118,10 +136,16 @@ class Session:
 
     def set_mesh(self, mesh: TriangleMesh, name: str) -> None:
         """Show another mesh with default functions; the parameters stay."""
-        view = replace(self.view, look=None, large="")
-        fresh = Document((Surface(mesh, name),), parameters=self.parameters, view=view)
-        self.restore(fresh, {}, None)
+        self.set_surfaces(Surface(mesh, name))
         self.notices.say(" ".join(mesh.messages))
+
+    def set_surfaces(self, *surfaces: Surface) -> None:
+        """Register surface A to another one, B, or go back to one; the first source stays."""
+        view = replace(self.view, look=None, large="")
+        fresh = Document(surfaces, parameters=self.parameters, view=view)
+        if self.channels and surfaces[0].mesh is self.surface("source").mesh:
+            self._sources[fresh.identity] = self.channels[0].source
+        self._go_to(fresh, None, saved=True)
 
     def restore(
         self,
@@ -135,11 +159,14 @@ class Session:
         Save writes the document's project file, the `origin`, if it has one. One that was not
         `saved`, as after a crash, is asked for at the end like the user's own work.
         """
+        for side in SIDES[-len(document.surfaces) :]:
+            self.functions.add(document.surface(side).mesh, document.known_on(side, known))
+        self._go_to(document, origin, saved)
+
+    def _go_to(self, document: Document, origin: Origin | None, saved: bool) -> None:
         self.solver.cancel()
         self.saves.leave(self.document)
         self.player.playing = False
-        for surface in document.surfaces:
-            self.functions.add(surface.mesh, known)
         name = origin.path.name if origin else document.name
         self.editor.go_to(document, f"open {name}")
         self.saves.mark(document, origin, saved=saved)
@@ -149,11 +176,31 @@ class Session:
         self.editor.forget_steps()
         self.saves.reset()
 
-    def functions_of(self, document: Document) -> Functions:
-        return self.functions.of(document.surface().mesh)
+    def functions_of(self, document: Document) -> Evaluators:
+        return self.functions.of_document(document)
 
     def values(self, side: Side) -> FloatArray | None:
+        """The active channel's function of a side on its surface, (V,), if it is known."""
         return self.functions.values(self.document.function(side)) if self.active else None
+
+    @property
+    def prepared(self) -> Prepared | None:
+        """What is matched on surface B of two, as far as it is known by now."""
+        return self.initial_maps.prepared(self.document)
+
+    @property
+    def registration(self) -> abfm.Registration | None:
+        """The result with the initial map that it began with, where there are two surfaces."""
+        result, initial = self.document.result, self.document.initial_map
+        if result is None or initial is None:
+            return None
+        return abfm.Registration(initial.correspondence, result, initial.notes)
+
+    def compared(self, side: Side) -> FloatArray | None:
+        """The same as a flow carries or meets it, (V,), on B where there are two surfaces."""
+        if not self.document.is_pair:
+            return self.values(side)
+        return self.initial_maps.compared(self.document, side) if self.active else None
 
     def error(self, of: Side | Literal["mask"]) -> str:
         """Say why the active channel's source or target, or the mask, has no values."""
@@ -167,20 +214,40 @@ class Session:
         if self.loading.now:
             return said("opening", self.loading.step)
         busy = self.functions.busy(self.document)
+        if not busy and self.document.is_pair and self.initial_maps.busy:
+            busy = "finding the initial map"
         return said(busy, self.step) if busy else self.steps.busy
 
     @property
     def step(self) -> progress.Step | None:
-        return self.functions.step(self.document)
+        return self.functions.step(self.document) or self.initial_maps.step
 
     @property
     def problem(self) -> ProblemSpec:
-        mesh = self.surface().mesh
-        return ProblemSpec(mesh, self.channels, self.parameters, self.document.mask)
+        document, prepared = self.document, self.prepared
+        solved, initial = (document.channels, document.parameters, document.mask), None
+        if prepared is not None:
+            found, notes = prepared.correspondence, prepared.notes
+            initial = InitialMap(found, document.initial, self.channels, document.mask, notes)
+        return ProblemSpec(self.surface().mesh, *solved, initial)
 
     @property
     def obstacle(self) -> str:
-        return self.functions.obstacle(self.document)
+        """Say why a match cannot start; nothing if it can."""
+        obstacle = self.functions.obstacle(self.document)
+        if obstacle or not self.document.is_pair:
+            return obstacle
+        if self.prepared is None:
+            return self.initial_maps.error or "the initial map is being found"
+        return ""
+
+    @property
+    def problem_told(self) -> str:
+        """Say what keeps a match from starting until the user does something about it."""
+        told = self.functions.problem(self.document)
+        if not told and self.document.is_pair and self.prepared is None:
+            told = self.initial_maps.error
+        return told
 
     @property
     def outdated(self) -> bool:
@@ -190,6 +257,19 @@ class Session:
     def snapshot(self) -> Snapshot | None:
         is_of_run = self._run_began.identity is self.document.identity
         return self.solver.snapshot if is_of_run else None
+
+    def place_point(self, kind: Literal["lines", "points"], slot: str, point: Point) -> None:
+        """Place a point where it was clicked on; one on A where the initial map takes it on B."""
+        document = self.document
+        if document.is_pair and slot == "source":
+            if (prepared := self.prepared) is None:
+                self.notices.say("no point on A yet: there is no initial map that takes it to B")
+                return
+            faces, weights = np.array([point.face]), np.array([point.barycentric])
+            on_a = abfm.maps.SurfacePoints(document.surface(slot).mesh, faces, weights)
+            on_b = prepared.correspondence.carry_points(on_a)
+            point = Point(int(on_b.faces[0]), triple(on_b.barycentric[0]))
+        self.editor.add_point(kind, point)
 
     def match(self, goes_on: bool | None = None) -> None:
         """Start a run, unless one is under way; if there is nothing to match yet, say why.
@@ -203,9 +283,9 @@ class Session:
             self.notices.say(text)
             return
         if self.obstacle:
-            is_error = self.functions.problem(self.document) != ""
-            self.notices.say(f"no match yet: {self.obstacle}", is_error, RUN)
+            self.notices.say(f"no match yet: {self.obstacle}", self.problem_told != "", RUN)
             return
+        self._take_usual_parameters()
         field, mesh = None, self.surface().mesh
         warm = self.solver.warm if goes_on is None else goes_on
         if warm and self.result is not None and self.result.mesh.digest == mesh.digest:
@@ -216,6 +296,14 @@ class Session:
         self.editor.amend(time=self.parameters.tau)
         self._run_began, self._remedied = self.document, -1
         self.solver.start(self.problem, self.functions_of(self.document), field)
+
+    def _take_usual_parameters(self) -> None:
+        """Match functions of two surfaces as their kind is, unless the user set parameters."""
+        usual = self.prepared.usual if self.prepared else None
+        if usual is not None and usual != self.parameters == Parameters():
+            label = "parameters for measured functions"
+            self.editor.set_parameter(label=label, **usual.to_dict())
+            self.notices.say(f"{label} were set, as the functions of A and B look like such")
 
     def remedy(self, remedy: Remedy) -> None:
         """Do what a verdict proposes: change the parameters, and start a run.
@@ -281,10 +369,11 @@ class Session:
     def _find_defaults(self) -> None:
         if self.channels:
             return
-        found, problem = self.functions.defaults(self.surface().mesh)
+        found, problem = self.functions.defaults(self.document)
         if found is not None:
             pristine = not self.saves.unsaved
-            self.editor.amend(channels=(Channel(*found),))
+            source = self._sources.get(self.document.identity, found[0])
+            self.editor.amend(channels=(Channel(source, found[1]),))
             if pristine:
                 self.saves.mark(self.document, self.saves.origin(self.document))
         elif problem:
@@ -294,15 +383,17 @@ class Session:
     def _collect(self) -> None:
         if (ended := self.solver.collect()) is None:
             return
-        match, run, _ = ended
+        match, run, solved = ended
         self.notices.mend(RUN)
         failed = self.solver.failed
         replaced = self._run_began.identity is not self.document.identity
         document = self._run_began if replaced else self.document
         self._run_began = self.document
         runs = document.runs if run is None else (*document.runs, run)
+        outcome: dict[str, Any] = {"result": match, "runs": runs, "chosen": None}
+        outcome["initial_map"] = solved.initial
         if match is not None:
-            self.saves.found(replace(document, result=match, runs=runs, chosen=None))
+            self.saves.found(replace(document, **outcome))
         if replaced:
             self.solver.forget()
             return
@@ -312,7 +403,7 @@ class Session:
                 "Continue": partial(self.match, True),
                 "Match again": partial(self.match, False),
             }
-            self._show(match, {"result": match, "runs": runs, "chosen": None})
+            self._show(match, outcome)
         if failed:
             self.notices.say(f"the solver stopped: {self.solver.reason}", True, RUN, again)
 

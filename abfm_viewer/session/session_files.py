@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 import abfm
-from abfm import FunctionError, MeshError, TriangleMesh, load_mesh
+from abfm import AbfmError, FunctionError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.mesh.files import READERS
 from abfm.reading import FREESURFER_SURFACES
@@ -21,10 +21,12 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import (
+    OF_A,
     SIDES,
     Channel,
     Document,
     Identity,
+    InitialMap,
     Run,
     Surface,
     View,
@@ -32,6 +34,7 @@ from abfm_viewer.document.document import (
 from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
 from abfm_viewer.session.functions import known_values
+from abfm_viewer.session.initial_maps import GIVEN
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session
 
@@ -41,6 +44,7 @@ if TYPE_CHECKING:
 MESHES, PROJECT, RESULT = (*READERS, *FREESURFER_SURFACES), ".abfm", ".npz"
 """Suffixes."""
 LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another mesh...", "Save as..."
+OTHER_SECOND = "Open another second surface..."
 """Labels of what can be done about a file."""
 SAVING = "saving"
 """What cards are about."""
@@ -50,10 +54,22 @@ Opened = tuple[Document, dict[str, FloatArray]]
 Ask = Callable[[str, str, Mapping[str, Do | None]], None]
 
 
-def open_session(path: Path, largest_component: bool = False) -> Session:
-    """A session that begins with a file, read now; AbfmError if it cannot be read."""
-    if not path.name.lower().endswith((PROJECT, RESULT)):
-        return Session(load_mesh(path, largest_component=largest_component), path.name)
+def open_session(
+    path: Path, largest_component: bool = False, second: Path | None = None
+) -> Session:
+    """A session that begins with a file, or a mesh and a second one, read now; AbfmError if it
+    cannot be read.
+    """
+    is_document = path.name.lower().endswith((PROJECT, RESULT))
+    if second is not None and is_document:
+        raise AbfmError(f"{path.name} is no mesh; give two meshes, or one project or result")
+    if not is_document:
+        session = Session(load_mesh(path, largest_component=largest_component), path.name)
+        if second is not None:
+            other = load_mesh(second, largest_component=largest_component)
+            session.set_surfaces(*session.document.surfaces, Surface(other, second.name))
+            session.reset_history()
+        return session
     origin = _origin(path.absolute())
     document, known = read_document(path)
     session = Session(document.surface().mesh, document.name)
@@ -69,6 +85,8 @@ def _origin(path: Path) -> Origin | None:
 def read_document(path: Path) -> Opened:
     if path.name.lower().endswith(PROJECT):
         return load_project(path)
+    if abfm.registration.is_correspondence(path):
+        return document_of_registration(abfm.load_registration(path), path)
     return document_of_result(abfm.load_match(path), path)
 
 
@@ -79,8 +97,7 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
     known: dict[str, FloatArray] = {}
 
     def spec(column: str, values: FloatArray, given: str = "") -> str:
-        own = str(abfm.functions.ValuesFile(path=str(path.absolute()), column=column))
-        text = given if given and _needs_no_file(given) else own
+        text = given if given and _needs_no_file(given) else _column(path, column)
         known[text] = np.array(values)
         return text
 
@@ -102,6 +119,25 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
     return document, known
 
 
+def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
+    """A document that shows a registration at tau. Files have A's functions as they came to B: on A
+    they are what the initial map brings back of them.
+    """
+    match, initial = found.match, found.initial
+    (document, on_b), back = document_of_result(match, path), initial.inverse()
+    names = [_column(path, f"source {number}") for number in range(len(document.channels))]
+    known = {name: values for name, values in on_b.items() if name not in names}
+    for name, values in zip(names, match.source.T, strict=True):
+        known[f"{OF_A}{name}"] = back.carry(values)
+    pair = Surface(initial.a, "A"), Surface(match.mesh, f"B of {path.name}")
+    kept = InitialMap(initial, GIVEN, document.channels, document.mask, found.notes)
+    return replace(document, surfaces=pair, initial=GIVEN, initial_map=kept), known
+
+
+def _column(path: Path, name: str) -> str:
+    return str(abfm.functions.ValuesFile(path=str(path.absolute()), column=name))
+
+
 def _needs_no_file(spec: str) -> bool:
     try:
         return not terms_from_files(spec)
@@ -113,8 +149,8 @@ class SessionFiles:
     """Opens and saves a session's files, and keeps recent ones in `state`.
 
     `ask` puts a question to the user: title, text, and the answers with what they do. `ways_out`
-    are what the window offers where a file cannot be read or written, by their labels `OTHER_MESH`
-    and `OTHER_NAME`. What is `waiting` is done when a run has ended.
+    are what the window offers where a file cannot be read or written, by their labels `OTHER_MESH`,
+    `OTHER_SECOND` and `OTHER_NAME`. What is `waiting` is done when a run has ended.
     """
 
     def __init__(self, session: Session, state: StateFolder | None, ask: Ask) -> None:
@@ -153,6 +189,20 @@ class SessionFiles:
         what = f"opening {path.name}"
         self._load(Load(what, partial(read, path), remedies=remedies, source=source))
 
+    def open_second(self, path: Path) -> None:
+        """Open a mesh in the background as surface B, to which the present A is registered."""
+        path = path.expanduser().absolute()
+        remedies = self._offered(OTHER_SECOND, partial(self.open_second, path))
+        read = partial(self._read_mesh, path, self._show_second)
+        what = f"opening {path.name} as second surface"
+        self._load(Load(what, read, remedies=remedies, source=(Origin.of(path), "second")))
+
+    def close_second(self) -> None:
+        """Go back to surface A alone."""
+        first = self._session.surface("source")
+        close = partial(self._session.set_surfaces, first)
+        self.when_free("closing the second surface", close)
+
     def open_first(self, paths: list[Path]) -> None:
         self.open(paths[0])
         if len(paths) > 1:
@@ -168,7 +218,7 @@ class SessionFiles:
 
             def show() -> None:
                 self._session.restore(document, known, None)
-                self._samples[document.identity] = capital(name)
+                self._samples[document.identity] = name if document.is_pair else capital(name)
                 self._session.notices.say(f"{name} is ready: {ready}")
 
             return show
@@ -245,9 +295,12 @@ class SessionFiles:
     def close(self) -> None:
         self._writer.shutdown()
 
-    def _read_mesh(self, path: Path) -> Do:
+    def _read_mesh(
+        self, path: Path, show_mesh: Callable[[Path, TriangleMesh], None] | None = None
+    ) -> Do:
+        show_mesh = show_mesh or self._show_mesh
         try:
-            return partial(self._show_mesh, path, load_mesh(path))
+            return partial(show_mesh, path, load_mesh(path))
         except MeshError as error:
             reason = str(error)
         try:
@@ -256,7 +309,7 @@ class SessionFiles:
             raise MeshError(reason) from None
         size = f"{len(largest.vertices):,} vertices and {len(largest.faces):,} faces"
         text = f"{path.name} has several components, and one is needed; the largest has {size}"
-        show = partial(self._show_mesh, path, largest)
+        show = partial(show_mesh, path, largest)
         open_largest: Do = partial(self.when_free, f"opening {path.name}", show)
         remedies = {LARGEST: open_largest} | self._offered(OTHER_MESH)
         return partial(self._session.notices.say, text, True, OPENING, remedies)
@@ -265,6 +318,11 @@ class SessionFiles:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), mesh.messages)
         is_sample = path in map(asset_path, MESH_SAMPLES)
         self._samples[self._session.document.identity] = path.name if is_sample else ""
+
+    def _show_second(self, path: Path, mesh: TriangleMesh) -> None:
+        first = self._session.surface("source")
+        show = partial(self._session.set_surfaces, first, Surface(mesh, path.name))
+        self._show(path, show, (f"{first.name} is surface A, it is surface B", *mesh.messages))
 
     def _read_document(self, path: Path) -> Do:
         origin = _origin(path)

@@ -13,13 +13,15 @@ from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, on_ground, place_colors
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front, Theme
+from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front, Side, Theme
 from abfm_viewer.shown.shown import Field, Shown
 
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _LEAST_RANGE = 1e-12
 _BESIDE = 0.02  # of a range: what values may leave it by before it is told
 _NO_VALUES = 0.3  # grey, in linear light
+# where A's function is in its own unit, and what is compared on B is not
+_OWN, _DEVIATIONS = "function on A, in its own unit", "function, in standard deviations"
 _SQUARES = 20  # of a checkerboard, across a mesh as it is seen from the front
 
 
@@ -43,7 +45,7 @@ class Painter:
         self.largest_error: float | None = None  # of a movie, where the range must not change
         self._shown, self._session = shown, shown.session
         self._kept: dict[str, Memo[Paint]] = defaultdict(Memo)
-        self._range = Memo[ColorRange]()
+        self._range, self._range_on_a = Memo[ColorRange](), Memo[ColorRange]()
 
     def paint(self, name: str) -> Paint | None:
         """Return what a surface shows now; None while nothing is known."""
@@ -51,16 +53,15 @@ class Painter:
         side = next((side for side in SIDES if side == name), None)
         if side and session.error(side):
             return self._without_values(name)
-        source, target = session.values("source"), session.values("target")
+        source, target = session.compared("source"), session.compared("target")
         if source is None or target is None:
-            return None
-        colors = self._function_range(source, target)
+            return self._before_the_map(name) if session.document.is_pair else None
+        own = session.values("source") if target is session.values("target") else source
+        colors = self._function_range(source if own is None else own, target)
         if paint := self._on_finer(name, colors):
             return paint
-        if side and session.view.coloring in ("coordinates", "checker"):
-            return self._carried(name, session.surface(name).mesh.vertices, name)
         if side:
-            return self._function(name, source if side == "source" else target, name, colors)
+            return self._of_side(side, source if side == "source" else target, colors)
         advected = self._shown.flow.advected()
         if advected is None:
             return None
@@ -72,6 +73,40 @@ class Painter:
             return self._error(target, advected)
         return self._by_coloring(advected, colors) or self._plain(advected, colors)
 
+    def _before_the_map(self, name: str) -> Paint | None:
+        """Show functions of two surfaces as they are, while nothing is known of how they lie on
+        each other, or nothing can be.
+        """
+        session = self._session
+        source, target = session.values("source"), session.values("target")
+        if source is None or target is None:
+            return None
+        if name not in SIDES:
+            return self._without_values(name) if session.initial_maps.error else None
+        colors, own = self._function_range(source, target), {"source": source, "target": target}
+        return self._function(name, own[name], self._session.document.titled(name), colors)
+
+    def _of_side(self, side: Side, values: FloatArray, colors: ColorRange) -> Paint:
+        """Show a side's function, or the pattern that is carried where it begins; A's function in
+        its own unit, though what is compared on B be in another one.
+        """
+        session, title = self._session, self._session.document.titled(side)
+        is_pair, is_of_a = session.document.is_pair, side == "source"
+        if session.view.coloring in ("coordinates", "checker") and (is_of_a or not is_pair):
+            return self._carried(side, session.surface(side).mesh.vertices, title)
+        own = session.values(side)
+        if not (is_pair and is_of_a) or own is None:
+            return self._function(side, values, title, colors)
+        if session.compared("target") is session.values("target"):
+            return self._function(side, own, title, colors)
+        made_of = (own, *self._look)
+        colors = self._range_on_a.get(made_of, lambda: self._own_range(own))
+        return self._function(side, own, title, colors, _OWN)
+
+    def _own_range(self, *functions: FloatArray) -> ColorRange:
+        colors = color_range(*functions)
+        return self._ranged(colors.low, colors.high, colors.colormap)
+
     def _without_values(self, name: str) -> Paint:
         count, title = len(self._session.surface(name).mesh.vertices), f"{name}: no values"
 
@@ -80,11 +115,19 @@ class Painter:
 
         return self._kept[name].get((count, title), make)
 
+    @property
+    def _bar(self) -> str:
+        """What colours of functions are called: of two surfaces, B's may be in another unit."""
+        session = self._session
+        is_own = session.compared("target") is session.values("target")
+        return "function" if is_own or session.compared("target") is None else _DEVIATIONS
+
     def _function(
-        self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = "function"
+        self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = ""
     ) -> Paint:
+        bar = bar or self._bar
         make = partial(Paint, "vertex values", values, title, colors, bar)
-        return self._kept[name].get((values, title, colors), make)
+        return self._kept[name].get((values, title, colors, bar), make)
 
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
         """Show a function of a match on the finer mesh that it was found on, if that is wanted."""
@@ -94,10 +137,11 @@ class Painter:
         if found is None:
             return None
         mesh, values = found
-        title = name if is_side else self._extrapolated("advected", flow.is_behind)
+        title = self._session.document.titled(name)
+        title = title if is_side else self._extrapolated(title, flow.is_behind)
 
         def make() -> Paint:
-            return Paint("vertex values", values, title, colors, "function", mesh=mesh)
+            return Paint("vertex values", values, title, colors, self._bar, mesh=mesh)
 
         return self._kept[name].get((mesh, values, title, colors), make)
 
@@ -106,11 +150,11 @@ class Painter:
         shown, is_function = self._shown, self._session.view.coloring == "function"
         is_busy = shown.flow.busy or shown.quantities.busy
         is_behind = shown.flow.is_behind if is_function else is_busy
-        title = self._extrapolated("advected", is_behind)
+        title = self._extrapolated(self._session.document.titled("advected"), is_behind)
 
         def make() -> Paint:
             told = title if is_behind else _with_range(title, advected, colors)
-            return Paint("vertex values", advected, told, colors, "function")
+            return Paint("vertex values", advected, told, colors, self._bar)
 
         return self._kept["advected"].get((advected, title, colors), make)
 
@@ -119,7 +163,10 @@ class Painter:
         if kind == "function":
             return self._textured(advected, colors) if self._session.view.streaks else None
         if kind in ("coordinates", "checker"):
-            carried, title = self._shown.flow.coordinates(), self._extrapolated(f"carried {kind}")
+            carried, title = self._shown.flow.coordinates(), f"carried {kind}"
+            if self._session.document.is_pair:
+                title = f"{kind} of A, on B"
+            title = self._extrapolated(title)
             return None if carried is None else self._carried("advected", carried, title)
         if kind in ("area distortion", "conformal distortion"):
             return self._distortion(kind)
@@ -164,7 +211,7 @@ class Painter:
 
     def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint:
         kind, theme = self._session.view.coloring, self._session.view.theme
-        surface = self._session.surface(name)
+        surface = self._session.surface("source")  # whose places they are
         mesh, front = surface.mesh, surface.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 
         def make() -> Paint:
@@ -181,11 +228,11 @@ class Painter:
         texture = self._shown.quantities.texture(advected, colors)
         if texture is None:
             return None
-        title = self._extrapolated("advected")
+        title = self._extrapolated(self._session.document.titled("advected"))
 
         def make() -> Paint:
             told, atlas = _with_range(title, advected, colors), texture.streaks.atlas
-            look = (colors, "function", atlas.corner_coordinates)
+            look = (colors, self._bar, atlas.corner_coordinates)
             return Paint("texture", texture.colors, told, *look)
 
         return self._kept["advected"].get((texture, title, colors), make)
@@ -196,7 +243,7 @@ class Painter:
 
         def make() -> Paint:
             blend = abfm.baselines.linear_blend(source, target, time, tau)
-            return Paint("vertex values", blend, "linear blend", colors, "function")
+            return Paint("vertex values", blend, "linear blend", colors, self._bar)
 
         return self._kept["linear blend"].get((source, target, time, tau, colors), make)
 
@@ -228,11 +275,9 @@ class Painter:
         return _labelled(f"{title}, extrapolated" if is_beyond else title, is_behind)
 
     def _function_range(self, source: FloatArray, target: FloatArray) -> ColorRange:
-        def make() -> ColorRange:
-            colors = color_range(source, target)
-            return self._ranged(colors.low, colors.high, colors.colormap)
-
-        return self._range.get((source, target, *self._look), make)
+        return self._range.get(
+            (source, target, *self._look), lambda: self._own_range(source, target)
+        )
 
     @property
     def _look(self) -> tuple[str, Theme]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -179,7 +180,7 @@ class FieldQuantities(Jobs):
         if flow is None:
             return None
         if part == "carried gradient":
-            source = self._session.values("source")
+            source = self._session.compared("source")
             if source is None:
                 return None
             return self._field.newest(flow.mesh, carried_gradient, flow, source, time)
@@ -253,6 +254,16 @@ class FieldQuantities(Jobs):
 
         return self._paths.ask((flow, points), compute) or []
 
+    def starts(self, paths: Sequence[abfm.flow.FlowLine]) -> FloatArray:
+        """Return where points that are followed start on the source's surface, (P, 3)."""
+        prepared = self._session.prepared
+        if prepared is None:
+            return np.array([path.positions[0] for path in paths])
+        faces, weights = zip(*((path.faces[0], path.barycentric[0]) for path in paths), strict=True)
+        mesh = self._session.surface().mesh
+        on_b = abfm.maps.SurfacePoints(mesh, np.array(faces), np.array(weights))
+        return prepared.correspondence.points.at(on_b).positions
+
 
 class MassTransport(Latest[FloatArray]):
     """Optimal transport between source and target at the shown time, at most tau."""
@@ -264,7 +275,7 @@ class MassTransport(Latest[FloatArray]):
     @property
     def note(self) -> str:
         """Say what transport leaves out of the functions; nothing if nothing."""
-        found = [self._session.values(side) for side in SIDES]
+        found = [self._session.compared(side) for side in SIDES]
         known = [values for values in found if values is not None]
         least = min((float(values.min()) for values in known), default=0.0)
         if least >= 0 or len(known) < len(found) or self.error:
@@ -274,7 +285,7 @@ class MassTransport(Latest[FloatArray]):
     def values(self) -> FloatArray | None:
         """The interpolation (V,); None before there is any, or where there cannot be."""
         session = self._session
-        source, target = session.values("source"), session.values("target")
+        source, target = session.compared("source"), session.compared("target")
         if source is None or target is None:
             return None
         problem = (session.surface().mesh, source, target)

@@ -36,6 +36,7 @@ class FlowState:
     final: bool = True  # a result, and not an iterate
     problem: abfm.Problem | None = None  # that was solved, whose source is known on finer meshes
     fields: int = 1  # in a row, N, as far as they are still to be read
+    initial: abfm.maps.PointMap | None = None  # of two surfaces: where B's points lie on A
 
     @property
     def count(self) -> int:
@@ -54,8 +55,11 @@ class FlowState:
         return self.flow.velocity
 
     def origins(self, places: FloatArray, times: FloatArray) -> FloatArray:
-        """Where what is at the vertices' places (V, 3) at times (T,) came from, (T, V, 3)."""
-        found = [points.positions for points in self.flow.point_maps(times)]
+        """Where what is at the vertices' places (V, 3) at times (T,) came from, (T, V, 3), of two
+        surfaces on A.
+        """
+        maps, first = self.flow.point_maps(times), self.initial
+        found = [(each if first is None else each.followed_by(first)).positions for each in maps]
         return np.array(found).reshape(len(times), *places.shape)
 
     def destinations(self, places: FloatArray, times: FloatArray) -> FloatArray:
@@ -190,6 +194,7 @@ class ShownFlow(Jobs):
         self._destinations = Carried(self, FlowState.destinations)
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
+        self._places = Memo[FloatArray]()
         self._fine: Latest[abfm.Match] = self.latest()
         self._on_fine = Carried(self)  # along the flow as it is there
         self._fine_state = Memo[FlowState]()
@@ -207,11 +212,13 @@ class ShownFlow(Jobs):
     def _of(
         self, found: abfm.Match | abfm.Iteration, parameters: Parameters, final: bool
     ) -> FlowState:
-        mesh = self._session.surface().mesh
+        mesh, prepared = self._session.surface().mesh, self._session.prepared
         problem = found.problem if isinstance(found, abfm.Match) else None
+        first = prepared.correspondence.points if prepared else None
         count = len(found.fine_velocity) if isinstance(found, abfm.Match) else found.fields
-        make = partial(FlowState, mesh, partial(_field, found), parameters, final, problem, count)
-        return self._state.get((found,), make)
+        read = partial(_field, found)
+        make = partial(FlowState, mesh, read, parameters, final, problem, count, first)
+        return self._state.get((found, first), make)
 
     @property
     def time(self) -> float:
@@ -220,10 +227,12 @@ class ShownFlow(Jobs):
         return time if flow is None else time * flow.parameters.tau / self._session.parameters.tau
 
     def advected(self) -> FloatArray | None:
-        """The active channel's source at the shown time, (V,); None before it was evaluated."""
+        """The active channel's source at the shown time, (V,), on B where there are two surfaces;
+        None before it was evaluated.
+        """
         session, flow = self._session, self.state
         self.is_behind = False
-        source = session.values("source")
+        source = session.compared("source")
         if source is None or flow is None:
             return source
         time, tau, channel = self.time, flow.parameters.tau, session.document.channel
@@ -247,6 +256,8 @@ class ShownFlow(Jobs):
         """
         session, result = self._session, self._session.result
         if result is None or session.snapshot is not None or session.outdated:
+            return None
+        if name == "source" and session.document.is_pair:
             return None
         if not (session.view.finer and result.refined):
             return None
@@ -274,11 +285,23 @@ class ShownFlow(Jobs):
         return None if carried is None else (fine.mesh, carried)
 
     def coordinates(self) -> FloatArray | None:
-        """Return where each vertex's value came from at the shown time, (V, 3), by flow lines."""
-        flow, vertices = self.state, self._session.surface().mesh.vertices
-        if flow is None:
-            return vertices
-        return self._coordinates.at(flow, vertices, self.time, self.settled)
+        """Return where each vertex's value came from at the shown time, (V, 3), by flow lines, of
+        two surfaces on A; None before that is known.
+        """
+        flow, places = self.state, self._origins
+        if flow is None or places is None:
+            return places
+        return self._coordinates.at(flow, places, self.time, self.settled)
+
+    @property
+    def _origins(self) -> FloatArray | None:
+        """Where each vertex's value is at time 0, (V, 3)."""
+        if not self._session.document.is_pair:
+            return self._session.surface().mesh.vertices
+        if (prepared := self._session.prepared) is None:
+            return None
+        first = prepared.correspondence.points
+        return self._places.get((first,), lambda: first.positions)
 
     def destinations(self) -> FloatArray | None:
         """Return where each vertex goes until the shown time, (V, 3), by flow lines."""
@@ -291,11 +314,10 @@ class ShownFlow(Jobs):
     def is_ready(self) -> bool:
         """Return whether what the view carries along is known at all times of the flow."""
         session, state = self._session, self.state
-        source = session.values("source")
-        if state is None or source is None or not state.final:
+        source, places = session.compared("source"), self._origins
+        if state is None or source is None or places is None or not state.final:
             return True
         of_places = session.view.coloring in ("coordinates", "checker")
-        places = session.surface().mesh.vertices
         return self._source.is_ready(state, source) and (
             not of_places or self._coordinates.is_ready(state, places)
         )

@@ -55,6 +55,12 @@ def _items(ui: Ui, entries: dict[str, Action]) -> None:
 def _file(ui: Ui, actions: Actions) -> None:
     files = actions.context.files
     _items(ui, {"Open mesh...": actions.open_mesh, "Open project...": actions.open_project})
+    if menu_item(ui, "Open second surface..."):
+        actions.context.open_second()
+    ui.tip("Surface B, to which the first one is registered: a flow on B moves A's functions.")
+    is_pair = actions.context.session.document.is_pair
+    if menu_item(ui, "Close second surface", enabled=is_pair):
+        files.close_second()
     with menu(ui, "Recent") as is_open:
         if is_open:
             recent = files.state.recent() if files.state else []

@@ -134,4 +134,4 @@ class Mouse:
             self._pressed_at = None
             if still and (hit := scene.pick(place)) is not None:
                 is_line = session.view.tool == "flow line"
-                session.editor.add_point("lines" if is_line else "points", hit.point)
+                session.place_point("lines" if is_line else "points", hit.surface, hit.point)

@@ -11,7 +11,7 @@ from typing import Any
 
 from abfm import AbfmError
 from abfm.types import FloatArray
-from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.solver import Snapshot
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.document.document import THEMES, Document, Identity
@@ -130,7 +130,7 @@ class Recoveries:
         return self._autosaves[identity]
 
     def _content_of_run(
-        self, document: Document, snapshot: Snapshot, functions: Functions
+        self, document: Document, snapshot: Snapshot, functions: Evaluators
     ) -> Content:
         """Return the document with the best field so far as its result."""
         try:
@@ -138,7 +138,9 @@ class Recoveries:
         except AbfmError:  # the run has just ended: what it leaves comes next
             return _content(document, functions)
         runs = (*document.runs, run)
-        return _content(replace(document, result=found, runs=runs, chosen=None), functions)
+        initial = snapshot.problem.initial
+        found_so_far = replace(document, result=found, initial_map=initial, runs=runs, chosen=None)
+        return _content(found_so_far, functions)
 
     def _ask_next(self) -> None:
         if self._recoveries:
@@ -197,5 +199,5 @@ class Recoveries:
         )
 
 
-def _content(document: Document, functions: Functions) -> Content:
+def _content(document: Document, functions: Evaluators) -> Content:
     return document, known_values(document, functions)

@@ -9,12 +9,12 @@ import numpy as np
 import polyscope.imgui as imgui
 from PIL import Image
 
-from abfm import experiments
+from abfm import experiments, load_mesh
 from abfm.assets import asset_path
 from abfm.parameters import FIGURES, TITLES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.samples import MESHES, PICTURES, part, vertices
+from abfm_viewer.appearance.samples import MESHES, PAIRS, PICTURES, part, vertices
 from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.scene.opengl import ps
@@ -48,6 +48,7 @@ _SHOWN: dict[int, dict[str, Any]] = {
     8: {"error": True},
 }
 """What a figure shows besides the functions."""
+_ON_THE_HUMANS = Channel("gaussian:vertex=145,width=0.18", "gaussian:vertex=700,width=0.18")
 Corner = tuple[float, float]
 
 
@@ -66,6 +67,14 @@ def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatA
         view=View(**{name: getattr(view, name) for name in _KEPT}, **_SHOWN.get(figure, {})),
     )
     return document, example.values
+
+
+def pair_document(name: str, view: View) -> tuple[Document, dict[str, FloatArray]]:
+    """Return two bundled meshes, named ``A to B``, with a function on each."""
+    a, b = name.split(" to ")
+    surfaces = (Surface(load_mesh(asset_path(one)), one) for one in (a, b))
+    seen = View(**{name: getattr(view, name) for name in _KEPT})
+    return Document(tuple(surfaces), (_ON_THE_HUMANS,), view=seen), {}
 
 
 class SampleTextures:
@@ -92,8 +101,8 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
     display = imgui.GetIO().DisplaySize
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
     figures = {f"Figure {n}": capital(TITLES[n]) for n in FIGURES}
-    parts = {"Meshes": MESHES, "Figures of the paper": figures}
-    room = _SHARE * display[1] - 2 * (line + spacing[1])  # below their headings
+    parts = {"Meshes": MESHES | PAIRS, "Figures of the paper": figures}
+    room = _SHARE * display[1] - len(parts) * (line + spacing[1])  # below their headings
     columns, height = _FEWEST - 1, 0.0
     while height < line and columns < _MOST:
         columns += 1
@@ -109,6 +118,8 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
                 continue
             if name in MESHES:
                 files.open(asset_path(name))
+            elif name in PAIRS:
+                files.open_made(name, partial(pair_document, name))
             else:
                 files.open_made(name.lower(), partial(figure_document, int(name.split()[1])))
 
@@ -125,10 +136,11 @@ def _is_chosen(
     flags = imgui.ImGuiSelectableFlags_None
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
     ui.remember(name, "item", text="checked" if loaded else "")
-    title = f"{name}, {vertices()[name]:,} vertices"
+    pictured = name.split(" to ")[-1]  # of two surfaces B
+    title = name if pictured != name else f"{name}, {vertices()[name]:,} vertices"
     ui.tip(f"{title}{', loaded' if loaded else ''}: {about}")
     draw_list, side = imgui.GetWindowDrawList(), size[1]
-    if (found := textures.find(name)) is not None:
+    if (found := textures.find(pictured)) is not None:
         texture, first, second = found
         draw_list.AddImage(texture, (left, top), (left + side, top + side), first, second)
     line, x = imgui.GetTextLineHeight(), left + side + ui.px(8)

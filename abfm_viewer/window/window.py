@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
+from typing import TypeAlias
 
 import numpy as np
 import polyscope.imgui as imgui
@@ -54,6 +55,10 @@ _PANEL_WIDTH, _WIDEST_PANEL = 380, 0.44
 _STATUS_HEIGHT = 30
 
 
+What: TypeAlias = str | Path | TriangleMesh | tuple[str | Path, str | Path] | None
+"""What is opened: a mesh, project or result, or mesh files of surfaces A and B."""
+
+
 @dataclass(frozen=True)
 class Areas:
     scene: Rect
@@ -77,13 +82,14 @@ def areas(size: tuple[float, float], menu_height: float, scale: float) -> Areas:
 
 
 def open_window(
-    what: str | Path | TriangleMesh | None,
+    what: What,
     backend: opengl.Backend,
     size: tuple[int, int],
     state_folder: Path | None = None,
     largest_component: bool = False,
 ) -> Window:
     """Open the app's window with a mesh, project or result in it; by default with a bundled mesh.
+    Of two mesh files the first is registered to the second.
 
     Preferences, recent files and autosaves are kept in the state folder, by default the user's own.
     Raises AbfmError if the file cannot be read, or the machine cannot draw.
@@ -92,9 +98,12 @@ def open_window(
     if isinstance(what, TriangleMesh):
         session = Session(what, "mesh")
     else:
-        session = open_session(Path(what or asset_path("human_fine_A.off")), largest_component)
-        if what:
-            state.add_recent(Path(what))
+        given = what if isinstance(what, tuple) else (what,) if what else ()
+        paths = [Path(one) for one in given]
+        first, *second = paths or [asset_path("human_fine_A.off")]
+        session = open_session(first, largest_component, *second)
+        for path in paths:
+            state.add_recent(path)
     return Window(session, backend, size, state)
 
 

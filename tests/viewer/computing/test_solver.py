@@ -19,7 +19,7 @@ import abfm
 from abfm import AbfmError
 from abfm.workers import worker as worker_module
 from abfm_viewer.computing import solver as solver_module
-from abfm_viewer.computing.evaluation import Functions
+from abfm_viewer.computing.evaluation import Evaluators, Functions
 from abfm_viewer.computing.match_apart import MatchApart
 from abfm_viewer.computing.solver import FIRST, Course, ProblemSpec, Snapshot, Solver, State
 from abfm_viewer.document.document import Channel
@@ -30,7 +30,7 @@ from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, problem, until
 @pytest.fixture(scope="module")
 def functions():
     functions = Functions(SPHERE)
-    yield functions
+    yield Evaluators(functions, functions)
     functions.retire()
 
 
@@ -83,7 +83,8 @@ def process_of(solver):
 def same_run(solver, mesh, parameters):
     """Check that a match of a mesh is that of `abfm.match`, bit for bit."""
     functions = Functions(mesh)
-    solver.start(ProblemSpec(mesh, (PAIR,), parameters, ""), functions)
+    evaluators = Evaluators(functions, functions)
+    solver.start(ProblemSpec(mesh, (PAIR,), parameters, ""), evaluators)
     solver.wait(60)
     newest = solver.snapshot.iteration.iteration
     result, run = ended(solver)

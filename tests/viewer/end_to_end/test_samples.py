@@ -11,7 +11,7 @@ from abfm import load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.experiments import Stage, as_match, script
 from abfm.parameters import FIGURES
-from abfm_viewer.appearance.samples import MESHES, PICTURES, SIDE, vertices
+from abfm_viewer.appearance.samples import MESHES, PAIR, PICTURES, SIDE, vertices
 from abfm_viewer.automation import Driver
 from abfm_viewer.scene.scene import Scene
 from tests.shapes import icosphere
@@ -79,6 +79,19 @@ def test_a_bundled_mesh_opens_like_a_file(samples, name):
     samples.key("esc")
 
 
+def test_a_pair_of_shapes_opens_ready_to_match(samples):
+    samples.menu("Samples", PAIR)
+    wait(samples, lambda session: session.document.name == PAIR and not session.obstacle)
+    a, b = (load_mesh(asset_path(name)) for name in PAIR.split(" to "))
+    for mesh, slot in ((a, "source"), (b, "target")):
+        np.testing.assert_array_equal(samples.session.surface(slot).mesh.vertices, mesh.vertices)
+    # in its own unit, so that colours are those of A
+    assert samples.session.compared("target") is samples.session.values("target")
+    assert not samples.session.saves.unsaved
+    assert [w.label for w in opened_menu(samples) if w.text == "checked"] == [PAIR]
+    samples.key("esc")
+
+
 def opened_menu(gui):
     """The entries of Samples, which stays open."""
     gui.click("Samples")
@@ -97,7 +110,7 @@ def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(samples):
         assert 0.02 < (tile[..., 3] > 128).mean() < 0.95  # a surface with nothing around it
         assert tile[tile[..., 3] > 128, :3].std() > 5
     assert PICTURES.stat().st_size < 100_000
-    assert [w.label for w in opened_menu(samples)] == names
+    assert [w.label for w in opened_menu(samples)] == [*MESHES, PAIR, *names[len(MESHES) :]]
     samples.key("esc")
 
 

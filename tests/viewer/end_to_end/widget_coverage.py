@@ -9,7 +9,10 @@ import pytest
 
 FOLDER = Path(__file__).parent
 # places whose labels are the names of files
-_OPENING = ("Open a mesh", "Open a project or a result", "Open values", "Open a vertex map")
+_OPENING = (
+    *("Open a mesh", "Open a second surface", "Open a project or a result", "Open values"),
+    *("Open a vertex map", "Open the sphere of", "Open a map from"),
+)
 DYNAMIC = ("File/Recent", *_OPENING)
 _SAVING = ("Save a ", "Save the ", "Export the ")
 _OUTPUT = "widgets"

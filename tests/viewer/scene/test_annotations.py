@@ -34,9 +34,11 @@ def scene(right, columns=5):
     bars = dict.fromkeys(NAMES, ("function", RANGE)) | {"error": ERROR}
     places = {name: (i % columns * room, 50.0 * (i // columns)) for i, name in enumerate(NAMES)}
     labels = {name: (x, y, x + room, y + 20) for name, (x, y) in places.items()}
+    view = SimpleNamespace(is_beside=False, borders=list, label=labels.get)
     return SimpleNamespace(
         shown=NAMES,
-        view=SimpleNamespace(is_beside=False, borders=list, label=labels.get),
+        view=view,
+        view_of=lambda _: view,
         paints={
             name: Paint("vertex values", np.zeros(1), name, colors, bar)
             for name, (bar, colors) in bars.items()

@@ -140,7 +140,7 @@ def test_all_surfaces_look_alike_and_the_matrix_puts_points_where_they_are_proje
     seen = view(1.7, np.array([0.5, 0.1, 0]), Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix())
     places = [seen.projected(name, POINTS) - [*PLACES[name].middle, 0] for name in NAMES]
     np.testing.assert_allclose(places[1:], [places[0]] * 2, atol=1e-9)
-    matrix = seen.matrix("advected", WINDOW)
+    matrix = seen.matrix("advected", WINDOW, seen.scale)
     there = POINTS @ matrix[:3, :3].T + matrix[:3, 3]
     x, y, depth = seen.projected("advected", POINTS).T
     np.testing.assert_allclose(seen.scale * there[:, 0] + WINDOW[0] / 2, x)

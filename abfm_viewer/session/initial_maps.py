@@ -1,0 +1,172 @@
+"""The initial map from surface A to surface B, found off the frame loop, and what comes by it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+import abfm
+from abfm import Parameters, TriangleMesh
+from abfm.types import FloatArray
+from abfm.workers.control import Control, controlled
+from abfm.workers.progress import Step
+from abfm_viewer.computing.background import Jobs, Latest, Memo, same
+from abfm_viewer.document.document import SIDES, Document, Side
+from abfm_viewer.session.functions import DocumentFunctions
+
+GIVEN = "given"
+"""The word of a map that came with a file of a registration."""
+_BY_FUNCTIONS = ("sphere", "spectral")  # words of maps that ask for functions
+
+
+class _Given(NamedTuple):
+    """Values of sources on A, of targets on B, and of the mask on B; weights of the channels."""
+
+    source: tuple[FloatArray, ...]
+    target: tuple[FloatArray, ...]
+    mask: FloatArray | None
+    weights: tuple[float, ...]
+
+
+class _Way(NamedTuple):
+    """From which surface to which, and by which map, or word for one."""
+
+    a: TriangleMesh
+    b: TriangleMesh
+    by: str | abfm.Correspondence
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What is matched on B, and the map by which A's functions came there."""
+
+    correspondence: abfm.Correspondence
+    problem: abfm.Problem
+    notes: tuple[str, ...]
+    usual: Parameters | None = None  # what functions like these are best matched with
+
+
+class InitialMaps:
+    """Of the document that is shown: its map, and its functions on B as the flow has them.
+
+    Until something newer is known, what was known of the same surfaces stays. A search by a word
+    that is no longer wanted is ended.
+    """
+
+    def __init__(self, jobs: Jobs, functions: DocumentFunctions) -> None:
+        self._functions = functions
+        self._prepared: Latest[Prepared] = jobs.latest()
+        self._control, self._wanted = Control(), object()
+        self._maps = Memo[tuple[abfm.Correspondence, tuple[str, ...]]]()
+        self._of_result = Memo[Prepared]()
+        self._columns: dict[Side, Memo[FloatArray]] = defaultdict(Memo)
+
+    @property
+    def busy(self) -> bool:
+        return self._prepared.busy
+
+    @property
+    def step(self) -> Step | None:
+        return self._prepared.step if self.busy else None
+
+    @property
+    def error(self) -> str:
+        """Say why there is no map; nothing if there is one, or will be."""
+        return "" if self.busy else self._prepared.error
+
+    def prepared(self, document: Document) -> Prepared | None:
+        """Return what is known by now, lately of functions as they were; None before it is."""
+        if not document.is_pair or not document.channels:
+            return None
+        kept, result = document.initial_map, document.result
+        if kept is not None and result is not None and kept.is_for(document):
+            of_result = kept.correspondence, result.problem, kept.notes
+            return self._of_result.get(of_result, lambda: Prepared(*of_result))
+        given = self._given(document)
+        a, b = (surface.mesh for surface in document.surfaces)
+        if given is None:
+            about = (a, b), document.initial
+            return self._prepared.value if self._is_about(about) else None
+        wanted = (a, b), document.initial
+        if not same(wanted, self._wanted):
+            self._wanted = wanted
+            self._control.cancel()
+            self._control = Control()
+        word: str | abfm.Correspondence = document.initial
+        if word == GIVEN and kept is not None:
+            word = kept.correspondence
+        way = _Way(a, b, word)
+        return self._prepared.newest(wanted, self._prepare, self._control, way, given)
+
+    def compared(self, document: Document, side: Side) -> FloatArray | None:
+        """Return a side's function of the active channel on B, as a flow carries or meets it: a
+        target in its own unit is the very array of its values.
+        """
+        prepared = self.prepared(document)
+        if prepared is None:
+            return None
+        channel, own = document.channel, self._functions.values(document.function(side))
+        functions = getattr(prepared.problem, side)
+        if channel >= functions.shape[1]:  # one that has just come
+            return None
+
+        def column() -> FloatArray:
+            values = np.ascontiguousarray(functions[:, channel])
+            is_own = side == "target" and own is not None and np.array_equal(values, own)
+            return own if is_own and own is not None else values
+
+        return self._columns[side].get((prepared, channel, own), column)
+
+    def _given(self, document: Document) -> _Given | None:
+        """Return the functions, the mask and the weights; None if some are unknown."""
+        known, sides = self._functions.values, []
+        for side in SIDES:
+            found = [known(document.function(side, channel)) for channel in document.channels]
+            present = tuple(values for values in found if values is not None)
+            if len(present) < len(found):
+                return None
+            sides.append(present)
+        mask = known(document.mask_function) if document.mask else None
+        if document.mask and mask is None:
+            return None
+        source, target = sides
+        weights = tuple(channel.weight for channel in document.channels)
+        return _Given(source, target, mask, weights)
+
+    def _is_about(self, wanted: object) -> bool:
+        key = self._prepared.key
+        return isinstance(key, tuple) and same(key[0], wanted)
+
+    def _prepare(self, control: Control, way: _Way, given: _Given) -> Prepared:
+        source, target = (np.stack(own, axis=1) for own in (given.source, given.target))
+        with controlled(control):
+            initial, notes = self._map(way)
+            found = abfm.registration.prepare(
+                way.a,
+                way.b,
+                source,
+                target,
+                initial=initial,
+                mask_b=given.mask,
+                weights=given.weights,
+            )
+        notes, usual = (*notes, *found.notes), found.problem.parameters
+        return Prepared(found.initial, found.problem, notes, usual)
+
+    def _map(self, way: _Way) -> tuple[str | abfm.Correspondence | None, tuple[str, ...]]:
+        """Return a map that does not ask for functions, which is found but once, and what is worth
+        knowing of it; else its word.
+        """
+        from abfm.maps.spherical import is_sphere
+        from abfm.registration.initial.given import Given
+        from abfm.registration.initial.words import initial_map
+
+        if not isinstance(way.by, str):
+            return way.by, ()
+        may_turn = way.by == "" and is_sphere(way.a) and is_sphere(way.b)
+        if may_turn or way.by.partition(":")[0] in _BY_FUNCTIONS:
+            return way.by or None, ()
+        return self._maps.get(way, lambda: initial_map(way.by or None, Given(way.a, way.b)))

@@ -1,0 +1,174 @@
+"""Surface A is registered to surface B in the window."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm_viewer.automation import Driver
+from abfm_viewer.document.document import Channel
+from abfm_viewer.panels.right_panel import TABS
+from tests.mesh_writers import off_file
+from tests.shapes import ellipsoid, icosphere
+from tests.viewer.sessions import SIZE, match
+
+NEAR, FAR = "gaussian:x=1,y=0,z=0,width=0.3", "gaussian:x=0.8,y=0.4,z=0,width=0.3"
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Two bodies with the same connectivity."""
+    meshes = {
+        "egg": ellipsoid(2, 1.0, 0.7, 0.55),
+        "ball": icosphere(2, 10.0),
+    }
+    return {name: off_file(tmp_path / f"{name}.off", mesh) for name, mesh in meshes.items()}
+
+
+@pytest.fixture
+def gui(files):
+    """The app with an egg that is registered to a ball, seen standing still."""
+    with Driver((files["egg"], files["ball"]), size=SIZE) as gui:
+        gui.window.dialogs.folder = files["egg"].parent
+        view = replace(gui.session.view, flow_after_match=False)
+        short = replace(gui.session.parameters, iterations=20, cooling_stages=1)
+        gui.session.editor.amend(view=view, parameters=short)
+        gui.wait(lambda s: not s.obstacle)
+        yield gui
+        assert not gui.errors
+
+
+def test_a_second_surface_is_closed_and_opened_and_undo_goes_back(gui, files):
+    session = gui.session
+    egg, source = session.surface("source").mesh, session.active.source
+    ball = session.surface().mesh
+    assert ball is session.surface("error").mesh is not egg
+    assert len(session.values("target")) == len(ball.vertices)
+    gui.frames(2)
+    titles = {name: paint.title for name, paint in gui.window.scene.paints.items()}
+    assert titles == {
+        "source": "source on A",
+        "advected": "advected on B",
+        "target": "target on B",
+    }
+    gui.menu("File", "Close second surface")
+    gui.wait(lambda s: not s.document.is_pair and not s.obstacle)
+    assert session.surface().mesh is egg
+    assert session.active.source == source
+    gui.key("ctrl+z")
+    assert session.surface().mesh is ball
+    gui.key("ctrl+y")
+    gui.menu("File", "Open second surface...")
+    gui.double_click(files["ball"].name)
+    gui.wait(lambda s: s.document.is_pair and not s.obstacle)
+    assert session.surface("source").mesh is egg
+    assert session.document.name == "egg.off to ball.off"
+    assert session.active.source == source  # what the user may have set stays
+    assert not session.saves.unsaved
+
+
+def test_the_initial_map_is_chosen_seen_and_told(gui, files, notes):
+    session = gui.session
+    told = session.prepared.correspondence
+    assert gui.text_of("initial map") == "automatic"
+    gui.choose("initial map", "closest points")
+    gui.wait(lambda s: s.prepared is not None and s.prepared.correspondence is not told)
+    gui.check("mirrored")
+    assert session.document.initial == "closest:mirror"
+    gui.wait(lambda s: not s.obstacle)
+    assert any("was laid on A" in text for text, _ in notes())
+    gui.choose("initial map", "spheres")
+    gui.wait(lambda s: "no sphere" in s.obstacle)
+    assert any("No initial map" in text for text, kind in notes() if kind == "failure")
+    assert not gui.is_enabled("Match")
+    gui.wait(lambda _: gui.window.scene.paints["advected"].title == "advected: no values")
+    gui.choose("initial map", "spheres from files...")
+    for title in ("Open the sphere of A", "Open the sphere of B"):
+        gui.double_click(files["ball"].name, title)
+    gui.wait(lambda s: not s.obstacle)
+    assert session.document.initial == f"sphere:{files['ball']},{files['ball']}"
+    gui.choose("color by", "checker")
+    on_b = gui.window.shown.flow.coordinates()
+    assert_array_equal(on_b, session.prepared.correspondence.points.positions)
+    gui.frames(2)
+    assert gui.window.scene.paints["advected"].title == "checker of A, on B"
+    gui.key("ctrl+z")
+    gui.key("ctrl+z")
+    assert session.document.initial == "sphere"
+    for label, word in (("eigenfunctions", "spectral"), ("same connectivity", "connectivity")):
+        gui.choose("initial map", label)
+        assert session.document.initial == word
+    np.savetxt(files["ball"].with_name("map.txt"), np.arange(162)[::-1], "%d")
+    gui.choose("initial map", "map from a file...")
+    gui.double_click("map.txt")
+    gui.wait(lambda s: not s.obstacle)
+    assert_array_equal(session.prepared.correspondence.to_vertices(), np.arange(162)[::-1])
+    gui.choose("initial map", "automatic")
+    gui.wait(lambda s: not s.obstacle)
+    assert session.prepared.correspondence.to_vertices()[1] == 1
+
+
+def test_a_is_matched_to_b_and_its_function_goes_there(gui):
+    session = gui.session
+    session.editor.change("functions", channels=(Channel(NEAR, FAR),))
+    gui.wait(lambda s: not s.obstacle)
+    gui.drag("time", 0)
+    gui.frames(3)
+    # the initial map is seen before anything is matched
+    assert_allclose(gui.window.scene.paints["advected"].values, session.values("source"))
+    match(gui)
+    result, initial = session.result, session.document.initial_map.correspondence
+    assert result.mesh is session.surface("target").mesh
+    assert initial.a is session.surface("source").mesh
+    assert result.mismatch < 0.5 * result.initial_mismatch
+    assert_allclose(result.source[:, 0], session.values("source"))
+    assert not session.outdated
+    gui.drag("time", session.parameters.tau)
+    assert_array_equal(gui.window.shown.flow.advected(), result.advected[:, 0])
+    session.editor.set_spec("target", NEAR)
+    gui.wait(lambda s: s.outdated)
+    gui.key("ctrl+z")
+    gui.wait(lambda s: not s.outdated)
+
+
+def test_it_is_saved_as_project_and_registration_and_opened_again(gui, tmp_path):
+    session = gui.session
+    session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
+    gui.wait(lambda s: not s.obstacle)
+    match(gui)
+    saved, known = session.document, session.registration
+    gui.menu("File", "Save project as...")
+    gui.type("file name", "pair")
+    gui.wait(lambda s: not s.saves.unsaved)
+    gui.click("Export")
+    gui.click("Save registration...")
+    gui.type("file name", "pair.npz")
+    gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
+    for name in ("pair.abfm", "pair.npz"):
+        before = session.document.identity
+        gui.window.files.open(tmp_path / name)
+        gui.wait(lambda s, before=before: s.document.identity is not before and not s.obstacle)
+        gui.wait(lambda _: "advected" in gui.window.scene.paints)
+        opened = session.document
+        assert not session.outdated
+        for slot in ("source", "target"):
+            meshes = opened.surface(slot).mesh, saved.surface(slot).mesh
+            assert_array_equal(*(mesh.vertices for mesh in meshes))
+        places = (one.points.positions for one in (session.registration, known))
+        assert_allclose(*places, atol=1e-9)
+        again = session.prepared.correspondence
+        assert_array_equal(again.to_vertices(), known.initial.to_vertices())
+        if name == "pair.abfm":
+            assert (opened.channels, opened.initial) == (saved.channels, "connectivity")
+    assert gui.text_of("initial map", "Functions") == "as opened"
+
+
+def test_its_tabs_fit_one_screen(files):
+    with Driver((files["egg"], files["ball"]), size=(1280, 800)) as gui:
+        gui.session.editor.change("functions", channels=(Channel(*2 * ("gaussian:vertex=5,width=0.3",)),))
+        gui.wait(lambda s: not s.obstacle)
+        for tab in TABS:
+            gui.window.ui.open_tab = tab
+            gui.frames(3)
+            assert gui.window.ui.hidden_heights[f"/{tab}"] == 0
