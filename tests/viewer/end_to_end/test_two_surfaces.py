@@ -177,7 +177,9 @@ def test_it_is_saved_as_project_and_registration_and_opened_again(gui, tmp_path)
 
 def test_its_tabs_fit_one_screen(files):
     with Driver((files["egg"], files["ball"]), size=(1280, 800)) as gui:
-        gui.session.editor.change("functions", channels=(Channel(*2 * ("gaussian:vertex=5,width=0.3",)),))
+        gui.session.editor.change(
+            "functions", channels=(Channel(*2 * ("gaussian:vertex=5,width=0.3",)),)
+        )
         gui.wait(lambda s: not s.obstacle)
         for tab in TABS:
             gui.window.ui.open_tab = tab
