@@ -126,6 +126,17 @@ def test_a_is_matched_to_b_and_its_function_goes_there(gui):
     assert not session.outdated
     gui.drag("time", session.parameters.tau)
     assert_array_equal(gui.window.shown.flow.advected(), result.advected[:, 0])
+    # a point that is clicked on A is followed on B, from where the initial map takes it
+    session.editor.set_view("a tool", tool="follow a point")
+    gui.pick(3, "source", modifiers=())
+    [point] = session.document.points
+    mesh = session.surface().mesh
+    corner = mesh.faces[point.face][np.argmax(point.barycentric)]
+    assert corner == 3
+    gui.wait(lambda _: gui.window.shown.quantities.paths())
+    [start] = gui.window.shown.quantities.starts(gui.window.shown.quantities.paths())
+    on_a = session.surface("source").mesh
+    assert_allclose(start, on_a.vertices[on_a.faces[point.face]].T @ point.barycentric, atol=1e-9)
     session.editor.set_spec("target", NEAR)
     gui.wait(lambda s: s.outdated)
     gui.key("ctrl+z")

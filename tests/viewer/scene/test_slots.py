@@ -148,6 +148,20 @@ def test_all_surfaces_look_alike_and_the_matrix_puts_points_where_they_are_proje
     np.testing.assert_allclose(there[:, 2], -depth)
 
 
+@pytest.mark.parametrize("zoom", [1.0, 2.5])
+def test_another_surface_is_seen_alike_from_its_own_front(zoom):
+    lies = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    others = 30 * POINTS @ lies.T + np.array([5.0, 1.0, -2.0])
+    front = Front(triple(lies[:, 2]), triple(lies[:, 1]))
+    seen = view(zoom, np.array([0.5, 0.1, 0]), Rotation.from_rotvec([0.3, 1, 0.2]).as_matrix())
+    other = seen.seen_alike(FRONT, Fit(others, front), front)
+    places = seen.projected("source", POINTS), other.projected("source", others)
+    np.testing.assert_allclose(places[1][:, :2], places[0][:, :2], atol=1e-6)
+    matrix = other.matrix("source", WINDOW, seen.scale)  # as the other one's camera sees it
+    there = others @ matrix[:3, :3].T + matrix[:3, 3]
+    np.testing.assert_allclose(seen.scale * there[:, 0] + WINDOW[0] / 2, places[0][:, 0])
+
+
 @given(place=in_slot, factor=st.floats(1.0, 8.0))
 def test_what_is_under_the_mouse_stays_there_when_it_comes_nearer(place, factor):
     seen = view(1.3, np.array([0.1, 0, 0.05]))

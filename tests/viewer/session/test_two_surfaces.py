@@ -1,0 +1,111 @@
+"""A session on two surfaces, without a window."""
+
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import abfm
+from abfm import Parameters, ResultError
+from abfm.registration import MEASURED
+from abfm_viewer.document.document import Channel, Document, Surface
+from abfm_viewer.files.project import load_project, save_project
+from abfm_viewer.session.functions import known_values
+from abfm_viewer.session.session import Session
+from tests.shapes import ellipsoid, icosphere
+from tests.viewer.sessions import ready, until
+
+A, B = ellipsoid(2, 1.0, 0.7, 0.55), icosphere(3)
+SURFACES = Surface(A, "a.off"), Surface(B, "b.off")
+SAME = "gaussian:x=0.5,y=0.4,z=0.3,width=0.3"
+SHORT = Parameters(iterations=5, refine=0, cooling_stages=1)
+
+
+@pytest.fixture
+def pair():
+    session = Session(A, "a.off")
+    session.set_surfaces(*SURFACES)
+    session.editor.amend(channels=(Channel(SAME, SAME),), parameters=SHORT)
+    yield ready(session)
+    session.close()
+
+
+def matched(session):
+    session.match()
+    until(lambda: session.solver.finished, session)
+    return session
+
+
+def test_the_result_is_of_its_map_and_of_no_other(pair):
+    matched(pair)
+    assert pair.document.initial_map.correspondence is pair.prepared.correspondence
+    assert_array_equal(pair.result.mesh.vertices, B.vertices)
+    assert not pair.outdated
+    pair.editor.set_initial("spectral")
+    until(lambda: pair.outdated, pair)
+    pair.undo()
+    until(lambda: not pair.outdated, pair)
+    assert pair.registration.points.domain is B
+    pair.editor.set_initial("sphere")  # which an egg is not
+    until(lambda: "no sphere" in pair.obstacle, pair)
+    pair.match()
+    assert "no sphere" in pair.notices.latest.text
+    assert pair.notices.latest.is_error
+
+
+def test_functions_in_other_units_are_matched_in_standard_deviations(pair):
+    pair.editor.amend(parameters=Parameters())
+    pair.editor.set_spec("target", "expression:100+7*x")
+    pair.editor.set_spec("source", "coordinate:x")
+    until(lambda: not pair.obstacle and pair.prepared.usual == MEASURED, pair)
+    until(lambda: pair.compared("target") is not None, pair)
+    areas = abfm.calculus.vertex_areas(B)
+    apart = pair.compared("target") - np.average(pair.compared("target"), weights=areas)
+    assert np.average(apart**2, weights=areas) == pytest.approx(1)
+    pair.match()
+    assert pair.parameters == MEASURED
+    pair.solver.cancel()
+    until(lambda: not pair.solver.running, pair)
+
+
+def test_the_same_text_on_both_surfaces_is_known_for_each(pair, tmp_path):
+    files = Channel("file:there.npy", "file:there.npy")
+    rng = np.random.default_rng(0)
+    on_a, on_b = rng.normal(size=len(A.vertices)), rng.normal(size=len(B.vertices))
+    document = Document(SURFACES, (files,), parameters=SHORT)
+    pair.restore(document, {"A: file:there.npy": on_a, "file:there.npy": on_b}, None)
+    ready(pair)
+    assert_array_equal(pair.values("source"), on_a)
+    assert_array_equal(pair.values("target"), on_b)
+    known = known_values(pair.document, pair.functions_of(pair.document))
+    save_project(tmp_path / "p.abfm", pair.document, known)
+    opened, again = load_project(tmp_path / "p.abfm")
+    assert again.keys() == known.keys()
+    for name, values in known.items():
+        assert_array_equal(again[name], values)
+    assert [one.name for one in opened.surfaces] == ["a.off", "b.off"]
+
+
+def test_a_project_of_two_surfaces_keeps_all_and_tells_what_it_lacks(pair, tmp_path):
+    matched(pair)
+    path = tmp_path / "p.abfm"
+    save_project(path, pair.document, {})
+    opened, _ = load_project(path)
+    assert replace(opened.initial_map, correspondence=None) == replace(
+        pair.document.initial_map, correspondence=None
+    )
+    assert opened.initial_map.is_for(opened)
+    assert opened.initial_map.correspondence.a is opened.surface("source").mesh
+    assert_array_equal(
+        opened.initial_map.correspondence.to_vertices(),
+        pair.document.initial_map.correspondence.to_vertices(),
+    )
+    for missing in ("mesh_a/faces", "initial/image_faces"):
+        with zipfile.ZipFile(path) as whole, zipfile.ZipFile(tmp_path / "q.abfm", "w") as cut:
+            for name in whole.namelist():
+                if name != f"{missing}.npy":
+                    cut.writestr(name, whole.read(name))
+        with pytest.raises(ResultError, match=f"it lacks {missing}"):
+            load_project(tmp_path / "q.abfm")
