@@ -22,6 +22,7 @@ def test_numbers_are_typed_dragged_and_undone_and_the_method_decides_what_can_be
         "goal": (0.1, 0.02),
         "reach": (0.3, 1.4),
         "divergence": (2, 50),
+        "landmark_sigma": (0.002, 0.05),
         "tau": (2, 0.5),
         "iterations": (30, 300),
         "cooling_stages": (1, 4),
