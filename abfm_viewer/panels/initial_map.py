@@ -27,7 +27,11 @@ class _Choice(NamedTuple):
 
 
 _CHOICES = {
-    "automatic": _Choice("", "By equal faces, else through spheres, else what is closest."),
+    "automatic": _Choice(
+        "",
+        "By equal faces, or through spheres, those that the surfaces are or, where they have no "
+        "handles, ones that are made of them; else to what is closest.",
+    ),
     "same connectivity": _Choice("connectivity", "Vertex i to vertex i, of the same faces."),
     "closest points": _Choice(
         "closest", "To the closest point, after B was laid on A.", can_mirror=True
@@ -40,6 +44,12 @@ _CHOICES = {
     "spheres": _Choice(
         "sphere",
         "The surfaces are spheres; A's is turned as the functions ask.",
+        can_mirror=True,
+    ),
+    "spheres made of both": _Choice(
+        "embedding",
+        "Through spheres that are made of the surfaces, which have no handles; A's is turned as the "
+        "functions ask.",
         can_mirror=True,
     ),
     "spheres from files...": _Choice(

@@ -19,7 +19,7 @@ from abfm_viewer.session.functions import DocumentFunctions
 
 GIVEN = "given"
 """The word of a map that came with a file of a registration."""
-_BY_FUNCTIONS = ("sphere", "spectral")  # words of maps that ask for functions
+_BY_FUNCTIONS = ("", "sphere", "embedding", "spectral")  # words of maps that ask for functions
 
 
 class _Given(NamedTuple):
@@ -160,13 +160,11 @@ class InitialMaps:
         """Return a map that does not ask for functions, which is found but once, and what is worth
         knowing of it; else its word.
         """
-        from abfm.maps.spherical import is_sphere
         from abfm.registration.initial.given import Given
         from abfm.registration.initial.words import initial_map
 
         if not isinstance(way.by, str):
             return way.by, ()
-        may_turn = way.by == "" and is_sphere(way.a) and is_sphere(way.b)
-        if may_turn or way.by.partition(":")[0] in _BY_FUNCTIONS:
+        if way.by.partition(":")[0] in _BY_FUNCTIONS:
             return way.by or None, ()
         return self._maps.get(way, lambda: initial_map(way.by or None, Given(way.a, way.b)))

@@ -13,7 +13,7 @@ from abfm.maps.continuous_map import continuous_map
 from abfm.maps.point_maps import PointMap
 from abfm.maps.sphere_embedding import sphere_embedding
 from abfm.maps.spherical import SphereLayout, is_sphere, sphere_directions
-from abfm.mesh import TriangleMesh, load_mesh
+from abfm.mesh import TriangleMesh, load_mesh, per_mesh
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.alignment import KINDS, closest_after_alignment
 from abfm.registration.initial.connectivity import same_connectivity
@@ -167,7 +167,10 @@ def _of_file(given: Given, words: list[str]) -> Initial:
 
 def _embedded(given: Given, words: list[str]) -> Initial:
     mirrored = _is_mirrored("embedding", words)
-    return _turned(given, sphere_embedding(given.a), sphere_embedding(given.b), mirrored)
+    return _turned(given, _made_sphere(given.a), _made_sphere(given.b), mirrored)
+
+
+_made_sphere = per_mesh(sphere_embedding)  # kept, as functions may change
 
 
 def _spheres(given: Given, words: list[str]) -> Initial:
