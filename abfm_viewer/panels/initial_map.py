@@ -48,8 +48,8 @@ _CHOICES = {
     ),
     "spheres made of both": _Choice(
         "embedding",
-        "Through spheres that are made of the surfaces, which have no handles; A's is turned as the "
-        "functions ask.",
+        "Through spheres that are made of the surfaces, which have no handles; A's is turned as "
+        "the functions ask.",
         can_mirror=True,
     ),
     "spheres from files...": _Choice(

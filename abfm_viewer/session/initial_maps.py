@@ -167,4 +167,4 @@ class InitialMaps:
             return way.by, ()
         if way.by.partition(":")[0] in _BY_FUNCTIONS:
             return way.by or None, ()
-        return self._maps.get(way, lambda: initial_map(way.by or None, Given(way.a, way.b)))
+        return self._maps.get(way, lambda: initial_map(way.by, Given(way.a, way.b)))
