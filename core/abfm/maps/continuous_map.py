@@ -56,7 +56,7 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
     MeshError
         If a surface has handles or pinched vertices, or its faces are too thin for rounding.
     AbfmError
-        If the map does not go around A, or does so backward.
+        If the map goes around A backward.
     """
     a, b = points.codomain.normalized(), points.domain.normalized()
     (points_a, faces_a), (points_b, faces_b) = filled(a), filled(b)
@@ -78,11 +78,13 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
 
 
 def _check_side(corners: FloatArray) -> None:
-    """Raise an error if triangles (F, 3, 3) of a closed surface do not go around the sphere."""
+    """Raise an error if triangles (F, 3, 3) of a closed surface go around the sphere backward; torn
+    maps of few eigenfunctions may not go around it at all.
+    """
     turns = int(np.rint(solid_angles(corners).sum() / (4 * np.pi)))
-    if turns < 1:
+    if turns < 0:
         raise AbfmError(
-            f"the map goes {turns} times around the surface, -1 if it takes left to right; "
+            f"the map goes {turns} times around the surface, as one that takes left to right; "
             "expected 1: give one that keeps the side, or mirror a surface"
         )
 
