@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abfm import Parameters, load_match, load_mesh
+from abfm import Parameters, load_match, load_mesh, load_registration
 from abfm.assets import asset_path
 from abfm.functions import families, function
 from abfm.parameters import FIGURES, PAPER
@@ -29,15 +29,20 @@ def table(heading):
     ]
 
 
-def test_the_python_example_runs(tmp_path, monkeypatch, capsys):
+def test_the_python_examples_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    [example] = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    alone, pair = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     names = {}
-    exec(example, names)
+    exec(alone, names)
     assert capsys.readouterr().out.startswith("mismatch 0.0")
     assert names["halfway"].shape == (6475,)
     assert names["match"].verdict.kind == "matched"
     assert load_match("match.npz").mismatch == names["match"].mismatch
+    exec(pair, names)
+    assert re.match(r"(registered|matched|nearly) .*log2 J", capsys.readouterr().out)
+    np.testing.assert_array_equal(
+        load_registration("reg.npz").to_vertices(), names["found"].to_vertices()
+    )
 
 
 def test_every_parameter_is_in_the_table_with_its_symbol_and_default():

@@ -117,6 +117,8 @@ class Correspondence:
     def carry_points(self, points: SurfacePoints | ArrayLike) -> SurfacePoints:
         """Return where points of A, or vertices (P,) by number, lie on B."""
         given = points if isinstance(points, SurfacePoints) else vertex_points(self.a, points)
+        if len(given.mesh.faces) != len(self.a.faces):
+            raise AbfmError("the points are of another surface than A")
         return self.back.at(given)
 
     def inverse(self) -> Correspondence:

@@ -192,12 +192,15 @@ def prepare(
 
 
 def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:
-    if isinstance(given, Landmarks):
-        return given
     if isinstance(given, tuple) and all(isinstance(points, SurfacePoints) for points in given):
         on_a, on_b = given
         count = len(on_a.faces)
-        return Landmarks(on_a, on_b, np.ones(count), tuple(map(str, range(count))))
+        given = Landmarks(on_a, on_b, np.ones(count), tuple(map(str, range(count))))
+    if isinstance(given, Landmarks):
+        for name, mesh, points in (("A", a, given.a), ("B", b, given.b)):
+            if len(points.mesh.faces) != len(mesh.faces):
+                raise ParameterError(f"landmarks on {name} are points of another surface")
+        return given
     pairs = np.asarray(given)
     if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
         raise ParameterError(

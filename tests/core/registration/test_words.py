@@ -1,0 +1,140 @@
+"""Initial maps by words, where landmarks come in, and torn maps that are made continuous."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import abfm
+from abfm import PointMap, TriangleMesh, register
+from abfm.errors import AbfmError, FunctionError, ParameterError
+from abfm.maps.spherical import SphereLayout
+from abfm.maps.surface_points import SurfacePoints
+from abfm.mesh.shapes import even_sphere, five_limbs
+from abfm.registration.initial import WORDS
+from abfm.registration.initial.given import Given
+from abfm.registration.initial.words import initial_map
+from abfm.registration.register import prepare
+from tests.shapes import icosphere, torus
+
+BALL, OTHER = icosphere(2), even_sphere(300)
+BODY = five_limbs(400)
+
+
+def pairs(count=4, seed=0):
+    """Directions on one sphere, and where a twist about z has them on the other."""
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    x, y, z = directions.T
+    turn = 0.4 * z
+    cosine, sine = np.cos(turn), np.sin(turn)
+    twisted = np.stack([x * cosine - y * sine, x * sine + y * cosine, z], axis=1)
+    on_a = SphereLayout(OTHER, OTHER.vertices).locate(directions)
+    on_b = SphereLayout(BALL, BALL.vertices).locate(twisted)
+    return on_a, on_b
+
+
+def test_landmarks_alone_come_to_where_they_belong_and_files_keep_it(tmp_path):
+    on_a, on_b = pairs()
+    found = register(OTHER, BALL, initial="sphere", landmarks=(on_a, on_b))
+    assert found.landmark_errors.max() < 0.005
+    assert "landmarks within" in found.verdict.reason
+    assert found.distortion().folded == 0
+    off = found.carry_points(on_a).distances_from(on_b.positions) / BALL.length_scale
+    assert_allclose(off, found.landmark_errors, atol=2e-3)
+    found.save(tmp_path / "r.npz")
+    again = abfm.load_registration(tmp_path / "r.npz")
+    assert_allclose(again.landmark_errors, found.landmark_errors, atol=1e-9)
+
+
+def test_landmarks_are_vertices_or_points_beside_functions_or_alone():
+    vertices = np.array([[0, 5], [20, 30], [100, 80]])
+    alone = prepare(OTHER, BALL, landmarks=vertices, initial="sphere").problem.landmarks
+    assert_allclose(alone.points(BALL.normalized()).positions.shape, (3, 3))
+    beside = prepare(
+        OTHER, BALL, "coordinate:x", "coordinate:x", landmarks=vertices, initial="sphere"
+    ).problem
+    assert len(beside.landmarks) == 3
+    assert_allclose(beside.target[:, 0], BALL.vertices[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "words"),
+    [
+        ({}, FunctionError, "or landmarks"),
+        ({"landmarks": [[0, 1, 2]]}, ParameterError, "vertices of A and of B"),
+        ({"landmarks": [[0, 10**6]]}, AbfmError, "expected 0 to 161"),
+        ({"landmarks": [[0, 1]], "initial": "landmarks"}, AbfmError, "expected 3 or more"),
+        ({"f": "coordinate:x", "g": "coordinate:x", "initial": "landmarks"}, AbfmError, "needs"),
+    ],
+)
+def test_landmarks_that_do_not_fit_are_refused(given, error, words):
+    with pytest.raises(error, match=words):
+        prepare(OTHER, BALL, **given)
+
+
+def moved(mesh):
+    """The same body elsewhere, larger, with other vertex numbers; where each vertex came from."""
+    order = np.random.default_rng(0).permutation(len(mesh.vertices))
+    place = np.argsort(order)
+    return TriangleMesh(3 * mesh.vertices[order] + [5, 0, 0], place[mesh.faces]), order
+
+
+@pytest.mark.parametrize("word", ["closest", "closest:rigid", "spectral", "embedding", "landmarks"])
+def test_every_way_finds_the_same_body_elsewhere(word):
+    other, order = moved(BODY)
+    scale = 1 if word == "closest:rigid" else 3
+    other = TriangleMesh(other.vertices * (scale / 3), other.faces)
+    marks = np.array([[order[k], k] for k in (3, 77, 150, 290)])
+    f = np.cos(BODY.vertices @ np.random.default_rng(1).normal(size=(3, 3)) * 2)
+    given = prepare(BODY, other, f, f[order], initial=word, landmarks=marks).initial
+    gaps = np.linalg.norm(given.points.positions - BODY.vertices[order], axis=1)
+    assert np.median(gaps) < (0.25 if word == "embedding" else 0.02) * BODY.length_scale
+    assert given.distortion().folded == 0
+
+
+def test_a_torn_map_is_made_continuous_and_told_unless_there_are_handles(tmp_path):
+    rng = np.random.default_rng(0)
+    torn = np.arange(len(BODY.vertices))
+    swapped = rng.choice(len(torn), 60, replace=False)
+    torn[swapped] = rng.permutation(torn[swapped])
+    np.savetxt(tmp_path / "map.txt", torn, fmt="%d")
+    found = initial_map(f"file:{tmp_path}/map.txt", Given(BODY, BODY))
+    assert "was made continuous" in found.notes[0]
+    assert found.correspondence.distortion().folded == 0
+    assert found.correspondence.coverage() == 1
+    ring = torus(16, 10)
+    mixed = np.roll(np.arange(len(ring.vertices)), 1)
+    mixed[:40] = rng.permutation(mixed[:40])
+    np.savetxt(tmp_path / "ring.txt", mixed, fmt="%d")
+    kept = initial_map(f"file:{tmp_path}/ring.txt", Given(ring, ring))
+    assert "is torn" in kept.notes[0]
+    assert_array_equal(kept.correspondence.to_vertices(), mixed)
+    # what is given as a map stays as it is
+    own = PointMap.of_vertices(BODY, BODY, torn)
+    assert initial_map(own, Given(BODY, BODY)).correspondence.points is own
+
+
+def test_without_a_word_it_is_chosen_by_what_there_is():
+    f = ("coordinate:x",) * 2
+    assert prepare(BODY, BODY, *f).initial.points.carried is not None
+    other, _ = moved(BODY)
+    assert "turned by" in prepare(BODY, other, *f).notes[0]
+    ring = torus(16, 10)
+    assert "was laid on A" in prepare(torus(14, 10), ring, *f).notes[0]
+
+
+def test_each_word_is_known_by_its_form():
+    assert [word.name for word in WORDS] == sorted(
+        {w.name for w in WORDS}, key=[w.name for w in WORDS].index
+    )
+    for word in WORDS:
+        assert word.form.startswith(word.name)
+        assert word.about
+
+
+def test_points_of_another_surface_are_no_landmarks():
+    on_a, _ = pairs()
+    far = SurfacePoints(BODY, np.array([len(BODY.faces) - 1]), np.eye(3)[:1])
+    with pytest.raises(ParameterError, match="on A are points of another surface"):
+        prepare(OTHER, BALL, landmarks=(far, on_a[np.array([0])]), initial="sphere")
