@@ -275,6 +275,7 @@ class Scene:
         return viewport(self._session.surface().mesh)
 
     def _fitted(self, slot: str) -> Fitted:
+        slot = slot if self._session.document.is_pair else "advected"
         surface, known = self._session.surface(slot), self._fits.get(slot)
         assert surface.front is not None
         if known is None or (known.mesh, known.front) != (surface.mesh, surface.front):
