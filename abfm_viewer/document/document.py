@@ -160,6 +160,7 @@ class View:
     blend: bool = False  # whether there is a surface for it, as for the next two
     transport: bool = False
     error: bool = False
+    links: bool = False  # lines from points of surface A to where they are on B
     arrows: bool = False
     arrow_length: float = 0.12  # the longest arrow's, of sqrt(area)
     arrow_density: float = 0.3  # share of faces with an arrow

@@ -31,6 +31,7 @@ _PART = (
 )
 _ARROWS = "The field as arrows on the advected surface."
 _STREAKS = "Lines all over the surface: line integral convolution, seconds after a match."
+_LINKS = "From points of A to where they are on B at the shown time."
 _FADE = "Less contrast of the streaks where the field is slower."
 _CLICKS = ("Nothing.", "A flow line through the point.", "Follow where the point goes over time.")
 _COMPARED = {
@@ -51,6 +52,8 @@ def draw_coloring(context: Context) -> None:
     tip = f"What the advected surface shows. {_COLORINGS[now]}"
     chosen = context.ui.combo("color by", now, _COLORINGS, tip)
     context.session.editor.set_view(f"color by {chosen}", coloring=chosen)
+    if context.session.document.is_pair:
+        _switch(context, "lines from A to B", "links", "switch lines", _LINKS)
 
 
 def draw_field(context: Context) -> None:

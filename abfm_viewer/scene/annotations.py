@@ -30,6 +30,7 @@ _GAP = 3  # between a bar and its texts
 _BAR_WIDTH, _BAR_HEIGHT, _BAR_APART, _LEFT, _BELOW, _ABOVE = 200, 12, 48, 18, 14, 10
 # strip in a line, what a line is longer where there is room, and between lines
 _SHORTEST, _LONGEST, _APART = 30, 300, 16
+_LINK = 1.2
 _RADIUS, _LINE = 9.0, 2.0  # of rings
 _MOST = 0.25  # of the height: where bars would take more, each is one line
 
@@ -179,6 +180,8 @@ def laid_out(
 ) -> list[Part]:
     borders = scene.view.borders() if scene.shown else []
     found: list[Part] = [Line(ends, pen.inks.border, pen.scale) for ends in borders]
+    for place, other, color in scene.links():
+        found.append(Line((place, other), (*triple(color), 1.0), _LINK * pen.scale))
     # names are in the middle above the surfaces, or end at their left
     for name, title, (left, top, right, bottom) in _titles(scene) if labels else ():
         title = cut(title, right - left - 4 * pen.scale, pen.width)

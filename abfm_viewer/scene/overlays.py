@@ -75,11 +75,11 @@ def course_through(mesh: TriangleMesh, places: FloatArray) -> Course:
 
 def _normals(mesh: TriangleMesh, faces: IntArray, barycentric: FloatArray) -> FloatArray:
     """Return unit normals at points of a surface, which turn smoothly from face to face, (K, 3)."""
-    return _unit(np.einsum("kc,kcx->kx", barycentric, _vertex_normals(mesh)[mesh.faces[faces]]))
+    return _unit(np.einsum("kc,kcx->kx", barycentric, vertex_normals(mesh)[mesh.faces[faces]]))
 
 
 @per_mesh
-def _vertex_normals(mesh: TriangleMesh) -> FloatArray:
+def vertex_normals(mesh: TriangleMesh) -> FloatArray:
     return _outward(mesh) * abfm.functions.vertex_normals(mesh)
 
 

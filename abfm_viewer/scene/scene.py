@@ -6,16 +6,19 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 import abfm
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
+from abfm_viewer.appearance.colormaps import place_colors
+from abfm_viewer.computing.background import Memo
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import SIDES, Document, Front, Look, Point, triple
 from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.overlays import Overlays, Placed
+from abfm_viewer.scene.overlays import Overlays, Placed, evenly_spread, vertex_normals
 from abfm_viewer.scene.pacing import Pacing
 from abfm_viewer.scene.slots import Fit, Place, SlotView, rotation, slots
 from abfm_viewer.scene.surfaces import Viewport, viewport
@@ -26,6 +29,7 @@ from abfm_viewer.widgets.widget_record import Rect
 # the viewer, in radii of a surface, of which a part may be two radii before its slot's middle
 _AWAY = 4.0
 _POINTS_OF_A_RIM = 32
+_LINKS = 0.0  # density of points with lines between surfaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,7 @@ class Scene:
         self.view: SlotView  # known once there are names
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
+        self._flow, self._links = shown.flow, Memo[Links]()
         self._placing = Placing()
         self.overlays = Overlays(shown, self._placing.placed.discard)
         self.pacing = Pacing(shown.session)
@@ -145,6 +150,34 @@ class Scene:
         front = Front(triple(view.rotation[2]), triple(view.rotation[1]))
         return Look(front, view.zoom, triple(self._viewport.undrawn(view.target)))
 
+    def links(self) -> list[Link]:
+        """Return lines from points of surface A to where they are on B at the shown time, as far as
+        both are in view.
+        """
+        session, ends = self._session, ("source", "advected")
+        if not (session.document.is_pair and session.view.links):
+            return []
+        origins = self._flow.coordinates()
+        if origins is None or not set(ends) <= set(self.shown):
+            return []
+        a, b = (session.surface(name).mesh for name in ends)
+        links = self._links.get((origins, a, b), lambda: Links.between(a, b, origins))
+        towards = self.view.rotation[2]
+        starts, stops = (
+            self.projected(name, places)
+            for name, places in zip(ends, (links.starts, links.ends), strict=True)
+        )
+        rects = [self.view.slots[name].rect for name in ends]
+        inside = (
+            (links.normals @ towards > 0) & _inside(starts, rects[0]) & _inside(stops, rects[1])
+        )
+        return [
+            ((float(start[0]), float(start[1])), (float(stop[0]), float(stop[1])), color)
+            for start, stop, color in zip(
+                starts[inside], stops[inside], links.colors[inside], strict=True
+            )
+        ]
+
     def enlarge(self, name: str) -> None:
         self._session.editor.amend(view=replace(self._session.view, large=name))
 
@@ -242,6 +275,7 @@ class Scene:
         return viewport(self._session.surface().mesh)
 
     def _fitted(self, slot: str) -> Fitted:
+        slot = slot if self._session.document.is_pair else "advected"
         surface, known = self._session.surface(slot), self._fits.get(slot)
         assert surface.front is not None
         if known is None or (known.mesh, known.front) != (surface.mesh, surface.front):
@@ -277,6 +311,35 @@ class Scene:
             transforms[name] = transform
         placed = [(name, name, ps.get_surface_mesh(name)) for name in self.names]
         self._placing.place(self.view, transforms, [*placed, *self.overlays.structures()])
+
+
+Link = tuple[Place, Place, FloatArray]
+"""Both ends in the window, and a colour (3,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Points of A, where they are on B, the normals there, and colours by where they start, each
+    (P, 3).
+    """
+
+    starts: FloatArray
+    ends: FloatArray
+    normals: FloatArray
+    colors: FloatArray
+
+    @classmethod
+    def between(cls, a: TriangleMesh, b: TriangleMesh, origins: FloatArray) -> Links:
+        """Choose vertices of B evenly; their origins (V_B, 3) are on A."""
+        chosen = np.unique(b.faces[evenly_spread(b, _LINKS)][:, 0])
+        colors = place_colors(a.vertices, origins[chosen]) ** (1 / 2.2)  # as screens have them
+        return cls(origins[chosen], b.vertices[chosen], vertex_normals(b)[chosen], colors)
+
+
+def _inside(places: FloatArray, rect: Rect) -> NDArray[np.bool_]:
+    left, top, right, bottom = rect
+    x, y = places[:, 0], places[:, 1]
+    return (left < x) & (x < right) & (top < y) & (y < bottom)
 
 
 class Fitted:

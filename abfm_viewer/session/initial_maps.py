@@ -60,7 +60,7 @@ class InitialMaps:
         self._functions = functions
         self._prepared: Latest[Prepared] = jobs.latest()
         self._control, self._wanted = Control(), object()
-        self._maps = Memo[tuple[abfm.Correspondence, tuple[str, ...]]]()
+        self._maps: Memo[tuple[abfm.Correspondence, tuple[str, ...]]] = Memo()
         self._of_result = Memo[Prepared]()
         self._columns: dict[Side, Memo[FloatArray]] = defaultdict(Memo)
 

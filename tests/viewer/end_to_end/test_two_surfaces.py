@@ -68,6 +68,11 @@ def test_a_second_surface_is_closed_and_opened_and_undo_goes_back(gui, files):
     assert not session.saves.unsaved
 
 
+def ends_on(gui, surface):
+    """Where vertices of a surface are in the window, (V, 2)."""
+    return gui.window.scene.projected(surface, gui.session.surface(surface).mesh.vertices)[:, :2]
+
+
 def test_the_initial_map_is_chosen_seen_and_told(gui, files, notes):
     session = gui.session
     told = session.prepared.correspondence
@@ -86,19 +91,27 @@ def test_the_initial_map_is_chosen_seen_and_told(gui, files, notes):
     gui.choose("initial map", "spheres from files...")
     for title in ("Open the sphere of A", "Open the sphere of B"):
         gui.double_click(files["ball"].name, title)
-    gui.wait(lambda s: not s.obstacle)
     assert session.document.initial == f"sphere:{files['ball']},{files['ball']}"
+    gui.choose("initial map", "same connectivity")  # which ends the search for a rotation
+    gui.wait(lambda s: not s.obstacle)
     gui.choose("color by", "checker")
     on_b = gui.window.shown.flow.coordinates()
     assert_array_equal(on_b, session.prepared.correspondence.points.positions)
     gui.frames(2)
     assert gui.window.scene.paints["advected"].title == "checker of A, on B"
-    gui.key("ctrl+z")
-    gui.key("ctrl+z")
+    gui.check("lines from A to B")
+    links = gui.window.scene.links()
+    assert 3 < len(links) < len(on_b)
+    for start, end, _ in links:
+        vertex = np.argmin(np.linalg.norm(ends_on(gui, "advected") - end, axis=1))
+        there = gui.window.scene.projected("source", on_b[vertex])[0, :2]
+        assert_allclose(start, there, atol=1.0)
+    gui.check("lines from A to B", False)
+    for _ in range(5):
+        gui.key("ctrl+z")
     assert session.document.initial == "sphere"
-    for label, word in (("eigenfunctions", "spectral"), ("same connectivity", "connectivity")):
-        gui.choose("initial map", label)
-        assert session.document.initial == word
+    gui.choose("initial map", "eigenfunctions")
+    assert session.document.initial == "spectral"
     np.savetxt(files["ball"].with_name("map.txt"), np.arange(162)[::-1], "%d")
     gui.choose("initial map", "map from a file...")
     gui.double_click("map.txt")

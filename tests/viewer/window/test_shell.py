@@ -270,7 +270,8 @@ def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
         (["missing.abfm"], "cannot read missing.abfm: No such file or directory"),
         (["missing.npz"], "cannot read missing.npz: No such file or directory"),
         ([__file__], "the format is not known"),
-        (["a.off", "b.off"], "'b.off' is not understood"),
+        (["a.off", "b.off", "c.off"], "'c.off' is not understood"),
+        (["a.abfm", "b.off"], "a.abfm is no mesh; give two meshes, or one project or result"),
         (["--largest"], "did you mean '--largest-component'?"),
     ],
 )
