@@ -30,6 +30,7 @@ Data may have several columns. By area (the default) each vertex averages what l
 weight is taken. Points are vertex numbers, one a line, or x, y and z, which are brought onto the
 surface; what is written is x, y and z on the other one.
 """
+_LARGEST_KEY = 2**31 - 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +82,8 @@ def _check_rows(way: Correspondence, rows: int, path: str) -> None:
 def _labels(path: str) -> Labels:
     if path.lower().endswith((".npy", ".csv", ".txt")):
         table = read_table(path)[1]
-        if table.shape[1] != 1 or not np.array_equal(table, np.round(table)):
+        is_whole = np.array_equal(table, np.round(table)) and np.abs(table).max() <= _LARGEST_KEY
+        if table.shape[1] != 1 or not is_whole:
             raise FunctionError(f"{path}: labels are one column of whole numbers")
         return Labels(table[:, 0].astype(np.int64), {}, {})
     return read_labels(path)

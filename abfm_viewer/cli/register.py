@@ -95,10 +95,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Register and write; the status is that of `abfm match`."""
     for path in arguments.out:
-        outputs.check(path, outputs.REGISTERED)
+        outputs.check_registered(path)
     sources, targets, weights = options.channels(
         arguments, may_lack=arguments.landmarks is not None
     )
+    changed = {
+        entry.name: value
+        for entry in fields(Parameters)
+        if (value := getattr(arguments, entry.name)) is not options.UNSET
+    }
+    Parameters(**changed)  # refused before an initial map is looked for
     with nullcontext() if arguments.quiet else telling(print_long):
         a, b = (_mesh(arguments, path) for path in (arguments.a, arguments.b))
         prepared = prepare(
@@ -115,11 +121,6 @@ def run(arguments: argparse.Namespace) -> int:
     for note in prepared.notes:
         print(f"note: {note}", file=sys.stderr)
     parameters = prepared.problem.parameters
-    changed = {
-        entry.name: value
-        for entry in fields(Parameters)
-        if (value := getattr(arguments, entry.name)) is not options.UNSET
-    }
     problem = prepared.problem.with_parameters(replace(parameters, **changed))
     control, start, bound = Control(), time.perf_counter(), ""
     with cancelled_by_signals(control) as kept:

@@ -99,6 +99,8 @@ def landmark_lines(found: Registration) -> list[str]:
     errors = found.landmark_errors
     if errors is None:
         return []
+    if len(errors) == 1:
+        return [f"the landmark is left off by {errors[0]:.2g} sqrt(area)"]
     told = f"mean {errors.mean():.2g}, largest {errors.max():.2g} sqrt(area)"
     return [f"{len(errors)} landmarks are left off by {told}"]
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import abfm
-from abfm import ResultError
+from abfm import AbfmError, ResultError
 from abfm.errors import one_line
 from abfm.io import write_atomically
 from abfm.types import IntArray
@@ -42,6 +42,14 @@ def check_folder(path: Path) -> None:
     abfm.io.check_writable(path)
 
 
+def check_registered(path: Path) -> None:
+    """Refuse a path that no registration could be written to."""
+    check(path, REGISTERED)
+    if path.suffix not in _TABLES and path.suffix != ".npz":
+        abfm.io.check_surface_name(path)
+
+
+_TABLES = (".txt", ".csv", ".npy")
 REGISTERED = (".npz", ".gii", ".ply", ".reg", ".txt", ".csv", ".npy")
 """Suffixes of files that a registration can be written to."""
 
@@ -54,10 +62,13 @@ def write_registrations(paths: Sequence[Path], found: abfm.Registration) -> None
 def write_registration(path: Path, found: abfm.Registration) -> None:
     if path.suffix == ".npz":
         found.save(path)
-    elif path.suffix in (".txt", ".csv", ".npy"):
+    elif path.suffix in _TABLES:
         abfm.io.write_values(path, vertex_numbers(found.points))
     else:
-        placed = abfm.TriangleMesh(found.back.positions, found.a.faces)
+        try:
+            placed = abfm.TriangleMesh(found.back.positions, found.a.faces)
+        except AbfmError as error:
+            raise ResultError(f"cannot write {path}: where A lies on B {one_line(error)}") from None
         abfm.io.write_surface(path, placed)
 
 

@@ -84,6 +84,12 @@ def write_surface(
     )
 
 
+def check_surface_name(path: str | os.PathLike[str]) -> None:
+    """Refuse a name that `write_surface` would refuse, by the same ResultError."""
+    if _ending(path, _SURFACES) != ".ply":
+        brain_package("nibabel")
+
+
 def write_values(
     path: str | os.PathLike[str],
     values: ArrayLike,

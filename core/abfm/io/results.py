@@ -160,9 +160,9 @@ _CORRESPONDENCE = {
     "sphere": Entry("real", ("V", 3), required=False),
     # where on A the vertices of B lie, and those of A on B
     "image_faces": Entry("integer", ("V",), low=0),
-    "image_barycentric": Entry("real", ("V", 3), low=0, high=1 + 1e-9),
+    "image_barycentric": Entry("real", ("V", 3), low=-1e-9, high=1 + 1e-8),
     "back_faces": Entry("integer", ("VA",), low=0),
-    "back_barycentric": Entry("real", ("VA", 3), low=0, high=1 + 1e-9),
+    "back_barycentric": Entry("real", ("VA", 3), low=-1e-9, high=1 + 1e-8),
 }
 CORRESPONDENCE_ENTRIES = _OTHER_MESH | _CORRESPONDENCE
 CORRESPONDENCE = Kind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRIES)

@@ -14,7 +14,14 @@ from scipy.spatial import KDTree
 
 from abfm.errors import AbfmError
 from abfm.maps.point_maps import PointMap
-from abfm.maps.surface_points import SurfacePoints, cross, finite_points, scalar, vertex_points
+from abfm.maps.surface_points import (
+    ClosestPoints,
+    SurfacePoints,
+    cross,
+    finite_points,
+    scalar,
+    vertex_points,
+)
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
@@ -22,6 +29,7 @@ from abfm.workers.control import checkpoint
 
 ROUND = 0.02  # of the radius: how far from a sphere its vertices may lie
 _INSIDE = -1e-14  # of a volume: rounding on the side of a face
+_BESIDE = 1e-9  # between a direction and the point that was found in it: more is in no face
 _LEAST_COVERED = 0.25  # of the sphere, by a surface with holes
 _ROUNDING = 1e-14  # of unit vectors
 _CHUNK = 8192  # points between checkpoints
@@ -140,8 +148,8 @@ class SphereLayout:
 
     def locate(self, directions: ArrayLike) -> SurfacePoints:
         """Return the points of the surface that lie in given directions (P, 3): the inverse of
-        `directions_of`, but where faces lie the wrong way round. In a hole it is a point on its
-        boundary, near by.
+        `directions_of`, but where faces lie the wrong way round. In a hole it is the closest point
+        of the layout, which is on a boundary.
         """
         given = finite_points(directions)
         given = given / np.linalg.norm(given, axis=1)[:, None]
@@ -153,6 +161,12 @@ class SphereLayout:
             chunk = slice(begin, begin + _CHUNK)
             faces[chunk] = self._first[self._tree.query(given[chunk])[1]]
             walk(own, given[chunk], faces[chunk], weights[chunk])
+        found = SurfacePoints(self.mesh, faces, weights)
+        outside = np.linalg.norm(self.directions_of(found) - given, axis=1) > _BESIDE
+        if not outside.any():
+            return found
+        near = ClosestPoints(self.mesh, self.directions).to(given[outside])
+        faces[outside], weights[outside] = near.faces, near.barycentric
         return SurfacePoints(self.mesh, faces, weights)
 
 

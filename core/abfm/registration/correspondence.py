@@ -24,6 +24,7 @@ from abfm.types import FloatArray, IntArray
 
 By: TypeAlias = Literal["point", "area"]
 _LEAST = 1e-12  # of a weight that carries
+_SAME = 1e-9  # sqrt(area) between places that are one
 
 
 class Correspondence:
@@ -124,6 +125,20 @@ class Correspondence:
     def inverse(self) -> Correspondence:
         """Return the correspondence from B to A."""
         return Correspondence(self.back, self.points)
+
+    def between(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
+        """Return the same one between surfaces of the same faces that are elsewhere in space, such
+        as cortices of which it took the spheres: by the same faces and weights.
+        """
+        for name, mesh, own in (("A", a, self.a), ("B", b, self.b)):
+            if not np.array_equal(mesh.faces, own.faces):
+                raise ParameterError(f"the map is of another surface {name} than the one given")
+        if _same_places(a, self.a) and _same_places(b, self.b):
+            return self
+        return self._moved(a, b)
+
+    def _moved(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
+        return Correspondence(_placed(self.points, b, a), _placed(self.back, a, b))
 
     def compose(self, other: Correspondence) -> Correspondence:
         """Return the correspondence from A to C, with another one from B to C."""
@@ -232,6 +247,13 @@ class _ThroughSphere(Correspondence):
         a, b = self._layouts
         return super().arrays() | {"a_sphere": a.directions, "sphere": b.directions}
 
+    def inverse(self) -> Correspondence:
+        return _ThroughSphere(*self._layouts[::-1])
+
+    def _moved(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
+        pairs = zip((a, b), self._layouts, strict=True)
+        return _ThroughSphere(*(SphereLayout(mesh, own.directions) for mesh, own in pairs))
+
 
 def correspondence_of(arrays: results.Arrays) -> Correspondence:
     """Return that of `Correspondence.arrays`; an AbfmError or a ValueError if they do not fit."""
@@ -241,12 +263,12 @@ def correspondence_of(arrays: results.Arrays) -> Correspondence:
     back = PointMap(a, b, arrays["back_faces"], arrays["back_barycentric"])
     if "sphere" in arrays and "a_sphere" in arrays:
         return Correspondence.through_sphere(a, b, arrays["a_sphere"], arrays["sphere"])
-    if np.array_equal(a.faces, b.faces) and _is_by_number(there):
+    if np.array_equal(a.faces, b.faces) and _is_by_number(there) and _is_by_number(back):
         return Correspondence.of_same_faces(a, b)
     nearest = there.inverse()
-    return Correspondence(
-        there, PointMap(a, b, back.faces, back.barycentric, carried=nearest.carried)
-    )
+    if np.allclose(nearest.positions, back.positions, rtol=0, atol=_SAME * b.length_scale):
+        back = PointMap(a, b, back.faces, back.barycentric, carried=nearest.carried)
+    return Correspondence(there, back)
 
 
 def _by_number(domain: TriangleMesh, codomain: TriangleMesh) -> PointMap:
@@ -264,6 +286,28 @@ def _is_by_number(points: PointMap) -> bool:
     expected = vertex_points(points.codomain)
     same = np.array_equal(points.faces, expected.faces)
     return same and np.array_equal(points.barycentric, expected.barycentric)
+
+
+def _same_places(one: TriangleMesh, other: TriangleMesh) -> bool:
+    return one is other or np.array_equal(one.vertices, other.vertices)
+
+
+def _placed(points: PointMap, domain: TriangleMesh, codomain: TriangleMesh) -> PointMap:
+    """Return the same map between surfaces of the same faces."""
+    own = points.carried
+
+    def carried(given: SurfacePoints) -> SurfacePoints:
+        assert own is not None
+        found = own(SurfacePoints(points.domain, given.faces, given.barycentric))
+        return SurfacePoints(codomain, found.faces, found.barycentric)
+
+    return PointMap(
+        domain,
+        codomain,
+        points.faces,
+        points.barycentric,
+        carried=None if own is None else carried,
+    )
 
 
 def _mirrored(points: PointMap) -> PointMap:

@@ -40,6 +40,7 @@ On a human's cortex and fsaverage5, against the parameters of `match`: held-out 
 place of .571, labels' Dice .906 in place of .892, at the same change of shapes (log2 R .40).
 """
 _OPPOSITE = -0.3  # a correlation below it tells of another sign
+_CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
 # of deviations and of their ratio: means and deviations of exact functions differ by less
 _SAME = 0.25
 
@@ -80,8 +81,8 @@ def register(
         One or several channels; texts are functions, see `abfm.function`, each on its own surface.
         Where a value is not finite, such as behind a medial wall, nothing is compared.
         Functions that were measured, or are not in one unit, are compared by their deviations from
-        their means in standard deviations, both where the masks are above 0; where one is nearly
-        the negative of the other, its sign is turned, and that is told.
+        their means in standard deviations, both where the masks are above 0; where they correlate
+        by less than -0.3 by the initial map, the sign of A's is turned, and that is told.
     initial : Correspondence, PointMap or str, optional
         See `abfm.registration.initial.words`; by default chosen by what is given.
     landmarks : (L, 2) array of int, pair of SurfacePoints, or Landmarks, optional
@@ -92,7 +93,7 @@ def register(
     mask_a, mask_b : (V_A,) and (V_B,) arrays, optional
         How much the mismatch counts at each vertex, not negative.
     weights : (C,) array, optional
-        Weight of each channel's mismatch.
+        Weight of each channel's mismatch. Masks and weights need functions.
     max_distortion : float, optional
         The most ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, see `within`.
 
@@ -159,6 +160,11 @@ def prepare(
             raise FunctionError(
                 "give f and g, functions of A and of B to register by, or landmarks"
             )
+        if not (mask_a is None and mask_b is None and weights is None):
+            raise ParameterError(
+                "masks and weights say how much functions count, and there are none: give f and g, "
+                "or no masks and weights"
+            )
         first = initial_map(initial, Given(a, b, landmarks=marks))
         problem = Problem(b, None, None, parameters, **_on_b(first.correspondence, marks))
         return Prepared(first.correspondence, problem, first.notes)
@@ -169,6 +175,10 @@ def prepare(
         )
     on_a, on_b = _mask(a, mask_a, known_a, "mask_a"), _mask(b, mask_b, known_b, "mask_b")
     counts = np.ones(len(source)) if weights is None else real_numbers(weights, "weights")
+    if counts.shape != (len(source),):
+        raise ParameterError(
+            f"weights have shape {counts.shape}; expected ({len(source)},), one per channel"
+        )
     given = Given(a, b, source, target, on_a, on_b, counts, marks)
     first = initial_map(initial, given)
     found = first.correspondence
@@ -198,8 +208,10 @@ def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:
         given = Landmarks(on_a, on_b, np.ones(count), tuple(map(str, range(count))))
     if isinstance(given, Landmarks):
         for name, mesh, points in (("A", a, given.a), ("B", b, given.b)):
-            if len(points.mesh.faces) != len(mesh.faces):
-                raise ParameterError(f"landmarks on {name} are points of another surface")
+            if not np.array_equal(mesh.faces, points.mesh.faces):
+                raise ParameterError(
+                    f"landmarks are points of another surface {name} than the one given"
+                )
         return given
     pairs = np.asarray(given)
     if pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
@@ -261,7 +273,8 @@ def _comparable(
     for c, pair in enumerate(zip(source, target, strict=True)):
         apart = [values - np.average(values, weights=areas) for values in pair]
         sizes = [float(np.sqrt(np.average(each**2, weights=areas))) for each in apart]
-        if not min(sizes) > 0:
+        largest = [float(np.abs(values).max()) for values in pair]
+        if any(size <= _CONSTANT * most for size, most in zip(sizes, largest, strict=True)):
             continue
         alike = float(np.average(apart[0] * apart[1], weights=areas)) / (sizes[0] * sizes[1])
         if alike < _OPPOSITE:

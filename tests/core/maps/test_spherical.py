@@ -75,6 +75,26 @@ def test_a_sphere_with_a_hole_is_none_but_a_layout():
     assert np.linalg.norm(edge.positions - [0, 0, 1], axis=1).max() < 0.75
 
 
+@pytest.mark.parametrize("power", [1, 4])
+def test_in_a_hole_the_nearest_boundary_is_taken_whatever_the_triangles(power):
+    """Small triangles around the hole, which is 0.2 wide, and large ones elsewhere."""
+    angles = np.arccos(np.clip(BALL.vertices[:, 2], -1, 1))
+    polar = np.pi * (angles / np.pi) ** power
+    around = np.arctan2(BALL.vertices[:, 1], BALL.vertices[:, 0])
+    drawn = np.stack(
+        [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=1
+    )
+    kept = (polar[BALL.faces] > 0.2).all(axis=1)
+    open_ball = type(BALL)(drawn, BALL.faces[kept])
+    layout = SphereLayout(open_ball, open_ball.vertices)
+    edge = open_ball.vertices[open_ball.is_boundary_vertex]
+    wanted = np.random.default_rng(0).normal(size=(300, 3)) * [0.03, 0.03, 0] + [0, 0, 1]
+    wanted /= np.linalg.norm(wanted, axis=1)[:, None]
+    found = layout.directions_of(layout.locate(wanted))
+    nearest = np.linalg.norm(wanted[:, None] - edge, axis=2).min(axis=1)
+    assert (np.linalg.norm(found - wanted, axis=1) <= nearest * (1 + 1e-3)).all()
+
+
 @pytest.mark.parametrize(
     ("directions", "words"),
     [

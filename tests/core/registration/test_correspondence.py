@@ -9,6 +9,7 @@ import abfm
 from abfm import Correspondence, PointMap, TriangleMesh
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmError, FunctionError, ParameterError, ResultError
+from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh.shapes import even_sphere
 from tests.shapes import icosphere, square, torus, with_loose_vertex
 
@@ -131,6 +132,27 @@ def test_vertices_alone_have_a_way_back_by_the_nearest_images():
     assert errors.maximum < 1e-9
 
 
+@pytest.mark.parametrize("way", ["sphere", "nearest", "numbers"])
+def test_what_was_found_on_spheres_holds_between_their_surfaces(way):
+    balls = (FINE, FINE) if way == "numbers" else (FINE, COARSE)
+    on_balls = {
+        "sphere": spheres,
+        "nearest": lambda a, b: Correspondence(PointMap.project(b, a, b.vertices)),
+        "numbers": Correspondence.of_same_faces,
+    }[way](*balls)
+    a, b = (TriangleMesh(ball.vertices * [1, 2, 3], ball.faces) for ball in balls)
+    found = on_balls.between(a, b)
+    assert found.a is a
+    assert found.b is b
+    assert_allclose(found.points.positions, on_balls.points.positions * [1, 2, 3], atol=1e-12)
+    middles = [
+        SurfacePoints(mesh, np.arange(40), np.full((40, 3), 1 / 3)) for mesh in (a, balls[0])
+    ]
+    there, expected = found.carry_points(middles[0]), on_balls.carry_points(middles[1])
+    assert_allclose(there.positions, expected.positions * [1, 2, 3], atol=1e-12)
+    assert on_balls.between(*balls) is on_balls
+
+
 def test_what_is_squeezed_to_a_point_has_no_way_back():
     point = Correspondence(PointMap.of_vertices(FINE, COARSE, np.zeros(len(FINE.vertices), int)))
     with pytest.raises(AbfmError, match="no way back"):
@@ -163,9 +185,17 @@ def test_rows_of_files_count_as_the_file_does():
     [
         spheres(FINE, COARSE),
         Correspondence.of_same_faces(torus(12, 8), torus(12, 8, r=0.3)),
+        spheres(FINE, COARSE).inverse(),
+        Correspondence(
+            PointMap.of_vertices(COARSE, COARSE),
+            PointMap.of_vertices(COARSE, COARSE, np.roll(np.arange(300), 1)),
+        ),
         Correspondence(PointMap.project(square(6), square(4), square(6).vertices)),
+        Correspondence(
+            PointMap(COARSE, COARSE, np.arange(300), np.tile([-1e-10, 0.5, 0.5 + 1e-10], (300, 1)))
+        ),
     ],
-    ids=["sphere", "same faces", "points"],
+    ids=["sphere", "same faces", "back from a sphere", "another way back", "points", "rounded"],
 )
 def test_files_keep_all(found, tmp_path):
     found.save(tmp_path / "c.npz")
@@ -173,6 +203,8 @@ def test_files_keep_all(found, tmp_path):
     assert_array_equal(again.points.positions, found.points.positions)
     assert_array_equal(again.back.positions, found.back.positions)
     assert again.there_and_back() == found.there_and_back()
+    points = SurfacePoints(found.a, np.arange(20), np.full((20, 3), 1 / 3))
+    assert_array_equal(again.carry_points(points).positions, found.carry_points(points).positions)
     again.save(tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "c.npz").read_bytes()
 

@@ -48,6 +48,32 @@ def test_the_rotation_between_spheres_is_found_wherever_they_start(seed):
     assert_allclose(found.degrees, np.degrees(found.rotation.magnitude()))
 
 
+def test_a_sphere_stays_as_it_stands_where_no_other_place_is_better():
+    """Any turn about z is as good, and so is upside down with the other sign."""
+
+    def heights(mesh, values):
+        return OnSphere(SphereLayout(mesh, mesh.vertices), values[None])
+
+    known = heights(B, B.vertices[:, 2])
+    found = rotation_by_functions(heights(A, 1e160 * A.vertices[:, 2]), known, np.ones(1))
+    assert found.degrees == 0
+    assert found.correlation > 0.999
+    assert found.runner_up > 0.9
+    constant = rotation_by_functions(heights(A, np.full(3000, 0.1)), known, np.ones(1))
+    assert constant.degrees == 0
+    assert constant.correlation == 0
+
+
+def test_the_other_sign_is_taken_where_it_is_clearly_better():
+    b = on_sphere(B, TURN)
+    found = rotation_by_functions(on_sphere(A), OnSphere(b.layout, -b.functions), np.ones(1))
+    assert (found.rotation * TURN.inv()).magnitude() < np.radians(0.5)
+    assert found.correlation > 0.97
+    turned = prepare(A, B, A.vertices[:, 2], B.vertices @ [0.6, 0, 0.8])
+    assert not any("other sign" in note for note in turned.notes)
+    assert_allclose(turned.initial.points.positions[:, 2], B.vertices @ [0.6, 0, 0.8], atol=0.05)
+
+
 def test_what_masks_hide_does_not_turn_the_sphere():
     b = on_sphere(B, TURN)
     hidden = B.vertices[:, 2] > 0.6
@@ -176,6 +202,15 @@ def test_spheres_come_from_files_and_mirrors_on_request(tmp_path):
     assert np.corrcoef(prepared.problem.source[:, 0], g)[0, 1] > 0.97
 
 
+OF_OTHERS = Landmarks.of_vertices(B, A, [0], [0])
+
+
+def test_constants_are_no_measurements():
+    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+    source = prepare(A, B, np.full(3000, 0.1), hills(B.vertices), initial=same).problem.source
+    assert_allclose(source, 0.1)
+
+
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
@@ -195,7 +230,11 @@ def test_spheres_come_from_files_and_mirrors_on_request(tmp_path):
         ({"initial": "spectral:left"}, ParameterError, "expected mirror"),
         ({"initial": "file"}, ParameterError, "needs a name"),
         ({"initial": "connectivity:x"}, AbfmError, "nothing can follow"),
-        ({"weights": [1, 2]}, ParameterError, "weights"),
+        ({"weights": [1, 2]}, ParameterError, r"weights have shape \(2,\); expected \(1,\)"),
+        ({"weights": 1.0, "initial": "sphere"}, ParameterError, "weights have shape"),
+        ({"landmarks": OF_OTHERS}, ParameterError, "another surface A"),
+        ({"landmarks": (OF_OTHERS.b, OF_OTHERS.b)}, ParameterError, "another surface B"),
+        ({"f": None, "g": None, "landmarks": [[0, 1]], "weights": [1]}, ParameterError, "no masks"),
         (
             {"mask_a": A.vertices[:, 0] > 0.2, "mask_b": B.vertices[:, 0] < -0.2},
             ParameterError,

@@ -134,5 +134,5 @@ def test_each_word_is_known_by_its_form():
 def test_points_of_another_surface_are_no_landmarks():
     on_a, _ = pairs()
     far = SurfacePoints(BODY, np.array([len(BODY.faces) - 1]), np.eye(3)[:1])
-    with pytest.raises(ParameterError, match="on A are points of another surface"):
+    with pytest.raises(ParameterError, match="points of another surface A"):
         prepare(OTHER, BALL, landmarks=(far, on_a[np.array([0])]), initial="sphere")

@@ -127,6 +127,12 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
             "register {a} {a} --source file:{n} --target file:{n} --initial spher --out {t}/r.npz",
             "did you mean",
         ),
+        ("register {a} {a} --source file:{n} --target file:{n} --out {t}/x.reg", "must end in"),
+        ("register {a} {a} --source {x} --target {x} --out {t}/x.shape.gii", "must end in"),
+        ("register {a} {b} --source {x} --target {x} --alpha -1 --out {t}/r.npz", "alpha is -1"),
+        ("register {a} {b} --landmarks {t}/p.csv --mask-a {x} --out {t}/r.npz", "there are none"),
+        ("register {a} {b} --landmarks {t}/huge.csv --out {t}/r.npz", "has 1e+300 for the vertex"),
+        ("apply {r} --labels {t}/inf.csv --out {t}/x.csv", "whole numbers"),
         ("apply {r} --data {n}", "give --out"),
         ("apply {r} --out {t}/x.csv", "one of the arguments"),
         ("apply {r} --inverse --data {n} --out {t}/x.csv", "they fit the other surface"),
@@ -138,5 +144,8 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
 )
 def test_what_does_not_fit_is_refused_in_a_line(words, told, registration, files, tmp_path, abfm):
     names = {"a": files / "a.ply", "b": files / "b.ply", "n": files / "a.npy"}
-    line = words.format(**names, r=registration, t=tmp_path)
+    (tmp_path / "p.csv").write_text("1,2\n")
+    (tmp_path / "huge.csv").write_text("1e300,2\n")
+    (tmp_path / "inf.csv").write_text("1\n" * (len(A.vertices) - 1) + "inf\n")
+    line = words.format(**names, r=registration, t=tmp_path, x="expression:1+x")
     assert told in abfm(line, status=2).err

@@ -3,10 +3,18 @@
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import abfm
-from abfm import ResultError, load_match
+from abfm import (
+    Correspondence,
+    PointMap,
+    Registration,
+    ResultError,
+    load_match,
+    load_registration,
+)
 from abfm_viewer.files import outputs
 from tests.shapes import icosphere
 
@@ -53,6 +61,17 @@ def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_pa
     assert load_match(kept).mismatch == match.mismatch
     written = {name for name in names if "/" not in name}
     assert {path.name for path in tmp_path.iterdir()} == written | {kept.name}
+
+
+def test_a_registration_with_collapsed_faces_is_kept(match, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    numbers = np.arange(len(match.mesh.vertices))
+    maps = (PointMap.of_vertices(match.mesh, match.mesh, numbers // by) for by in (1, 2))
+    found = Registration(Correspondence(*maps), match)
+    with pytest.raises(ResultError, match=r"x\.ply: where A lies on B .* degenerate"):
+        outputs.write_registrations([tmp_path / "x.ply", tmp_path / "r.npz"], found)
+    kept = load_registration(tmp_path / "r.npz")
+    np.testing.assert_array_equal(kept.back.faces, found.back.faces)
 
 
 def test_a_result_that_one_file_holds_is_not_written_elsewhere(match, tmp_path, monkeypatch):

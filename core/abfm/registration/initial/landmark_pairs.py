@@ -19,6 +19,7 @@ from abfm.types import FloatArray
 
 _SUFFIXES = (".csv", ".txt", ".vts")
 _WORDS = ("name", "weight", "curve")  # columns beside the places, by their names
+_LARGEST = 1e15  # number of a vertex; larger ones are none and fill lines
 _FAR = 0.1  # of sqrt(area): a place that is farther from its surface is none of its points
 _BETWEEN = 32  # places between two points of a curve that are brought onto the surface
 
@@ -174,7 +175,7 @@ class _Side(NamedTuple):
         if len(cells) == 3:
             return np.array(cells)
         number = cells[0]
-        if number != int(number):
+        if number != int(number) or abs(number) > _LARGEST:
             raise AbfmError(
                 f"row {row} has {number:g} for the vertex of {self.which}; expected a whole number"
             )

@@ -30,6 +30,9 @@ _AT_ONCE = 500  # rotations in memory
 _ALIKE = np.radians(12)  # rotations closer than this lead to one
 _START = np.radians((6, 3, 1.5))  # of the simplex, by cells
 _LINES = 180  # of latitude in tables
+_OPPOSITE = 0.9  # what a correlation counts whose sign is the other one
+_AS_GOOD = 0.99  # of the best, from which on a sphere stays as it stands
+_CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
 
 
 class Turned(NamedTuple):
@@ -80,10 +83,12 @@ class OnSphere:
 
 def rotation_by_functions(a: OnSphere, b: OnSphere, weights: FloatArray) -> Turned:
     """Search all rotations of sphere A for the one whose functions correlate best with B's, in the
-    mean over channels by weights (C,), with either sign, as packages differ in it.
+    mean over channels by weights (C,). The other sign, as packages differ in it, is taken where it
+    is clearly better, and another rotation than none where that leaves less alike, by 1%.
 
     The rotation takes directions on A to directions on B.
     """
+    a, b = _scaled(a), _scaled(b)
     with step("searching for the rotation of the sphere") as report:
         vertices = min(len(each.layout.directions) for each in (a, b))
         start = _Level(a, b, weights, min(_CELLS[0], vertices))
@@ -101,9 +106,34 @@ def rotation_by_functions(a: OnSphere, b: OnSphere, weights: FloatArray) -> Turn
             kept = _distinct(Rotation.concatenate(best), found)
             best = kept[: max(2, _KEPT // 4 ** (number + 1))]
             report((number + 2) / (len(_CELLS) + 1))
+        best = _standing_first(level, best)
     last = [float(level.correlations(each)[0]) for each in best]
-    runner_up = max((score for score in last[1:]), default=0.0)
-    return Turned(best[0], last[0], runner_up / last[0] if last[0] > 0 else 1.0)
+    reached = float(level.correlations(best[0], opposite=1.0)[0])
+    return Turned(best[0], reached, max(last[1:], default=0.0) / last[0] if last[0] > 0 else 1.0)
+
+
+def _standing_first(level: _Level, best: list[Rotation]) -> list[Rotation]:
+    """Return rotations, the best one first, with none before them if it is another and as good."""
+    here = Rotation.identity()
+    if best[0].magnitude() < _ALIKE:
+        return best
+    if level.correlations(here)[0] < _AS_GOOD * level.correlations(best[0])[0]:
+        return best
+    return [here, *(each for each in best if each.magnitude() > _ALIKE)]
+
+
+def _scaled(given: OnSphere) -> OnSphere:
+    """Return functions less their means, of size 1, so that no square of theirs overflows; and
+    constants as 0, which correlate with nothing.
+    """
+    scaled = []
+    for values in given.functions:
+        size = np.abs(values).max()
+        unit = values / size if size > 0 else values
+        apart = unit - unit.mean()
+        largest = np.abs(apart).max()
+        scaled.append(apart / largest if largest > _CONSTANT else np.zeros_like(apart))
+    return OnSphere(given.layout, np.array(scaled), given.weights)
 
 
 def rotation_by_landmarks(a: SphereLayout, b: SphereLayout, pairs: Landmarks) -> Turned:
@@ -142,8 +172,10 @@ class _Level:
         self._shares = (shade * shares[near]).sum(axis=1).reshape(latitude.shape)
         self._counted = counted
 
-    def correlations(self, rotations: Rotation) -> FloatArray:
-        """Return the mean over channels of correlations, (K,), of rotations (K) of A."""
+    def correlations(self, rotations: Rotation, opposite: float = _OPPOSITE) -> FloatArray:
+        """Return the mean over channels of correlations, (K,), of rotations (K) of A; negative ones
+        count so much less.
+        """
         back = rotations.inv().as_matrix().reshape(-1, 3, 3)
         seen = np.einsum("kxy,ny->xkn", back, self._places)
         rows = (np.degrees(np.arcsin(np.clip(seen[2], -1, 1))) + 90) * (_LINES / 180)
@@ -158,9 +190,10 @@ class _Level:
             g = target - (counted * target).sum(axis=1, keepdims=True) / total
             sizes = (counted * f**2).sum(axis=1) * (counted * g**2).sum(axis=1)
             products = (counted * f * g).sum(axis=1)
-            score += weight * np.abs(
-                np.divide(products, np.sqrt(sizes), out=np.zeros_like(products), where=sizes > 0)
+            alike = np.divide(
+                products, np.sqrt(sizes), out=np.zeros_like(products), where=sizes > 0
             )
+            score += weight * np.maximum(alike, -opposite * alike)
         # where little of both is left to compare nothing is said
         return np.asarray(score / self._weights.sum() * np.minimum(1, 2 * total[:, 0] / self._most))
 

@@ -54,24 +54,24 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
 def _of_pairs(
     a: TriangleMesh, b: TriangleMesh, path: str, table: FloatArray
 ) -> PointMap | Landmarks:
-    if path.lower().endswith(_WRITTEN):
-        found = read_landmarks(a, b, path)
-    else:
-        wrong = np.flatnonzero(~(np.isfinite(table) & (table == np.rint(table))).all(axis=1))
-        try:
-            if len(wrong):
-                raise ParameterError(
-                    f"row {wrong[0] + 1} holds {table[wrong[0]]}; expected whole numbers"
-                )
-            pairs = zip((a, b), table.T.tolist(), strict=True)
-            rows = [[mesh.local_vertex(int(number)) for number in side] for mesh, side in pairs]
-            found = Landmarks.of_vertices(a, b, *rows)
-        except AbfmError as error:
-            raise AbfmError(f"landmarks {brief(path)}: {error}") from None
-    of_b = found.b.nearest_vertices()
-    if len(np.unique(of_b)) < len(b.vertices) or len(of_b) > len(b.vertices):
-        return found
-    return PointMap.of_vertices(b, a, found.a.nearest_vertices()[np.argsort(of_b)])
+    numbers = table - 1 if path.lower().endswith(".vts") else table
+    # of a map, unlike landmarks, several may have one image
+    is_map = np.array_equal(np.sort(numbers[:, 1]), b.vertex_ids)
+    if path.lower().endswith(_WRITTEN) and not is_map:
+        return read_landmarks(a, b, path)
+    wrong = np.flatnonzero(~(np.isfinite(table) & (table == np.rint(table))).all(axis=1))
+    try:
+        if len(wrong):
+            raise ParameterError(
+                f"row {wrong[0] + 1} holds {table[wrong[0]]}; expected whole numbers"
+            )
+        pairs = zip((a, b), numbers.T.tolist(), strict=True)
+        of_a, of_b = ([mesh.local_vertex(int(x)) for x in side] for mesh, side in pairs)
+    except AbfmError as error:
+        raise AbfmError(f"landmarks {brief(path)}: {error}") from None
+    if is_map:
+        return PointMap.of_vertices(b, a, np.array(of_a)[np.argsort(of_b)])
+    return Landmarks.of_vertices(a, b, of_a, of_b)
 
 
 def _faces(a: TriangleMesh, b: TriangleMesh, path: str, numbers: FloatArray) -> IntArray:

@@ -59,12 +59,7 @@ def initial_map(initial: object, given: Given) -> Initial:
     if isinstance(initial, PointMap):
         initial = Correspondence(initial)
     if isinstance(initial, Correspondence):
-        for name, mesh, own in (("A", given.a, initial.a), ("B", given.b, initial.b)):
-            if not np.array_equal(mesh.faces, own.faces):
-                raise ParameterError(
-                    f"the initial map is of another surface {name} than the one given"
-                )
-        return Initial(initial)
+        return Initial(initial.between(given.a, given.b))
     if initial is None:
         initial = _chosen(given)
     if not isinstance(initial, str):

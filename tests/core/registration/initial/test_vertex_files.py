@@ -72,6 +72,13 @@ def test_pairs_are_landmarks_or_the_map_if_all_are_there(tmp_path):
         assert_allclose(found.b.positions, B.vertices[some[:7, 1]], atol=1e-12)
 
 
+@pytest.mark.parametrize(("name", "first"), [("m.npy", 0), ("m.csv", 0), ("m.vts", 1)])
+def test_several_vertices_of_b_may_go_to_one_of_a(tmp_path, name, first):
+    pairs = np.column_stack([LIST // 2, RNG.permutation(FEW)])
+    found = map_from_file(A, B, saved(tmp_path / name, pairs + first))
+    assert_allclose(found.positions[pairs[:, 1]], A.vertices[LIST // 2], atol=1e-12)
+
+
 def table(column, value):
     good = np.tile([1.0, 0.2, 0.3, 0.5], (FEW, 1))
     good[3, column] = value
