@@ -111,8 +111,9 @@ def test_the_initial_map_is_chosen_and_seen(gui, files, notes):
     for title in ("Open the sphere of A", "Open the sphere of B"):
         gui.double_click(ball.name, title)
     assert session.document.initial == f"sphere:{ball},{ball}"
-    gui.choose("initial map", "eigenfunctions")
-    assert session.document.initial == "spectral"
+    for label, word in (("spheres made of both", "embedding"), ("eigenfunctions", "spectral")):
+        gui.choose("initial map", label)
+        assert session.document.initial == word
     gui.choose("initial map", "closest points")
     gui.check("mirrored")
     assert session.document.initial == "closest:mirror"
