@@ -73,26 +73,15 @@ def ends_on(gui, surface):
     return gui.window.scene.projected(surface, gui.session.surface(surface).mesh.vertices)[:, :2]
 
 
-def test_the_initial_map_is_chosen_seen_and_told(gui, files, notes):
-    session = gui.session
-    told = session.prepared.correspondence
+def test_the_initial_map_is_chosen_and_seen(gui, files, notes):
+    session, ball = gui.session, files["ball"]
     assert gui.text_of("initial map") == "automatic"
-    gui.choose("initial map", "closest points")
-    gui.wait(lambda s: s.prepared is not None and s.prepared.correspondence is not told)
-    gui.check("mirrored")
-    assert session.document.initial == "closest:mirror"
-    gui.wait(lambda s: not s.obstacle)
-    assert any("was laid on A" in text for text, _ in notes())
     gui.choose("initial map", "spheres")
     gui.wait(lambda s: "no sphere" in s.obstacle)
     assert any("No initial map" in text for text, kind in notes() if kind == "failure")
     assert not gui.is_enabled("Match")
     gui.wait(lambda _: gui.window.scene.paints["advected"].title == "advected: no values")
-    gui.choose("initial map", "spheres from files...")
-    for title in ("Open the sphere of A", "Open the sphere of B"):
-        gui.double_click(files["ball"].name, title)
-    assert session.document.initial == f"sphere:{files['ball']},{files['ball']}"
-    gui.choose("initial map", "same connectivity")  # which ends the search for a rotation
+    gui.choose("initial map", "same connectivity")
     gui.wait(lambda s: not s.obstacle)
     gui.choose("color by", "checker")
     on_b = gui.window.shown.flow.coordinates()
@@ -107,12 +96,10 @@ def test_the_initial_map_is_chosen_seen_and_told(gui, files, notes):
         there = gui.window.scene.projected("source", on_b[vertex])[0, :2]
         assert_allclose(start, there, atol=1.0)
     gui.check("lines from A to B", False)
-    for _ in range(5):
+    for _ in range(4):
         gui.key("ctrl+z")
     assert session.document.initial == "sphere"
-    gui.choose("initial map", "eigenfunctions")
-    assert session.document.initial == "spectral"
-    np.savetxt(files["ball"].with_name("map.txt"), np.arange(162)[::-1], "%d")
+    np.savetxt(ball.with_name("map.txt"), np.arange(162)[::-1], "%d")
     gui.choose("initial map", "map from a file...")
     gui.double_click("map.txt")
     gui.wait(lambda s: not s.obstacle)
@@ -120,9 +107,19 @@ def test_the_initial_map_is_chosen_seen_and_told(gui, files, notes):
     gui.choose("initial map", "automatic")
     gui.wait(lambda s: not s.obstacle)
     assert session.prepared.correspondence.to_vertices()[1] == 1
+    gui.choose("initial map", "spheres from files...")  # and ways that take their time
+    for title in ("Open the sphere of A", "Open the sphere of B"):
+        gui.double_click(ball.name, title)
+    assert session.document.initial == f"sphere:{ball},{ball}"
+    for label, word in (("spheres made of both", "embedding"), ("eigenfunctions", "spectral")):
+        gui.choose("initial map", label)
+        assert session.document.initial == word
+    gui.choose("initial map", "closest points")
+    gui.check("mirrored")
+    assert session.document.initial == "closest:mirror"
 
 
-def test_a_is_matched_to_b_and_its_function_goes_there(gui):
+def test_a_is_matched_to_b_and_its_function_goes_there(gui, notes):
     session = gui.session
     session.editor.change("functions", channels=(Channel(NEAR, FAR),))
     gui.wait(lambda s: not s.obstacle)
@@ -139,6 +136,9 @@ def test_a_is_matched_to_b_and_its_function_goes_there(gui):
     assert not session.outdated
     gui.drag("time", session.parameters.tau)
     assert_array_equal(gui.window.shown.flow.advected(), result.advected[:, 0])
+    told = replace(session.document.initial_map, notes=("what is worth knowing",))
+    session.editor.amend(initial_map=told)
+    assert ("What is worth knowing.", "muted") in notes()
     # a point that is clicked on A is followed on B, from where the initial map takes it
     session.editor.set_view("a tool", tool="follow a point")
     gui.pick(3, "source", modifiers=())
