@@ -71,6 +71,7 @@ def _directions(mesh: TriangleMesh) -> FloatArray | str:
             f"farther than the mean, and {100 * ROUND:g}% are allowed; give a spherical mesh"
         )
     directions: FloatArray = offsets / radii[:, None]
+    directions.flags.writeable = False
     solid = float(solid_angles(directions[mesh.faces]).sum())
     turns = abs(solid) / (4 * np.pi)
     if not abs(turns - 1) < ROUND:

@@ -43,19 +43,19 @@ def map_of_descriptors(a: TriangleMesh, b: TriangleMesh, hints: Hints, k: int) -
     values = [unit_eigenbasis(mesh, k)[0] for mesh in (a, b)]
     kinds = [
         [_signatures(mesh, k) for mesh in (a, b)],
-        [
-            _bands(own, (hints.weights[:, None] * rows)[:, :k])
-            for own, rows in zip(values, hints.at_landmarks, strict=True)
-        ],
+        [_bands(own, rows[:, :k]) for own, rows in zip(values, hints.at_landmarks, strict=True)],
         [of_one[:k] for of_one in hints.functions],
     ]
     of_a, of_b = (np.hstack([kind[side] for kind in kinds]) for side in (0, 1))
-    # each counts as much, whatever its unit
+    marks = np.repeat(hints.weights, _ENERGIES)
+    counts = np.concatenate([np.ones(_ENERGIES), marks, np.ones(kinds[2][0].shape[1])])
+    # each counts as much, whatever its unit, but for landmarks
     size = np.sqrt((np.linalg.norm(of_a, axis=0) ** 2 + np.linalg.norm(of_b, axis=0) ** 2) / 2)
     used = size > 0
-    of_a, of_b = of_a[:, used] / size[used], of_b[:, used] / size[used]
+    scale = np.sqrt(counts[used]) / size[used]
+    of_a, of_b = of_a[:, used] * scale, of_b[:, used] * scale
     gaps = (values[0] - values[1][:, None]) ** 2 / values[0].max() ** 2
-    weight = _COMMUTING * used.sum()
+    weight = _COMMUTING * counts[used].sum()
     gram = of_a @ of_a.T
     # constants go to constants
     rows = [

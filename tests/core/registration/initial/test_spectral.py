@@ -136,6 +136,19 @@ def test_descriptors_and_landmarks_of_a_copy_give_its_functional_map():
     assert_allclose(found, functional_map(PointMap.of_vertices(b, BODY, order), 15), atol=1e-6)
 
 
+def test_a_landmark_of_hardly_any_weight_counts_hardly():
+    (places, right), (_, wrong) = hints(BODY, [3, 50, 200], 15), hints(BODY, [3, 50, 333], 15)
+    none = np.zeros((15, 0)), np.zeros((15, 0))
+
+    def found(count, weights):
+        given = Hints(places[:count], (right[:count], wrong[:count]), np.array(weights), none)
+        return map_of_descriptors(BODY, BODY, given, 15)
+
+    assert np.linalg.norm(found(2, [1, 1]) - np.eye(15)) < 1e-5
+    assert np.linalg.norm(found(3, [1, 1, 1]) - np.eye(15)) > 0.1
+    assert np.linalg.norm(found(3, [1, 1, 1e-8]) - np.eye(15)) < 1e-5
+
+
 def test_what_does_not_fit_is_refused():
     for a, b, which in ((tetrahedron(), BODY, "A has 4"), (BODY, icosphere(1), "B has 42")):
         with pytest.raises(AbfmError, match=f"{which} vertices; expected at least 60"):
