@@ -41,8 +41,7 @@ place of .571, labels' Dice .906 in place of .892, at the same change of shapes 
 """
 _OPPOSITE = -0.3  # a correlation below it tells of another sign
 _CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
-# of deviations and of their ratio: means and deviations of exact functions differ by less
-_SAME = 0.25
+_SAME = 0.25  # of the range: least and largest values of functions in one unit differ by less
 
 
 class Prepared(NamedTuple):
@@ -263,7 +262,7 @@ def _comparable(
     mesh: TriangleMesh, source: FloatArray, target: FloatArray, mask: FloatArray | None
 ) -> tuple[FloatArray, FloatArray, bool, list[str]]:
     """Return both functions (C, V), those that were measured, or have other units, less their means
-    over their deviations; whether there is any; and what is strange.
+    over their deviations; whether any was measured; and what is strange.
     """
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     if not areas.any():
@@ -276,19 +275,23 @@ def _comparable(
         largest = [float(np.abs(values).max()) for values in pair]
         if any(size <= _CONSTANT * most for size, most in zip(sizes, largest, strict=True)):
             continue
+        is_rough = is_measured(FunctionTerm(unit, *pair, mask))
+        measured |= is_rough
         alike = float(np.average(apart[0] * apart[1], weights=areas)) / (sizes[0] * sizes[1])
-        if alike < _OPPOSITE:
+        if is_rough and alike < _OPPOSITE:
             notes.append(
                 f"channel {c + 1} of A was taken with the other sign, as packages differ in it: by "
                 f"the initial map it correlates with B's by {alike:.2f}"
             )
-            found[0][c], apart[0] = -source[c], -apart[0]
-        means = [own[c, 0] - each[0] for own, each in zip(found, apart, strict=True)]
-        is_same = abs(means[0] - means[1]) < _SAME * min(sizes) and (
-            max(sizes) < (1 + _SAME) * min(sizes)
-        )
-        if not is_same or is_measured(FunctionTerm(unit, found[0][c], target[c], mask)):
-            measured = True
+            apart[0] = -apart[0]
+        if is_rough or not _have_one_unit(*(values[areas > 0] for values in pair)):
             for values, each, size in zip(found, apart, sizes, strict=True):
                 values[c] = each / size
     return *found, measured, notes
+
+
+def _have_one_unit(f: FloatArray, g: FloatArray) -> bool:
+    """Tell whether two functions, (n,) each, have about the same least and largest values."""
+    span = max(np.ptp(f), np.ptp(g))
+    ends = abs(f.min() - g.min()), abs(f.max() - g.max())
+    return bool(max(ends) <= _SAME * span)

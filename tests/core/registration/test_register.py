@@ -166,6 +166,9 @@ def test_functions_of_the_other_sign_are_turned_and_told():
 def test_exact_functions_keep_their_values():
     prepared = prepare(A, B, "coordinate:x", "coordinate:x", initial="sphere")
     assert_allclose(prepared.problem.target[:, 0], B.vertices[:, 0])
+    far = prepare(A, B, "gaussian:vertex=7", "gaussian:vertex=900", initial="sphere").problem
+    assert far.source.min() >= 0
+    assert far.source.max() <= 1
     other = prepare(A, B, A.vertices[:, 0] * 9, "coordinate:x", initial="sphere").problem
     assert_allclose(np.ptp(other.source), np.ptp(other.target), rtol=0.01)
     assert prepared.problem.parameters == Parameters()

@@ -194,7 +194,7 @@ def _turned(given: Given, sphere_a: FloatArray, sphere_b: FloatArray, mirror: bo
     ]
     turned = _rotation(given, *layouts)
     if turned is not None:
-        sphere_a = turned.rotation.apply(sphere_a)
+        sphere_a = sphere_a @ turned.rotation.as_matrix().T
         notes += _turned_words(turned)
     found = Correspondence.through_sphere(given.a, given.b, sphere_a, sphere_b)
     return Initial(found, tuple(notes))
