@@ -46,7 +46,7 @@ def sphere_directions(mesh: TriangleMesh) -> FloatArray:
     directions = _directions(mesh)
     if isinstance(directions, str):
         raise AbfmError(directions)
-    return directions
+    return directions.copy()  # the mesh keeps its own
 
 
 def is_sphere(mesh: TriangleMesh) -> bool:
@@ -71,7 +71,6 @@ def _directions(mesh: TriangleMesh) -> FloatArray | str:
             f"farther than the mean, and {100 * ROUND:g}% are allowed; give a spherical mesh"
         )
     directions: FloatArray = offsets / radii[:, None]
-    directions.flags.writeable = False
     solid = float(solid_angles(directions[mesh.faces]).sum())
     turns = abs(solid) / (4 * np.pi)
     if not abs(turns - 1) < ROUND:

@@ -95,10 +95,10 @@ class Correspondence:
         ``by="area"`` means over all vertices of A around it, see `to_matrix`. What is not finite
         makes what is carried of it so.
         """
-        given = self.a.restrict(real_numbers(h, "h", FunctionError))
+        given = real_numbers(h, "h", FunctionError)
         if given.ndim not in (1, 2):
             raise FunctionError(f"h has shape {given.shape}; expected (V_A,) or (V_A, C)")
-        carried: FloatArray = _without_zeros(self.to_matrix(by)) @ given
+        carried: FloatArray = _without_zeros(self.to_matrix(by)) @ self.a.restrict(given)
         return carried
 
     def carry_labels(self, labels: ArrayLike, by: By = "point") -> IntArray:

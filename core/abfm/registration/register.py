@@ -90,7 +90,8 @@ def register(
     parameters : Parameters, optional
         By default `MEASURED` where the functions are, else ``Parameters()``.
     mask_a, mask_b : (V_A,) and (V_B,) arrays, optional
-        How much the mismatch counts at each vertex, not negative.
+        How much the mismatch counts at each vertex, not negative. Where it is 0, A's functions are
+        filled in from around, like values that are not finite.
     weights : (C,) array, optional
         Weight of each channel's mismatch. Masks and weights need functions.
     max_distortion : float, optional
@@ -168,16 +169,14 @@ def prepare(
         problem = Problem(b, None, None, parameters, **_on_b(first.correspondence, marks))
         return Prepared(first.correspondence, problem, first.notes)
     (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
+    on_a, on_b = _mask(a, mask_a, known_a, "mask_a"), _mask(b, mask_b, known_b, "mask_b")
+    if on_a is not None and on_a.any():  # what is hidden must not come in along the flow
+        source = np.stack([extend(a, row, on_a > 0) for row in source])
     if len(source) != len(target):
         raise FunctionError(
             f"f has {len(source)} and g {len(target)} channels; give as many of each"
         )
-    on_a, on_b = _mask(a, mask_a, known_a, "mask_a"), _mask(b, mask_b, known_b, "mask_b")
-    counts = np.ones(len(source)) if weights is None else real_numbers(weights, "weights")
-    if counts.shape != (len(source),):
-        raise ParameterError(
-            f"weights have shape {counts.shape}; expected ({len(source)},), one per channel"
-        )
+    counts = _weights(weights, len(source))
     given = Given(a, b, source, target, on_a, on_b, counts, marks)
     first = initial_map(initial, given)
     found = first.correspondence
@@ -236,10 +235,10 @@ def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray
     if isinstance(given, list | tuple) and given and all(isinstance(x, str) for x in given):
         values = np.stack([function(mesh, str(spec)) for spec in given], axis=1)
     else:
-        values = mesh.restrict(real_numbers(given, name, FunctionError))
-        values = values[:, None] if values.ndim == 1 else values
-    if values.ndim != 2:
-        raise FunctionError(f"{name} has shape {values.shape}; expected (V,) or (V, C)")
+        values = real_numbers(given, name, FunctionError)
+        if values.ndim not in (1, 2) or values.size == 0:
+            raise FunctionError(f"{name} has shape {values.shape}; expected (V,) or (V, C)")
+        values = mesh.restrict(values.reshape(len(values), -1))
     known: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
     if not known.any():
         raise FunctionError(f"{name} is finite nowhere")
@@ -256,6 +255,15 @@ def _mask(
     if found.ndim != 1 or not np.isfinite(found).all() or (found < 0).any() or not found.any():
         raise ParameterError(f"{name} must be one number per vertex, finite, not negative, not 0")
     return found * known
+
+
+def _weights(given: ArrayLike | None, count: int) -> FloatArray:
+    found = np.ones(count) if given is None else real_numbers(given, "weights")
+    if found.shape != (count,):
+        raise ParameterError(
+            f"weights have shape {found.shape}; expected ({count},), one per channel"
+        )
+    return found
 
 
 def _comparable(

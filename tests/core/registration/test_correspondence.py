@@ -176,6 +176,10 @@ def test_rows_of_files_count_as_the_file_does():
     assert_allclose(found.carry(h, "area"), found.carry(np.delete(h, 5), "area"))
     with pytest.raises(FunctionError, match="one per vertex"):
         found.carry(h[:-7])
+    with pytest.raises(FunctionError, match=r"shape \(\); expected"):
+        found.carry(3.0)
+    with pytest.raises(AbfmError, match="another surface than A"):
+        found.carry_points(SurfacePoints(COARSE, np.array([0]), np.array([[1.0, 0, 0]])))
     with pytest.raises(ParameterError, match="'point' or 'area'"):
         found.to_matrix("volume")
 

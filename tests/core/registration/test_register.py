@@ -220,6 +220,8 @@ def test_constants_are_no_measurements():
         ({"a": "x.off"}, MeshError, "a is 'x.off'"),
         ({"g": None}, FunctionError, "both f and g"),
         ({"f": np.ones(3)}, FunctionError, "one per vertex"),
+        ({"f": 3.0}, FunctionError, r"shape \(\); expected"),
+        ({"f": np.zeros((3000, 0))}, FunctionError, "shape"),
         ({"f": ["coordinate:x", "coordinate:y"]}, FunctionError, "2 and g 1"),
         ({"f": "cordinate:x"}, FunctionError, "coordinate"),
         ({"mask_a": -np.ones(3000)}, ParameterError, "mask_a"),
@@ -264,6 +266,18 @@ def test_where_values_are_unknown_nothing_is_compared():
     assert np.isfinite(problem.source).all()
     with pytest.raises(FunctionError, match="finite nowhere"):
         prepare(A, B, f * np.nan, g, initial=same)
+
+
+def test_what_a_mask_hides_is_not_mixed_with_what_counts():
+    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+    f, g, mask = hills(A.vertices), hills(B.vertices), A.vertices[:, 2] < 0.6
+    problems = [
+        prepare(A, B, values, g, initial=same, mask_a=mask).problem
+        for values in (f, np.where(mask, f, -1e5))
+    ]
+    assert_allclose(problems[1].source, problems[0].source)
+    counts = problems[0].mask > 0
+    assert np.corrcoef(problems[0].source[counts, 0], g[counts])[0, 1] > 0.99
 
 
 def test_vertices_that_no_face_uses_have_values_in_files():
