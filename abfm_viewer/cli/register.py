@@ -43,8 +43,8 @@ Examples:
   abfm apply sub-01_reg.npz --labels lh.aparc.annot --out aparc.label.gii
 
 The initial map (--initial): by default vertex to vertex where the surfaces have the same faces,
-through the sphere where both are spheres, from three landmarks if there are any, through spheres
-that are made where neither has handles, else the closest points; or one of
+through the sphere where both are spheres, from three landmarks if there are any, by functions
+through spheres that are made of closed surfaces without handles, else the closest points; or one of
 {_WORDS}
 Functions that were measured, or have other units, are compared in standard deviations from their
 means; where one has the other sign, that is turned and told. Their parameters are {_MEASURED}

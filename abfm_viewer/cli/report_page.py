@@ -159,8 +159,8 @@ def _numbers(told: Facts) -> str:
     of_map = told["map"]
     cells = []
     if "verdict" in told:
-        left = share(_worse(told["mismatch"], told["verified_mismatch"]))
-        cells.append(("mismatch left", f"{share(told['initial_mismatch'])} → {left}", False))
+        left = _share(_worse(told["mismatch"], told["verified_mismatch"]))
+        cells.append(("mismatch left", f"{_share(told['initial_mismatch'])} → {left}", False))
     cells += [
         ("areas: |log2 J|, 95%", f"{of_map['log2_area']['p95']:.2f}", False),
         ("shapes: |log2 R|, 95%", f"{of_map['log2_shape']['p95']:.2f}", False),
@@ -184,8 +184,14 @@ def _numbers(told: Facts) -> str:
     return f"<dl>{''.join(items)}</dl>"
 
 
-def _worse(mismatch: float, verified: float | None) -> float:
-    return mismatch if verified is None else max(mismatch, verified)
+def _worse(mismatch: float | None, verified: float | None) -> float | None:
+    """Return the larger of two that are known; None where neither is a number."""
+    known = [value for value in (mismatch, verified) if value is not None]
+    return max(known, default=None)
+
+
+def _share(value: float | None) -> str:
+    return "unknown" if value is None else share(value)
 
 
 def _functions(told: Facts, rows: Sequence[Row]) -> str:

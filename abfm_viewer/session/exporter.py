@@ -100,7 +100,10 @@ class Exporter:
         self._start(path, DATA, partial(outputs.write, path, match))
 
     def save_registration(self, path: Path, found: abfm.Registration) -> None:
-        write = partial(outputs.write_registration, path, found)
+        def write() -> None:
+            outputs.check_registered(path)
+            outputs.write_registration(path, found)
+
         self._start(path, REGISTERED, write)
 
     def cancel(self) -> None:

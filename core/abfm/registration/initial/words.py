@@ -47,9 +47,9 @@ class Word(NamedTuple):
 
 def initial_map(initial: object, given: Given) -> Initial:
     """Return the initial map that a word asks for, see `WORDS`, or what was given as one; None is
-    chosen by what there is: equal faces, spheres, three landmarks, functions on surfaces without
-    handles, and else what is closest in space. Torn maps are made continuous where neither surface
-    has handles (`abfm.maps.continuous_map`); what was given as a map stays as it is.
+    chosen by what there is: equal faces, spheres, three landmarks, functions on closed surfaces
+    without handles, and else what is closest in space. Torn maps are made continuous where neither
+    surface has handles (`abfm.maps.continuous_map`); what was given as a map stays as it is.
 
     Raises
     ------
@@ -85,7 +85,8 @@ def _chosen(given: Given) -> str:
         return "sphere"
     if given.landmarks is not None and len(given.landmarks) >= FEWEST:
         return "landmarks"
-    if given.f is not None and not (given.a.genus or given.b.genus):
+    is_closed = not any(mesh.genus or mesh.boundary_loops for mesh in (given.a, given.b))
+    if given.f is not None and is_closed:
         return "embedding"
     return "closest"
 
