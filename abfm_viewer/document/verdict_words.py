@@ -58,10 +58,12 @@ def headline(match: abfm.Match) -> str:
 
     The share is what the worse of the two witnesses leaves (`Match.confirmed_mismatch`): a smaller
     one never has a worse word by size. Where the word has another cause, such as folds, there is
-    none; `why` has the cause.
+    none; `why` has the cause. Of landmarks alone it is how far they are left at most.
     """
     if match.stop_reason == "given":
         return "field given"
+    if _is_of_landmarks(match) and not is_broken_off(match):
+        return f"{match.verdict.kind}: {_landmarks(match)}"
     kind, confirmed = match.verdict.kind, match.confirmed_mismatch
     told = abfm.matching.kind_of(confirmed, match.parameters.goal)
     left = f"{share(confirmed)} left"
@@ -81,6 +83,21 @@ def headline(match: abfm.Match) -> str:
     return f"matched to {share(confirmed)}" if kind == "matched" else f"{kind}: {left}"
 
 
+def _is_of_landmarks(match: abfm.Match) -> bool:
+    """Tell whether nothing but landmarks was matched."""
+    return match.problem.landmarks is not None and match.problem.functions.is_constant
+
+
+def _landmarks(match: abfm.Match) -> str:
+    """``5 landmarks within 0.31% of sqrt(area)``."""
+    errors = match.landmark_errors
+    assert errors is not None
+    farthest = float(errors.max())
+    if not math.isfinite(farthest):
+        return f"where the flow takes {counted(len(errors), 'landmark')} is unknown"
+    return f"{counted(len(errors), 'landmark')} within {share(farthest)} of sqrt(area)"
+
+
 def tone(match: abfm.Match) -> Tone:
     if match.stop_reason in _OTHERWISE or match.verdict.kind == "nearly":
         return "ink"
@@ -98,6 +115,8 @@ def why(match: abfm.Match) -> str:
     told = match.verdict.cause or ended.format(iterations=match.parameters.iterations)
     if match.verdict.kind == "registered":
         return f"{told}; at first {share(match.initial_mismatch)} was left"
+    if match.verdict.kind == "matched" and _is_of_landmarks(match):
+        return "flow lines bring every landmark to where it belongs"
     is_known = not math.isnan(match.verified_mismatch)
     if match.verdict.kind == "matched" and is_known and not match.verdict.cause:
         return f"the discrete flow and flow lines both leave at most {share(match.parameters.goal)}"

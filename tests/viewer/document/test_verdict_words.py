@@ -161,3 +161,10 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
     first, second = map(verdict_words.changes, remedies)
     assert first == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
     assert second == "Go on.\nStarts a run from the present field."
+
+
+def test_of_landmarks_alone_it_is_told_how_far_they_are_left():
+    mesh = SPHERE
+    found = abfm.match(abfm.Problem(mesh, None, None, landmarks=[[0, 20], [50, 60]]))
+    assert re.fullmatch(r"matched: 2 landmarks within 0\.\d+% of sqrt\(area\)", headline(found))
+    assert why(found) == "flow lines bring every landmark to where it belongs"
