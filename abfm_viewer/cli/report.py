@@ -130,6 +130,12 @@ def _facts(
             "notes": [*found.notes, *match.mesh.messages],
             "changed_parameters": changed(match.parameters),
         }
+        if (errors := match.landmark_errors) is not None:
+            told["landmarks"] = {
+                "errors": errors.tolist(),
+                "farthest": float(errors.max()),
+                "alone": match.problem.is_of_landmarks,
+            }
         told["functions"] = list(zip(*match.problem.specs, strict=True))
     told["warnings"] = _warnings(of_map, found)
     return dict(_finite(told))

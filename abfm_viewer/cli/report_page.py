@@ -161,6 +161,9 @@ def _numbers(told: Facts) -> str:
     if "verdict" in told:
         left = _share(_worse(told["mismatch"], told["verified_mismatch"]))
         cells.append(("mismatch left", f"{_share(told['initial_mismatch'])} → {left}", False))
+    if marks := told.get("landmarks"):
+        farthest = ("farthest landmark", f"{_share(marks['farthest'])} of √area", False)
+        cells = [farthest] if marks["alone"] else [*cells, farthest]
     cells += [
         ("areas: |log2 J|, 95%", f"{of_map['log2_area']['p95']:.2f}", False),
         ("shapes: |log2 R|, 95%", f"{of_map['log2_shape']['p95']:.2f}", False),

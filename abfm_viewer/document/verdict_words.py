@@ -62,7 +62,7 @@ def headline(match: abfm.Match) -> str:
     """
     if match.stop_reason == "given":
         return "field given"
-    if _is_of_landmarks(match) and not is_broken_off(match):
+    if match.problem.is_of_landmarks and not is_broken_off(match):
         return f"{match.verdict.kind}: {_landmarks(match)}"
     kind, confirmed = match.verdict.kind, match.confirmed_mismatch
     told = abfm.matching.kind_of(confirmed, match.parameters.goal)
@@ -81,11 +81,6 @@ def headline(match: abfm.Match) -> str:
     if kind != told:
         return kind
     return f"matched to {share(confirmed)}" if kind == "matched" else f"{kind}: {left}"
-
-
-def _is_of_landmarks(match: abfm.Match) -> bool:
-    """Tell whether nothing but landmarks was matched."""
-    return match.problem.landmarks is not None and match.problem.functions.is_constant
 
 
 def _landmarks(match: abfm.Match) -> str:
@@ -115,7 +110,7 @@ def why(match: abfm.Match) -> str:
     told = match.verdict.cause or ended.format(iterations=match.parameters.iterations)
     if match.verdict.kind == "registered":
         return f"{told}; at first {share(match.initial_mismatch)} was left"
-    if match.verdict.kind == "matched" and _is_of_landmarks(match):
+    if match.verdict.kind == "matched" and match.problem.is_of_landmarks:
         return "flow lines bring every landmark to where it belongs"
     is_known = not math.isnan(match.verified_mismatch)
     if match.verdict.kind == "matched" and is_known and not match.verdict.cause:

@@ -137,6 +137,8 @@ def _on_white(picture: Image.Image) -> Image.Image:
 
 def _functions(found: Registration) -> list[_Planned]:
     match, rows = found.match, []
+    if match.problem.is_of_landmarks:
+        return []
     on_a = found.initial.inverse().carry(match.source)
     counts = np.ones(len(match.target)) if match.mask is None else (match.mask > 0).astype(float)
     channels = zip(on_a.T, match.source.T, match.advected.T, match.target.T, strict=True)

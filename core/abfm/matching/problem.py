@@ -154,6 +154,11 @@ class Problem:
         """Weight of each channel's mismatch, (C,)."""
         return _read_only(self.functions.weights)
 
+    @property
+    def is_of_landmarks(self) -> bool:
+        """Whether landmarks are all that is to be matched."""
+        return self.landmarks is not None and self.functions.is_constant
+
     @cached_property
     def divergence(self) -> float:
         """How many times as much as its curl a field's divergence weighs: as given, or by whether

@@ -252,3 +252,14 @@ def test_a_machine_that_cannot_draw_says_so_and_leaves_no_page(
     told = abfm(f"report {written}/r.npz --out {tmp_path}/r.html --quiet", status=2)
     assert told.err == "abfm: cannot draw without OpenGL\n"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_landmarks_alone_have_no_pictures_of_functions_and_the_farthest_is_told(tmp_path, abfm):
+    ball = icosphere(2)
+    found = library.register(ball, ball, landmarks=[[0, 20], [50, 60]])
+    found.save(tmp_path / "r.npz")
+    abfm(f"report {tmp_path}/r.npz --out {tmp_path}/r.html --width 160 --quiet")
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "Matched: 2 landmarks within 0." in text
+    assert "farthest landmark" in text
+    assert "<h2>Functions" not in text
