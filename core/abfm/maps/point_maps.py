@@ -104,10 +104,10 @@ class PointMap:
 
     def followed_by(self, other: PointMap) -> PointMap:
         """Return this map and then another one, whose domain is this one's codomain."""
-        if len(other.domain.faces) != len(self.codomain.faces):
+        if not np.array_equal(other.domain.faces, self.codomain.faces):
             raise AbfmError(
-                f"a map from a surface of {len(other.domain.faces)} faces cannot follow one to a "
-                f"surface of {len(self.codomain.faces)}"
+                f"a map from a surface of {len(other.domain.faces)} faces cannot follow one to "
+                f"another surface, of {len(self.codomain.faces)}"
             )
         found = other.at(self.points)
         return PointMap(
