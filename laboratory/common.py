@@ -3,7 +3,7 @@
 import os
 import platform
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from math import inf
@@ -142,3 +142,19 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 def number(value: float | None) -> str:
     """Return three digits, or that there is none."""
     return "not reached" if value is None else f"{value:.3g}"
+
+
+def told_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of Markdown; each row is printed as soon as it is known."""
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    for row in rows:
+        lines.append(f"| {' | '.join(row)} |")
+        print(lines[-1], flush=True)
+    return "\n".join(lines)
+
+
+def put_between(path: Path, marks: tuple[str, str], parts: Sequence[str]) -> None:
+    """Put paragraphs into a page, between two lines that stay, in place of what is there."""
+    page = path.read_text(encoding="utf-8")
+    before, after = page.split(marks[0])[0], page.split(marks[1])[1]
+    path.write_text(before + "\n\n".join([marks[0], *parts, marks[1]]) + after, encoding="utf-8")

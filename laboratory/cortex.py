@@ -20,11 +20,12 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm import Correspondence, Parameters, TriangleMesh, load_mesh, register
-from abfm.functions import read_labels, read_table
+from abfm.functions import read_labels
 from abfm.maps.spherical import sphere_directions
 from abfm.registration.initial import initial_map
 from abfm.registration.initial.given import Given
 from abfm.types import BoolArray, FloatArray, IntArray
+from laboratory.common import put_between, told_table
 
 _HEADS = (
     "",
@@ -259,14 +260,6 @@ def _initial(surfaces: Given, word: str) -> Correspondence:
     return initial_map(word, surfaces).correspondence
 
 
-def _table(heads: tuple[str, ...], rows: Iterator[list[str]]) -> str:
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
-    for row in rows:
-        lines.append(f"| {' | '.join(row)} |")
-        print(lines[-1], flush=True)
-    return "\n".join(lines)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("subject", "template"):
@@ -278,19 +271,16 @@ def main() -> None:
     registered = load_mesh(next(iter(sorted(given.subject.rglob("lh.sphere.reg")))))
     parts = [
         "A subject on fsaverage5:",
-        _table(_HEADS, subject_rows(subject, left, registered)),
+        told_table(_HEADS, subject_rows(subject, left, registered)),
         "The right hemisphere of fsaverage5 on the left one:",
-        _table(_HEADS, sides_rows(left, read_template(given.template, "right", None))),
+        told_table(_HEADS, sides_rows(left, read_template(given.template, "right", None))),
     ]
     if given.conte69 and given.published:
         heads = ("", "curvature", "thickness", "mm to HCP's", "mean abs. log₂ J", "mean log₂ R")
         rows = conte69_lines(given.conte69, given.published, left)
-        parts += ["conte69 on fsaverage5:", _table((*heads, "folded", "s"), rows)]
+        parts += ["conte69 on fsaverage5:", told_table((*heads, "folded", "s"), rows)]
     if given.write:
-        page = given.write.read_text(encoding="utf-8")
-        before, after = page.split(MARKS[0])[0], page.split(MARKS[1])[1]
-        table = "\n\n".join([MARKS[0], *parts, MARKS[1]])
-        given.write.write_text(before + table + after, encoding="utf-8")
+        put_between(given.write, MARKS, parts)
 
 
 if __name__ == "__main__":

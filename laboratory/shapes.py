@@ -27,6 +27,7 @@ from abfm.maps import continuous_map, map_accuracy
 from abfm.mesh.coarsening import coarsened
 from abfm.registration.initial import functional_map_start
 from abfm.types import FloatArray, IntArray
+from laboratory.common import put_between, told_table
 
 MARKS = ("<!-- table of laboratory.shapes -->", "<!-- end of the table -->")
 _VERTICES = 5000
@@ -146,14 +147,6 @@ def animal_rows(folder: Path) -> Iterator[list[str]]:
         ]
 
 
-def _table(heads: tuple[str, ...], rows: Iterator[list[str]]) -> str:
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
-    for row in rows:
-        lines.append(f"| {' | '.join(row)} |")
-        print(lines[-1], flush=True)
-    return "\n".join(lines)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     for name in ("people", "animals", "write"):
@@ -165,16 +158,13 @@ def main() -> None:
         heads = ("pair", "error", "turned %", "collapsed %", "error", "turned %", "collapsed %")
         told = ("coverage", "abs. log₂ J", "log₂ R", "back (edges)", "s, map", "s, continuous")
         rows = people_rows(given.people, given.pairs)
-        parts += ["People:", _table((*heads, *told), rows)]
+        parts += ["People:", told_table((*heads, *told), rows)]
     if given.animals:
         left = ("landmarks", "mean, %", "largest, %", "folded", "coverage", "abs. log₂ J")
         rows = animal_rows(given.animals)
-        parts += ["A cat on a lion:", _table((*left, "log₂ R", "back (edges)", "s"), rows)]
+        parts += ["A cat on a lion:", told_table((*left, "log₂ R", "back (edges)", "s"), rows)]
     if given.write:
-        page = given.write.read_text(encoding="utf-8")
-        before, after = page.split(MARKS[0])[0], page.split(MARKS[1])[1]
-        text = "\n\n".join([MARKS[0], *parts, MARKS[1]])
-        given.write.write_text(before + text + after, encoding="utf-8")
+        put_between(given.write, MARKS, parts)
 
 
 if __name__ == "__main__":
