@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm import Correspondence, Parameters, TriangleMesh, load_mesh, register
-from abfm.functions import read_labels
+from abfm.functions import read_labels, read_table
 from abfm.maps.spherical import sphere_directions
 from abfm.registration.initial import initial_map
 from abfm.registration.initial.given import Given
