@@ -146,6 +146,13 @@ def cancelled_by_signals(
         yield kept
 
 
+def status_of(match: Match, signal: int | None) -> int:
+    """Return the exit status of a match, or of a signal that came."""
+    if signal is not None:
+        return signals.status(signal)
+    return UNMATCHED if match.verdict.kind in ("not reached", "impossible") else 0
+
+
 @dataclass(frozen=True)
 class Outcome:
     match: Match
@@ -157,9 +164,7 @@ class Outcome:
     @property
     def status(self) -> int:
         """Exit status: 130 or the like when a signal came; 3 when the target was not reached."""
-        if self.signal is not None:
-            return signals.status(self.signal)
-        return UNMATCHED if self.match.verdict.kind in ("not reached", "impossible") else 0
+        return status_of(self.match, self.signal)
 
     def summary(self) -> str:
         """Say for a person how well it matches, why it stopped, the numbers, and what to try."""
@@ -167,11 +172,7 @@ class Outcome:
         result = next((name for name in names if name.endswith(".npz")), "RESULT.npz")
         advice = verdict_words.advice_in_options(match, result)
         lines = [
-            verdict_words.headline(match),
-            verdict_words.why(match),
-            f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
-            f"iterations in {self.seconds:.1f} s; wrote {', '.join(names)}",
-            *(results.path_lines(match) if len(match.path) > 1 else []),
+            *results.told_lines(match, self.seconds, names),
             *([self.picked] if self.picked else []),
             *([f"to try: {advice}"] if advice else []),
         ]

@@ -15,10 +15,8 @@ from abfm.errors import printable
 from abfm.registration import MEASURED, prepare, within
 from abfm.registration.initial import WORDS, read_landmarks
 from abfm.workers.progress import telling
-from abfm_viewer import signals
 from abfm_viewer.cli import options, results
-from abfm_viewer.cli.exit_status import UNMATCHED
-from abfm_viewer.cli.match import cancelled_by_signals
+from abfm_viewer.cli.match import cancelled_by_signals, status_of
 from abfm_viewer.cli.progress import print_long, progress
 from abfm_viewer.document import verdict_words
 from abfm_viewer.files import outputs
@@ -162,22 +160,17 @@ class Outcome:
 
     @property
     def status(self) -> int:
-        if self.signal is not None:
-            return signals.status(self.signal)
-        return UNMATCHED if self.match.verdict.kind in ("not reached", "impossible") else 0
+        return status_of(self.match, self.signal)
 
     def summary(self) -> str:
-        """Say for a person how well it went, what the map does, and where it is."""
-        match, names = self.match, map(printable, self.outputs)
+        """Say for a person how well it went, what the map does, and what to try."""
+        names, advice = map(printable, self.outputs), verdict_words.advice_in_options(self.match)
         lines = [
-            verdict_words.headline(match),
-            verdict_words.why(match),
-            f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
-            f"iterations in {self.seconds:.1f} s; wrote {', '.join(names)}",
-            *(results.path_lines(match) if len(match.path) > 1 else []),
+            *results.told_lines(self.match, self.seconds, list(names)),
             *results.map_lines(self.registration),
             *results.landmark_lines(self.registration),
             *([self.bound] if self.bound else []),
+            *([f"to try: {advice}"] if advice else []),
         ]
         return "\n".join(lines)
 

@@ -1,6 +1,7 @@
 """What is told of a match, of its path and of its distortion, to people and to machines."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
@@ -8,6 +9,7 @@ from abfm import Correspondence, Match, PathStep, Registration
 from abfm.maps import Distortion
 from abfm.matching import SHARE
 from abfm.mesh.subdivision import times_subdivided
+from abfm_viewer.document import verdict_words
 
 _HEADS = ("step", "sigma", "mismatch", "by flow lines", "folded", "|log2 J|", "|log2 R|", "refined")
 _NUMBERS = [entry.name for entry in fields(PathStep) if entry.name != "velocity"]
@@ -33,6 +35,17 @@ def facts(match: Match) -> dict[str, Any]:
         "messages": list(match.mesh.messages),
         "parameters": match.parameters.to_dict(),
     }
+
+
+def told_lines(match: Match, seconds: float, written: Sequence[str]) -> list[str]:
+    """Return how well it matches, why it stopped, the numbers, and the path, for people."""
+    return [
+        verdict_words.headline(match),
+        verdict_words.why(match),
+        f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
+        f"iterations in {seconds:.1f} s; wrote {', '.join(written)}",
+        *(path_lines(match) if len(match.path) > 1 else []),
+    ]
 
 
 def _row(match: Match, step: PathStep) -> dict[str, float | None]:

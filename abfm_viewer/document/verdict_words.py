@@ -122,13 +122,17 @@ def advice(match: abfm.Match) -> str:
     return "" if match.stop_reason == "given" else match.verdict.advice
 
 
-def advice_in_options(match: abfm.Match, result: str) -> str:
-    """Say what to try: ``reach further (--reach 0.6 --start match.npz)``, or in words."""
+def advice_in_options(match: abfm.Match, result: str = "") -> str:
+    """Say what to try: ``reach further (--reach 0.6 --start match.npz)``, or in words; without a
+    result to start from all begins with no motion.
+    """
     found = []
     for remedy in match.verdict.remedies:
+        if not (result or remedy.parameters):
+            continue
         given = remedy.parameters.items()
         words = [f"--{name.replace('_', '-')} {_plain(value)}" for name, value in given]
-        words += [f"--start {result}"] if remedy.goes_on else []
+        words += [f"--start {result}"] if remedy.goes_on and result else []
         found.append(f"{remedy.label.lower()} ({' '.join(words)})")
     return ", or ".join(found) or advice(match)
 

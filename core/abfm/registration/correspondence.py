@@ -53,7 +53,7 @@ class Correspondence:
             pairs = (back.domain, points.codomain), (back.codomain, points.domain)
             if any(len(one.faces) != len(other.faces) for one, other in pairs):
                 raise AbfmError("the way back is between other surfaces than the way there")
-        self.points, self._back = points, back
+        self._there, self._back = points, back
 
     @classmethod
     def through_sphere(
@@ -75,6 +75,11 @@ class Correspondence:
                 "equal connectivity is needed for a map by vertex numbers"
             )
         return cls(_by_number(b, a), _by_number(a, b))
+
+    @property
+    def points(self) -> PointMap:
+        """Where on A each vertex of B lies."""
+        return self._there
 
     @property
     def a(self) -> TriangleMesh:
@@ -187,6 +192,10 @@ class Correspondence:
         unit area: see `PointMap.distortion`. Of a map that turns the surface over as a whole, such
         as between left and right, faces that do not are flipped.
         """
+        return self._distortion
+
+    @cached_property
+    def _distortion(self) -> Distortion:
         points = _mirrored(self.points) if self.is_mirrored else self.points
         return points.distortion().scaled(self.b.length_scale / self.a.length_scale)
 

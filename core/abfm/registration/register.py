@@ -170,8 +170,9 @@ def prepare(
         return Prepared(first.correspondence, problem, first.notes)
     (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
     on_a, on_b = _mask(a, mask_a, known_a, "mask_a"), _mask(b, mask_b, known_b, "mask_b")
-    if on_a is not None and on_a.any():  # what is hidden must not come in along the flow
-        source = np.stack([extend(a, row, on_a > 0) for row in source])
+    # what is hidden on A must not come in along the flow
+    source = _filled(a, source, known_a if on_a is None else on_a > 0)
+    target = _filled(b, target, known_b)
     if len(source) != len(target):
         raise FunctionError(
             f"f has {len(source)} and g {len(target)} channels; give as many of each"
@@ -227,9 +228,7 @@ def _on_b(initial: Correspondence, marks: Landmarks) -> dict[str, Any]:
 
 
 def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray, BoolArray]:
-    """Return functions (C, V), and where all of them are known, (V,): where not, as behind a medial
-    wall, they are filled in.
-    """
+    """Return functions (C, V), and where all of them are known, (V,); 0 elsewhere."""
     if isinstance(given, str):
         given = [given]
     if isinstance(given, list | tuple) and given and all(isinstance(x, str) for x in given):
@@ -242,8 +241,14 @@ def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray
     known: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
     if not known.any():
         raise FunctionError(f"{name} is finite nowhere")
-    rows = np.where(known[:, None], values, 0).T
-    return np.stack([extend(mesh, row, known) for row in rows]), known
+    return np.where(known[:, None], values, 0).T, known
+
+
+def _filled(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> FloatArray:
+    """Return functions (C, V) that are filled in from around where they are not known."""
+    if not known.any():  # the mask hides all, which is told where masks are put together
+        return functions
+    return np.stack([extend(mesh, row, known) for row in functions])
 
 
 def _mask(

@@ -39,7 +39,7 @@ class Registration(Correspondence):
         self.initial, self.match, self.notes = initial, match, notes
 
     @cached_property
-    def points(self) -> PointMap:  # type: ignore[override]
+    def points(self) -> PointMap:
         """Where on A each vertex of B lies: back along the flow, then by the initial map."""
         return self.flow.point_map().followed_by(self.initial.points)
 

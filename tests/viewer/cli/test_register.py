@@ -149,3 +149,13 @@ def test_what_does_not_fit_is_refused_in_a_line(words, told, registration, files
     (tmp_path / "inf.csv").write_text("1\n" * (len(A.vertices) - 1) + "inf\n")
     line = words.format(**names, r=registration, t=tmp_path, x="expression:1+x")
     assert told in abfm(line, status=2).err
+
+
+def test_what_was_not_reached_says_what_to_try_without_a_result_to_start_from(
+    files, abfm, tmp_path
+):
+    pair = "--source gaussian:vertex=5 --target gaussian:vertex=300"
+    words = f"register {files}/b.ply {files}/b.ply {pair} --iterations 3 --refine 0 --quiet"
+    told = abfm(f"{words} --out {tmp_path}/r.npz", status=3).out
+    assert "\nto try: " in told
+    assert "--start" not in told
