@@ -25,7 +25,7 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import refined, to_children, to_parents
 from abfm.numerics.kernels import kernel
 from abfm.numerics.real_numbers import is_finite_number
-from abfm.types import FloatArray, IndexArray, IntArray
+from abfm.types import BoolArray, FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
 STEP = 0.5  # of a walk, at most, in square roots of the area of the face where it begins
@@ -158,6 +158,16 @@ class FlatFaces(NamedTuple):
     neighbours: IndexArray  # (F, 3), `TriangleMesh.opposite_slots`
 
 
+class Fan(NamedTuple):
+    """Memory for the faces around a vertex, in turn; their middles (n,) are unit complex numbers in
+    the faces' frames.
+    """
+
+    slots: IndexArray  # (n,)
+    middles: IndexArray
+    turns: FloatArray  # (n,), angles from the first side to the middles
+
+
 class SmoothFlow(NamedTuple):
     """A continuous field, made for walks; places are in the faces' frames, from corner 0."""
 
@@ -253,24 +263,7 @@ def fit_corners(flat: FlatFaces, field: IndexArray, most: int, vectors: IndexArr
     for slot in range(seen.size):
         if seen[slot // 3, slot % 3]:
             continue
-        start, closed = clockwise_end(flat.neighbours, slot)
-        count, turned, here = 0, 0.0, start
-        while here >= 0:
-            f, c = here // 3, here % 3
-            seen[f, c] = True
-            fan[count] = here
-            first = corners[f, (c + 1) % 3] - corners[f, c]
-            last = corners[f, (c + 2) % 3] - corners[f, c]
-            middle = first / abs(first) + last / abs(last)
-            angle = np.angle(last / first)
-            middles[count] = middle / abs(middle)
-            turns[count] = turned + angle / 2
-            turned += angle
-            count += 1
-            here = around(flat.neighbours, here, 1)
-            if here == start:
-                break
-        scale = 2 * np.pi / turned if closed else 1.0
+        count, scale = unroll(flat, slot, Fan(fan, middles, turns), seen)
         for i in range(count):
             f, c = fan[i] // 3, fan[i] % 3
             rotation = np.exp(1j * scale * turns[i]) / middles[i]
@@ -282,6 +275,32 @@ def fit_corners(flat: FlatFaces, field: IndexArray, most: int, vectors: IndexArr
             f, c = fan[i] // 3, fan[i] % 3
             turned_back = vector * middles[i] * np.exp(-1j * scale * turns[i])
             vectors[f, c] = turned_back if field[f] != 0 else 0.0
+
+
+@kernel
+def unroll(flat: FlatFaces, slot: int, fan: Fan, seen: BoolArray) -> tuple[int, float]:
+    """Write the fan of faces around the vertex of a slot, and mark its slots; return how many there
+    are, and what angles are scaled by, to a full turn where the fan is closed.
+    """
+    corners = flat.corners
+    start, closed = clockwise_end(flat.neighbours, slot)
+    count, turned, here = 0, 0.0, start
+    while here >= 0:
+        f, c = here // 3, here % 3
+        seen[f, c] = True
+        fan.slots[count] = here
+        first = corners[f, (c + 1) % 3] - corners[f, c]
+        last = corners[f, (c + 2) % 3] - corners[f, c]
+        middle = first / abs(first) + last / abs(last)
+        angle = np.angle(last / first)
+        fan.middles[count] = middle / abs(middle)
+        fan.turns[count] = turned + angle / 2
+        turned += angle
+        count += 1
+        here = around(flat.neighbours, here, 1)
+        if here == start:
+            break
+    return count, 2 * np.pi / turned if closed else 1.0
 
 
 @kernel

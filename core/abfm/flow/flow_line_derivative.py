@@ -16,14 +16,14 @@ from scipy import sparse
 from abfm.errors import AdvectionError
 from abfm.flow.continuous_flow import (
     RIDGE,
+    Fan,
     FlatFaces,
     SmoothFlow,
-    around,
-    clockwise_end,
     enter,
     flat_faces,
     leave,
     smooth_flow,
+    unroll,
     vector_at,
 )
 from abfm.flow.flow_lines import AT_VERTEX
@@ -199,7 +199,7 @@ def fit_weights(
 ) -> None:
     """Write the entries of `corner_fit`: the linear map that `fit_corners` applies."""
     rows, columns = entries
-    corners, areas, neighbours = flat
+    corners, areas = flat.corners, flat.areas
     seen = np.zeros(corners.shape, dtype=np.bool_)
     fan = np.empty(most, dtype=np.int64)
     rotations, centres = np.empty(most, np.complex128), np.empty(most, np.complex128)
@@ -208,24 +208,7 @@ def fit_weights(
     for slot in range(seen.size):
         if seen[slot // 3, slot % 3]:
             continue
-        start, closed = clockwise_end(neighbours, slot)
-        count, turned, here = 0, 0.0, start
-        while here >= 0:
-            f, c = here // 3, here % 3
-            seen[f, c] = True
-            fan[count] = here
-            first = corners[f, (c + 1) % 3] - corners[f, c]
-            last = corners[f, (c + 2) % 3] - corners[f, c]
-            middle = first / abs(first) + last / abs(last)
-            angle = np.angle(last / first)
-            middles[count] = middle / abs(middle)
-            turns[count] = turned + angle / 2
-            turned += angle
-            count += 1
-            here = around(neighbours, here, 1)
-            if here == start:
-                break
-        scale = 2 * np.pi / turned if closed else 1.0
+        count, scale = unroll(flat, slot, Fan(fan, middles, turns), seen)
         for i in range(count):
             f, c = fan[i] // 3, fan[i] % 3
             rotations[i] = np.exp(1j * scale * turns[i]) / middles[i]
