@@ -145,7 +145,7 @@ def subject_rows(subject: Side, template: Side, registered: TriangleMesh) -> Ite
     )
     yield judge.row("FreeSurfer, `sphere.reg`", theirs)
     given = Given(a, b, f[None], g[None], None, _weights(cortex))
-    yield judge.row("rotation of the sphere only", _initial(given, "sphere"))
+    yield judge.row("rotation of the sphere only", initial_map("sphere", given).correspondence)
 
     def timed(name: str, find: Callable[[], Correspondence]) -> list[str]:
         start = perf_counter()
@@ -166,7 +166,9 @@ def subject_rows(subject: Side, template: Side, registered: TriangleMesh) -> Ite
     yield timed("depth and curvature matched", lambda: register(a, b, *both, mask_b=cortex))
     a, b = subject.surface, template.surface
     given = given._replace(a=a, b=b)
-    yield judge.row("spheres made by ourselves, turned", _initial(given, "embedding"))
+    yield judge.row(
+        "spheres made by ourselves, turned", initial_map("embedding", given).correspondence
+    )
     yield timed(
         "`register` without spheres, on the template's white surface",
         lambda: register(a, b, f, g, initial="embedding", mask_b=cortex),
@@ -254,10 +256,6 @@ def _cortex(side: Side) -> BoolArray:
 
 def _weights(mask: BoolArray) -> FloatArray:
     return mask.astype(np.float64)
-
-
-def _initial(surfaces: Given, word: str) -> Correspondence:
-    return initial_map(word, surfaces).correspondence
 
 
 def main() -> None:

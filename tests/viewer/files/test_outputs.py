@@ -16,7 +16,7 @@ from abfm import (
     load_registration,
 )
 from abfm_viewer.files import outputs
-from tests.shapes import icosphere
+from tests.shapes import icosphere, with_loose_vertex
 
 
 @pytest.mark.parametrize(
@@ -87,3 +87,11 @@ def test_a_result_without_any_place_is_told(match, tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
     with pytest.raises(ResultError, match="no other place for the result either"):
         outputs.write_all([tmp_path / "gone" / "m.npz"], match)
+
+
+def test_a_surface_whose_rows_would_not_be_those_of_its_file_is_refused(tmp_path):
+    loose = with_loose_vertex(icosphere(1))
+    found = abfm.register(loose, loose, "coordinate:x", "coordinate:x")
+    with pytest.raises(ResultError, match="1 vertices of A's file are in no face"):
+        outputs.write_registration(tmp_path / "lh.sphere.reg", found)
+    assert list(tmp_path.iterdir()) == []
