@@ -24,7 +24,8 @@ from abfm_viewer.computing.background import THREADS, Memo, error_line
 from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.freed_memory import give_back
 from abfm_viewer.computing.match_apart import Look, MatchApart
-from abfm_viewer.document.document import SIDES, Channel, InitialMap, Run
+from abfm_viewer.document.document import SIDES, Channel, InitialMap, Landmark, Run
+from abfm_viewer.document.surface_points import paired
 
 FIRST = 2.0
 """Seconds of a run before a field is fetched to be kept: shorter ones lose little, and should
@@ -47,6 +48,8 @@ class ProblemSpec:
     channels: tuple[Channel, ...]
     parameters: Parameters
     mask: str
+    landmarks: tuple[Landmark, ...] = ()  # whole ones
+    landmarks_alone: bool = False  # whether functions are only carried, as long as there are some
     initial: InitialMap | None = None  # of two surfaces, from A to the mesh, which is B
 
     def problem(self, functions: Evaluators) -> abfm.Problem:
@@ -56,21 +59,34 @@ class ProblemSpec:
             for side, own in zip(SIDES, specs, strict=True)
         )
         mask = functions.evaluate(self.mask) if self.mask else None
-        weights = [channel.weight for channel in self.channels]
-        if (initial := self.initial) is not None:
-            found = initial.correspondence
+        counts = not (self.landmarks_alone and self.landmarks)
+        weights = [channel.weight if counts else 0.0 for channel in self.channels]
+        found = None if self.initial is None else self.initial.correspondence
+        a = self.mesh if found is None else found.a
+        marks = paired(a, self.mesh, self.landmarks)
+        if found is not None:
             return abfm.registration.prepare(
-                found.a,
+                a,
                 self.mesh,
                 source,
                 target,
                 initial=found,
+                landmarks=marks,
                 parameters=self.parameters,
                 mask_b=mask,
                 weights=weights,
             ).problem
-        given = abfm.Problem(self.mesh, source, target, self.parameters, mask=mask, weights=weights)
-        return given.with_specs(*specs)
+        problem = abfm.Problem(
+            self.mesh,
+            source,
+            target,
+            self.parameters,
+            mask=mask,
+            weights=weights,
+            landmarks=marks and (marks.a, marks.b),
+            landmark_weights=marks and marks.weights,
+        )
+        return problem.with_specs(*specs)
 
 
 @dataclass(frozen=True, eq=False)

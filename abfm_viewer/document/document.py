@@ -31,7 +31,7 @@ Coloring = Literal[
 FieldPart = Literal[
     "whole", "curl-free", "divergence-free", "harmonic", "commuting", "carried gradient"
 ]
-ClickTool = Literal["nothing", "flow line", "follow a point"]
+ClickTool = Literal["nothing", "landmark", "flow line", "follow a point"]
 
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
 SIDES: tuple[Side, ...] = get_args(Side)
@@ -75,6 +75,28 @@ class Point:
 
     face: int
     barycentric: Triple
+
+
+@dataclass(frozen=True)
+class Landmark:
+    """A point of the source's surface and the point of the target's that it belongs to; None where
+    it was not placed yet.
+    """
+
+    source: Point | None = None
+    target: Point | None = None
+    weight: float = 1.0
+    name: str = ""  # as a file calls it
+
+    def point(self, side: Side) -> Point | None:
+        return self.source if side == "source" else self.target
+
+    def placed(self, side: Side, point: Point) -> Landmark:
+        return replace(self, source=point) if side == "source" else replace(self, target=point)
+
+    @property
+    def is_whole(self) -> bool:
+        return self.source is not None and self.target is not None
 
 
 @dataclass(frozen=True)
@@ -123,11 +145,19 @@ class InitialMap:
     channels: tuple[Channel, ...]
     mask: str
     notes: tuple[str, ...] = ()
+    landmarks: tuple[Landmark, ...] = ()
+    landmarks_alone: bool = False
 
     def is_for(self, document: Document) -> bool:
         """Return whether a document still has what it was found for."""
-        now = (document.initial, document.channels, document.mask)
-        return now == (self.word, self.channels, self.mask)
+        then = (self.word, self.channels, self.mask, self.landmarks, self.landmarks_alone)
+        return then == (
+            document.initial,
+            document.channels,
+            document.mask,
+            document.pairs,
+            document.landmarks_alone,
+        )
 
 
 @dataclass(frozen=True)
@@ -256,6 +286,9 @@ class Document:
     bump: int = 0  # which of that side's Gaussians the mouse moves
     parameters: Parameters = field(default_factory=Parameters)
     mask: str = ""  # spec of the weight of the mismatch at each vertex; empty for none
+    landmarks: tuple[Landmark, ...] = ()
+    landmark: int = 0  # the active one
+    landmarks_alone: bool = False  # whether functions do not count, as long as there are landmarks
     initial: str = ""  # word of the map from A to B; empty for one that is chosen by what there is
     result: Match | None = None
     initial_map: InitialMap | None = None  # that the result began with
@@ -271,6 +304,17 @@ class Document:
     @property
     def active(self) -> Channel | None:
         return self.channels[self.channel] if self.channels else None
+
+    @property
+    def pairs(self) -> tuple[Landmark, ...]:
+        """Landmarks that are placed on both sides, which are matched."""
+        return tuple(landmark for landmark in self.landmarks if landmark.is_whole)
+
+    @property
+    def weights(self) -> tuple[float, ...]:
+        """Weight of each channel's mismatch; 0 where landmarks alone are matched."""
+        counts = not (self.landmarks_alone and self.pairs)
+        return tuple(channel.weight if counts else 0.0 for channel in self.channels)
 
     @property
     def name(self) -> str:

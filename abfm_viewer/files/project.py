@@ -39,11 +39,14 @@ from abfm_viewer.document.document import (
     FARTHEST,
     NEAREST,
     OF_A,
+    SIDES,
     Document,
     Front,
     Identity,
     InitialMap,
+    Point,
     Run,
+    Side,
     Surface,
     View,
 )
@@ -342,11 +345,15 @@ def _check(document: Document) -> None:
         steps = len(document.result.path) if document.result else 0
         _within("chosen", document.chosen, 0, steps - 1)
     _within("time", document.time, 0, document.end)
-    F = len(document.surface().mesh.faces)
-    for point in document.lines + document.points:
-        inside = min(point.barycentric) >= -1e-9 and abs(sum(point.barycentric) - 1) <= 1e-9
-        _require(0 <= point.face < F, f"a point lies on face {point.face}; expected 0 to {F - 1}")
-        _require(inside, f"a point has weights {point.barycentric}; expected 0 or more, with sum 1")
+    _check_points(document, "target", *document.lines, *document.points)
+    initial = document.initial_map
+    for landmark in document.landmarks + (initial.landmarks if initial else ()):
+        fits = 0 < landmark.weight < np.inf
+        _require(fits, f"a landmark has the weight {landmark.weight}; expected more than 0")
+        for side in SIDES:
+            if (point := landmark.point(side)) is not None:
+                _check_points(document, side, point)
+    _within("landmark", document.landmark, 0, max(len(document.landmarks), 1) - 1)
     _check_view(document.view)
     look = document.view.look
     _require(
@@ -358,6 +365,14 @@ def _check(document: Document) -> None:
         axes = np.eye(3)[:2] if front is None else np.array([front.direction, front.up])
         is_upright = bool(np.allclose(axes @ axes.T, np.eye(2), atol=1e-6))
         _require(is_upright, f"front is {front}; expected two unit vectors at a right angle")
+
+
+def _check_points(document: Document, side: Side, *points: Point) -> None:
+    F = len(document.surface(side).mesh.faces)
+    for point in points:
+        inside = min(point.barycentric) >= -1e-9 and abs(sum(point.barycentric) - 1) <= 1e-9
+        _require(0 <= point.face < F, f"a point lies on face {point.face}; expected 0 to {F - 1}")
+        _require(inside, f"a point has weights {point.barycentric}; expected 0 or more, with sum 1")
 
 
 def _check_view(view: View) -> None:

@@ -11,7 +11,15 @@ import numpy as np
 
 import abfm
 from abfm import FunctionError, Parameters
-from abfm_viewer.document.document import EXTRAPOLATION, SIDES, Channel, Document, Point, Side
+from abfm_viewer.document.document import (
+    EXTRAPOLATION,
+    SIDES,
+    Channel,
+    Document,
+    Landmark,
+    Point,
+    Side,
+)
 from abfm_viewer.document.gaussians import landmark
 
 LONGEST, LARGEST = 200, 500_000_000
@@ -234,6 +242,38 @@ class Editor:
 
     def add_point(self, kind: Literal["lines", "points"], point: Point) -> None:
         self.change("place a point", "", **{kind: (*getattr(self.document, kind), point)})
+
+    def place_landmark(self, side: Side, point: Point) -> None:
+        """Place a landmark on a side, the partner of the first one that lacks it, or a new one."""
+        landmarks = [*self.document.landmarks]
+        lacking = (n for n, one in enumerate(landmarks) if one.point(side) is None)
+        number = next(lacking, len(landmarks))
+        if number == len(landmarks):
+            landmarks.append(Landmark())
+        landmarks[number] = landmarks[number].placed(side, point)
+        self.set_landmarks("place a landmark", tuple(landmarks), number)
+
+    def move_landmark(self, number: int, side: Side, point: Point, merge: str) -> None:
+        landmarks = [*self.document.landmarks]
+        landmarks[number] = landmarks[number].placed(side, point)
+        self.set_landmarks("move a landmark", tuple(landmarks), number, merge)
+
+    def remove_landmark(self) -> None:
+        """Remove the active one."""
+        landmarks, number = self.document.landmarks, self.document.landmark
+        others = (*landmarks[:number], *landmarks[number + 1 :])
+        self.set_landmarks("remove a landmark", others, max(min(number, len(others) - 1), 0))
+
+    def set_landmarks(
+        self, label: str, landmarks: tuple[Landmark, ...], active: int = 0, merge: str = ""
+    ) -> None:
+        if landmarks != self.document.landmarks:
+            self.change(label, merge, landmarks=landmarks, landmark=active)
+
+    def match_landmarks_alone(self, alone: bool) -> None:
+        if alone != self.document.landmarks_alone:
+            label = f"match {'landmarks alone' if alone else 'functions as well'}"
+            self.change(label, landmarks_alone=alone)
 
 
 def _large_parts(document: Document) -> dict[int, int]:

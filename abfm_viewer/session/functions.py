@@ -5,6 +5,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Collection, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,7 @@ from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.computing.evaluation import Evaluated, Evaluators, Functions
 from abfm_viewer.document.document import SIDES, Document, Function, Side
+from abfm_viewer.document.surface_points import landmarks_of_match
 from abfm_viewer.files.project import terms_from_files
 
 
@@ -104,7 +106,8 @@ class DocumentFunctions:
         if mask is not None and (mask.min() < 0 or not mask.any()):
             return "the mask must not be negative, nor zero everywhere"
         has_weight = any(channel.weight for channel in document.channels)
-        return "" if has_weight else "all channels have the weight 0"
+        is_of_landmarks = document.landmarks_alone and document.pairs
+        return "" if has_weight or is_of_landmarks else "all channels have the weight 0"
 
     def outdated(self, document: Document) -> bool:
         """Tell whether the result was found for another problem; False without a result.
@@ -122,16 +125,29 @@ class DocumentFunctions:
                 self._compared, self._answer = result, self._differs(result, document)
             return self._answer
 
-        problem = (document.parameters, document.channels, document.mask, document.initial)
+        landmarks = document.pairs, document.landmarks_alone
+        problem = (
+            document.parameters,
+            document.channels,
+            document.mask,
+            document.initial,
+            *landmarks,
+        )
         return self._is_outdated.get((result, problem, document.initial_map, *values), compare)
 
     def _differs(self, result: abfm.Match, document: Document) -> bool:
         channels = document.channels
-        weights = [channel.weight for channel in channels]
-        if result.parameters != document.parameters or weights != result.weights.tolist():
+        alone = document.landmarks_alone and result.problem.is_of_landmarks
+        weights = result.weights.tolist()
+        if result.parameters != document.parameters or not (
+            alone or [*document.weights] == weights
+        ):
             return True
         if document.is_pair:
             return document.initial_map is None or not document.initial_map.is_for(document)
+        nameless = tuple(replace(pair, name="") for pair in document.pairs)
+        if nameless != landmarks_of_match(result):
+            return True
         if (document.mask == "") != (result.mask is None):
             return True
         functions = [document.function(side, channel) for side in SIDES for channel in channels]

@@ -14,12 +14,14 @@ from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
-from abfm_viewer.document.document import SIDES, Document, Side
+from abfm_viewer.document.document import SIDES, Document, Landmark, Side
+from abfm_viewer.document.surface_points import paired
 from abfm_viewer.session.functions import DocumentFunctions
 
 GIVEN = "given"
 """The word of a map that came with a file of a registration."""
 _BY_FUNCTIONS = ("", "sphere", "embedding", "spectral")  # words of maps that ask for functions
+_BY_LANDMARKS = ("closest", "spectral", "landmarks")  # that ask for any landmarks there are
 
 
 class _Given(NamedTuple):
@@ -29,6 +31,7 @@ class _Given(NamedTuple):
     target: tuple[FloatArray, ...]
     mask: FloatArray | None
     weights: tuple[float, ...]
+    landmarks: tuple[Landmark, ...]
 
 
 class _Way(NamedTuple):
@@ -133,8 +136,7 @@ class InitialMaps:
         if document.mask and mask is None:
             return None
         source, target = sides
-        weights = tuple(channel.weight for channel in document.channels)
-        return _Given(source, target, mask, weights)
+        return _Given(source, target, mask, document.weights, document.pairs)
 
     def _is_about(self, wanted: object) -> bool:
         key = self._prepared.key
@@ -143,28 +145,45 @@ class InitialMaps:
     def _prepare(self, control: Control, way: _Way, given: _Given) -> Prepared:
         source, target = (np.stack(own, axis=1) for own in (given.source, given.target))
         with controlled(control):
-            initial, notes = self._map(way)
+            initial, notes = self._map(way, given)
             found = abfm.registration.prepare(
                 way.a,
                 way.b,
                 source,
                 target,
                 initial=initial,
+                landmarks=paired(way.a, way.b, given.landmarks),
                 mask_b=given.mask,
                 weights=given.weights,
             )
         notes, usual = (*notes, *found.notes), found.problem.parameters
         return Prepared(found.initial, found.problem, notes, usual)
 
-    def _map(self, way: _Way) -> tuple[str | abfm.Correspondence | None, tuple[str, ...]]:
-        """Return a map that does not ask for functions, which is found but once, and what is worth
-        knowing of it; else its word.
+    def _map(self, way: _Way, given: _Given) -> tuple[abfm.Correspondence, tuple[str, ...]]:
+        """Return the map, found anew where something changed that it asks for, and what is worth
+        knowing of it.
         """
         from abfm.registration.initial.given import Given
+        from abfm.registration.initial.landmarks_only import FEWEST
         from abfm.registration.initial.words import initial_map
 
         if not isinstance(way.by, str):
             return way.by, ()
-        if way.by.partition(":")[0] in _BY_FUNCTIONS:
-            return way.by or None, ()
-        return self._maps.get(way, lambda: initial_map(way.by, Given(way.a, way.b)))
+        word = way.by.partition(":")[0]
+        by_functions = word in _BY_FUNCTIONS and any(given.weights)
+        enough = len(given.landmarks) >= FEWEST
+        by_landmarks = word in _BY_LANDMARKS or (enough and not (word and by_functions))
+        functions = (given.source, given.target, given.mask, given.weights)
+        asked = functions if by_functions else (), given.landmarks if by_landmarks else ()
+
+        def find() -> tuple[abfm.Correspondence, tuple[str, ...]]:
+            about = Given(way.a, way.b)
+            if by_functions:
+                f, g = np.stack(given.source), np.stack(given.target)
+                weights = np.array(given.weights)
+                about = about._replace(f=f, g=g, mask_b=given.mask, weights=weights)
+            if by_landmarks:
+                about = about._replace(landmarks=paired(way.a, way.b, given.landmarks))
+            return initial_map(way.by or None, about)
+
+        return self._maps.get((*way, *asked), find)

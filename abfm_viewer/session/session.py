@@ -29,8 +29,8 @@ from abfm_viewer.document.document import (
     Side,
     Surface,
     View,
-    triple,
 )
+from abfm_viewer.document.surface_points import points_of, surface_points
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Editor, Step
 from abfm_viewer.session.functions import DocumentFunctions
@@ -224,12 +224,14 @@ class Session:
 
     @property
     def problem(self) -> ProblemSpec:
-        document, prepared = self.document, self.prepared
-        solved, initial = (document.channels, document.parameters, document.mask), None
+        document, prepared, initial = self.document, self.prepared, None
+        matched = {"landmarks": document.pairs, "landmarks_alone": document.landmarks_alone}
         if prepared is not None:
             found, notes = prepared.correspondence, prepared.notes
-            initial = InitialMap(found, document.initial, self.channels, document.mask, notes)
-        return ProblemSpec(self.surface().mesh, *solved, initial)
+            of = document.initial, document.channels, document.mask
+            initial = InitialMap(found, *of, notes, **matched)
+        solved = document.channels, document.parameters, document.mask
+        return ProblemSpec(self.surface().mesh, *solved, **matched, initial=initial)
 
     @property
     def obstacle(self) -> str:
@@ -265,10 +267,8 @@ class Session:
             if (prepared := self.prepared) is None:
                 self.notices.say("no point on A yet: there is no initial map that takes it to B")
                 return
-            faces, weights = np.array([point.face]), np.array([point.barycentric])
-            on_a = abfm.maps.SurfacePoints(document.surface(slot).mesh, faces, weights)
-            on_b = prepared.correspondence.carry_points(on_a)
-            point = Point(int(on_b.faces[0]), triple(on_b.barycentric[0]))
+            on_a = surface_points(document.surface(slot).mesh, [point])
+            [point] = points_of(prepared.correspondence.carry_points(on_a))
         self.editor.add_point(kind, point)
 
     def match(self, goes_on: bool | None = None) -> None:

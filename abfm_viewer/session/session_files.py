@@ -27,10 +27,12 @@ from abfm_viewer.document.document import (
     Document,
     Identity,
     InitialMap,
+    Landmark,
     Run,
     Surface,
     View,
 )
+from abfm_viewer.document.surface_points import landmarks_of_match, points_of
 from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
 from abfm_viewer.session.functions import known_values
@@ -109,7 +111,9 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
     )
     document = Document(
         (Surface(match.mesh, path.name),),
-        channels=tuple(map(Channel, sources, targets, match.weights.tolist())),
+        channels=tuple(map(Channel, sources, targets, _weights(match))),
+        landmarks=landmarks_of_match(match),
+        landmarks_alone=match.problem.is_of_landmarks,
         parameters=match.parameters,
         mask="" if match.mask is None else spec("mask", match.mask),
         result=match,
@@ -130,8 +134,23 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
     for name, values in zip(names, match.source.T, strict=True):
         known[f"{OF_A}{name}"] = back.carry(values)
     pair = Surface(initial.a, "A"), Surface(match.mesh, f"B of {path.name}")
-    kept = InitialMap(initial, GIVEN, document.channels, document.mask, found.notes)
-    return replace(document, surfaces=pair, initial=GIVEN, initial_map=kept), known
+    landmarks: tuple[Landmark, ...] = ()
+    if (marks := match.problem.landmarks) is not None:
+        starts = points_of(back.carry_points(marks.points(match.mesh)))
+        given = zip(starts, document.landmarks, strict=True)
+        landmarks = tuple(one.placed("source", start) for start, one in given)
+    of = document.channels, document.mask
+    kept = InitialMap(initial, GIVEN, *of, found.notes, landmarks, document.landmarks_alone)
+    opened = replace(
+        document, surfaces=pair, landmarks=landmarks, initial=GIVEN, initial_map=kept
+    )
+    return opened, known
+
+
+def _weights(match: abfm.Match) -> list[float]:
+    """Return those that channels have; 1 where landmarks alone were matched, and functions had 0."""
+    found = match.weights.tolist()
+    return found if any(found) else [1.0] * len(found)
 
 
 def _column(path: Path, name: str) -> str:

@@ -22,8 +22,8 @@ from abfm_viewer.document.document import (
     SIDES,
     Coloring,
     FieldPart,
-    Point,
 )
+from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
 
@@ -235,7 +235,7 @@ class FieldQuantities(Jobs):
         mesh, tau = field.mesh, flow.parameters.tau
 
         def compute() -> list[abfm.flow.FlowLine]:
-            starts, lines = _starts(mesh, points), partial(abfm.flow.flow_lines, mesh)
+            starts, lines = surface_points(mesh, points), partial(abfm.flow.flow_lines, mesh)
             return [line for t in (-tau, tau) for line in lines(field.velocity, starts, t)]
 
         return self._lines.ask((field, points, tau), compute) or []
@@ -248,7 +248,7 @@ class FieldQuantities(Jobs):
 
         def compute() -> list[abfm.flow.FlowLine]:
             mesh, tau = flow.mesh, flow.parameters.tau
-            starts = _starts(mesh, points)
+            starts = surface_points(mesh, points)
             fields = flow.flow.fine_velocity
             return abfm.flow.flow_lines(mesh, fields, starts, EXTRAPOLATION * tau, tau)
 
@@ -325,7 +325,3 @@ class Shown:
 def _quality(flow: FlowState, time: float) -> abfm.maps.FlowMapQuality:
     return flow.flow.map_quality(time)
 
-
-def _starts(mesh: TriangleMesh, points: tuple[Point, ...]) -> abfm.maps.SurfacePoints:
-    faces, weights = zip(*((p.face, p.barycentric) for p in points), strict=True)
-    return abfm.maps.SurfacePoints(mesh, np.array(faces), np.array(weights))

@@ -49,7 +49,8 @@ class Problem:
     mask : (V,) array, optional
         Weight of the mismatch at each vertex, not negative.
     weights : (C,) array, optional
-        Weight of each channel's mismatch, not negative.
+        Weight of each channel's mismatch, not negative. All may be 0 where there are landmarks,
+        which are then all that is matched.
     start : (M, 4^k F, 3) or (4^k F, 3) array, optional
         Fields to start from, such as an earlier ``match.velocity``, also one found for other
         functions or parameters; those of M segments are averaged over, or repeated in, the N of
@@ -114,7 +115,8 @@ class Problem:
         if landmarks is not None and f is None and g is None:
             f = g = np.zeros(len(mesh.vertices))
         source, target = (_values(mesh, given) for given in (f, g))
-        functions = FunctionTerm(mesh.normalized(), source, target, mask, weights)
+        has_marks = landmarks is not None
+        functions = FunctionTerm(mesh.normalized(), source, target, mask, weights, has_marks)
         functions.refuse_extremes()
         self.__dict__.update(
             mesh=mesh,
@@ -218,7 +220,8 @@ class Problem:
             for values, specs in zip((own.source, own.target), self.specs, strict=True)
         )
         mask = None if own.mask is None else mask_on_children(mesh, own.mask)
-        functions = FunctionTerm(fine.normalized(), source, target, mask, own.weights)
+        unit = fine.normalized()
+        functions = FunctionTerm(unit, source, target, mask, own.weights, may_not_count=True)
         functions.function_size = own.function_size
         others = [term.restricted(_Finer(mesh, fine)) for term in self.terms[1:]]
         if None in others:
@@ -230,7 +233,7 @@ class Problem:
             mesh=fine,
             terms=(functions, *others),
             functions=functions,
-            landmarks=marks and marks.subdivided(fine.normalized()),
+            landmarks=marks and marks.subdivided(unit),
             fine_start=start,
             divergence=self.divergence,
         )
@@ -350,9 +353,10 @@ def problem_of(
 ) -> Problem:
     """Return the problem of such arrays; functions may have values that are refused today."""
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
-    functions = FunctionTerm(mesh.normalized(), source, target, arrays.get("mask"), weights)
-    zero = np.zeros(len(mesh.vertices))
     marks = [arrays[name] for name in results.LANDMARK_ENTRIES if name in arrays]
+    mask, has_marks = arrays.get("mask"), bool(marks)
+    functions = FunctionTerm(mesh.normalized(), source, target, mask, weights, has_marks)
+    zero = np.zeros(len(mesh.vertices))
     none = [""] * len(functions.source)
     specs = [arrays[name].tolist() if name in arrays else none for name in results.SPEC_ENTRIES]
     return Problem(mesh, zero, zero, parameters)._with(

@@ -2,6 +2,8 @@ from .correspondence import Correspondence as Correspondence
 from .files import is_correspondence as is_correspondence
 from .files import load_correspondence as load_correspondence
 from .files import load_registration as load_registration
+from .initial.landmark_pairs import Landmarks as Landmarks
+from .initial.landmark_pairs import read_landmarks as read_landmarks
 from .register import MEASURED as MEASURED
 from .register import Prepared as Prepared
 from .register import prepare as prepare

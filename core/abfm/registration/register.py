@@ -93,7 +93,8 @@ def register(
         How much the mismatch counts at each vertex, not negative. Where it is 0, A's functions are
         filled in from around, like values that are not finite.
     weights : (C,) array, optional
-        Weight of each channel's mismatch. Masks and weights need functions.
+        Weight of each channel's mismatch, all 0 where landmarks alone are to be matched. Masks and
+        weights need functions.
     max_distortion : float, optional
         The most ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, see `within`.
 
@@ -178,7 +179,10 @@ def prepare(
             f"f has {len(source)} and g {len(target)} channels; give as many of each"
         )
     counts = _weights(weights, len(source))
-    given = Given(a, b, source, target, on_a, on_b, counts, marks)
+    if counts.any():
+        given = Given(a, b, source, target, on_a, on_b, counts, marks)
+    else:
+        given = Given(a, b, mask_a=on_a, mask_b=on_b, landmarks=marks)
     first = initial_map(initial, given)
     found = first.correspondence
     carried = found.carry(source.T, by="area").T

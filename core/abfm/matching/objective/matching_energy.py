@@ -144,7 +144,7 @@ class Objective:
     gradient: Callable[[FloatArray], Adjoint | Bracket]  # at frame coefficients (N, F, 2)
     shift: FloatArray | float = 0.0  # what is taken off what was carried, before it is measured
     landmarks: Callable[[FloatArray], Missed] | None = None  # what they say of (N, F, 2)
-    is_still: bool = False  # whether what is carried is constant, which no flow changes
+    is_of_landmarks: bool = False  # whether nothing but them counts
 
     def evaluate(self, x: FloatArray) -> Evaluation:
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable flow ends in any numbers
@@ -180,9 +180,9 @@ class Objective:
     def _mismatch(
         self, x: FloatArray
     ) -> tuple[tuple[float, ...], FloatArray, Callable[[], FloatArray]]:
-        if self.is_still:
-            still = self.missed(self.carried - self.shift)[0]
-            return still, self.carried, partial(np.zeros, x.shape)
+        if self.is_of_landmarks:
+            shares = self.missed(self.carried - self.shift)[0]
+            return shares, carried_along(self.advect, x, self.carried), partial(np.zeros, x.shape)
         flow, gradient = self.advect(x), self.gradient(x)
         trajectories, advected = [], np.empty_like(self.carried)
         for c, f in enumerate(self.carried):
@@ -194,6 +194,16 @@ class Objective:
         if not np.isfinite(sum(shares)):
             raise AdvectionError("the mismatch overflows")
         return shares, advected, partial(gradient.of_fields, flow, trajectories, residuals)
+
+
+def carried_along(
+    advect: Callable[[FloatArray], Advection], x: FloatArray, functions: FloatArray
+) -> FloatArray:
+    """Return functions (C, V), carried by the flow of fields; constant ones stay as they are."""
+    if not np.ptp(functions, axis=1).any():
+        return functions
+    flow = advect(x)
+    return np.stack([flow.forward(f)[-1].end for f in functions])
 
 
 class MatchingEnergy:
@@ -218,7 +228,7 @@ class MatchingEnergy:
         self.functions, self.terms = problem.functions, DataTerms(problem.terms)
         self.landmarks = problem.landmarks
         alone = self.landmarks is not None and len(problem.terms) == 1
-        self.is_still = alone and self.functions.is_constant
+        self.is_of_landmarks = alone and self.functions.is_constant
         self.discretisation = Discretisation(self.mesh, self.parameters.method)
         alpha, order = self.parameters.alpha, self.parameters.order
         usual = regularizer(self.mesh, alpha, order, problem.divergence)
@@ -267,7 +277,7 @@ class MatchingEnergy:
             self._gradient,
             shift,
             self.missed_landmarks(self.parameters.landmark_sigma),
-            self.is_still,
+            self.is_of_landmarks,
         )
 
     def flow(self, x: FloatArray) -> Advection:
@@ -338,11 +348,8 @@ class MatchingEnergy:
 
     def advected(self, x: FloatArray) -> FloatArray:
         """Carry the terms' functions (C, V) by (N, F, 2); not finite where the flow overflows."""
-        if self.is_still:
-            return self.terms.carried
         try:
-            flow = self.flow(x)
-            return np.stack([flow.forward(f)[-1].end for f in self.terms.carried])
+            return carried_along(self.flow, x, self.terms.carried)
         except AdvectionError:
             return np.full_like(self.terms.carried, np.nan)
 

@@ -138,7 +138,7 @@ class Descent:
             return self.best
         current, history = self._first(search, stage), self._record.history
         energy = self.levels[stage.level].energy
-        has_landmarks = energy.landmarks is not None and not energy.is_still
+        has_landmarks = energy.landmarks is not None and not energy.is_of_landmarks
         least = self.best
         energies = [current.point.energy]
         left = self.levels[stage.level].affordable(stage.iterations, self.best.x)
@@ -252,7 +252,7 @@ def search(
     landmarks = energy.landmarks
     if precondition and landmarks is not None:
         bends = partial(landmarks.bends, tau=tau, sigma=stage.landmark_sigma)
-        if energy.is_still:
+        if energy.is_of_landmarks:
             return GaussNewton(evaluate, inverse, bends, displacement, p.max_displacement)
         if at is not None and 2 * len(landmarks) * at.size <= _MOST_BENT:
             precondition = with_landmarks(inverse, *bends(at)[:2])

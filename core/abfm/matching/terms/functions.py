@@ -40,8 +40,8 @@ _MOSTLY_CONSTANT = 0.05  # the same of one whose mismatch is told relative to wh
 class FunctionTerm:
     """A source f and a target g, (V,) or (V, C), on a mesh of unit area; AbfmError if they misfit.
 
-    A mask is (V,), of the vertices of the mesh or of its file; weights are (C,). ``source`` and
-    ``target`` are (C, V), ``areas`` those of the vertices times the mask. ``function_size`` is the
+    A mask is (V,), of the vertices of the mesh or of its file; weights are (C,), and may all be 0
+    only if the functions ``may_not_count``, beside other terms. ``source`` and ``target`` are (C, V), ``areas`` those of the vertices times the mask. ``function_size`` is the
     larger deviation of both from their means, in L2 over all channels; 1 where both are constant.
     """
 
@@ -54,6 +54,7 @@ class FunctionTerm:
         g: ArrayLike,
         mask: ArrayLike | None = None,
         weights: ArrayLike | None = None,
+        may_not_count: bool = False,
     ) -> None:
         self.mesh = mesh
         self.source, self.target = channels(mesh, f, "source"), channels(mesh, g, "target")
@@ -68,7 +69,9 @@ class FunctionTerm:
             if of_vertices.shape == (mesh.file_vertex_count,):
                 of_vertices = mesh.restrict(of_vertices)
             self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
-        self.weights = np.ones(count) if weights is None else _weights(weights, count, "weights")
+        self.weights = np.ones(count)
+        if weights is not None:
+            self.weights = _weights(weights, count, "weights", may_not_count)
         self.areas = vertex_areas(mesh) if self.mask is None else vertex_areas(mesh) * self.mask
         with np.errstate(over="ignore"):
             size = max(self.deviation(self.source), self.deviation(self.target))
@@ -77,7 +80,7 @@ class FunctionTerm:
     def refuse_extremes(self) -> None:
         """Raise FunctionError where values are so large or small that squares overflow."""
         sizes = np.maximum(np.abs(self.source).max(axis=1), np.abs(self.target).max(axis=1))
-        largest, counting = float(sizes.max()), float(sizes[self.weights > 0].max())
+        largest, counting = float(sizes.max()), float(sizes[self.weights > 0].max(initial=0))
         if largest > LARGEST or 0 < counting < SMALLEST:
             wrong = largest if largest > LARGEST else counting
             raise FunctionError(
@@ -122,7 +125,7 @@ class FunctionTerm:
             return None
         coarse = restriction.coarse.normalized()
         f, g = average(self.source), average(self.target)
-        found = FunctionTerm(coarse, f.T, g.T, mask, self.weights)
+        found = FunctionTerm(coarse, f.T, g.T, mask, self.weights, may_not_count=True)
         found.function_size = self.function_size
         return found
 
@@ -232,13 +235,16 @@ class _Mismatch:
         return float(total / float(sigma * self.unit) ** 2)
 
 
-def _weights(values: ArrayLike, count: int, name: str) -> FloatArray:
+def _weights(
+    values: ArrayLike, count: int, name: str, may_be_zero: bool = False
+) -> FloatArray:
     array = real_numbers(values, name, ParameterError).copy()
     if array.shape != (count,):
         raise ParameterError(f"{name} has shape {array.shape}; expected ({count},)")
-    if not np.isfinite(array).all() or (array < 0).any() or not array.any():
+    is_zero = not array.any()
+    if not np.isfinite(array).all() or (array < 0).any() or (is_zero and not may_be_zero):
         raise ParameterError(f"{name} must be finite, not negative, and not zero everywhere")
-    if not _LIGHTEST <= array.max() <= _HEAVIEST:
+    if not is_zero and not _LIGHTEST <= array.max() <= _HEAVIEST:
         raise ParameterError(
             f"{name} is {array.max():.3g} at most; expected a largest value between "
             f"{_LIGHTEST:g} and {_HEAVIEST:g}"

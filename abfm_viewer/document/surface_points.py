@@ -1,0 +1,51 @@
+"""Points and landmarks of a document as the library has them, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import abfm
+from abfm import TriangleMesh
+from abfm_viewer.document.document import SIDES, Landmark, Point, triple
+
+if TYPE_CHECKING:
+    from abfm.registration import Landmarks
+
+
+def surface_points(mesh: TriangleMesh, points: Sequence[Point]) -> abfm.maps.SurfacePoints:
+    faces = np.array([point.face for point in points], dtype=np.int64)
+    weights = np.array([point.barycentric for point in points], dtype=np.float64)
+    return abfm.maps.SurfacePoints(mesh, faces, weights.reshape(-1, 3))
+
+
+def points_of(found: abfm.maps.SurfacePoints) -> list[Point]:
+    places = zip(found.faces.tolist(), found.barycentric, strict=True)
+    return [Point(face, triple(weights)) for face, weights in places]
+
+
+def paired(a: TriangleMesh, b: TriangleMesh, pairs: Sequence[Landmark]) -> Landmarks | None:
+    """Return whole landmarks on the surfaces of source and target; None if there are none."""
+    if not pairs:
+        return None
+    on_a, on_b = (
+        surface_points(mesh, [point for pair in pairs if (point := pair.point(side)) is not None])
+        for mesh, side in zip((a, b), SIDES, strict=True)
+    )
+    weights = np.array([pair.weight for pair in pairs])
+    return abfm.registration.Landmarks(on_a, on_b, weights, tuple(pair.name for pair in pairs))
+
+
+def landmarks_of(given: Landmarks) -> tuple[Landmark, ...]:
+    own = points_of(given.a), points_of(given.b), given.weights.tolist(), given.names
+    return tuple(map(Landmark, *own))
+
+
+def landmarks_of_match(match: abfm.Match) -> tuple[Landmark, ...]:
+    """Return those that a match has on its own surface: where they start, and are wanted."""
+    if (marks := match.problem.landmarks) is None:
+        return ()
+    starts, ends = points_of(marks.points(match.mesh)), points_of(marks.wanted(match.mesh))
+    return tuple(map(Landmark, starts, ends, marks.weights.tolist()))
