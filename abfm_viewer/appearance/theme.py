@@ -54,13 +54,31 @@ _CODES = {
 
 
 def _palette(column: int) -> Palette:
-    channels = {name: bytes.fromhex(codes[column]) for name, codes in _CODES.items()}
-    return Palette(
-        **{name: (r / 255, g / 255, b / 255, 1.0) for name, (r, g, b) in channels.items()}
-    )
+    return Palette(**{name: _color(codes[column]) for name, codes in _CODES.items()})
+
+
+def _color(code: str) -> Color:
+    red, green, blue = bytes.fromhex(code)
+    return red / 255, green / 255, blue / 255, 1.0
 
 
 LIGHT, DARK = _palette(0), _palette(1)
+# dark enough for white numbers, and apart from each other
+_OF_LANDMARKS = (
+    "1f5fd0",
+    "c4314b",
+    "1c7c3c",
+    "8a3ffc",
+    "b35a00",
+    "007d86",
+    "b5179e",
+    "5f6b00",
+    "3f4a5a",
+    "7a3b1d",
+)
+LANDMARKS = tuple(map(_color, _OF_LANDMARKS))
+"""By landmarks' numbers, and from the first on again where there are more."""
+ON_LANDMARKS: Color = (1.0, 1.0, 1.0, 1.0)
 
 
 def linear(color: Color) -> tuple[float, float, float]:

@@ -83,8 +83,8 @@ class ProblemSpec:
             self.parameters,
             mask=mask,
             weights=weights,
-            landmarks=marks and (marks.a, marks.b),
-            landmark_weights=marks and marks.weights,
+            landmarks=None if marks is None else (marks.a, marks.b),
+            landmark_weights=None if marks is None else marks.weights,
         )
         return problem.with_specs(*specs)
 

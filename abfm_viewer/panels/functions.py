@@ -14,7 +14,7 @@ from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.document.verdict_words import sentence
-from abfm_viewer.panels import initial_map
+from abfm_viewer.panels import initial_map, landmarks
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.widgets.toolkit import Ui
@@ -48,15 +48,21 @@ def draw_mesh(context: Context) -> None:
         context.open_mesh()
     ui.beside()
     ui.align()
+    place = landmarks.button_label(document)
+    room = ui.room_beside(place)
     if document.is_pair:
-        for letter, surface in zip("AB", document.surfaces, strict=True):
-            count = f"{len(surface.mesh.vertices):,} vertices"
-            tip = f"{_size(surface.mesh)}. {_area(surface.mesh)}"
-            ui.line(f"{letter}: {surface.name}, {count}", "ink", tip)
+        first, second = (
+            f"{letter}: {surface.name}, {len(surface.mesh.vertices):,} vertices"
+            for letter, surface in zip("AB", document.surfaces, strict=True)
+        )
+        tips = [f"{_size(surface.mesh)}. {_area(surface.mesh)}" for surface in document.surfaces]
     else:
         mesh = document.surface().mesh
-        ui.line(document.name, "ink", _area(mesh))
-        ui.line(_size(mesh), tip=_area(mesh))
+        first, second, tips = document.name, _size(mesh), 2 * [_area(mesh)]
+    ui.line(first, "ink", tips[0], room)
+    ui.at_right_end(place)
+    landmarks.draw_button(context)
+    ui.line(second, "ink" if document.is_pair else "muted", tips[1])
     for surface in document.surfaces:
         for message in surface.mesh.messages:
             ui.note(message)

@@ -29,8 +29,14 @@ class _Choice(NamedTuple):
 _CHOICES = {
     "automatic": _Choice(
         "",
-        "By equal faces, or through spheres, those that the surfaces are or, where they have no "
-        "handles, ones that are made of them; else to what is closest.",
+        "By equal faces, or through spheres that the surfaces are, or by three landmarks and "
+        "more, or through spheres that are made of surfaces without handles; else to what is "
+        "closest.",
+    ),
+    "landmarks": _Choice(
+        "landmarks",
+        "From three landmarks and more: by eigenfunctions, or closest once aligned.",
+        can_mirror=True,
     ),
     "same connectivity": _Choice("connectivity", "Vertex i to vertex i, of the same faces."),
     "closest points": _Choice(

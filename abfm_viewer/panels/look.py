@@ -33,7 +33,12 @@ _ARROWS = "The field as arrows on the advected surface."
 _STREAKS = "Lines all over the surface: line integral convolution, seconds after a match."
 _LINKS = "From points of A to where they are on B at the shown time."
 _FADE = "Less contrast of the streaks where the field is slower."
-_CLICKS = ("Nothing.", "A flow line through the point.", "Follow where the point goes over time.")
+_CLICKS = (
+    "Nothing.",
+    "A landmark.",
+    "A flow line through the point.",
+    "Follow where the point goes over time.",
+)
 _COMPARED = {
     "linear blend": "A surface with (1 - t/τ) source + t/τ target: nothing moves, it only fades.",
     "optimal transport": "A surface with the Wasserstein interpolation: the mass takes the "

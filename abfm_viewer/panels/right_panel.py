@@ -2,7 +2,16 @@
 
 from collections.abc import Callable
 
-from abfm_viewer.panels import energy, export, functions, initial_map, look, parameters, solver
+from abfm_viewer.panels import (
+    energy,
+    export,
+    functions,
+    initial_map,
+    landmarks,
+    look,
+    parameters,
+    solver,
+)
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.containers import child, tabs, window
 from abfm_viewer.widgets.widget_record import Rect
@@ -10,6 +19,7 @@ from abfm_viewer.widgets.widget_record import Rect
 TABS: dict[str, dict[str, Callable[[Context], None]]] = {
     "Functions": {
         "mesh": functions.draw_mesh,
+        "landmarks": landmarks.draw,
         "functions": functions.draw,
         "initial map": initial_map.draw_notes,
     },

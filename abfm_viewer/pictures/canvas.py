@@ -1,5 +1,6 @@
 """Pictures of any size off the screen, every pixel a mean of samples, and their letters."""
 
+import math
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 
@@ -12,7 +13,7 @@ from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.scene import opengl
-from abfm_viewer.scene.annotations import Line, Part, Pen, Strip, Text
+from abfm_viewer.scene.annotations import Disc, Line, Part, Pen, Strip, Text
 from abfm_viewer.scene.opengl import ps
 
 Pixels = NDArray[np.uint8]
@@ -22,6 +23,7 @@ Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 _MOST_SAMPLES = {4: 40e6, 3: 80e6, 2: 140e6}
 _LONGEST_SIDE = 16384  # in samples: what graphics cards take
 _SMALL = 64
+_FINER = 4  # than pixels, along a side, are discs drawn
 # polyscope's tone mapping
 _GAMMA, _WHITE = 2.2, 0.75
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -91,8 +93,34 @@ def letter(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font) ->
         elif isinstance(part, Line):
             width = max(round(part.width), 1)
             ImageDraw.Draw(picture).line(part.points, fill=rgb(part.color), width=width)
+        elif isinstance(part, Disc):
+            _draw_disc(picture, part)
         else:
             _color(picture, part)
+
+
+def _draw_disc(picture: Image.Image, disc: Disc) -> None:
+    """Draw a disc finer than pixels, and make it smaller."""
+    left, top = (math.floor(middle - disc.radius) for middle in disc.center)
+    side = math.ceil(2 * disc.radius) + 2
+    middle = [_FINER * (at - low) for at, low in zip(disc.center, (left, top), strict=True)]
+    mask = Image.new("L", (_FINER * side, _FINER * side), 0)
+    for radius, shade in ((disc.radius, 255), (disc.hole, 0)):
+        box = [at + sign * _FINER * radius for sign in (-1, 1) for at in middle]
+        ImageDraw.Draw(mask).ellipse(box, fill=shade if radius else None)
+    mask = mask.resize((side, side), Image.Resampling.BOX)
+    layer = Image.new("RGBA", mask.size, (*rgb(disc.color), 0))
+    layer.putalpha(mask)
+    _lay(picture, layer, left, top)
+
+
+def _lay(picture: Image.Image, layer: Image.Image, left: int, top: int) -> None:
+    """Lay a layer on a picture, which it may stand out of."""
+    if picture.mode == "RGBA":
+        hidden = min(max(-left, 0), layer.width), min(max(-top, 0), layer.height)
+        picture.alpha_composite(layer, (max(left, 0), max(top, 0)), hidden)
+    else:
+        picture.paste(layer, (left, top), layer)
 
 
 def _color(picture: Image.Image, strip: Strip) -> None:
@@ -111,11 +139,7 @@ def _write(picture: Image.Image, text: Text, pen: Pen, font: Font) -> None:
     size = round(pen.width(text.text)) + 2, round(pen.line) + 2
     layer = Image.new("RGBA", size, (*color, 0))
     ImageDraw.Draw(layer).text((0, 0), text.text, fill=(*color, 255), font=font, anchor="la")
-    if picture.mode == "RGBA":
-        hidden = min(max(-left, 0), layer.width), min(max(-top, 0), layer.height)
-        picture.alpha_composite(layer, (max(left, 0), max(top, 0)), hidden)
-    else:
-        picture.paste(layer, (left, top), layer)
+    _lay(picture, layer, left, top)
 
 
 def rgb(color: Color) -> tuple[int, int, int]:

@@ -78,6 +78,7 @@ class DocumentRenderer:
             if problem := session.problem_told:
                 raise FunctionError(problem)
             self._scene = Scene(self._shown, self._options.turns)
+            self._scene.pixels = self._pen.scale
             self._scene.name_height = name_height(self._pen) if self._options.labels else 0.0
             self._scene.room_below = bar_room(self._pen, self._size[1]) if self._color_bar else 0.0
             self._scene.update(self._rect)

@@ -14,11 +14,11 @@ from abfm import FunctionError
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange, table
-from abfm_viewer.appearance.theme import Color, Palette
+from abfm_viewer.appearance.theme import LANDMARKS, ON_LANDMARKS, Color, Palette
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side, triple
-from abfm_viewer.scene.scene import Scene
+from abfm_viewer.scene.scene import MARK_RADIUS, DrawnMark, Scene
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
@@ -60,7 +60,17 @@ class Line:
     width: float
 
 
-Part = Text | Strip | Line
+@dataclass(frozen=True)
+class Disc:
+    """A disc, or a ring around a hole."""
+
+    center: tuple[float, float]
+    radius: float
+    color: Color
+    hole: float = 0.0  # radius
+
+
+Part = Text | Strip | Line | Disc
 
 
 @dataclass(frozen=True)
@@ -182,6 +192,7 @@ def laid_out(
     found: list[Part] = [Line(ends, pen.inks.border, pen.scale) for ends in borders]
     for place, other, color in scene.links():
         found.append(Line((place, other), (*triple(color), 1.0), _LINK * pen.scale))
+    found += landmark_parts(scene.landmarks(), pen)
     # names are in the middle above the surfaces, or end at their left
     for name, title, (left, top, right, bottom) in _titles(scene) if labels else ():
         title = cut(title, right - left - 4 * pen.scale, pen.width)
@@ -190,6 +201,24 @@ def laid_out(
         ink = {"source": pen.inks.source, "target": pen.inks.target}.get(name, pen.inks.ink)
         found.append(Text(start, (top + bottom - pen.line) / 2, title, ink))
     return [*found, *(_bars(scene, rect, pen) if color_bar else [])]
+
+
+def landmark_parts(marks: Sequence[DrawnMark], pen: Pen) -> list[Part]:
+    """Lay out landmarks: numbered discs, and rings where one is wanted, both of its colour."""
+    found: list[Part] = []
+    radius, line = MARK_RADIUS * pen.scale, 1.5 * pen.scale
+    for mark in sorted(marks, key=lambda mark: not mark.is_goal):  # rings below
+        color, at = LANDMARKS[mark.number % len(LANDMARKS)], mark.place
+        if mark.is_goal:
+            found.append(Disc(at, radius + line, pen.inks.ground, radius - 2 * line))
+            found.append(Disc(at, radius, color, radius - line))
+            continue
+        text = str(mark.number + 1)
+        found.append(Disc(at, radius + line, ON_LANDMARKS))
+        found.append(Disc(at, radius, color))
+        corner = at[0] - pen.width(text) / 2, at[1] - pen.line / 2
+        found.append(Text(*corner, text, ON_LANDMARKS))
+    return found
 
 
 def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
@@ -234,6 +263,11 @@ def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -
         elif isinstance(one, Line):
             for start, end in pairwise(one.points):
                 canvas.AddLine(start, end, _u32(one.color), one.width)
+        elif isinstance(one, Disc) and one.hole:
+            width = one.radius - one.hole
+            canvas.AddCircle(one.center, one.hole + width / 2, _u32(one.color), 0, width)
+        elif isinstance(one, Disc):
+            canvas.AddCircleFilled(one.center, one.radius, _u32(one.color))
         elif isinstance(one, Strip):
             left, top, right, bottom = one.rect
             edges = np.linspace(left, right, _STEPS + 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
@@ -15,13 +17,15 @@ from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.colormaps import place_colors
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.computing.defaults import best_front
-from abfm_viewer.document.document import SIDES, Document, Front, Look, Point, triple
+from abfm_viewer.document.document import SIDES, Document, Front, Look, Point, Side, triple
 from abfm_viewer.scene import opengl, surfaces
+from abfm_viewer.scene.hidden_points import are_hidden
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays, Placed, evenly_spread, vertex_normals
 from abfm_viewer.scene.pacing import Pacing
 from abfm_viewer.scene.slots import Fit, Place, SlotView, rotation, slots
 from abfm_viewer.scene.surfaces import Viewport, viewport
+from abfm_viewer.shown.landmarks import Marks
 from abfm_viewer.shown.paint import Paint, Painter
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
@@ -29,6 +33,8 @@ from abfm_viewer.widgets.widget_record import Rect
 # the viewer, in radii of a surface, of which a part may be two radii before its slot's middle
 _AWAY = 4.0
 _POINTS_OF_A_RIM = 32
+MARK_RADIUS = 9.0
+"""Of landmarks, in pixels at a scale of 1."""
 _LINKS = 0.0  # density of points with lines between surfaces
 
 
@@ -51,11 +57,14 @@ class Scene:
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
         self._flow, self._links = shown.flow, Memo[Links]()
+        self._landmarks = shown.landmarks
+        self._hidden = defaultdict[tuple[str, Side | None], Memo[NDArray[np.bool_]]](Memo)
         self._placing = Placing()
         self.overlays = Overlays(shown, self._placing.placed.discard)
         self.pacing = Pacing(shown.session)
-        # pixels of names, in each slot, and of colour bars below all
+        # pixels of names, in each slot, of colour bars below all, and of a length at a scale of 1
         self.name_height = self.room_below = 0.0
+        self.pixels = 1.0
         self._meshes: dict[str, TriangleMesh] = {}
         self._fits: dict[str, Fitted] = {}  # by surfaces' names
         self._views: dict[str, SlotView] = {}
@@ -176,6 +185,44 @@ class Scene:
             for start, stop, color in zip(
                 starts[inside], stops[inside], links.colors[inside], strict=True
             )
+        ]
+
+    def landmarks(self) -> list[DrawnMark]:
+        """Return the landmarks that are in view, where they are in the window."""
+        found: list[DrawnMark] = []
+        for name in self.shown:
+            side: Side = "source" if name == "source" else "target"
+            is_placed = name in SIDES
+            found += self._drawn(name, side, self._landmarks.placed(side), not is_placed)
+            if name == "advected":
+                found += self._drawn(name, None, self._landmarks.moved(), False)
+        return found
+
+    def landmark_at(self, place: Place) -> DrawnMark | None:
+        """Return the landmark that a place of the window is on, and that can be moved there."""
+        reach = MARK_RADIUS * self.pixels
+        near = [
+            (math.dist(mark.place, place), mark)
+            for mark in self.landmarks()
+            if mark.side is not None and math.dist(mark.place, place) <= reach
+        ]
+        return min(near, key=lambda one: one[0])[1] if near else None
+
+    def _drawn(
+        self, name: str, side: Side | None, marks: Marks | None, is_goal: bool
+    ) -> list[DrawnMark]:
+        if marks is None or self._session.surface(name).mesh is not marks.mesh:
+            return []
+        at, axes = self.projected(name, marks.places)[:, :2], self.view_of(name).rotation
+        hidden = self._hidden[name, side].get(
+            (marks, axes.tobytes()),
+            lambda: are_hidden(marks.mesh, marks.places, marks.normals, axes),
+        )
+        seen = _inside(at, self.view.slots[name].rect) & ~hidden
+        return [
+            DrawnMark(name, side, number, (float(x), float(y)), is_goal)
+            for number, (x, y), is_seen in zip(marks.numbers, at, seen, strict=True)
+            if is_seen
         ]
 
     def enlarge(self, name: str) -> None:
@@ -311,6 +358,19 @@ class Scene:
             transforms[name] = transform
         placed = [(name, name, ps.get_surface_mesh(name)) for name in self.names]
         self._placing.place(self.view, transforms, [*placed, *self.overlays.structures()])
+
+
+@dataclass(frozen=True)
+class DrawnMark:
+    """A landmark in the window: as it was placed on a side, and can be moved, or where a flow has
+    brought it. A goal is drawn as a ring, which leaves room for what comes there.
+    """
+
+    surface: str
+    side: Side | None
+    number: int  # from 0
+    place: Place
+    is_goal: bool
 
 
 Link = tuple[Place, Place, FloatArray]

@@ -258,6 +258,10 @@ class Editor:
         landmarks[number] = landmarks[number].placed(side, point)
         self.set_landmarks("move a landmark", tuple(landmarks), number, merge)
 
+    def activate_landmark(self, number: int) -> None:
+        if number != self.document.landmark:
+            self.change("select", merge="select", landmark=number)
+
     def remove_landmark(self) -> None:
         """Remove the active one."""
         landmarks, number = self.document.landmarks, self.document.landmark

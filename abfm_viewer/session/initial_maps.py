@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -13,14 +13,19 @@ from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step
+from abfm.workers.worker import Worker, stateless
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.document.document import SIDES, Document, Landmark, Side
 from abfm_viewer.document.surface_points import paired
 from abfm_viewer.session.functions import DocumentFunctions
 
+if TYPE_CHECKING:
+    from abfm.registration.initial.given import Given, Initial
+
 GIVEN = "given"
 """The word of a map that came with a file of a registration."""
 _BY_FUNCTIONS = ("", "sphere", "embedding", "spectral")  # words of maps that ask for functions
+_ENDED = "the process that finds initial maps has ended; try again"
 _BY_LANDMARKS = ("closest", "spectral", "landmarks")  # that ask for any landmarks there are
 
 
@@ -63,6 +68,7 @@ class InitialMaps:
         self._functions = functions
         self._prepared: Latest[Prepared] = jobs.latest()
         self._control, self._wanted = Control(), object()
+        self._worker = None if jobs.at_once else Worker(stateless, _ENDED)
         self._maps: Memo[tuple[abfm.Correspondence, tuple[str, ...]]] = Memo()
         self._of_result = Memo[Prepared]()
         self._columns: dict[Side, Memo[FloatArray]] = defaultdict(Memo)
@@ -79,6 +85,11 @@ class InitialMaps:
     def error(self) -> str:
         """Say why there is no map; nothing if there is one, or will be."""
         return "" if self.busy else self._prepared.error
+
+    def close(self) -> None:
+        """End the process; who waits for its answer is told."""
+        if self._worker is not None:
+            self._worker.close()
 
     def prepared(self, document: Document) -> Prepared | None:
         """Return what is known by now, lately of functions as they were; None before it is."""
@@ -165,14 +176,13 @@ class InitialMaps:
         """
         from abfm.registration.initial.given import Given
         from abfm.registration.initial.landmarks_only import FEWEST
-        from abfm.registration.initial.words import initial_map
 
         if not isinstance(way.by, str):
             return way.by, ()
-        word = way.by.partition(":")[0]
-        by_functions = word in _BY_FUNCTIONS and any(given.weights)
+        word, base = way.by or None, way.by.partition(":")[0]
+        by_functions = base in _BY_FUNCTIONS and any(given.weights)
         enough = len(given.landmarks) >= FEWEST
-        by_landmarks = word in _BY_LANDMARKS or (enough and not (word and by_functions))
+        by_landmarks = base in _BY_LANDMARKS or (enough and not (base and by_functions))
         functions = (given.source, given.target, given.mask, given.weights)
         asked = functions if by_functions else (), given.landmarks if by_landmarks else ()
 
@@ -184,6 +194,15 @@ class InitialMaps:
                 about = about._replace(f=f, g=g, mask_b=given.mask, weights=weights)
             if by_landmarks:
                 about = about._replace(landmarks=paired(way.a, way.b, given.landmarks))
-            return initial_map(way.by or None, about)
+            if self._worker is None:
+                return _found(None, word, about)
+            return self._worker.call(_found, word, about).result()
 
         return self._maps.get((*way, *asked), find)
+
+
+def _found(_: None, word: str | None, given: Given) -> Initial:
+    """Find a map, which takes seconds, in which libraries hold the interpreter."""
+    from abfm.registration.initial.words import initial_map
+
+    return initial_map(word, given)

@@ -9,8 +9,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 from weakref import WeakKeyDictionary
 
-import numpy as np
-
 import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
@@ -225,13 +223,13 @@ class Session:
     @property
     def problem(self) -> ProblemSpec:
         document, prepared, initial = self.document, self.prepared, None
-        matched = {"landmarks": document.pairs, "landmarks_alone": document.landmarks_alone}
+        channels, mask = document.channels, document.mask
+        landmarks = document.pairs, document.landmarks_alone
         if prepared is not None:
             found, notes = prepared.correspondence, prepared.notes
-            of = document.initial, document.channels, document.mask
-            initial = InitialMap(found, *of, notes, **matched)
-        solved = document.channels, document.parameters, document.mask
-        return ProblemSpec(self.surface().mesh, *solved, **matched, initial=initial)
+            initial = InitialMap(found, document.initial, channels, mask, notes, *landmarks)
+        mesh = self.surface().mesh
+        return ProblemSpec(mesh, channels, document.parameters, mask, *landmarks, initial)
 
     @property
     def obstacle(self) -> str:
@@ -439,6 +437,7 @@ class Session:
     def close(self) -> None:
         self.solver.close()
         self.functions.close()
+        self.initial_maps.close()
         self._jobs.close()
 
 

@@ -141,14 +141,12 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
         landmarks = tuple(one.placed("source", start) for start, one in given)
     of = document.channels, document.mask
     kept = InitialMap(initial, GIVEN, *of, found.notes, landmarks, document.landmarks_alone)
-    opened = replace(
-        document, surfaces=pair, landmarks=landmarks, initial=GIVEN, initial_map=kept
-    )
+    opened = replace(document, surfaces=pair, landmarks=landmarks, initial=GIVEN, initial_map=kept)
     return opened, known
 
 
 def _weights(match: abfm.Match) -> list[float]:
-    """Return those that channels have; 1 where landmarks alone were matched, and functions had 0."""
+    """Return those that channels have; 1 where functions had none beside landmarks."""
     found = match.weights.tolist()
     return found if any(found) else [1.0] * len(found)
 

@@ -17,7 +17,6 @@ from abfm_viewer import shown
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.document.document import (
-    EXTRAPOLATION,
     HODGE_PARTS,
     SIDES,
     Coloring,
@@ -25,6 +24,7 @@ from abfm_viewer.document.document import (
 )
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.landmarks import ShownLandmarks, ways
 from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
 
 # vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
@@ -247,10 +247,7 @@ class FieldQuantities(Jobs):
             return []
 
         def compute() -> list[abfm.flow.FlowLine]:
-            mesh, tau = flow.mesh, flow.parameters.tau
-            starts = surface_points(mesh, points)
-            fields = flow.flow.fine_velocity
-            return abfm.flow.flow_lines(mesh, fields, starts, EXTRAPOLATION * tau, tau)
+            return ways(flow, surface_points(flow.mesh, points))
 
         return self._paths.ask((flow, points), compute) or []
 
@@ -299,6 +296,7 @@ class Shown:
         self.session = session
         self.flow = ShownFlow(session)
         self.quantities = FieldQuantities(session, self.flow)
+        self.landmarks = ShownLandmarks(session, self.flow)
         self.mass_transport = MassTransport(session)
 
     @property
@@ -318,10 +316,9 @@ class Shown:
         return "computing streaks" if self.quantities.convolving else ""
 
     def close(self) -> None:
-        for one in (self.quantities, self.mass_transport, self.flow):
+        for one in (self.quantities, self.landmarks, self.mass_transport, self.flow):
             one.close()
 
 
 def _quality(flow: FlowState, time: float) -> abfm.maps.FlowMapQuality:
     return flow.flow.map_quality(time)
-

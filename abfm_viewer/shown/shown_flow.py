@@ -50,6 +50,11 @@ class FlowState:
         return abfm.Flow(self.mesh, found, self.parameters.tau, self.parameters.method)
 
     @property
+    def duration(self) -> float:
+        """How long the time bar is."""
+        return EXTRAPOLATION * self.parameters.tau
+
+    @property
     def velocity(self) -> FloatArray:
         """The fields on the mesh itself (N, F, 3); not to be asked for in the frame loop."""
         return self.flow.velocity

@@ -202,6 +202,18 @@ class Ui:
         if imgui.GetItemRectMax()[0] + self.text_width(label) + more <= right + 1:
             self.beside()
 
+    def room_beside(self, label: str) -> float:
+        """Return what a button at the right end of the line leaves for what is drawn before it."""
+        style = imgui.GetStyle()
+        button = self.text_width(label) + 2 * style.FramePadding[0]
+        return float(imgui.GetContentRegionAvail()[0] - style.ItemSpacing[0] - button)
+
+    def at_right_end(self, label: str) -> None:
+        """Put the next button on the same line, at its right end."""
+        self.beside()
+        room = self.room_beside(label) + imgui.GetStyle().ItemSpacing[0]
+        imgui.SetCursorPosX(imgui.GetCursorPosX() + max(room, 0.0))
+
     def text_width(self, text: str) -> float:
         return float(imgui.CalcTextSize(text)[0])
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import polyscope.imgui as imgui
 
-from abfm_viewer.document.document import Document, Front, Look, triple
+from abfm_viewer.document.document import ClickTool, Document, Front, Look, triple
 from abfm_viewer.document.verdict_words import headline
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
@@ -33,7 +33,8 @@ _MOUSE = (
     ("double click", "one surface large, or all again"),
     ("Shift+click, Shift+drag", "on the source or target: move the active Gaussian"),
     ("Shift+wheel", "wider or narrower Gaussian"),
-    ("drop files", "open a mesh, a project or a result"),
+    ("drag a landmark", "move it along its surface"),
+    ("drop files", "open a mesh, a project or a result; two meshes as surfaces A and B"),
 )
 _ARROWS = {name: f"{name}Arrow" for name in ("Left", "Right", "Up", "Down")}
 _KEYS = _ARROWS | {"Esc": "Escape"}
@@ -127,6 +128,10 @@ class Actions:
         changes = partial(Action, "Changes", repeats=True)
         self.undo = changes("undo", "Ctrl+Z", session.undo)
         self.redo = changes("redo", "Ctrl+Y or Ctrl+Shift+Z", session.redo)
+        marks = partial(Action, "Landmarks")
+        self.place_landmarks = marks("place landmarks by clicks, or stop that", "M", self._place)
+        what, remove = "remove the chosen landmark", session.editor.remove_landmark
+        self.remove_landmark = marks(what, "Delete or Backspace", remove)
         solver = partial(Action, "Solver")
         self.match = solver("match", "Ctrl+Enter", session.match, while_typing=True)
         self.pause = solver("pause or resume", "P", self._pause)
@@ -280,6 +285,10 @@ class Actions:
         self._dialogs.save(title, (PROJECT,), name, save)
 
     # Solver, time and view
+
+    def _place(self) -> None:
+        tool: ClickTool = "nothing" if self._session.view.tool == "landmark" else "landmark"
+        self._session.editor.set_view("choose what a click does", tool=tool)
 
     def _pause(self) -> None:
         solver = self._session.solver

@@ -9,6 +9,7 @@ from abfm import Parameters
 from abfm_viewer.appearance import colormaps
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.document import LAYOUTS, THEMES
+from abfm_viewer.panels import landmarks
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import menu, menu_item
 from abfm_viewer.widgets.toolkit import Ui
@@ -55,12 +56,7 @@ def _items(ui: Ui, entries: dict[str, Action]) -> None:
 def _file(ui: Ui, actions: Actions) -> None:
     files = actions.context.files
     _items(ui, {"Open mesh...": actions.open_mesh, "Open project...": actions.open_project})
-    if menu_item(ui, "Open second surface..."):
-        actions.context.open_second()
-    ui.tip("Surface B, to which the first one is registered: a flow on B moves A's functions.")
-    is_pair = actions.context.session.document.is_pair
-    if menu_item(ui, "Close second surface", enabled=is_pair):
-        files.close_second()
+    _second_surface(ui, actions)
     with menu(ui, "Recent") as is_open:
         if is_open:
             recent = files.state.recent() if files.state else []
@@ -82,6 +78,18 @@ def _file(ui: Ui, actions: Actions) -> None:
     _items(ui, {"Quit": actions.quit})
 
 
+def _second_surface(ui: Ui, actions: Actions) -> None:
+    context = actions.context
+    if menu_item(ui, "Open second surface..."):
+        context.open_second()
+    ui.tip("Surface B, to which the first one is registered: a flow on B moves A's functions.")
+    is_pair = context.session.document.is_pair
+    if menu_item(ui, "Close second surface", enabled=is_pair):
+        context.files.close_second()
+    if menu_item(ui, "Open landmarks..."):
+        landmarks.open_file(context)
+
+
 def _short(path: Path) -> str:
     """Return a path that fits in a menu: ~ for the user's folder, and the middle left out."""
     text, home = str(path), str(Path.home())
@@ -98,6 +106,10 @@ def _edit(ui: Ui, actions: Actions) -> None:
         hint = f"{what}   {action.hint}" if what else action.hint
         if menu_item(ui, label, hint, enabled=bool(what)):
             action.do()
+    imgui.Separator()
+    places = actions.context.session.view.tool == "landmark"
+    if menu_item(ui, "Place landmarks", actions.place_landmarks.hint, places):
+        actions.place_landmarks.do()
     imgui.Separator()
     is_changed = editor.document.parameters != Parameters()
     if menu_item(ui, "Reset to defaults", enabled=is_changed):

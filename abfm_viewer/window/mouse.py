@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import polyscope.imgui as imgui
 
 from abfm_viewer.document.document import SIDES, Side
-from abfm_viewer.scene.scene import Scene
+from abfm_viewer.scene.scene import DrawnMark, Scene
 from abfm_viewer.scene.slots import Place
 from abfm_viewer.session import active_gaussian
 from abfm_viewer.session.session import Session
@@ -35,6 +35,7 @@ class Mouse:
     def __init__(self) -> None:
         self.over = ""
         self._edited: Side | None = None
+        self._dragged: DrawnMark | None = None
         self._wheel_until = 0.0
         self._pressed_at: Place | None = None
         self._turned: _Turn | None = None
@@ -43,8 +44,11 @@ class Mouse:
 
     @property
     def dragging(self) -> bool:
-        """Return whether it changes a Gaussian, which is one step of undo until it lets go."""
-        return self._edited is not None or time.perf_counter() < self._wheel_until
+        """Return whether it changes a Gaussian or a landmark, which is one step of undo until it
+        lets go.
+        """
+        is_held = self._edited is not None or self._dragged is not None
+        return is_held or time.perf_counter() < self._wheel_until
 
     def update(self, session: Session, scene: Scene, rect: Rect, free: bool) -> None:
         """Do what the mouse asks for in this frame; `free` if it may, as when no dialog is open."""
@@ -54,11 +58,14 @@ class Mouse:
         over = free and inside and not io.WantCaptureMouse and bool(scene.names)
         self.over = scene.view.slot_at(place) if over else ""
         if not (free and imgui.IsMouseDown(0)):
-            self._edited = self._turned = None
+            self._edited = self._turned = self._dragged = None
         ours = (over and io.KeyShift) or self._edited is not None
         if ours:
             imgui.SetMouseCursor(imgui.ImGuiMouseCursor_Hand)
             self._edit_gaussian(session, scene, place)
+        elif self._drag_landmark(session, scene, place, over):
+            imgui.SetMouseCursor(imgui.ImGuiMouseCursor_Hand)
+            ours = True
         elif scene.names:  # what began over them may go on outside
             self._turn(scene, place, over)
             self._enlarge(scene, place, over)
@@ -124,8 +131,26 @@ class Mouse:
             self._wheel_until = time.perf_counter() + _BURST
             active_gaussian.widen(session, side, notches, f"wheel {side}")
 
+    def _drag_landmark(self, session: Session, scene: Scene, place: Place, over: bool) -> bool:
+        """Move a landmark along its surface; whether the mouse is on one, or moves one."""
+        if self._dragged is None:
+            mark = scene.landmark_at(place) if over else None
+            if mark is not None and imgui.IsMouseClicked(0):
+                session.editor.seal()
+                session.editor.activate_landmark(mark.number)
+                self._dragged, self._pressed_at = mark, None
+            return mark is not None and not any(map(imgui.IsMouseDown, _MOVING))
+        mark = self._dragged
+        if tuple(imgui.GetIO().MouseDelta) == (0, 0) or mark.side is None:
+            return True
+        hit = scene.pick(place)
+        if hit is not None and hit.surface == mark.surface:
+            label = f"drag landmark {mark.number} {mark.side}"
+            session.editor.move_landmark(mark.number, mark.side, hit.point, label)
+        return True
+
     def _place_point(self, session: Session, scene: Scene, place: Place, over: bool) -> None:
-        """Start a flow line or follow a point where the left button was clicked."""
+        """Do what the tool does where the left button was clicked."""
         if imgui.IsMouseClicked(0):
             places = over and session.view.tool != "nothing" and not imgui.IsMouseDoubleClicked(0)
             self._pressed_at = place if places else None
@@ -133,5 +158,9 @@ class Mouse:
             still = math.dist(place, self._pressed_at) <= _STILL
             self._pressed_at = None
             if still and (hit := scene.pick(place)) is not None:
+                if session.view.tool == "landmark":
+                    side: Side = "source" if hit.surface == "source" else "target"
+                    session.editor.place_landmark(side, hit.point)
+                    return
                 is_line = session.view.tool == "flow line"
                 session.place_point("lines" if is_line else "points", hit.surface, hit.point)

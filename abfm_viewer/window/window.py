@@ -277,7 +277,7 @@ class Window(Context):
         left, top, right, bottom = rect
         self.exporter.window_size = (round(right - left), round(bottom - top))
         pen, has_bar = window_pen(ui), session.view.color_bar
-        scene.name_height = name_height(pen)
+        scene.pixels, scene.name_height = pen.scale, name_height(pen)
         scene.room_below = bar_room(pen, bottom - top) if has_bar else 0.0
         self.guarded("scene", scene.update, rect)
         if is_live:

@@ -115,9 +115,10 @@ class Problem:
         if landmarks is not None and f is None and g is None:
             f = g = np.zeros(len(mesh.vertices))
         source, target = (_values(mesh, given) for given in (f, g))
-        has_marks = landmarks is not None
-        functions = FunctionTerm(mesh.normalized(), source, target, mask, weights, has_marks)
+        functions = FunctionTerm(mesh.normalized(), source, target, mask, weights)
         functions.refuse_extremes()
+        if landmarks is None:
+            _require_weight(functions)
         self.__dict__.update(
             mesh=mesh,
             terms=(functions, *terms),
@@ -221,7 +222,7 @@ class Problem:
         )
         mask = None if own.mask is None else mask_on_children(mesh, own.mask)
         unit = fine.normalized()
-        functions = FunctionTerm(unit, source, target, mask, own.weights, may_not_count=True)
+        functions = FunctionTerm(unit, source, target, mask, own.weights)
         functions.function_size = own.function_size
         others = [term.restricted(_Finer(mesh, fine)) for term in self.terms[1:]]
         if None in others:
@@ -354,8 +355,9 @@ def problem_of(
     """Return the problem of such arrays; functions may have values that are refused today."""
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
     marks = [arrays[name] for name in results.LANDMARK_ENTRIES if name in arrays]
-    mask, has_marks = arrays.get("mask"), bool(marks)
-    functions = FunctionTerm(mesh.normalized(), source, target, mask, weights, has_marks)
+    functions = FunctionTerm(mesh.normalized(), source, target, arrays.get("mask"), weights)
+    if not marks:
+        _require_weight(functions)
     zero = np.zeros(len(mesh.vertices))
     none = [""] * len(functions.source)
     specs = [arrays[name].tolist() if name in arrays else none for name in results.SPEC_ENTRIES]
@@ -389,6 +391,14 @@ def _checked_start(start: ArrayLike | None, mesh: TriangleMesh) -> FloatArray | 
     with suppress(MeshError, IndexError):
         faces *= 4 ** times_subdivided(fields.shape[-2], mesh)
     return _read_only(check_fields(fields, (count, faces, 3), "start").copy())
+
+
+def _require_weight(functions: FunctionTerm) -> None:
+    if not functions.weights.any():
+        raise ParameterError(
+            "weights are zero everywhere; give a channel one above 0, or landmarks, which are then "
+            "all that is matched"
+        )
 
 
 def _landmarks(mesh: TriangleMesh, given: Any, weights: ArrayLike | None) -> Landmarks | None:

@@ -234,7 +234,10 @@ class Correspondence:
         meshes = results.mesh_arrays(self.b) | {
             f"a_{name}": array for name, array in results.mesh_arrays(self.a).items()
         }
-        return meshes | {
+        return meshes | self._points()
+
+    def _points(self) -> dict[str, Any]:
+        return {
             "image_faces": self.points.faces,
             "image_barycentric": self.points.barycentric,
             "back_faces": self.back.faces,
@@ -244,6 +247,10 @@ class Correspondence:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
         results.save_arrays(path, self.arrays(), results.CORRESPONDENCE)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let other processes have it by its points, as files do."""
+        return _between, (self.a, self.b, self._points())
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}(a={self.a!r}, b={self.b!r})"
@@ -256,9 +263,9 @@ class _ThroughSphere(Correspondence):
         super().__init__(through_sphere(b, a), through_sphere(a, b))
         self._layouts = a, b
 
-    def arrays(self) -> dict[str, Any]:
+    def _points(self) -> dict[str, Any]:
         a, b = self._layouts
-        return super().arrays() | {"a_sphere": a.directions, "sphere": b.directions}
+        return super()._points() | {"a_sphere": a.directions, "sphere": b.directions}
 
     def inverse(self) -> Correspondence:
         return _ThroughSphere(*self._layouts[::-1])
@@ -272,6 +279,10 @@ def correspondence_of(arrays: results.Arrays) -> Correspondence:
     """Return that of `Correspondence.arrays`; an AbfmError or a ValueError if they do not fit."""
     b = results.mesh_of({name: arrays[name] for name in results.MESH_ENTRIES})
     a = results.mesh_of({name: arrays[f"a_{name}"] for name in results.MESH_ENTRIES})
+    return _between(a, b, arrays)
+
+
+def _between(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Correspondence:
     there = PointMap(b, a, arrays["image_faces"], arrays["image_barycentric"])
     back = PointMap(a, b, arrays["back_faces"], arrays["back_barycentric"])
     if "sphere" in arrays and "a_sphere" in arrays:

@@ -77,6 +77,9 @@ class Registration(Correspondence):
         notes = {"notes": np.array(self.notes)} if self.notes else {}
         return self.initial.arrays() | notes | match_arrays(self.match)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Registration, (self.initial, self.match, self.notes)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError; as a
         result file it holds the match on B.

@@ -40,8 +40,9 @@ _MOSTLY_CONSTANT = 0.05  # the same of one whose mismatch is told relative to wh
 class FunctionTerm:
     """A source f and a target g, (V,) or (V, C), on a mesh of unit area; AbfmError if they misfit.
 
-    A mask is (V,), of the vertices of the mesh or of its file; weights are (C,), and may all be 0
-    only if the functions ``may_not_count``, beside other terms. ``source`` and ``target`` are (C, V), ``areas`` those of the vertices times the mask. ``function_size`` is the
+    A mask is (V,), of the vertices of the mesh or of its file; weights are (C,), all 0
+    of functions that are only carried. ``source`` and
+    ``target`` are (C, V), ``areas`` those of the vertices times the mask. ``function_size`` is the
     larger deviation of both from their means, in L2 over all channels; 1 where both are constant.
     """
 
@@ -54,7 +55,6 @@ class FunctionTerm:
         g: ArrayLike,
         mask: ArrayLike | None = None,
         weights: ArrayLike | None = None,
-        may_not_count: bool = False,
     ) -> None:
         self.mesh = mesh
         self.source, self.target = channels(mesh, f, "source"), channels(mesh, g, "target")
@@ -71,7 +71,7 @@ class FunctionTerm:
             self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
         self.weights = np.ones(count)
         if weights is not None:
-            self.weights = _weights(weights, count, "weights", may_not_count)
+            self.weights = _weights(weights, count, "weights", may_be_zero=True)
         self.areas = vertex_areas(mesh) if self.mask is None else vertex_areas(mesh) * self.mask
         with np.errstate(over="ignore"):
             size = max(self.deviation(self.source), self.deviation(self.target))
@@ -125,7 +125,7 @@ class FunctionTerm:
             return None
         coarse = restriction.coarse.normalized()
         f, g = average(self.source), average(self.target)
-        found = FunctionTerm(coarse, f.T, g.T, mask, self.weights, may_not_count=True)
+        found = FunctionTerm(coarse, f.T, g.T, mask, self.weights)
         found.function_size = self.function_size
         return found
 
@@ -235,9 +235,7 @@ class _Mismatch:
         return float(total / float(sigma * self.unit) ** 2)
 
 
-def _weights(
-    values: ArrayLike, count: int, name: str, may_be_zero: bool = False
-) -> FloatArray:
+def _weights(values: ArrayLike, count: int, name: str, may_be_zero: bool = False) -> FloatArray:
     array = real_numbers(values, name, ParameterError).copy()
     if array.shape != (count,):
         raise ParameterError(f"{name} has shape {array.shape}; expected ({count},)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import AbfmError, brief, one_line
 from abfm.functions.files import text_rows
+from abfm.io.atomic import write_atomically
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
@@ -72,6 +74,19 @@ class Landmarks:
         points = vertex_points(a, of_a), vertex_points(b, of_b)
         count = len(points[0].faces)
         return cls(*points, np.ones(count), tuple(map(str, range(count))))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a .csv file that `read_landmarks` reads, as coordinates, whole or not at all, or
+        raise ResultError.
+        """
+        places = np.concatenate([self.a.positions, self.b.positions], axis=1)
+        with write_atomically(path) as temporary, temporary.open("w", newline="") as file:
+            rows = csv.writer(file)
+            rows.writerow(
+                [*(f"{axis}_{side}" for side in "ab" for axis in "xyz"), "weight", "name"]
+            )
+            for row, weight, name in zip(places, self.weights, self.names, strict=True):
+                rows.writerow([*map(repr, [*row.tolist(), float(weight)]), name])
 
 
 class _Row(NamedTuple):

@@ -1,0 +1,126 @@
+"""Landmarks: points of the source's surface, and the points of the target's they belong to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import abfm
+from abfm import AbfmError
+from abfm_viewer.document.document import SIDES, ClickTool, Document, Landmark, Side
+from abfm_viewer.document.surface_points import landmarks_of, paired
+from abfm_viewer.document.verdict_words import counted, share
+from abfm_viewer.panels.context import Context
+from abfm_viewer.session.session import Session
+
+FILES = (".csv", ".txt", ".vts")
+_PLACE, _STOP = "Place landmarks", "Stop placing"
+_ABOUT = (
+    "Points of both surfaces that belong together: the flow takes each one to its partner. Click "
+    "on one surface, then on its partner on the other; drag to move (M)."
+)
+_ALONE = "Match nothing but the landmarks; the functions are carried along."
+_OPEN = "Pairs from a file: vertices of both surfaces, or their coordinates, a line each."
+_SAVE = "Write the pairs to a .csv file, as coordinates on both surfaces."
+_REMOVE = "Remove the chosen landmark from both surfaces (Delete)."
+
+
+def button_label(document: Document) -> str:
+    return _STOP if document.view.tool == "landmark" else _PLACE
+
+
+def draw_button(context: Context) -> None:
+    """Draw the button that lets clicks place landmarks, or not any more."""
+    document, editor = context.session.document, context.session.editor
+    label = button_label(document)
+    if context.ui.button(label, _ABOUT):
+        tool: ClickTool = "landmark" if label == _PLACE else "nothing"
+        editor.set_view("choose what a click does", tool=tool)
+
+
+def draw(context: Context) -> None:
+    """Draw landmarks as a list, if there are some, or there will be."""
+    ui, document = context.ui, context.session.document
+    places = document.view.tool == "landmark"
+    if not (document.landmarks or places):
+        return
+    ui.heading("landmarks")
+    if places and not document.pairs:
+        ui.line(f"Click on {_named(document, 'source')}, then on {_named(document, 'target')}.")
+    if document.landmarks:
+        _draw_list(context)
+    elif ui.button("Open landmarks...", _OPEN):
+        open_file(context)
+
+
+def open_file(context: Context) -> None:
+    context.dialogs.open("Open landmarks", FILES, lambda path: read(context.session, path))
+
+
+def _draw_list(context: Context) -> None:
+    ui, session, editor = context.ui, context.session, context.session.editor
+    document, left = session.document, _left(session)
+    for number, landmark in enumerate(document.landmarks):
+        label = f"{number + 1}: {_words(document, landmark, left.get(landmark))}"
+        if ui.row(label, number == document.landmark)[0]:
+            editor.activate_landmark(number)
+    if ui.button("Remove##landmark", _REMOVE):
+        editor.remove_landmark()
+    ui.beside_if_fits("Clear landmarks", is_button=True)
+    if ui.button("Clear landmarks", "Remove all landmarks."):
+        editor.set_landmarks("clear landmarks", ())
+    ui.beside_if_fits("Open landmarks...", is_button=True)
+    if ui.button("Open landmarks...", _OPEN):
+        open_file(context)
+    if ui.button("Save landmarks...", _SAVE, enabled=bool(document.pairs)):
+        name = f"{Path(document.name).stem}_landmarks.csv"
+        context.dialogs.save("Save landmarks", FILES[:1], name, lambda path: write(session, path))
+    ui.beside_if_fits("landmarks alone")
+    editor.match_landmarks_alone(ui.checkbox("landmarks alone", document.landmarks_alone, _ALONE))
+
+
+def read(session: Session, path: Path) -> None:
+    """Take the pairs of a file in place of those that there are."""
+    a, b = (session.surface(side).mesh for side in SIDES)
+    try:
+        found = landmarks_of(abfm.registration.read_landmarks(a, b, str(path)))
+    except AbfmError as error:
+        session.notices.say(str(error), is_error=True)
+        return
+    session.editor.set_landmarks(f"open {path.name}", found)
+    session.notices.say(f"{counted(len(found), 'landmark')} of {path.name}")
+
+
+def write(session: Session, path: Path) -> None:
+    a, b = (session.surface(side).mesh for side in SIDES)
+    found = paired(a, b, session.document.pairs)
+    if found is None:
+        return
+    try:
+        found.save(path)
+    except AbfmError as error:
+        session.notices.say(str(error), is_error=True)
+        return
+    session.notices.say(f"saved {path}")
+
+
+def _named(document: Document, side: Side) -> str:
+    return {"source": "A", "target": "B"}[side] if document.is_pair else side
+
+
+def _words(document: Document, landmark: Landmark, left: float | None) -> str:
+    name = f"{landmark.name}, " if landmark.name else ""
+    missing = [_named(document, side) for side in SIDES if landmark.point(side) is None]
+    if missing:
+        return f"{name}not yet on {missing[0]}"
+    return f"{name}{'placed' if left is None else f'{share(left)} away'}"
+
+
+def _left(session: Session) -> dict[Landmark, float]:
+    """Return how far the match leaves landmarks from their partners, of sqrt(area)."""
+    result, pairs = session.result, session.document.pairs
+    if result is None or session.outdated or session.solver.running:
+        return {}
+    errors = result.landmark_errors
+    if errors is None or len(errors) != len(pairs):
+        return {}
+    return dict(zip(pairs, errors.tolist(), strict=True))

@@ -1,0 +1,106 @@
+"""Landmarks as pictures show them: where they were placed, and where the flow has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import abfm
+from abfm import TriangleMesh
+from abfm.types import FloatArray
+from abfm_viewer.computing.background import Jobs, Latest, Memo
+from abfm_viewer.document.document import SIDES, Landmark, Side
+from abfm_viewer.document.surface_points import surface_points
+from abfm_viewer.session.session import Session
+from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
+
+if TYPE_CHECKING:
+    from abfm.maps import SurfacePoints
+
+
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """Places (P, 3) on a surface, the normals there, and which landmarks they are of."""
+
+    mesh: TriangleMesh
+    numbers: tuple[int, ...]  # from 0
+    places: FloatArray
+    normals: FloatArray
+
+    @classmethod
+    def at(cls, points: SurfacePoints, numbers: tuple[int, ...]) -> Marks:
+        normals = abfm.calculus.face_normals(points.mesh)[points.faces]
+        outward = -1 if points.mesh.is_inside_out else 1
+        return cls(points.mesh, numbers, points.positions, outward * normals)
+
+
+def ways(flow: FlowState, starts: SurfacePoints) -> list[abfm.flow.FlowLine]:
+    """Follow points to the end of the time bar."""
+    tau, end = flow.parameters.tau, flow.duration
+    return abfm.flow.flow_lines(flow.mesh, flow.flow.fine_velocity, starts, end, tau)
+
+
+class ShownLandmarks(Jobs):
+    def __init__(self, session: Session, flow: ShownFlow) -> None:
+        super().__init__(session.at_once)
+        self._session, self._flow = session, flow
+        self._placed = {side: Memo[Marks | None]() for side in SIDES}
+        self._starts = Memo[SurfacePoints]()
+        self._ways: Latest[list[abfm.flow.FlowLine]] = self.latest()
+        self._moved = Memo[Marks]()
+
+    def placed(self, side: Side) -> Marks | None:
+        """Return where the user placed them on the surface of a side; None if nowhere."""
+        landmarks, mesh = self._session.document.landmarks, self._session.surface(side).mesh
+
+        def place() -> Marks | None:
+            given = [(n, point) for n, one in enumerate(landmarks) if (point := one.point(side))]
+            if not given:
+                return None
+            numbers, points = zip(*given, strict=True)
+            return Marks.at(surface_points(mesh, points), numbers)
+
+        return self._placed[side].get((mesh, landmarks), place)
+
+    def moved(self) -> Marks | None:
+        """Return where the flow has brought those of the source until the shown time, on the
+        target's surface; None where none are, or that is not known.
+        """
+        landmarks = self._session.document.landmarks
+        numbers = tuple(n for n, one in enumerate(landmarks) if one.source is not None)
+        if not numbers or (starts := self._on_target(landmarks)) is None:
+            return None
+        flow, time = self._flow.state, self._flow.time
+        begun = partial(Marks.at, starts, numbers)
+        if flow is None or time == 0:
+            return self._moved.get((starts, 0.0), begun)
+        found = self._ways.newest((flow.mesh, starts), ways, flow, starts)
+        if found is None:
+            return self._moved.get((starts, 0.0), begun)
+
+        def move() -> Marks:
+            last = [int(np.searchsorted(way.times, time, "right")) - 1 for way in found]
+            faces = [int(way.faces[at]) for way, at in zip(found, last, strict=True)]
+            places = np.array([way.at(time) for way in found])
+            normals = abfm.calculus.face_normals(flow.mesh)[faces]
+            outward = -1 if flow.mesh.is_inside_out else 1
+            return Marks(flow.mesh, numbers, places, outward * normals)
+
+        return self._moved.get((found, time), move)
+
+    def _on_target(self, landmarks: tuple[Landmark, ...]) -> SurfacePoints | None:
+        """Return where those of the source start on the target's surface."""
+        document, prepared = self._session.document, self._session.prepared
+        initial = prepared.correspondence if prepared else None
+        if document.is_pair and initial is None:
+            return None
+        mesh = document.surface("source").mesh
+
+        def start() -> SurfacePoints:
+            points = surface_points(mesh, [one.source for one in landmarks if one.source])
+            return points if initial is None else initial.carry_points(points)
+
+        return self._starts.get((mesh, initial, landmarks), start)
