@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--image", "the texture's image, whatever its mesh file names: .png, .jpg, ...", "FILE")
     add(
         "--size",
-        "texels along a side of the new image (default: 2048; for many faces more)",
+        "texels along a side of the new image (default: 2048, or 4096 for many faces)",
         "N",
         type=texels,
     )
@@ -108,13 +108,17 @@ def _carry_texture(way: Correspondence, arguments: argparse.Namespace) -> None:
 
 
 def _check_textured(arguments: argparse.Namespace) -> None:
-    """Refuse files that cannot be written, and those that are read."""
+    """Refuse files that cannot be written, and those that belong to other surfaces."""
     read = [Path(path) for path in (arguments.texture, arguments.image) if path]
     for path in textured_files(arguments.out):
         outputs.check_folder(path)
-        for other in read:
-            if path.exists() and other.exists() and path.samefile(other):
-                raise ResultError(f"cannot write {path}: it is read; choose another name")
+        if any(path.exists() and other.exists() and path.samefile(other) for other in read):
+            raise ResultError(f"cannot write {path}: it is read; choose another name")
+        if path.exists() and not arguments.out.exists():
+            raise ResultError(
+                f"cannot write {path}: it is there without a {arguments.out.name}, and may be "
+                "another surface's; choose another name"
+            )
 
 
 def _check_rows(way: Correspondence, rows: int, path: str) -> None:

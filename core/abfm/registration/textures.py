@@ -20,8 +20,7 @@ from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
 Image = NDArray[np.uint8]
-USUAL_SIZE, LARGEST_USUAL_SIZE = 2048, 8192
-_TEXELS_PER_FACE = 100
+_USUAL_SIZE, _MANY_FACES = 2048, 40_000  # which have 100 texels each
 _CHUNK = 1 << 17  # texels between checkpoints
 _FARTHEST = 1e6  # of coordinates: beyond, doubles do not tell pixels
 _REPEAT: tuple[Wrap, Wrap] = ("repeat", "repeat")
@@ -119,8 +118,7 @@ def carry_texture(
     texture : Texture
         Of A: a mesh with its faces.
     size : int, optional
-        Texels along a side of B's image; by default 2048, or what gives 100 to each face, at most
-        8192.
+        Texels along a side of B's image; by default 2048, and 4096 for more than 40,000 faces.
     """
     if not np.array_equal(texture.mesh.faces, correspondence.a.faces):
         raise AbfmError(
@@ -128,7 +126,9 @@ def carry_texture(
             f"with {len(correspondence.a.faces)}"
         )
     points = correspondence.points
-    atlas = texture_atlas(points.domain, usual_size(points.domain) if size is None else size)
+    if size is None:
+        size = _USUAL_SIZE * (2 if len(points.domain.faces) > _MANY_FACES else 1)
+    atlas = texture_atlas(points.domain, size)
     image = np.zeros((atlas.size, atlas.size, texture.images[0].shape[2]), dtype=np.uint8)
     with step("carrying the texture", atlas.size**2) as done:
         for rows, columns in _shown(atlas):
@@ -139,15 +139,6 @@ def carry_texture(
     is_shown = atlas.texel_faces[::-1] >= 0
     image[~is_shown] = np.round(image[is_shown].mean(axis=0))
     return Texture(correspondence.b, atlas.corners / atlas.size, [image], wraps=[("clamp",) * 2])
-
-
-def usual_size(mesh: TriangleMesh) -> int:
-    """Return texels along a side of an image for a surface: 2048, or, for many faces, the power of
-    two from which on each has 100 on average, up to 8192.
-    """
-    side = np.sqrt(_TEXELS_PER_FACE * len(mesh.faces))
-    wanted = 2 ** int(np.ceil(np.log2(side)))
-    return int(min(max(wanted, USUAL_SIZE), LARGEST_USUAL_SIZE))
 
 
 def _shown(atlas: TextureAtlas) -> Iterator[tuple[IntArray, IntArray]]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
@@ -13,8 +13,7 @@ from abfm.errors import AbfmError, ParameterError
 from abfm.maps import project_onto_surface
 from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.mesh.shapes import even_sphere
-from abfm.registration import Texture, carry_texture
-from abfm.registration.textures import usual_size
+from abfm.registration import Texture, carry_texture, textures
 from tests.core.surfaces import last_order, renumbered
 from tests.shapes import icosphere, open_cylinder, square, tetrahedron
 
@@ -157,13 +156,14 @@ def test_colours_stay_between_those_of_the_image():
     assert found.max() < 140
 
 
-def test_images_are_larger_for_many_faces():
-    class Many:
-        def __init__(self, count):
-            self.faces = np.broadcast_to(0, (count, 3))
-
-    sizes = [usual_size(Many(count)) for count in (1, 41_943, 41_944, 200_000, 10**7)]
-    assert_array_equal(sizes, [2048, 2048, 4096, 8192, 8192])
+@pytest.mark.parametrize(("many", "size"), [(80, 64), (79, 128)])
+def test_images_of_many_faces_are_larger(monkeypatch, many, size):
+    monkeypatch.setattr(textures, "_USUAL_SIZE", 64)
+    monkeypatch.setattr(textures, "_MANY_FACES", many)
+    mesh = icosphere(1)
+    texture = Texture(mesh, by_longitude(mesh), [waves(8, 8)])
+    found = carry_texture(Correspondence.of_same_faces(mesh, mesh), texture)
+    assert found.images[0].shape == (size, size, 4)
 
 
 @pytest.mark.parametrize(
