@@ -14,6 +14,7 @@ from abfm.errors import one_line
 from abfm.io import write_textured
 from abfm.mesh.colors import load_colors
 from abfm.registration import Texture
+from abfm.workers.progress import step
 
 Pixels = NDArray[np.uint8]
 _MOST_PIXELS = 1 << 27  # of all images of a file
@@ -67,10 +68,10 @@ def write_texture(path: Path, texture: Texture, alpha_mode: str = _BLEND) -> Non
     """Write a surface with one image of four channels, see `abfm.io.write_textured`."""
     [pixels] = texture.images
     opaque = bool((pixels[..., 3] == 255).all())
-    data = BytesIO()
-    Image.fromarray(pixels[..., :3] if opaque else pixels).save(data, "PNG")
-    mode = _OPAQUE if opaque else alpha_mode
-    write_textured(path, texture.mesh, texture.coordinates, data.getvalue(), mode)
+    data, mode = BytesIO(), _OPAQUE if opaque else alpha_mode
+    with step("writing the texture", pixels.size):
+        Image.fromarray(pixels[..., :3] if opaque else pixels).save(data, "PNG")
+        write_textured(path, texture.mesh, texture.coordinates, data.getvalue(), mode)
 
 
 def _decoded(data: bytes, most: int) -> Pixels:
