@@ -6,6 +6,8 @@ import zlib
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
@@ -44,8 +46,8 @@ def test_images_of_every_kind_become_four_channels(tmp_path, mode):
 
 def test_formats_that_lose_little_and_sixteen_bits(tmp_path):
     smooth = Image.fromarray(np.tile(np.arange(64, dtype=np.uint8), (64, 1)) + 60).convert("RGB")
-    for form, settings in (("JPEG", {"quality": 95}), ("WEBP", {}), ("TGA", {}), ("BMP", {})):
-        [found] = read(tmp_path, encoded(smooth, form, **settings))[0].images
+    for form, more in (("JPEG", {"quality": 95}), ("WEBP", {}), ("TGA", {}), ("BMP", {})):
+        [found] = read(tmp_path, encoded(smooth, form, **more))[0].images
         assert_allclose(found[..., :3], np.asarray(smooth), atol=6)
     deep = Image.fromarray(np.asarray(smooth)[..., 0].astype(np.uint16) * 257)
     [found] = read(tmp_path, encoded(deep))[0].images
@@ -81,6 +83,25 @@ def test_damaged_and_huge_images_are_refused(tmp_path, data, words):
     with pytest.raises(MeshError, match=f"a.glb: its image cannot be read: .*({words})") as refused:
         read(tmp_path, data)
     assert "\n" not in str(refused.value)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("damaged")
+
+
+@given(data=st.data(), form=st.sampled_from(["PNG", "JPEG", "WEBP", "TGA", "BMP", "TIFF"]))
+@settings(max_examples=60)
+def test_damaged_images_are_read_or_refused(folder, data, form):
+    content = bytearray(encoded(RGBA.convert("RGB"), form))
+    for _ in range(data.draw(st.integers(1, 3))):
+        place = data.draw(st.integers(0, len(content) - 1))
+        content[place : place + data.draw(st.integers(0, 2))] = data.draw(st.binary(max_size=2))
+    try:
+        [found] = read(folder, bytes(content))[0].images
+    except MeshError:
+        return
+    assert found.shape[2] == 4
 
 
 def test_images_are_bounded_together(tmp_path, monkeypatch):
