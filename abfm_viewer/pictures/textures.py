@@ -76,8 +76,8 @@ def write_texture(path: Path, texture: Texture, alpha_mode: str = _BLEND) -> Non
 
 def _decoded(data: bytes, most: int) -> Pixels:
     """Return an image of at most so many pixels, (H, W, 4)."""
-    with warnings.catch_warnings(), Image.open(BytesIO(data), formats=_FORMATS) as image:
-        warnings.simplefilter("ignore")
+    ignored = warnings.catch_warnings(action="ignore")
+    with ignored, Image.open(BytesIO(data), formats=_FORMATS) as image:
         if image.width * image.height > most:
             raise ValueError(
                 f"it has {image.width} x {image.height} pixels, and at most {most} are read"

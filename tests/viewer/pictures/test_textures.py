@@ -90,6 +90,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("damaged")
 
 
+@pytest.mark.filterwarnings("error")
 @given(data=st.data(), form=st.sampled_from(["PNG", "JPEG", "WEBP", "TGA", "BMP", "TIFF"]))
 @settings(max_examples=60)
 def test_damaged_images_are_read_or_refused(folder, data, form):
