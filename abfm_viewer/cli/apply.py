@@ -1,21 +1,26 @@
 """`abfm apply`: what goes from one surface to another by a registration."""
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
 
-from abfm import Correspondence, FunctionError, Registration, load_correspondence
+import abfm
+from abfm import Correspondence, FunctionError, Registration, ResultError, load_correspondence
 from abfm.errors import printable
 from abfm.functions import read_labels, read_table
-from abfm.io import write_labels, write_values
+from abfm.io import textured_files, write_labels, write_values
 from abfm.maps import project_onto_surface
 from abfm.reading import Labels
+from abfm.workers.progress import Step, telling
+from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.options import adder, warn_of_doubt
+from abfm_viewer.cli.options import adder, texels, warn_of_doubt
+from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.files import outputs
 
-SUMMARY = "carry data, labels or points from surface A to B by a registration, or back"
+SUMMARY = "carry data, labels, points or textures from surface A to B by a registration, or back"
 DESCRIPTION = """\
 Carry what is known on surface A of a registration to surface B, or with --inverse from B to A.
 
@@ -24,11 +29,16 @@ Examples:
   abfm apply reg.npz --labels lh.aparc.annot --out aparc.label.gii
   abfm apply reg.npz --points electrodes.csv --out on_b.csv
   abfm apply reg.npz --inverse --labels atlas.label.gii --out in_subject.annot
+  abfm apply reg.npz --texture a.obj --out b.obj
+  abfm apply reg.npz --inverse --texture b.glb --size 4096 --out a.glb
 
 Data may have several columns. By area (the default) each vertex averages what lies around it, as
 --by point does not, where the other surface is coarser; labels are never mixed: the one with most
 weight is taken. Points are vertex numbers, one a line, or x, y and z, which are brought onto the
-surface; what is written is x, y and z on the other one.
+surface; what is written is x, y and z on the other one. The texture is what the faces of a mesh
+file show, images or colours of vertices, where the file is of this surface, also if it has vertices
+twice, in another order or elsewhere; what is written is the other surface with an image of its own.
+An .obj comes with an .mtl and a .png of the same name.
 """
 _LARGEST_KEY = 2**31 - 1
 
@@ -40,9 +50,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     choose("--data", "values, one or several a vertex: .gii, .csv, .npy, FreeSurfer's", "FILE")
     choose("--labels", "labels: .label.gii, .annot, or a table of whole numbers", "FILE")
     choose("--points", "a table of vertex numbers, or of x, y, z", "FILE")
+    choose("--texture", "a textured or coloured mesh: .obj, .glb, .gltf, .ply", "FILE")
+    add("--image", "the texture's image, whatever its mesh file names: .png, .jpg, ...", "FILE")
+    add(
+        "--size",
+        "texels along a side of the new image (default: 2048, or 4096 for many faces)",
+        "N",
+        type=texels,
+    )
     add("--inverse", "from B to A")
     add("--by", "area or point", "WAY", choices=("area", "point"), default="area")
-    add("--out", "by its ending: .shape.gii, .label.gii, .annot, .csv, ...", "FILE", type=Path)
+    add("--out", "by its ending: .shape.gii, .annot, .csv, .obj, .glb, ...", "FILE", type=Path)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -50,6 +68,10 @@ def run(arguments: argparse.Namespace) -> int:
     if out is None:
         raise UsageError("give --out, where it goes; see abfm apply --help")
     outputs.check_folder(out)
+    if arguments.texture:
+        _check_textured(arguments)
+    elif arguments.image or arguments.size:
+        raise UsageError("--image and --size are of textures: give --texture")
     found = load_correspondence(arguments.registration)
     if isinstance(found, Registration):
         warn_of_doubt(arguments.registration, found.match)
@@ -63,10 +85,40 @@ def run(arguments: argparse.Namespace) -> int:
         _check_rows(way, len(labels.values), arguments.labels)
         carried = _on_file(way, way.carry_labels(labels.values, arguments.by))
         write_labels(out, Labels(carried, labels.names, labels.colors))
-    else:
+    elif arguments.points:
         write_values(out, _points(way, arguments.points), names=("x", "y", "z"))
+    else:
+        _carry_texture(way, arguments)
+        out = ", ".join(map(str, textured_files(out)))
     print(f"wrote {printable(out)}")
     return 0
+
+
+def _carry_texture(way: Correspondence, arguments: argparse.Namespace) -> None:
+    with share_progress("texture", not sys.stderr.isatty()) as update:
+
+        def tell(step: Step | None) -> None:
+            if step:
+                update(step.task, step.share() or 0.0)
+
+        with telling(tell):
+            texture, alpha_mode = pictures.read_texture(arguments.texture, way.a, arguments.image)
+            found = abfm.registration.carry_texture(way, texture, arguments.size)
+            pictures.write_texture(arguments.out, found, alpha_mode)
+
+
+def _check_textured(arguments: argparse.Namespace) -> None:
+    """Refuse files that cannot be written, and those that belong to other surfaces."""
+    read = [Path(path) for path in (arguments.texture, arguments.image) if path]
+    for path in textured_files(arguments.out):
+        outputs.check_folder(path)
+        if any(path.exists() and other.exists() and path.samefile(other) for other in read):
+            raise ResultError(f"cannot write {path}: it is read; choose another name")
+        if path.exists() and not arguments.out.exists():
+            raise ResultError(
+                f"cannot write {path}: it is there without a {arguments.out.name}, and may be "
+                "another surface's; choose another name"
+            )
 
 
 def _check_rows(way: Correspondence, rows: int, path: str) -> None:

@@ -9,3 +9,5 @@ from .report_plots import histogram_picture as histogram_picture
 from .report_plots import path_picture as path_picture
 from .sheets import figure_picture as figure_picture
 from .sheets import match_picture as match_picture
+from .textures import read_texture as read_texture
+from .textures import write_texture as write_texture

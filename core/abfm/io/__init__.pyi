@@ -18,3 +18,6 @@ from .results import load_arrays as load_arrays
 from .results import save_arrays as save_arrays
 from .surface_images import from_surface_image as from_surface_image
 from .surface_images import to_surface_image as to_surface_image
+from .textured import TEXTURED as TEXTURED
+from .textured import textured_files as textured_files
+from .textured import write_textured as write_textured

@@ -4,6 +4,7 @@ import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from abfm.mesh.triangle_mesh import TriangleMesh
 from abfm.reading import freesurfer_kind, freesurfer_surface, gifti_arrays, open_plain
 from abfm.workers.progress import step
 
+Contents = TypeVar("Contents")
 _LONGEST_NAME = 300
 
 
@@ -79,7 +81,8 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
     ending = next((ending for ending in READERS if file.name.lower().endswith(ending)), None)
     form = ending or _form_by_beginning(file, name)
     try:
-        vertices, faces, messages = _read(file, form)
+        reader = READERS.get(form, read_freesurfer)
+        vertices, faces, messages = read_contents(file, form, reader)
         return TriangleMesh(vertices, faces, largest_component=largest_component, messages=messages)
     except MemoryError as error:
         raise MeshError(
@@ -104,7 +107,7 @@ def _form_by_beginning(file: Path, name: str) -> str:
     raise MeshError(f"{name}: the format is not known from the name's ending; known are {known}")
 
 
-def _read(file: Path, form: str) -> FileContents:
+def read_contents(file: Path, form: str, reader: Callable[[Path], Contents]) -> Contents:
     """Return the contents of the file, or a MeshError: readers may raise anything on a bad file."""
     try:
         with open_plain(file) as opened:
@@ -113,7 +116,7 @@ def _read(file: Path, form: str) -> FileContents:
             raise ValueError("the file is empty")
         with step(f"reading {form}", size), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return READERS.get(form, read_freesurfer)(file)
+            return reader(file)
     except MemoryError:
         raise
     except FileNotFoundError as error:

@@ -10,3 +10,5 @@ from .register import prepare as prepare
 from .register import register as register
 from .register import within as within
 from .registration import Registration as Registration
+from .textures import Texture as Texture
+from .textures import carry_texture as carry_texture

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from abfm.calculus.channels import channels
 from abfm.calculus.operators import edge_lengths
 from abfm.errors import ParameterError
+from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
@@ -39,6 +40,20 @@ class TextureAtlas:
     def corner_coordinates(self) -> FloatArray:
         """Texture coordinates (3F, 2) in [0, 1], corner by corner, as polyscope takes them."""
         return self.corners.reshape(-1, 2) / self.size
+
+    def points(self, rows: IntArray, columns: IntArray) -> SurfacePoints:
+        """Return what the centres of texels (P,) of faces show: points of the surface. Beyond the
+        edge of its face, a texel shows a point on that edge.
+        """
+        faces = self.texel_faces[rows, columns].astype(np.int64)
+        origin, first, second = np.moveaxis(self.corners[faces], 1, 0)
+        u, v, w = first - origin, second - origin, np.stack([columns, rows], axis=1) + 0.5 - origin
+        area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        b = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / area
+        c = (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / area
+        weights = np.maximum(np.stack([1 - b - c, b, c], axis=1), 0)
+        weights /= weights.sum(axis=1, keepdims=True)
+        return SurfacePoints(self.mesh, faces, weights)
 
     def affine(self, h: ArrayLike) -> FloatArray:
         """Return a vertex function (V,) as ``a + b x + c y`` in texels, for each face, (F, 3)."""

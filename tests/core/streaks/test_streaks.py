@@ -72,6 +72,10 @@ def test_texels_map_back_to_their_place_and_corners_lie_in_the_texture(mesh, siz
     places = np.einsum("nc,ncx->nx", barycentric, atlas.corners[atlas.texel_faces[rows, columns]])
     near(places, np.stack([columns, rows], axis=1) + 0.5, 1e-9)
     inside = (barycentric >= -1e-9).all(axis=1)
+    shown = atlas.points(rows, columns)
+    assert_array_equal(shown.faces, atlas.texel_faces[rows, columns])
+    near(shown.barycentric[inside], barycentric[inside], 1e-9)
+    assert (shown.barycentric[~inside].min(axis=1) == 0).all()
     served = np.unique(atlas.texel_faces[rows, columns][inside])
     assert_array_equal(served, np.arange(len(mesh.faces)))
     coordinates = atlas.corner_coordinates

@@ -56,9 +56,12 @@ class Lists:
     def vertices(self) -> FloatArray:
         return np.frombuffer(self._points, np.float64).reshape(-1, 3)
 
+    def polygons(self) -> tuple[IntArray, IntArray]:
+        """Return how many corners each has, and the corners of one after the other."""
+        return np.frombuffer(self._sizes, np.int64), np.frombuffer(self._corners, np.int64)
+
     def contents(self) -> FileContents:
-        sizes, corners = (np.frombuffer(a, np.int64) for a in (self._sizes, self._corners))
-        return split_polygons(self.vertices(), sizes, corners)
+        return split_polygons(self.vertices(), *self.polygons())
 
 
 def number(word: str | bytes) -> float:

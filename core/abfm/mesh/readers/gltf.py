@@ -10,7 +10,7 @@ import binascii
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import unquote
 
 import numpy as np
@@ -28,9 +28,16 @@ _MOST_TIMES, _FEW = 4, 1_000_000
 _GLB, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WORDS = {dict: "object", list: "array", int: "whole number", str: "text"}  # of JSON
-_SHAPES = {"SCALAR": (1, "corners"), "VEC3": (3, "positions")}
+_SHAPES = {"SCALAR": (1, "corners"), "VEC2": (2, "texture coordinates")}
+_SHAPES |= {"VEC3": (3, "positions"), "VEC4": (4, "colours")}
 
-Part = tuple[FloatArray, IntArray]
+
+class Part(NamedTuple):
+    """Vertices (n, 3), faces, and the JSON of the primitive that they are of."""
+
+    points: FloatArray
+    faces: IntArray
+    primitive: dict[str, Any]
 
 
 def read_gltf(path: Path) -> FileContents:
@@ -39,26 +46,35 @@ def read_gltf(path: Path) -> FileContents:
     glTF repeats a vertex wherever texture or normal are discontinuous. Where that leaves cracks,
     vertices at the same position are merged.
     """
-    document = _Document(path)
+    return joined(placed_parts(Document(path)))
+
+
+def placed_parts(document: "Document") -> list[Part]:
+    """Return what has triangles, as the scene places it."""
     meshes: dict[int, list[Part]] = {}
     parts: list[Part] = []
     there = placed = 0
     for mesh, matrix in document.placements():
         if mesh not in meshes:
             meshes[mesh] = list(document.parts(mesh))
-            there += sum(len(points) for points, _ in meshes[mesh])
-        for points, faces in meshes[mesh]:
-            parts.append(_moved(points, faces, matrix))
-            placed += len(points)
+            there += sum(len(part.points) for part in meshes[mesh])
+        for part in meshes[mesh]:
+            parts.append(_moved(part, matrix))
+            placed += len(part.points)
         if len(parts) > _MOST_PARTS or placed > max(_FEW, _MOST_TIMES * there):
             raise ValueError(
                 f"its scene shows its meshes again and again, more than {len(parts) - 1} times, "
                 f"with {placed} vertices "
                 f"where the file has {there}: export what is to be matched alone"
             )
-    starts = np.cumsum([0, *(len(points) for points, _ in parts)])
-    vertices = np.concatenate([np.zeros((0, 3)), *(points for points, _ in parts)])
-    shifted = [faces + start for (_, faces), start in zip(parts, starts[:-1], strict=True)]
+    return parts
+
+
+def joined(parts: list[Part]) -> FileContents:
+    """Return the vertices and faces of all parts, merged by position where that closes cracks."""
+    starts = np.cumsum([0, *(len(part.points) for part in parts)])
+    vertices = np.concatenate([np.zeros((0, 3)), *(part.points for part in parts)])
+    shifted = [part.faces + start for part, start in zip(parts, starts[:-1], strict=True)]
     split = FileContents(vertices, np.concatenate([np.zeros((0, 3), dtype=np.int64), *shifted]))
     if not split.faces.size or split.faces.max() >= len(vertices):
         return split
@@ -66,12 +82,13 @@ def read_gltf(path: Path) -> FileContents:
     return merged if _boundary_length(merged) < _boundary_length(split) else split
 
 
-def _moved(points: FloatArray, faces: IntArray, matrix: FloatArray) -> Part:
+def _moved(part: Part, matrix: FloatArray) -> Part:
     """Return a part as it is placed; what is mirrored keeps its outer side."""
     if np.array_equal(matrix, np.eye(4)):
-        return points, faces
-    moved = (matrix @ np.column_stack([points, np.ones(len(points))]).T).T[:, :3]
-    return moved, faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else faces
+        return part
+    moved = (matrix @ np.column_stack([part.points, np.ones(len(part.points))]).T).T[:, :3]
+    faces = part.faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else part.faces
+    return Part(moved, faces, part.primitive)
 
 
 def _boundary_length(contents: FileContents) -> int:
@@ -79,7 +96,7 @@ def _boundary_length(contents: FileContents) -> int:
     return int(np.sum(np.bincount(face_edges.ravel()) == 1))
 
 
-class _Document:
+class Document:
     """The JSON and the buffers of a file; what they name is looked at before it is used."""
 
     def __init__(self, path: Path) -> None:
@@ -88,10 +105,10 @@ class _Document:
         if path.suffix.lower() == ".glb":
             data, self._binary = _chunks(data)
         self._header = from_json(data)
-        version = _of(self._header, "asset", dict, {}).get("version", "2.0")
+        version = of(self._header, "asset", dict, {}).get("version", "2.0")
         if not str(version).startswith("2."):
             raise ValueError(f"it is glTF {str(version)[:20]}; only glTF 2 is read")
-        self._buffers: dict[Path | int, bytes] = {}
+        self._buffers: dict[Path | str, bytes] = {}
 
     def placements(self) -> Iterator[tuple[int, FloatArray]]:
         """Return mesh and transformation (4, 4) of every node that has a mesh, parents first."""
@@ -104,9 +121,9 @@ class _Document:
                 reason = "is in the scene twice" if again else f"is beyond the first {_MOST_PARTS}"
                 raise ValueError(f"node {index} {reason}: export what is to be matched alone")
             seen.add(index)
-            node = self._entry("nodes", index)
+            node = self.entry("nodes", index)
             matrix = above @ _matrix(node, index)
-            mesh = _of(node, "mesh", int, None)
+            mesh = of(node, "mesh", int, None)
             children = _indices(node, "children")
             if mesh is not None:
                 yield mesh, matrix
@@ -114,27 +131,27 @@ class _Document:
 
     def _roots(self) -> list[int]:
         """Return the nodes of the scene that is shown; without scenes, those below no other."""
-        if _of(self._header, "scenes", list, []):
-            return _indices(self._entry("scenes", _of(self._header, "scene", int, 0)), "nodes")
-        nodes = range(len(_of(self._header, "nodes", list, [])))
-        below = {child for k in nodes for child in _indices(self._entry("nodes", k), "children")}
+        if of(self._header, "scenes", list, []):
+            return _indices(self.entry("scenes", of(self._header, "scene", int, 0)), "nodes")
+        nodes = range(len(of(self._header, "nodes", list, [])))
+        below = {child for k in nodes for child in _indices(self.entry("nodes", k), "children")}
         return [index for index in nodes if index not in below]
 
     def parts(self, mesh: int) -> Iterator[Part]:
         """Return the vertices and faces of the primitives of a mesh that have triangles."""
-        for entry in _of(self._entry("meshes", mesh), "primitives", list, []):
+        for entry in of(self.entry("meshes", mesh), "primitives", list, []):
             if not isinstance(entry, dict):
                 raise ValueError(f"mesh {mesh} has a primitive that is no JSON object")
-            positions = _of(_of(entry, "attributes", dict, {}), "POSITION", int, None)
+            positions = of(of(entry, "attributes", dict, {}), "POSITION", int, None)
             if positions is None:  # which shows nothing
                 continue
-            indices, mode = _of(entry, "indices", int, None), _of(entry, "mode", int, TRIANGLES)
+            indices, mode = of(entry, "indices", int, None), of(entry, "mode", int, TRIANGLES)
             if mode not in (TRIANGLES, STRIP, FAN):
                 continue
-            points = self._numbers(positions, "VEC3").astype(np.float64)
+            points = self.numbers(positions, "VEC3").astype(np.float64)
             corners = np.arange(len(points))
             if indices is not None:
-                corners = self._numbers(indices, "SCALAR").astype(np.int64).ravel()
+                corners = self.numbers(indices, "SCALAR").astype(np.int64).ravel()
             if mode == TRIANGLES and len(corners) % 3:
                 raise ValueError(
                     f"mesh {mesh} has {len(corners)} corners, which do not make whole triangles"
@@ -144,11 +161,11 @@ class _Document:
                 raise ValueError(
                     f"mesh {mesh} names vertex {faces.max()} of {len(points)} numbered from 0"
                 )
-            yield points, faces
+            yield Part(points, faces, entry)
 
-    def _numbers(self, index: int, shape: str) -> NDArray[Any]:
-        """Return what an accessor gives, (count, 1 or 3)."""
-        entry, name = self._entry("accessors", index), f"accessor {index}"
+    def numbers(self, index: int, shape: str) -> NDArray[Any]:
+        """Return what an accessor gives, (count, columns of the shape)."""
+        entry, name = self.entry("accessors", index), f"accessor {index}"
         if "sparse" in entry:
             raise ValueError(
                 f"{name} is sparse, which is not read: export without sparse accessors"
@@ -158,16 +175,16 @@ class _Document:
                 f"{name} has no buffer view: export without compression (Draco, meshopt)"
             )
         columns, meaning = _SHAPES[shape]
-        kind = np.dtype(_KINDS.get(_of(entry, "componentType", int, 0), "V0"))
+        kind = np.dtype(_KINDS.get(of(entry, "componentType", int, 0), "V0"))
         right = kind.itemsize and entry.get("type") == shape
         if not right or (shape == "SCALAR" and kind.kind == "f"):
             raise ValueError(f"{name} is not made of {meaning} as glTF has them")
-        view = self._entry("bufferViews", _of(entry, "bufferView", int, None))
-        data = self._buffer(_of(view, "buffer", int, None))
+        view = self.entry("bufferViews", of(entry, "bufferView", int, None))
+        data = self._buffer(of(view, "buffer", int, None))
         width = kind.itemsize * columns
-        start, size = _of(view, "byteOffset", int, 0), _of(view, "byteLength", int, 0)
-        offset, count = _of(entry, "byteOffset", int, 0), _of(entry, "count", int, 0)
-        step = _of(view, "byteStride", int, width)
+        start, size = of(view, "byteOffset", int, 0), of(view, "byteLength", int, 0)
+        offset, count = of(entry, "byteOffset", int, 0), of(entry, "count", int, 0)
+        step = of(view, "byteStride", int, width)
         if min(start, offset, count) < 0 or step < width or start + size > len(data):
             raise ValueError(
                 f"{name} and its buffer view ask for what the buffer of {len(data)} bytes does "
@@ -177,34 +194,53 @@ class _Document:
             raise ValueError(f"{name} announces {count} entries, more than its buffer view has")
         place = start + offset if count else 0
         found = np.ndarray((count, columns), kind, data, place, (step, kind.itemsize))
-        if shape == "VEC3" and kind.kind != "f" and entry.get("normalized") is True:
+        if shape != "SCALAR" and kind.kind != "f" and entry.get("normalized") is True:
             return np.maximum(found / np.iinfo(kind).max, -1.0)
         return found
 
+    def image(self, index: int | None) -> bytes:
+        """Return the bytes of an image's file."""
+        entry = self.entry("images", index)
+        uri = of(entry, "uri", str, None)
+        if uri is not None:
+            return self._named(uri, f"image {index}")
+        view = self.entry("bufferViews", of(entry, "bufferView", int, None))
+        data = self._buffer(of(view, "buffer", int, None))
+        start, size = of(view, "byteOffset", int, 0), of(view, "byteLength", int, 0)
+        if min(start, size) < 0 or start + size > len(data):
+            raise ValueError(
+                f"image {index} asks for what the buffer of {len(data)} bytes does not have"
+            )
+        return data[start : start + size]
+
     def _buffer(self, index: int) -> bytes:
         """Return the bytes of a buffer, wherever they are; read once."""
-        uri = _of(self._entry("buffers", index), "uri", str, None)
-        if uri is None:
-            if index:
-                raise ValueError(
-                    f"buffer {index} has no data: export without compression (Draco, meshopt)"
-                )
-            return self._binary
+        uri = of(self.entry("buffers", index), "uri", str, None)
+        if uri is not None:
+            return self._named(uri, f"buffer {index}")
+        if index:
+            raise ValueError(
+                f"buffer {index} has no data: export without compression (Draco, meshopt)"
+            )
+        return self._binary
+
+    def _named(self, uri: str, what: str) -> bytes:
+        """Return the bytes that are in a text, or in the file that it names; read once."""
         if not uri.startswith("data:"):
             path = (self._path.parent / unquote(uri)).resolve()
             if path not in self._buffers:
                 self._buffers[path] = read_bytes(path)
             return self._buffers[path]
-        if index not in self._buffers:
+        if what not in self._buffers:
             try:
-                self._buffers[index] = base64.b64decode(uri.partition("base64,")[2])
+                self._buffers[what] = base64.b64decode(uri.partition("base64,")[2])
             except binascii.Error as error:
-                raise ValueError(f"buffer {index} is no base64: {error}") from error
-        return self._buffers[index]
+                raise ValueError(f"{what} is no base64: {error}") from error
+        return self._buffers[what]
 
-    def _entry(self, name: str, index: int | None) -> dict[str, Any]:
+    def entry(self, name: str, index: int | None) -> dict[str, Any]:
         """Return one of the top-level objects of a kind."""
-        entries = _of(self._header, name, list, [])
+        entries = of(self._header, name, list, [])
         if index is None or not 0 <= index < len(entries) or not isinstance(entries[index], dict):
             raise ValueError(f"it names {name}[{index}], but has {len(entries)} {name}")
         found: dict[str, Any] = entries[index]
@@ -233,7 +269,7 @@ def _chunks(data: bytes) -> tuple[bytes, bytes]:
     return json, b""
 
 
-def _of(entry: Any, name: str, kind: type, default: Any) -> Any:
+def of(entry: Any, name: str, kind: type, default: Any) -> Any:
     """Return what a JSON object has under a name, of this type."""
     found = entry.get(name, default) if isinstance(entry, dict) else None
     if found is not default and (not isinstance(found, kind) or isinstance(found, bool)):
@@ -242,7 +278,7 @@ def _of(entry: Any, name: str, kind: type, default: Any) -> Any:
 
 
 def _indices(entry: dict[str, Any], name: str) -> list[int]:
-    found: list[int] = _of(entry, name, list, [])
+    found: list[int] = of(entry, name, list, [])
     if not all(type(index) is int for index in found):
         raise ValueError(f"its {name} are no list of numbers, as glTF has it")
     return found
@@ -259,25 +295,26 @@ def _faces(corners: IntArray, mode: int) -> IntArray:
     return faces
 
 
+def numbers_of(entry: dict[str, Any], name: str, count: int, what: str = "node") -> FloatArray:
+    """Return the numbers (count,) that a JSON object has under a name."""
+    found = of(entry, name, list, None)
+    are_numbers = found is not None and all(isinstance(each, int | float) for each in found)
+    if not are_numbers or len(found) != count:
+        raise ValueError(f"the {name} of a {what} is not made of {count} numbers")
+    return np.array([float(each) for each in found])
+
+
 def _matrix(node: dict[str, Any], index: int) -> FloatArray:
     """Return how a node is placed in what is above it, (4, 4)."""
-
-    def numbers(name: str, count: int) -> FloatArray:
-        found = _of(node, name, list, None)
-        are_numbers = found is not None and all(isinstance(each, int | float) for each in found)
-        if not are_numbers or len(found) != count:
-            raise ValueError(f"the {name} of a node is not made of {count} numbers")
-        return np.array([float(each) for each in found])
-
-    matrix = numbers("matrix", 16).reshape(4, 4).T if "matrix" in node else np.eye(4)
+    matrix = numbers_of(node, "matrix", 16).reshape(4, 4).T if "matrix" in node else np.eye(4)
     if "translation" in node:
         moved = np.eye(4)
-        moved[:3, 3] = numbers("translation", 3)
+        moved[:3, 3] = numbers_of(node, "translation", 3)
         matrix = matrix @ moved
     if "rotation" in node:
-        matrix = matrix @ _rotation(np.roll(numbers("rotation", 4), 1))
+        matrix = matrix @ _rotation(np.roll(numbers_of(node, "rotation", 4), 1))
     if "scale" in node:
-        matrix = matrix @ np.diag(np.append(numbers("scale", 3), 1.0))
+        matrix = matrix @ np.diag(np.append(numbers_of(node, "scale", 3), 1.0))
     if not np.isfinite(matrix).all():
         raise ValueError(f"node {index} is placed by numbers that are not finite")
     return matrix

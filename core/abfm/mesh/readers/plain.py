@@ -1,6 +1,7 @@
 """OFF, OBJ and STL: formats that are little more than lists of numbers."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -62,16 +63,22 @@ def read_off(path: Path) -> FileContents:
 def read_obj(path: Path) -> FileContents:
     """Read a Wavefront OBJ file: one vertex per ``v`` line, whatever else the faces name."""
     lists = Lists()
-    for line in _text(path).replace("\\\n", " ").splitlines():
-        keyword, *words = line.partition("#")[0].split() or [""]
+    for keyword, words in obj_lines(path):
         if keyword == "v":
             lists.add_vertex(words)
         elif keyword == "f":
-            lists.add_polygon([_obj_vertex(word, lists.vertex_count) for word in words])
+            lists.add_polygon([obj_index(word, lists.vertex_count) for word in words])
     return lists.contents()
 
 
-def _obj_vertex(word: str, count: int) -> int:
+def obj_lines(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Return keyword and words of each line of an OBJ or MTL file."""
+    for line in _text(path).replace("\\\n", " ").splitlines():
+        keyword, *words = line.partition("#")[0].split() or [""]
+        yield keyword, words
+
+
+def obj_index(word: str, count: int) -> int:
     """Return the index from 0 in ``vertex/texture/normal``: from 1, or back from the last one."""
     index = whole_number(word.partition("/")[0])
     if index == 0:

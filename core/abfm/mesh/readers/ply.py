@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 
 from abfm.mesh.readers.contents import FileContents, number, split_polygons, whole_number
 from abfm.reading import read_bytes
-from abfm.types import IntArray
+from abfm.types import FloatArray, IntArray
 
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"(?:\r\n|\n|\r)[ \t]*+end_header\b[^\r\n]*+(\r\n|\n|\r|\Z)")
 _COMMENT = re.compile(rb"^[ \t]*+comment\b[^\r\n]*+", re.MULTILINE)
 _CORNERS = ("vertex_index", "vertex_indices")
+_COLORS = ("red", "green", "blue", "alpha")
+_WHITES = {"B": 255.0, "H": 65535.0, "f": 1.0, "d": 1.0}  # by the type of a colour
 _NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
 _BITS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
 # of the header's types in Python's struct
@@ -49,6 +51,20 @@ _Column = tuple[NDArray[Any], IntArray | None]
 
 def read_ply(path: Path) -> FileContents:
     """Read vertices and faces of a PLY file; all other elements and properties are passed over."""
+    return _read(path, ())[0]
+
+
+def read_ply_colors(path: Path) -> tuple[FileContents, FloatArray | None]:
+    """Read also the colours of vertices, (V, 4) from 0 to 1, if there are any."""
+    contents, found = _read(path, _COLORS)
+    if not all(name in found for name in _COLORS[:3]):
+        return contents, None
+    ones = np.ones(len(contents.vertices))
+    columns = [found.get(name, ones) for name in _COLORS]
+    return contents, np.clip(np.stack(columns, axis=1), 0, 1)
+
+
+def _read(path: Path, colors: Sequence[str]) -> tuple[FileContents, dict[str, FloatArray]]:
     data = read_bytes(path)
     end = _END.search(data)
     begins = data.startswith(b"ply")
@@ -61,8 +77,9 @@ def read_ply(path: Path) -> FileContents:
     body = _Body(data, start, order)
     vertices = np.zeros((0, 3))
     sizes = corners = np.zeros(0, dtype=np.int64)
+    shades: dict[str, FloatArray] = {}
     for element in elements:
-        wanted = {"vertex": ("x", "y", "z"), "face": _CORNERS}.get(element.name, ())
+        wanted = {"vertex": ("x", "y", "z", *colors), "face": _CORNERS}.get(element.name, ())
         found = body.take(element, wanted)
         if element.name == "vertex":
             columns = []
@@ -72,6 +89,9 @@ def read_ply(path: Path) -> FileContents:
                     raise ValueError(f"it has no property {name}")
                 columns.append(values.astype(np.float64))
             vertices = np.stack(columns, axis=1)
+            plain = [p for p in element.properties if p.name in colors and not p.length_code]
+            whites = {p.name: _WHITES.get(p.code) for p in plain}
+            shades = {name: found[name][0] / white for name, white in whites.items() if white}
         elif element.name == "face":
             corners, lengths = next(
                 (found[name] for name in _CORNERS if name in found), (sizes, None)
@@ -83,7 +103,7 @@ def read_ply(path: Path) -> FileContents:
                     "its faces name vertices by numbers of type float: make them whole numbers"
                 )
             sizes = lengths
-    return split_polygons(vertices, sizes, corners)
+    return split_polygons(vertices, sizes, corners), shades
 
 
 def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:

@@ -1,0 +1,90 @@
+"""Textures of meshes: their images decoded, within bounds, and what was carried written."""
+
+import os
+import warnings
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from abfm import MeshError, TriangleMesh
+from abfm.errors import one_line
+from abfm.io import write_textured
+from abfm.mesh.colors import load_colors
+from abfm.registration import Texture
+from abfm.workers.progress import step
+
+Pixels = NDArray[np.uint8]
+_MOST_PIXELS = 1 << 27  # of all images of a file
+_FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "TIFF")
+_OPAQUE, _BLEND = "OPAQUE", "BLEND"
+_SIXTEEN_BITS = 257  # from 16 to 8 bits
+
+
+def read_texture(
+    path: str | os.PathLike[str], mesh: TriangleMesh, image: str | os.PathLike[str] | None = None
+) -> tuple[Texture, str]:
+    """Read the texture that a file gives a surface, in four channels, and what its opacity means,
+    as glTF has it: OPAQUE, MASK or BLEND.
+
+    Colours of vertices and of materials become those that images, or white, are multiplied by.
+
+    Raises
+    ------
+    MeshError
+        As `abfm.mesh.colors.load_colors`, and if an image is damaged, cut off or too large.
+    """
+    found = load_colors(path, mesh, image)
+    known: dict[bytes | None, Pixels] = {None: np.full((1, 1, 4), 255, dtype=np.uint8)}
+    left = _MOST_PIXELS
+    for material in found.materials:
+        data = material.image
+        if data is not None and data not in known:
+            try:
+                known[data] = _decoded(data, left)
+            except Exception as error:  # decoders may raise anything on a bad file
+                given = path if image is None else image
+                raise MeshError(
+                    f"{one_line(given)}: its image cannot be read: {one_line(error)}"
+                ) from error
+            left -= known[data].size // 4
+    factors = np.array([material.color for material in found.materials])
+    modes = {material.alpha_mode for material in found.materials}
+    tints = found.colors * factors[found.owners][:, None]
+    texture = Texture(
+        mesh,
+        np.where(np.isnan(found.coordinates), 0, found.coordinates),
+        [known[material.image] for material in found.materials],
+        found.owners,
+        [material.wraps for material in found.materials],
+        None if (tints == 1).all() else tints,
+    )
+    return texture, modes.pop() if len(modes) == 1 else _BLEND
+
+
+def write_texture(path: Path, texture: Texture, alpha_mode: str = _BLEND) -> None:
+    """Write a surface with one image of four channels, see `abfm.io.write_textured`."""
+    [pixels] = texture.images
+    opaque = bool((pixels[..., 3] == 255).all())
+    data, mode = BytesIO(), _OPAQUE if opaque else alpha_mode
+    with step("writing the texture", pixels.size):
+        Image.fromarray(pixels[..., :3] if opaque else pixels).save(data, "PNG")
+        write_textured(path, texture.mesh, texture.coordinates, data.getvalue(), mode)
+
+
+def _decoded(data: bytes, most: int) -> Pixels:
+    """Return an image of at most so many pixels, (H, W, 4)."""
+    ignored = warnings.catch_warnings(action="ignore")
+    with ignored, Image.open(BytesIO(data), formats=_FORMATS) as image:
+        if image.width * image.height > most:
+            raise ValueError(
+                f"it has {image.width} x {image.height} pixels, and at most {most} are read"
+            )
+        if image.mode.startswith("I"):  # 16 bits, which Pillow would cut off at 255
+            grey = np.clip(np.asarray(image) // _SIXTEEN_BITS, 0, 255).astype(np.uint8)
+            return np.asarray(Image.fromarray(grey).convert("RGBA"))
+        if image.mode == "F":
+            raise ValueError("its pixels are floating-point numbers; expected 8 or 16 bits")
+        return np.asarray(image.convert("RGBA"))

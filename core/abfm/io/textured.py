@@ -1,0 +1,190 @@
+"""Surfaces with an image on them, for other programs: OBJ with its MTL and PNG, and binary glTF.
+
+trimesh writes both, but numbers the vertices of OBJ files anew, with eight digits, and gives glTF
+no sampler: the image would be filtered with mipmaps, which mix what is side by side in it.
+"""
+
+import json
+import os
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.errors import ResultError
+from abfm.io.atomic import write_atomically
+from abfm.mesh import TriangleMesh
+from abfm.numerics.real_numbers import real_numbers
+from abfm.types import FloatArray
+
+TEXTURED = (".obj", ".glb")
+"""Endings of names that `write_textured` knows."""
+_HEADER, _JSON, _BINARY = b"glTF\x02\0\0\0", b"JSON", b"BIN\0"
+_LINEAR, _CLAMP = 9729, 33071  # of samplers
+_FLOAT, _WHOLE, _VERTICES, _CORNERS = 5126, 5125, 34962, 34963
+_AT_A_TIME = 1 << 16  # lines of text
+
+
+def textured_files(path: str | os.PathLike[str]) -> tuple[Path, ...]:
+    """Return the files that `write_textured` makes for a path, or a ResultError for one that it
+    does not take.
+    """
+    whole = Path(path)
+    ending = whole.suffix.lower()
+    if ending not in TEXTURED:
+        raise ResultError(f"cannot write {path}: its name must end in {' or '.join(TEXTURED)}")
+    if ending == ".glb":
+        return (whole,)
+    name = whole.stem
+    if not name.isprintable() or "#" in name or name != " ".join(name.split()):
+        raise ResultError(
+            f"cannot write {path}: an OBJ file names others beside it, for which its name must do "
+            "without #, line ends and several blanks; choose another"
+        )
+    return whole, whole.with_suffix(".mtl"), whole.with_suffix(".png")
+
+
+def write_textured(
+    path: str | os.PathLike[str],
+    mesh: TriangleMesh,
+    coordinates: ArrayLike,
+    png: bytes,
+    alpha_mode: str = "OPAQUE",
+) -> None:
+    """Write a surface with an image on it as ``.obj``, beside which ``.mtl`` and ``.png`` of the
+    same name are written, or as ``.glb``, which holds all; whole or not at all.
+
+    `abfm.load_mesh` reads the same vertices and faces back, in single precision from ``.glb``,
+    which also has vertices of their own for every face.
+
+    Parameters
+    ----------
+    coordinates : (F, 3, 2) array
+        Where the corners of each face lie in the image: to the right and up from its lower left
+        corner, (0, 0), to the upper right one, (1, 1).
+    png : bytes
+        The image's file.
+    alpha_mode : str
+        What its opacity means, as glTF has it: OPAQUE, MASK or BLEND.
+
+    Raises
+    ------
+    ResultError
+        If a shape does not fit, in single precision vertices would be one, or files cannot be
+        written.
+    """
+    files = textured_files(path)
+    places = real_numbers(coordinates, "coordinates", ResultError)
+    if places.shape != (len(mesh.faces), 3, 2):
+        raise ResultError(
+            f"coordinates have shape {places.shape}; expected ({len(mesh.faces)}, 3, 2)"
+        )
+    if len(files) == 1:
+        content = _glb(mesh, places, png, alpha_mode)
+        with write_atomically(files[0]) as temporary:
+            temporary.write_bytes(content)
+        return
+    obj, mtl, image = files
+    # what names others takes its place after them
+    with (
+        write_atomically(obj) as obj_file,
+        write_atomically(mtl) as mtl_file,
+        write_atomically(image) as image_file,
+    ):
+        image_file.write_bytes(png)
+        mtl_file.write_text(
+            f"newmtl texture\nKd 1 1 1\nd 1\nillum 1\nmap_Kd {image.name}\n", encoding="utf-8"
+        )
+        _write_obj(obj_file, mesh, places, mtl.name)
+
+
+def _write_obj(file: Path, mesh: TriangleMesh, places: FloatArray, materials: str) -> None:
+    """Write text with as many digits as doubles have, and texture coordinates for each corner."""
+    named = np.arange(1, 3 * len(mesh.faces) + 1).reshape(-1, 3)
+    corners = np.stack([mesh.faces + 1, named], axis=2).reshape(-1, 6)
+    with file.open("w", encoding="utf-8", newline="\n") as text:
+        text.write(f"mtllib {materials}\n")
+        for form, rows in (
+            ("v %.17g %.17g %.17g\n", mesh.vertices),
+            ("vt %.9g %.9g\n", places.reshape(-1, 2)),
+            ("usemtl texture\n", np.zeros((1, 0))),
+            ("f %d/%d %d/%d %d/%d\n", corners),
+        ):
+            for start in range(0, len(rows), _AT_A_TIME):
+                some = rows[start : start + _AT_A_TIME]
+                text.write((form * len(some)) % tuple(some.ravel().tolist()))
+
+
+def _glb(mesh: TriangleMesh, places: FloatArray, png: bytes, alpha_mode: str) -> bytes:
+    """Return a file with a vertex for each corner, those of one vertex of the mesh together: what
+    merges them by position numbers them as the mesh does.
+    """
+    points = mesh.vertices.astype("<f4")
+    lost = len(np.unique(mesh.vertices, axis=0)) - len(np.unique(points, axis=0))
+    if lost or not np.isfinite(points).all():
+        raise ResultError(
+            f"cannot write .glb: it has coordinates in single precision, in which {lost} vertices "
+            "come to lie on others; write .obj, or scale the surface and move it to the origin"
+        )
+    order = np.argsort(mesh.faces, axis=None, kind="stable")
+    corners = np.empty(len(order), dtype="<u4")
+    corners[order] = np.arange(len(order))
+    positions = points[mesh.faces.ravel()[order]]
+    down = (places.reshape(-1, 2) * [1, -1] + [0, 1]).astype("<f4")[order]
+    parts = [part.tobytes() for part in (positions, down, corners)] + [png]
+    starts, binary = [], b""
+    for part in parts:
+        starts.append(len(binary))
+        binary += part + b"\0" * (-len(part) % 4)
+    targets = [{"target": _VERTICES}, {"target": _VERTICES}, {"target": _CORNERS}, {}]
+    views = [
+        {"buffer": 0, "byteOffset": start, "byteLength": len(part)} | target
+        for start, part, target in zip(starts, parts, targets, strict=True)
+    ]
+    reach = {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
+    accessors = [
+        _accessor(0, _FLOAT, len(order), "VEC3") | reach,
+        _accessor(1, _FLOAT, len(order), "VEC2"),
+        _accessor(2, _WHOLE, len(order), "SCALAR"),
+    ]
+    surface = {"baseColorTexture": {"index": 0}, "metallicFactor": 0, "roughnessFactor": 1}
+    header = {
+        "asset": {"version": "2.0", "generator": "abfm"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [
+            {
+                "primitives": [
+                    {
+                        "attributes": {"POSITION": 0, "TEXCOORD_0": 1},
+                        "indices": 2,
+                        "material": 0,
+                    }
+                ]
+            }
+        ],
+        "materials": [
+            {"pbrMetallicRoughness": surface, "alphaMode": alpha_mode, "doubleSided": True}
+        ],
+        "textures": [{"sampler": 0, "source": 0}],
+        "images": [{"bufferView": 3, "mimeType": "image/png"}],
+        # no mipmaps, which would mix what lies side by side in the image alone
+        "samplers": [
+            {"magFilter": _LINEAR, "minFilter": _LINEAR, "wrapS": _CLAMP, "wrapT": _CLAMP}
+        ],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(binary)}],
+    }
+    text = json.dumps(header, separators=(",", ":")).encode("ascii")
+    chunks = b""
+    for kind, content in ((_JSON, text + b" " * (-len(text) % 4)), (_BINARY, binary)):
+        chunks += struct.pack("<I", len(content)) + kind + content
+    return _HEADER + struct.pack("<I", 12 + len(chunks)) + chunks
+
+
+def _accessor(view: int, kind: int, count: int, shape: str) -> dict[str, Any]:
+    return {"bufferView": view, "componentType": kind, "count": count, "type": shape}

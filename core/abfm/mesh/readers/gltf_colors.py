@@ -1,0 +1,118 @@
+"""Base colours of glTF scenes: images, factors, colours of vertices (section 3.9 of glTF 2.0)."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from abfm.mesh.readers.colored import ColoredFaces, Material, Wrap
+from abfm.mesh.readers.gltf import Document, Part, joined, numbers_of, of, placed_parts
+from abfm.types import FloatArray
+
+_WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+_MODES = "OPAQUE", "MASK", "BLEND"
+
+
+def colored_gltf(path: Path) -> ColoredFaces:
+    """Read all triangles of a scene with their base colours."""
+    document = Document(path)
+    parts = placed_parts(document)
+    numbers = [of(part.primitive, "material", int, -1) for part in parts]
+    known = sorted(set(numbers))
+    entries = [document.entry("materials", number) if number >= 0 else {} for number in known]
+    textures = [_texture(entry) for entry in entries]
+    owners = [known.index(number) for number in numbers]
+    at_corners = [
+        (_coordinates(document, part, textures[owner]), _colors(document, part))
+        for part, owner in zip(parts, owners, strict=True)
+    ]
+    contents = joined(parts)
+    return ColoredFaces(
+        contents.vertices,
+        contents.faces,
+        np.concatenate([np.zeros((0, 3, 2)), *(places for places, _ in at_corners)]),
+        np.concatenate([np.zeros((0, 3, 4)), *(colors for _, colors in at_corners)]),
+        np.repeat(np.array(owners, dtype=np.int64), [len(part.faces) for part in parts]),
+        tuple(_material(document, *each) for each in zip(entries, textures, strict=True)),
+    )
+
+
+def _texture(material: dict[str, Any]) -> dict[str, Any] | None:
+    """Return what a material says of its base colour's image, if it has one."""
+    found: dict[str, Any] | None = of(_base(material), "baseColorTexture", dict, None)
+    return found
+
+
+def _base(material: dict[str, Any]) -> Any:
+    return of(material, "pbrMetallicRoughness", dict, {})
+
+
+def _material(document: Document, entry: dict[str, Any], texture: Any) -> Material:
+    color = np.ones(4)
+    if "baseColorFactor" in _base(entry):
+        color = np.clip(numbers_of(_base(entry), "baseColorFactor", 4, "material"), 0, 1)
+    red, green, blue, opacity = _srgb(color).tolist()
+    mode = of(entry, "alphaMode", str, _MODES[0])
+    found = Material(None, (red, green, blue, opacity), alpha_mode=mode)
+    if texture is None:
+        return found
+    sampled = document.entry("textures", of(texture, "index", int, None))
+    extensions = of(sampled, "extensions", dict, {})
+    webp = of(of(extensions, "EXT_texture_webp", dict, {}), "source", int, None)
+    image = of(sampled, "source", int, webp)
+    if image is None:
+        raise ValueError("its texture has no PNG, JPEG or WebP image: export one of these")
+    sampler = of(sampled, "sampler", int, None)
+    ways = {} if sampler is None else document.entry("samplers", sampler)
+    across, along = (_WRAPS.get(of(ways, name, int, 10497)) for name in ("wrapS", "wrapT"))
+    if across is None or along is None:
+        raise ValueError("its sampler wraps the texture in a way that glTF does not know")
+    return found._replace(image=document.image(image), wraps=(across, along))
+
+
+def _coordinates(document: Document, part: Part, texture: dict[str, Any] | None) -> FloatArray:
+    """Return texture coordinates (F, 3, 2), up from the lower left corner, or NaN."""
+    transform = of(of(texture or {}, "extensions", dict, {}), "KHR_texture_transform", dict, {})
+    usual = of(texture or {}, "texCoord", int, 0)
+    name = f"TEXCOORD_{of(transform, 'texCoord', int, usual)}"
+    index = of(of(part.primitive, "attributes", dict, {}), name, int, None)
+    if texture is None or index is None:
+        return np.full((*part.faces.shape, 2), np.nan)
+    places = _at_corners(document, part, index, "VEC2")
+    if transform.get("rotation"):
+        raise ValueError("its texture is turned (KHR_texture_transform): export it as it is shown")
+    if "scale" in transform:
+        places = places * numbers_of(transform, "scale", 2, "texture")
+    if "offset" in transform:
+        places = places + numbers_of(transform, "offset", 2, "texture")
+    return np.stack([places[..., 0], 1 - places[..., 1]], axis=2)
+
+
+def _colors(document: Document, part: Part) -> FloatArray:
+    """Return the colours of corners (F, 3, 4), sRGB; where there are none, 1."""
+    colors = np.ones((*part.faces.shape, 4))
+    index = of(of(part.primitive, "attributes", dict, {}), "COLOR_0", int, None)
+    if index is not None:
+        shape = "VEC3" if document.entry("accessors", index).get("type") == "VEC3" else "VEC4"
+        found = np.clip(_at_corners(document, part, index, shape), 0, 1)
+        colors[..., : found.shape[2]] = found
+    return _srgb(colors)
+
+
+def _at_corners(document: Document, part: Part, index: int, shape: str) -> FloatArray:
+    found = document.numbers(index, shape)
+    if len(found) != len(part.points):
+        raise ValueError(
+            f"accessor {index} has {len(found)} entries for {len(part.points)} vertices"
+        )
+    scale = 1.0 if found.dtype.kind == "f" else float(np.iinfo(found.dtype).max)
+    return np.asarray(found[part.faces] / scale, dtype=np.float64)
+
+
+def _srgb(colors: FloatArray) -> FloatArray:
+    """Return linear colours (..., 4), as glTF gives those that are not in images, as sRGB."""
+    found = colors.copy()
+    x = found[..., :3]
+    curved = 1 - 1.055 * (1 - x ** (1 / 2.4))  # to the bit 1 of 1
+    found[..., :3] = np.where(x <= 0.0031308, 12.92 * x, curved)
+    return found

@@ -1,0 +1,125 @@
+"""OBJ files with their MTL files (http://paulbourke.net/dataformats/mtl/): images and colours."""
+
+from array import array
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from abfm.errors import brief, one_line
+from abfm.mesh.readers.colored import ColoredFaces, Material
+from abfm.mesh.readers.contents import Lists, number, split_polygons
+from abfm.mesh.readers.plain import obj_index, obj_lines
+from abfm.reading import read_bytes
+
+
+def colored_obj(path: Path, has_materials: bool = True) -> ColoredFaces:
+    """Read an OBJ file with colours behind the coordinates of all vertices, and the materials that
+    it names, unless these are not wanted.
+    """
+    lines = _Lines()
+    materials: dict[str, Material] = {}
+    for keyword, words in obj_lines(path):
+        if keyword == "mtllib" and has_materials:
+            materials |= _read_mtl(_beside(path, words))
+        else:
+            lines.take(keyword, words)
+    return lines.found(materials)
+
+
+class _Lines:
+    """What the lines of an OBJ file have said so far."""
+
+    def __init__(self) -> None:
+        self._lists, self._places, self._colors = Lists(), array("d"), array("d")
+        self._named, self._owners = array("q"), array("q")  # -1: no texture coordinates
+        self._names, self._current = {"": 0}, 0
+
+    def take(self, keyword: str, words: Sequence[str]) -> None:
+        if keyword == "v":
+            self._lists.add_vertex(words)
+            if len(words) >= 6:
+                self._colors.extend(map(number, words[3:6]))
+        elif keyword == "vt":
+            self._places.extend(number(word) for word in (*words, "0", "0")[:2])
+        elif keyword == "usemtl":
+            self._current = self._names.setdefault(" ".join(words), len(self._names))
+        elif keyword == "f":
+            count = self._lists.vertex_count
+            self._lists.add_polygon([obj_index(word, count) for word in words])
+            self._named.extend(map(self._place, words))
+            self._owners.append(self._current)
+
+    def _place(self, word: str) -> int:
+        named = word.split("/")[1:2]
+        if not named or not named[0]:
+            return -1
+        count = len(self._places) // 2
+        index = obj_index(named[0], count)
+        if not 0 <= index < count:
+            raise ValueError(
+                f"a face names texture coordinates {brief(named[0])}, and {count} are given"
+            )
+        return index
+
+    def found(self, materials: dict[str, Material]) -> ColoredFaces:
+        vertices, (sizes, corners) = self._lists.vertices(), self._lists.polygons()
+        if corners.size and not 0 <= corners.min() <= corners.max() < len(vertices):
+            raise ValueError(f"a face names a vertex that is none of its {len(vertices)}")
+        # split as `read_obj` splits them; each corner is a vertex, to be known again
+        triangles = split_polygons(vertices[corners], sizes, np.arange(len(corners))).faces
+        colors = np.ones((len(vertices), 4))
+        if len(self._colors) == vertices.size:
+            colors[:, :3] = np.clip(np.reshape(self._colors, (-1, 3)), 0, 1)
+        places = np.append(np.array(self._places), [np.nan, np.nan]).reshape(-1, 2)
+        faces = corners[triangles]
+        return ColoredFaces(
+            vertices,
+            faces,
+            places[np.array(self._named, dtype=np.int64)[triangles]],
+            colors[faces],
+            np.repeat(np.array(self._owners, dtype=np.int64), sizes - 2),
+            tuple(materials.get(name, Material()) for name in self._names),
+        )
+
+
+def _beside(path: Path, words: Sequence[str]) -> Path:
+    """Return a file that another one names, also as Windows does."""
+    name = " ".join(words)
+    found = path.parent / name
+    return found if found.exists() else path.parent / name.replace("\\", "/")
+
+
+def _read_mtl(path: Path) -> dict[str, Material]:
+    """Return the materials by their names."""
+    found: dict[str, Material] = {}
+    name = None
+    for keyword, words in obj_lines(path):
+        if keyword == "newmtl":
+            name = " ".join(words)
+            found[name] = Material(alpha_mode="BLEND")
+        elif name is not None and words:
+            found[name] = _with(found[name], keyword, words, path)
+    # an image is shown as it is: what is written beside one, as Kd 0, is not meant to darken it
+    return {
+        name: each._replace(color=(1.0, 1.0, 1.0, each.color[3])) if each.image else each
+        for name, each in found.items()
+    }
+
+
+def _with(material: Material, keyword: str, words: Sequence[str], path: Path) -> Material:
+    """Return a material with what a line says of it."""
+    *color, opacity = material.color
+    if keyword == "Kd":
+        color = [min(max(number(word), 0.0), 1.0) for word in (*words, *words, *words)[:3]]
+    elif keyword in ("d", "Tr"):
+        given = min(max(number(words[-1]), 0.0), 1.0)
+        opacity = given if keyword == "d" else 1 - given
+    elif keyword == "map_Kd":
+        if words[0].startswith("-"):
+            raise ValueError(
+                f"{one_line(path.name, 60)} gives map_Kd options ({one_line(words[0], 20)}), which "
+                "are not read: leave the name of the image alone"
+            )
+        return material._replace(image=read_bytes(_beside(path, words)))
+    return material._replace(color=(color[0], color[1], color[2], opacity))

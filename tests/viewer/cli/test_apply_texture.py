@@ -1,0 +1,97 @@
+"""`abfm apply --texture`: textured meshes go to the other surface, and back."""
+
+import io
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
+
+from abfm import Correspondence, load_mesh
+from abfm.io import export_ply, write_textured
+from abfm.maps.surface_points import SurfacePoints, points_by_area
+from abfm.mesh.shapes import even_sphere
+from abfm_viewer.pictures import read_texture
+from tests.shapes import icosphere
+
+A, B = icosphere(2), even_sphere(400)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Two spheres, one with a texture as OBJ and as glTF, and where they correspond."""
+    folder = tmp_path_factory.mktemp("textured")
+    Correspondence.through_sphere(A, B, A.vertices, B.vertices).save(folder / "c.npz")
+    waves = 127 + 100 * np.sin(np.arange(128) / 128 * 2 * np.pi)
+    pixels = np.stack([*np.broadcast_arrays(waves, waves[:, None], np.full((128, 128), 90))], -1)
+    data = io.BytesIO()
+    Image.fromarray(np.round(pixels).astype(np.uint8)).save(data, "PNG")
+    places = 0.4 * A.vertices[A.faces][..., :2] + 0.5
+    for name in ("a.obj", "a.glb"):
+        write_textured(folder / name, A, places, data.getvalue())
+    (folder / "skin.png").write_bytes(data.getvalue())
+    export_ply(folder / "plain.ply", A, {}, {})
+    return folder
+
+
+@pytest.mark.parametrize("kind", ["obj", "glb"])
+def test_a_texture_goes_there_and_back(files, tmp_path, abfm, kind):
+    there = tmp_path / f"b.{kind}"
+    told = abfm(f"apply {files}/c.npz --texture {files}/a.{kind} --size 512 --out {there}")
+    names = [there, *(tmp_path / f"b.{end}" for end in ("mtl", "png") if kind == "obj")]
+    assert told == (f"wrote {', '.join(map(str, names))}\n", "")
+    b = load_mesh(there)
+    assert_array_equal(b.faces, B.faces)
+    theirs = trimesh.load(there, force="mesh", process=False)
+    assert_allclose(theirs.vertices[theirs.faces], B.vertices[B.faces], atol=1e-6)
+    shown = read_texture(there, b)[0].at(points_by_area(b, 2000))
+    x, y, _ = (points_by_area(B, 2000).positions).T
+    level = [127 + 100 * np.sin(2 * np.pi * w) for w in (0.4 * x + 0.5, 0.5 - 0.4 * y)]
+    assert_allclose(shown[:, :2], np.transpose(level), atol=12)  # both spheres have flat faces
+    assert_allclose(shown[:, 2:], np.tile([90.0, 255.0], (2000, 1)))
+    back = tmp_path / "back.glb"
+    abfm(f"apply {files}/c.npz --inverse --texture {there} --size 512 --out {back}")
+    points = points_by_area(A, 2000)
+    original = read_texture(files / "a.obj", A)[0].at(points)
+    mesh = load_mesh(back)
+    points = SurfacePoints(mesh, points.faces, points.barycentric)
+    assert np.abs(read_texture(back, mesh)[0].at(points) - original).mean() < 1
+
+
+def test_an_image_may_be_given_beside_the_mesh(files, tmp_path, abfm):
+    text = (files / "a.obj").read_text().replace("mtllib a.mtl", "mtllib lost.mtl")
+    (tmp_path / "a.obj").write_text(text)
+    words = f"apply {files}/c.npz --texture {tmp_path}/a.obj --size 96 --out {tmp_path}/b.obj"
+    assert "lost.mtl" in abfm(words, status=2).err
+    abfm(f"{words} --image {files}/skin.png")
+    with Image.open(tmp_path / "b.png") as written:
+        assert written.size == (96, 96)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--texture {f}/a.obj --out {t}/b.ply", "must end in .obj or .glb"),
+        ("--texture {f}/a.obj --out {t}/no/b.obj", "there is no folder"),
+        ("--texture {f}/a.obj --out {f}/a.obj", "a.obj: it is read; choose another name"),
+        ("--texture {f}/a.obj --image {f}/skin.png --out {f}/skin.obj", "skin.png: it is read"),
+        ("--texture {f}/a.obj --out {t}/taken.obj", "taken.mtl: it is a folder"),
+        ("--texture {f}/a.glb --out {f}/skin.obj", "skin.png: it is there without a skin.obj"),
+        ("--texture {f}/a.obj --inverse --out {t}/b.obj", "a.obj: it is of another surface"),
+        ("--texture {f}/plain.ply --out {t}/b.obj", "it names no image and has no colours"),
+        ("--texture {f}/no.obj --out {t}/b.obj", "there is no such file"),
+        ("--texture {f}/a.obj --image {t}/bad.png --out {t}/b.obj", "bad.png: its image cannot"),
+        ("--texture {f}/a.obj --size 3 --out {t}/b.obj", "whole number from 4 to 16384"),
+        ("--texture {f}/a.obj --size 30 --out {t}/b.obj", "no room for 796 faces"),
+        ("--data {f}/a.npy --size 30 --out {t}/b.csv", "of textures: give --texture"),
+        ("--data {f}/a.npy --image {f}/skin.png --out {t}/b.csv", "of textures: give --texture"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_a_line(words, told, files, tmp_path, abfm):
+    (tmp_path / "taken.mtl").mkdir()
+    (tmp_path / "bad.png").write_bytes(b"no image")
+    before = sorted(files.iterdir()), sorted(tmp_path.iterdir())
+    line = f"apply {files}/c.npz {words}".format(f=files, t=tmp_path)
+    assert told in abfm(line, status=2).err
+    assert (sorted(files.iterdir()), sorted(tmp_path.iterdir())) == before
