@@ -52,6 +52,10 @@ class ProblemSpec:
     landmarks_alone: bool = False  # whether functions are only carried, as long as there are some
     initial: InitialMap | None = None  # of two surfaces, from A to the mesh, which is B
 
+    @property
+    def is_of_landmarks(self) -> bool:
+        return self.landmarks_alone and bool(self.landmarks)
+
     def problem(self, functions: Evaluators) -> abfm.Problem:
         specs = [[channel.spec(side) for channel in self.channels] for side in SIDES]
         source, target = (
@@ -59,8 +63,7 @@ class ProblemSpec:
             for side, own in zip(SIDES, specs, strict=True)
         )
         mask = functions.evaluate(self.mask) if self.mask else None
-        counts = not (self.landmarks_alone and self.landmarks)
-        weights = [channel.weight if counts else 0.0 for channel in self.channels]
+        weights = [0.0 if self.is_of_landmarks else each.weight for each in self.channels]
         found = None if self.initial is None else self.initial.correspondence
         a = self.mesh if found is None else found.a
         marks = paired(a, self.mesh, self.landmarks)

@@ -62,8 +62,9 @@ def headline(match: abfm.Match) -> str:
     """
     if match.stop_reason == "given":
         return "field given"
-    if match.problem.is_of_landmarks and not is_broken_off(match):
-        return f"{match.verdict.kind}: {_landmarks(match)}"
+    if match.problem.is_of_landmarks:
+        word = match.stop_reason if is_broken_off(match) else match.verdict.kind
+        return f"{word}: {_landmarks(match)}"
     kind, confirmed = match.verdict.kind, match.confirmed_mismatch
     told = abfm.matching.kind_of(confirmed, match.parameters.goal)
     left = f"{share(confirmed)} left"
@@ -91,6 +92,15 @@ def _landmarks(match: abfm.Match) -> str:
     if not math.isfinite(farthest):
         return f"where the flow takes {counted(len(errors), 'landmark')} is unknown"
     return f"{counted(len(errors), 'landmark')} within {share(farthest)} of sqrt(area)"
+
+
+def left_now(now: abfm.Iteration, is_of_landmarks: bool) -> str:
+    """``mismatch 0.31``, or of landmarks alone ``the farthest landmark 3.1% ... away``."""
+    if not is_of_landmarks:
+        return f"mismatch {now.mismatch:.3g}"
+    from abfm.matching.terms.landmarks import error_of
+
+    return f"the farthest landmark {share(error_of(now.mismatch))} of sqrt(area) away"
 
 
 def tone(match: abfm.Match) -> Tone:
@@ -147,6 +157,13 @@ def changes(remedy: Remedy) -> str:
 
 def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else "auto" if value is None else str(value)
+
+
+def in_numbers(match: abfm.Match) -> str:
+    """``Mismatch 0.012, 0.03 by flow lines``; of landmarks alone, which a list has, what folds."""
+    if not match.problem.is_of_landmarks:
+        return f"Mismatch {numbers(match)}"
+    return "" if math.isnan(match.folded) else f"{100 * match.folded:.2g}% folded"
 
 
 def numbers(match: abfm.Match) -> str:

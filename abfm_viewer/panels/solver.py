@@ -101,7 +101,8 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     each = None if step else solver.seconds_each
     left = limit - now.iteration
     at_most = f", at most {rounded(each * left)} more" if each and left > 0 else ""
-    ui.note(f"Iteration {now.iteration}/{limit}, mismatch {now.mismatch:.3g}", "ink")
+    left_now = verdict_words.left_now(now, snapshot.problem.is_of_landmarks)
+    ui.note(f"Iteration {now.iteration}/{limit}, {left_now}", "ink")
     ui.note(capital(step.words() if step else f"{verdict_words.place(now)}{at_most}"))
     if now.warning:
         ui.note(sentence(now.warning), "failure")
@@ -139,7 +140,7 @@ def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
     changed = "functions or parameters changed since"
     why = changed if session.outdated else verdict_words.why(result)
     _line(ui, sentence(why), "ink", lines or _MOST_LINES)
-    numbers = f"Mismatch {verdict_words.numbers(result)}"
+    numbers = verdict_words.in_numbers(result)
     if lines:
         _draw_remedies(ui, session, result, 1)
         _line(ui, numbers)

@@ -3,7 +3,7 @@
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.document.verdict_words import headline, place
+from abfm_viewer.document.verdict_words import headline, left_now, place
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.widget_record import Rect
@@ -33,7 +33,8 @@ def _state(context: Context) -> str:
         if (snapshot := solver.snapshot) is None:
             return solver.step.words() if solver.step else "starting the solver"
         state = "paused" if solver.paused else "solving"
-        return f"{state}, {place(snapshot.iteration)}, mismatch {snapshot.iteration.mismatch:.3g}"
+        left = left_now(snapshot.iteration, snapshot.problem.is_of_landmarks)
+        return f"{state}, {place(snapshot.iteration)}, {left}"
     if context.shown.busy:
         return context.shown.busy
     if solver.failed:

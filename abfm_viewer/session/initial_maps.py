@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 GIVEN = "given"
 """The word of a map that came with a file of a registration."""
-_BY_FUNCTIONS = ("", "sphere", "embedding", "spectral")  # words of maps that ask for functions
+_BY_FUNCTIONS = ("sphere", "embedding", "spectral")  # words of maps that ask for functions
 _ENDED = "the process that finds initial maps has ended; try again"
 _BY_LANDMARKS = ("closest", "spectral", "landmarks")  # that ask for any landmarks there are
 
@@ -67,7 +67,8 @@ class InitialMaps:
     def __init__(self, jobs: Jobs, functions: DocumentFunctions) -> None:
         self._functions = functions
         self._prepared: Latest[Prepared] = jobs.latest()
-        self._control, self._wanted = Control(), object()
+        self._control = Control()
+        self._searched: tuple[object, ...] = ()
         self._worker = None if jobs.at_once else Worker(stateless, _ENDED)
         self._maps: Memo[tuple[abfm.Correspondence, tuple[str, ...]]] = Memo()
         self._of_result = Memo[Prepared]()
@@ -105,8 +106,9 @@ class InitialMaps:
             about = (a, b), document.initial
             return self._prepared.value if self._is_about(about) else None
         wanted = (a, b), document.initial
-        if not same(wanted, self._wanted):
-            self._wanted = wanted
+        searched = (*wanted, document.pairs)
+        if not same(searched, self._searched):
+            self._searched = searched
             self._control.cancel()
             self._control = Control()
         word: str | abfm.Correspondence = document.initial
@@ -175,30 +177,28 @@ class InitialMaps:
         knowing of it.
         """
         from abfm.registration.initial.given import Given
-        from abfm.registration.initial.landmarks_only import FEWEST
+        from abfm.registration.initial.words import chosen_word
 
         if not isinstance(way.by, str):
             return way.by, ()
-        word, base = way.by or None, way.by.partition(":")[0]
-        by_functions = base in _BY_FUNCTIONS and any(given.weights)
-        enough = len(given.landmarks) >= FEWEST
-        by_landmarks = base in _BY_LANDMARKS or (enough and not (base and by_functions))
-        functions = (given.source, given.target, given.mask, given.weights)
+        about = Given(way.a, way.b, landmarks=paired(way.a, way.b, given.landmarks))
+        if counts := any(given.weights):
+            f, g = np.stack(given.source), np.stack(given.target)
+            weights = np.array(given.weights)
+            about = about._replace(f=f, g=g, mask_b=given.mask, weights=weights)
+        word = way.by or chosen_word(about)
+        base = word.partition(":")[0]
+        by_functions = counts and base in _BY_FUNCTIONS
+        by_landmarks = base in _BY_LANDMARKS or (base in _BY_FUNCTIONS and not counts)
+        functions = given.source, given.target, given.mask, given.weights
         asked = functions if by_functions else (), given.landmarks if by_landmarks else ()
 
         def find() -> tuple[abfm.Correspondence, tuple[str, ...]]:
-            about = Given(way.a, way.b)
-            if by_functions:
-                f, g = np.stack(given.source), np.stack(given.target)
-                weights = np.array(given.weights)
-                about = about._replace(f=f, g=g, mask_b=given.mask, weights=weights)
-            if by_landmarks:
-                about = about._replace(landmarks=paired(way.a, way.b, given.landmarks))
             if self._worker is None:
                 return _found(None, word, about)
             return self._worker.call(_found, word, about).result()
 
-        return self._maps.get((*way, *asked), find)
+        return self._maps.get((way.a, way.b, word, *asked), find)
 
 
 def _found(_: None, word: str | None, given: Given) -> Initial:

@@ -237,7 +237,8 @@ class Session:
         obstacle = self.functions.obstacle(self.document)
         if obstacle or not self.document.is_pair:
             return obstacle
-        if self.prepared is None:
+        is_under_way = self.initial_maps.busy and not self.solver.running
+        if self.prepared is None or is_under_way:
             return self.initial_maps.error or "the initial map is being found"
         return ""
 

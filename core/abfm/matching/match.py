@@ -415,6 +415,8 @@ def match(
             except CancelledError:
                 reason = StopReason.CANCELLED
     end = path[solver.step]
+    with controlled(Control()):  # what was found is told though it was cancelled
+        errors = _landmark_errors(the_problem, end.velocity)
     history, stages = np.array(record.history), np.array(record.stage_of)
     advected = np.ascontiguousarray(
         mark.carried[: len(functions.source), : len(the_problem.mesh.vertices)]
@@ -428,9 +430,9 @@ def match(
         history[stages == stages[-1], 0],
         end.log2_area,
         _refined(end, the_problem.mesh),
-        _landmarks(the_problem, _landmark_errors(the_problem, end.velocity)),
+        _landmarks(the_problem, errors),
     )
-    return Match(
+    found = Match(
         problem=the_problem.starting_from(None),
         fine_velocity=end.velocity,
         advected=advected.T.copy(),
@@ -444,6 +446,9 @@ def match(
         path=path,
         step=solver.step,
     )
+    if errors is not None:  # as those who show it ask for them
+        vars(found)["landmark_errors"] = errors
+    return found
 
 
 def _landmark_errors(problem: Problem, velocity: FloatArray) -> FloatArray | None:

@@ -39,7 +39,8 @@ def scene(right, columns=5):
         shown=NAMES,
         view=view,
         view_of=lambda _: view,
-        links=list, landmarks=list,
+        links=list,
+        landmarks=list,
         paints={
             name: Paint("vertex values", np.zeros(1), name, colors, bar)
             for name, (bar, colors) in bars.items()

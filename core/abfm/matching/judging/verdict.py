@@ -379,7 +379,7 @@ class _Case:
         count = len(self.outcome.landmarks[0])
         words = f"{count} landmark{'s' * (count > 1)} within {last:.2g}% of sqrt(area)"
         if self.functions.is_constant:
-            return f"{words}, {first:.2g}% before"
+            return f"{words}, {float(f'{first:.2g}'):g}% before"
         return f"{change}, {words}"
 
     def _of_what_stays(self, kind: Kind = "not reached") -> Verdict:

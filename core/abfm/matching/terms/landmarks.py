@@ -181,6 +181,11 @@ def mismatch_of(errors: FloatArray) -> float:
     return float(errors.max()) * (_USUAL_GOAL / NEAR)
 
 
+def error_of(mismatch: float) -> float:
+    """Return the error that is such a mismatch, of sqrt(area)."""
+    return mismatch * (NEAR / _USUAL_GOAL)
+
+
 def _on_mesh(mesh: TriangleMesh, points: Any) -> SurfacePoints:
     if not isinstance(points, SurfacePoints):
         raise ParameterError(f"landmarks have {brief(points)}; expected a pair of SurfacePoints")

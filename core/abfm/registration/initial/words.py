@@ -64,7 +64,7 @@ def initial_map(initial: object, given: Given) -> Initial:
     if isinstance(initial, Correspondence):
         return Initial(initial.between(given.a, given.b))
     if initial is None:
-        initial = _chosen(given)
+        initial = chosen_word(given)
     if not isinstance(initial, str):
         raise ParameterError(
             f"initial is {brief(initial)}; expected a Correspondence, a PointMap, or one of "
@@ -81,7 +81,8 @@ def initial_map(initial: object, given: Given) -> Initial:
     )
 
 
-def _chosen(given: Given) -> str:
+def chosen_word(given: Given) -> str:
+    """Return the word of the map that is found where none is asked for."""
     if np.array_equal(given.a.faces, given.b.faces):
         return "connectivity"
     if is_sphere(given.a) and is_sphere(given.b):
