@@ -95,12 +95,12 @@ def _landmarks(match: abfm.Match) -> str:
 
 
 def left_now(now: abfm.Iteration, is_of_landmarks: bool) -> str:
-    """``mismatch 0.31``, or of landmarks alone ``the farthest landmark 3.1% ... away``."""
+    """``mismatch 0.31``, or of landmarks alone ``farthest landmark 3.1% away``."""
     if not is_of_landmarks:
         return f"mismatch {now.mismatch:.3g}"
     from abfm.matching.terms.landmarks import error_of
 
-    return f"the farthest landmark {share(error_of(now.mismatch))} of sqrt(area) away"
+    return f"farthest landmark {share(error_of(now.mismatch))} away"
 
 
 def tone(match: abfm.Match) -> Tone:

@@ -45,7 +45,7 @@ def draw(context: Context) -> None:
         return
     ui.heading("landmarks")
     if places and not document.pairs:
-        ui.line(f"Click on {_named(document, 'source')}, then on {_named(document, 'target')}.")
+        ui.note(f"Click on {_named(document, 'source')}, then on {_named(document, 'target')}.")
     if document.landmarks:
         _draw_list(context)
     elif ui.button("Open landmarks...", _OPEN):

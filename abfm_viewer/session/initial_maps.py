@@ -67,8 +67,7 @@ class InitialMaps:
     def __init__(self, jobs: Jobs, functions: DocumentFunctions) -> None:
         self._functions = functions
         self._prepared: Latest[Prepared] = jobs.latest()
-        self._control = Control()
-        self._searched: tuple[object, ...] = ()
+        self._control, self._wanted = Control(), object()
         self._worker = None if jobs.at_once else Worker(stateless, _ENDED)
         self._maps: Memo[tuple[abfm.Correspondence, tuple[str, ...]]] = Memo()
         self._of_result = Memo[Prepared]()
@@ -106,9 +105,8 @@ class InitialMaps:
             about = (a, b), document.initial
             return self._prepared.value if self._is_about(about) else None
         wanted = (a, b), document.initial
-        searched = (*wanted, document.pairs)
-        if not same(searched, self._searched):
-            self._searched = searched
+        if not same(wanted, self._wanted):
+            self._wanted = wanted
             self._control.cancel()
             self._control = Control()
         word: str | abfm.Correspondence = document.initial

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,8 @@ from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
 
 if TYPE_CHECKING:
     from abfm.maps import SurfacePoints
+
+_TIMES = 41  # tau is one of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +40,30 @@ class Marks:
         return cls(points.mesh, numbers, points.positions, outward * normals)
 
 
-def ways(flow: FlowState, starts: SurfacePoints) -> list[abfm.flow.FlowLine]:
-    """Follow points to the end of the time bar."""
-    tau, end = flow.parameters.tau, flow.duration
-    return abfm.flow.flow_lines(flow.mesh, flow.flow.fine_velocity, starts, end, tau)
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """Where points are at times (T,) of a flow."""
+
+    times: FloatArray
+    points: list[SurfacePoints]
+
+    @classmethod
+    def along(cls, flow: FlowState, starts: SurfacePoints) -> Ways:
+        """Follow points to the end of the time bar, by the flow lines that judge a match."""
+        lines = abfm.flow.ContinuousFlow(flow.mesh, flow.flow.fine_velocity, flow.parameters.tau)
+        times, points = np.linspace(0, flow.duration, _TIMES), [starts]
+        for begin, end in pairwise(times.tolist()):
+            points.append(lines.between(points[-1], begin, end))
+        return cls(times, points)
+
+    def at(self, time: float, numbers: tuple[int, ...]) -> Marks:
+        """Return where they are at a time, between those known on straight ways."""
+        after = int(np.clip(np.searchsorted(self.times, time), 1, len(self.times) - 1))
+        begin, end = self.times[after - 1 : after + 1]
+        before, then = (Marks.at(self.points[k], numbers) for k in (after - 1, after))
+        share = float(np.clip((time - begin) / (end - begin), 0, 1))
+        places = (1 - share) * before.places + share * then.places
+        return replace(then if share > 0.5 else before, places=places)
 
 
 class ShownLandmarks(Jobs):
@@ -48,8 +71,8 @@ class ShownLandmarks(Jobs):
         super().__init__(session.at_once)
         self._session, self._flow = session, flow
         self._placed = {side: Memo[Marks | None]() for side in SIDES}
-        self._starts = Memo[SurfacePoints]()
-        self._ways: Latest[list[abfm.flow.FlowLine]] = self.latest()
+        self._starts: Memo[SurfacePoints] = Memo()
+        self._ways: Latest[Ways] = self.latest()
         self._moved = Memo[Marks]()
 
     def placed(self, side: Side) -> Marks | None:
@@ -77,19 +100,10 @@ class ShownLandmarks(Jobs):
         begun = partial(Marks.at, starts, numbers)
         if flow is None or time == 0:
             return self._moved.get((starts, 0.0), begun)
-        found = self._ways.newest((flow.mesh, starts), ways, flow, starts)
+        found = self._ways.newest((flow.mesh, starts), Ways.along, flow, starts)
         if found is None:
             return self._moved.get((starts, 0.0), begun)
-
-        def move() -> Marks:
-            last = [int(np.searchsorted(way.times, time, "right")) - 1 for way in found]
-            faces = [int(way.faces[at]) for way, at in zip(found, last, strict=True)]
-            places = np.array([way.at(time) for way in found])
-            normals = abfm.calculus.face_normals(flow.mesh)[faces]
-            outward = -1 if flow.mesh.is_inside_out else 1
-            return Marks(flow.mesh, numbers, places, outward * normals)
-
-        return self._moved.get((found, time), move)
+        return self._moved.get((found, time), partial(found.at, time, numbers))
 
     def _on_target(self, landmarks: tuple[Landmark, ...]) -> SurfacePoints | None:
         """Return where those of the source start on the target's surface."""

@@ -24,7 +24,7 @@ from abfm_viewer.document.document import (
 )
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.landmarks import ShownLandmarks, ways
+from abfm_viewer.shown.landmarks import ShownLandmarks
 from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
 
 # vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
@@ -247,7 +247,10 @@ class FieldQuantities(Jobs):
             return []
 
         def compute() -> list[abfm.flow.FlowLine]:
-            return ways(flow, surface_points(flow.mesh, points))
+            starts, fields = surface_points(flow.mesh, points), flow.flow.fine_velocity
+            return abfm.flow.flow_lines(
+                flow.mesh, fields, starts, flow.duration, flow.parameters.tau
+            )
 
         return self._paths.ask((flow, points), compute) or []
 

@@ -1,5 +1,7 @@
 """Correspondences: what they carry, both ways, after each other, and what files keep of them."""
 
+import pickle
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -9,9 +11,9 @@ import abfm
 from abfm import Correspondence, PointMap, TriangleMesh
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmError, FunctionError, ParameterError, ResultError
-from abfm.maps.surface_points import SurfacePoints
+from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.mesh.shapes import even_sphere
-from tests.shapes import icosphere, square, torus, with_loose_vertex
+from tests.shapes import ellipsoid, icosphere, square, torus, with_loose_vertex
 
 FINE, COARSE = icosphere(4), even_sphere(300)
 TURN = Rotation.from_rotvec([0.3, -0.2, 0.9])
@@ -237,3 +239,18 @@ def test_ways_between_other_surfaces_are_refused():
         Correspondence(there, PointMap.of_vertices(COARSE, COARSE))
     with pytest.raises(AbfmError, match="cannot follow"):
         there.followed_by(PointMap.of_vertices(COARSE, COARSE))
+
+
+@pytest.mark.parametrize("kind", ["sphere", "connectivity", "points"])
+def test_another_process_has_the_same(kind):
+    a, b = icosphere(2), ellipsoid(2, 1.0, 2.0, 1.5)
+    found = {
+        "sphere": lambda: Correspondence.through_sphere(a, b, a.vertices, a.vertices[:, [1, 2, 0]]),
+        "connectivity": lambda: Correspondence.of_same_faces(a, b),
+        "points": lambda: Correspondence(PointMap.of_vertices(b, a)),
+    }[kind]()
+    again = pickle.loads(pickle.dumps(found))
+    inside = points_by_area(a, 200)
+    for one, other in ((found.points, again.points), (found.back, again.back)):
+        assert_array_equal(one.positions, other.positions)
+    assert_array_equal(found.back.at(inside).positions, again.back.at(inside).positions)

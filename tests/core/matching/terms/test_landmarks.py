@@ -17,6 +17,7 @@ from abfm.matching.solving.levels import Transfer
 from abfm.matching.terms.landmarks import landmarks_of, mismatch_of
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
+from abfm.workers.control import controlled
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.surfaces import SURFACES, moved
 from tests.core.verification import near, taylor_order
@@ -193,3 +194,40 @@ def test_a_mesh_that_is_scaled_is_the_same_mesh():
     pair = vertex_points(SPHERE, PAIRS[:, 0]), vertex_points(SPHERE, PAIRS[:, 1])
     one, other = landmarks_of(large, pair, None), landmarks_of(large, PAIRS, None)
     assert_allclose(one.first_errors, other.first_errors)
+
+
+def test_functions_without_weight_are_carried_and_change_nothing():
+    f, g = (bump(SPHERE, SPHERE.vertices[i], 0.2) for i in (0, 30))
+    alone = abfm.match(abfm.Problem(SPHERE, None, None, landmarks=PAIRS[:2]))
+    beside = abfm.match(abfm.Problem(SPHERE, f, g, weights=[0.0], landmarks=PAIRS[:2]))
+    assert beside.problem.is_of_landmarks
+    assert_allclose(beside.velocity, alone.velocity)
+    assert (beside.verdict, beside.mismatch) == (alone.verdict, alone.mismatch)
+    assert_allclose(beside.advected[:, 0], beside.advect(1.0), atol=1e-12)
+    assert np.linalg.norm(beside.advected[:, 0] - f) > 0.1 * np.linalg.norm(f)
+    with pytest.raises(ParameterError, match="weights are zero everywhere; give a channel one"):
+        abfm.Problem(SPHERE, f, g, weights=[0.0])
+
+
+def test_files_hold_functions_without_weight(tmp_path):
+    f = bump(SPHERE, SPHERE.vertices[0], 0.2)
+    problem = abfm.Problem(SPHERE, f, f, weights=[0.0], landmarks=PAIRS)
+    problem.save(tmp_path / "p.npz")
+    again = abfm.load_problem(tmp_path / "p.npz")
+    assert (again.digest, again.is_of_landmarks) == (problem.digest, True)
+
+
+@pytest.mark.parametrize("iterations", [1, 3])
+def test_cancelled_in_a_thread_that_is_controlled_it_keeps_its_field(iterations):
+    """As in a process that is told so from outside: nothing is asked of a thread that ends."""
+    control = abfm.Control()
+
+    def cancel(now):
+        if now.iteration == iterations:
+            control.cancel(briefly=True)
+
+    with controlled(control):
+        found = abfm.match(abfm.Problem(SPHERE, None, None, landmarks=PAIRS), on_iteration=cancel)
+    assert found.stop_reason == "cancelled"
+    assert found.velocity.any()
+    assert found.landmark_errors.max() < found.problem.landmarks.first_errors.max()

@@ -152,3 +152,21 @@ def test_landmarks_by_hand():
         Landmarks.of_vertices(A, B, np.zeros(0, int), np.zeros(0, int))
     with pytest.raises(AbfmError, match="vertices are 1 to 900"):
         Landmarks.of_vertices(A, B, [1, 900], [3, 4])
+
+
+@given(
+    vertices=st.lists(st.integers(0, COUNT - 1), min_size=1, max_size=6, unique=True),
+    weight=st.floats(1e-6, 1e6),
+    names=st.lists(st.text("abc ,\"';é", min_size=1, max_size=4), min_size=6, max_size=6),
+)
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_pairs_that_were_saved_come_back(tmp_path, vertices, weight, names):
+    given = Landmarks.of_vertices(A, B, vertices, vertices[::-1])
+    said = tuple(name.strip() or "x" for name in names[: len(vertices)])
+    given = Landmarks(given.a, given.b, weight * given.weights, said)
+    given.save(tmp_path / "pairs.csv")
+    found = read_landmarks(A, B, str(tmp_path / "pairs.csv"))
+    assert_allclose(found.a.positions, given.a.positions, atol=1e-12)
+    assert_allclose(found.b.positions, given.b.positions, atol=1e-12)
+    assert found.weights.tolist() == given.weights.tolist()
+    assert found.names == given.names

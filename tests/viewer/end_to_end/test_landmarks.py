@@ -1,0 +1,209 @@
+"""Landmarks are placed by clicks on both surfaces, dragged, matched, saved and opened again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from abfm.functions import vertex_normals
+from abfm_viewer.automation import Driver
+from abfm_viewer.document.surface_points import surface_points
+from tests.mesh_writers import off_file
+from tests.shapes import ellipsoid, icosphere
+from tests.viewer.sessions import SIZE, match
+
+EGG, BALL = ellipsoid(3, 1.0, 0.7, 0.55), icosphere(3, 10.0)
+
+
+def shown(files):
+    gui = Driver(files, size=(SIZE[0], 560))
+    gui.__enter__()
+    view = replace(gui.session.view, flow_after_match=False)
+    gui.session.editor.amend(view=view)
+    gui.wait(lambda s: not s.obstacle)
+    return gui
+
+
+@pytest.fixture
+def gui(tmp_path):
+    files = [off_file(tmp_path / f"{n}.off", mesh) for n, mesh in (("egg", EGG), ("ball", BALL))]
+    gui = shown(tuple(files))
+    gui.window.dialogs.folder = tmp_path
+    yield gui
+    errors = gui.errors
+    gui.__exit__(None, None, None)
+    assert not errors
+
+
+def place(gui, count=4):
+    """Place landmarks on vertices that are seen, and return these, (L,) of the egg and the ball."""
+    chosen = []
+    for side in ("source", "target"):
+        mesh, towards = gui.session.surface(side).mesh, gui.window.scene.view_of(side).rotation[2]
+        seen = np.flatnonzero(vertex_normals(mesh) @ towards > 0.6)
+        chosen.append(seen[np.linspace(0, len(seen) - 1, count).astype(int)])
+    gui.click("Place landmarks")
+    for on_a, on_b in zip(*chosen, strict=True):
+        gui.pick(int(on_a), "source", modifiers=())
+        gui.pick(int(on_b), "target", modifiers=())
+    gui.click("Stop placing")
+    return chosen
+
+
+def on(gui, side):
+    """Where landmarks are on a side, (L, 3)."""
+    points = [one.point(side) for one in gui.session.document.landmarks]
+    return surface_points(gui.session.surface(side).mesh, points).positions
+
+
+def off(gui, side, vertices):
+    """How far landmarks are from vertices, in edges."""
+    mesh = gui.session.surface(side).mesh
+    edge = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1), axis=2).mean()
+    return np.linalg.norm(on(gui, side) - mesh.vertices[list(vertices)], axis=1) / edge
+
+
+def test_they_are_placed_dragged_taken_back_and_removed(gui):
+    session = gui.session
+    assert not gui.window.scene.landmarks()
+    sources, targets = place(gui)
+    assert off(gui, "source", sources).max() < 0.3
+    assert off(gui, "target", targets).max() < 0.3
+    assert [gui.text_of(f"{n + 1}: placed") for n in range(4)] == [*3 * [""], "chosen"]
+    gui.frames(2)
+    # discs on each surface, and where the flow has them, and rings where they should be
+    marks = gui.window.scene.landmarks()
+    assert {(mark.surface, mark.side, mark.is_goal) for mark in marks} == {
+        ("source", "source", False),
+        ("target", "target", False),
+        ("advected", "target", True),
+        ("advected", None, False),
+    }
+    before = session.document.landmarks
+    around = np.argsort(np.linalg.norm(EGG.vertices - EGG.vertices[sources[1]], axis=1))
+    gui.drag_on_surface(around[[0, 2, 9]].tolist(), "source", modifiers=())
+    sources[1] = around[9]
+    moved = session.document.landmarks
+    assert moved[1].source != before[1].source
+    assert [one for n, one in enumerate(moved) if n != 1] == [
+        one for n, one in enumerate(before) if n != 1
+    ]
+    assert off(gui, "source", sources).max() < 0.5
+    assert session.document.landmark == 1
+    gui.key("ctrl+z")
+    assert session.document.landmarks == before
+    gui.key("ctrl+y")
+    gui.click("2: placed")
+    gui.key("delete")
+    assert session.document.landmarks == (moved[0], *moved[2:])
+    gui.click("Clear landmarks")
+    assert session.document.landmarks == ()
+    for _ in range(2):
+        gui.key("ctrl+z")
+    assert session.document.landmarks == moved
+
+
+def test_half_a_pair_says_what_it_lacks_and_does_not_count(gui, notes):
+    session = gui.session
+    gui.key("m")
+    assert ("Click on A, then on B.", "muted") in notes()
+    gui.pick(30, "source", modifiers=())
+    gui.pick(60, "source", modifiers=())
+    assert gui.text_of("1: not yet on B") == ""
+    assert session.problem.landmarks == ()
+    gui.pick(31, "advected", modifiers=())  # which shows B, too
+    assert len(session.problem.landmarks) == 1
+    assert gui.text_of("2: not yet on B") == ""
+    gui.key("m")
+    assert session.view.tool == "nothing"
+
+
+def test_landmarks_alone_are_matched_saved_and_opened_again(gui, tmp_path):
+    session = gui.session
+    sources, targets = place(gui)
+    gui.check("landmarks alone")
+    gui.wait(lambda s: not s.obstacle)
+    match(gui)
+    result = session.result
+    assert result.problem.is_of_landmarks
+    assert result.verdict.kind == "matched"
+    assert result.landmark_errors.max() < 0.005
+    rows = [label for label in gui.labels() if label.endswith("away")]
+    assert len(rows) == 4
+    # the functions are carried along all the same
+    gui.drag("time", session.parameters.tau)
+    assert_allclose(gui.window.shown.flow.advected(), result.advected[:, 0])
+    assert np.ptp(result.advected) > 0.5
+
+    def farthest():
+        apart = gui.window.shown.landmarks.moved().places - on(gui, "target")
+        return np.linalg.norm(apart, axis=1).max() / BALL.length_scale
+
+    gui.wait(lambda _: farthest() < 0.006)
+    gui.drag("time", 0)
+    gui.wait(lambda _: farthest() > 0.05)
+    assert not session.outdated
+    known, document = session.registration, session.document
+    gui.menu("File", "Save project as...")
+    gui.type("file name", "pair")
+    gui.wait(lambda s: not s.saves.unsaved)
+    known.save(tmp_path / "pair.npz")
+    for name in ("pair.abfm", "pair.npz"):
+        before = session.document.identity
+        gui.window.files.open(tmp_path / name)
+        gui.wait(lambda s, before=before: s.document.identity is not before and not s.obstacle)
+        opened = session.document
+        assert opened.landmarks_alone
+        assert not session.outdated
+        assert_allclose(session.result.landmark_errors, result.landmark_errors, atol=1e-9)
+        if name == "pair.abfm":
+            assert opened.landmarks == document.landmarks
+        assert off(gui, "source", sources).max() < 0.5
+        assert off(gui, "target", targets).max() < 0.5
+
+
+def test_they_go_to_a_file_and_come_from_one(gui, tmp_path):
+    session = gui.session
+    place(gui, 2)
+    before = session.document.landmarks
+    gui.click("Save landmarks...")
+    gui.type("file name", "marks")
+    gui.click("Clear landmarks")
+    gui.menu("File", "Open landmarks...")
+    gui.double_click("marks.csv")
+    again = session.document.landmarks
+    assert len(again) == 2
+    for side in ("source", "target"):
+        mesh = session.surface(side).mesh
+        pairs = [[one.point(side) for one in some] for some in (before, again)]
+        assert_allclose(*(surface_points(mesh, points).positions for points in pairs), atol=1e-9)
+    (tmp_path / "wrong.csv").write_text("1,2\n3,x\n")
+    gui.menu("File", "Open landmarks...")
+    gui.double_click("wrong.csv")
+    assert session.document.landmarks == again
+    assert "row 2 has" in session.notices.log[-1].text
+
+
+def test_on_one_surface_they_are_matched_beside_functions(tmp_path):
+    gui = shown(off_file(tmp_path / "ball.off", BALL))
+    try:
+        session = gui.session
+        gui.click("Place landmarks")
+        gui.pick(12, "source", modifiers=())
+        gui.pick(30, "target", modifiers=())
+        gui.wait(lambda s: not s.obstacle)
+        match(gui)
+        assert session.result.landmark_errors.shape == (1,)
+        assert not session.result.problem.is_of_landmarks
+        assert not session.outdated
+        gui.key("delete")
+        gui.frames(2)
+        assert session.outdated
+        gui.key("ctrl+z")
+        gui.frames(2)
+        assert not session.outdated
+    finally:
+        errors = gui.errors
+        gui.__exit__(None, None, None)
+    assert not errors

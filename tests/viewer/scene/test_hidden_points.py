@@ -1,0 +1,39 @@
+"""Points that other parts of a surface hide."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from scipy.spatial.transform import Rotation
+
+from abfm.calculus import face_normals
+from abfm_viewer.scene.hidden_points import are_hidden
+from tests.shapes import icosphere, torus
+
+SPHERE, RING = icosphere(3), torus(60, 30)
+FROM_X = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # to the right, up, and towards the viewer
+FROM_Z = np.eye(3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_of_a_sphere_the_half_that_looks_away(seed):
+    axes = Rotation.random(rng=seed).as_matrix()
+    places = SPHERE.vertices
+    hidden = are_hidden(SPHERE, places, places, axes)
+    assert_array_equal(hidden, places @ axes[2] <= 0)
+
+
+def test_of_a_ring_what_the_ring_itself_covers():
+    places, normals = RING.vertices[RING.faces].mean(axis=1), face_normals(RING)
+    assert_array_equal(are_hidden(RING, places, normals, FROM_Z), normals[:, 2] <= 0)
+    hidden = are_hidden(RING, places, normals, FROM_X)
+    x, y, _ = places.T
+    looks_here = normals[:, 0] > 0.05
+    inner = np.hypot(x, y) < np.hypot(*RING.vertices[:, :2].T).mean()
+    assert hidden[normals[:, 0] <= 0].all()
+    # the inner side of the far half looks here, and the near half is before it
+    behind = looks_here & inner & (x < -0.3) & (np.abs(y) < 0.3)
+    assert behind.sum() > 10
+    assert hidden[behind].all()
+    before = looks_here & ~inner & (x > 0.3)
+    assert before.sum() > 100
+    assert not hidden[before].any()
