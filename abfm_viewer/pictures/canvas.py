@@ -105,9 +105,9 @@ def _draw_disc(picture: Image.Image, disc: Disc) -> None:
     side = math.ceil(2 * disc.radius) + 2
     middle = [_FINER * (at - low) for at, low in zip(disc.center, (left, top), strict=True)]
     mask = Image.new("L", (_FINER * side, _FINER * side), 0)
-    for radius, shade in ((disc.radius, 255), (disc.hole, 0)):
+    for radius, shade in ((disc.radius, 255), *([(disc.hole, 0)] if disc.hole else [])):
         box = [at + sign * _FINER * radius for sign in (-1, 1) for at in middle]
-        ImageDraw.Draw(mask).ellipse(box, fill=shade if radius else None)
+        ImageDraw.Draw(mask).ellipse(box, fill=shade)
     mask = mask.resize((side, side), Image.Resampling.BOX)
     layer = Image.new("RGBA", mask.size, (*rgb(disc.color), 0))
     layer.putalpha(mask)

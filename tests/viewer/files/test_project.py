@@ -27,7 +27,17 @@ from abfm.matching import Verdict
 from abfm.parameters import PAPER
 from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document import document as documents
-from abfm_viewer.document.document import Channel, Document, Front, Look, Point, Run, Surface, View
+from abfm_viewer.document.document import (
+    Channel,
+    Document,
+    Front,
+    Landmark,
+    Look,
+    Point,
+    Run,
+    Surface,
+    View,
+)
 from abfm_viewer.files import project
 from abfm_viewer.files.project import Origin, load_origin, load_project, save_project
 from tests.core.reading import hostile
@@ -253,6 +263,16 @@ views = st.builds(
 specs = st.builds(
     "gaussian:vertex={},width={!r}".format, st.integers(0, 42), st.floats(1e-300, 1e300)
 )
+points = st.builds(
+    lambda face, u, v: Point(face, (1 - u, u * (1 - v), u * v)),
+    st.integers(0, len(WHOLE.faces) - 1),
+    st.floats(0, 1),
+    st.floats(0, 1),
+)
+landmarks = st.lists(
+    st.builds(Landmark, st.none() | points, points, st.floats(1e-9, 1e9), st.text(max_size=5)),
+    max_size=4,
+).map(tuple)
 channels = st.lists(st.builds(Channel, specs, specs, numbers.map(abs))).map(tuple)
 
 
@@ -262,10 +282,16 @@ channels = st.lists(st.builds(Channel, specs, specs, numbers.map(abs))).map(tupl
 @given(
     view=views,
     channels=channels,
+    landmarks=landmarks,
+    alone=st.booleans(),
     surface=st.builds(Surface, st.just(WHOLE), st.text(), st.none() | fronts),
 )
-def test_any_view_and_channels_come_back(tmp_path, view, channels, surface):
-    document = Document((surface,), channels=channels, view=view)
+def test_any_view_channels_and_landmarks_come_back(
+    tmp_path, view, channels, landmarks, alone, surface
+):
+    document = Document(
+        (surface,), channels=channels, landmarks=landmarks, landmarks_alone=alone, view=view
+    )
     save_project(tmp_path / "p.abfm", document, {})
     assert_same(load_project(tmp_path / "p.abfm")[0], document)
 
@@ -418,6 +444,9 @@ def test_arrays_that_do_not_fit_are_named(saved, name, array, words):
         ("document", "parameters", {"beyond": 1}, "beyond"),
         ("document", "lines", [{"face": F, "barycentric": [1, 0, 0]}], "face 80; expected 0 to 79"),
         ("document", "points", [{"face": -1, "barycentric": [1, 0, 0]}], "face -1"),
+        ("document", "landmarks", [{"target": {"face": F, "barycentric": [1, 0, 0]}}], "face 80"),
+        ("document", "landmarks", [{"weight": 0}], "the weight 0.0; expected more than 0"),
+        ("document", "landmark", 1, "landmark is 1; expected 0 to 0"),
         ("document", "points", [{"face": 0, "barycentric": [1, 0]}], "expected 3 entries"),
         ("document", "points", [{"face": 0, "barycentric": [1, 1, -1]}], "weights"),
         ("document", "points", [{"face": 0, "barycentric": [1, 1, 1]}], "weights"),

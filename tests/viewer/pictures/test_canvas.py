@@ -1,12 +1,16 @@
 """Smooth pictures off the screen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.pictures import canvas
-from abfm_viewer.pictures.canvas import drawn
+from abfm_viewer.pictures.canvas import drawn, letter
 from abfm_viewer.scene import opengl
+from abfm_viewer.scene.annotations import Disc
 from abfm_viewer.scene.opengl import ps
 from tests.shapes import icosphere
 
@@ -80,3 +84,19 @@ def test_a_second_start_in_the_same_size_changes_none(monkeypatch):
     assert sizes == []
     opengl.start(opengl.OFFSCREEN, 120, 80)
     assert sizes == [(120, 80)]
+
+
+@pytest.mark.parametrize("mode", ["RGB", "RGBA"])
+@pytest.mark.parametrize("middle", [(20.3, 15.8), (2.0, 1.0)])
+def test_discs_and_rings_are_round_smooth_and_may_stand_out(mode, middle):
+    picture = Image.new(mode, (40, 30), "white" if mode == "RGB" else (255, 255, 255, 0))
+    disc = Disc(middle, 8.0, (1.0, 0.0, 0.0, 1.0))
+    letter(picture, [disc, replace(disc, color=(0.0, 0.0, 1.0, 1.0), hole=6.0)], None, None)
+    pixels = np.asarray(picture).astype(int)
+    y, x = np.mgrid[:30, :40] + 0.5
+    away = np.hypot(x - middle[0], y - middle[1])
+    red, blue = pixels[away < 5.2, :3], pixels[(away > 6.8) & (away < 7.2), :3]
+    assert (red == [255, 0, 0]).all()
+    assert (blue == [0, 0, 255]).all()
+    outside = pixels[away > 8.8]
+    assert (outside == ([255, 255, 255] if mode == "RGB" else [255, 255, 255, 0])).all()
