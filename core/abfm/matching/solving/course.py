@@ -130,10 +130,10 @@ class Course:
         )
         goal = _CLOSE * p.goal if self.is_free else 0.0
         until = p.iterations if is_last else int(_SHARE * p.iterations)
-        close = self._landmark_sigma(sigma)
+        close = self.landmark_sigma(sigma)
         return Stage(level, way.fields, sigma, alpha, reach, own, until, self.is_fixed, goal, close)
 
-    def _landmark_sigma(self, sigma: float) -> float:
+    def landmark_sigma(self, sigma: float) -> float:
         """Return that of landmarks beside a sigma: it falls faster, so that landmarks lead."""
         first, last = self.sigmas[0], self.sigmas[-1]
         if not self._has_landmarks:
