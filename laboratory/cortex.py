@@ -22,9 +22,11 @@ import numpy as np
 from abfm import Correspondence, Parameters, TriangleMesh, load_mesh, register
 from abfm.functions import read_labels, read_table
 from abfm.maps.spherical import sphere_directions
+from abfm.registration import prepare
 from abfm.registration.initial import initial_map
 from abfm.registration.initial.given import Given
 from abfm.types import BoolArray, FloatArray, IntArray
+from laboratory import bounds
 from laboratory.common import put_between, told_table
 
 _HEADS = (
@@ -209,15 +211,25 @@ def sides_rows(left: Side, right: Side) -> Iterator[list[str]]:
     yield judge.row("`register`", found, perf_counter() - start)
 
 
+def read_conte69(folder: Path) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
+    """Read the sphere of conte69, the left hemisphere, its curvature, thickness, and cortex."""
+    sphere = load_mesh(folder / "conte69_32k_lh_sphere.gii")
+    curvature, thickness = (
+        read_table(str(folder / f"conte69_32k_{name}.csv"))[1][: len(sphere.vertices), 0]
+        for name in ("curvature", "thickness")
+    )
+    return (
+        sphere,
+        curvature,
+        thickness,
+        read_table(str(folder / "conte69_32k_lh_mask.csv"))[1][:, 0],
+    )
+
+
 def conte69_lines(folder: Path, published: Path, template: Side) -> Iterator[list[str]]:
     """Yield rows of conte69 on fsaverage5 by curvature, thickness held out, beside HCP's map."""
-    a, b = load_mesh(folder / "conte69_32k_lh_sphere.gii"), template.sphere
-    count = len(a.vertices)
-    curvature, thickness, _ = (
-        read_table(str(folder / f"conte69_32k_{name}.csv"))[1][:count, 0]
-        for name in ("curvature", "thickness", "t1wt2w")
-    )
-    mask = read_table(str(folder / "conte69_32k_lh_mask.csv"))[1][:, 0]
+    a, curvature, thickness, mask = read_conte69(folder)
+    b = template.sphere
     theirs = Correspondence.through_sphere(
         a, b, sphere_directions(load_mesh(published)), sphere_directions(b)
     )
@@ -249,6 +261,17 @@ def conte69_lines(folder: Path, published: Path, template: Side) -> Iterator[lis
     yield row("`register`", found, seconds)
 
 
+def bound_rows(subject: Side, template: Side, folder: Path | None) -> Iterator[list[str]]:
+    """Yield rows of what bounds of distortion cost, on spheres that are only turned at first."""
+    cortex, b = _cortex(template), template.sphere
+    of_subject = prepare(subject.sphere, b, subject.depth, template.depth, mask_b=cortex)
+    yield from bounds.rows("the subject, depth", of_subject, lambda _: (1.5, 1.0, 0.6, 0.3, 0.1))
+    if folder is not None:
+        a, curvature, _, mask = read_conte69(folder)
+        other = prepare(a, b, curvature, template.curvature, mask_a=mask, mask_b=cortex)
+        yield from bounds.rows("conte69, curvature", other, lambda _: (0.5, 0.3, 0.15, 0.07))
+
+
 def _cortex(side: Side) -> BoolArray:
     assert side.thickness is not None
     return np.asarray(side.thickness > 0)
@@ -277,6 +300,10 @@ def main() -> None:
         heads = ("", "curvature", "thickness", "mm to HCP's", "mean abs. log₂ J", "mean log₂ R")
         rows = conte69_lines(given.conte69, given.published, left)
         parts += ["conte69 on fsaverage5:", told_table((*heads, "folded", "s"), rows)]
+    parts += [
+        "Bounds of distortion (`max_distortion`):",
+        told_table(bounds.HEADS, bound_rows(subject, left, given.conte69)),
+    ]
     if given.write:
         put_between(given.write, MARKS, parts)
 

@@ -25,8 +25,12 @@ from scipy.spatial import cKDTree
 from abfm import AbfmError, Correspondence, TriangleMesh, load_mesh, register
 from abfm.maps import continuous_map, map_accuracy
 from abfm.mesh.coarsening import coarsened
-from abfm.registration.initial import functional_map_start
+from abfm.registration import prepare
+from abfm.registration.initial import functional_map_start, initial_map
+from abfm.registration.initial.given import Given
+from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.types import FloatArray, IntArray
+from laboratory import bounds
 from laboratory.common import put_between, told_table
 
 MARKS = ("<!-- table of laboratory.shapes -->", "<!-- end of the table -->")
@@ -34,6 +38,7 @@ _VERTICES = 5000
 _FAR = 0.1  # of sqrt(area): truth that is farther from the surface than this is on a part cut off
 _SEED = 7
 _MEASURED = 500  # vertices of each pair whose errors are measured
+_BOUNDED, _ALIKE = 5, "hks:time=0.01"  # pairs that are matched within a bound, and by what
 
 
 class Pair(NamedTuple):
@@ -124,10 +129,34 @@ def _cells(name: str, row: tuple[float, ...]) -> list[str]:
     return [name, *(f"{value:{form}}" for value, form in zip(row, forms, strict=True))]
 
 
+def bounded_people(folder: Path) -> Iterator[list[str]]:
+    """Yield rows of what bounds of distortion cost, from continuous maps."""
+    for pair in pairs_of_people(folder, _BOUNDED):
+        spheres = continuous_map(functional_map_start(pair.a, pair.b)[0])
+        first = Correspondence.through_sphere(pair.a, pair.b, *spheres)
+        prepared = prepare(pair.a, pair.b, _ALIKE, _ALIKE, initial=first)
+        yield from bounds.rows(pair.name, prepared, bounds.around)
+
+
+def bounded_animals(folder: Path) -> Iterator[list[str]]:
+    """Yield the same of the cat on the lion, by landmarks alone and beside functions."""
+    cat, lion, marks = read_animals(folder)
+    few = Landmarks.of_vertices(cat, lion, *marks[:5].T)
+    first = initial_map("landmarks", Given(cat, lion, landmarks=few)).correspondence
+    for name, f in (("20 landmarks", None), ("20 landmarks and functions", _ALIKE)):
+        prepared = prepare(cat, lion, f, f, initial=first, landmarks=marks)
+        yield from bounds.rows(f"cat on lion, {name}", prepared, bounds.around)
+
+
+def read_animals(folder: Path) -> tuple[TriangleMesh, TriangleMesh, IntArray]:
+    """Read the cat, the lion, and pairs of their vertices that belong together."""
+    cat, lion = (load_mesh(folder / f"{name}-00.off") for name in ("cat", "lion"))
+    return cat, lion, np.loadtxt(folder / "landmarks.txt", dtype=np.int64)
+
+
 def animal_rows(folder: Path) -> Iterator[list[str]]:
     """Yield rows of the cat on the lion by its first landmarks, and by all."""
-    cat, lion = load_mesh(folder / "cat-00.off"), load_mesh(folder / "lion-00.off")
-    marks = np.loadtxt(folder / "landmarks.txt", dtype=np.int64)
+    cat, lion, marks = read_animals(folder)
     for count in (5, 10, len(marks)):
         began = perf_counter()
         found = register(cat, lion, landmarks=marks[:count])
@@ -163,6 +192,13 @@ def main() -> None:
         left = ("landmarks", "mean, %", "largest, %", "folded", "coverage", "abs. log₂ J")
         rows = animal_rows(given.animals)
         parts += ["A cat on a lion:", told_table((*left, "log₂ R", "back (edges)", "s"), rows)]
+    of_both = (
+        row
+        for path, told in ((given.people, bounded_people), (given.animals, bounded_animals))
+        if path
+        for row in told(path)
+    )
+    parts += ["Bounds of distortion (`max_distortion`):", told_table(bounds.HEADS, of_both)]
     if given.write:
         put_between(given.write, MARKS, parts)
 

@@ -3,15 +3,23 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 import abfm
-from abfm import Correspondence, FunctionError, Registration, ResultError, load_correspondence
+from abfm import (
+    Correspondence,
+    FunctionError,
+    Registration,
+    ResultError,
+    TriangleMesh,
+    load_correspondence,
+)
 from abfm.errors import printable
-from abfm.functions import read_labels, read_table
+from abfm.functions import read_column, read_labels, read_table
 from abfm.io import textured_files, write_labels, write_values
-from abfm.maps import project_onto_surface
+from abfm.maps import SurfacePoints, project_onto_surface
 from abfm.reading import Labels
 from abfm.workers.progress import Step, telling
 from abfm_viewer import pictures
@@ -41,6 +49,8 @@ twice, in another order or elsewhere; what is written is the other surface with 
 An .obj comes with an .mtl and a .png of the same name.
 """
 _LARGEST_KEY = 2**31 - 1
+# sqrt(area): nearer points lie on a surface, up to rounding; farther ones are none of its own
+_NEAR, _FARTHEST = 1e-6, 1.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,8 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "N",
         type=texels,
     )
+    add("--column", "of --labels with several: its name, or its number, counted from 0", "NAME")
     add("--inverse", "from B to A")
-    add("--by", "area or point", "WAY", choices=("area", "point"), default="area")
+    what = "of --data and --labels: area or point (default: area)"
+    add("--by", what, "WAY", choices=("area", "point"))
     add("--out", "by its ending: .shape.gii, .annot, .csv, .obj, .glb, ...", "FILE", type=Path)
 
 
@@ -72,6 +84,11 @@ def run(arguments: argparse.Namespace) -> int:
         _check_textured(arguments)
     elif arguments.image or arguments.size:
         raise UsageError("--image and --size are of textures: give --texture")
+    if arguments.by and not (arguments.data or arguments.labels):
+        raise UsageError("--by is of --data and --labels; leave it out")
+    if arguments.column is not None and not arguments.labels:
+        raise UsageError("--column is of --labels; of --data all columns are carried")
+    by: Literal["area", "point"] = arguments.by or "area"
     found = load_correspondence(arguments.registration)
     if isinstance(found, Registration):
         warn_of_doubt(arguments.registration, found.match)
@@ -79,11 +96,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.data:
         names, values = read_table(arguments.data)
         _check_rows(way, len(values), arguments.data)
-        write_values(out, _on_file(way, way.carry(values, arguments.by)), names=names)
+        write_values(out, _on_file(way, way.carry(values, by)), names=names)
     elif arguments.labels:
-        labels = _labels(arguments.labels)
+        labels = _labels(arguments.labels, arguments.column)
         _check_rows(way, len(labels.values), arguments.labels)
-        carried = _on_file(way, way.carry_labels(labels.values, arguments.by))
+        carried = _on_file(way, way.carry_labels(labels.values, by))
         write_labels(out, Labels(carried, labels.names, labels.colors))
     elif arguments.points:
         write_values(out, _points(way, arguments.points), names=("x", "y", "z"))
@@ -131,14 +148,16 @@ def _check_rows(way: Correspondence, rows: int, path: str) -> None:
     )
 
 
-def _labels(path: str) -> Labels:
-    if path.lower().endswith((".npy", ".csv", ".txt")):
-        table = read_table(path)[1]
-        is_whole = np.array_equal(table, np.round(table)) and np.abs(table).max() <= _LARGEST_KEY
-        if table.shape[1] != 1 or not is_whole:
-            raise FunctionError(f"{path}: labels are one column of whole numbers")
-        return Labels(table[:, 0].astype(np.int64), {}, {})
-    return read_labels(path)
+def _labels(path: str, column: str | None) -> Labels:
+    try:
+        if not path.lower().endswith((".npy", ".csv", ".txt")):
+            return read_labels(path, column)
+        keys = read_column(path, column)
+    except FunctionError as error:
+        raise FunctionError(str(error).replace("choose column=", "choose --column ")) from None
+    if not (np.array_equal(keys, np.round(keys)) and np.abs(keys).max() <= _LARGEST_KEY):
+        raise FunctionError(f"{path}: labels are whole numbers")
+    return Labels(keys.astype(np.int64), {}, {})
 
 
 def _on_file(way: Correspondence, values: np.ndarray) -> np.ndarray:
@@ -153,7 +172,7 @@ def _on_file(way: Correspondence, values: np.ndarray) -> np.ndarray:
 def _points(way: Correspondence, path: str) -> np.ndarray:
     table = read_table(path)[1]
     if table.shape[1] == 3:
-        return way.carry_points(project_onto_surface(way.a, table)).positions
+        return way.carry_points(_on_surface(way.a, table, path)).positions
     if table.shape[1] != 1:
         raise FunctionError(f"{path} has {table.shape[1]} columns; expected 1, or 3: x, y, z")
     place = np.searchsorted(way.a.vertex_ids, table[:, 0]).clip(max=len(way.a.vertices) - 1)
@@ -163,3 +182,18 @@ def _points(way: Correspondence, path: str) -> np.ndarray:
             f"{path}: line {wrong[0] + 1} has {table[wrong[0], 0]:g}, which is no vertex in use"
         )
     return way.carry_points(place).positions
+
+
+def _on_surface(mesh: TriangleMesh, places: np.ndarray, path: str) -> SurfacePoints:
+    """Bring points in space onto a surface, and say how far the farthest was from it."""
+    found = project_onto_surface(mesh, places)
+    gaps = found.distances_from(places)
+    row, gap = int(gaps.argmax()) + 1, gaps.max()
+    told = f"{gap:.3g} away from the surface, {gap / mesh.length_scale:.2g} sqrt(area)"
+    if gap > _FARTHEST * mesh.length_scale:
+        raise FunctionError(
+            f"{path}: point {row} is {told}; expected points near it: are they in its units?"
+        )
+    if gap > _NEAR * mesh.length_scale:
+        print(f"note: of the points, {row} was farthest: {told}", file=sys.stderr)
+    return found

@@ -95,7 +95,7 @@ def add_max_distortion(add: Callable[..., None]) -> None:
     add(
         "--max-distortion",
         "the closest field with |log2 J| of areas and |log2 R| of shapes at most N on 99%% of the "
-        "faces",
+        "faces, and none folded",
         "N",
         type=bound,
     )

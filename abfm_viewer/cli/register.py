@@ -128,7 +128,8 @@ def run(arguments: argparse.Namespace) -> int:
         with nullcontext() if arguments.quiet else telling(print_long):
             if arguments.max_distortion is not None:
                 found = within(found, arguments.max_distortion, control)
-                bound = results.bound_told(found.distortion(), arguments.max_distortion)
+                why = found.notes[len(prepared.notes) :]
+                bound = results.bound_told(found.distortion(), arguments.max_distortion, *why)
         outputs.write_registrations(arguments.out, found)
     seconds = time.perf_counter() - start
     outcome = Outcome(found, seconds, arguments.out, kept.number, bound)

@@ -7,7 +7,7 @@ from typing import Any
 
 from abfm import Correspondence, Match, PathStep, Registration
 from abfm.maps import Distortion
-from abfm.matching import SHARE
+from abfm.matching import is_kept
 from abfm.mesh.subdivision import times_subdivided
 from abfm_viewer.document import verdict_words
 
@@ -118,10 +118,14 @@ def landmark_lines(found: Registration) -> list[str]:
     return [f"{len(errors)} landmarks are left off by {told}"]
 
 
-def bound_told(distortion: Distortion, most: float) -> str:
-    """Say how many faces keep a bound, and whether that is enough."""
-    share, folded = distortion.share_within(most), distortion.folded
-    told = f"--max-distortion {most:g}: kept by {100 * share:.2f}% of the faces"
-    if share >= SHARE and not folded:
+def bound_told(
+    distortion: Distortion, most: float, why: str = "this is the smoothest field that was tried"
+) -> str:
+    """Say how many faces keep a bound, and, if they are too few, why."""
+    told = (
+        f"--max-distortion {most:g}: kept by {100 * distortion.share_within(most):.2f}% of the "
+        "faces"
+    )
+    if is_kept(distortion, most):
         return told
-    return f"{told}, {folded} are folded; this is the smoothest field that was tried"
+    return f"{told}, {distortion.folded} are folded; {why}"

@@ -6,6 +6,7 @@ from .family import Spec as Spec
 from .family import quoted as quoted
 from .files import Permuted as Permuted
 from .files import ValuesFile as ValuesFile
+from .files import read_column as read_column
 from .files import read_table as read_table
 from .files import read_vertex_map as read_vertex_map
 from .files import vertex_map as vertex_map

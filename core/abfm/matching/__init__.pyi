@@ -1,5 +1,7 @@
 from .bounded import SHARE as SHARE
 from .bounded import bounded as bounded
+from .bounded import check_bound as check_bound
+from .bounded import is_kept as is_kept
 from .bounded import keeps as keeps
 from .judging.verdict import Remedy as Remedy
 from .judging.verdict import Verdict as Verdict

@@ -15,7 +15,7 @@ from abfm.functions.spec import function
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints
-from abfm.matching.bounded import bounded
+from abfm.matching.bounded import bounded, check_bound, is_kept
 from abfm.matching.match import Iteration, Match, match
 from abfm.matching.problem import Problem
 from abfm.matching.solvability import is_measured
@@ -96,13 +96,16 @@ def register(
         Weight of each channel's mismatch, all 0 where landmarks alone are to be matched. Masks and
         weights need functions.
     max_distortion : float, optional
-        The most ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, see `within`.
+        The most ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, none of which may be folded, see
+        `within`.
 
     Raises
     ------
     AbfmError
         If what is given does not fit the surfaces or each other.
     """
+    if max_distortion is not None:
+        check_bound(max_distortion)
     prepared = prepare(
         a,
         b,
@@ -125,15 +128,26 @@ def register(
 def within(
     found: Registration, max_distortion: float, control: Control | None = None
 ) -> Registration:
-    """Return the closest registration on the way of one of whose faces 99% keep a bound of
-    ``|log2 J|`` and ``|log2 R|``, initial map and flow together: see `abfm.matching.bounded`.
+    """Return the closest registration on the way of one that keeps a bound: for 99% of the faces
+    neither ``|log2 J|`` nor ``|log2 R|`` is more, initial map and flow together, and no face is
+    folded, see `abfm.matching.bounded`.
+
+    Where the initial map alone is beyond it, and so is every step of the path, no flow can be
+    expected to bring it back: the registration comes back as it is, and a note says so.
     """
 
     def measure(match: Match) -> Distortion:
         return Registration(found.initial, match).distortion()
 
-    chosen = bounded(found.match, max_distortion, measure, control)
-    return Registration(found.initial, chosen, found.notes)
+    chosen = bounded(found.match, max_distortion, measure, control, found.initial.distortion)
+    notes = found.notes
+    if chosen is found.match and not is_kept(found.distortion(), max_distortion):
+        first = found.initial.distortion()
+        told = f"the initial map alone keeps {max_distortion:g} on only"
+        share = f"{100 * first.share_within(max_distortion):.1f}% of the faces"
+        ends = "no flow was looked for that keeps it"
+        notes = (*notes, f"{told} {share}, {first.folded} folded: {ends}")
+    return Registration(found.initial, chosen, notes)
 
 
 def prepare(

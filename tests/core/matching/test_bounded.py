@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
-from abfm import Parameters, Problem, match
+from abfm import Flow, Parameters, Problem, match
 from abfm.errors import ParameterError
 from abfm.matching import SHARE, bounded, keeps
 from tests.shapes import icosphere
@@ -42,6 +43,23 @@ def test_what_keeps_it_already_stays_and_the_path_goes_on_to_what_is_found(found
     assert not keeps(found, 0.4)
 
 
+def test_landmarks_come_as_close_as_the_bound_lets_them():
+    """They have a weight of their own, which falls along the path as that of functions does."""
+    places = [[1, 0, 0], [1, 0.4, 0], [0, 0, 1], [0, 0.4, 1]]
+    nearest = [int((MESH.vertices @ place).argmax()) for place in places]
+    found = match(Problem(MESH, None, None, landmarks=np.reshape(nearest, (2, 2))))
+    left = [found.landmark_errors.mean()]
+    for most in (0.5, 0.25):
+        within = bounded(found, most)
+        assert keeps(within, most)
+        assert within.distortion().share_within(0.5 * most) < SHARE
+        left.append(within.landmark_errors.mean())
+    assert not keeps(found, 0.5)
+    left.append(found.problem.landmarks.first_errors.mean())
+    assert left == sorted(left)
+    assert left[1] < 0.6 * left[-1]
+
+
 def test_what_no_field_keeps_gives_the_smoothest(found):
     def measure(each):
         """Of a map whose own distortion is beyond the bound, before any flow."""
@@ -50,6 +68,11 @@ def test_what_no_field_keeps_gives_the_smoothest(found):
     smoothest = bounded(found, 0.1, measure)
     assert not keeps(smoothest, 0.1, measure)
     assert smoothest.path[-1].sigma > found.path[0].sigma
+    # unless it is known that standing still is beyond it
+    assert bounded(found, 0.1, measure, at_rest=lambda: measure(smoothest)) is found
+    still = Flow(MESH, np.zeros((len(MESH.faces), 3)), 1.0).distortion()
+    looked = bounded(found, 0.1, measure, at_rest=lambda: still)
+    assert_array_equal(looked.fine_velocity, smoothest.fine_velocity)
 
 
 @pytest.mark.parametrize("most", [0, -1, np.nan, "1"])

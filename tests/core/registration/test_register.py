@@ -185,6 +185,29 @@ def test_several_channels_with_weights_and_masks_on_both():
     assert_allclose(mask[B.vertices.min(axis=1) > 0], 1)
 
 
+@pytest.mark.parametrize("most", [0, -1, np.nan, np.inf, "1"])
+def test_a_bound_that_is_none_is_refused_before_anything_is_done(most):
+    with pytest.raises(ParameterError, match="expected a positive number"):
+        register(A, B, "no function", "no function", max_distortion=most)
+
+
+def test_where_the_initial_map_is_beyond_a_bound_no_flow_is_looked_for():
+    stretched = TriangleMesh(B.vertices * [1, 1, 4], B.faces)
+    marks, p = [[0, 20]], Parameters(iterations=5)
+    found = register(stretched, B, landmarks=marks, initial="connectivity", parameters=p)
+    within = register(
+        stretched, B, landmarks=marks, initial="connectivity", parameters=p, max_distortion=0.5
+    )
+    assert_array_equal(within.points.positions, found.points.positions)
+    share = 100 * found.initial.distortion().share_within(0.5)
+    assert share < 90
+    *others, note = within.notes
+    assert note.startswith(
+        f"the initial map alone keeps 0.5 on only {share:.1f}% of the faces, 0 f"
+    )
+    assert tuple(others) == found.notes
+
+
 def test_equal_faces_need_no_word():
     bent = TriangleMesh(B.vertices * [1, 1.2, 0.9], B.faces)
     prepared = prepare(bent, B, "coordinate:x", "coordinate:x")

@@ -2,6 +2,7 @@
 
 import json
 
+import nibabel
 import numpy as np
 import pytest
 
@@ -102,6 +103,36 @@ def test_data_labels_and_points_go_there_and_back(registration, files, abfm, tmp
     np.testing.assert_allclose(places, A.vertices[[3, 17]], atol=1e-3)
 
 
+def write_two_columns(folder):
+    """Write labels of A in two columns, as GIFTI and as a table."""
+    keys = np.stack([A.vertices[:, 2] > 0, A.vertices[:, 0] > 0]).astype(np.int32)
+    np.savetxt(folder / "two.csv", keys.T, fmt="%d", delimiter=",", header="up,left", comments="")
+    arrays = [
+        nibabel.gifti.GiftiDataArray(row, "NIFTI_INTENT_LABEL", meta={"Name": name})
+        for row, name in zip(keys, ("up", "left"), strict=True)
+    ]
+    nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), folder / "two.label.gii")
+
+
+def test_one_of_several_columns_of_labels_is_chosen(registration, tmp_path, abfm):
+    write_two_columns(tmp_path)
+    left = (A.vertices[:, 0] > 0).astype(int)
+    wanted = library.load_registration(registration).carry_labels(left, "area")
+    for name, column in (("two.csv", "left"), ("two.csv", "1"), ("two.label.gii", "left")):
+        labels = f"--labels {tmp_path}/{name} --column {column}"
+        abfm(f"apply {registration} {labels} --out {tmp_path}/x.csv")
+        np.testing.assert_array_equal(np.loadtxt(tmp_path / "x.csv"), wanted)
+
+
+def test_points_beside_a_surface_are_told(registration, tmp_path, abfm):
+    np.savetxt(tmp_path / "p.csv", [[0, 0, 1.0], [0, 1.25, 0]])
+    told = abfm(f"apply {registration} --points {tmp_path}/p.csv --out {tmp_path}/q.csv")
+    assert "note: of the points, 2 was farthest: 0.25" in told.err
+    np.savetxt(tmp_path / "p.csv", A.vertices[[4]])
+    told = abfm(f"apply {registration} --points {tmp_path}/p.csv --out {tmp_path}/q.csv")
+    assert told.err == ""
+
+
 def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
     a, b = map(load_mesh, POSES)
     count = len(a.vertices)
@@ -139,6 +170,14 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
         ("apply {r} --labels {n} --out {t}/x.csv", "whole numbers"),
         ("apply {a} --data {n} --out {t}/x.csv", "damaged"),
         ("apply {r} --points {n} --out {t}/x.csv", "no vertex in use"),
+        (
+            "apply {r} --points {t}/p.csv --by area --out {t}/x.csv",
+            "--by is of --data and --labels",
+        ),
+        ("apply {r} --points {t}/far.csv --out {t}/x.csv", "point 2 is 39 away from the surface"),
+        ("apply {r} --data {n} --column 0 --out {t}/x.csv", "--column is of --labels"),
+        ("apply {r} --labels {t}/two.csv --out {t}/x.csv", "choose --column 0 to 1"),
+        ("apply {r} --labels {t}/two.label.gii --out {t}/x.csv", "choose --column 0 to 1"),
         ("map {r} --truth identity --time 1", "on one surface"),
     ],
 )
@@ -146,6 +185,8 @@ def test_what_does_not_fit_is_refused_in_a_line(words, told, registration, files
     names = {"a": files / "a.ply", "b": files / "b.ply", "n": files / "a.npy"}
     (tmp_path / "p.csv").write_text("1,2\n")
     (tmp_path / "huge.csv").write_text("1e300,2\n")
+    (tmp_path / "far.csv").write_text("0,0,2\n0,40,0\n")
+    write_two_columns(tmp_path)
     (tmp_path / "inf.csv").write_text("1\n" * (len(A.vertices) - 1) + "inf\n")
     line = words.format(**names, r=registration, t=tmp_path, x="expression:1+x")
     assert told in abfm(line, status=2).err

@@ -290,6 +290,12 @@ class MatchingEnergy:
         energy.discretisation = self.discretisation.clustered()
         return energy
 
+    def masked(self, mask: FloatArray) -> MatchingEnergy:
+        """Return the energy with another mask (V,) of source and target."""
+        energy = MatchingEnergy(self.problem.masked(mask))
+        energy._regularizers = self._regularizers  # the same norms, factored once for all
+        return energy
+
     def regularizer(self, alpha: float | None = None) -> Regularizer:
         """Return the norm of fields with an alpha; of others than the parameters' one is kept."""
         known, usual = self._regularizers, self.parameters.alpha

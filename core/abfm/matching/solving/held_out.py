@@ -38,7 +38,7 @@ def without(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:
     for number in range(_FOLDS):
         seen, hidden = (np.where(where, mask, 0.0) for where in (fold != number, fold == number))
         if seen.any() and hidden.any():
-            found.append((MatchingEnergy(energy.problem.masked(seen)), hidden))
+            found.append((energy.masked(seen), hidden))
     return found
 
 

@@ -79,6 +79,8 @@ def test_fixed_numbers_of_iterations_are_kept_and_no_stage_ends_before():
         ({"sigma": 1.0}, EXACT, (0.01, 2)),
         ({"sigma": 1.0}, MEASURED, None),
         ({"alpha": 0.0}, MEASURED, None),
+        ({"order": 1}, EXACT, (0.01, 2)),
+        ({"order": 1}, MEASURED, None),
         ({"segments": 1}, EXACT, None),
         ({"segments": 1}, MEASURED, (0.01 / 3, 1)),
         ({"reach": 0.0}, EXACT, None),

@@ -50,6 +50,7 @@ def test_each_fold_sees_all_but_its_patches_and_every_vertex_is_hidden_once(mask
         assert_array_equal(part.functions.mask + hidden, given)
         assert not (part.functions.mask * hidden).any()
         assert part.functions.function_size == pytest.approx(whole.functions.function_size, rel=0.2)
+        assert part.regularizer(0.5) is whole.regularizer(0.5)  # factored once for all
     few = np.where(folds(whole.mesh) == 1, given, 0.0)
     assert without(energy(*bumps(5), few)) == []
 
