@@ -14,6 +14,7 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.widgets.widget_record import Range
 
 if TYPE_CHECKING:
     from abfm.matching import PathStep
@@ -26,6 +27,12 @@ _STEP = (
     "The step of the path, from smooth to close, that is shown, saved and exported. A click on the "
     "curve chooses one, too; Up and Down go to the next one."
 )
+_AT_MOST = (
+    "How much areas and shapes may change, as |log2 J| and |log2 R|, on 99% of the faces, of two "
+    "surfaces by the initial map and the flow together: 1 allows factors from a half to 2."
+)
+_LIMIT, _STOP = "Limit distortion", "Stop limiting"
+_LOOK = "Look for the closest field that keeps it; Undo returns to this one."
 _LEAST_WIDTH = 0.01  # of the axis of areas, in doublings
 _MOST_TICKS = 6
 _RIM, _SIZE, _LARGER, _NEAR = 5.5, 3.5, 2.5, 16
@@ -51,6 +58,8 @@ def draw(context: Context, path: Steps) -> None:
     colors = {"mismatch": ui.colors.flow, "by flow lines": ui.colors.lines}
     plots.legend(ui, colors if chosen is None else colors | {_CHOSEN: ui.colors.good})
     _curve(ui, session, path, shown, chosen)
+    if not is_live:
+        _bound(ui, session)
 
 
 def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:
@@ -67,6 +76,16 @@ def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | Non
         tip = "Back to the step at which the match ended."
         if ui.button(_CHOSEN, tip, enabled=chosen != shown) and chosen is not None:
             session.steps.show(chosen)
+
+
+def _bound(ui: Ui, session: Session) -> None:
+    """Draw the knob of distortion, and what looks for the field that keeps it."""
+    bound = session.bound
+    most = ui.bounded("distortion", bound.most, Range(0.1, 4, log=True), _AT_MOST, (0.01, 20.0))
+    bound.most = most
+    label = _STOP if bound.busy else _LIMIT
+    if ui.button(label, _LOOK, enabled=session.result is not None):
+        bound.stop() if bound.busy else bound.look()
 
 
 def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:

@@ -13,7 +13,7 @@ from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step
-from abfm.workers.worker import Worker, stateless
+from abfm.workers.worker import Worker
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from abfm_viewer.document.document import SIDES, Document, Landmark, Side
 from abfm_viewer.document.surface_points import paired
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 GIVEN = "given"
 """The word of a map that came with a file of a registration."""
 _BY_FUNCTIONS = ("sphere", "embedding", "spectral")  # words of maps that ask for functions
-_ENDED = "the process that finds initial maps has ended; try again"
 _BY_LANDMARKS = ("closest", "spectral", "landmarks")  # that ask for any landmarks there are
 
 
@@ -64,11 +63,13 @@ class InitialMaps:
     that is no longer wanted is ended.
     """
 
-    def __init__(self, jobs: Jobs, functions: DocumentFunctions) -> None:
+    def __init__(
+        self, jobs: Jobs, functions: DocumentFunctions, apart: Worker[None] | None
+    ) -> None:
         self._functions = functions
         self._prepared: Latest[Prepared] = jobs.latest()
         self._control, self._wanted = Control(), object()
-        self._worker = None if jobs.at_once else Worker(stateless, _ENDED)
+        self._apart = apart
         self._maps: Memo[tuple[abfm.Correspondence, tuple[str, ...]]] = Memo()
         self._of_result = Memo[Prepared]()
         self._columns: dict[Side, Memo[FloatArray]] = defaultdict(Memo)
@@ -85,11 +86,6 @@ class InitialMaps:
     def error(self) -> str:
         """Say why there is no map; nothing if there is one, or will be."""
         return "" if self.busy else self._prepared.error
-
-    def close(self) -> None:
-        """End the process; who waits for its answer is told."""
-        if self._worker is not None:
-            self._worker.close()
 
     def prepared(self, document: Document) -> Prepared | None:
         """Return what is known by now, lately of functions as they were; None before it is."""
@@ -192,9 +188,9 @@ class InitialMaps:
         asked = functions if by_functions else (), given.landmarks if by_landmarks else ()
 
         def find() -> tuple[abfm.Correspondence, tuple[str, ...]]:
-            if self._worker is None:
+            if self._apart is None:
                 return _found(None, word, about)
-            return self._worker.call(_found, word, about).result()
+            return self._apart.call(_found, word, about).result()
 
         return self._maps.get((way.a, way.b, word, *asked), find)
 

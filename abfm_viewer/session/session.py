@@ -14,6 +14,7 @@ from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers import progress
 from abfm.workers.progress import said
+from abfm.workers.worker import Worker, stateless
 from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
@@ -30,6 +31,7 @@ from abfm_viewer.document.document import (
 )
 from abfm_viewer.document.surface_points import points_of, surface_points
 from abfm_viewer.files.project import Origin
+from abfm_viewer.session.bound import Bound
 from abfm_viewer.session.editor import Editor, Step
 from abfm_viewer.session.functions import DocumentFunctions
 from abfm_viewer.session.initial_maps import InitialMaps, Prepared
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 
 RUN = "run"
 """What cards about a match are about."""
+_ENDED = "the process that computes has ended; try again"
 _MOST_FACES = 50_000  # of a mesh that gets streaks after a match: within two seconds
 
 
@@ -60,11 +63,14 @@ class Session:
         self.at_once = at_once
         self.editor = Editor(Document((Surface(mesh, name),)))
         self.functions = DocumentFunctions(self._jobs)
-        self.initial_maps = InitialMaps(self._jobs, self.functions)
+        # for what holds the interpreter for long
+        self._apart = None if at_once else Worker(stateless, _ENDED)
+        self.initial_maps = InitialMaps(self._jobs, self.functions, self._apart)
         self.notices = Notices(lambda: self.editor.moves)
         self.loading = Loading(self._jobs, self.notices)
         self.saves = Saves(self.editor)
         self.steps = PathSteps(self.editor, self._jobs, self.notices)
+        self.bound = Bound(self.editor, self._jobs, self.notices, self._apart)
         self.solver = Solver()
         self.player = Player()
         self.dragging = self.draws_quickly = False
@@ -214,11 +220,12 @@ class Session:
         busy = self.functions.busy(self.document)
         if not busy and self.document.is_pair and self.initial_maps.busy:
             busy = "finding the initial map"
+        busy = busy or self.bound.busy
         return said(busy, self.step) if busy else self.steps.busy
 
     @property
     def step(self) -> progress.Step | None:
-        return self.functions.step(self.document) or self.initial_maps.step
+        return self.functions.step(self.document) or self.initial_maps.step or self.bound.step
 
     @property
     def problem(self) -> ProblemSpec:
@@ -334,6 +341,7 @@ class Session:
         self.loading.update()
         self.notices.update()
         self.steps.update()
+        self.bound.update()
         self._find_defaults()
         self.functions.update(self.document)
         # the functions come first, and pictures off the screen solve nothing
@@ -438,7 +446,8 @@ class Session:
     def close(self) -> None:
         self.solver.close()
         self.functions.close()
-        self.initial_maps.close()
+        if self._apart is not None:
+            self._apart.close()
         self._jobs.close()
 
 

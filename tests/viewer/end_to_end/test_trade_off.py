@@ -8,6 +8,7 @@ import pytest
 
 import abfm
 from abfm import Parameters
+from abfm.matching import keeps
 from abfm.matching.path import COLUMNS
 from abfm_viewer.computing.solver import Solver
 from abfm_viewer.document.verdict_words import share
@@ -114,3 +115,39 @@ def test_a_run_shows_its_iterations_and_then_its_steps_unless_the_user_wants_the
     last = len(session.result.path)
     walked.click(f"step {1 if session.result.step else last}")
     walked.wait(lambda s: s.document.chosen is not None)
+
+
+def test_the_distortion_is_limited_and_undo_goes_back(walked):
+    session, before = walked.session, walked.session.result
+    found = before.distortion()
+    most = float(f"{0.7 * max(found.log2_area.p95, found.log2_shape.p95):.3g}")
+    assert not keeps(before, most)
+    walked.type("distortion", str(most))
+    walked.click("Limit distortion")
+    walked.wait(lambda s: not s.bound.busy)
+    assert keeps(session.result, most)
+    assert session.result is not before
+    assert not session.outdated
+    assert f"keep {most:g} now" in session.notices.log[-1].text
+    walked.key("ctrl+z")
+    assert session.result is before
+    walked.type("distortion", "4")
+    walked.click("Limit distortion")
+    walked.wait(lambda s: not s.bound.busy)
+    assert session.result is before
+    assert "keep 4 already" in session.notices.log[-1].text
+
+
+def test_a_search_for_less_distortion_is_stopped_or_ends_with_its_result(walked):
+    session, before = walked.session, walked.session.result
+    walked.type("distortion", "0.01")
+    walked.click("Limit distortion")
+    walked.click("Stop limiting")
+    assert session.result is before
+    walked.click("Limit distortion")
+    session.editor.change("clear", result=None)
+    walked.frames(2)
+    assert not session.bound.busy
+    walked.key("ctrl+z")
+    walked.frames(2)
+    assert session.result is before

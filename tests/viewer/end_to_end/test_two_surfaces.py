@@ -198,3 +198,17 @@ def test_its_tabs_fit_one_screen(files):
             gui.window.ui.open_tab = tab
             gui.frames(3)
             assert gui.window.ui.hidden_heights[f"/{tab}"] == 0
+
+
+def test_a_distortion_that_the_initial_map_exceeds_is_said_and_changes_nothing(gui):
+    session = gui.session
+    session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
+    gui.wait(lambda s: not s.obstacle)
+    match(gui)
+    before = session.result
+    session.bound.most = 0.05
+    session.bound.look()
+    gui.wait(lambda s: not s.bound.busy)
+    assert session.result is before
+    told = session.notices.log[-1]
+    assert told.text.startswith("the distortion stays: the initial map alone keeps 0.05 on only")

@@ -1,0 +1,123 @@
+"""A bound of distortion: the closest field on the way of the result that keeps it takes its place,
+when it has been found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+import abfm
+from abfm.workers.control import Control, controlled
+from abfm.workers.progress import Step
+from abfm.workers.worker import Worker
+from abfm_viewer.computing.background import Jobs, Latest, same
+from abfm_viewer.document.document import InitialMap
+from abfm_viewer.session.editor import Editor
+from abfm_viewer.session.notices import Notices
+
+
+class _Wanted(NamedTuple):
+    """A search; its control makes it another one than the same search later."""
+
+    result: abfm.Match
+    initial: InitialMap | None
+    most: float
+    control: Control
+
+
+class _Found(NamedTuple):
+    """The closest match on the way, whether it keeps the bound, and if not why."""
+
+    match: abfm.Match
+    is_kept: bool
+    why: str
+
+
+class Bound:
+    """Looks for fields whose maps change areas and shapes of 99% of the faces by no more than
+    ``most``, as |log2 J| and |log2 R|, in a process, one at a time.
+    """
+
+    def __init__(
+        self, editor: Editor, jobs: Jobs, notices: Notices, apart: Worker[None] | None
+    ) -> None:
+        self._editor, self._notices, self._apart = editor, notices, apart
+        self._found: Latest[_Found] = jobs.latest()
+        self._wanted: _Wanted | None = None
+        self.most = 1.0
+
+    @property
+    def busy(self) -> str:
+        return "limiting the distortion" if self._wanted else ""
+
+    @property
+    def step(self) -> Step | None:
+        return self._found.step if self._wanted else None
+
+    def look(self) -> None:
+        """Look for such a field on the way of the result."""
+        document = self._editor.document
+        if document.result is not None:
+            self.stop()
+            initial = document.initial_map
+            self._wanted = _Wanted(document.result, initial, self.most, Control())
+            self.update()
+
+    def stop(self) -> None:
+        if self._wanted is not None:
+            self._wanted.control.cancel(briefly=True)
+        self._wanted = None
+
+    def update(self) -> None:
+        """Take in what was found: call once per frame."""
+        if (wanted := self._wanted) is None:
+            return
+        if self._editor.document.result is not wanted.result:
+            self.stop()
+            return
+        found = self._found.ask(wanted, partial(self._search, wanted))
+        if found is not None:
+            self._wanted = None
+            self._show(wanted, found)
+        elif same(self._found.key, wanted):
+            self._wanted = None
+            self._notices.say(f"the distortion stays: {self._found.error}", is_error=True)
+
+    def _search(self, wanted: _Wanted) -> _Found:
+        with controlled(wanted.control):
+            result, most = wanted.result, wanted.most
+            initial = None if wanted.initial is None else wanted.initial.correspondence
+            if self._apart is None:
+                return _within(None, result, initial, most)
+            return self._apart.call(_within, result, initial, most).result()
+
+    def _show(self, wanted: _Wanted, found: _Found) -> None:
+        faces = f"{100 * abfm.matching.SHARE:g}% of the faces"
+        if not found.is_kept:
+            self._notices.say(f"the distortion stays: {found.why}", is_error=True)
+        elif np.array_equal(found.match.fine_velocity, wanted.result.fine_velocity):
+            self._notices.say(f"{faces} keep {wanted.most:g} already")
+        else:
+            # sigma is that of its step, and the parameters are those that the user has
+            problem = found.match.problem.with_parameters(wanted.result.parameters)
+            result = replace(found.match, problem=problem)
+            label = f"limit the distortion to {wanted.most:g}"
+            self._editor.change(label, result=result, chosen=None)
+            self._notices.say(f"{faces} keep {wanted.most:g} now; undo returns to what was closer")
+
+
+def _within(
+    _: None, result: abfm.Match, initial: abfm.Correspondence | None, most: float
+) -> _Found:
+    """Find the closest match that keeps the bound, initial map and flow together."""
+    why = f"even the smoothest field is beyond {most:g} on more faces than that"
+    if initial is None:
+        found = abfm.matching.bounded(result, most)
+        return _Found(found, abfm.matching.keeps(found, most), why)
+    whole = abfm.registration.within(abfm.Registration(initial, result), most)
+    is_kept = abfm.matching.is_kept(whole.distortion(), most)
+    return _Found(whole.match, is_kept, "; ".join(whole.notes) or why)
