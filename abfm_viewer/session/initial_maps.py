@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 import abfm
-from abfm import Parameters, TriangleMesh
+from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
-from abfm.workers.control import Control, controlled
+from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import Step
 from abfm.workers.worker import Worker
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
@@ -151,7 +153,7 @@ class InitialMaps:
 
     def _prepare(self, control: Control, way: _Way, given: _Given) -> Prepared:
         source, target = (np.stack(own, axis=1) for own in (given.source, given.target))
-        with controlled(control):
+        with controlled(control), _told():
             initial, notes = self._map(way, given)
             found = abfm.registration.prepare(
                 way.a,
@@ -193,6 +195,14 @@ class InitialMaps:
             return self._apart.call(_found, word, about).result()
 
         return self._maps.get((way.a, way.b, word, *asked), find)
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    try:
+        yield
+    except CancelledError:
+        raise AbfmError("another initial map is wanted now") from None
 
 
 def _found(_: None, word: str | None, given: Given) -> Initial:

@@ -214,13 +214,30 @@ class SessionFiles:
         what = f"opening {path.name} as second surface"
         self._load(Load(what, read, remedies=remedies, source=(Origin.of(path), "second")))
 
+    def _open_pair(self, first: Path, second: Path) -> None:
+        def read() -> Do:
+            a, b = load_mesh(first), load_mesh(second)
+            surfaces = Surface(a, first.name), Surface(b, second.name)
+            show = partial(self._session.set_surfaces, *surfaces)
+            told = f"{first.name} is surface A, {second.name} surface B", *a.messages, *b.messages
+            return partial(self._show, second, show, told)
+
+        remedies = self._offered(OTHER_MESH, partial(self._open_pair, first, second))
+        source = Origin.of(first), Origin.of(second)
+        what = f"opening {first.name} and {second.name}"
+        self._load(Load(what, read, remedies=remedies, source=source))
+
     def close_second(self) -> None:
         """Go back to surface A alone."""
         first = self._session.surface("source")
         close = partial(self._session.set_surfaces, first)
         self.when_free("closing the second surface", close)
 
-    def open_first(self, paths: list[Path]) -> None:
+    def open_dropped(self, paths: list[Path]) -> None:
+        """Open two meshes as surfaces A and B, and of other files the first."""
+        if len(paths) == 2 and all(path.name.lower().endswith(MESHES) for path in paths):
+            self._open_pair(*(path.expanduser().absolute() for path in paths))
+            return
         self.open(paths[0])
         if len(paths) > 1:
             text = f"opening {paths[0].name}, the first of {len(paths)} files ..."

@@ -315,7 +315,7 @@ class Window(Context):
 
     def _dropped(self, files: list[str]) -> None:
         if files:
-            self._once("drop", self.files.open_first, [Path(file) for file in files])
+            self._once("drop", self.files.open_dropped, [Path(file) for file in files])
 
     def _once(self, part: str, do: Callable[..., None], *given: object) -> None:
         """Do something between frames; an error is shown in the status line only."""

@@ -68,6 +68,17 @@ def test_a_second_surface_is_closed_and_opened_and_undo_goes_back(gui, files):
     assert not session.saves.unsaved
 
 
+def test_two_meshes_that_are_dropped_are_a_and_b(gui, files):
+    session, before = gui.session, gui.session.document.identity
+    gui.window._dropped([str(files["ball"]), str(files["egg"])])
+    gui.wait(lambda s: s.document.identity is not before and not s.obstacle)
+    assert session.document.name == "ball.off to egg.off"
+    assert session.notices.log[-1].text.startswith("opened egg.off; ball.off is surface A, egg.off")
+    gui.window._dropped([str(files["ball"]), str(files["egg"].with_name("none.off"))])
+    gui.wait(lambda s: s.notices.latest.is_error)
+    assert "none.off" in session.notices.latest.text
+
+
 def ends_on(gui, surface):
     """Where vertices of a surface are in the window, (V, 2)."""
     return gui.window.scene.projected(surface, gui.session.surface(surface).mesh.vertices)[:, :2]

@@ -293,7 +293,7 @@ def test_opening_during_a_run_asks_but_not_for_what_is_refused(desk, small, tmp_
     opening = {
         "mesh": lambda: desk.files.open(small),
         "figure": lambda: desk.files.open_made("figure 1", partial(figure_document, 1)),
-        "drop": lambda: desk.files.open_first([small]),
+        "drop": lambda: desk.files.open_dropped([small]),
     }[what]
     opening()
     [(title, text, answers)] = desk.questions

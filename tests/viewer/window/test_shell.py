@@ -122,7 +122,7 @@ def test_a_mesh_is_opened_by_path_or_keys_and_dropped_or_refused(gui, mesh_file,
     gui.key("enter")
     opened(gui, 42)
     gui.session.undo()
-    gui.window._dropped([str(mesh_file), str(tmp_path / "second.off")])
+    gui.window._dropped([str(mesh_file), str(tmp_path / "second.npz")])
     assert "the first of 2" in gui.session.notices.latest.text
     opened(gui, 42)
     gui.window._dropped([str(tmp_path / "song.mp3")])
