@@ -96,11 +96,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.data:
         names, values = read_table(arguments.data)
         _check_rows(way, len(values), arguments.data)
-        write_values(out, _on_file(way, way.carry(values, by)), names=names)
+        write_values(out, outputs.on_file(way.b, way.carry(values, by)), names=names)
     elif arguments.labels:
         labels = _labels(arguments.labels, arguments.column)
         _check_rows(way, len(labels.values), arguments.labels)
-        carried = _on_file(way, way.carry_labels(labels.values, by))
+        carried = outputs.on_file(way.b, way.carry_labels(labels.values, by))
         write_labels(out, Labels(carried, labels.names, labels.colors))
     elif arguments.points:
         write_values(out, _points(way, arguments.points), names=("x", "y", "z"))
@@ -158,15 +158,6 @@ def _labels(path: str, column: str | None) -> Labels:
     if not (np.array_equal(keys, np.round(keys)) and np.abs(keys).max() <= _LARGEST_KEY):
         raise FunctionError(f"{path}: labels are whole numbers")
     return Labels(keys.astype(np.int64), {}, {})
-
-
-def _on_file(way: Correspondence, values: np.ndarray) -> np.ndarray:
-    """Return rows as the other surface's file counts them; 0 for vertices that no face uses."""
-    if len(values) == way.b.file_vertex_count:
-        return values
-    whole = np.zeros((way.b.file_vertex_count, *values.shape[1:]), values.dtype)
-    whole[way.b.vertex_ids] = values
-    return whole
 
 
 def _points(way: Correspondence, path: str) -> np.ndarray:

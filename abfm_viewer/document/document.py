@@ -14,6 +14,7 @@ from abfm.types import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from abfm import Correspondence, Match
+    from abfm_viewer.document.label_map import LabelMap
 
 Side = Literal["source", "target"]
 Theme = Literal["light", "dark"]
@@ -25,6 +26,7 @@ Coloring = Literal[
     "curl",
     "coordinates",
     "checker",
+    "labels",
     "area distortion",
     "conformal distortion",
 ]
@@ -33,6 +35,8 @@ FieldPart = Literal[
 ]
 ClickTool = Literal["nothing", "landmark", "flow line", "follow a point"]
 
+CARRIED: tuple[Coloring, ...] = ("coordinates", "checker", "labels")
+"""What shows where on the source's surface each point comes from."""
 COLORINGS: tuple[Coloring, ...] = get_args(Coloring)
 SIDES: tuple[Side, ...] = get_args(Side)
 THEMES: tuple[Theme, ...] = get_args(Theme)
@@ -290,6 +294,7 @@ class Document:
     landmark: int = 0  # the active one
     landmarks_alone: bool = False  # whether functions do not count, as long as there are landmarks
     initial: str = ""  # word of the map from A to B; empty for one that is chosen by what there is
+    labels: LabelMap | None = None  # of the source's surface
     result: Match | None = None
     initial_map: InitialMap | None = None  # that the result began with
     # the step at which the result's match ended, where another one of its path is shown

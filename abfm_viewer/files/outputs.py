@@ -8,12 +8,13 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import abfm
-from abfm import AbfmError, ResultError
+from abfm import AbfmError, ResultError, TriangleMesh
 from abfm.errors import one_line
 from abfm.io import write_atomically
 from abfm.types import IntArray
@@ -52,6 +53,15 @@ def check_registered(path: Path) -> None:
 _TABLES = (".txt", ".csv", ".npy")
 REGISTERED = (".npz", ".gii", ".ply", ".reg", ".txt", ".csv", ".npy")
 """Suffixes of files that a registration can be written to."""
+
+
+def on_file(mesh: TriangleMesh, values: NDArray[Any]) -> NDArray[Any]:
+    """Return rows of vertices as the mesh's file counts them; 0 for those that no face uses."""
+    if len(values) == mesh.file_vertex_count:
+        return values
+    whole = np.zeros((mesh.file_vertex_count, *values.shape[1:]), values.dtype)
+    whole[mesh.vertex_ids] = values
+    return whole
 
 
 def write_registrations(paths: Sequence[Path], found: abfm.Registration) -> None:

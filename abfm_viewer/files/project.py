@@ -50,6 +50,7 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
+from abfm_viewer.document.label_map import LabelMap
 
 _OF_ONE, _FORMAT = 2, 3  # of one surface, which older versions read, and the newest
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
@@ -69,6 +70,7 @@ _INITIAL = {  # without the meshes
     for name, entry in CORRESPONDENCE_ENTRIES.items()
     if name.removeprefix("a_") not in MESH_ENTRIES
 }
+_LABELS = {"values": Entry("integer", ("V",))}
 _PLAIN = ("parameters", "verdict", "remedies")  # parts of a result that are no arrays
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in _PLAIN}
 _ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}
@@ -120,6 +122,7 @@ class _Header:
     known: tuple[str, ...]
     surface_a: _SurfaceA | None = None
     initial_map: dict[str, Any] | None = None
+    labels: dict[str, Any] | None = None
 
 
 def save_project(
@@ -134,13 +137,8 @@ def save_project(
     says of which project file it is one. A `ResultError` says why it would not open again, or
     cannot be written.
     """
-    surface, first = document.surface(), document.surface("source")
-    arrays = {f"mesh/{name}": getattr(surface.mesh, name) for name in _MESH}
-    if document.is_pair:
-        arrays |= {f"mesh_a/{name}": getattr(first.mesh, name) for name in _MESH}
-    if (initial := document.initial_map) is not None:
-        of_map = initial.correspondence.arrays()
-        arrays |= {f"initial/{name}": of_map[name] for name in _INITIAL if name in of_map}
+    surface, (arrays, others) = document.surface(), _of_surface_a(document)
+    arrays |= {f"mesh/{name}": getattr(surface.mesh, name) for name in _MESH}
     runs = []
     for number, run in enumerate(document.runs):
         names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
@@ -158,7 +156,7 @@ def save_project(
         result |= {name: getattr(document.result, name) for name in ("parameters", "verdict")}
     arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
     # the surface's name is the document's in the file, and its front the view's
-    kept_apart = ("identity", "surfaces", "result", "runs", "initial_map")
+    kept_apart = ("identity", "surfaces", "result", "runs", "initial_map", "labels")
     plain = to_plain(document, without=kept_apart)
     plain["view"] = to_plain(document.view) | {"front": surface.front}
     content = {
@@ -169,12 +167,8 @@ def save_project(
         "result": result,
         "result_has_mask": "result/mask" in arrays,
         "known": sorted(known),
+        **others,
     }
-    if document.is_pair:
-        count = first.mesh.file_vertex_count
-        content["surface_a"] = _SurfaceA(first.name, count, first.front)
-    if initial is not None:
-        content["initial_map"] = to_plain(initial, without=("correspondence",))
     try:
         text = json.dumps(content, indent=1, default=to_plain)
         if len(text) > _LARGEST_HEADER:
@@ -190,6 +184,24 @@ def save_project(
         if origin is not None:
             archive.writestr(zipfile.ZipInfo(MEMBER), json.dumps(to_plain(origin), default=str))
         results.write_arrays(archive, arrays)
+
+
+def _of_surface_a(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what there is of surface A, the map from it and labels on it: arrays, and the rest."""
+    arrays: dict[str, Any] = {}
+    content: dict[str, Any] = {}
+    if document.is_pair:
+        first = document.surface("source")
+        arrays |= {f"mesh_a/{name}": getattr(first.mesh, name) for name in _MESH}
+        content["surface_a"] = _SurfaceA(first.name, first.mesh.file_vertex_count, first.front)
+    if (initial := document.initial_map) is not None:
+        of_map = initial.correspondence.arrays()
+        arrays |= {f"initial/{name}": of_map[name] for name in _INITIAL if name in of_map}
+        content["initial_map"] = to_plain(initial, without=("correspondence",))
+    if (labels := document.labels) is not None:
+        arrays["labels/values"] = labels.values
+        content["labels"] = to_plain(labels, without=("values",))
+    return arrays, content
 
 
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:
@@ -257,9 +269,10 @@ def _document(
     surfaces: tuple[Surface, ...] = (from_plain(Surface, own, "project.document", mesh=mesh),)
     if (first := header.surface_a) is not None:
         surfaces = (Surface(meshes[0], first.name, first.front), *surfaces)
+    labels = None if header.labels is None else _labels(header.labels, arrays, meshes[0])
     given = {"surfaces": surfaces, "result": result, "runs": runs, "identity": Identity()}
     document: Document = from_plain(
-        Document, plain, "project.document", initial_map=initial, **given
+        Document, plain, "project.document", initial_map=initial, labels=labels, **given
     )
     values = {
         f"the values of {spec}": arrays[f"known/{number}"]
@@ -299,6 +312,19 @@ def _meshes(
         found = correspondence_of(of_both)
     initial: InitialMap = from_plain(InitialMap, state, "project.initial_map", correspondence=found)
     return (found.a, found.b), initial
+
+
+def _labels(state: dict[str, Any], arrays: Mapping[str, Any], mesh: TriangleMesh) -> LabelMap:
+    parts = check_arrays(arrays, _LABELS, "labels/", V=len(mesh.vertices))
+    labels: LabelMap = from_plain(LabelMap, state, "project.labels", **parts)
+    counts = {len(labels.keys), len(labels.names), len(labels.colors)}
+    _require(len(counts) == 1, "labels have not as many keys, names and colours")
+    keys = np.array(labels.keys, dtype=np.int64)
+    _require(bool((np.diff(keys) > 0).all()), "the keys of labels do not ascend")
+    _require(bool(np.isin(labels.values, keys).all()), "labels have keys that are none of theirs")
+    inside = all(0 <= channel <= 1 for color in labels.colors for channel in color)
+    _require(inside, "labels have colours outside 0 to 1")
+    return labels
 
 
 def _mesh_parts(arrays: Mapping[str, Any], prefix: str, count: int) -> dict[str, Any]:
@@ -433,7 +459,8 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
 
 def _dataclass(hint: Any, value: dict[str, Any], where: str, given: dict[str, Any]) -> Any:
     # a document without a result does not load its type
-    hints = get_type_hints(hint, localns={"Match": Any, "Correspondence": Any})
+    unknown_here = {"Match": Any, "Correspondence": Any, "LabelMap": Any}
+    hints = get_type_hints(hint, localns=unknown_here)
     known = {entry.name: entry for entry in fields(hint) if entry.name not in given}
     unknown = sorted(value.keys() - known.keys())
     _expect(not unknown, where, unknown, f"only {', '.join(known)}")

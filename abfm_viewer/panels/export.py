@@ -6,10 +6,19 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import abfm
 from abfm_viewer.document.document import Document
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_step
-from abfm_viewer.session.exporter import DATA, MOVIES, PICTURES, REGISTERED, Exporter, Known
+from abfm_viewer.session.exporter import (
+    DATA,
+    LABELS,
+    MOVIES,
+    PICTURES,
+    REGISTERED,
+    Exporter,
+    Known,
+)
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
@@ -47,32 +56,50 @@ def draw(context: Context) -> None:
 
 
 def _draw_data(context: Context) -> None:
-    ui, session, exporter, ask = (
-        context.ui,
-        context.session,
-        context.exporter,
-        context.dialogs.save,
-    )
+    ui, session, ask = context.ui, context.session, context.dialogs.save
 
     def save_result(path: Path) -> None:
         if session.result is not None:
-            exporter.save_result(path, session.result)
-
-    def save_registration(path: Path) -> None:
-        if (found := session.registration) is not None:
-            exporter.save_registration(path, found)
+            context.exporter.save_result(path, session.result)
 
     is_there = session.result is not None
     later = "" if is_there else " There is one after a match."
     what = "The result"
     if session.document.is_pair:
-        if ui.button("Save registration...", f"{_REGISTRATION}{later}", enabled=is_there):
-            ask("Save the registration", REGISTERED, "registration.npz", save_registration)
+        _draw_registration(context, later)
         ui.beside_if_fits("Save result...", is_button=True)
         what = "What was matched on B"
     tip = f"{what} (.npz), mesh, functions and field (.ply, .vtu), or energies (.csv).{later}"
     if ui.button("Save result...", tip, enabled=is_there):
         ask("Save the result", DATA, "match.npz", save_result)
+    if session.document.labels is not None:
+        _draw_labels(context, later)
+
+
+def _draw_registration(context: Context, later: str) -> None:
+    ui, session = context.ui, context.session
+
+    def save(path: Path) -> None:
+        if (found := session.registration) is not None:
+            context.exporter.save_registration(path, found)
+
+    is_there = session.result is not None
+    if ui.button("Save registration...", f"{_REGISTRATION}{later}", enabled=is_there):
+        context.dialogs.save("Save the registration", REGISTERED, "registration.npz", save)
+
+
+def _draw_labels(context: Context, later: str) -> None:
+    ui, session = context.ui, context.session
+
+    def save(path: Path) -> None:
+        labels, result = session.document.labels, session.result
+        if labels is not None and result is not None:
+            way = session.registration or abfm.Correspondence(result.point_map())
+            context.exporter.save_labels(path, labels, way)
+
+    tip = f"Labels, carried to τ, never mixed (.label.gii, .annot, or a table of keys).{later}"
+    if ui.button("Save carried labels...", tip, enabled=session.result is not None):
+        context.dialogs.save("Save carried labels", LABELS, "carried.label.gii", save)
 
 
 def _draw_state(ui: Ui, session: Session, exporter: Exporter) -> None:

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from abfm_viewer.document.document import CLICK_TOOLS, FIELD_PARTS, Coloring
+from abfm_viewer.document.document import CARRIED, CLICK_TOOLS, FIELD_PARTS, Coloring
 from abfm_viewer.document.verdict_words import counted, numbers, refinement, sentence
 from abfm_viewer.panels.context import Context
+from abfm_viewer.session.session_files import LABELS
 from abfm_viewer.widgets.widget_record import Range
 
 _COLORINGS: dict[Coloring, str] = {
@@ -14,16 +15,13 @@ _COLORINGS: dict[Coloring, str] = {
     "curl": "Where the flow turns, and which way.",
     "coordinates": "The coordinates as red, green and blue, carried by the flow.",
     "checker": "A checkerboard, carried by the flow.",
+    "labels": "Labels of the source's surface, such as regions of a brain, carried by the flow.",
     "area distortion": "How much larger (red) or smaller (blue) the map makes each face.",
     "conformal distortion": "How much the map stretches each face in one direction more than in "
     "the other.",
 }
-_MAPS: tuple[Coloring, ...] = (
-    "coordinates",
-    "checker",
-    "area distortion",
-    "conformal distortion",
-)
+_MAPS: tuple[Coloring, ...] = (*CARRIED, "area distortion", "conformal distortion")
+_LABELS = "Open labels..."
 _PART = (
     "The whole field, or a part of its Helmholtz-Hodge decomposition: without curl, without "
     "divergence, or both. Or the smoothest field that commutes with it (seconds), or the "
@@ -57,8 +55,24 @@ def draw_coloring(context: Context) -> None:
     tip = f"What the advected surface shows. {_COLORINGS[now]}"
     chosen = context.ui.combo("color by", now, _COLORINGS, tip)
     context.session.editor.set_view(f"color by {chosen}", coloring=chosen)
+    if chosen == "labels":
+        _draw_labels(context, opens=chosen != now)
     if context.session.document.is_pair:
         _switch(context, "lines from A to B", "links", "switch lines", _LINKS)
+
+
+def _draw_labels(context: Context, opens: bool) -> None:
+    """Draw which labels there are, and what opens others: at once where there are none."""
+    ui, labels = context.ui, context.session.document.labels
+    tip = "Labels of the source's surface from a file: .label.gii or .annot."
+    if ui.button(_LABELS, tip) or (opens and labels is None):
+        context.dialogs.open("Open labels", LABELS, context.files.open_labels)
+    if labels is not None:
+        ui.beside_if_fits(labels.file)
+        named = sum(map(bool, labels.names)) or len(labels.keys)
+        ui.line(
+            f"{labels.file}, {counted(named, 'label')}", tip=", ".join(filter(None, labels.names))
+        )
 
 
 def draw_field(context: Context) -> None:

@@ -24,12 +24,14 @@ from abfm.types import FloatArray
 from abfm.workers.progress import Step
 from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.document.document import Document
+from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.files import outputs
 from abfm_viewer.files.project import save_project
 
 Known = Callable[[], dict[str, FloatArray]]
 PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), outputs.WRITTEN
 REGISTERED = outputs.REGISTERED
+LABELS = (".gii", ".annot", ".npy", ".csv", ".txt")
 """Suffixes."""
 
 
@@ -105,6 +107,13 @@ class Exporter:
             outputs.write_registration(path, found)
 
         self._start(path, REGISTERED, write)
+
+    def save_labels(self, path: Path, labels: LabelMap, found: abfm.Correspondence) -> None:
+        def write() -> None:
+            carried = outputs.on_file(found.b, found.carry_labels(labels.values, "area"))
+            abfm.io.write_labels(path, labels.labels(carried))
+
+        self._start(path, LABELS, write)
 
     def cancel(self) -> None:
         """End the export; nothing is written, and an older file stays."""

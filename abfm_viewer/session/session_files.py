@@ -32,6 +32,7 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
+from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.document.surface_points import landmarks_of_match, points_of
 from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 MESHES, PROJECT, RESULT = (*READERS, *FREESURFER_SURFACES), ".abfm", ".npz"
 """Suffixes."""
+LABELS = (".label.gii", ".gii", ".gii.gz", ".annot")
 LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another mesh...", "Save as..."
 OTHER_SECOND = "Open another second surface..."
 """Labels of what can be done about a file."""
@@ -226,6 +228,18 @@ class SessionFiles:
         source = Origin.of(first), Origin.of(second)
         what = f"opening {first.name} and {second.name}"
         self._load(Load(what, read, remedies=remedies, source=source))
+
+    def open_labels(self, path: Path) -> None:
+        """Take the labels of a file for the source's surface."""
+        session = self._session
+        try:
+            labels = abfm.functions.read_labels(path)
+            found = LabelMap.of(path.name, session.surface("source").mesh, labels)
+        except FunctionError as error:
+            session.notices.say(str(error), is_error=True)
+            return
+        session.editor.change(f"open {path.name}", labels=found)
+        session.editor.amend(view=replace(session.view, coloring="labels"))
 
     def close_second(self) -> None:
         """Go back to surface A alone."""

@@ -3,7 +3,7 @@
 from collections import defaultdict
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, on_ground, place_colors
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.document.document import HODGE_PARTS, SIDES, Front, Side, Theme
+from abfm_viewer.document.document import CARRIED, HODGE_PARTS, SIDES, Front, Side, Theme
 from abfm_viewer.shown.shown import Field, Shown
 
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
@@ -45,6 +45,7 @@ class Painter:
         self.largest_error: float | None = None  # of a movie, where the range must not change
         self._shown, self._session = shown, shown.session
         self._kept: dict[str, Memo[Paint]] = defaultdict(Memo)
+        self._tree: Memo[Any] = Memo()  # of the vertices of the surface with labels
         self._range, self._range_on_a = Memo[ColorRange](), Memo[ColorRange]()
 
     def paint(self, name: str) -> Paint | None:
@@ -92,8 +93,10 @@ class Painter:
         """
         session, title = self._session, self._session.document.titled(side)
         is_pair, is_of_a = session.document.is_pair, side == "source"
-        if session.view.coloring in ("coordinates", "checker") and (is_of_a or not is_pair):
-            return self._carried(side, session.surface(side).mesh.vertices, title)
+        if session.view.coloring in CARRIED and (is_of_a or not is_pair):
+            places = session.surface(side).mesh.vertices
+            if (paint := self._carried(side, places, title)) is not None:
+                return paint
         own = session.values(side)
         if not (is_pair and is_of_a) or own is None:
             return self._function(side, values, title, colors)
@@ -162,7 +165,7 @@ class Painter:
         kind = self._session.view.coloring
         if kind == "function":
             return self._textured(advected, colors) if self._session.view.streaks else None
-        if kind in ("coordinates", "checker"):
+        if kind in CARRIED:
             carried, title = self._shown.flow.coordinates(), f"carried {kind}"
             if self._session.document.is_pair:
                 title = f"{kind} of A, on B"
@@ -209,8 +212,10 @@ class Painter:
 
         return self._kept["advected"].get((source, title, *self._look), make)
 
-    def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint:
+    def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint | None:
         kind, theme = self._session.view.coloring, self._session.view.theme
+        if kind == "labels":
+            return self._labels(name, coordinates, title)
         surface = self._session.surface("source")  # whose places they are
         mesh, front = surface.mesh, surface.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 
@@ -223,6 +228,23 @@ class Painter:
             return Paint("checker", places, title, is_dark=theme == "dark")
 
         return self._kept[name].get((coordinates, kind, front, title, theme), make)
+
+    def _labels(self, name: str, coordinates: FloatArray, title: str) -> Paint | None:
+        """Show the labels at places (V, 3) of the source's surface; None where there are none."""
+        labels, mesh = self._session.document.labels, self._session.surface("source").mesh
+        if labels is None:
+            return None
+
+        def make() -> Paint:
+            values = labels.values
+            if coordinates is not mesh.vertices:
+                from scipy.spatial import KDTree  # late, as the first frame needs none
+
+                tree = self._tree.get((mesh,), lambda: KDTree(mesh.vertices))
+                values = values[tree.query(coordinates)[1]]
+            return Paint("colors", labels.linear_colors(values), title)
+
+        return self._kept[name].get((coordinates, labels, title), make)
 
     def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
         texture = self._shown.quantities.texture(advected, colors)

@@ -15,7 +15,7 @@ import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo
-from abfm_viewer.document.document import EXTRAPOLATION
+from abfm_viewer.document.document import CARRIED, EXTRAPOLATION
 from abfm_viewer.session.session import Session
 
 _TIMES, _TIMES_WHILE_SOLVING = 61, 17
@@ -322,7 +322,7 @@ class ShownFlow(Jobs):
         source, places = session.compared("source"), self._origins
         if state is None or source is None or places is None or not state.final:
             return True
-        of_places = session.view.coloring in ("coordinates", "checker")
+        of_places = session.view.coloring in CARRIED
         return self._source.is_ready(state, source) and (
             not of_places or self._coordinates.is_ready(state, places)
         )

@@ -1,0 +1,54 @@
+"""Labels of surface A, or of the only one: regions that are shown, and carried, and never mixed."""
+
+from __future__ import annotations
+
+import colorsys
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from abfm import TriangleMesh
+from abfm.reading.labels import Labels
+from abfm.types import FloatArray, IntArray
+from abfm_viewer.document.document import Triple, triple
+
+_GOLDEN = 0.6180339887498949  # hues that far apart are never close to each other
+
+
+@dataclass(frozen=True, eq=False)
+class LabelMap:
+    """A key at each vertex, and of the keys (K,), which ascend, their names and sRGB colours."""
+
+    file: str  # its name
+    keys: tuple[int, ...]
+    names: tuple[str, ...]
+    colors: tuple[Triple, ...]
+    values: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  # (V,)
+
+    @classmethod
+    def of(cls, file: str, mesh: TriangleMesh, labels: Labels) -> LabelMap:
+        """Take labels of a mesh or its file; those without a colour get one, and what has neither
+        name nor colour is grey. A FunctionError says that they are of another mesh.
+        """
+        values = mesh.restrict(labels.values).astype(np.int64)
+        keys = np.unique([*np.unique(values), *labels.names]).tolist()
+        names = tuple(labels.names.get(key, "") for key in keys)
+        colors = []
+        for number, (key, name) in enumerate(zip(keys, names, strict=True)):
+            given = labels.colors.get(key)
+            made = colorsys.hsv_to_rgb(number * _GOLDEN % 1, 0.55, 0.85)
+            grey = (0.75, 0.75, 0.75)
+            is_bare = bool(labels.names) and not name
+            colors.append(triple(np.array(given[:3] if given else grey if is_bare else made)))
+        return cls(file, tuple(keys), names, tuple(colors), values)
+
+    def linear_colors(self, values: IntArray) -> FloatArray:
+        """Return colours (V, 3) of keys (V,) in linear light."""
+        table = np.array(self.colors) ** 2.2
+        return np.asarray(table[np.searchsorted(self.keys, values)])
+
+    def labels(self, values: IntArray) -> Labels:
+        """Return such labels with these keys, as files have them."""
+        pairs = zip(self.keys, self.names, strict=True)
+        colors = {key: (*color, 1.0) for key, color in zip(self.keys, self.colors, strict=True)}
+        return Labels(values, {key: name for key, name in pairs if name}, colors)
