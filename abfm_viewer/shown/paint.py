@@ -87,9 +87,9 @@ class Painter:
         colors, own = self._function_range(source, target), {"source": source, "target": target}
         return self._function(name, own[name], self._session.document.titled(name), colors)
 
-    def _of_side(self, side: Side, values: FloatArray, colors: ColorRange) -> Paint:
+    def _of_side(self, side: Side, values: FloatArray, colors: ColorRange) -> Paint | None:
         """Show a side's function, or the pattern that is carried where it begins; A's function in
-        its own unit, though what is compared on B be in another one.
+        its own unit, though what is compared on B be in another one. None before that is known.
         """
         session, title = self._session, self._session.document.titled(side)
         is_pair, is_of_a = session.document.is_pair, side == "source"
@@ -97,9 +97,10 @@ class Painter:
             places = session.surface(side).mesh.vertices
             if (paint := self._carried(side, places, title)) is not None:
                 return paint
-        own = session.values(side)
-        if not (is_pair and is_of_a) or own is None:
+        if not (is_pair and is_of_a):
             return self._function(side, values, title, colors)
+        if (own := session.values(side)) is None:  # what came to B by an earlier one is on B
+            return None
         if session.compared("target") is session.values("target"):
             return self._function(side, own, title, colors)
         made_of = (own, *self._look)
