@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from abfm.functions import read_labels
+from abfm.io import write_labels
+from abfm.reading.labels import Labels
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import Channel
+from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.panels.right_panel import TABS
 from tests.mesh_writers import off_file
 from tests.shapes import ellipsoid, icosphere
@@ -223,3 +227,47 @@ def test_a_distortion_that_the_initial_map_exceeds_is_said_and_changes_nothing(g
     assert session.result is before
     told = session.notices.log[-1]
     assert told.text.startswith("the distortion stays: the initial map alone keeps 0.05 on only")
+
+
+def test_labels_are_shown_carried_saved_and_kept_in_projects(gui, tmp_path):
+    session = gui.session
+    on_a = session.surface("source").mesh
+    keys = np.where(on_a.vertices[:, 0] > 0, 3, 8)
+    write_labels(tmp_path / "halves.label.gii", Labels(keys, {3: "front", 8: "back"}))
+    gui.choose("color by", "labels")
+    gui.double_click("halves.label.gii")
+    gui.wait(lambda _: gui.window.scene.paints["source"].kind == "colors")
+    paints = gui.window.scene.paints
+    table = session.document.labels
+    assert_array_equal(paints["source"].values, table.linear_colors(keys))
+    gui.wait(lambda _: gui.window.scene.paints["advected"].title == "labels of A, on B")
+    session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
+    gui.wait(lambda s: not s.obstacle)
+    gui.drag("time", 0)
+    gui.frames(3)
+    assert_array_equal(paints["advected"].values, table.linear_colors(keys))
+    match(gui)
+    gui.drag("time", session.parameters.tau)
+    expected = session.registration.carry_labels(keys)
+    shown = table.linear_colors(expected)
+    # by the nearest vertex, and not by the one with most weight: near borders they may differ
+    gui.wait(
+        lambda _: (gui.window.scene.paints["advected"].values == shown).all(axis=1).mean() > 0.95
+    )
+    gui.click("Export")
+    gui.click("Save carried labels...")
+    gui.type("file name", "carried.label.gii")
+    gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
+    found = read_labels(tmp_path / "carried.label.gii")
+    assert_array_equal(found.values, session.registration.carry_labels(keys, "area"))
+    assert found.names == {3: "front", 8: "back"}
+    save_project(tmp_path / "p.abfm", session.document, {})
+    again = load_project(tmp_path / "p.abfm")[0]
+    assert again.labels.names == table.names
+    assert_array_equal(again.labels.values, table.values)
+    (tmp_path / "few.label.gii").write_bytes(b"none")
+    gui.click("Look")
+    gui.click("Open labels...")
+    gui.double_click("few.label.gii")
+    assert session.document.labels is table
+    assert "few.label.gii" in session.notices.log[-1].text

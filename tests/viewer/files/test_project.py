@@ -25,6 +25,7 @@ from abfm import (
 )
 from abfm.matching import Verdict
 from abfm.parameters import PAPER
+from abfm.reading.labels import Labels
 from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document import document as documents
 from abfm_viewer.document.document import (
@@ -38,6 +39,7 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
+from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.files import project
 from abfm_viewer.files.project import Origin, load_origin, load_project, save_project
 from tests.core.reading import hostile
@@ -628,3 +630,23 @@ def test_copies_may_say_anything_of_their_origin(tmp_path, text):
     rewrite(path, {project.MEMBER: text.encode()})
     assert load_origin(path) is None
     assert load_project(path)[0].name == "sphere"
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("keys", [2, 1], "keys of labels do not ascend"),
+        ("keys", [1, 3], "labels have keys that are none of theirs"),
+        ("names", ["one"], "not as many keys, names and colours"),
+        ("colors", [[0, 0, 0], [0, 0, 2]], "colours outside 0 to 1"),
+        ("colors", [[0, 0, 0], [0, 0]], "expected 3 entries"),
+        ("values", 3, "expected only file, keys, names, colors"),
+    ],
+)
+def test_labels_that_do_not_fit_are_refused(tmp_path, name, value, words):
+    labels = LabelMap.of("a.annot", WHOLE, Labels(np.arange(V) % 2 + 1, {1: "one", 2: "two"}))
+    path = tmp_path / "p.abfm"
+    save_project(path, Document((Surface(WHOLE, "ball"),), labels=labels), {})
+    assert load_project(path)[0].labels.colors == labels.colors
+    changed(path, lambda content: content["labels"].update({name: value}))
+    assert words in error_line(path)
