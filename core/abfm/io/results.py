@@ -305,6 +305,10 @@ def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
     with open_archive(path, kind.name, MEND) as archive:
         version = archive.get("format_version")
         check_version(version.item() if version is not None and version.ndim == 0 else version)
+        if "a_vertices" in archive and "velocity" not in archive and kind is not CORRESPONDENCE:
+            raise ResultError(
+                "it holds a map between two surfaces, and no match; `abfm map` tells what it does"
+            )
         return _checked(archive, kind)
 
 
