@@ -204,7 +204,7 @@ def prepare(
     if on_a is not None:
         masks.append(np.clip(found.carry(on_a), 0, None))
     mask = np.prod(masks, axis=0) if masks else None
-    carried, target, measured, notes = _comparable(b, carried, target, mask)
+    carried, target, measured, notes = _comparable(b, carried, target, mask, counts)
     usual = MEASURED if measured else Parameters()
     problem = Problem(
         b,
@@ -290,10 +290,14 @@ def _weights(given: ArrayLike | None, count: int) -> FloatArray:
 
 
 def _comparable(
-    mesh: TriangleMesh, source: FloatArray, target: FloatArray, mask: FloatArray | None
+    mesh: TriangleMesh,
+    source: FloatArray,
+    target: FloatArray,
+    mask: FloatArray | None,
+    weights: FloatArray,
 ) -> tuple[FloatArray, FloatArray, bool, list[str]]:
     """Return both functions (C, V), those that were measured, or have other units, less their means
-    over their deviations; whether any was measured; and what is strange.
+    over their deviations; whether any was measured that counts; and what is strange.
     """
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     if not areas.any():
@@ -307,7 +311,7 @@ def _comparable(
         if any(size <= _CONSTANT * most for size, most in zip(sizes, largest, strict=True)):
             continue
         is_rough = is_measured(FunctionTerm(unit, *pair, mask))
-        measured |= is_rough
+        measured |= is_rough and weights[c] > 0
         alike = float(np.average(apart[0] * apart[1], weights=areas)) / (sizes[0] * sizes[1])
         if is_rough and alike < _OPPOSITE:
             notes.append(
