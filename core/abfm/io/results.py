@@ -167,8 +167,11 @@ _CORRESPONDENCE = {
 CORRESPONDENCE_ENTRIES = _OTHER_MESH | _CORRESPONDENCE
 CORRESPONDENCE = Kind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRIES)
 # the initial map, and the match on B
-_NOTES = {"notes": Entry("text", ("K",), required=False)}
-REGISTRATION = Kind("registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_NOTES})
+_OF_BOTH = {
+    "notes": Entry("text", ("K",), required=False),
+    "a_functions": Entry("real", ("VA", "C"), required=False),  # as they are compared
+}
+REGISTRATION = Kind("registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_OF_BOTH})
 PROBLEM = Kind("problem file", PROBLEM_ENTRIES)
 
 

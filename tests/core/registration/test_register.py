@@ -133,8 +133,14 @@ def test_it_is_the_same_after_it_was_saved(found, tmp_path):
     assert again.verdict == found.verdict
     assert again.notes == found.notes != ()
     assert_allclose(abfm.load_match(tmp_path / "r.npz").mismatch, found.match.mismatch)
-    step = found.at_step(0)
+    assert_array_equal(again.functions, found.functions)
+    step = again.at_step(0)
     assert step.distortion().log2_area.mean < found.distortion().log2_area.mean
+    assert step.functions is again.functions
+    with np.load(tmp_path / "r.npz") as arrays:
+        before = {name: arrays[name] for name in arrays if name != "a_functions"}
+    np.savez(tmp_path / "before.npz", **before)  # as files were, which did not have them
+    assert abfm.load_registration(tmp_path / "before.npz").functions is None
     with pytest.raises(ResultError, match="lacks"):
         abfm.load_registration(saved(found.match, tmp_path / "m.npz"))
 
@@ -152,6 +158,16 @@ def test_measured_functions_are_compared_in_their_own_units():
         assert abs(np.average(values[:, 0], weights=areas)) < 0.1
         assert abs(np.sqrt(np.average(values[:, 0] ** 2, weights=areas)) - 1) < 0.1
     assert prepared.problem.parameters == MEASURED
+
+
+def test_functions_of_a_are_kept_as_they_are_compared():
+    """What comes of them to B by area is what is matched there."""
+    f, g = (np.stack([hills(m.vertices), m.vertices[:, 2] + 2], 1) for m in (A, B))
+    for ours, theirs in ((f, g), (3 * f + 7, -g), (f[:, 1], g[:, 1]), (f[:, 1], 5 * g[:, 1])):
+        prepared = prepare(A, B, ours, theirs, initial="sphere", mask_b=B.vertices[:, 2] > -0.5)
+        carried = prepared.initial.carry(prepared.functions, by="area")
+        assert_allclose(carried, prepared.problem.source, atol=1e-9)
+    assert prepare(B, B, landmarks=[[0, 1]]).functions is None
 
 
 def test_functions_of_the_other_sign_are_turned_and_told():
