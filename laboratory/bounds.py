@@ -5,7 +5,7 @@ from time import process_time
 
 import numpy as np
 
-from abfm import Registration, match
+from abfm import match
 from abfm.maps.distortion import Distortion
 from abfm.matching import SHARE
 from abfm.registration import Prepared, within
@@ -29,7 +29,7 @@ def rows(
 ) -> Iterator[list[str]]:
     """Yield a row a bound, of those that an initial map's distortion asks for."""
     began = process_time()
-    found = Registration(prepared.initial, match(prepared.problem), prepared.notes)
+    found = prepared.matched_by(match(prepared.problem))
     whole, first = process_time() - began, found.initial.distortion()
     for most in bounds(first):
         began = process_time()

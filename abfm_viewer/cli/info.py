@@ -7,16 +7,26 @@ from typing import Any
 import numpy as np
 
 import abfm
-from abfm import MeshError, TriangleMesh, load_match, load_mesh
+from abfm import (
+    Correspondence,
+    MeshError,
+    Registration,
+    TriangleMesh,
+    load_correspondence,
+    load_match,
+    load_mesh,
+)
 from abfm.errors import printable
 from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
+from abfm.registration import is_correspondence
 from abfm_viewer.cli import options, results
 from abfm_viewer.document import verdict_words
 
 SUMMARY = "what a mesh is and what the solver would object to, or what a result holds"
 DESCRIPTION = """\
 Say what a mesh is, what was repaired, and what the solver would object to (then the exit status is
-2); or what a result came to, with the steps of its path, a star before the one that it is.
+2); or what a result came to, with the steps of its path, a star before the one that it is; or what
+a map between two surfaces does.
 
 Examples:
   abfm info spot.obj
@@ -50,7 +60,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _of_result(arguments: argparse.Namespace) -> int:
     name = arguments.mesh
-    match = load_match(name)
+    found = load_correspondence(name) if is_correspondence(name) else None
+    if found is not None and not isinstance(found, Registration):
+        return _of_map(arguments, found)
+    match = load_match(name) if found is None else found.match
     options.warn_of_doubt(name, match)
     if arguments.json:
         print(json.dumps({"result": name, **results.facts(match)}))
@@ -62,6 +75,17 @@ def _of_result(arguments: argparse.Namespace) -> int:
         *results.path_lines(match),
     ]
     print("\n".join(lines))
+    return 0
+
+
+def _of_map(arguments: argparse.Namespace, found: Correspondence) -> int:
+    name = arguments.mesh
+    if arguments.json:
+        print(json.dumps({"result": name, "map": results.map_facts(found)}))
+        return 0
+    sizes = [f"{len(mesh.faces):,}" for mesh in (found.a, found.b)]
+    told = f"a map between surfaces A of {sizes[0]} faces and B of {sizes[1]}, without a match"
+    print("\n".join([f"{printable(name)}: {told}", *results.map_lines(found)]))
     return 0
 
 

@@ -124,7 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
     with cancelled_by_signals(control) as kept:
         with progress(problem.parameters.iterations, arguments.quiet) as report:
             match = abfm.match(problem, on_iteration=report, control=control)
-        found = Registration(prepared.initial, match, prepared.notes)
+        found = prepared.matched_by(match)
         with nullcontext() if arguments.quiet else telling(print_long):
             if arguments.max_distortion is not None:
                 found = within(found, arguments.max_distortion, control)

@@ -139,7 +139,9 @@ def _functions(found: Registration) -> list[_Planned]:
     match, rows = found.match, []
     if match.problem.is_of_landmarks:
         return []
-    on_a = found.initial.inverse().carry(match.source)
+    on_a = found.functions
+    if on_a is None:  # what the initial map brings back of them
+        on_a = found.initial.inverse().carry(match.source)
     counts = np.ones(len(match.target)) if match.mask is None else (match.mask > 0).astype(float)
     channels = zip(on_a.T, match.source.T, match.advected.T, match.target.T, strict=True)
     is_one_surface = found.a is found.b

@@ -167,8 +167,11 @@ _CORRESPONDENCE = {
 CORRESPONDENCE_ENTRIES = _OTHER_MESH | _CORRESPONDENCE
 CORRESPONDENCE = Kind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRIES)
 # the initial map, and the match on B
-_NOTES = {"notes": Entry("text", ("K",), required=False)}
-REGISTRATION = Kind("registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_NOTES})
+_OF_BOTH = {
+    "notes": Entry("text", ("K",), required=False),
+    "a_functions": Entry("real", ("VA", "C"), required=False),  # as they are compared
+}
+REGISTRATION = Kind("registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_OF_BOTH})
 PROBLEM = Kind("problem file", PROBLEM_ENTRIES)
 
 
@@ -305,6 +308,10 @@ def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
     with open_archive(path, kind.name, MEND) as archive:
         version = archive.get("format_version")
         check_version(version.item() if version is not None and version.ndim == 0 else version)
+        if "a_vertices" in archive and "velocity" not in archive and kind is not CORRESPONDENCE:
+            raise ResultError(
+                "it holds a map between two surfaces, and no match; `abfm map` tells what it does"
+            )
         return _checked(archive, kind)
 
 

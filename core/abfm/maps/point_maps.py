@@ -19,6 +19,7 @@ from abfm.maps.surface_points import (
 )
 from abfm.mesh import TriangleMesh
 from abfm.mesh.checks import twice_areas
+from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray, IntArray
 
 
@@ -52,7 +53,12 @@ class PointMap:
             raise AbfmError(
                 f"{len(self.points.faces)} points for {count} vertices: give one point per vertex"
             )
-        object.__setattr__(self, "distances", np.broadcast_to(self.distances, count))
+        distances = real_numbers(self.distances, "distances", AbfmError)
+        if distances.shape not in ((), (1,), (count,)):
+            raise AbfmError(
+                f"distances have shape {distances.shape}; expected ({count},), one per point"
+            )
+        object.__setattr__(self, "distances", np.broadcast_to(distances, count))
 
     @classmethod
     def of_vertices(

@@ -36,7 +36,7 @@ def load_registration(path: str | os.PathLike[str]) -> Registration:
     ``match.doubt``.
     """
     found = _loaded(path, results.REGISTRATION, _registration_of)
-    return Registration(found.initial, found.match.borne_out(), found.notes)
+    return found.matched_by(found.match.borne_out())
 
 
 def _names(path: str | os.PathLike[str]) -> set[str]:
@@ -58,4 +58,4 @@ def _registration_of(arrays: results.Arrays) -> Registration:
     initial = correspondence_of(arrays)
     own = {name: arrays[name] for name in arrays.keys() & results.RESULT.entries.keys()}
     notes = tuple(arrays["notes"].tolist()) if "notes" in arrays else ()
-    return Registration(initial, loaded_match(initial.b, own), notes)
+    return Registration(initial, loaded_match(initial.b, own), notes, arrays.get("a_functions"))

@@ -50,6 +50,11 @@ class Prepared(NamedTuple):
     initial: Correspondence
     problem: Problem
     notes: tuple[str, ...]
+    functions: FloatArray | None = None  # A's, (V_A, C), as they are compared
+
+    def matched_by(self, match: Match) -> Registration:
+        """Return the registration that a match of the problem makes."""
+        return Registration(self.initial, match, self.notes, self.functions)
 
 
 def register(
@@ -119,7 +124,7 @@ def register(
         weights=weights,
     )
     found = match(prepared.problem, on_iteration=on_iteration, control=control)
-    registration = Registration(prepared.initial, found, prepared.notes)
+    registration = prepared.matched_by(found)
     if max_distortion is None:
         return registration
     return within(registration, max_distortion, control)
@@ -137,17 +142,16 @@ def within(
     """
 
     def measure(match: Match) -> Distortion:
-        return Registration(found.initial, match).distortion()
+        return found.matched_by(match).distortion()
 
     chosen = bounded(found.match, max_distortion, measure, control, found.initial.distortion)
-    notes = found.notes
     if chosen is found.match and not is_kept(found.distortion(), max_distortion):
         first = found.initial.distortion()
         told = f"the initial map alone keeps {max_distortion:g} on only"
         share = f"{100 * first.share_within(max_distortion):.1f}% of the faces"
         ends = "no flow was looked for that keeps it"
-        notes = (*notes, f"{told} {share}, {first.folded} folded: {ends}")
-    return Registration(found.initial, chosen, notes)
+        return found.matched_by(chosen, (f"{told} {share}, {first.folded} folded: {ends}",))
+    return found.matched_by(chosen)
 
 
 def prepare(
@@ -204,7 +208,7 @@ def prepare(
     if on_a is not None:
         masks.append(np.clip(found.carry(on_a), 0, None))
     mask = np.prod(masks, axis=0) if masks else None
-    carried, target, measured, notes = _comparable(b, carried, target, mask)
+    carried, target, source, measured, notes = _comparable(b, carried, target, source, mask, counts)
     usual = MEASURED if measured else Parameters()
     problem = Problem(
         b,
@@ -215,7 +219,7 @@ def prepare(
         weights=counts,
         **({} if marks is None else _on_b(found, marks)),
     )
-    return Prepared(found, problem, (*first.notes, *notes))
+    return Prepared(found, problem, (*first.notes, *notes), source.T.copy())
 
 
 def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:
@@ -290,16 +294,22 @@ def _weights(given: ArrayLike | None, count: int) -> FloatArray:
 
 
 def _comparable(
-    mesh: TriangleMesh, source: FloatArray, target: FloatArray, mask: FloatArray | None
-) -> tuple[FloatArray, FloatArray, bool, list[str]]:
+    mesh: TriangleMesh,
+    source: FloatArray,
+    target: FloatArray,
+    own: FloatArray,
+    mask: FloatArray | None,
+    weights: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, bool, list[str]]:
     """Return both functions (C, V), those that were measured, or have other units, less their means
-    over their deviations; whether any was measured; and what is strange.
+    over their deviations; A's own (C, V_A), which the source was made of, in the same units;
+    whether any was measured that counts; and what is strange.
     """
     areas = vertex_areas(mesh) if mask is None else vertex_areas(mesh) * mask
     if not areas.any():
         raise ParameterError("the masks of A and B have nothing in common: check the initial map")
     unit, notes, measured = mesh.normalized(), [], False
-    found = source.copy(), target.copy()
+    found, own = (source.copy(), target.copy()), own.copy()
     for c, pair in enumerate(zip(source, target, strict=True)):
         apart = [values - np.average(values, weights=areas) for values in pair]
         sizes = [float(np.sqrt(np.average(each**2, weights=areas))) for each in apart]
@@ -307,9 +317,10 @@ def _comparable(
         if any(size <= _CONSTANT * most for size, most in zip(sizes, largest, strict=True)):
             continue
         is_rough = is_measured(FunctionTerm(unit, *pair, mask))
-        measured |= is_rough
+        measured |= is_rough and weights[c] > 0
         alike = float(np.average(apart[0] * apart[1], weights=areas)) / (sizes[0] * sizes[1])
-        if is_rough and alike < _OPPOSITE:
+        is_turned = is_rough and alike < _OPPOSITE
+        if is_turned:
             notes.append(
                 f"channel {c + 1} of A was taken with the other sign, as packages differ in it: by "
                 f"the initial map it correlates with B's by {alike:.2f}"
@@ -318,7 +329,9 @@ def _comparable(
         if is_rough or not _have_one_unit(*(values[areas > 0] for values in pair)):
             for values, each, size in zip(found, apart, sizes, strict=True):
                 values[c] = each / size
-    return *found, measured, notes
+            turned = -1 if is_turned else 1
+            own[c] = turned * (own[c] - np.average(source[c], weights=areas)) / sizes[0]
+    return *found, own, measured, notes
 
 
 def _have_one_unit(f: FloatArray, g: FloatArray) -> bool:

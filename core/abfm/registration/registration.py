@@ -31,12 +31,25 @@ class Registration(Correspondence):
         On B, of A's functions, carried by the initial map, and B's.
     notes : tuple of str
         What is worth knowing of how they came about, a line each.
+    functions : (V_A, C) array, optional
+        A's, as they are compared; None where they are known on B alone.
     """
 
-    def __init__(self, initial: Correspondence, match: Match, notes: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self,
+        initial: Correspondence,
+        match: Match,
+        notes: tuple[str, ...] = (),
+        functions: FloatArray | None = None,
+    ) -> None:
         if len(match.mesh.faces) != len(initial.b.faces):
             raise ResultError("the match is on another surface than the initial map leads to")
         self.initial, self.match, self.notes = initial, match, notes
+        self.functions = functions
+
+    def matched_by(self, match: Match, notes: tuple[str, ...] = ()) -> Registration:
+        """Return the registration with another match, and notes added."""
+        return Registration(self.initial, match, (*self.notes, *notes), self.functions)
 
     @cached_property
     def points(self) -> PointMap:
@@ -70,12 +83,14 @@ class Registration(Correspondence):
 
     def at_step(self, step: int) -> Registration:
         """Return the registration at another step of the path of its match."""
-        return Registration(self.initial, self.match.at_step(step), self.notes)
+        return self.matched_by(self.match.at_step(step))
 
     def arrays(self) -> dict[str, Any]:
-        """Return what files hold: the initial map, the notes, and all of the match."""
-        notes = {"notes": np.array(self.notes)} if self.notes else {}
-        return self.initial.arrays() | notes | match_arrays(self.match)
+        """Return what files hold: the initial map, the notes, A's functions, and the match."""
+        own: dict[str, Any] = {"notes": np.array(self.notes)} if self.notes else {}
+        if self.functions is not None:
+            own["a_functions"] = self.functions
+        return self.initial.arrays() | own | match_arrays(self.match)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Registration, (self.initial, self.match, self.notes)

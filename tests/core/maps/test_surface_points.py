@@ -164,6 +164,9 @@ def test_what_is_no_map_and_positions_of_other_vertices_are_refused():
     ):
         with pytest.raises(AbfmError, match=words):
             PointMap(mesh, mesh, wrong_faces, wrong_weights)
+    for distances in (np.zeros(3), np.zeros((count, 1)), np.zeros(0)):
+        with pytest.raises(AbfmError, match=r"distances have shape .*; expected \(12,\)"):
+            PointMap(mesh, mesh, faces, weights, distances)
     for face, weight, words in (
         (0, np.nan, "barycentric"),
         (0, np.inf, "barycentric"),

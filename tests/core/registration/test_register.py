@@ -22,6 +22,7 @@ from tests.shapes import icosphere, with_loose_vertex
 
 A, B = even_sphere(3000), icosphere(4)
 TURN = Rotation.from_rotvec([0.4, -0.9, 0.3])
+OPPOSITE = int((B.vertices @ B.vertices[0]).argmin())
 
 
 def hills(directions, seed=0, count=300, width=0.15):
@@ -132,8 +133,14 @@ def test_it_is_the_same_after_it_was_saved(found, tmp_path):
     assert again.verdict == found.verdict
     assert again.notes == found.notes != ()
     assert_allclose(abfm.load_match(tmp_path / "r.npz").mismatch, found.match.mismatch)
-    step = found.at_step(0)
+    assert_array_equal(again.functions, found.functions)
+    step = again.at_step(0)
     assert step.distortion().log2_area.mean < found.distortion().log2_area.mean
+    assert step.functions is again.functions
+    with np.load(tmp_path / "r.npz") as arrays:
+        before = {name: arrays[name] for name in arrays if name != "a_functions"}
+    np.savez(tmp_path / "before.npz", **before)  # as files were, which did not have them
+    assert abfm.load_registration(tmp_path / "before.npz").functions is None
     with pytest.raises(ResultError, match="lacks"):
         abfm.load_registration(saved(found.match, tmp_path / "m.npz"))
 
@@ -151,6 +158,16 @@ def test_measured_functions_are_compared_in_their_own_units():
         assert abs(np.average(values[:, 0], weights=areas)) < 0.1
         assert abs(np.sqrt(np.average(values[:, 0] ** 2, weights=areas)) - 1) < 0.1
     assert prepared.problem.parameters == MEASURED
+
+
+def test_functions_of_a_are_kept_as_they_are_compared():
+    """What comes of them to B by area is what is matched there."""
+    f, g = (np.stack([hills(m.vertices), m.vertices[:, 2] + 2], 1) for m in (A, B))
+    for ours, theirs in ((f, g), (3 * f + 7, -g), (f[:, 1], g[:, 1]), (f[:, 1], 5 * g[:, 1])):
+        prepared = prepare(A, B, ours, theirs, initial="sphere", mask_b=B.vertices[:, 2] > -0.5)
+        carried = prepared.initial.carry(prepared.functions, by="area")
+        assert_allclose(carried, prepared.problem.source, atol=1e-9)
+    assert prepare(B, B, landmarks=[[0, 1]]).functions is None
 
 
 def test_functions_of_the_other_sign_are_turned_and_told():
@@ -208,18 +225,37 @@ def test_where_the_initial_map_is_beyond_a_bound_no_flow_is_looked_for():
     assert tuple(others) == found.notes
 
 
+@pytest.mark.parametrize("vertices", [[0, 0, 0], [0, OPPOSITE, 0]])
+@pytest.mark.parametrize("side", [0, 1])
+def test_landmarks_that_leave_a_rotation_open_turn_no_sphere(vertices, side):
+    marks = [vertices, [3, 5, 8]]
+    pairs = np.stack(marks if side == 0 else marks[::-1], axis=1)
+    prepared = prepare(B, B, landmarks=pairs, initial="sphere")
+    assert_allclose(prepared.initial.points.positions, B.vertices, atol=1e-12)
+    (note,) = prepared.notes
+    assert note.startswith("sphere A was not turned: the landmarks are in one place, or in opp")
+
+
+def test_what_counts_for_nothing_says_nothing_of_the_parameters():
+    smooth, rough = B.vertices[:, 2], hills(B.vertices)
+    both = np.stack([smooth, rough], axis=1)
+    for weights, usual in (([1, 0], Parameters()), ([1, 1], MEASURED)):
+        assert prepare(B, B, both, both, weights=weights).problem.parameters == usual
+
+
 def test_equal_faces_need_no_word():
     bent = TriangleMesh(B.vertices * [1, 1.2, 0.9], B.faces)
     prepared = prepare(bent, B, "coordinate:x", "coordinate:x")
     assert_array_equal(prepared.initial.points.nearest_vertices(), np.arange(len(B.vertices)))
 
 
-def test_spheres_come_from_files_and_mirrors_on_request(tmp_path):
+@pytest.mark.parametrize("files", [("a.ply", "b.ply"), ("a,left.ply", "b,left,2.ply")])
+def test_spheres_come_from_files_and_mirrors_on_request(files, tmp_path):
     body_a, body_b = (
         TriangleMesh(m.vertices * (1 + 0.2 * m.vertices[:, :1]) * [1, 2, 1], m.faces)
         for m in (A, B)
     )
-    names = [str(tmp_path / name) for name in ("a.ply", "b.ply")]
+    names = [str(tmp_path / name) for name in files]
     mirrored = TriangleMesh(A.vertices * [-1, 1, 1], A.faces)
     for name, mesh in zip(names, (mirrored, B), strict=True):
         export_ply(name, mesh, {}, {})

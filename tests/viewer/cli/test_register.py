@@ -142,6 +142,13 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
     assert "geodesic error: mean 0.0000" in told
     assert "of A is covered" in told
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "m.txt"), np.arange(count))
+    told = abfm(f"info {tmp_path}/c.npz").out
+    assert told.splitlines()[0].endswith("faces and B of 2,454, without a match")
+    assert "of A is covered" in told
+    assert json.loads(abfm(f"info {tmp_path}/c.npz --json").out)["map"]["coverage"] == 1
+    for words in ("render {} --out {}/x.png", "render {} --out {}/x.png --style sheet"):
+        told = abfm(words.format(tmp_path / "c.npz", tmp_path), status=2).err
+        assert "it holds a map between two surfaces, and no match; `abfm map` tells" in told
     facts = json.loads(abfm(f"map {tmp_path}/c.npz --truth identity --inverse --json").out)
     assert facts["accuracy"]["maximum"] < 1e-9
     assert facts["map"]["coverage"] == 1

@@ -33,6 +33,7 @@ _LINES = 180  # of latitude in tables
 _OPPOSITE = 0.9  # what a correlation counts whose sign is the other one
 _AS_GOOD = 0.99  # of the best, from which on a sphere stays as it stands
 _CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
+_APART = 1e-6  # of landmarks' directions: less leaves a rotation open
 
 
 class Turned(NamedTuple):
@@ -136,9 +137,14 @@ def _scaled(given: OnSphere) -> OnSphere:
     return OnSphere(given.layout, np.array(scaled), given.weights)
 
 
-def rotation_by_landmarks(a: SphereLayout, b: SphereLayout, pairs: Landmarks) -> Turned:
-    """Return the rotation of sphere A that brings landmarks nearest to their partners on B."""
+def rotation_by_landmarks(a: SphereLayout, b: SphereLayout, pairs: Landmarks) -> Turned | None:
+    """Return the rotation of sphere A that brings landmarks nearest to their partners on B; None
+    where they leave it open, as they are in one place of a sphere, or in it and opposite.
+    """
     here, there = a.directions_of(pairs.a), b.directions_of(pairs.b)
+    for directions in (here, there):
+        if np.linalg.svd(directions, compute_uv=False)[1] < _APART * np.sqrt(len(pairs)):
+            return None
     rotation, _ = Rotation.align_vectors(there, here, pairs.weights)
     return Turned(rotation, np.nan, 0.0)
 

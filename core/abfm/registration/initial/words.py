@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -182,7 +183,7 @@ _made_sphere = per_mesh(sphere_embedding)  # kept, as functions may change
 
 def _spheres(given: Given, words: list[str]) -> Initial:
     mirror = bool(words) and words[0] == "mirror"
-    files = words[mirror:]
+    files = _two_files(words[mirror:])
     if len(files) not in (0, 2):
         raise ParameterError(
             f"sphere:{','.join(words)} names {len(files)} files; expected the spheres of A and of "
@@ -193,6 +194,17 @@ def _spheres(given: Given, words: list[str]) -> Initial:
     else:
         sphere_a, sphere_b = sphere_directions(given.a), sphere_directions(given.b)
     return _turned(given, sphere_a, sphere_b, mirror)
+
+
+def _two_files(words: list[str]) -> list[str]:
+    """Return two names of files, which may have commas: where they can be parted so that both are
+    there.
+    """
+    for count in range(1, len(words)):
+        pair = [",".join(words[:count]), ",".join(words[count:])]
+        if all(Path(name).expanduser().is_file() for name in pair):
+            return pair
+    return words
 
 
 def _turned(given: Given, sphere_a: FloatArray, sphere_b: FloatArray, mirror: bool) -> Initial:
@@ -208,6 +220,11 @@ def _turned(given: Given, sphere_a: FloatArray, sphere_b: FloatArray, mirror: bo
     if turned is not None:
         sphere_a = sphere_a @ turned.rotation.as_matrix().T
         notes += _turned_words(turned)
+    elif given.landmarks is not None and len(given.landmarks) >= FEWEST:
+        notes.append(
+            "sphere A was not turned: the landmarks are in one place, or in opposite ones; give "
+            "three that are apart"
+        )
     found = Correspondence.through_sphere(given.a, given.b, sphere_a, sphere_b)
     return Initial(found, tuple(notes))
 
