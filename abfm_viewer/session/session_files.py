@@ -126,15 +126,16 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
 
 
 def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
-    """A document that shows a registration at tau. Files have A's functions as they came to B: on A
-    they are what the initial map brings back of them.
+    """A document that shows a registration at tau. Older files have A's functions as they came to B
+    alone: on A they are what the initial map brings back of them.
     """
     match, initial = found.match, found.initial
     (document, on_b), back = document_of_result(match, path), initial.inverse()
     names = [_column(path, f"source {number}") for number in range(len(document.channels))]
     known = {name: values for name, values in on_b.items() if name not in names}
-    for name, values in zip(names, match.source.T, strict=True):
-        known[f"{OF_A}{name}"] = back.carry(values)
+    functions = back.carry(match.source) if found.functions is None else found.functions
+    for name, values in zip(names, functions.T, strict=True):
+        known[f"{OF_A}{name}"] = values
     pair = Surface(initial.a, "A"), Surface(match.mesh, f"B of {path.name}")
     landmarks: tuple[Landmark, ...] = ()
     if (marks := match.problem.landmarks) is not None:

@@ -229,7 +229,7 @@ def parameters(more):
         ("mismatch", np.array(-1.0), "mismatch has the value -1"),
         ("verified_mismatch", np.array(-1.0), "verified_mismatch has the value -1"),
         ("mask", np.zeros(V), "mask must be finite, not negative, and not zero everywhere"),
-        ("weights", np.zeros(1), "weights must be finite, not negative, and not zero everywhere"),
+        ("weights", np.zeros(1), "weights are zero everywhere; give a channel one above 0"),
         ("source", 1e200 * ONES, "source has the value 1e+200; expected -1e+154 to 1e+154"),
         ("target", -1e308 * ONES, "target has the value -1e+308"),
         ("advected", 1e155 * ONES, "advected has the value 1e+155"),
