@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.numerics.kernels import kernel
+from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
@@ -52,12 +52,12 @@ def collapse(points: FloatArray, surface: Surface) -> Collapses:
     return Collapses(gone[0], gone[1], rounds)
 
 
-@kernel
+@steady_kernel
 def next_slot(slot: int) -> int:
     return slot - 2 if slot % 3 == 2 else slot + 1
 
 
-@kernel
+@steady_kernel
 def fill_star(star: IndexArray, twins: IndexArray, first: int) -> int:
     """Put the corners around the vertex of the first into ``star``; return how many they are."""
     count, corner = 0, first
@@ -68,7 +68,7 @@ def fill_star(star: IndexArray, twins: IndexArray, first: int) -> int:
     return count
 
 
-@kernel
+@steady_kernel
 def unfold(surface: Surface, vertex: int, slot: int, star: IndexArray) -> int:
     """Put back the vertex that went last, at the slot opposite its edge; return the number of its
     corners, which are put into ``star``.
@@ -86,7 +86,7 @@ def unfold(surface: Surface, vertex: int, slot: int, star: IndexArray) -> int:
     return count
 
 
-@kernel
+@steady_kernel
 def _fold(surface: Surface, slot: int, star: IndexArray) -> None:
     """Collapse an edge to its first end, as it is seen from the slot opposite to it."""
     faces, twins, corner_of = surface
@@ -107,7 +107,7 @@ class _Room(NamedTuple):
     seen: IntArray  # when each vertex was seen last, and at the end the time
 
 
-@kernel
+@steady_kernel
 def _is_free(surface: Surface, slot: int, room: _Room) -> bool:
     """Return whether the ends of an edge have two common neighbours only."""
     (faces, twins, _), (star, seen) = surface, room
@@ -120,7 +120,7 @@ def _is_free(surface: Surface, slot: int, room: _Room) -> bool:
     return common == 2
 
 
-@kernel
+@steady_kernel
 def _cheapest(
     points: FloatArray, surface: Surface, ring: IntArray, degrees: IntArray, room: _Room
 ) -> tuple[float, int]:
@@ -144,7 +144,7 @@ def _cheapest(
     return least, best
 
 
-@kernel
+@steady_kernel
 def _collapse_round(
     points: FloatArray, surface: Surface, alive: IntArray, gone: IntArray, done: int
 ) -> int:

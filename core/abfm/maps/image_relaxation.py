@@ -26,7 +26,7 @@ from abfm.maps.star_moves import (
     volume,
 )
 from abfm.maps.surface_points import cross, scalar
-from abfm.numerics.kernels import kernel
+from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IntArray
 
 _ON_SPHERE = 0.02  # weight of the conformal energy
@@ -51,7 +51,7 @@ class Image(NamedTuple):
     weights: FloatArray  # (V_B,), of squared distances from there
 
 
-@kernel
+@steady_kernel
 def relocate(image: Image) -> None:
     """Find the images of all vertices, from their faces before and where they are on the sphere."""
     for v in range(image.faces.size):
@@ -60,7 +60,7 @@ def relocate(image: Image) -> None:
         )
 
 
-@kernel
+@steady_kernel
 def _locate(ground: Ground, direction: FloatArray, face: int, place: FloatArray) -> int:
     """Find the face in a direction, beginning at another one, and the place in space."""
     found, weights = np.array([face]), np.empty((1, 3))
@@ -71,7 +71,7 @@ def _locate(ground: Ground, direction: FloatArray, face: int, place: FloatArray)
     return int(found[0])
 
 
-@kernel
+@steady_kernel
 def push_to_sphere(image: Image, moves: FloatArray, room: Room) -> None:
     """Turn moves of images in space into those of their vertices on the sphere."""
     slopes = np.empty((2, 3))
@@ -81,7 +81,7 @@ def push_to_sphere(image: Image, moves: FloatArray, room: Room) -> None:
         moves[v] = along * slopes[0] + across * slopes[1]
 
 
-@kernel
+@steady_kernel
 def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> None:
     """Compute two axes in the face of A that holds a vertex, and how it moves on the sphere when
     its image moves along them.
@@ -105,7 +105,7 @@ def _set_frame(image: Image, v: int, axes: FloatArray, slopes: FloatArray) -> No
         slopes[k] -= scalar(slopes[k], direction) * direction
 
 
-@kernel
+@steady_kernel
 def relax(image: Image, room: Room) -> None:
     """Move each vertex by a Newton step toward the least energy of its faces."""
     slopes, place = np.empty((2, 3)), np.empty(3)
@@ -129,7 +129,7 @@ def relax(image: Image, room: Room) -> None:
             across *= SHORTER
 
 
-@kernel
+@steady_kernel
 def _looks_outward(state: State, direction: FloatArray, around: Room) -> bool:
     faces, sphere = state.surface.faces, state.sphere
     for corner in around.star:
@@ -139,7 +139,7 @@ def _looks_outward(state: State, direction: FloatArray, around: Room) -> bool:
     return True
 
 
-@kernel
+@steady_kernel
 def _energy(image: Image, v: int, direction: FloatArray, place: FloatArray, around: Room) -> float:
     """Return the energy of the faces at a vertex in some direction, with its image at a place."""
     (_, surface, sphere), places = image.state, image.places
@@ -157,7 +157,7 @@ def _energy(image: Image, v: int, direction: FloatArray, place: FloatArray, arou
     return total
 
 
-@kernel
+@steady_kernel
 def _dirichlet(
     shape: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray
 ) -> tuple[float, tuple[float, float, float]]:
@@ -169,7 +169,7 @@ def _dirichlet(
     return total, cross(q, r)
 
 
-@kernel
+@steady_kernel
 def _set_model(image: Image, v: int, slopes: FloatArray, around: Room) -> None:
     """Compute the derivatives of the energy along the axes in the vertex' face."""
     (_, surface, sphere), places, model = image.state, image.places, around.model
@@ -214,7 +214,7 @@ def _set_model(image: Image, v: int, slopes: FloatArray, around: Room) -> None:
         model[2 + 2 * k] += 2 * image.weights[v]
 
 
-@kernel
+@steady_kernel
 def _first(
     dirichlet: float,
     shape: FloatArray,

@@ -36,7 +36,7 @@ from abfm.maps.star_moves import (
 from abfm.maps.surface_points import cross, scalar
 from abfm.mesh import TriangleMesh
 from abfm.mesh.topology import edge_slots, edges_of_faces, next_corner
-from abfm.numerics.kernels import kernel
+from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -165,7 +165,7 @@ def _scaled(state: State, alive: IntArray, room: Room) -> State:
     return state._replace(points=state.points * np.sqrt(_AREA / _area_at(state, alive, room)))
 
 
-@kernel
+@steady_kernel
 def _area_at(state: State, alive: IntArray, room: Room) -> float:
     """Return the area in space of the faces at vertices."""
     points, (faces, twins, corner_of), _ = state
@@ -178,14 +178,14 @@ def _area_at(state: State, alive: IntArray, room: Room) -> float:
     return total
 
 
-@kernel
+@steady_kernel
 def sweep(state: State, alive: IntArray, room: Room) -> None:
     """Move each of some vertices by one step."""
     for v in alive:
         _move(state, v, 1, room)
 
 
-@kernel
+@steady_kernel
 def _put_back(state: State, vertices: IntArray, slots: IntArray, room: Room) -> bool:
     """Put vertices back, the last first, each with a few steps of itself and of its neighbours;
     return whether there was place for all.
@@ -205,7 +205,7 @@ def _put_back(state: State, vertices: IntArray, slots: IntArray, room: Room) -> 
     return True
 
 
-@kernel
+@steady_kernel
 def _place(state: State, v: int, kept: int, star: IntArray) -> bool:
     """Place a vertex where its faces look outward: in the middle of its neighbours, or near the one
     that it was collapsed to, whose two sides of the ring look in the direction between their
@@ -229,7 +229,7 @@ def _place(state: State, v: int, kept: int, star: IntArray) -> bool:
     return False
 
 
-@kernel
+@steady_kernel
 def _is_outward(state: State, star: IntArray, place: FloatArray) -> bool:
     faces, sphere = state.surface.faces, state.sphere
     for corner in star:
@@ -239,7 +239,7 @@ def _is_outward(state: State, star: IntArray, place: FloatArray) -> bool:
     return True
 
 
-@kernel
+@steady_kernel
 def set_shapes(state: State, v: int, room: Room) -> int:
     """Find the corners at a vertex and the shapes of their faces; return how many there are."""
     points, (faces, twins, corner_of), _ = state
@@ -250,7 +250,7 @@ def set_shapes(state: State, v: int, room: Room) -> int:
     return size
 
 
-@kernel
+@steady_kernel
 def _move(state: State, v: int, steps: int, room: Room) -> None:
     """Take Newton steps of a vertex toward the least energy of its faces."""
     size, place, axes = set_shapes(state, v, room), state.sphere[v].copy(), room.axes
@@ -272,7 +272,7 @@ def _move(state: State, v: int, steps: int, room: Room) -> None:
     state.sphere[v] = place
 
 
-@kernel
+@steady_kernel
 def _energy(state: State, place: FloatArray, size: int, room: Room) -> float:
     """Return the symmetric Dirichlet energy of the faces at a vertex at some place, ``area (s_1^2 +
     s_2^2 + s_1^-2 + s_2^-2)`` with the stretches of each; infinite if one does not look outward.
@@ -291,7 +291,7 @@ def _energy(state: State, place: FloatArray, size: int, room: Room) -> float:
     return total
 
 
-@kernel
+@steady_kernel
 def _set_model(state: State, place: FloatArray, size: int, room: Room) -> None:
     """Compute the derivatives of the energy along two axes, on the sphere."""
     faces, sphere, (first, second) = state.surface.faces, state.sphere, room.axes

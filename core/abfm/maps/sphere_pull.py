@@ -12,7 +12,7 @@ from abfm.maps.collapses import Surface, fill_star, next_slot
 from abfm.maps.sphere_embedding import State
 from abfm.maps.star_moves import FLAT, Room, normalize, volume
 from abfm.maps.surface_points import scalar
-from abfm.numerics.kernels import kernel
+from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IntArray
 
 _STEP = 0.5  # of the way
@@ -32,7 +32,7 @@ def pull_for(count: int) -> Pull:
     return Pull(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count))
 
 
-@kernel
+@steady_kernel
 def set_moves(
     places: FloatArray, targets: FloatArray, most: float, alive: IntArray, moves: FloatArray
 ) -> None:
@@ -42,7 +42,7 @@ def set_moves(
         moves[v] /= max(1.0, np.sqrt(scalar(moves[v], moves[v])) / most)
 
 
-@kernel
+@steady_kernel
 def average(surface: Surface, rounds: int, alive: IntArray, pull: Pull, star: IntArray) -> None:
     """Average moves over neighbours, so many times."""
     faces, twins, corner_of = surface
@@ -59,7 +59,7 @@ def average(surface: Surface, rounds: int, alive: IntArray, pull: Pull, star: In
             moves[v] = spare[v]
 
 
-@kernel
+@steady_kernel
 def shift(state: State, alive: IntArray, pull: Pull, room: Room) -> None:
     """Move vertices on the sphere by half of their moves; those of faces that would turn over, or
     come near to it, by half as much, and so on.
@@ -79,7 +79,7 @@ def shift(state: State, alive: IntArray, pull: Pull, room: Room) -> None:
         state.sphere[v] = moved[v]
 
 
-@kernel
+@steady_kernel
 def _hold_back(state: State, alive: IntArray, pull: Pull, factor: float, room: Room) -> bool:
     """Reduce the shares of corners of faces that are turned over; return whether there are any."""
     (faces, twins, corner_of), sphere, moved = state.surface, state.sphere, pull.spare

@@ -61,6 +61,13 @@ def kernel(function: Kernel) -> Kernel:
     return _compiled(function, {"contract"})
 
 
+def steady_kernel(function: Kernel) -> Kernel:
+    """Compile without fused products and sums: whether they come depends on what is inlined, which
+    is another when it comes from disk, and what decides by signs would decide otherwise.
+    """
+    return _compiled(function, set())
+
+
 def _compiled(function: Kernel, fastmath: set[str]) -> Kernel:
     """Compile a function, or take it from disk.
 
