@@ -97,7 +97,9 @@ def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels):
 
 
 @pytest.mark.parametrize("iterations", [0, 1, 2, 7])
-@pytest.mark.parametrize("changes", [{}, {"levels": 3, "refine": 0}, PAPER, {"cooling_stages": 1, "refine": 0}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"levels": 3, "refine": 0}, PAPER, {"cooling_stages": 1, "refine": 0}]
+)
 def test_few_iterations_are_not_exceeded(iterations, changes):
     match, _ = matched(50, Parameters(**changes, iterations=iterations), SMALL)
     assert 1 <= len(match.energy_history) <= iterations + 1
