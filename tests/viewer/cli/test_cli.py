@@ -213,7 +213,7 @@ def test_what_is_advised_on_the_command_line_can_be_typed_there_and_helps(tmp_pa
     mesh, out = tmp_path / "egg.off", tmp_path / "m.npz"
     trimesh.Trimesh(EGG.vertices, EGG.faces, process=False).export(mesh)
     far = "gaussian:x=0,y=0,z=1,width=0.1 --target gaussian:x=0.5,y=0,z=-0.87,width=0.1"
-    words = f"match {mesh} --source {far} --reach 0 --refine 0 --iterations 40 --quiet --out {out}"
+    words = f"match {mesh} --source {far} --reach 0 --refine 1 --iterations 40 --quiet --out {out}"
     told = abfm(words, status=UNREACHED)
     assert "\nthe flow squeezed the source to nothing" in told.out
     warning = r"warning: iteration \d+: the source is being squeezed to nothing .*\n"
