@@ -447,7 +447,9 @@ def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, a
     with av.open(str(out / "demo.mp4")) as movie:
         assert len(list(movie.decode(video=0))) == 5
     no_picture = Mock(side_effect=DrawingError("no time for it"))
-    monkeypatch.setattr("abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1))
+    monkeypatch.setattr(
+        "abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1, refine=0)
+    )
     monkeypatch.setattr("abfm_viewer.pictures.match_picture", no_picture)
     told = abfm(f"demo --out {tmp_path} --quiet", status=1).err
     assert "note: no picture and no movie: no time for it\n" in told
