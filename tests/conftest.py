@@ -20,6 +20,11 @@ def pytest_addoption(parser):
     )
 
 
+def pytest_collection_modifyitems(items):
+    # what takes longest is not begun last, when other processes have nothing left to do
+    items.sort(key=lambda item: "test_real_window" not in item.nodeid)
+
+
 def pytest_collection_finish():
     gc.freeze()  # what thousands of tests are made of is not looked through again and again
 
