@@ -1,5 +1,6 @@
 """Options of all tests, the threads of one process, and what is checked at the end of a run."""
 
+import gc
 import os
 
 from hypothesis import settings
@@ -17,6 +18,15 @@ def pytest_addoption(parser):
     parser.addoption(
         "--update-snapshots", action="store_true", help="write the pictures of tests/snapshots anew"
     )
+
+
+def pytest_collection_modifyitems(items):
+    # what takes longest is not begun last, when other processes have nothing left to do
+    items.sort(key=lambda item: "test_real_window" not in item.nodeid)
+
+
+def pytest_collection_finish():
+    gc.freeze()  # what thousands of tests are made of is not looked through again and again
 
 
 def pytest_configure(config):

@@ -14,7 +14,7 @@ from laboratory.common import LEVEL
 from laboratory.success import BEFORE, VERSIONS, Record, Selection, Trial, run_success, run_trial
 from tests.shapes import icosphere, square
 
-SHORT = {name: replace(parameters, iterations=15) for name, parameters in VERSIONS.items()}
+SHORT = {name: replace(each, iterations=15, refine=0) for name, each in VERSIONS.items()}
 BALL = icosphere(2)
 
 
@@ -97,7 +97,7 @@ def test_record_says_what_came_out_and_what_it_cost():
 
 
 def test_solvable_problems_alone_may_be_selected():
-    at_rest = {"now": Parameters(iterations=0)}
+    at_rest = {"now": Parameters(iterations=0, refine=0)}
     selections = (success.Selection(count=9, solvable=wanted) for wanted in (False, True))
     whole, some = (
         [row["problem"] for row in run_success({"ball": BALL}, print, one, at_rest)["rows"]]

@@ -206,7 +206,9 @@ def test_shape_diameter_where_edges_are_equally_long(mesh, move):
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"preconditioner": "none"}, {"method": "linearised"}], ids=str
+    "changes",
+    [{}, {"preconditioner": "none", "refine": 0}, {"method": "linearised", "refine": 0}],
+    ids=str,
 )
 @examples(3)
 @given(name=BY_NAME, move=MOVES)

@@ -213,7 +213,7 @@ def test_what_is_advised_on_the_command_line_can_be_typed_there_and_helps(tmp_pa
     mesh, out = tmp_path / "egg.off", tmp_path / "m.npz"
     trimesh.Trimesh(EGG.vertices, EGG.faces, process=False).export(mesh)
     far = "gaussian:x=0,y=0,z=1,width=0.1 --target gaussian:x=0.5,y=0,z=-0.87,width=0.1"
-    words = f"match {mesh} --source {far} --reach 0 --iterations 40 --quiet --out {out}"
+    words = f"match {mesh} --source {far} --reach 0 --refine 1 --iterations 40 --quiet --out {out}"
     told = abfm(words, status=UNREACHED)
     assert "\nthe flow squeezed the source to nothing" in told.out
     warning = r"warning: iteration \d+: the source is being squeezed to nothing .*\n"
@@ -438,15 +438,18 @@ def test_render_refuses_a_project_without_a_result_and_a_damaged_one(project, tm
 
 def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, abfm, monkeypatch):
     out = tmp_path / "made" / "here"
+    monkeypatch.setattr("abfm_viewer.cli.demo._FRAMES", 5)
     report = json.loads(abfm(f"demo --out {out} --json --quiet").out)
     assert report["mismatch"] <= 0.05
     assert sorted(path.name for path in out.iterdir()) == ["demo.mp4", "demo.npz", "demo.png"]
     assert report["movie"] == str(out / "demo.mp4")
     assert pixels(out / "demo.png").shape[1] == DEFAULT_WIDTH
     with av.open(str(out / "demo.mp4")) as movie:
-        assert len(list(movie.decode(video=0))) == 50
+        assert len(list(movie.decode(video=0))) == 5
     no_picture = Mock(side_effect=DrawingError("no time for it"))
-    monkeypatch.setattr("abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1))
+    monkeypatch.setattr(
+        "abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1, refine=0)
+    )
     monkeypatch.setattr("abfm_viewer.pictures.match_picture", no_picture)
     told = abfm(f"demo --out {tmp_path} --quiet", status=1).err
     assert "note: no picture and no movie: no time for it\n" in told
@@ -456,14 +459,17 @@ def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, a
 def test_bench_prints_its_report_and_counts_successes(abfm, monkeypatch, tmp_path):
     small = {"subdivision": 2, "subdivisions": (1, 2), "iterations": 20, "repeats": 1, "timings": 1}
     monkeypatch.setattr(laboratory, "Settings", partial(laboratory.Settings, **small))
-    told = abfm("bench --seconds 0.3 --json")
+    told = abfm("bench --seconds 0.1 --json")
     report = json.loads(told.out)
-    assert report["settings"]["seconds"] == 0.3
+    assert report["settings"]["seconds"] == 0.1
     assert set(report["ratios"]["gradient_to_advection"]) == {"42", "162"}
     assert "cosines" in told.err
-    told = abfm("bench --seconds 0.3 --quiet")
+    monkeypatch.setattr(laboratory, "run", lambda tell, _: tell("a line") or report)
+    told = abfm("bench --quiet")
     assert "finest / coarsest" in told.out
     assert told.err == ""
+    before = replace(laboratory.success.BEFORE, iterations=5, refine=0)
+    monkeypatch.setitem(laboratory.success.VERSIONS, "before", before)
     success = f"bench --success --only-given --problems 1 --meshes {EIGHT}"
     told = abfm(f"{success} --json")
     (row,) = json.loads(told.out)["rows"]

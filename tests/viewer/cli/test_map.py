@@ -16,7 +16,7 @@ from tests.shapes import ellipsoid, icosphere
 def saved(path, mesh, velocity, target="coordinate:x", tau=1.0):
     """A result file of a flow that nobody searched."""
     f, g = function(mesh, "coordinate:x"), function(mesh, target)
-    problem = Problem(mesh, f, g, Parameters(tau=tau))
+    problem = Problem(mesh, f, g, Parameters(tau=tau, refine=0))
     as_match(Example(problem, "", (), Flow(mesh, velocity, tau))).save(path)
     return path
 

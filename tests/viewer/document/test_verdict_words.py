@@ -31,7 +31,7 @@ def iterations():
 @pytest.fixture(scope="module")
 def found(iterations):
     x, y, _ = SPHERE.vertices.T
-    parameters = abfm.Parameters(iterations=12, levels=2, reach=0.5)
+    parameters = abfm.Parameters(iterations=12, levels=2, reach=0.5, refine=0)
     match = abfm.match(SPHERE, x, y, parameters, on_iteration=iterations.append)
     verdict = Verdict("matched", "the mismatch fell from 1 to 0.012", "")
     known = {"mismatch": 0.0123, "verified_mismatch": 0.03, "folded": 0.001}

@@ -17,7 +17,7 @@ def _recorded(request):
 @pytest.fixture
 def matched(gui):
     """The app after a short run."""
-    short = replace(gui.session.parameters, iterations=20, cooling_stages=1)
+    short = replace(gui.session.parameters, iterations=20, cooling_stages=1, refine=0)
     gui.session.editor.amend(parameters=short)
     match(gui)
     return gui

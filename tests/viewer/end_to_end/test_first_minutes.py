@@ -51,8 +51,8 @@ def ready(session):
 
 
 def test_open_match_and_see_the_flow(tmp_path):
-    shutil.copy(asset_path("human_A.off"), tmp_path / "somebody.off")
-    with Driver(asset_path("human_A.off"), size=SIZE) as gui:
+    shutil.copy(asset_path("eight.off"), tmp_path / "somebody.off")
+    with Driver(asset_path("eight.off"), size=SIZE) as gui:
         session = gui.session
         gui.window.dialogs.folder = tmp_path
         gui.menu("File", "Open mesh...")

@@ -189,7 +189,7 @@ def test_presets_set_defaults_return_and_a_mask_weighs_the_mismatch(gui):
     gui.type("mask", "expression:x>0")
     assert gui.session.document.mask == "expression:x>0"
     gui.wait(lambda s: not s.obstacle)
-    gui.session.editor.amend(parameters=Parameters(iterations=5))
+    gui.session.editor.amend(parameters=Parameters(iterations=5, refine=0))
     match(gui)
     assert gui.session.result.mask is not None
     gui.type("mask", "")

@@ -127,6 +127,9 @@ def opened(mesh, folder):
             names = window.xdotool("search", "--sync", "--onlyvisible", "--name", "abfm")
             name = names.splitlines()[0]
             window.xdotool("windowmove", name, 0, 0)  # there is no window manager
+            window.xdotool(
+                "windowsize", name, 640, 480
+            )  # drawing takes as long as there are pixels
             window.xdotool("windowfocus", name)
             yield window
         finally:

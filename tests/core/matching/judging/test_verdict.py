@@ -42,7 +42,7 @@ def around(degrees, width=0.1):
 
 
 def matched(f, g, **parameters):
-    return abfm.match(SPHERE, f, g, Parameters(**parameters))
+    return abfm.match(SPHERE, f, g, Parameters(**{"refine": 0, **parameters}))
 
 
 def judged(match, **known):
