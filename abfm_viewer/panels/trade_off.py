@@ -8,13 +8,13 @@ import numpy as np
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
+from abfm import ParameterError
 from abfm.types import FloatArray
 from abfm_viewer.document.verdict_words import share
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets import plots
-from abfm_viewer.widgets.toolkit import Ui
-from abfm_viewer.widgets.widget_record import Range
+from abfm_viewer.widgets.toolkit import Ui, finite
 
 if TYPE_CHECKING:
     from abfm.matching import PathStep
@@ -55,11 +55,11 @@ def draw(context: Context, path: Steps) -> None:
     shown = len(path) - 1 if is_live else session.steps.shown
     chosen = None if is_live else session.steps.chosen
     _choice(ui, session, path, shown, chosen)
+    if not is_live:
+        _bound(ui, session)
     colors = {"mismatch": ui.colors.flow, "by flow lines": ui.colors.lines}
     plots.legend(ui, colors if chosen is None else colors | {_CHOSEN: ui.colors.good})
     _curve(ui, session, path, shown, chosen)
-    if not is_live:
-        _bound(ui, session)
 
 
 def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:
@@ -81,11 +81,24 @@ def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | Non
 def _bound(ui: Ui, session: Session) -> None:
     """Draw the knob of distortion, and what looks for the field that keeps it."""
     bound = session.bound
-    most = ui.bounded("distortion", bound.most, Range(0.1, 4, log=True), _AT_MOST, (0.01, 20.0))
-    bound.most = most
+    caption = ui.text_width("distortion") + imgui.GetStyle().ItemSpacing[0]
+    width = min(ui.px(90), imgui.GetContentRegionAvail()[0] - caption)
+    typed = ui.text("distortion", f"{bound.most:g}", _AT_MOST, width=width)
+    if typed is not None:
+        with ui.refusals.refusing("distortion"):
+            bound.most = _positive(typed)
     label = _STOP if bound.busy else _LIMIT
+    ui.beside_if_fits(label, is_button=True)
     if ui.button(label, _LOOK, enabled=session.result is not None):
         bound.stop() if bound.busy else bound.look()
+    ui.refusal("distortion")
+
+
+def _positive(text: str) -> float:
+    number = finite(text)
+    if number is None or not number > 0:
+        raise ParameterError(f"{text} is no distortion; expected a number above 0, such as 1")
+    return number
 
 
 def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:

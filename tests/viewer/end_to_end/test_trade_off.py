@@ -129,13 +129,15 @@ def test_the_distortion_is_limited_and_undo_goes_back(walked):
     assert session.result is not before
     assert not session.outdated
     assert f"keep {most:g} now" in session.notices.log[-1].text
-    walked.key("ctrl+z")
-    assert session.result is before
+    kept = session.result
+    walked.type("distortion", "none")
     walked.type("distortion", "4")
     walked.click("Limit distortion")
     walked.wait(lambda s: not s.bound.busy)
-    assert session.result is before
+    assert session.result is kept
     assert "keep 4 already" in session.notices.log[-1].text
+    walked.key("ctrl+z")
+    assert session.result is before
 
 
 def test_a_search_for_less_distortion_is_stopped_or_ends_with_its_result(walked):

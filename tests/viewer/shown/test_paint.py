@@ -8,7 +8,9 @@ import pytest
 from abfm import TriangleMesh, baselines
 from abfm.baselines import linear_blend, optimal_transport
 from abfm.mesh.subdivision import subdivided
+from abfm.reading.labels import Labels
 from abfm_viewer.document.document import COLORINGS
+from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.paint import Painter, _most
 from abfm_viewer.shown.shown import Field, Shown
@@ -106,6 +108,9 @@ def test_a_paint_is_the_same_object_until_what_it_shows_changes(session, painter
 @pytest.mark.parametrize("share", [0.4, 1.0])
 def test_surfaces_that_do_not_change_are_not_drawn_again(session, coloring, share, shown, painter):
     show(session, coloring=coloring, blend=True, transport=True, error=True)
+    mesh = session.surface().mesh
+    labels = LabelMap.of("halves", mesh, Labels((mesh.vertices[:, 0] > 0).astype(int)))
+    session.editor.amend(labels=labels)
     session.set_time(share * session.parameters.tau)
 
     def paints():
