@@ -140,7 +140,8 @@ def _error(context: Context) -> None:
             f"{float(difference.mean()):.4g}."
         )
     if session.result is not None and not (session.outdated or session.solver.running):
-        ui.note(f"Mismatch at τ: {numbers(session.result)}; relative to the target in L2.")
+        if not session.result.problem.is_of_landmarks:
+            ui.note(f"Mismatch at τ: {numbers(session.result)}; relative to the target in L2.")
         if session.result.refined:
             ui.note(f"{sentence(refinement(session.result))} View, Finer mesh shows it there.")
 
