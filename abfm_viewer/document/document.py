@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import compress
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -138,6 +138,16 @@ class Surface:
     front: Front | None = field(default=None, compare=False)
 
 
+class Asked(NamedTuple):
+    """What an initial map, and what is matched by it, are found for."""
+
+    word: str
+    channels: tuple[Channel, ...]
+    mask: str
+    landmarks: tuple[Landmark, ...]
+    landmarks_alone: bool
+
+
 @dataclass(frozen=True)
 class InitialMap:
     """The map by which a result's functions came from surface A to surface B, what is worth knowing
@@ -151,17 +161,16 @@ class InitialMap:
     notes: tuple[str, ...] = ()
     landmarks: tuple[Landmark, ...] = ()
     landmarks_alone: bool = False
+    # A's, (V_A, C), as they are compared; None where they are known on B alone
+    functions: FloatArray | None = field(default=None, compare=False)
+
+    @property
+    def asked(self) -> Asked:
+        return Asked(self.word, self.channels, self.mask, self.landmarks, self.landmarks_alone)
 
     def is_for(self, document: Document) -> bool:
         """Return whether a document still has what it was found for."""
-        then = (self.word, self.channels, self.mask, self.landmarks, self.landmarks_alone)
-        return then == (
-            document.initial,
-            document.channels,
-            document.mask,
-            document.pairs,
-            document.landmarks_alone,
-        )
+        return self.asked == document.asked
 
 
 @dataclass(frozen=True)
@@ -314,6 +323,10 @@ class Document:
     def pairs(self) -> tuple[Landmark, ...]:
         """Landmarks that are placed on both sides, which are matched."""
         return tuple(landmark for landmark in self.landmarks if landmark.is_whole)
+
+    @property
+    def asked(self) -> Asked:
+        return Asked(self.initial, self.channels, self.mask, self.pairs, self.landmarks_alone)
 
     @property
     def weights(self) -> tuple[float, ...]:

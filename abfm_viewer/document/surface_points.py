@@ -39,7 +39,9 @@ def paired(a: TriangleMesh, b: TriangleMesh, pairs: Sequence[Landmark]) -> Landm
 
 
 def landmarks_of(given: Landmarks) -> tuple[Landmark, ...]:
-    own = points_of(given.a), points_of(given.b), given.weights.tolist(), given.names
+    """Return landmarks as documents have them, without names that are their numbers from 0."""
+    names = ("" if name == str(n) else name for n, name in enumerate(given.names))
+    own = points_of(given.a), points_of(given.b), given.weights.tolist(), names
     return tuple(map(Landmark, *own))
 
 

@@ -70,6 +70,7 @@ _INITIAL = {  # without the meshes
     for name, entry in CORRESPONDENCE_ENTRIES.items()
     if name.removeprefix("a_") not in MESH_ENTRIES
 }
+_FUNCTIONS = {"functions": Entry("real", ("VA", "C"), required=False)}
 _LABELS = {"values": Entry("integer", ("V",))}
 _PLAIN = ("parameters", "verdict", "remedies")  # parts of a result that are no arrays
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in _PLAIN}
@@ -197,7 +198,9 @@ def _of_surface_a(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
     if (initial := document.initial_map) is not None:
         of_map = initial.correspondence.arrays()
         arrays |= {f"initial/{name}": of_map[name] for name in _INITIAL if name in of_map}
-        content["initial_map"] = to_plain(initial, without=("correspondence",))
+        if initial.functions is not None:
+            arrays["initial/functions"] = initial.functions
+        content["initial_map"] = to_plain(initial, without=("correspondence", "functions"))
     if (labels := document.labels) is not None:
         arrays["labels/values"] = labels.values
         content["labels"] = to_plain(labels, without=("values",))
@@ -302,7 +305,8 @@ def _meshes(
         meshes = (surface.mesh for surface in written.surfaces) if written else ()
         return tuple(meshes) or (mesh_of(of_a), mesh_of(parts)), None
     sizes = {"V": len(parts["vertices"]), "VA": len(of_a["vertices"])}
-    maps = check_arrays(arrays, _INITIAL, "initial/", **sizes)
+    maps = check_arrays(arrays, _INITIAL | _FUNCTIONS, "initial/", **sizes)
+    functions = maps.pop("functions", None)
     if written is not None and written.initial_map is not None:
         found = written.initial_map.correspondence
     else:
@@ -310,7 +314,8 @@ def _meshes(
 
         of_both = parts | {f"a_{name}": part for name, part in of_a.items()} | maps
         found = correspondence_of(of_both)
-    initial: InitialMap = from_plain(InitialMap, state, "project.initial_map", correspondence=found)
+    made = {"correspondence": found, "functions": functions}
+    initial: InitialMap = from_plain(InitialMap, state, "project.initial_map", **made)
     return (found.a, found.b), initial
 
 

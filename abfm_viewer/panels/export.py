@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import abfm
 from abfm_viewer.document.document import Document
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_step
@@ -94,8 +93,8 @@ def _draw_labels(context: Context, later: str) -> None:
     def save(path: Path) -> None:
         labels, result = session.document.labels, session.result
         if labels is not None and result is not None:
-            way = session.registration or abfm.Correspondence(result.point_map())
-            context.exporter.save_labels(path, labels, way)
+            found = session.registration or result
+            context.exporter.save_labels(path, labels, found)
 
     tip = f"Labels, carried to τ, never mixed (.label.gii, .annot, or a table of keys).{later}"
     if ui.button("Save carried labels...", tip, enabled=session.result is not None):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
@@ -19,7 +18,6 @@ from abfm_viewer.computing.background import Memo
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import SIDES, Document, Front, Look, Point, Side, triple
 from abfm_viewer.scene import opengl, surfaces
-from abfm_viewer.scene.hidden_points import are_hidden
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays, Placed, evenly_spread, vertex_normals
 from abfm_viewer.scene.pacing import Pacing
@@ -58,7 +56,6 @@ class Scene:
         self.painter = Painter(shown)
         self._flow, self._links = shown.flow, Memo[Links]()
         self._landmarks = shown.landmarks
-        self._hidden = defaultdict[tuple[str, Side | None], Memo[NDArray[np.bool_]]](Memo)
         self._placing = Placing()
         self.overlays = Overlays(shown, self._placing.placed.discard)
         self.pacing = Pacing(shown.session)
@@ -214,10 +211,7 @@ class Scene:
         if marks is None or self._session.surface(name).mesh is not marks.mesh:
             return []
         at, axes = self.projected(name, marks.places)[:, :2], self.view_of(name).rotation
-        hidden = self._hidden[name, side].get(
-            (marks, axes.tobytes()),
-            lambda: are_hidden(marks.mesh, marks.places, marks.normals, axes),
-        )
+        hidden = self._landmarks.hidden(name, side, marks, axes)
         seen = _inside(at, self.view.slots[name].rect) & ~hidden
         return [
             DrawnMark(name, side, number, (float(x), float(y)), is_goal)

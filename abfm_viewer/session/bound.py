@@ -11,13 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 import abfm
+from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step
-from abfm.workers.worker import Worker
+from abfm.workers.worker import Worker, stateless
 from abfm_viewer.computing.background import Jobs, Latest, same
 from abfm_viewer.document.document import InitialMap
 from abfm_viewer.session.editor import Editor
 from abfm_viewer.session.notices import Notices
+
+_ENDED = "the process that looks for it has ended; try again"
 
 
 class _Wanted(NamedTuple):
@@ -30,11 +33,14 @@ class _Wanted(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """The closest match on the way, whether it keeps the bound, and if not why."""
+    """The closest match on the way, whether it keeps the bound, and if not why; how far it leaves
+    landmarks, which takes too long where that is shown.
+    """
 
     match: abfm.Match
     is_kept: bool
     why: str
+    errors: FloatArray | None
 
 
 class Bound:
@@ -42,10 +48,9 @@ class Bound:
     ``most``, as |log2 J| and |log2 R|, in a process, one at a time.
     """
 
-    def __init__(
-        self, editor: Editor, jobs: Jobs, notices: Notices, apart: Worker[None] | None
-    ) -> None:
-        self._editor, self._notices, self._apart = editor, notices, apart
+    def __init__(self, editor: Editor, jobs: Jobs, notices: Notices, at_once: bool = False) -> None:
+        self._editor, self._notices = editor, notices
+        self._apart = None if at_once else Worker(stateless, _ENDED)
         self._found: Latest[_Found] = jobs.latest()
         self._wanted: _Wanted | None = None
         self.most = 1.0
@@ -71,6 +76,11 @@ class Bound:
         if self._wanted is not None:
             self._wanted.control.cancel(briefly=True)
         self._wanted = None
+
+    def close(self) -> None:
+        """End the process; who waits for its answer is told."""
+        if self._apart is not None:
+            self._apart.close()
 
     def update(self) -> None:
         """Take in what was found: call once per frame."""
@@ -105,6 +115,8 @@ class Bound:
             # sigma is that of its step, and the parameters are those that the user has
             problem = found.match.problem.with_parameters(wanted.result.parameters)
             result = replace(found.match, problem=problem)
+            if found.errors is not None:
+                vars(result)["landmark_errors"] = found.errors
             label = f"limit the distortion to {wanted.most:g}"
             self._editor.change(label, result=result, chosen=None)
             self._notices.say(f"{faces} keep {wanted.most:g} now; undo returns to what was closer")
@@ -117,7 +129,7 @@ def _within(
     why = f"even the smoothest field is beyond {most:g} on more faces than that"
     if initial is None:
         found = abfm.matching.bounded(result, most)
-        return _Found(found, abfm.matching.keeps(found, most), why)
+        return _Found(found, abfm.matching.keeps(found, most), why, found.landmark_errors)
     whole = abfm.registration.within(abfm.Registration(initial, result), most)
     is_kept = abfm.matching.is_kept(whole.distortion(), most)
-    return _Found(whole.match, is_kept, "; ".join(whole.notes) or why)
+    return _Found(whole.match, is_kept, "; ".join(whole.notes) or why, whole.landmark_errors)

@@ -254,10 +254,7 @@ class Editor:
         self.set_landmarks("place a landmark", tuple(landmarks), number)
 
     def move_landmark(self, number: int, side: Side, point: Point, merge: str) -> None:
-        """Move one along its surface, unless it was taken back meanwhile."""
         landmarks = [*self.document.landmarks]
-        if number >= len(landmarks):
-            return
         landmarks[number] = landmarks[number].placed(side, point)
         self.set_landmarks("move a landmark", tuple(landmarks), number, merge)
 

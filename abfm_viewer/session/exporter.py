@@ -108,9 +108,14 @@ class Exporter:
 
         self._start(path, REGISTERED, write)
 
-    def save_labels(self, path: Path, labels: LabelMap, found: abfm.Correspondence) -> None:
+    def save_labels(
+        self, path: Path, labels: LabelMap, found: abfm.Correspondence | abfm.Match
+    ) -> None:
         def write() -> None:
-            carried = outputs.on_file(found.b, found.carry_labels(labels.values, "area"))
+            way = found
+            if isinstance(way, abfm.Match):
+                way = abfm.Correspondence(way.point_map())
+            carried = outputs.on_file(way.b, way.carry_labels(labels.values, "area"))
             abfm.io.write_labels(path, labels.labels(carried))
 
         self._start(path, LABELS, write)

@@ -125,18 +125,13 @@ class DocumentFunctions:
                 self._compared, self._answer = result, self._differs(result, document)
             return self._answer
 
-        landmarks = document.pairs, document.landmarks_alone
-        problem = (
-            document.parameters,
-            document.channels,
-            document.mask,
-            document.initial,
-            *landmarks,
-        )
+        problem = document.parameters, document.asked
         return self._is_outdated.get((result, problem, document.initial_map, *values), compare)
 
     def _differs(self, result: abfm.Match, document: Document) -> bool:
         channels = document.channels
+        if len(channels) != result.source.shape[1]:
+            return True
         alone = document.landmarks_alone and result.problem.is_of_landmarks
         weights = result.weights.tolist()
         if result.parameters != document.parameters or not (

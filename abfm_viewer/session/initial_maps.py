@@ -15,9 +15,9 @@ from abfm import AbfmError, Parameters, TriangleMesh
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import Step
-from abfm.workers.worker import Worker
+from abfm.workers.worker import Worker, WorkerEndedError
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
-from abfm_viewer.document.document import SIDES, Document, Landmark, Side
+from abfm_viewer.document.document import SIDES, Asked, Document, Landmark, Side
 from abfm_viewer.document.surface_points import paired
 from abfm_viewer.session.functions import DocumentFunctions
 
@@ -50,11 +50,13 @@ class _Way(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What is matched on B, and the map by which A's functions came there."""
+    """What is matched on B, the map by which A's functions came there, and what for."""
 
     correspondence: abfm.Correspondence
     problem: abfm.Problem
     notes: tuple[str, ...]
+    asked: Asked
+    functions: FloatArray | None = None  # A's, (V_A, C), as they are compared
     usual: Parameters | None = None  # what functions like these are best matched with
 
 
@@ -95,7 +97,8 @@ class InitialMaps:
             return None
         kept, result = document.initial_map, document.result
         if kept is not None and result is not None and kept.is_for(document):
-            of_result = kept.correspondence, result.problem, kept.notes
+            asked, functions = kept.asked, kept.functions
+            of_result = kept.correspondence, result.problem, kept.notes, asked, functions
             return self._of_result.get(of_result, lambda: Prepared(*of_result))
         given = self._given(document)
         a, b = (surface.mesh for surface in document.surfaces)
@@ -111,7 +114,8 @@ class InitialMaps:
         if word == GIVEN and kept is not None:
             word = kept.correspondence
         way = _Way(a, b, word)
-        return self._prepared.newest(wanted, self._prepare, self._control, way, given)
+        asked = document.asked
+        return self._prepared.newest(wanted, self._prepare, self._control, way, given, asked)
 
     def compared(self, document: Document, side: Side) -> FloatArray | None:
         """Return a side's function of the active channel on B, as a flow carries or meets it: a
@@ -151,7 +155,7 @@ class InitialMaps:
         key = self._prepared.key
         return isinstance(key, tuple) and same(key[0], wanted)
 
-    def _prepare(self, control: Control, way: _Way, given: _Given) -> Prepared:
+    def _prepare(self, control: Control, way: _Way, given: _Given, asked: Asked) -> Prepared:
         source, target = (np.stack(own, axis=1) for own in (given.source, given.target))
         with controlled(control), _told():
             initial, notes = self._map(way, given)
@@ -166,7 +170,7 @@ class InitialMaps:
                 weights=given.weights,
             )
         notes, usual = (*notes, *found.notes), found.problem.parameters
-        return Prepared(found.initial, found.problem, notes, usual)
+        return Prepared(found.initial, found.problem, notes, asked, found.functions, usual)
 
     def _map(self, way: _Way, given: _Given) -> tuple[abfm.Correspondence, tuple[str, ...]]:
         """Return the map, found anew where something changed that it asks for, and what is worth
@@ -192,7 +196,10 @@ class InitialMaps:
         def find() -> tuple[abfm.Correspondence, tuple[str, ...]]:
             if self._apart is None:
                 return _found(None, word, about)
-            return self._apart.call(_found, word, about).result()
+            try:
+                return self._apart.call(_found, word, about).result()
+            except WorkerEndedError:  # was killed: another one may do it
+                return self._apart.call(_found, word, about).result()
 
         return self._maps.get((way.a, way.b, word, *asked), find)
 

@@ -9,7 +9,17 @@ from abfm_viewer.document.document import Document, Identity
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Editor
 
-_CONTENT = ("channels", "parameters", "mask", "initial", "lines", "points")
+_CONTENT = (
+    "channels",
+    "parameters",
+    "mask",
+    "initial",
+    "landmarks",
+    "landmarks_alone",
+    "labels",
+    "lines",
+    "points",
+)
 """What besides the result would be lost; the view and the time do not count."""
 
 

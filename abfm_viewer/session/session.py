@@ -70,7 +70,7 @@ class Session:
         self.loading = Loading(self._jobs, self.notices)
         self.saves = Saves(self.editor)
         self.steps = PathSteps(self.editor, self._jobs, self.notices)
-        self.bound = Bound(self.editor, self._jobs, self.notices, self._apart)
+        self.bound = Bound(self.editor, self._jobs, self.notices, at_once)
         self.solver = Solver()
         self.player = Player()
         self.dragging = self.draws_quickly = False
@@ -144,11 +144,17 @@ class Session:
         self.notices.say(" ".join(mesh.messages))
 
     def set_surfaces(self, *surfaces: Surface) -> None:
-        """Register surface A to another one, B, or go back to one; the first source stays."""
+        """Register surface A to another one, B, or go back to one; the first source stays, as do
+        labels and landmarks of A.
+        """
         view = replace(self.view, look=None, large="")
         fresh = Document(surfaces, parameters=self.parameters, view=view)
-        if self.channels and surfaces[0].mesh is self.surface("source").mesh:
-            self._sources[fresh.identity] = self.channels[0].source
+        if surfaces[0].mesh is self.surface("source").mesh:
+            halves = tuple(replace(one, target=None) for one in self.document.landmarks)
+            kept = tuple(half for half in halves if half.source is not None)
+            fresh = replace(fresh, labels=self.document.labels, landmarks=kept)
+            if self.channels:
+                self._sources[fresh.identity] = self.channels[0].source
         self._go_to(fresh, None, saved=True)
 
     def restore(
@@ -198,7 +204,8 @@ class Session:
         result, initial = self.document.result, self.document.initial_map
         if result is None or initial is None:
             return None
-        return abfm.Registration(initial.correspondence, result, initial.notes)
+        of = initial.correspondence, result, initial.notes, initial.functions
+        return abfm.Registration(*of)
 
     def compared(self, side: Side) -> FloatArray | None:
         """The same as a flow carries or meets it, (V,), on B where there are two surfaces."""
@@ -230,13 +237,27 @@ class Session:
     @property
     def problem(self) -> ProblemSpec:
         document, prepared, initial = self.document, self.prepared, None
-        channels, mask = document.channels, document.mask
-        landmarks = document.pairs, document.landmarks_alone
         if prepared is not None:
-            found, notes = prepared.correspondence, prepared.notes
-            initial = InitialMap(found, document.initial, channels, mask, notes, *landmarks)
-        mesh = self.surface().mesh
-        return ProblemSpec(mesh, channels, document.parameters, mask, *landmarks, initial)
+            of = prepared.asked  # lately maybe not what the document asks now
+            initial = InitialMap(
+                prepared.correspondence,
+                of.word,
+                of.channels,
+                of.mask,
+                prepared.notes,
+                of.landmarks,
+                of.landmarks_alone,
+                prepared.functions,
+            )
+        return ProblemSpec(
+            self.surface().mesh,
+            document.channels,
+            document.parameters,
+            document.mask,
+            document.pairs,
+            document.landmarks_alone,
+            initial,
+        )
 
     @property
     def obstacle(self) -> str:
@@ -446,6 +467,7 @@ class Session:
     def close(self) -> None:
         self.solver.close()
         self.functions.close()
+        self.bound.close()
         if self._apart is not None:
             self._apart.close()
         self._jobs.close()

@@ -42,6 +42,7 @@ from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
+    from abfm.reading.labels import Labels
     from abfm_viewer.files.state_folder import StateFolder
 
 MESHES, PROJECT, RESULT = (*READERS, *FREESURFER_SURFACES), ".abfm", ".npz"
@@ -143,7 +144,8 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
         given = zip(starts, document.landmarks, strict=True)
         landmarks = tuple(one.placed("source", start) for start, one in given)
     of = document.channels, document.mask
-    kept = InitialMap(initial, GIVEN, *of, found.notes, landmarks, document.landmarks_alone)
+    marks_of = landmarks, document.landmarks_alone
+    kept = InitialMap(initial, GIVEN, *of, found.notes, *marks_of, found.functions)
     opened = replace(document, surfaces=pair, landmarks=landmarks, initial=GIVEN, initial_map=kept)
     return opened, known
 
@@ -163,6 +165,16 @@ def _needs_no_file(spec: str) -> bool:
         return not terms_from_files(spec)
     except FunctionError:  # of another version
         return False
+
+
+def _labels(path: Path) -> Labels:
+    """Read labels; of several columns the first, as nothing asks for another one."""
+    try:
+        return abfm.functions.read_labels(path)
+    except FunctionError as error:
+        if "choose column=" not in str(error):
+            raise
+        return abfm.functions.read_labels(path, "0")
 
 
 class SessionFiles:
@@ -234,7 +246,7 @@ class SessionFiles:
         """Take the labels of a file for the source's surface."""
         session = self._session
         try:
-            labels = abfm.functions.read_labels(path)
+            labels = _labels(path)
             found = LabelMap.of(path.name, session.surface("source").mesh, labels)
         except FunctionError as error:
             session.notices.say(str(error), is_error=True)

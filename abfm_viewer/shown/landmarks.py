@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -11,11 +12,12 @@ import numpy as np
 
 import abfm
 from abfm import TriangleMesh
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import SIDES, Landmark, Side
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.hidden_points import are_hidden
 from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
 
 if TYPE_CHECKING:
@@ -74,6 +76,18 @@ class ShownLandmarks(Jobs):
         self._starts: Memo[SurfacePoints] = Memo()
         self._ways: Latest[Ways] = self.latest()
         self._moved = Memo[Marks]()
+        self._axes = defaultdict[tuple[str, Side | None], Memo[FloatArray]](Memo)
+        self._hidden = defaultdict[tuple[str, Side | None], Latest[BoolArray]](self.latest)
+
+    def hidden(self, slot: str, side: Side | None, marks: Marks, axes: FloatArray) -> BoolArray:
+        """Tell which marks in a slot are hidden, (P,), seen by axes (3, 3); lately those of an
+        earlier view.
+        """
+        made_of = marks.mesh, marks.places, marks.normals
+        kept = self._axes[slot, side].get((axes.tobytes(),), lambda: axes)
+        about = marks.mesh, marks.numbers
+        found = self._hidden[slot, side].newest(about, are_hidden, *made_of, kept)
+        return np.zeros(len(marks.numbers), dtype=bool) if found is None else found
 
     def placed(self, side: Side) -> Marks | None:
         """Return where the user placed them on the surface of a side; None if nowhere."""
@@ -112,9 +126,10 @@ class ShownLandmarks(Jobs):
         if document.is_pair and initial is None:
             return None
         mesh = document.surface("source").mesh
+        sources = tuple(one.source for one in landmarks if one.source)
 
         def start() -> SurfacePoints:
-            points = surface_points(mesh, [one.source for one in landmarks if one.source])
+            points = surface_points(mesh, sources)
             return points if initial is None else initial.carry_points(points)
 
-        return self._starts.get((mesh, initial, landmarks), start)
+        return self._starts.get((mesh, initial, sources), start)

@@ -3,7 +3,7 @@
 from collections import defaultdict
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,6 @@ class Painter:
         self.largest_error: float | None = None  # of a movie, where the range must not change
         self._shown, self._session = shown, shown.session
         self._kept: dict[str, Memo[Paint]] = defaultdict(Memo)
-        self._tree: Memo[Any] = Memo()  # of the vertices of the surface with labels
         self._range, self._range_on_a = Memo[ColorRange](), Memo[ColorRange]()
 
     def paint(self, name: str) -> Paint | None:
@@ -216,7 +215,7 @@ class Painter:
     def _carried(self, name: str, coordinates: FloatArray, title: str) -> Paint | None:
         kind, theme = self._session.view.coloring, self._session.view.theme
         if kind == "labels":
-            return self._labels(name, coordinates, title)
+            return self._labels(name, title)
         surface = self._session.surface("source")  # whose places they are
         mesh, front = surface.mesh, surface.front or Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 
@@ -230,22 +229,19 @@ class Painter:
 
         return self._kept[name].get((coordinates, kind, front, title, theme), make)
 
-    def _labels(self, name: str, coordinates: FloatArray, title: str) -> Paint | None:
-        """Show the labels at places (V, 3) of the source's surface; None where there are none."""
-        labels, mesh = self._session.document.labels, self._session.surface("source").mesh
+    def _labels(self, name: str, title: str) -> Paint | None:
+        """Show labels where they are, or carried; None where there are none, or not yet."""
+        labels, is_carried = self._session.document.labels, name not in SIDES
         if labels is None:
+            return None
+        values = self._shown.flow.labels() if is_carried else labels.values
+        if values is None:
             return None
 
         def make() -> Paint:
-            values = labels.values
-            if coordinates is not mesh.vertices:
-                from scipy.spatial import KDTree  # late, as the first frame needs none
-
-                tree = self._tree.get((mesh,), lambda: KDTree(mesh.vertices))
-                values = values[tree.query(coordinates)[1]]
             return Paint("colors", labels.linear_colors(values), title)
 
-        return self._kept[name].get((coordinates, labels, title), make)
+        return self._kept[name].get((values, labels, title), make)
 
     def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
         texture = self._shown.quantities.texture(advected, colors)

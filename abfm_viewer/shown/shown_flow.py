@@ -7,16 +7,20 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 import abfm
 from abfm import AbfmError, Parameters, TriangleMesh
-from abfm.types import FloatArray
+from abfm.mesh import per_mesh
+from abfm.types import FloatArray, IntArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import CARRIED, EXTRAPOLATION
 from abfm_viewer.session.session import Session
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 _TIMES, _TIMES_WHILE_SOLVING = 61, 17
 _LONGEST = 60_000_000  # numbers in a span, as float32
@@ -184,6 +188,18 @@ class Carried:
         return self._blended.get((known, time), partial(known.at, time))
 
 
+def labels_at(mesh: TriangleMesh, values: IntArray, places: FloatArray) -> IntArray:
+    """Return the labels (P,) of the vertices nearest to places (P, 3), of labels of all (V,)."""
+    return np.asarray(values[vertex_tree(mesh).query(places)[1]])
+
+
+@per_mesh
+def vertex_tree(mesh: TriangleMesh) -> KDTree:
+    from scipy.spatial import KDTree  # late, as the first frame needs none
+
+    return KDTree(mesh.vertices)
+
+
 def _field(found: abfm.Match | abfm.Iteration) -> FloatArray:
     return found.fine_velocity if isinstance(found, abfm.Match) else found.velocity
 
@@ -197,6 +213,7 @@ class ShownFlow(Jobs):
         self._source = Carried(self)
         self._coordinates = Carried(self, FlowState.origins)
         self._destinations = Carried(self, FlowState.destinations)
+        self._labels: Latest[IntArray] = self.latest()
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
         self._places = Memo[FloatArray]()
@@ -297,6 +314,16 @@ class ShownFlow(Jobs):
         if flow is None or places is None:
             return places
         return self._coordinates.at(flow, places, self.time, self.settled)
+
+    def labels(self) -> IntArray | None:
+        """Return the labels of the source's surface where each vertex's value came from at the
+        shown time, (V,), lately of an earlier one; None before that is known.
+        """
+        labels, places = self._session.document.labels, self.coordinates()
+        if labels is None or places is None:
+            return None
+        mesh = self._session.surface("source").mesh
+        return self._labels.newest((labels, places.shape), labels_at, mesh, labels.values, places)
 
     @property
     def _origins(self) -> FloatArray | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import polyscope.imgui as imgui
 
-from abfm_viewer.document.document import SIDES, Side
+from abfm_viewer.document.document import SIDES, Landmark, Side
 from abfm_viewer.scene.scene import DrawnMark, Scene
 from abfm_viewer.scene.slots import Place
 from abfm_viewer.session import active_gaussian
@@ -36,6 +36,7 @@ class Mouse:
         self.over = ""
         self._edited: Side | None = None
         self._dragged: DrawnMark | None = None
+        self._landmarks: tuple[Landmark, ...] = ()  # as the drag has left them
         self._wheel_until = 0.0
         self._pressed_at: Place | None = None
         self._turned: _Turn | None = None
@@ -134,19 +135,27 @@ class Mouse:
     def _drag_landmark(self, session: Session, scene: Scene, place: Place, over: bool) -> bool:
         """Move a landmark along its surface; whether the mouse is on one, or moves one."""
         if self._dragged is None:
-            mark = scene.landmark_at(place) if over else None
+            is_busy = self._turned is not None or self._moves or imgui.GetIO().MouseWheel
+            if not over or is_busy or any(map(imgui.IsMouseDown, _MOVING)):
+                return False
+            mark = scene.landmark_at(place)
             if mark is not None and imgui.IsMouseClicked(0):
                 session.editor.seal()
                 session.editor.activate_landmark(mark.number)
                 self._dragged, self._pressed_at = mark, None
-            return mark is not None and not any(map(imgui.IsMouseDown, _MOVING))
+                self._landmarks = session.document.landmarks
+            return mark is not None
         mark = self._dragged
+        if session.document.landmarks is not self._landmarks:  # removed or taken back meanwhile
+            self._dragged = None
+            return False
         if tuple(imgui.GetIO().MouseDelta) == (0, 0) or mark.side is None:
             return True
         hit = scene.pick(place)
         if hit is not None and hit.surface == mark.surface:
             label = f"drag landmark {mark.number} {mark.side}"
             session.editor.move_landmark(mark.number, mark.side, hit.point, label)
+            self._landmarks = session.document.landmarks
         return True
 
     def _place_point(self, session: Session, scene: Scene, place: Place, over: bool) -> None:

@@ -93,7 +93,7 @@ class Registration(Correspondence):
         return self.initial.arrays() | own | match_arrays(self.match)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Registration, (self.initial, self.match, self.notes)
+        return Registration, (self.initial, self.match, self.notes, self.functions)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError; as a

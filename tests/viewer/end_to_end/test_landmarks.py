@@ -207,3 +207,59 @@ def test_on_one_surface_they_are_matched_beside_functions(tmp_path):
         errors = gui.errors
         gui.__exit__(None, None, None)
     assert not errors
+
+
+def test_they_are_work_that_is_not_saved_and_a_keeps_its_half(gui):
+    session = gui.session
+    assert not session.saves.unsaved
+    place(gui, 2)
+    assert session.saves.unsaved
+    sources = [one.source for one in session.document.landmarks]
+    gui.menu("File", "Close second surface")
+    gui.wait(lambda s: not s.document.is_pair)
+    assert [(one.source, one.target) for one in session.document.landmarks] == [
+        (source, None) for source in sources
+    ]
+
+
+def test_channels_that_come_to_landmarks_alone_outdate_the_match(tmp_path):
+    gui = shown(off_file(tmp_path / "ball.off", BALL))
+    try:
+        gui.click("Place landmarks")
+        gui.pick(12, "source", modifiers=())
+        gui.pick(30, "target", modifiers=())
+        gui.check("landmarks alone")
+        gui.wait(lambda s: not s.obstacle)
+        match(gui)
+        assert not gui.session.outdated
+        gui.click("Add")
+        gui.wait(lambda s: s.outdated)
+    finally:
+        errors = gui.errors
+        gui.__exit__(None, None, None)
+    assert not errors
+
+
+def test_a_landmark_that_is_removed_while_it_is_dragged_leaves_the_others(gui):
+    session = gui.session
+    place(gui, 2)
+    _, second = session.document.landmarks
+    mark = next(one for one in gui.window.scene.landmarks() if one.number == 0 and one.side)
+    gui.input.move(*mark.place)
+    gui.input.press()
+    gui.frames(1)
+    session.editor.remove_landmark()
+    gui.input.move(mark.place[0] + 20, mark.place[1] + 10)
+    gui.input.release()
+    gui.frames(2)
+    assert session.document.landmarks == (second,)
+
+
+def test_the_wheel_zooms_over_a_landmark_too(gui):
+    place(gui, 2)
+    gui.frames(2)
+    mark = next(one for one in gui.window.scene.landmarks() if one.side)
+    gui.input.move(*mark.place)
+    gui.input.wheel(2)
+    gui.frames(2)
+    assert gui.session.view.look.zoom > 1

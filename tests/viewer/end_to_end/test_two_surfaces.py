@@ -1,16 +1,18 @@
 """Surface A is registered to surface B in the window."""
 
+import threading
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+import abfm
 from abfm.functions import read_labels
 from abfm.io import write_labels
 from abfm.reading.labels import Labels
 from abfm_viewer.automation import Driver
-from abfm_viewer.document.document import Channel
+from abfm_viewer.document.document import Channel, Point
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.panels.right_panel import TABS
 from tests.mesh_writers import off_file
@@ -245,7 +247,7 @@ def test_labels_are_shown_carried_saved_and_kept_in_projects(gui, tmp_path):
     gui.wait(lambda s: not s.obstacle)
     gui.drag("time", 0)
     gui.frames(3)
-    assert_array_equal(paints["advected"].values, table.linear_colors(keys))
+    gui.wait(lambda _: (paints["advected"].values == table.linear_colors(keys)).all())
     match(gui)
     gui.drag("time", session.parameters.tau)
     expected = session.registration.carry_labels(keys)
@@ -271,3 +273,37 @@ def test_labels_are_shown_carried_saved_and_kept_in_projects(gui, tmp_path):
     gui.double_click("few.label.gii")
     assert session.document.labels is table
     assert "few.label.gii" in session.notices.log[-1].text
+
+
+def test_a_run_with_the_map_of_earlier_landmarks_is_of_these(gui, monkeypatch):
+    session, prepare, may_go_on = gui.session, abfm.registration.prepare, threading.Event()
+    gui.choose("initial map", "same connectivity")
+    gui.wait(lambda s: not s.obstacle)
+
+    def late(*given, **named):
+        may_go_on.wait(10)
+        return prepare(*given, **named)
+
+    monkeypatch.setattr(abfm.registration, "prepare", late)
+    session.editor.place_landmark("source", Point(0, (1.0, 0.0, 0.0)))
+    session.editor.place_landmark("target", Point(9, (1.0, 0.0, 0.0)))
+    gui.frames(2)
+    spec = session.problem
+    assert len(spec.landmarks) == 1
+    assert spec.initial.landmarks == ()  # so that its result is outdated
+    assert not spec.initial.is_for(session.document)
+    may_go_on.set()
+    gui.wait(lambda s: not s.obstacle)
+    assert session.problem.initial.is_for(session.document)
+
+
+def test_saved_registrations_have_functions_of_a(gui, tmp_path):
+    session = gui.session
+    session.editor.change("functions", channels=(Channel(NEAR, FAR),), initial="connectivity")
+    gui.wait(lambda s: not s.obstacle)
+    match(gui)
+    functions = session.registration.functions
+    assert_allclose(functions[:, 0], session.values("source"))
+    save_project(tmp_path / "p.abfm", session.document, {})
+    again = load_project(tmp_path / "p.abfm")[0]
+    assert_array_equal(again.initial_map.functions, functions)

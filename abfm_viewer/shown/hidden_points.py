@@ -14,10 +14,10 @@ _BEHIND = 0.01  # of sqrt(area): what is less far behind a face lies on it
 def are_hidden(
     mesh: TriangleMesh, places: FloatArray, normals: FloatArray, axes: FloatArray
 ) -> NDArray[np.bool_]:
-    """Tell which of the places (P, 3) with normals (P, 3) look away, or have a face before them,
-    (P,); axes (3, 3) are what is to the right, up, and towards the viewer.
+    """Tell which of the places (P, 3) with normals (P, 3) have a face before them, or look away on
+    a surface without boundary, (P,); axes (3, 3) are what is right, up, and towards the viewer.
     """
-    hidden: NDArray[np.bool_] = normals @ axes[2] <= 0
+    hidden: NDArray[np.bool_] = (normals @ axes[2] <= 0) & mesh.is_closed
     if hidden.all():
         return hidden
     corners = (mesh.vertices @ axes.T)[mesh.faces]

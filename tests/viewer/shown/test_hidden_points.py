@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from abfm.calculus import face_normals
-from abfm_viewer.scene.hidden_points import are_hidden
+from abfm_viewer.shown.hidden_points import are_hidden
 from tests.shapes import icosphere, torus
 
 SPHERE, RING = icosphere(3), torus(60, 30)
