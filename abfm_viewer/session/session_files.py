@@ -230,16 +230,13 @@ class SessionFiles:
         self._load(Load(what, read, remedies=remedies, source=(Origin.of(path), "second")))
 
     def _open_pair(self, first: Path, second: Path) -> None:
-        def read() -> Do:
-            a, b = load_mesh(first), load_mesh(second)
-            surfaces = Surface(a, first.name), Surface(b, second.name)
-            show = partial(self._session.set_surfaces, *surfaces)
-            told = f"{first.name} is surface A, {second.name} surface B", *a.messages, *b.messages
-            return partial(self._show, second, show, told)
+        def show(path: Path, mesh: TriangleMesh) -> None:
+            self._show_mesh(path, mesh)
+            self.open_second(second)
 
         remedies = self._offered(OTHER_MESH, partial(self._open_pair, first, second))
-        source = Origin.of(first), Origin.of(second)
         what = f"opening {first.name} and {second.name}"
+        read, source = partial(self._read_mesh, first, show), (Origin.of(first), second)
         self._load(Load(what, read, remedies=remedies, source=source))
 
     def open_labels(self, path: Path) -> None:

@@ -77,9 +77,10 @@ def test_a_second_surface_is_closed_and_opened_and_undo_goes_back(gui, files):
 def test_two_meshes_that_are_dropped_are_a_and_b(gui, files):
     session, before = gui.session, gui.session.document.identity
     gui.window._dropped([str(files["ball"]), str(files["egg"])])
-    gui.wait(lambda s: s.document.identity is not before and not s.obstacle)
-    assert session.document.name == "ball.off to egg.off"
-    assert session.notices.log[-1].text.startswith("opened egg.off; ball.off is surface A, egg.off")
+    gui.wait(lambda s: s.document.identity is not before and s.document.is_pair)
+    gui.wait(lambda s: s.document.name == "ball.off to egg.off" and not s.obstacle)
+    said = [entry.text for entry in session.notices.log]
+    assert "opened egg.off; ball.off is surface A, it is surface B." in said
     gui.window._dropped([str(files["ball"]), str(files["egg"].with_name("none.off"))])
     gui.wait(lambda s: s.notices.latest.is_error)
     assert "none.off" in session.notices.latest.text
