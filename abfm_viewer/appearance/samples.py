@@ -13,7 +13,11 @@ MESHES = {
 }
 """The bundled meshes, and a few words for each."""
 PAIR = "human_A.off to human_B.off"
-PAIRS = {PAIR: "A pair of shapes: one pose is registered to the other"}
+CORTEX = "Cortex, left to right"
+PAIRS = {
+    PAIR: "A pair of shapes: one pose is registered to the other",
+    CORTEX: "A pair of cortices as spheres: sulcal depth of fsaverage5, with nilearn",
+}
 """Surfaces A and B in one document, and a few words for each."""
 PICTURES = Path(__file__).with_name("samples.png")
 """Squares of `SIDE` pixels, `COLUMNS` in a row, in the order of the table."""

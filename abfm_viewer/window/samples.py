@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polyscope.imgui as imgui
 from PIL import Image
 
-from abfm import experiments, load_mesh
+from abfm import AbfmError, experiments, load_mesh
 from abfm.assets import asset_path
+from abfm.functions import ValuesFile
 from abfm.parameters import FIGURES, TITLES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.samples import MESHES, PAIRS, PICTURES, part, vertices
+from abfm_viewer.appearance.samples import CORTEX, MESHES, PAIRS, PICTURES, part, vertices
 from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.scene.opengl import ps
@@ -71,10 +74,30 @@ def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatA
 
 def pair_document(name: str, view: View) -> tuple[Document, dict[str, FloatArray]]:
     """Return two bundled meshes, named ``A to B``, with a function on each."""
+    if name == CORTEX:
+        return cortex_document(view)
     a, b = name.split(" to ")
     surfaces = (Surface(load_mesh(asset_path(one)), one) for one in (a, b))
     seen = View(**{name: getattr(view, name) for name in _KEPT})
     return Document(tuple(surfaces), (_ON_THE_HUMANS,), view=seen), {}
+
+
+def cortex_document(view: View) -> tuple[Document, dict[str, FloatArray]]:
+    """Return both hemispheres of fsaverage5 as spheres, with how deep their sulci are; the left one
+    is seen in a mirror. AbfmError without nilearn, which brings them.
+    """
+    found = find_spec("nilearn")
+    if found is None or found.origin is None:
+        raise AbfmError("the sample is fsaverage5 as nilearn has it: pip install 'abfm[brain]'")
+    folder = Path(found.origin).parent / "datasets" / "data" / "fsaverage5"
+    surfaces, specs = [], []
+    for side in ("left", "right"):
+        mesh = load_mesh(folder / f"sphere_{side}.gii.gz")
+        surfaces.append(Surface(mesh, f"{side} cortex"))
+        specs.append(str(ValuesFile(path=str(folder / f"sulc_{side}.gii.gz"))))
+    seen = View(**{name: getattr(view, name) for name in _KEPT})
+    depth = Channel(specs[0], specs[1])
+    return Document(tuple(surfaces), (depth,), initial="sphere:mirror", view=seen), {}
 
 
 class SampleTextures:
@@ -136,7 +159,7 @@ def _is_chosen(
     flags = imgui.ImGuiSelectableFlags_None
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
     ui.remember(name, "item", text="checked" if loaded else "")
-    pictured = name.split(" to ")[-1]  # of two surfaces B
+    pictured = name if name in vertices() else name.split(" to ")[-1]  # of two surfaces B
     title = name if pictured != name else f"{name}, {vertices()[name]:,} vertices"
     ui.tip(f"{title}{', loaded' if loaded else ''}: {about}")
     draw_list, side = imgui.GetWindowDrawList(), size[1]

@@ -11,7 +11,7 @@ from abfm import load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.experiments import Stage, as_match, script
 from abfm.parameters import FIGURES
-from abfm_viewer.appearance.samples import MESHES, PAIR, PICTURES, SIDE, vertices
+from abfm_viewer.appearance.samples import CORTEX, MESHES, PAIR, PICTURES, SIDE, vertices
 from abfm_viewer.automation import Driver
 from abfm_viewer.scene.scene import Scene
 from tests.shapes import icosphere
@@ -92,6 +92,25 @@ def test_a_pair_of_shapes_opens_ready_to_match(samples):
     samples.key("esc")
 
 
+def test_both_cortices_open_ready_to_match_and_without_nilearn_say_how_to_get_them(
+    samples, monkeypatch
+):
+    samples.menu("Samples", CORTEX)
+    wait(samples, lambda s: s.document.name == "left cortex to right cortex" and not s.obstacle)
+    session = samples.session
+    left, right = session.compared("source"), session.compared("target")
+    # one rotation in a mirror, and not where it lies
+    assert np.corrcoef(left, right)[0, 1] > 0.85
+    assert np.corrcoef(session.values("source"), right)[0, 1] < 0.5
+    assert not session.saves.unsaved
+    monkeypatch.setattr("abfm_viewer.window.samples.find_spec", lambda name: None)
+    samples.menu("Samples", PAIR)
+    wait(samples, lambda s: s.document.name == PAIR and not s.obstacle)
+    samples.menu("Samples", CORTEX)
+    wait(samples, lambda s: s.notices.latest.is_error)
+    assert "pip install 'abfm[brain]'" in session.notices.latest.text
+
+
 def opened_menu(gui):
     """The entries of Samples, which stays open."""
     gui.click("Samples")
@@ -101,7 +120,7 @@ def opened_menu(gui):
 
 def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(samples):
     assert sorted(MESHES) == sorted(name for name in asset_names() if name.endswith(".off"))
-    names = [*MESHES, *(f"Figure {figure}" for figure in FIGURES)]
+    names = [*MESHES, *(f"Figure {figure}" for figure in FIGURES), CORTEX]
     assert list(vertices()) == names
     image = np.asarray(Image.open(PICTURES).convert("RGBA"))
     rows, columns = image.shape[0] // SIDE, image.shape[1] // SIDE
@@ -110,7 +129,8 @@ def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(samples):
         assert 0.02 < (tile[..., 3] > 128).mean() < 0.95  # a surface with nothing around it
         assert tile[tile[..., 3] > 128, :3].std() > 5
     assert PICTURES.stat().st_size < 100_000
-    assert [w.label for w in opened_menu(samples)] == [*MESHES, PAIR, *names[len(MESHES) :]]
+    figures = names[len(MESHES) : -1]
+    assert [w.label for w in opened_menu(samples)] == [*MESHES, PAIR, CORTEX, *figures]
     samples.key("esc")
 
 
