@@ -142,7 +142,7 @@ def _check_rows(way: Correspondence, rows: int, path: str) -> None:
     if rows in (len(way.a.vertices), way.a.file_vertex_count):
         return
     other = rows in (len(way.b.vertices), way.b.file_vertex_count)
-    hint = "; they fit the other surface: see --inverse" if other else ""
+    hint = "; they fit the other surface: give --inverse, or leave it out" if other else ""
     raise FunctionError(
         f"{path} has {rows} rows, and the surface {way.a.file_vertex_count} vertices{hint}"
     )

@@ -59,7 +59,7 @@ def _draw_data(context: Context) -> None:
 
     def save_result(path: Path) -> None:
         if session.result is not None:
-            context.exporter.save_result(path, session.result)
+            context.exporter.save_result(path, session.result, session.saves.exported)
 
     is_there = session.result is not None
     later = "" if is_there else " There is one after a match."
@@ -80,7 +80,7 @@ def _draw_registration(context: Context, later: str) -> None:
 
     def save(path: Path) -> None:
         if (found := session.registration) is not None:
-            context.exporter.save_registration(path, found)
+            context.exporter.save_registration(path, found, session.saves.exported)
 
     is_there = session.result is not None
     if ui.button("Save registration...", f"{_REGISTRATION}{later}", enabled=is_there):

@@ -59,10 +59,7 @@ def open_file(context: Context) -> None:
 def _draw_list(context: Context) -> None:
     ui, session, editor = context.ui, context.session, context.session.editor
     document, left = session.document, _left(session)
-    for number, landmark in enumerate(document.landmarks):
-        label = f"{number + 1}: {_words(document, landmark, left.get(landmark))}"
-        if ui.row(label, number == document.landmark)[0]:
-            editor.activate_landmark(number)
+    # first, so that they stay where they are while landmarks come
     if ui.button("Remove##landmark", _REMOVE):
         editor.remove_landmark()
     ui.beside_if_fits("Clear landmarks", is_button=True)
@@ -76,6 +73,10 @@ def _draw_list(context: Context) -> None:
         context.dialogs.save("Save landmarks", FILES[:1], name, lambda path: write(session, path))
     ui.beside_if_fits("landmarks alone")
     editor.match_landmarks_alone(ui.checkbox("landmarks alone", document.landmarks_alone, _ALONE))
+    for number, landmark in enumerate(document.landmarks):
+        label = f"{number + 1}: {_words(document, landmark, left.get(landmark))}"
+        if ui.row(label, number == document.landmark)[0]:
+            editor.activate_landmark(number)
 
 
 def read(session: Session, path: Path) -> None:
@@ -111,7 +112,7 @@ def _words(document: Document, landmark: Landmark, left: float | None) -> str:
     name = f"{landmark.name}, " if landmark.name else ""
     missing = [_named(document, side) for side in SIDES if landmark.point(side) is None]
     if missing:
-        return f"{name}not yet on {missing[0]}"
+        return f"{name}not yet on {missing[0]}, not used"
     return f"{name}{'placed' if left is None else f'{share(left)} away'}"
 
 

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 _CHOSEN = "solver's choice"
 _STEP = (
     "The step of the path, from smooth to close, that is shown, saved and exported. A click on the "
-    "curve chooses one, too; Up and Down go to the next one."
+    "curve chooses one, too; Up and Down go to the next one. Steps are told as the solver measured "
+    "them on its way, where triangles are thin on clusters of vertices; the one that is shown is "
+    "measured anew on the mesh itself, and may leave more."
 )
 _AT_MOST = (
     "How much areas and shapes may change, as |log2 J| and |log2 R|, on 99% of the faces, of two "

@@ -29,6 +29,9 @@ from abfm_viewer.files import outputs
 from abfm_viewer.files.project import save_project
 
 Known = Callable[[], dict[str, FloatArray]]
+Kept = Callable[[abfm.Match], None]
+"""Is told of a result that is in a file now, from another thread."""
+RESULT = ".npz"
 PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), outputs.WRITTEN
 REGISTERED = outputs.REGISTERED
 LABELS = (".gii", ".annot", ".npy", ".csv", ".txt")
@@ -98,13 +101,20 @@ class Exporter:
         words = [*self.picture.words(), *rate, *times, f"--turntable={movie.turntable}"]
         self._start(path, MOVIES, partial(self._render, path, document, known, words))
 
-    def save_result(self, path: Path, match: abfm.Match) -> None:
-        self._start(path, DATA, partial(outputs.write, path, match))
+    def save_result(self, path: Path, match: abfm.Match, kept: Kept) -> None:
+        def write() -> None:
+            outputs.write(path, match)
+            if path.suffix == RESULT:
+                kept(match)
 
-    def save_registration(self, path: Path, found: abfm.Registration) -> None:
+        self._start(path, DATA, write)
+
+    def save_registration(self, path: Path, found: abfm.Registration, kept: Kept) -> None:
         def write() -> None:
             outputs.check_registered(path)
             outputs.write_registration(path, found)
+            if path.suffix == RESULT:
+                kept(found.match)
 
         self._start(path, REGISTERED, write)
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from abfm_viewer.document.document import Document, Identity
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.editor import Editor
+
+if TYPE_CHECKING:
+    from abfm import Match
 
 _CONTENT = (
     "channels",
@@ -33,6 +37,7 @@ class Saves:
         self._editor = editor
         self._saved: dict[Identity, tuple[Document | None, Origin | None]] = {}
         self._left: dict[Identity, Document] = {}
+        self._exported: Match | None = None
         self.mark(editor.document, None)
 
     @property
@@ -66,7 +71,14 @@ class Saves:
         saved, _ = self._of(document)
         result, known = document.result, saved.result if saved else None
         # another step of the same path is no new one
-        return result is not None and (known is None or result.path is not known.path)
+        known_paths = [] if known is None else [known.path]
+        if self._exported is not None:
+            known_paths.append(self._exported.path)
+        return result is not None and not any(result.path is path for path in known_paths)
+
+    def exported(self, result: Match) -> None:
+        """Remember that a result is in a file of its own, the latest such."""
+        self._exported = result
 
     def origin(self, document: Document) -> Origin | None:
         """The project file of a document, as it was when it was last read or written here."""

@@ -17,6 +17,7 @@ _STILL = 4.0  # pixels that a click may move
 _MOVING = (1, 2)  # buttons: right and middle
 _NEARER = 1.15  # by one notch of the wheel
 _BURST = 0.5  # seconds without a turn of the wheel that end a step of undo
+_BESIDE = "no landmark: the click was beside the surfaces"
 _NO_GAUSSIAN = "Shift-click on the source or the target to move its Gaussian; this surface has none"
 
 
@@ -166,7 +167,10 @@ class Mouse:
         if imgui.IsMouseReleased(0) and self._pressed_at is not None:
             still = math.dist(place, self._pressed_at) <= _STILL
             self._pressed_at = None
-            if still and (hit := scene.pick(place)) is not None:
+            hit = scene.pick(place) if still else None
+            if still and hit is None and session.view.tool == "landmark":
+                session.notices.say(_BESIDE)
+            if hit is not None:
                 if session.view.tool == "landmark":
                     side: Side = "source" if hit.surface == "source" else "target"
                     session.editor.place_landmark(side, hit.point)

@@ -84,6 +84,12 @@ class Distortion:
         logs = np.log2(np.clip([self.area, self.conformal], _LEAST, 1 / _LEAST))
         return float((np.abs(logs) <= most).all(axis=0).mean())
 
+    def bound_of(self, share: float) -> float:
+        """Return the least ``most`` that this share of the faces keeps, see `share_within`."""
+        logs = np.log2(np.clip([self.area, self.conformal], _LEAST, 1 / _LEAST))
+        largest = np.sort(np.abs(logs).max(axis=0))
+        return float(largest[max(int(np.ceil(share * len(largest))), 1) - 1])
+
     def scaled(self, factor: float) -> Distortion:
         """Return it with all stretches times a factor, as of surfaces in other units of length."""
         values = factor * self.singular_values

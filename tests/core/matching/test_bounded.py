@@ -25,6 +25,8 @@ def test_nearly_all_faces_keep_the_bound_and_a_tighter_one_leaves_more(found, mo
     told = within.distortion()
     logs = np.abs(np.log2([told.area, told.conformal]))
     assert (logs <= most).all(axis=0).mean() == told.share_within(most) >= SHARE
+    least = told.bound_of(SHARE)
+    assert told.share_within(least) >= SHARE > told.share_within(least * (1 - 1e-9))
     assert told.folded == 0
     assert found.mismatch < within.mismatch < found.initial_mismatch
     # the bound is used: the field is none that keeps half of it, too

@@ -110,11 +110,16 @@ def test_half_a_pair_says_what_it_lacks_and_does_not_count(gui, notes):
     assert ("Click on A, then on B.", "muted") in notes()
     gui.pick(30, "source", modifiers=())
     gui.pick(60, "source", modifiers=())
-    assert gui.text_of("1: not yet on B") == ""
+    assert gui.text_of("1: not yet on B, not used") == ""
     assert session.problem.landmarks == ()
     gui.pick(31, "advected", modifiers=())  # which shows B, too
     assert len(session.problem.landmarks) == 1
-    assert gui.text_of("2: not yet on B") == ""
+    assert gui.text_of("2: not yet on B, not used") == ""
+    gui.input.move(3, 60)
+    gui.input.click()
+    gui.frames(1)
+    assert "beside the surfaces" in session.notices.latest.text
+    assert len(session.document.landmarks) == 2
     gui.key("m")
     assert session.view.tool == "nothing"
 

@@ -187,6 +187,13 @@ def test_it_is_saved_as_project_and_registration_and_opened_again(gui, tmp_path)
     gui.click("Save registration...")
     gui.type("file name", "pair.npz")
     gui.wait(lambda _: gui.window.exporter.message.startswith("saved"))
+    gui.click("Match")  # once more, so that the project does not have it
+    gui.wait(lambda s: s.solver.finished and s.result is not saved.result)
+    assert session.saves.has_new_result(session.document)
+    gui.click("Save registration...")
+    gui.type("file name", "again.npz")
+    gui.wait(lambda s: not s.saves.has_new_result(s.document))
+    gui.key("ctrl+z")
     for name in ("pair.abfm", "pair.npz"):
         before = session.document.identity
         gui.window.files.open(tmp_path / name)

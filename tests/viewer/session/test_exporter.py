@@ -115,6 +115,6 @@ def test_what_goes_wrong_in_the_process_is_told_and_what_would_is_refused_before
 def test_exports_factor_large_systems_apart(exporter, document, out, monkeypatch):
     asked = []
     monkeypatch.setattr(outputs, "write", lambda *_: asked.append(is_factored_apart(10**9)))
-    exporter.save_result(out / "a.npz", document.result)
+    exporter.save_result(out / "a.npz", document.result, lambda result: None)
     exporter.wait()
     assert asked == [True]
