@@ -15,6 +15,7 @@ from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 import abfm
 from abfm import AbfmError
@@ -29,7 +30,7 @@ from abfm_viewer.files import outputs
 from abfm_viewer.files.project import save_project
 
 Known = Callable[[], dict[str, FloatArray]]
-Kept = Callable[[abfm.Match], None]
+Kept: TypeAlias = "Callable[[abfm.Match], None]"
 """Is told of a result that is in a file now, from another thread."""
 RESULT = ".npz"
 PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), outputs.WRITTEN
