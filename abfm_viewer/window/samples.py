@@ -11,9 +11,9 @@ import numpy as np
 import polyscope.imgui as imgui
 from PIL import Image
 
+import abfm
 from abfm import AbfmError, experiments, load_mesh
 from abfm.assets import asset_path
-from abfm.functions import ValuesFile
 from abfm.parameters import FIGURES, TITLES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
@@ -94,7 +94,7 @@ def cortex_document(view: View) -> tuple[Document, dict[str, FloatArray]]:
     for side in ("left", "right"):
         mesh = load_mesh(folder / f"sphere_{side}.gii.gz")
         surfaces.append(Surface(mesh, f"{side} cortex"))
-        specs.append(str(ValuesFile(path=str(folder / f"sulc_{side}.gii.gz"))))
+        specs.append(str(abfm.functions.ValuesFile(path=str(folder / f"sulc_{side}.gii.gz"))))
     seen = View(**{name: getattr(view, name) for name in _KEPT})
     depth = Channel(specs[0], specs[1])
     return Document(tuple(surfaces), (depth,), initial="sphere:mirror", view=seen), {}
