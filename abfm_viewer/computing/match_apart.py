@@ -93,12 +93,14 @@ class Matching:
                 return abfm.match(problem, on_iteration=post)
         finally:
             # of a run that has ended the last fields stay, and not the workspace behind them
-            kept, self._recent[run] = self._recent[run][-1:], ()
-            with suppress(MemoryError):
+            kept = self._recent[run] = self._recent[run][-1:]  # who asks meanwhile finds it
+            try:
                 self._recent[run] = tuple(
                     replace(last, look=Look(last.warning, last.advected, last.velocity))
                     for last in kept
                 )
+            except MemoryError:
+                self._recent[run] = ()
             give_back()
 
     def fields(self, run: int, iteration: int) -> Fields:

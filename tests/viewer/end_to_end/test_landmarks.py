@@ -106,7 +106,12 @@ def test_they_are_placed_dragged_taken_back_and_removed(gui):
 
 def test_half_a_pair_says_what_it_lacks_and_does_not_count(gui, notes):
     session = gui.session
-    gui.key("m")
+    gui.menu("Edit", "Place landmarks")
+    assert session.view.tool == "landmark"
+    gui.click("nothing", within="Look")
+    gui.click("landmark", within="Look")
+    gui.window.ui.open_tab = "Functions"
+    gui.frames(2)
     assert ("Click on A, then on B.", "muted") in notes()
     gui.pick(30, "source", modifiers=())
     gui.pick(60, "source", modifiers=())
@@ -184,7 +189,7 @@ def test_they_go_to_a_file_and_come_from_one(gui, tmp_path):
         pairs = [[one.point(side) for one in some] for some in (before, again)]
         assert_allclose(*(surface_points(mesh, points).positions for points in pairs), atol=1e-9)
     (tmp_path / "wrong.csv").write_text("1,2\n3,x\n")
-    gui.menu("File", "Open landmarks...")
+    gui.click("Open landmarks...", within="Functions")
     gui.double_click("wrong.csv")
     assert session.document.landmarks == again
     assert "row 2 has" in session.notices.log[-1].text

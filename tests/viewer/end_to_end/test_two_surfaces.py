@@ -84,6 +84,9 @@ def test_two_meshes_that_are_dropped_are_a_and_b(gui, files):
     gui.window._dropped([str(files["ball"]), str(files["egg"].with_name("none.off"))])
     gui.wait(lambda s: s.notices.latest.is_error)
     assert "none.off" in session.notices.latest.text
+    gui.click("Open another second surface...")
+    gui.double_click(files["egg"].name, "Open a second surface")
+    gui.wait(lambda s: s.document.name == "ball.off to egg.off" and not s.obstacle)
 
 
 def ends_on(gui, surface):
@@ -132,6 +135,8 @@ def test_the_initial_map_is_chosen_and_seen(gui, files, notes):
     for label, word in (("spheres made of both", "embedding"), ("eigenfunctions", "spectral")):
         gui.choose("initial map", label)
         assert session.document.initial == word
+    gui.choose("initial map", "landmarks")
+    assert session.document.initial == "landmarks"
     gui.choose("initial map", "closest points")
     gui.check("mirrored")
     assert session.document.initial == "closest:mirror"
@@ -260,10 +265,13 @@ def test_labels_are_shown_carried_saved_and_kept_in_projects(gui, tmp_path):
     gui.drag("time", session.parameters.tau)
     expected = session.registration.carry_labels(keys)
     shown = table.linear_colors(expected)
+
+    def are_shown():
+        paint = gui.window.scene.paints["advected"]
+        return paint.kind == "colors" and (paint.values == shown).all(axis=1).mean() > 0.95
+
     # by the nearest vertex, and not by the one with most weight: near borders they may differ
-    gui.wait(
-        lambda _: (gui.window.scene.paints["advected"].values == shown).all(axis=1).mean() > 0.95
-    )
+    gui.wait(lambda _: are_shown())
     gui.click("Export")
     gui.click("Save carried labels...")
     gui.type("file name", "carried.label.gii")

@@ -11,10 +11,11 @@ FOLDER = Path(__file__).parent
 # places whose labels are the names of files
 _OPENING = (
     *("Open a mesh", "Open a second surface", "Open a project or a result", "Open values"),
-    *("Open a vertex map", "Open the sphere of", "Open a map from"),
+    *("Open a vertex map", "Open the sphere of", "Open a map from", "Open landmarks"),
+    "Open labels",
 )
 DYNAMIC = ("File/Recent", *_OPENING)
-_SAVING = ("Save a ", "Save the ", "Export the ")
+_SAVING = ("Save a ", "Save the ", "Save landmarks", "Save carried", "Export the ")
 _OUTPUT = "widgets"
 
 
