@@ -42,9 +42,10 @@ def body(name, a, b, width):
     return mesh, *(abfm.function(mesh, f"gaussian:vertex={v},width={width}") for v in (a, b))
 
 
-def test_a_target_far_away_is_found_where_without_reach_the_source_vanishes():
+@pytest.mark.parametrize("degrees", [90, 135])
+def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degrees):
     (far, _), (blind, _) = (
-        matched(135, Parameters(reach=reach, refine=refine), width=0.05)
+        matched(degrees, Parameters(reach=reach, refine=refine), width=0.05)
         for reach, refine in ((1.0, 1), (0.0, 0))
     )
     assert far.mismatch < 0.05
@@ -59,6 +60,9 @@ def test_a_far_target_on_a_body():
     p = Parameters(iterations=120, alpha=0.003, divergence=1.0, refine=0)
     assert abfm.match(*given, p).mismatch < 0.3
     assert abfm.match(*given, replace(p, reach=0.0)).mismatch > 0.6
+    close = abfm.match(*given, Parameters(refine=0, divergence=1.0, sigma=0.003))
+    assert close.mismatch < 0.05
+    assert close.confirmed_mismatch < 0.5
     shared = abfm.match(*given, Parameters(refine=0, divergence=1.0))  # by both witnesses
     assert shared.confirmed_mismatch < 0.35
 
@@ -292,11 +296,12 @@ def test_units_place_rotation_and_numbering_hardly_matter():
     p = Parameters(levels=2, refine=1)
     here = abfm.match(mesh, f, g, p)
     turned = moved(mesh, Rotation.from_rotvec([1.0, 0.4, -0.3]).as_matrix(), 1e3)
-    mixed, vertices, _ = renumbered(turned, 2)
-    there = abfm.match(mixed, 1e6 * f[vertices], 1e6 * g[vertices], p)
+    mixed, vertices, _ = renumbered(mesh, 2)
     assert here.confirmed_mismatch < 0.1
-    assert abs(there.mismatch - here.mismatch) < 0.03
-    assert abs(there.verified_mismatch - here.verified_mismatch) < 0.1
+    for given in ((turned, f, g), (mixed, f[vertices], g[vertices]), (mesh, 1e6 * f, 1e6 * g)):
+        one = abfm.match(*given, p)
+        assert abs(one.mismatch - here.mismatch) < 0.03
+        assert abs(one.verified_mismatch - here.verified_mismatch) < 0.1
 
 
 @pytest.mark.parametrize("mesh", [SMALL, hemisphere(12)], ids=["closed", "boundary"])

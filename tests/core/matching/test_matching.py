@@ -45,9 +45,10 @@ def a_quarter_apart(name, width):
     return mesh, *(f"gaussian:vertex={vertex},width={width}" for vertex in (7, target))
 
 
-def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart():
-    match = abfm.match(*a_quarter_apart("eight.off", 0.1))
-    assert len(match.energy_history) <= 501
+@pytest.mark.parametrize(("name", "most"), [("human_A.off", 650), ("eight.off", 500)])
+def test_default_parameters_match_gaussians_a_quarter_of_the_body_apart(name, most):
+    match = abfm.match(*a_quarter_apart(name, 0.1))
+    assert len(match.energy_history) <= most + 1
     assert match.confirmed_mismatch <= 0.05
     assert match.folded == 0
 
@@ -73,7 +74,7 @@ def test_on_finer_meshes_by_both_witnesses():
 )
 def test_every_method_lowers_the_mismatch(mesh, changes):
     f, g = pair(mesh, 0, 20, 0.25)
-    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=45, sigma=0.01, refine=0, **changes))
+    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=60, sigma=0.01, refine=0, **changes))
     assert match.mismatch < 0.3 * l2_norm(mesh, f - g) / l2_norm(mesh, g)
     assert_never_rises_within_a_stage(match)
 

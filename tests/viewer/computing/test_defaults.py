@@ -99,17 +99,17 @@ def test_a_coarse_mesh_gets_wider_ones_but_no_wider_than_an_even_mesh_needs():
 
 @pytest.mark.parametrize("name", COARSE)
 def test_they_are_matched_or_nearly_so(name):
-    """On a mesh that may be subdivided once; of two poses of a body one does for that."""
-    mesh, refine = mesh_of(name), int(name != "human_B.off")
+    """On a mesh that is subdivided once; without, the discrete flow alone leaves as little."""
+    mesh = mesh_of(name)
     source, target = (function(mesh, spec) for spec in specs(mesh))
-    found = match(mesh, source, target, Parameters(refine=refine))
+    found = match(mesh, source, target, Parameters(refine=1))
     assert found.verdict.kind in ("matched", "nearly")
-    assert min(step.mismatch for step in found.path) <= (0.05 if refine else 0.08)
+    assert min(step.mismatch for step in found.path) <= 0.05
     assert vertex_areas(mesh) @ np.minimum(source, target) < 0.7 * vertex_areas(mesh) @ source
 
 
 @pytest.mark.parametrize(
-    ("name", "refine", "left"), [("human_A.off", 0, 0.15), ("eight.off", 1, 0.15)]
+    ("name", "refine", "left"), [("human_A.off", 0, 0.15), ("eight.off", 2, 0.15)]
 )
 def test_with_a_second_channel_as_it_is_added_they_still_are_or_almost(name, refine, left):
     mesh = mesh_of(name)
