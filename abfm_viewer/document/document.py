@@ -325,14 +325,18 @@ class Document:
         return tuple(landmark for landmark in self.landmarks if landmark.is_whole)
 
     @property
+    def is_of_landmarks(self) -> bool:
+        """Whether landmarks are all that is matched."""
+        return self.landmarks_alone and bool(self.pairs)
+
+    @property
     def asked(self) -> Asked:
         return Asked(self.initial, self.channels, self.mask, self.pairs, self.landmarks_alone)
 
     @property
     def weights(self) -> tuple[float, ...]:
         """Weight of each channel's mismatch; 0 where landmarks alone are matched."""
-        counts = not (self.landmarks_alone and self.pairs)
-        return tuple(channel.weight if counts else 0.0 for channel in self.channels)
+        return tuple(0.0 if self.is_of_landmarks else one.weight for one in self.channels)
 
     @property
     def name(self) -> str:

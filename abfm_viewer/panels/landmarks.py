@@ -6,7 +6,7 @@ from pathlib import Path
 
 import abfm
 from abfm import AbfmError
-from abfm_viewer.document.document import SIDES, ClickTool, Document, Landmark, Side
+from abfm_viewer.document.document import SIDES, Document, Landmark, Side
 from abfm_viewer.document.surface_points import landmarks_of, paired
 from abfm_viewer.document.verdict_words import counted, share
 from abfm_viewer.panels.context import Context
@@ -30,11 +30,8 @@ def button_label(document: Document) -> str:
 
 def draw_button(context: Context) -> None:
     """Draw the button that lets clicks place landmarks, or not any more."""
-    document, editor = context.session.document, context.session.editor
-    label = button_label(document)
-    if context.ui.button(label, _ABOUT):
-        tool: ClickTool = "landmark" if label == _PLACE else "nothing"
-        editor.set_view("choose what a click does", tool=tool)
+    if context.ui.button(button_label(context.session.document), _ABOUT):
+        context.session.editor.switch_placing()
 
 
 def draw(context: Context) -> None:

@@ -243,6 +243,11 @@ class Editor:
     def add_point(self, kind: Literal["lines", "points"], point: Point) -> None:
         self.change("place a point", "", **{kind: (*getattr(self.document, kind), point)})
 
+    def switch_placing(self) -> None:
+        """Let clicks place landmarks, or not any more."""
+        tool = "nothing" if self.document.view.tool == "landmark" else "landmark"
+        self.set_view("choose what a click does", tool=tool)
+
     def place_landmark(self, side: Side, point: Point) -> None:
         """Place a landmark on a side, the partner of the first one that lacks it, or a new one."""
         landmarks = [*self.document.landmarks]

@@ -106,8 +106,7 @@ class DocumentFunctions:
         if mask is not None and (mask.min() < 0 or not mask.any()):
             return "the mask must not be negative, nor zero everywhere"
         has_weight = any(channel.weight for channel in document.channels)
-        is_of_landmarks = document.landmarks_alone and document.pairs
-        return "" if has_weight or is_of_landmarks else "all channels have the weight 0"
+        return "" if has_weight or document.is_of_landmarks else "all channels have the weight 0"
 
     def outdated(self, document: Document) -> bool:
         """Tell whether the result was found for another problem; False without a result.

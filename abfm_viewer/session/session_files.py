@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -171,10 +172,10 @@ def _labels(path: Path) -> Labels:
     """Read labels; of several columns the first, as nothing asks for another one."""
     try:
         return abfm.functions.read_labels(path)
-    except FunctionError as error:
-        if "choose column=" not in str(error):
-            raise
-        return abfm.functions.read_labels(path, "0")
+    except FunctionError:
+        with suppress(FunctionError):
+            return abfm.functions.read_labels(path, "0")
+        raise
 
 
 class SessionFiles:

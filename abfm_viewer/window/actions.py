@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import polyscope.imgui as imgui
 
-from abfm_viewer.document.document import ClickTool, Document, Front, Look, triple
+from abfm_viewer.document.document import Document, Front, Look, triple
 from abfm_viewer.document.verdict_words import headline
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
@@ -129,7 +129,8 @@ class Actions:
         self.undo = changes("undo", "Ctrl+Z", session.undo)
         self.redo = changes("redo", "Ctrl+Y or Ctrl+Shift+Z", session.redo)
         marks = partial(Action, "Landmarks")
-        self.place_landmarks = marks("place landmarks by clicks, or stop that", "M", self._place)
+        what, place = "place landmarks by clicks, or stop that", session.editor.switch_placing
+        self.place_landmarks = marks(what, "M", place)
         what, remove = "remove the chosen landmark", session.editor.remove_landmark
         self.remove_landmark = marks(what, "Delete or Backspace", remove)
         solver = partial(Action, "Solver")
@@ -285,10 +286,6 @@ class Actions:
         self._dialogs.save(title, (PROJECT,), name, save)
 
     # Solver, time and view
-
-    def _place(self) -> None:
-        tool: ClickTool = "nothing" if self._session.view.tool == "landmark" else "landmark"
-        self._session.editor.set_view("choose what a click does", tool=tool)
 
     def _pause(self) -> None:
         solver = self._session.solver
