@@ -77,7 +77,7 @@ def test_what_is_behind_a_dialog_looks_as_if_it_could_not_be_used(large, tmp_pat
         assert behind[name][0] < 0.6 * before[name][0], name
 
 
-LARGEST = (1920, 1080)
+LARGEST = (2560, 1440)
 SIZES = [(1000, 700), LARGEST]
 SCALES = [1.0, 2.0]
 PLAIN = ellipsoid(2, 1.0, 0.7, 0.55)  # drawing takes as long as there are pixels and faces
