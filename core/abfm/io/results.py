@@ -173,6 +173,24 @@ _OF_BOTH = {
 }
 REGISTRATION = Kind("registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_OF_BOTH})
 PROBLEM = Kind("problem file", PROBLEM_ENTRIES)
+_SEQUENCE = {
+    "frames": Entry("real", ("T", "V", "C"), low=-LARGEST, high=LARGEST),
+    "times": Entry("real", ("T",)),
+    "velocity": Entry("real", ("I", "F", 3)),
+    "parameters": Entry("text", ()),
+    "channels_given": Entry("boolean", ()),
+    "mask": Entry("real", ("V",), required=False, low=0),
+    "gamma": Entry("real", (), low=0),
+    "sigma": Entry("real", (), low=0, may_be_unknown=True),
+    "noise": Entry("real", (), low=0),
+    "energies": Entry("real", ("I", 2, 3), may_be_unknown=True),
+    "mismatch": Entry("real", ("I",), low=0),
+    "verified_mismatch": Entry("real", ("I",), low=0, may_be_unknown=True),
+    "folded": Entry("real", ("I",), low=0, high=1, may_be_unknown=True),
+    "verdicts": Entry("text", ("I", 3)),
+    "weights": Entry("real", ("C",), low=0),
+}
+SEQUENCE = Kind("sequence file", MESH_ENTRIES | _SEQUENCE)
 
 
 class Archive(Mapping[str, NDArray[Any]]):

@@ -1,0 +1,13 @@
+from .critical_points import CriticalPoints as CriticalPoints
+from .critical_points import critical_points as critical_points
+from .critical_points import face_indices as face_indices
+from .episodes import Episode as Episode
+from .files import load_sequence as load_sequence
+from .sequence import DEFAULTS as DEFAULTS
+from .sequence import GAMMA as GAMMA
+from .sequence import TAKEN as TAKEN
+from .sequence import Sequence as Sequence
+from .sequence import defaults as defaults
+from .sequence import sequence as sequence
+from .tracks import Track as Track
+from .verdicts import CONFIRMED as CONFIRMED

@@ -1,0 +1,131 @@
+"""Where a field vanishes: sources, sinks, spirals and saddles, by its index.
+
+The field is made continuous as for flow lines (`abfm.flow.continuous_flow`), with angles at a
+vertex scaled to a full turn. The index of a face is how often the field turns around it, with the
+holonomy of the face: on a closed surface the indices add up to its Euler characteristic
+[Poincaré-Hopf; Crane, Desbrun, Schröder, Trivial Connections, SGP 2010].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from abfm.calculus.operators import face_areas, hat_gradients
+from abfm.calculus.vector_fields import to_frame
+from abfm.flow.continuous_flow import corner_vectors, flat_faces
+from abfm.maps.surface_points import SurfacePoints
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.types import FloatArray, IndexArray, IntArray
+
+Kind = Literal["source", "sink", "spiral", "saddle"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+_STILL = 1e-9  # of the field's root mean square: slower corners have no direction
+
+
+@dataclass(frozen=True, eq=False)
+class CriticalPoints:
+    """K zeros of a field.
+
+    Attributes
+    ----------
+    points : SurfacePoints
+    index : (K,) array of int
+        1 about sources, sinks and spirals, -1 about saddles; rarely more.
+    kinds : tuple of str
+        "spiral" where it turns faster than it comes or goes, counted by the field's derivative.
+    divergence, curl : (K,) array
+        Of the continuous field there, per unit of time; the sign of curl is how a spiral turns.
+    """
+
+    points: SurfacePoints
+    index: IntArray
+    kinds: tuple[Kind, ...]
+    divergence: FloatArray
+    curl: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.kinds)
+
+
+def critical_points(mesh: TriangleMesh, field: FloatArray) -> CriticalPoints:
+    """Find where a tangent field (F, 3) vanishes."""
+    vectors = corner_vectors(mesh, field)
+    index = face_indices(mesh, field, vectors)
+    faces = np.flatnonzero(index)
+    pairs = np.stack([vectors[faces].real, vectors[faces].imag], axis=-1)  # (K, 3, 2)
+    slopes = np.einsum("fck,fcj->fkj", pairs, hat_gradients(mesh)[faces])
+    divergence = slopes[:, 0, 0] + slopes[:, 1, 1]
+    curl = slopes[:, 1, 0] - slopes[:, 0, 1]
+    points = SurfacePoints(mesh, faces, _zeros(pairs))
+    turning = np.linalg.det(slopes) - divergence**2 / 4  # square of the eigenvalues' imaginary part
+    kinds = tuple(map(_kind, index[faces], divergence, turning))
+    return CriticalPoints(points, index[faces], kinds, divergence, curl)
+
+
+def _kind(index: int, divergence: float, turning: float) -> Kind:
+    if index < 0:
+        return "saddle"
+    if turning > divergence**2 / 4:
+        return "spiral"
+    return "source" if divergence > 0 else "sink"
+
+
+def _zeros(vectors: FloatArray) -> FloatArray:
+    """Return the weights (K, 3) at which vectors at corners (K, 3, 2) cancel, inside the face."""
+    system = np.ones((len(vectors), 3, 3))
+    system[:, :2] = vectors.transpose(0, 2, 1)
+    scale = np.abs(system[:, :2]).max(axis=(1, 2), initial=0.0, keepdims=True)
+    system[:, :2] /= np.where(scale > 0, scale, 1.0)
+    wanted = np.broadcast_to(np.array([0.0, 0.0, 1.0]), (len(vectors), 3))
+    found = np.einsum("kij,kj->ki", np.linalg.pinv(system), wanted).clip(0.0)
+    total = found.sum(axis=1, keepdims=True)
+    return np.asarray(np.where(total > 0, found / np.where(total > 0, total, 1.0), 1 / 3))
+
+
+def face_indices(
+    mesh: TriangleMesh, field: FloatArray, vectors: IndexArray | None = None
+) -> IntArray:
+    """Return the index of the continuous field in each face, (F,); 0 where it has no direction."""
+    if vectors is None:
+        vectors = corner_vectors(mesh, field)
+    middles, half, holonomy = _corners(mesh)
+    areas = face_areas(mesh)
+    squares = (to_frame(mesh, field) ** 2).sum(axis=1)
+    usual = float(np.sqrt(areas @ squares / areas.sum()))
+    turned = np.angle(np.where(vectors == 0, 1.0, vectors) / middles)
+    from_first, from_last = turned + half, turned - half
+    changes = np.roll(from_last, -1, axis=1) - np.pi - from_first
+    changes = np.pi - (np.pi - changes) % (2 * np.pi)  # within (-pi, pi]
+    total = (changes.sum(axis=1) + holonomy) / (2 * np.pi)
+    still = (np.abs(vectors) <= _STILL * usual).any(axis=1)
+    return np.where(still, 0, np.rint(total)).astype(np.int64)
+
+
+@per_mesh
+def _corners(mesh: TriangleMesh) -> tuple[IndexArray, FloatArray, FloatArray]:
+    """Return unit directions to the middle of each corner, half its scaled angle, (F, 3) each, and
+    how much the scaled angles of each face exceed half a turn, (F,).
+    """
+    corners = flat_faces(mesh).corners
+    first, last = (np.roll(corners, turn, axis=1) - corners for turn in (-1, -2))
+    middles = first / np.abs(first) + last / np.abs(last)
+    angles = np.angle(last / first)
+    fans = mesh.corner_fans
+    total = np.bincount(fans.ravel(), angles.ravel())
+    scale = np.where(_is_closed(mesh), 2 * np.pi / total, 1.0)[fans]
+    scaled = scale * angles
+    return middles / np.abs(middles), scaled / 2, scaled.sum(axis=1) - np.pi
+
+
+def _is_closed(mesh: TriangleMesh) -> IndexArray:
+    """Tell which fans of faces go all the way around their vertex."""
+    fans = mesh.corner_fans
+    open_slots = np.flatnonzero(mesh.opposite_slots.ravel() < 0)
+    faces, corner = np.divmod(open_slots, 3)
+    closed = np.ones(int(fans.max()) + 1, dtype=bool)
+    for turn in (1, 2):
+        closed[fans[faces, (corner + turn) % 3]] = False
+    return closed

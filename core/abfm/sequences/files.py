@@ -1,0 +1,87 @@
+"""Files of sequences: one ``.npz`` of plain arrays, no pickles."""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+
+from abfm.errors import ResultError, one_line
+from abfm.io import results
+from abfm.matching.judging.verdict import Kind, Verdict
+from abfm.parameters import Parameters
+from abfm.reading import from_json
+from abfm.sequences.frames import Frames
+
+if TYPE_CHECKING:
+    from abfm.sequences.sequence import Sequence
+
+
+def sequence_arrays(sequence: Sequence) -> dict[str, Any]:
+    """Return what files hold of a sequence."""
+    film = sequence._frames
+    arrays = results.mesh_arrays(sequence.mesh) | {
+        "frames": film.values,
+        "times": film.times,
+        "weights": film.weights,
+        "channels_given": film.channels_given,
+        "velocity": sequence.velocity,
+        "parameters": json.dumps(sequence.parameters.to_dict()),
+        "gamma": sequence.gamma,
+        "sigma": sequence.sigma,
+        "noise": sequence.noise,
+        "energies": sequence.energies,
+        "mismatch": sequence.mismatch,
+        "verified_mismatch": sequence.verified_mismatch,
+        "folded": sequence.folded,
+        "verdicts": [(v.kind, v.reason, v.advice) for v in sequence.verdicts],
+    }
+    if film.mask is not None:
+        arrays["mask"] = film.mask
+    return {name: np.asarray(array) for name, array in arrays.items()}
+
+
+def load_sequence(path: str | os.PathLike[str]) -> Sequence:
+    """Read a file of `Sequence.save`; ResultError if it is missing, damaged, or none."""
+    arrays = results.load_arrays(path, results.SEQUENCE)
+    try:
+        return _sequence_of(arrays)
+    except Exception as error:  # what stands in for a text, a number or a list may do anything
+        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
+
+
+def _sequence_of(arrays: results.Arrays) -> Sequence:
+    from abfm.sequences.sequence import Sequence
+
+    if not (np.diff(arrays["times"]) > 0).all():
+        raise ValueError("times do not ascend")
+    if len(arrays["velocity"]) != len(arrays["times"]) - 1:
+        raise ValueError(
+            f"{len(arrays['velocity'])} fields for {len(arrays['times'])} frames; expected one less"
+        )
+    mesh = results.mesh_of(arrays)
+    frames = Frames(
+        mesh,
+        arrays["frames"],
+        arrays["times"],
+        arrays.get("mask"),
+        arrays["weights"],
+        bool(arrays["channels_given"]),
+    )
+    verdicts = []
+    for kind, reason, advice in arrays["verdicts"].tolist():
+        if kind not in get_args(Kind):
+            raise ValueError(f"a verdict is {kind[:40]!r}; expected one of {get_args(Kind)}")
+        verdicts.append(Verdict(kind, reason, advice))
+    names = ("velocity", "energies", "mismatch", "verified_mismatch", "folded")
+    return Sequence(
+        _frames=frames,
+        parameters=Parameters.from_dict(from_json(str(arrays["parameters"]))),
+        gamma=float(arrays["gamma"]),
+        sigma=float(arrays["sigma"]),
+        noise=float(arrays["noise"]),
+        verdicts=tuple(verdicts),
+        **{name: arrays[name] for name in names},
+    )

@@ -1,0 +1,143 @@
+"""Frames of a function that changes in time, checked: what a sequence is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.calculus.channels import extend
+from abfm.errors import FunctionError, ParameterError
+from abfm.matching.problem import Problem
+from abfm.matching.terms.functions import CONSTANT, FunctionTerm
+from abfm.mesh import TriangleMesh
+from abfm.numerics.real_numbers import real_numbers
+from abfm.parameters import Parameters
+from abfm.types import BoolArray, FloatArray
+from abfm.workers.control import checkpoint
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Functions (T, V, C) at ascending times (T,), on a mesh, finite everywhere; a mask (V,) is 0
+    where they were not.
+    """
+
+    mesh: TriangleMesh
+    values: FloatArray = field(repr=False)
+    times: FloatArray = field(repr=False)
+    mask: FloatArray | None = field(repr=False)
+    weights: FloatArray  # (C,)
+    channels_given: bool  # they came as (T, V, C); else as (T, V)
+
+    @property
+    def durations(self) -> FloatArray:
+        """How long each interval lasts, (T - 1,)."""
+        return np.diff(self.times)
+
+    @cached_property
+    def deviation(self) -> float:
+        """Root of the mean, over frames, of the square of the deviation from the frame's mean in
+        L2, on the mesh of unit area, over all channels; 1 where all are constants.
+        """
+        term = FunctionTerm(
+            self.mesh.normalized(), self.values[0], self.values[0], self.mask, self.weights
+        )
+        rows = [np.ascontiguousarray(frame.T) for frame in self.values]
+        deviations = np.array([term.deviation(row) for row in rows])
+        norms = np.array([term.norm(row) for row in rows])
+        deviations[deviations <= CONSTANT * norms] = 0.0
+        return float(np.sqrt(np.mean(deviations**2))) or 1.0
+
+    def problem(self, interval: int, parameters: Parameters) -> Problem:
+        """Return the problem between a frame and the next."""
+        return self.between(interval, interval + 1, parameters)
+
+    def between(self, first: int, last: int, parameters: Parameters) -> Problem:
+        """Return the problem between any two frames."""
+        f, g = (self.values[frame] for frame in (first, last))
+        if not self.channels_given:
+            f, g = f[:, 0], g[:, 0]
+        return Problem(self.mesh, f, g, parameters, mask=self.mask, weights=self.weights)
+
+
+def checked(
+    mesh: TriangleMesh,
+    values: ArrayLike,
+    times: ArrayLike | None,
+    mask: ArrayLike | None,
+    weights: ArrayLike | None,
+) -> Frames:
+    """Check frames (T, V) or (T, V, C), of the mesh or of its file, and fill in what is unknown."""
+    given = real_numbers(values, "frames", FunctionError)
+    if given.ndim not in (2, 3) or given.size == 0:
+        raise FunctionError(
+            f"frames have shape {given.shape}; expected (T, V) or (T, V, C), a row for each frame"
+        )
+    if len(given) < 2:
+        raise FunctionError("there is one frame; expected at least two, to go from one to the next")
+    sizes = {len(mesh.vertices), mesh.file_vertex_count}
+    if given.shape[1] not in sizes:
+        turned = given.shape[0] in sizes
+        hint = "; give one row for each frame, not for each vertex" if turned else ""
+        counts = " or ".join(map(str, sorted(sizes)))
+        raise FunctionError(
+            f"frames have {given.shape[1]} values each; expected {counts}, one per vertex{hint}"
+        )
+    restricted = np.stack([mesh.restrict(frame) for frame in given])
+    frames = restricted.reshape(*restricted.shape[:2], -1)
+    known: BoolArray = np.asarray(np.isfinite(frames).all(axis=(0, 2)))
+    if not known.any():
+        raise FunctionError("no vertex has values that are finite in all frames")
+    if not known.all():
+        for frame in frames:
+            checkpoint()
+            for channel in range(frames.shape[2]):
+                safe = np.where(known, frame[:, channel], 0.0)
+                frame[:, channel] = extend(mesh, safe, known)
+    frames.flags.writeable = False
+    return Frames(
+        mesh,
+        frames,
+        _times(times, len(frames)),
+        _mask(mesh, mask, known),
+        _weights(weights, frames.shape[2]),
+        given.ndim == 3,
+    )
+
+
+def _times(given: ArrayLike | None, count: int) -> FloatArray:
+    if given is None:
+        return np.arange(float(count))
+    times = real_numbers(given, "times", ParameterError)
+    if times.shape != (count,):
+        raise ParameterError(
+            f"times have shape {times.shape}; expected ({count},), one for each frame"
+        )
+    if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
+        raise ParameterError("times must be finite, and each later than the one before")
+    return times.copy()
+
+
+def _mask(mesh: TriangleMesh, given: ArrayLike | None, known: BoolArray) -> FloatArray | None:
+    if given is None:
+        return None if known.all() else known.astype(np.float64)
+    found = real_numbers(given, "mask", ParameterError)
+    if found.shape not in ((len(mesh.vertices),), (mesh.file_vertex_count,)):
+        raise ParameterError(
+            f"mask has shape {found.shape}; expected ({len(mesh.vertices)},), one per vertex"
+        )
+    return np.asarray(mesh.restrict(found) * known)
+
+
+def _weights(given: ArrayLike | None, count: int) -> FloatArray:
+    if given is None:
+        return np.ones(count)
+    weights = real_numbers(given, "weights", ParameterError)
+    if weights.shape != (count,):
+        raise ParameterError(
+            f"weights have shape {weights.shape}; expected ({count},), one for each channel"
+        )
+    return weights.copy()

@@ -1,0 +1,174 @@
+"""One interval between two frames: the field whose flow carries one to the other, near those of the
+intervals beside it.
+
+Gauss-Newton: energy and gradient are the exact ones of the discrete flow (Eq. 6), and its second
+derivative is taken as that of the linear problem at what is carried, whose system is solved by
+conjugate gradients with the norm's exact inverse as preconditioner, as far as a step needs it
+[Nocedal & Wright 2006, algorithm 7.1].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from abfm.calculus.operators import averaging, gradient
+from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy, Objective
+from abfm.numerics.kernels import inner
+from abfm.types import FloatArray
+from abfm.workers.control import checkpoint
+
+_STEPS = 8  # of Gauss-Newton with one sigma, at most
+_GAINED = 0.01  # share of the energy; a step that gains less is the last one
+_DECREASE, _SHORTEST = 1e-4, 0.1
+_FEWEST, _MOST = 4, 60  # of conjugate gradients in a step
+_CLOSE = 0.1  # of the first residual, where they end
+_COOLER = 3.0  # factor between two sigmas
+_FAR = 1.0  # share of what differs, that a start must explain to be gone on from
+
+Apply = Callable[[FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbour:
+    """A field (F, 2) that this one is to be near, and how much that weighs: ``weight`` times
+    ``1/2 ||v - field||_alpha^2``, over the time of the interval.
+    """
+
+    field: FloatArray
+    weight: float
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A field (F, 2) with its evaluation, and its energy with what neighbours say."""
+
+    field: FloatArray
+    at: Evaluation
+    energy: float
+
+
+class Interval:
+    """The minimisation between two frames, in the units of the mesh scaled to unit area."""
+
+    def __init__(self, energy: MatchingEnergy, neighbours: Sequence[Neighbour] = ()) -> None:
+        self.energy = energy
+        self._neighbours = [each for each in neighbours if each.weight > 0]
+        self._norm, self._tau = energy.regularizer(), energy.parameters.tau
+
+    def find(self, sigma: float, start: FloatArray | None, warmest: float) -> Point:
+        """Minimise with a sigma: from a start (F, 2), where that carries the one frame closer to
+        the other than they were; else from no motion, by way of larger sigmas, the warmest first.
+        """
+        objective = self.energy.objective(sigma)
+        rest = self._evaluated(objective, np.zeros(self.energy.shape[1:]))
+        if start is not None:
+            begun = self._evaluated(objective, start)
+            if begun.at.mismatch < _FAR * rest.at.mismatch:
+                return self.descended(objective, sigma, begun)
+        field = rest.field
+        for warmer in cooling(sigma, warmest)[:-1]:
+            other = self.energy.objective(warmer)
+            field = self.descended(other, warmer, self._evaluated(other, field)).field
+        return self.descended(objective, sigma, self._evaluated(objective, field))
+
+    def evaluated(self, sigma: float, field: FloatArray) -> Point:
+        """Evaluate a field (F, 2) with a sigma."""
+        return self._evaluated(self.energy.objective(sigma), field)
+
+    def descended(
+        self, objective: Objective, sigma: float, point: Point, steps: int = _STEPS
+    ) -> Point:
+        """Take steps while they pay, at most so many."""
+        for _ in range(steps):
+            checkpoint()
+            found = self._step(objective, sigma, point)
+            gained = point.energy - found.energy
+            point = found
+            if not gained > _GAINED * point.energy:
+                break
+        return point
+
+    def _step(self, objective: Objective, sigma: float, point: Point) -> Point:
+        slope = point.at.gradient[0]
+        for each in self._neighbours:
+            apart = self._norm.apply(point.field - each.field)
+            slope = slope + (self._tau * each.weight) * apart
+        direction = self._solved(self._bend(sigma, point.at), -slope)
+        downhill = _inner(direction, slope)
+        length = 1.0
+        while length >= _SHORTEST and downhill < 0:
+            found = self._evaluated(objective, point.field + length * direction)
+            if found.energy <= point.energy + _DECREASE * length * downhill:
+                return found
+            length /= 2
+        return point
+
+    def _evaluated(self, objective: Objective, field: FloatArray) -> Point:
+        at = objective.evaluate(field[None])
+        total = at.energy
+        for each in self._neighbours:
+            apart = field - each.field
+            total += 0.5 * self._tau * each.weight * _inner(apart, self._norm.apply(apart))
+        return Point(field, at, total)
+
+    @property
+    def _stiffness(self) -> float:
+        """How many times the norm's form stands in the energy, with that of the neighbours."""
+        return self._tau * (1 + sum(each.weight for each in self._neighbours))
+
+    def _bend(self, sigma: float, at: Evaluation) -> Apply:
+        """Return the second derivative of the linear problem halfway between carried and wanted."""
+        mesh, functions = self.energy.mesh, self.energy.functions
+        count, mean, derive = len(functions.source), averaging(mesh), gradient(mesh)
+        halfway = 0.5 * (at.advected[:count] + functions.target)
+        slopes = [(derive @ each).reshape(-1, 2) for each in halfway]
+        unit = functions.function_size if self._is_relative else 1.0
+        weights = functions.weights * (self._tau / (sigma * unit)) ** 2
+        areas, norm, stiffness = functions.areas, self._norm, self._stiffness
+
+        def apply(field: FloatArray) -> FloatArray:
+            bent = stiffness * norm.apply(field)
+            for slope, weight in zip(slopes, weights, strict=True):
+                changes = mean @ np.einsum("fk,fk->f", slope, field)
+                bent += slope * (mean.T @ (weight * areas * changes))[:, None]
+            return bent
+
+        return apply
+
+    @property
+    def _is_relative(self) -> bool:
+        return self.energy.parameters.sigma_unit == "relative"
+
+    def _solved(self, bend: Apply, wanted: FloatArray) -> FloatArray:
+        """Solve by conjugate gradients, preconditioned by the norm alone."""
+        found, residual = np.zeros_like(wanted), wanted.copy()
+        direction = eased = self._norm.inverse(residual) / self._stiffness
+        first = size = _inner(residual, eased)
+        for count in range(1, _MOST + 1):
+            if not size > 0:
+                break
+            bent = bend(direction)
+            length = size / _inner(direction, bent)
+            found += length * direction
+            residual -= length * bent
+            eased = self._norm.inverse(residual) / self._stiffness
+            before, size = size, _inner(residual, eased)
+            if count >= _FEWEST and size <= _CLOSE**2 * first:
+                break
+            direction = eased + size / before * direction
+        return found
+
+
+def cooling(sigma: float, warmest: float) -> list[float]:
+    """Return sigmas that fall to this one, from the warmest at most."""
+    found = [sigma]
+    while found[0] * _COOLER <= warmest:
+        found.insert(0, found[0] * _COOLER)
+    return found
+
+
+def _inner(a: FloatArray, b: FloatArray) -> float:
+    return inner(np.ascontiguousarray(a).ravel(), np.ascontiguousarray(b).ravel())

@@ -1,0 +1,379 @@
+"""A film of functions on a surface, and the fields that carry each frame to the next."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.calculus.operators import Matrix, curl, divergence, face_areas
+from abfm.calculus.vector_fields import helmholtz_hodge, to_ambient, to_frame
+from abfm.errors import ParameterError, brief
+from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.flow.flow import Flow
+from abfm.io import results
+from abfm.maps.surface_points import SurfacePoints
+from abfm.matching.judging.verdict import Verdict
+from abfm.matching.match import Match
+from abfm.matching.problem import Problem
+from abfm.matching.solving.record import StopReason
+from abfm.mesh import TriangleMesh
+from abfm.numerics.real_numbers import is_finite_number
+from abfm.parameters import Parameters
+from abfm.sequences.critical_points import CriticalPoints, critical_points
+from abfm.sequences.episodes import Episode, episodes
+from abfm.sequences.files import sequence_arrays
+from abfm.sequences.frames import Frames, checked
+from abfm.sequences.solve import Solver, interval_parameters
+from abfm.sequences.tracks import Track, tracks
+from abfm.sequences.verdicts import noise_floor, verdict_of
+from abfm.types import FloatArray
+from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
+from abfm.workers.progress import step
+
+GAMMA = 1.0
+"""How much neighbouring fields are held together unless that is given."""
+DEFAULTS: dict[str, Any] = {
+    "alpha": 1.0,
+    "order": 1,
+    "divergence": 1.0,
+    "reach": 0.0,
+    "levels": 1,
+    "refine": 0,
+    "segments": 1,
+}
+"""Parameters that sequences have others of than a match."""
+TAKEN = ("alpha", "beta", "divergence", "order", "sigma", "sigma_unit", "goal")
+"""Those that may be given."""
+_HEAVIEST = 1e6  # gamma
+
+
+def defaults(**changes: Any) -> Parameters:
+    """Return the parameters of a sequence, with changes of those in `TAKEN`.
+
+    Raises
+    ------
+    ParameterError
+        If another one is given, or a value is out of range.
+    """
+    unknown = sorted(changes.keys() - set(TAKEN))
+    if unknown:
+        raise ParameterError(
+            f"a sequence does not take {brief(unknown[0])}; expected one of {', '.join(TAKEN)}"
+        )
+    return Parameters(**(DEFAULTS | changes))
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """Frames of a function, and the field of each interval between two of them; immutable.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+    frames : (T, V, C) array
+        As given, and filled in where the mask is 0.
+    times : (T,) array
+        Ascending.
+    velocity : (T - 1, F, 3) array
+        Tangent vectors, in the mesh's length unit per unit of time.
+    parameters : Parameters
+        As given; ``sigma`` is the one that the intervals have, in deviations of the frames.
+    gamma : float
+        How much neighbouring fields were held together.
+    mismatch, verified_mismatch, folded : (T - 1,) array
+        Of each interval, as in `Match`: by the discrete flow, by flow lines, and the share of faces
+        that these fold; NaN where unknown.
+    noise : float
+        What independent noise on vertices leaves of any interval, at most, as a mismatch.
+    verdicts : tuple of Verdict
+        What each interval came to.
+    sigma : float
+        That of all intervals, in the frames' deviation (or absolute, as the parameters say).
+    """
+
+    _frames: Frames = field(repr=False)
+    velocity: FloatArray = field(repr=False)
+    parameters: Parameters = field(repr=False)
+    gamma: float
+    sigma: float
+    energies: FloatArray = field(repr=False)  # (T - 1, 2, 3)
+    mismatch: FloatArray = field(repr=False)
+    verified_mismatch: FloatArray = field(repr=False)
+    folded: FloatArray = field(repr=False)
+    noise: float
+    verdicts: tuple[Verdict, ...] = field(repr=False)
+
+    @property
+    def mesh(self) -> TriangleMesh:
+        return self._frames.mesh
+
+    @property
+    def frames(self) -> FloatArray:
+        return self._frames.values
+
+    @property
+    def times(self) -> FloatArray:
+        return self._frames.times
+
+    def __len__(self) -> int:
+        """Return how many intervals there are."""
+        return len(self.velocity)
+
+    @property
+    def confirmed(self) -> int:
+        """How many intervals flow lines confirm: matched, nearly so, or as close as noise lets."""
+        good = ("matched", "nearly", "registered")
+        return sum(verdict.kind in good for verdict in self.verdicts)
+
+    def __getitem__(self, interval: int) -> Match:
+        """Return an interval as a match, from its frame to the next, with its field and verdict."""
+        i = range(len(self))[interval]
+        parameters = interval_parameters(self._frames, self.parameters, self.sigma, i)
+        flow = Flow(self.mesh, self.velocity[i], parameters.tau)
+        return Match(
+            problem=self._frames.problem(i, parameters),
+            fine_velocity=self.velocity[i : i + 1],
+            advected=flow.push(self.frames[i]),
+            energy_history=self.energies[i],
+            stages=np.zeros(2, dtype=np.int64),
+            mismatch=float(self.mismatch[i]),
+            verified_mismatch=float(self.verified_mismatch[i]),
+            folded=float(self.folded[i]),
+            stop_reason=StopReason.NO_PROGRESS,
+            verdict=self.verdicts[i],
+        )
+
+    def __iter__(self) -> Iterator[Match]:
+        return map(self.__getitem__, range(len(self)))
+
+    def interval(self, t: float) -> int:
+        """Return the number of the interval that a time lies in; at a frame, that after it."""
+        times = self.times
+        if not (is_finite_number(t) and times[0] <= t <= times[-1]):
+            raise ParameterError(
+                f"t is {brief(t)}; expected a time from {times[0]:g} to {times[-1]:g}"
+            )
+        return int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(self) - 1))
+
+    def at(self, t: float) -> FloatArray:
+        """Return the function at a time, (V,) or (V, C): the frames before and after it, carried
+        there along the field between them, and blended by how near they are.
+        """
+        i = self.interval(t)
+        begin, end = map(float, self.times[i : i + 2])
+        share = (t - begin) / (end - begin)
+        found = self.frames[i if share < 1 else i + 1]
+        if 0 < share < 1:
+            flow = Flow(self.mesh, self.velocity[i], end - begin)
+            ahead, back = (
+                flow.push(frame, t - from_time)
+                for frame, from_time in zip(self.frames[i : i + 2], (begin, end), strict=True)
+            )
+            found = (1 - share) * ahead + share * back
+        return np.array(found if self._frames.channels_given else found[:, 0])
+
+    def parts(self, interval: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Split the field of an interval into a gradient, a rotated gradient and a harmonic field,
+        (F, 3) each, see `abfm.calculus.helmholtz_hodge`.
+        """
+        return helmholtz_hodge(self.mesh, self.velocity[interval])
+
+    @cached_property
+    def divergence(self) -> FloatArray:
+        """Divergence of the fields at vertices, (T - 1, V), per unit of time."""
+        return self._by(divergence(self.mesh))
+
+    @cached_property
+    def curl(self) -> FloatArray:
+        """Curl of the fields at vertices, (T - 1, V), per unit of time."""
+        return self._by(curl(self.mesh))
+
+    def _by(self, operator: Matrix) -> FloatArray:
+        return np.stack([operator @ to_frame(self.mesh, v).ravel() for v in self.velocity])
+
+    @cached_property
+    def speed(self) -> FloatArray:
+        """Root mean square of the speed over the surface, (T - 1,): the displacement energy is half
+        its square times the area [Lefèvre & Baillet, IEEE TPAMI 31 (2009)].
+        """
+        areas = face_areas(self.mesh)
+        squares = np.array([areas @ (v**2).sum(axis=1) for v in self.velocity])
+        return np.asarray(np.sqrt(squares / areas.sum()))
+
+    @property
+    def middles(self) -> FloatArray:
+        """The middle of each interval, (T - 1,): the time of its field."""
+        return 0.5 * (self.times[1:] + self.times[:-1])
+
+    @cached_property
+    def _critical(self) -> list[CriticalPoints]:
+        found = []
+        with step("finding critical points") as tell:
+            for i, field in enumerate(self.velocity):
+                checkpoint()
+                found.append(critical_points(self.mesh, field))
+                tell((i + 1) / len(self))
+        return found
+
+    def critical_points(self, interval: int) -> CriticalPoints:
+        """Return sources, sinks, spirals and saddles of an interval's field."""
+        return self._critical[interval]
+
+    def tracks(self, least: int = 3) -> list[Track]:
+        """Follow critical points through time; those of at least so many intervals, the longest
+        ones first.
+        """
+        return tracks(self.mesh, self._critical, self.middles, least)
+
+    def episodes(self) -> list[Episode]:
+        """Return when the field is slow, stable, and when it is fast, transient."""
+        return episodes(self.times, self.speed)
+
+    def paths(self, points: SurfacePoints, start: float | None = None) -> list[SurfacePoints]:
+        """Carry points from a time, that of the first frame by default, along all fields: where
+        they are at that time, and at each later frame.
+        """
+        begin = float(self.times[0]) if start is None else float(start)
+        found, first = [points], self.interval(begin)
+        for i in range(first, len(self)):
+            checkpoint()
+            duration = float(self.times[i + 1]) - max(begin, float(self.times[i]))
+            if duration > 0:
+                flow = ContinuousFlow(self.mesh, self.velocity[i], duration)
+                found.append(flow.destinations(found[-1]))
+        return found
+
+    def between(self, first: int, last: int, parameters: Parameters | None = None) -> Problem:
+        """Return the problem between any two frames, to be matched by itself."""
+        return self._frames.between(first, last, parameters or Parameters())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        results.save_arrays(path, sequence_arrays(self), results.SEQUENCE)
+
+
+def sequence(
+    mesh: TriangleMesh,
+    frames: ArrayLike,
+    times: ArrayLike | None = None,
+    parameters: Parameters | None = None,
+    gamma: float = GAMMA,
+    *,
+    mask: ArrayLike | None = None,
+    weights: ArrayLike | None = None,
+    on_interval: Callable[[int], object] | None = None,
+    control: Control | None = None,
+) -> Sequence:
+    """Find the fields that carry each frame of a function to the next.
+
+    It minimises, over the fields ``v_i`` of the intervals of length ``d_i``,
+    ``sum_i d_i/2 ||v_i||^2 + 1/(2 sigma^2 d_i) ||f_i o phi_i^-1 - f_(i+1)||^2
+    + gamma/2 sum_i (d_i + d_(i+1))/2 ||v_i - v_(i+1)||^2``
+    with the norm of fields of the paper (Eq. 2), ``phi_i`` the flow of ``v_i`` over its interval,
+    and sigma in deviations of the frames: for small displacements this is optical flow on a surface
+    [Lefèvre & Baillet, IEEE TPAMI 30 (2008)], here without its linearisation.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    frames : (T, V) or (T, V, C) array
+        Values that are not finite, in any frame, are not compared.
+    times : (T,) array, optional
+        Ascending; 0, 1, 2, ... by default.
+    parameters : Parameters, optional
+        Of those in ``abfm.sequences.TAKEN``; see `abfm.sequences.defaults`. Without a sigma, it is
+        the largest one with which what is held out on a few intervals is hardly left more.
+    gamma : float
+        How much neighbouring fields are held together; 0 is frame by frame.
+    mask : (V,) array, optional
+        Weight of the mismatch at each vertex, not negative.
+    weights : (C,) array, optional
+        Weight of each channel.
+    on_interval : callable, optional
+        Called with the number of each interval when it is first solved, in this thread.
+    control : Control, optional
+        To pause or cancel from elsewhere: the fields that were found stay, the others are 0.
+
+    Raises
+    ------
+    AbfmError
+        If the frames, times, parameters, mask or weights do not fit.
+
+    Examples
+    --------
+    >>> import abfm, numpy as np
+    >>> from abfm.assets import asset_path
+    >>> mesh = abfm.load_mesh(asset_path("eight.off"))
+    >>> x = mesh.vertices[:, 0] / mesh.length_scale
+    >>> frames = [np.sin(6 * (x - 0.02 * t)) for t in range(4)]
+    >>> found = abfm.sequence(mesh, frames)
+    >>> found.velocity.shape == (3, len(mesh.faces), 3), found.confirmed
+    (True, 3)
+    """
+    given = defaults() if parameters is None else _checked_parameters(parameters)
+    if not (is_finite_number(gamma) and 0 <= gamma <= _HEAVIEST):
+        raise ParameterError(f"gamma is {brief(gamma)}; expected 0 to {_HEAVIEST:g}")
+    control = control or present_control() or Control()
+    with controlled(control):
+        try:
+            film = checked(mesh, frames, times, mask, weights)
+            solver = Solver(film, given, float(gamma))
+        except CancelledError:
+            raise ParameterError("the sequence was cancelled before it began") from None
+        cancelled = False
+        try:
+            solver.run(on_interval or (lambda i: None))
+        except CancelledError:
+            cancelled = True
+    with controlled(Control() if cancelled else control):
+        return _told(solver)
+
+
+def _told(solver: Solver) -> Sequence:
+    """Return the sequence with what its witnesses say."""
+    film, unit = solver.frames, solver.frames.mesh.length_scale
+    said = []
+    with step("checking by flow lines") as tell:
+        for i in range(len(solver.fields)):
+            said.append(solver.said(i))
+            tell((i + 1) / len(solver.fields))
+    numbers = {
+        name: np.array([getattr(each, name) for each in said])
+        for name in ("mismatch", "verified_mismatch", "folded", "energies")
+    }
+    velocity = to_ambient(film.mesh, solver.fields) * unit
+    velocity.flags.writeable = False
+    floor = noise_floor(film)
+    known = zip(said, solver.found.tolist(), strict=True)
+    verdicts = tuple(
+        verdict_of(film.problem(i, solver.parameters(i)), each, floor, found)
+        for i, (each, found) in enumerate(known)
+    )
+    return Sequence(
+        _frames=film,
+        velocity=velocity,
+        parameters=solver.given,
+        gamma=solver.gamma,
+        sigma=float(solver.sigma),
+        noise=floor,
+        verdicts=verdicts,
+        **numbers,
+    )
+
+
+def _checked_parameters(parameters: Parameters) -> Parameters:
+    usual = Parameters(**DEFAULTS)
+    for name, value in parameters.to_dict().items():
+        if name not in TAKEN and value not in (getattr(usual, name), getattr(Parameters(), name)):
+            raise ParameterError(
+                f"a sequence does not take {name}; expected changes of {', '.join(TAKEN)} alone, "
+                "see abfm.sequences.defaults"
+            )
+    taken = {name: getattr(parameters, name) for name in TAKEN}
+    return Parameters(**(DEFAULTS | taken))

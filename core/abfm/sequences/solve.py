@@ -1,0 +1,223 @@
+"""The fields of all intervals together: each near those beside it, in sweeps through time; and the
+sigma that what is held out bears.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from abfm.calculus.vector_fields import to_ambient
+from abfm.errors import AdvectionError
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.solving.held_out import without
+from abfm.matching.solving.measures import measured
+from abfm.parameters import Parameters
+from abfm.sequences.frames import Frames
+from abfm.sequences.interval import Interval, Neighbour, cooling
+from abfm.types import FloatArray
+from abfm.workers.control import checkpoint
+from abfm.workers.progress import step
+
+WARMEST = 9.0
+"""Sigma with which a search without a start begins, in deviations of the frames."""
+LEAST = 0.03
+"""The smallest sigma that is tried where none is given."""
+_LOOKED_AT = 3  # intervals by which sigma is chosen
+_FEW = 3  # steps with each sigma there
+_GAIN = 0.01  # of what is left of what was held out, that a smaller sigma has to gain
+_SWEEPS = 6  # at most
+_SETTLED = 0.003  # share of its energy that a sweep gains, which is then the last
+
+
+@dataclass(frozen=True, eq=False)
+class Said:
+    """What was found of an interval: as in `Match`."""
+
+    advected: FloatArray  # (C, V)
+    energies: FloatArray  # (2, 3), of no motion and of the field: total, regularity, mismatch
+    mismatch: float
+    verified_mismatch: float = np.nan
+    folded: float = np.nan
+
+
+def sigma_of(frames: Frames, given: Parameters, sigma: float, duration: float) -> float:
+    """Return the absolute sigma of an interval of that duration, by which the balance of both terms
+    is the same for all durations.
+    """
+    unit = frames.deviation if given.sigma_unit == "relative" else 1.0
+    return float(sigma * unit * np.sqrt(duration))
+
+
+def interval_parameters(
+    frames: Frames, given: Parameters, sigma: float, interval: int
+) -> Parameters:
+    """Return the parameters of the problem of an interval: its duration as tau."""
+    duration = float(frames.durations[interval])
+    absolute = sigma_of(frames, given, sigma, duration)
+    return replace(given, tau=duration, sigma=absolute, sigma_unit="absolute")
+
+
+class Solver:
+    """Finds fields (T - 1, F, 2) of the mesh scaled to unit area, per unit of time."""
+
+    def __init__(self, frames: Frames, parameters: Parameters, gamma: float) -> None:
+        self.frames, self.gamma = frames, gamma
+        self.given = parameters
+        self.fields = np.zeros((len(frames.durations), len(frames.mesh.faces), 2))
+        self.energies = np.full(len(self.fields), np.nan)  # with half of what ties neighbours
+        self.found = np.zeros(len(self.fields), dtype=bool)
+        self.sigma = parameters.sigma or np.nan
+
+    def run(self, on_interval: Callable[[int], object]) -> None:
+        """Go through all intervals; what is there when it is cancelled stays."""
+        if not np.isfinite(self.sigma):
+            self.sigma = self._chosen_sigma()
+        count = len(self.fields)
+        with step("following the frames") as tell:
+            for i in range(count):
+                checkpoint()
+                before = [i - 1] if i else []
+                self._solve(i, before, self.fields[i - 1] if i else None)
+                self.found[i] = True
+                tell((i + 1) / count)
+                on_interval(i)
+        if self.gamma and count > 1:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Sweep back and forth until the energy of all hardly falls."""
+        count, before = len(self.fields), self.total()
+        with step("smoothing in time") as tell:
+            for sweep in range(_SWEEPS):
+                order = range(count) if sweep % 2 else range(count - 1, -1, -1)
+                for done, i in enumerate(order):
+                    checkpoint()
+                    beside = [j for j in (i - 1, i + 1) if 0 <= j < count]
+                    self._solve(i, beside, self.fields[i])
+                    tell((sweep + (done + 1) / count) / _SWEEPS)
+                total = self.total()
+                if not before - total > _SETTLED * before:
+                    break
+                before = total
+
+    def total(self) -> float:
+        """Energy of all intervals together, with what ties them."""
+        norm = MatchingEnergy(self.frames.problem(0, self.parameters(0))).regularizer()
+        tied = 0.0
+        for i, between in enumerate(self._between):
+            apart = self.fields[i + 1] - self.fields[i]
+            tied += 0.5 * self.gamma * between * float((apart * norm.apply(apart)).sum())
+        return float(self.energies.sum() + tied)
+
+    @property
+    def _between(self) -> FloatArray:
+        """The mean duration of each interval and the next, (T - 2,)."""
+        durations = self.frames.durations
+        return 0.5 * (durations[1:] + durations[:-1])
+
+    def parameters(self, interval: int) -> Parameters:
+        """Return those of the problem of an interval."""
+        sigma = self.sigma if np.isfinite(self.sigma) else WARMEST
+        return interval_parameters(self.frames, self.given, sigma, interval)
+
+    def _of(self, sigma: float, duration: float) -> float:
+        return sigma_of(self.frames, self.given, sigma, duration)
+
+    def _energy(self, interval: int) -> MatchingEnergy:
+        return MatchingEnergy(self.frames.problem(interval, self.parameters(interval)))
+
+    def _solve(self, i: int, beside: Sequence[int], start: FloatArray | None) -> None:
+        duration = float(self.frames.durations[i])
+        between = self._between
+        neighbours = [
+            Neighbour(self.fields[j], self.gamma * float(between[min(i, j)]) / duration)
+            for j in beside
+        ]
+        interval = Interval(self._energy(i), neighbours)
+        sigma = self._of(self.sigma, duration)
+        found = interval.find(sigma, start, self._of(WARMEST, duration))
+        self.fields[i], self.energies[i] = found.field, found.at.energy
+
+    def said(self, i: int) -> Said:
+        """Return what the discrete flow and flow lines say of the field of an interval."""
+        energy, field = self._energy(i), self.fields[i]
+        sigma = energy.parameters.last_sigma
+        objective = energy.objective(sigma)
+        rest, at = (objective.evaluate(x[None]) for x in (np.zeros_like(field), field))
+        energies = np.array([(e.energy, e.regularity, e.mismatch) for e in (rest, at)])
+        told = {}
+        if self.found[i]:
+            told = measured(energy, to_ambient(energy.mesh, field)[None])
+        names = ("verified_mismatch", "folded")
+        return Said(
+            at.advected,
+            energies,
+            energy.left(at),
+            **{name: told[name] for name in names if name in told},
+        )
+
+    def _chosen_sigma(self) -> float:
+        """Return the largest sigma with which what was held out is left hardly less by any: on a
+        few intervals in which much changes, spread over time.
+        """
+        looked_at = _spread(self._changes(), _LOOKED_AT)
+        tried = cooling(LEAST, WARMEST)
+        left = np.full(len(tried), np.nan)
+        walks = [_Walk(self, i) for i in looked_at]
+        with step("choosing sigma") as tell:
+            for number, sigma in enumerate(tried):
+                left[number] = np.sqrt(np.mean([walk.follow(sigma) for walk in walks]))
+                tell((number + 1) / len(tried))
+                if number > int(np.nanargmin(left)):
+                    break
+        enough = (1 + _GAIN) * np.nanmin(left)
+        return tried[int(np.flatnonzero(left <= enough)[0])]
+
+    def _changes(self) -> FloatArray:
+        """How much each interval changes, (T - 1,)."""
+        values, durations = self.frames.values, self.frames.durations
+        changes = [
+            np.linalg.norm(values[i + 1] - values[i]) / durations[i] for i in range(len(durations))
+        ]
+        return np.array(changes)
+
+
+class _Walk:
+    """Follows sigma down on one interval, without the patches of each fold in turn."""
+
+    def __init__(self, solver: Solver, interval: int) -> None:
+        energy = solver._energy(interval)
+        self._functions, self._of = energy.functions, solver._of
+        self._duration = energy.parameters.tau
+        self._folds = [(Interval(part), hidden) for part, hidden in without(energy)]
+        self._fields: list[FloatArray] = [np.zeros(energy.shape[1:])] * len(self._folds)
+
+    def follow(self, sigma: float) -> float:
+        """Return the mean square of what is left of what each fold has not seen."""
+        sigma, left = self._of(sigma, self._duration), []
+        for number, (interval, hidden) in enumerate(self._folds):
+            checkpoint()
+            objective = interval.energy.objective(sigma)
+            start = interval.evaluated(sigma, self._fields[number])
+            try:
+                found = interval.descended(objective, sigma, start, _FEW)
+            except AdvectionError:
+                return np.inf
+            self._fields[number] = found.field
+            count = len(self._functions.source)
+            carried = found.at.advected[:count]
+            left.append(self._functions.weighed(hidden).relative_mismatch(carried) ** 2)
+        return float(np.mean(left)) if left else np.nan
+
+
+def _spread(changes: FloatArray, count: int) -> list[int]:
+    """Return, of each of so many parts of the time, the interval that changes as the upper quartile
+    of its part.
+    """
+    parts = np.array_split(np.arange(len(changes)), min(count, len(changes)))
+    return [
+        int(part[np.argsort(changes[part], kind="stable")[(3 * len(part)) // 4]]) for part in parts
+    ]

@@ -1,0 +1,50 @@
+"""What an interval came to, held against what its noise alone would leave."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from abfm.matching.judging import verdict as verdicts
+from abfm.matching.judging.verdict import Outcome, Verdict
+from abfm.matching.problem import Problem
+from abfm.matching.solving.record import StopReason
+from abfm.parameters import Parameters
+from abfm.sequences.frames import Frames
+from abfm.sequences.noise import noise
+from abfm.sequences.solve import Said
+
+_OFTEN = 1.3  # times what noise leaves, within which nothing but noise is left
+CONFIRMED = ("matched", "nearly", "registered")
+"""Kinds of verdicts by which flow lines confirm an interval."""
+
+
+def noise_floor(frames: Frames) -> float:
+    """Return what independent noise on vertices leaves between two frames, at most, as a mismatch:
+    the root of 2, as both have it.
+    """
+    problem = frames.problem(0, Parameters())
+    usual = np.array([noise(frames.mesh, frame.T) for frame in frames.values])  # (T, C)
+    level = np.sqrt(np.median(usual**2, axis=0))
+    even = np.repeat(level[:, None], len(frames.mesh.vertices), axis=1)
+    sizes = [problem.functions.norm(np.ascontiguousarray(frame.T)) for frame in frames.values]
+    whole = float(np.sqrt(np.mean(np.square(sizes))))
+    return float(np.sqrt(2) * problem.functions.norm(even) / whole) if whole > 0 else 0.0
+
+
+def verdict_of(problem: Problem, said: Said, floor: float, found: bool) -> Verdict:
+    """Return what an interval came to: as of any match, but that nothing more is asked of it than
+    its noise allows.
+    """
+    functions = problem.functions
+    if not found:
+        return Verdict("not reached", "it was not solved: cancelled before", "solve it again")
+    outcome = Outcome(
+        said.advected, said.mismatch, StopReason.NO_PROGRESS, said.verified_mismatch, said.folded
+    )
+    told = verdicts.advice(functions, outcome, problem.parameters)
+    left = verdicts.confirmed_mismatch(said.mismatch, said.verified_mismatch)
+    if told.kind in CONFIRMED or not left <= _OFTEN * floor:
+        return told if told.kind in CONFIRMED else replace(told, advice="", remedies=())
+    first = functions.relative_mismatch(functions.source)
+    why = f"{first:.3g} -> {left:.3g}: no more than noise of {floor:.3g} is left"
+    return Verdict("registered", why, "")
