@@ -26,7 +26,6 @@ _DECREASE, _SHORTEST = 1e-4, 0.1
 _FEWEST, _MOST = 4, 60  # of conjugate gradients in a step
 _CLOSE = 0.1  # of the first residual, where they end
 _COOLER = 3.0  # factor between two sigmas
-_FAR = 1.0  # share of what differs, that a start must explain to be gone on from
 
 Apply = Callable[[FloatArray], FloatArray]
 
@@ -58,30 +57,25 @@ class Interval:
         self._neighbours = [each for each in neighbours if each.weight > 0]
         self._norm, self._tau = energy.regularizer(), energy.parameters.tau
 
-    def find(self, sigma: float, start: FloatArray | None, warmest: float) -> Point:
-        """Minimise with a sigma: from a start (F, 2), where that carries the one frame closer to
-        the other than they were; else from no motion, by way of larger sigmas, the warmest first.
+    def find(self, sigma: float, warmest: float, start: FloatArray | None) -> Point:
+        """Minimise with a sigma, by way of warmer ones: from a start (F, 2) and a little warmer,
+        where that carries the one frame closer to the other than they were; else from no motion,
+        and from the warmest on. What a start has too much of is smoothed away by the warmer one.
         """
         objective = self.energy.objective(sigma)
         rest = self._evaluated(objective, np.zeros(self.energy.shape[1:]))
-        if start is not None:
-            begun = self._evaluated(objective, start)
-            if begun.at.mismatch < _FAR * rest.at.mismatch:
-                return self.descended(objective, sigma, begun)
-        field = rest.field
-        for warmer in cooling(sigma, warmest)[:-1]:
-            other = self.energy.objective(warmer)
-            field = self.descended(other, warmer, self._evaluated(other, field)).field
-        return self.descended(objective, sigma, self._evaluated(objective, field))
+        field, sigmas = rest.field, cooling(sigma, warmest)
+        if start is not None and self._evaluated(objective, start).at.mismatch < rest.at.mismatch:
+            field, sigmas = start, sigmas[-2:]
+        for each in sigmas:
+            point = self.go_on(each, field)
+            field = point.field
+        return point
 
-    def evaluated(self, sigma: float, field: FloatArray) -> Point:
-        """Evaluate a field (F, 2) with a sigma."""
-        return self._evaluated(self.energy.objective(sigma), field)
-
-    def descended(
-        self, objective: Objective, sigma: float, point: Point, steps: int = _STEPS
-    ) -> Point:
-        """Take steps while they pay, at most so many."""
+    def go_on(self, sigma: float, field: FloatArray, steps: int = _STEPS) -> Point:
+        """Minimise with a sigma from a field (F, 2), by steps while they pay, at most so many."""
+        objective = self.energy.objective(sigma)
+        point = self._evaluated(objective, field)
         for _ in range(steps):
             checkpoint()
             found = self._step(objective, sigma, point)

@@ -10,13 +10,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient
-from abfm.errors import AdvectionError
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.held_out import without
 from abfm.matching.solving.measures import measured
 from abfm.parameters import Parameters
 from abfm.sequences.frames import Frames
-from abfm.sequences.interval import Interval, Neighbour, cooling
+from abfm.sequences.interval import Interval, Neighbour, Point, cooling
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -28,6 +27,7 @@ LEAST = 0.03
 _LOOKED_AT = 3  # intervals by which sigma is chosen
 _FEW = 3  # steps with each sigma there
 _GAIN = 0.01  # of what is left of what was held out, that a smaller sigma has to gain
+_NOTHING = 0.02  # of what differs at first: less is not sought
 _SWEEPS = 6  # at most
 _SETTLED = 0.003  # share of its energy that a sweep gains, which is then the last
 
@@ -79,8 +79,8 @@ class Solver:
         with step("following the frames") as tell:
             for i in range(count):
                 checkpoint()
-                before = [i - 1] if i else []
-                self._solve(i, before, self.fields[i - 1] if i else None)
+                start = self.fields[i - 1] if i else None
+                self._keep(i, self._interval(i, [i - 1] if i else []).find(*self._sigmas(i), start))
                 self.found[i] = True
                 tell((i + 1) / count)
                 on_interval(i)
@@ -96,7 +96,9 @@ class Solver:
                 for done, i in enumerate(order):
                     checkpoint()
                     beside = [j for j in (i - 1, i + 1) if 0 <= j < count]
-                    self._solve(i, beside, self.fields[i])
+                    self._keep(
+                        i, self._interval(i, beside).go_on(self._sigmas(i)[0], self.fields[i])
+                    )
                     tell((sweep + (done + 1) / count) / _SWEEPS)
                 total = self.total()
                 if not before - total > _SETTLED * before:
@@ -129,16 +131,21 @@ class Solver:
     def _energy(self, interval: int) -> MatchingEnergy:
         return MatchingEnergy(self.frames.problem(interval, self.parameters(interval)))
 
-    def _solve(self, i: int, beside: Sequence[int], start: FloatArray | None) -> None:
-        duration = float(self.frames.durations[i])
-        between = self._between
+    def _interval(self, i: int, beside: Sequence[int]) -> Interval:
+        """Return the minimisation of an interval, near the fields of those beside it."""
+        duration, between = float(self.frames.durations[i]), self._between
         neighbours = [
             Neighbour(self.fields[j], self.gamma * float(between[min(i, j)]) / duration)
             for j in beside
         ]
-        interval = Interval(self._energy(i), neighbours)
-        sigma = self._of(self.sigma, duration)
-        found = interval.find(sigma, start, self._of(WARMEST, duration))
+        return Interval(self._energy(i), neighbours)
+
+    def _sigmas(self, i: int) -> tuple[float, float]:
+        """Return the last and the warmest sigma of an interval."""
+        duration = float(self.frames.durations[i])
+        return self._of(self.sigma, duration), self._of(WARMEST, duration)
+
+    def _keep(self, i: int, found: Point) -> None:
         self.fields[i], self.energies[i] = found.field, found.at.energy
 
     def said(self, i: int) -> Said:
@@ -167,13 +174,14 @@ class Solver:
         tried = cooling(LEAST, WARMEST)
         left = np.full(len(tried), np.nan)
         walks = [_Walk(self, i) for i in looked_at]
+        rest = float(np.sqrt(np.mean([walk.rest**2 for walk in walks])))
         with step("choosing sigma") as tell:
             for number, sigma in enumerate(tried):
                 left[number] = np.sqrt(np.mean([walk.follow(sigma) for walk in walks]))
                 tell((number + 1) / len(tried))
                 if number > int(np.nanargmin(left)):
                     break
-        enough = (1 + _GAIN) * np.nanmin(left)
+        enough = (1 + _GAIN) * np.nanmin(left) + _NOTHING * rest
         return tried[int(np.flatnonzero(left <= enough)[0])]
 
     def _changes(self) -> FloatArray:
@@ -192,6 +200,7 @@ class _Walk:
         energy = solver._energy(interval)
         self._functions, self._of = energy.functions, solver._of
         self._duration = energy.parameters.tau
+        self.rest = energy.relative_mismatch(energy.functions.source)
         self._folds = [(Interval(part), hidden) for part, hidden in without(energy)]
         self._fields: list[FloatArray] = [np.zeros(energy.shape[1:])] * len(self._folds)
 
@@ -200,12 +209,7 @@ class _Walk:
         sigma, left = self._of(sigma, self._duration), []
         for number, (interval, hidden) in enumerate(self._folds):
             checkpoint()
-            objective = interval.energy.objective(sigma)
-            start = interval.evaluated(sigma, self._fields[number])
-            try:
-                found = interval.descended(objective, sigma, start, _FEW)
-            except AdvectionError:
-                return np.inf
+            found = interval.go_on(sigma, self._fields[number], _FEW)
             self._fields[number] = found.field
             count = len(self._functions.source)
             carried = found.at.advected[:count]
