@@ -258,25 +258,30 @@ def bare_machine(house, tmp_path):
     return programs
 
 
-def test_run_test_installs_what_a_window_without_a_screen_needs(house, bare_machine, tmp_path):
-    both = " ".join(f'"{bare_machine / name}"' for name in ("Xvfb", "xdotool"))
-    install = f"touch {both} && chmod +x {both}"
+def test_run_test_installs_what_tests_of_windows_and_pages_need(house, bare_machine, tmp_path):
+    names = ("Xvfb", "xdotool", "chromium", "chromedriver")
+    every = " ".join(f'"{bare_machine / name}"' for name in names)
+    install = f"touch {every} && chmod +x {every}"
     program(bare_machine / "apt-get", f'echo "$@" >>"{tmp_path}/asked"; {install}')
     for _ in range(2):
         assert run(house / "run", "test", env={"PATH": str(bare_machine)}).returncode == 0
     asked = (tmp_path / "asked").read_text()
-    assert asked == "--yes --quiet install --no-install-recommends xvfb xdotool\n"
+    packages = "xvfb xdotool chromium chromium-driver"
+    assert asked == f"--yes --quiet install --no-install-recommends {packages}\n"
 
 
 @pytest.mark.parametrize(
     ("apt", "advice"),
-    [(None, "install them"), ("exit 1", "type: sudo apt-get install xvfb xdotool")],
+    [
+        (None, "install them"),
+        ("exit 1", "type: sudo apt-get install xvfb xdotool chromium chromium-driver"),
+    ],
 )
 def test_run_test_says_what_to_install_where_it_cannot(house, bare_machine, apt, advice):
     if apt:
         program(bare_machine / "apt-get", apt)
     done = run(house / "run", "test", env={"PATH": str(bare_machine)})
-    assert done.returncode == 0  # it goes on: the one test that needs them fails
+    assert done.returncode == 0  # it goes on: the tests that need them fail
     assert done.stderr.splitlines()[-1].endswith(advice)
 
 

@@ -148,7 +148,7 @@ def _write_each(
         try:
             write(path)
             kept = kept or path.suffix == ".npz"
-        except ResultError as error:
+        except AbfmError as error:
             problem = problem or error
     if problem is not None:
         raise problem if kept else ResultError(f"{problem}; {_kept_elsewhere(whole)}")

@@ -44,10 +44,11 @@ def quantised(values: ArrayLike) -> Quantised:
     given = np.asarray(values, dtype=float)
     known = np.isfinite(given)
     least, most = (given[known].min(), given[known].max()) if known.any() else (0.0, 0.0)
-    step = float(most / LEVELS - least / LEVELS) or 1.0  # of huge values the difference is infinite
+    unit = max(abs(least), abs(most)) or 1.0  # in which no difference of huge values is infinite
+    step = (most / unit - least / unit) / LEVELS or 1.0
     numbers = np.full(given.shape, NONE, dtype=np.uint16)
-    numbers[known] = np.clip(np.round(given[known] / step - least / step), 0, LEVELS)
-    return Quantised(numbers, float(least), step)
+    numbers[known] = np.round((given[known] / unit - least / unit) / step)
+    return Quantised(numbers, float(least), float(step * unit) or 1.0)
 
 
 def quantised_places(points: FloatArray) -> tuple[NDArray[np.uint16], FloatArray, FloatArray]:
