@@ -1,4 +1,4 @@
-"""The page as text: of bounded size, with what users wrote as text, and with nothing from outside."""
+"""The page as text: of bounded size, what users wrote is text, and nothing is from outside."""
 
 import base64
 import hashlib
@@ -13,7 +13,7 @@ import abfm
 from abfm import ParameterError
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.document.document import Front
-from abfm_viewer.pages import Clock, Layer, Page, Panel, Span, Told, Ways, sequence_page
+from abfm_viewer.pages import Clock, Layer, Page, Panel, Span, Told, Ways, match_page, sequence_page
 from tests.shapes import icosphere
 
 FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
@@ -33,6 +33,9 @@ class Parts(HTMLParser):
         self.attributes += [(tag, *each) for each in attrs]
         self._now = tag, dict(attrs).get("id", "")
         self.texts.setdefault(self._now, "")
+
+    def handle_endtag(self, tag):
+        self._now = "", ""
 
     def handle_data(self, data):
         if self._now in self.texts:
@@ -71,7 +74,7 @@ def test_sixty_frames_on_ten_thousand_vertices_are_far_below_fifteen_megabytes()
 
 def test_what_users_wrote_is_text_and_nothing_else(text):
     parts = Parts(text)
-    scripts = [tag for tag in re.findall(r"<script[^>]*>", text)]
+    scripts = re.findall(r"<script[^>]*>", text)
     assert len(scripts) == 3
     assert text.count("</script>") == 3
     assert parts.texts["h1", ""] == EVIL
@@ -113,10 +116,9 @@ def test_a_mesh_that_several_panels_show_is_in_it_once():
 
 def test_frames_and_times_that_do_not_fit_are_refused():
     mesh = icosphere(1)
+    layer = Layer("f", wave(mesh, 3), COLORS, np.array([0.0, 1.0]))
+    page = Page("t", "h", [Panel("a", mesh, [layer], FRONT)])
     with pytest.raises(ParameterError, match="f has 3 frames, and 2 times"):
-        page = Page(
-            "t", "h", [Panel("a", mesh, [Layer("f", wave(mesh, 3), COLORS, [0, 1])], FRONT)]
-        )
         page.html()
     with pytest.raises(ParameterError, match="expected a later end"):
         Clock(1.0, 1.0)
@@ -178,9 +180,9 @@ def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
 
 def test_page_of_a_match_carries_its_source_to_the_target():
     mesh = icosphere(3)
-    f, g = (abfm.function(mesh, f"gaussian:vertex={v},width=0.4") for v in (5, 60))
-    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=6, refine=0))
-    page = abfm_page(match)
+    f, g = (abfm.function(mesh, f"gaussian:vertex={v},width=0.12") for v in (5, 60))
+    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=12, refine=0))
+    page = match_page(match, "a match")
     names = [panel.title for panel in page.panels]
     assert names == ["source", "carried", "target"]
     source, carried, target = (panel.layers[0] for panel in page.panels)
@@ -191,9 +193,3 @@ def test_page_of_a_match_carries_its_source_to_the_target():
     flow_lines = page.panels[1].ways[0]
     apart = np.linalg.norm(flow_lines.starts, axis=1)
     assert np.abs(apart - 1).max() < 0.02  # on the sphere
-
-
-def abfm_page(match):
-    from abfm_viewer.pages import match_page
-
-    return match_page(match, "t")
