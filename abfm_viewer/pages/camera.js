@@ -1,6 +1,7 @@
 // One camera for all panels: turned about the vertical and tilted, zoomed, moved.
 
 const STEEPEST = Math.PI / 2, ZOOMS = [0.3, 40], MARGIN = 0.88;
+const ROOM = 1.2; // for what is drawn on the surface and nearer to the eye
 
 class Camera {
   /** Sees all of some meshes, each in the axes of its panel, however they turn. */
@@ -8,6 +9,7 @@ class Camera {
     this.radius = 1e-9;
     this.extents = panels.map(({ mesh, axes }) => this.extent(mesh.positions, axes));
     this.distance = 5 * this.radius;
+    this.radius *= ROOM;
     this.density = 1;
     this.reset();
   }
