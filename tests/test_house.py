@@ -45,6 +45,7 @@ def test_the_wheel_holds_both_packages_and_every_asset(wheel):
     assert {f"abfm/assets/{asset.name}" for asset in (ROOT / "assets").iterdir()} <= names
     assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/match.py"} <= names
     assert "abfm_viewer/appearance/colormaps.csv" in names
+    assert {f"abfm_viewer/pages/page.{kind}" for kind in ("html", "css", "js")} <= names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert {name.split("/")[0].split("-")[0] for name in names} == {"abfm", "abfm_viewer"}
 
@@ -112,6 +113,7 @@ def test_without_the_app_only_what_draws_is_missing(installed, tmp_path):
     figure = installed("abfm", "figure", "3", "--quiet", "--out", tmp_path, **without)
     assert figure.stderr.strip().endswith(wanted)
     render = ["abfm", "render", result, "--out"]
+    assert installed(*render, tmp_path / "a.html", **without).stdout.startswith("wrote ")
     for command in ([*render, tmp_path / "a.png"], [*render, tmp_path / "a.mp4"], ["abfm-viewer"]):
         done = installed(*command, **without)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)

@@ -45,7 +45,7 @@ Examples:
 """
 Known = dict[str, FloatArray]
 _MOVIES, _PAGE = (".mp4", ".gif"), ".html"
-_OF_PAGES = ("command", "parser", "run", "input", "out", "quiet")
+_OF_PAGES = ("command", "parser", "run", "input", "out", "quiet", "up")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
 _SECONDS, _FPS = 4.0, 30.0
 
@@ -126,7 +126,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _write_page(arguments: argparse.Namespace) -> None:
     given, out = vars(arguments), arguments.out
     for name, value in given.items():
-        if name not in _OF_PAGES and value not in (None, False):
+        if name not in _OF_PAGES and value is not None and value is not False:
             option = {"start": "from", "end": "to"}.get(name, name.replace("_", "-"))
             raise UsageError(f"--{option} is for pictures and movies, and {out} is a page")
     document, _ = read_document(Path(arguments.input))
@@ -136,9 +136,9 @@ def _write_page(arguments: argparse.Namespace) -> None:
     warn_of_doubt(arguments.input, match)
     if document.is_pair and initial is not None:
         of = initial.correspondence, match, initial.notes, initial.functions
-        outputs.write_registration(out, abfm.Registration(*of))
+        outputs.write_registration(out, abfm.Registration(*of), arguments.up or "y")
     else:
-        outputs.write(out, match)
+        outputs.write(out, match, arguments.up or "y")
     print(f"wrote {printable(out)}")
 
 

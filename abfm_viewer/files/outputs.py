@@ -70,11 +70,12 @@ def write_registrations(paths: Sequence[Path], found: abfm.Registration) -> None
     _write_each(paths, partial(write_registration, found=found), found)
 
 
-def write_registration(path: Path, found: abfm.Registration) -> None:
+def write_registration(path: Path, found: abfm.Registration, up: str = "y") -> None:
+    """Write by the suffix; ``up`` is the axis of B that points upwards on a page."""
     if path.suffix == ".npz":
         found.save(path)
     elif path.suffix == ".html":
-        pages.registration_page(found, printable(path.stem)).write(path)
+        pages.registration_page(found, printable(path.stem), up).write(path)
     elif path.suffix in _TABLES:
         abfm.io.write_values(path, vertex_numbers(found.points))
     else:
@@ -112,13 +113,14 @@ def make_folder(path: Path) -> None:
         ) from None
 
 
-def write(path: Path, match: abfm.Match) -> None:
+def write(path: Path, match: abfm.Match, up: str = "y") -> None:
+    """Write by the suffix; ``up`` is the axis that points upwards on a page."""
     if path.suffix == ".npz":
         match.save(path)
     elif path.suffix == ".csv":
         abfm.io.export_energy_csv(path, match.energy_history, match.stages)
     elif path.suffix == ".html":
-        pages.match_page(match, printable(path.stem)).write(path)
+        pages.match_page(match, printable(path.stem), up).write(path)
     else:
         functions = {"source": match.source, "target": match.target, "advected": match.advected}
         on_points = {name: f if f.shape[1] > 1 else f[:, 0] for name, f in functions.items()}

@@ -6,23 +6,32 @@ const ROOM = 1.2; // for what is drawn on the surface and nearer to the eye
 class Camera {
   /** Sees all of some meshes, each in the axes of its panel, however they turn. */
   constructor(panels) {
-    this.radius = 1e-9;
-    this.extents = panels.map(({ mesh, axes }) => this.extent(mesh.positions, axes));
-    this.distance = 5 * this.radius;
-    this.radius *= ROOM;
+    this.panels = panels;
     this.density = 1;
+    this.stand(IDENTITY);
+    const farthest = Math.max(...this.extents.map(([, , far]) => far));
+    this.distance = 5 * farthest;
+    this.radius = ROOM * farthest;
+  }
+
+  /** Turns all panels by a rotation of what was their front, from which it goes on turning. */
+  stand(rotation) {
+    this.axes = this.panels.map(({ axes }) => product(rotation, axes));
+    this.extents = this.panels.map(({ mesh }, number) => extent(mesh.positions, this.axes[number]));
     this.reset();
   }
 
-  extent(positions, axes) {
-    let across = 0, up = 0;
-    for (let i = 0; i < positions.length; i += 3) {
-      const [x, y, z] = times(axes, positions.subarray(i, i + 3));
-      across = Math.max(across, Math.hypot(x, z));
-      up = Math.max(up, Math.abs(y));
-      this.radius = Math.max(this.radius, Math.hypot(x, y, z));
-    }
-    return [across, up];
+  /** Puts an axis of the last panel's mesh upright, 0, 1 or 2; its own front for none. */
+  upright(axis) {
+    if (axis === null) return this.stand(IDENTITY);
+    const own = this.panels[this.panels.length - 1].axes, up = [0, 0, 0];
+    up[axis] = 1;
+    let front = own.slice(6);
+    front[axis] = 0;
+    if (Math.hypot(...front) < 0.1) front = own.slice(3, 6).map((x, k) => (k === axis ? 0 : -x));
+    const length = Math.hypot(...front);
+    front = front.map((x) => x / length);
+    return this.stand(product([...cross(up, front), ...up, ...front], transposed(own)));
   }
 
   reset() {
@@ -63,13 +72,12 @@ class Camera {
     };
   }
 
-  /** The rotation (rows) of a panel whose axes are rows, too. */
-  turned(axes) {
+  /** The rotation (rows) of a panel. */
+  turned(number) {
     const [s, c, t, d] = [Math.sin(this.yaw), Math.cos(this.yaw), Math.sin(this.pitch),
       Math.cos(this.pitch)];
     const turn = [c, 0, s, t * s, d, -t * c, -d * s, t, d * c];
-    return [0, 1, 2].flatMap((row) => [0, 1, 2].map((column) =>
-      [0, 1, 2].reduce((sum, k) => sum + turn[3 * row + k] * axes[3 * k + column], 0)));
+    return product(turn, this.axes[number]);
   }
 
   /** Where points of a panel are: (x, y) in CSS pixels from the middle of its box, up, and depth. */
@@ -79,6 +87,31 @@ class Camera {
     return [x * unit + this.pan[0], y * unit + this.pan[1], z];
   }
 }
+
+const IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1];
+
+/** How far a mesh reaches, seen along axes: around its vertical, up and down, in all. */
+function extent(positions, axes) {
+  let across = 0, up = 0, far = 1e-9;
+  for (let i = 0; i < positions.length; i += 3) {
+    const [x, y, z] = times(axes, positions.subarray(i, i + 3));
+    across = Math.max(across, Math.hypot(x, z));
+    up = Math.max(up, Math.abs(y));
+    far = Math.max(far, Math.hypot(x, y, z));
+  }
+  return [across, up, far];
+}
+
+const transposed = (m) => [0, 1, 2].flatMap((row) => [m[row], m[row + 3], m[row + 6]]);
+
+const cross = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
+
+/** The product of two matrices of rows. */
+const product = (m, n) => {
+  const columns = transposed(n);
+  const made = [0, 1, 2].map((k) => times(m, columns.slice(3 * k, 3 * k + 3)));
+  return transposed(made.flat());
+};
 
 /** A matrix of rows times a vector. */
 const times = (m, [x, y, z]) => [
@@ -91,7 +124,8 @@ function follow(element, camera, panelAt, changed) {
   const middle = () => {
     const all = [...held.values()], mean = (k) => all.reduce((s, p) => s + p[k], 0) / all.length;
     const [x, y] = [mean(0), mean(1)];
-    return { x, y, spread: all.length > 1 ? Math.hypot(all[0][0] - all[1][0], all[0][1] - all[1][1]) : 0 };
+    const [one, other] = [all[0], all[all.length - 1]];
+    return { x, y, spread: Math.hypot(one[0] - other[0], one[1] - other[1]) };
   };
   element.addEventListener("pointerdown", (event) => {
     element.setPointerCapture(event.pointerId);

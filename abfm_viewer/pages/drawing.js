@@ -213,26 +213,26 @@ class Drawing {
       if (box[2] < 1 || box[3] < 1) return;
       gl.viewport(...box);
       gl.scissor(...box);
-      this.drawSurface(panel, box, camera, state);
-      this.drawWays(panel, box, camera, state);
+      this.drawSurface(panel, number, box, camera, state);
+      this.drawWays(panel, number, box, camera, state);
     });
   }
 
-  look({ places }, panel, box, camera) {
+  look({ places }, number, box, camera) {
     const gl = this.gl, { scale, pan } = camera.placed(box);
-    gl.uniformMatrix3fv(places.turn, true, camera.turned(panel.axes));
+    gl.uniformMatrix3fv(places.turn, true, camera.turned(number));
     gl.uniform2fv(places.scale, scale);
     gl.uniform2fv(places.pan, pan);
     gl.uniform1f(places.distance, camera.distance);
     gl.uniform1f(places.radius, camera.radius);
   }
 
-  drawSurface(panel, box, camera, { time, layer: number }) {
+  drawSurface(panel, number, box, camera, { time, layer: chosen }) {
     const gl = this.gl, { made, places } = this.surface;
-    const layer = panel.layers[Math.min(number, panel.layers.length - 1)];
+    const layer = panel.layers[Math.min(chosen, panel.layers.length - 1)];
     const share = this.hold(panel, layer, time);
     gl.useProgram(made);
-    this.look(this.surface, panel, box, camera);
+    this.look(this.surface, number, box, camera);
     gl.uniform1f(places.share, share);
     gl.uniform1f(places.low, layer.low);
     gl.uniform1f(places.high, layer.high);
@@ -244,12 +244,12 @@ class Drawing {
     gl.disable(gl.CULL_FACE);
   }
 
-  drawWays(panel, box, camera, { time, hidden }) {
+  drawWays(panel, number, box, camera, { time, hidden }) {
     const gl = this.gl, { made, places } = this.way;
     const shown = panel.ways.filter((way) => way.count && !hidden.has(way.name));
     if (!shown.length) return;
     gl.useProgram(made);
-    this.look(this.way, panel, box, camera);
+    this.look(this.way, number, box, camera);
     gl.uniform2f(places.pixel, 2 / box[2], 2 / box[3]);
     gl.uniform1f(places.now, time);
     gl.enable(gl.BLEND);

@@ -33,9 +33,11 @@ _MARK: Color = (0.04, 0.56, 0.42)
 _ALWAYS = (-1e30, 1e30)
 
 
-def match_page(match: Match, title: str) -> Page:
-    """Return the page of a match: its source, the source on its way, its target."""
-    front = best_front(match.mesh, match.source[:, 0], match.target[:, 0])
+def match_page(match: Match, title: str, up: str = "y") -> Page:
+    """Return the page of a match: its source, the source on its way, its target; ``up`` is the axis
+    that points upwards.
+    """
+    front = best_front(match.mesh, match.source[:, 0], match.target[:, 0], up=up)
     shown = _functions(match)
     moving = _moving(match, shown)
     still = [(match.source, "source", 0), (match.target, "target", 1)]
@@ -56,12 +58,14 @@ def match_page(match: Match, title: str) -> Page:
     return _page(match, title, about, [first, carried, *last])
 
 
-def registration_page(found: Registration, title: str) -> Page:
-    """Return the page of a registration: A with its function, that on its way on B, and B's own."""
+def registration_page(found: Registration, title: str, up: str = "y") -> Page:
+    """Return the page of a registration: A with its function, that on its way on B, and B's own;
+    ``up`` is the axis of B that points upwards.
+    """
     match = found.match
     if found.a is found.b:
-        return match_page(match, title)
-    of_a, of_b = fronts(found)
+        return match_page(match, title, up)
+    of_a, of_b = fronts(found, up)
     shown = _functions(match, found.a)
     of_landmarks = match.problem.is_of_landmarks
     on_a = found.a.vertices if of_landmarks else functions_on_a(found)

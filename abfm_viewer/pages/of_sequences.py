@@ -24,11 +24,12 @@ _MOST_VALUES = 6_000_000  # in all keys of all functions: less than as many byte
 _MOST_BETWEEN = 4  # keys of an interval
 _SECONDS_A_FRAME, _SHORTEST, _LONGEST = 0.15, 4.0, 30.0
 _TAIL = 0.2  # of the whole time that a track is seen after
+# apart from the colours of functions
 _COLORS: dict[str, Color] = {
-    "source": (0.71, 0.35, 0.0),
-    "sink": (0.12, 0.37, 0.82),
-    "spiral": (0.04, 0.56, 0.42),
-    "saddle": (0.54, 0.24, 0.8),
+    "source": (0.95, 0.72, 0.02),
+    "sink": (0.11, 0.49, 0.24),
+    "spiral": (0.07, 0.09, 0.13),
+    "saddle": (0.54, 0.25, 0.99),
 }
 _OTHER: Color = (0.11, 0.13, 0.17)
 
@@ -68,7 +69,9 @@ class Track(Protocol):
 
 @dataclass(frozen=True)
 class Told:
-    """What is said of a sequence: of each interval with its tone, of all, and of its channels."""
+    """What is said of a sequence: of all, of each interval with its tone, of its channels; and the
+    axis that points upwards.
+    """
 
     headline: str = ""
     tone: Tone = "ink"
@@ -78,6 +81,7 @@ class Told:
     names: Sequence[str] = ()
     unit: str = ""
     unit_of_time: str = "s"
+    up: str = "y"
 
 
 def sequence_page(sequence: Filmed, title: str, told: Told, tracks: Sequence[Track] = ()) -> Page:
@@ -94,7 +98,7 @@ def sequence_page(sequence: Filmed, title: str, told: Told, tracks: Sequence[Tra
         Layer(name, frames[:, :, c], color_range(frames[:, :, c]), keys, told.unit)
         for c, name in enumerate([*told.names, *usual[len(told.names) :]][:count])
     ]
-    front = best_front(mesh, frames[:, :, 0].std(axis=0))
+    front = best_front(mesh, frames[:, :, 0].std(axis=0), up=told.up)
     spans = [
         Span(start, end, f"interval {number}: {text}", tone)
         for number, ((start, end), (text, tone)) in enumerate(

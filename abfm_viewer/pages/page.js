@@ -79,6 +79,11 @@ async function main() {
     arrange();
   });
   keyboard(player, camera, ask);
+  const up = element("up");
+  up.addEventListener("change", () => {
+    camera.upright(up.value === "" ? null : Number(up.value));
+    arrange();
+  });
   canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
   canvas.addEventListener("webglcontextrestored", () => {
     drawing = new Drawing(canvas, page, data);
@@ -165,7 +170,7 @@ function readValues(drawing, camera, state, panelAt) {
     tip.hidden = true;
     if (event.buttons || event.pointerType !== "mouse" || which < 0) return;
     const panel = drawing.panels[which], { positions, ids } = panel.mesh;
-    const turn = camera.turned(panel.axes);
+    const turn = camera.turned(which);
     let best = -1, highest = -Infinity;
     for (let v = 0; v < panel.count; v++) {
       const [x, y, z] = camera.projected(turn, positions.subarray(3 * v, 3 * v + 3));

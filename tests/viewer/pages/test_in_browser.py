@@ -133,6 +133,22 @@ def test_half_a_turn_shows_the_other_side(open_page):
     np.testing.assert_allclose(shown.middle(), told(0.2), atol=4)
 
 
+@pytest.mark.parametrize("name", "xyz")
+def test_any_axis_can_be_put_upright_on_all_panels(open_page, name):
+    value = np.where(BALL.vertices[:, "xyz".index(name)] < 0, 0.2, 0.9)
+    tilted = Front((0.0, 0.6, 0.8), (0.0, 0.8, -0.6))
+    one = Panel("one", BALL, [Layer("f", value, COLORS)], tilted)
+    shown = open_page(page(one, replace(one, title="two")))
+    shown.find("#up").send_keys(f"{name} up")
+    for number in range(2):
+        above, below = np.array_split(shown.surface(number, 0.2), 2)
+        for half, expected in ((above, 0.9), (below, 0.2)):
+            hue = np.median(half.reshape(-1, 3), axis=0) - np.median(told(expected))
+            wanted = told(expected) - np.median(told(expected))
+            other = told(1.1 - expected) - np.median(told(1.1 - expected))
+            assert np.linalg.norm(hue - wanted) < np.linalg.norm(hue - other)
+
+
 def covered(shown):
     """The share of a panel that is not white."""
     return (shown.surface().min(axis=2) < 250).mean()
