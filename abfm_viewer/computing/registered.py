@@ -18,7 +18,9 @@ def fronts(found: Correspondence, up: str = "y") -> tuple[Front, Front]:
     """Return from where A and B are seen: B from its best side, and A from where most of what is
     seen of B lies on it, turned as the map turns B.
     """
-    target = [found.match.target[:, 0]] if isinstance(found, Registration) else []
+    target = []
+    if isinstance(found, Registration) and not found.match.problem.is_of_landmarks:
+        target = [found.match.target[:, 0]]
     of_b = best_front(found.b, *target, up=up)
     turn = _turn(found)
     of_a = Front(*(triple(turn @ np.array(one)) for one in (of_b.direction, of_b.up)))

@@ -37,7 +37,8 @@ def match_page(match: Match, title: str, up: str = "y") -> Page:
     """Return the page of a match: its source, the source on its way, its target; ``up`` is the axis
     that points upwards.
     """
-    front = best_front(match.mesh, match.source[:, 0], match.target[:, 0], up=up)
+    functions = () if match.problem.is_of_landmarks else (match.source[:, 0], match.target[:, 0])
+    front = best_front(match.mesh, *functions, up=up)
     shown = _functions(match)
     moving = _moving(match, shown)
     still = [(match.source, "source", 0), (match.target, "target", 1)]
@@ -181,6 +182,8 @@ def _page(match: Match, title: str, about: str, panels: list[Panel]) -> Page:
     if (count := match.source.shape[1]) > MOST_CHANNELS:
         told.append(f"these are the first {MOST_CHANNELS} of {count} pairs of functions")
     words = verdict_words.headline(match), verdict_words.tone(match)
+    specs = zip(*(side[:MOST_CHANNELS] for side in match.problem.specs), strict=True)
+    about = "; ".join([about, *(" → ".join(pair) for pair in specs if all(pair))])
     return Page(title, words[0], panels, clock, words[1], about, _facts(match), told)
 
 
@@ -195,10 +198,6 @@ def _facts(match: Match) -> dict[str, str]:
         told["areas: |log2 J|, mean"] = f"{cost:.2f}"
     if math.isfinite(match.folded):
         told["folded faces"] = f"{100 * match.folded:.2g}%"
-    specs = [("source", 0), ("target", 1)]
-    for name, side in specs:
-        if given := ", ".join(filter(None, match.problem.specs[side][:MOST_CHANNELS])):
-            told[name] = given
     return told
 
 

@@ -26,6 +26,7 @@ from abfm import TriangleMesh
 from abfm.errors import ParameterError
 from abfm.io import write_atomically
 from abfm.types import FloatArray, IntArray
+from abfm.workers.progress import step
 from abfm_viewer.appearance.colormaps import ColorRange, table
 from abfm_viewer.computing.creases import drawn_mesh
 from abfm_viewer.document.document import Front
@@ -186,7 +187,8 @@ class Page:
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the page, whole or not at all, or raise a `ResultError`."""
-        text = self.html()
+        with step("writing the page"):
+            text = self.html()
         with write_atomically(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
 

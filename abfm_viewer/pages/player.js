@@ -1,6 +1,7 @@
 // Time: plays, pauses, loops, steps; the bar that shows and sets it.
 
 const REST = 0.6; // seconds that the end is shown before it begins again
+const MOST_TICKS = 120;
 const LONGEST = 0.5; // seconds that count where the browser drew nothing, as in a hidden tab
 
 class Player {
@@ -28,7 +29,8 @@ class Player {
   marks() {
     const { start, end, ticks, spans } = this.clock, box = document.getElementById("ticks");
     const share = (time) => `${(100 * (time - start)) / (end - start)}%`;
-    for (const time of ticks) {
+    const every = Math.ceil(ticks.length / MOST_TICKS);
+    for (const time of ticks.filter((_, number) => number % every === 0)) {
       const tick = box.appendChild(document.createElement("i"));
       tick.style.left = share(time);
     }

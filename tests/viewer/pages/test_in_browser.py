@@ -8,10 +8,11 @@ from threading import Thread
 import numpy as np
 import pytest
 
+from abfm import TriangleMesh
 from abfm_viewer.appearance.colormaps import ColorRange, linear_table
 from abfm_viewer.document.document import Front
 from abfm_viewer.pages import Clock, Layer, Page, Panel, Span, Ways
-from tests.shapes import icosphere
+from tests.shapes import hemisphere, icosphere
 from tests.viewer.pages.browser import ActionChains, Keys, Shown, browser
 
 FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
@@ -204,6 +205,32 @@ def test_another_layer_and_its_colour_bar(open_page):
         "10",
     ]
     np.testing.assert_allclose(shown.middle(), told(0.75, "viridis"), atol=4)
+
+
+@pytest.mark.parametrize("front", [FRONT, Front((0.0, 0.0, -1.0), (0.0, 1.0, 0.0))])
+def test_a_surface_with_a_boundary_is_seen_from_both_sides(open_page, front):
+    half = hemisphere(20)
+    value = np.full(len(half.vertices), 0.7)
+    shown = open_page(page(Panel("half", half, [Layer("f", value, COLORS)], front)))
+    np.testing.assert_allclose(shown.middle(), told(0.7), atol=4)
+
+
+def test_a_surface_whose_inside_is_out_is_seen_from_outside(open_page):
+    mesh = TriangleMesh(BALL.vertices, BALL.faces[:, ::-1])
+    value = np.where(mesh.vertices[:, 2] < 0, 0.2, 0.9)
+    shown = open_page(page(Panel("ball", mesh, [Layer("f", value, COLORS)], FRONT)))
+    np.testing.assert_allclose(shown.middle(), told(0.9), atol=4)
+
+
+def test_surfaces_come_back_after_the_graphics_card_was_lost(open_page):
+    shown = open_page(page())
+    graphics = "document.querySelector('canvas').getContext('webgl2')"
+    shown.script(f"(window.lost = {graphics}.getExtension('WEBGL_lose_context')).loseContext()")
+    shown.until(lambda: shown.script(f"{graphics}.isContextLost()"))
+    shown.script("window.lost.restoreContext()")
+    shown.until(lambda: np.allclose(shown.middle(), told(0.0), atol=4))
+    shown.go(Keys.END, 14.0)
+    np.testing.assert_allclose(shown.middle(), told(0.4), atol=4)
 
 
 def test_no_value_is_grey(open_page):
