@@ -23,7 +23,7 @@ from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 _MOST_VALUES = 6_000_000  # in all keys of all functions: less than as many bytes of a page
 _MOST_BETWEEN = 4  # keys of an interval
 _SECONDS_A_FRAME, _SHORTEST, _LONGEST = 0.15, 4.0, 30.0
-_TAIL = 0.2  # of the whole time that a track is seen after
+_TAIL, _TAIL_OF_LINES = 0.2, 0.05  # of the whole time that ways are seen after
 # apart from the colours of functions
 _COLORS: dict[str, Color] = {
     "source": (0.95, 0.72, 0.02),
@@ -82,10 +82,18 @@ class Told:
     unit: str = ""
     unit_of_time: str = "s"
     up: str = "y"
+    layers: Sequence[Layer] = ()  # that may be chosen besides the channels
 
 
-def sequence_page(sequence: Filmed, title: str, told: Told, tracks: Sequence[Track] = ()) -> Page:
-    """Return the page of a sequence: its surface, with a time bar over real time, and tracks.
+def sequence_page(
+    sequence: Filmed,
+    title: str,
+    told: Told,
+    tracks: Sequence[Track] = (),
+    path_lines: Sequence[tuple[FloatArray, FloatArray]] = (),
+) -> Page:
+    """Return the page of a sequence: its surface, with a time bar over real time, tracks, and path
+    lines, each of times (N,) and points (N, 3).
 
     Of frames so many that the page would be too large one of two, three, ... is shown, and that is
     told; else, where there is room, keys are put between them.
@@ -109,7 +117,8 @@ def sequence_page(sequence: Filmed, title: str, told: Told, tracks: Sequence[Tra
     ticks = times.tolist()
     clock = Clock(ticks[0], ticks[-1], seconds, told.unit_of_time, ticks=ticks, spans=spans)
     about = f"{len(times)} frames on a surface of {len(mesh.vertices):,} vertices"
-    panel = Panel("", mesh, layers, front, _ways(tracks, times))
+    ways = _ways(tracks, path_lines, float(np.ptp(times)))
+    panel = Panel("", mesh, [*layers, *told.layers], front, ways)
     notes = [*told.notes, *([thinned] if thinned else [])]
     return Page(title, told.headline, [panel], clock, told.tone, about, told.facts, notes)
 
@@ -141,15 +150,22 @@ def _keys(sequence: Filmed, times: FloatArray) -> tuple[FloatArray, FloatArray, 
     return np.array(keys), np.stack(values), ""
 
 
-def _ways(tracks: Sequence[Track], times: FloatArray) -> list[Ways]:
+def _ways(
+    tracks: Sequence[Track],
+    path_lines: Sequence[tuple[FloatArray, FloatArray]],
+    duration: float,
+) -> list[Ways]:
     kinds: dict[str, list[tuple[FloatArray, FloatArray]]] = defaultdict(list)
     for track in tracks:
         kinds[track.kind].append((track.times, track.points))
-    tail = _TAIL * float(times[-1] - times[0])
-    return [
-        Ways.along(_plural(kind), paths, _COLORS.get(kind, _OTHER), tail=tail)
+    ways = [
+        Ways.along(_plural(kind), paths, _COLORS.get(kind, _OTHER), tail=_TAIL * duration)
         for kind, paths in kinds.items()
     ]
+    if path_lines:
+        look = {"tail": _TAIL_OF_LINES * duration, "disc": 2.2, "line": 1.6, "opacity": 0.75}
+        ways.insert(0, Ways.along("path lines", path_lines, _OTHER, **look))
+    return ways
 
 
 def _plural(kind: str) -> str:

@@ -1,7 +1,7 @@
 // Wires the page: data, drawing, camera, player, colour bars, keyboard.
 
 const element = (id) => document.getElementById(id);
-const number = (value) => Number(value.toPrecision(3)).toString().replace("-", "\u2212");
+const written = (value) => Number(value.toPrecision(3)).toString().replace("-", "\u2212");
 
 function told(problem) {
   element("problem").textContent = problem;
@@ -40,6 +40,7 @@ async function main() {
   function draw() {
     isAsked = false;
     drawing.draw(boxes(camera.density), camera, state);
+    values.draw();
     document.body.dataset.drawn = String(state.time);
   }
   function ask() {
@@ -73,7 +74,7 @@ async function main() {
     ask();
   });
   follow(element("stage"), camera, panelAt, ask);
-  readValues(drawing, camera, state, panelAt);
+  const values = new Values(drawing.panels, camera, state, player.clock, panelAt);
   choices(page, state, () => {
     bars(page, state.layer);
     arrange();
@@ -129,7 +130,7 @@ function bars(page, layer) {
     const [low, high] = own.ends;
     add("strip").style.backgroundImage =
       `linear-gradient(to right, ${page.gradients[own.colormap].join(", ")})`;
-    for (const value of [low, (low + high) / 2, high]) add("end", number(value));
+    for (const value of [low, (low + high) / 2, high]) add("end", written(value));
   }
 }
 
@@ -159,37 +160,6 @@ function choices(page, state, changed) {
       changed();
     });
   }
-}
-
-/** Shows the value under the mouse: that of the nearest vertex that is seen. */
-function readValues(drawing, camera, state, panelAt) {
-  const tip = element("tip"), stage = element("stage"), NEAR = 10;
-  stage.addEventListener("pointerleave", () => (tip.hidden = true));
-  stage.addEventListener("pointermove", (event) => {
-    const { number: which, from } = panelAt(event.clientX, event.clientY);
-    tip.hidden = true;
-    if (event.buttons || event.pointerType !== "mouse" || which < 0) return;
-    const panel = drawing.panels[which], { positions, ids } = panel.mesh;
-    const turn = camera.turned(which);
-    let best = -1, highest = -Infinity;
-    for (let v = 0; v < panel.count; v++) {
-      const [x, y, z] = camera.projected(turn, positions.subarray(3 * v, 3 * v + 3));
-      const off = Math.hypot(x - from[0], y - from[1]);
-      const merit = z - (0.05 * camera.radius * off) / NEAR;
-      if (off < NEAR && merit > highest) [best, highest] = [v, merit];
-    }
-    if (best < 0) return;
-    const layer = panel.layers[Math.min(state.layer, panel.layers.length - 1)];
-    const { first, second, share } = around(layer.times, state.time);
-    const [a, b] = [first, second].map((key) => layer.values[key * panel.count + best]);
-    const value = layer.least + layer.step * (a + share * (b - a));
-    const text = a === NONE || b === NONE ? "no value" : number(value);
-    tip.textContent = `vertex ${ids[best]}: ${text}${layer.unit ? ` ${layer.unit}` : ""}`;
-    const outer = stage.getBoundingClientRect();
-    tip.hidden = false;
-    tip.style.left = `${Math.min(event.clientX - outer.left + 14, outer.width - tip.offsetWidth)}px`;
-    tip.style.top = `${event.clientY - outer.top + 14}px`;
-  });
 }
 
 function keyboard(player, camera, ask) {

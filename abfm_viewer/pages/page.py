@@ -34,7 +34,7 @@ from abfm_viewer.document.verdict_words import Tone, capital
 from abfm_viewer.pages.packing import Store, quantised, quantised_places
 
 _HERE = Path(__file__).parent
-_SCRIPTS = ("packing.js", "drawing.js", "camera.js", "player.js", "page.js")
+_SCRIPTS = ("packing.js", "drawing.js", "camera.js", "player.js", "values.js", "page.js")
 _STOPS = 16  # of the colour bar's gradient
 _COLORS = 256  # of a colour map
 _SECONDS = (0.1, 3600.0)  # that playing may take
@@ -200,7 +200,8 @@ class Page:
         notes = "".join(f"<li>{escape(capital(note))}.</li>" for note in self.notes)
         keys = (
             "Drag to turn, wheel or pinch to zoom, right button or two fingers to move, double "
-            "click to see all again; space plays, ← and → step, L loops."
+            "click to see all again; a click shows how a value goes on; space plays, ← and → step, "
+            "L loops."
         )
         return (
             f"{f'<dl>{facts}</dl>' if facts else ''}{f'<ul>{notes}</ul>' if notes else ''}"

@@ -136,4 +136,4 @@ class Shown:
         return self.driver.get_log(kind)
 
 
-__all__ = ["ActionChains", "Keys", "Shown", "browser"]
+__all__ = ["SIZE", "ActionChains", "Keys", "Shown", "browser"]

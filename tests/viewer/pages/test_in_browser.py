@@ -13,7 +13,7 @@ from abfm_viewer.appearance.colormaps import ColorRange, linear_table
 from abfm_viewer.document.document import Front
 from abfm_viewer.pages import Clock, Layer, Page, Panel, Span, Ways
 from tests.shapes import hemisphere, icosphere
-from tests.viewer.pages.browser import ActionChains, Keys, Shown, browser
+from tests.viewer.pages.browser import SIZE, ActionChains, Keys, Shown, browser
 
 FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 COLORS = ColorRange("abfm sequential", 0.0, 1.0)
@@ -190,6 +190,41 @@ def test_the_mouse_reads_values(open_page):
         vertex, value = shown.find("#tip").text.split(": ")
         assert value == f"{expected} mV"
         assert np.sign(BALL.vertices[int(vertex.split()[1]), 0]) == np.sign(dx)
+
+
+def clicked(shown, dx):
+    """Click so far to the right of a panel's middle."""
+    left, top, right, bottom = shown.boxes()[0]
+    x, y = round((left + right) / 2 + dx), round((top + bottom) / 2)
+    mouse = ActionChains(shown.driver)
+    mouse.w3c_actions.pointer_action.move_to_location(x, y).click()
+    mouse.perform()
+
+
+def test_a_click_shows_how_a_value_goes_on(open_page):
+    values = np.array([0.0, 1.0, 0.4])[:, None] * sided(10.0, -10.0)
+    layer = Layer("f", values, ColorRange("viridis", -10.0, 10.0), TIMES, "mV")
+    shown = open_page(page(Panel("ball", BALL, [layer], FRONT)))
+    for dx, heights in ((60, [0.0, -10.0, -4.0]), (-60, [0.0, 10.0, 4.0])):
+        clicked(shown, dx)
+        shown.until(lambda: shown.find("#plot").is_displayed())
+        places = [pair.split(",") for pair in shown.find("#curve").get_attribute("points").split()]
+        x, y = np.array(places, dtype=float).T
+        np.testing.assert_allclose(x, [0, 25, 100])
+        low, high = min(heights), max(heights)
+        np.testing.assert_allclose(y, 46 - 42 * (np.array(heights) - low) / (high - low), atol=0.02)
+        labels = [shown.find(each).text.replace("\u2212", "-") for each in ("#most", "#least")]
+        assert [float(label) for label in labels] == pytest.approx([high, low], abs=0.01)
+        shown.go(Keys.ARROW_RIGHT, 11.0)
+        assert shown.find("#cursor").get_attribute("x1") == "25"
+        now = shown.find("#of").text.split(": ")[1]
+        assert now.replace("\u2212", "-") == f"{heights[1]:g} mV"
+        assert shown.find("#tip").text == shown.find("#of").text
+        shown.go(Keys.HOME, 10.0)
+    left, _, right, _ = shown.boxes("#mark")[0]
+    assert (left + right) / 2 == pytest.approx(sum(shown.boxes()[0][::2]) / 2 - 60, abs=10)
+    clicked(shown, -0.45 * SIZE[0])  # beside the surface
+    shown.until(lambda: not shown.find("#plot").is_displayed())
 
 
 def test_another_layer_and_its_colour_bar(open_page):

@@ -166,6 +166,18 @@ def test_page_of_a_sequence_has_carried_keys_between_its_frames():
     assert "6 frames on a surface of 162 vertices" in page.html()
 
 
+def test_page_of_a_sequence_may_have_path_lines_and_more_layers():
+    film = Film(icosphere(1), 4)
+    speed = Layer("speed", np.ones((3, 42)), COLORS, np.array([2.2, 2.5, 2.8]), "mm/s")
+    line = np.array([2.0, 2.5, 3.0]), film.mesh.vertices[:3]
+    page = sequence_page(film, "wave", Told(layers=[speed]), path_lines=[line, line])
+    panel = page.panels[0]
+    assert [layer.name for layer in panel.layers] == ["function", "speed"]
+    assert [(ways.name, len(ways.starts)) for ways in panel.ways] == [("path lines", 4)]
+    np.testing.assert_array_equal(panel.ways[0].ends[:2], film.mesh.vertices[1:3])
+    np.testing.assert_array_equal(panel.ways[0].times[2:], [[2.0, 2.5], [2.5, 3.0]])
+
+
 def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
     monkeypatch.setattr("abfm_viewer.pages.of_sequences._MOST_VALUES", 5 * 42)
     film = Film(icosphere(1), 12)
