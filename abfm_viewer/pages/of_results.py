@@ -11,7 +11,7 @@ import numpy as np
 import abfm
 from abfm import AbfmError, Match, Registration, TriangleMesh
 from abfm.maps import SurfacePoints
-from abfm.types import FloatArray, IntArray
+from abfm.types import FloatArray
 from abfm.workers.progress import step
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 from abfm_viewer.computing.defaults import best_front
@@ -22,7 +22,7 @@ from abfm_viewer.computing.registered import (
     functions_on_a,
 )
 from abfm_viewer.document import verdict_words
-from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Ways
+from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Ways, spread
 
 _FRAMES = 7, 41  # fewest and most keys of what is carried
 _MOST_VALUES = 3_000_000  # in all keys of all functions: about as many bytes of a page
@@ -120,7 +120,7 @@ def _moving(
 def _lines(match: Match) -> list[Ways]:
     """Return flow lines from places spread over the surface, and from the landmarks."""
     mesh, tau = match.mesh, match.parameters.tau
-    seeds = abfm.maps.vertex_points(mesh, _spread(mesh.vertices, _LINES))
+    seeds = abfm.maps.vertex_points(mesh, spread(mesh.vertices, _LINES))
     paths = _walked(match, seeds)
     least = _LEAST * mesh.length_scale
     far = [each for each in paths if np.linalg.norm(np.diff(each[1], axis=0), axis=1).sum() > least]
@@ -161,16 +161,6 @@ def _marks_on_a(found: Registration) -> list[Ways]:
         return []
     places = found.initial.inverse().carry_points(marks.points(found.b)).positions
     return [Ways.points("landmarks", places, _ALWAYS, _MARK)]
-
-
-def _spread(points: FloatArray, count: int) -> IntArray:
-    """Return the numbers of points, each as far as can be from those before (Gonzalez 1985)."""
-    chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
-    away = np.full(len(points), np.inf)
-    for _ in range(min(count, len(points)) - 1):
-        np.minimum(away, ((points - points[chosen[-1]]) ** 2).sum(axis=1), out=away)
-        chosen.append(int(np.argmax(away)))
-    return np.array(chosen)
 
 
 def _page(match: Match, title: str, about: str, panels: list[Panel]) -> Page:

@@ -290,6 +290,16 @@ def _placed(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
     return np.asarray((points - middle) / mesh.length_scale)
 
 
+def spread(points: FloatArray, count: int) -> IntArray:
+    """Return the numbers of points, each as far as can be from those before (Gonzalez 1985)."""
+    chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
+    away = np.full(len(points), np.inf)
+    for _ in range(min(count, len(points)) - 1):
+        np.minimum(away, ((points - points[chosen[-1]]) ** 2).sum(axis=1), out=away)
+        chosen.append(int(np.argmax(away)))
+    return np.array(chosen)
+
+
 def _clock(clock: Clock | None) -> dict[str, Any]:
     if clock is None:
         clock = Clock(0.0, 1.0)

@@ -13,7 +13,18 @@ import abfm
 from abfm import ParameterError
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.document.document import Front
-from abfm_viewer.pages import Clock, Layer, Page, Panel, Span, Told, Ways, match_page, sequence_page
+from abfm_viewer.pages import (
+    Clock,
+    Labels,
+    Layer,
+    Page,
+    Panel,
+    Span,
+    Told,
+    Ways,
+    film_page,
+    match_page,
+)
 from tests.shapes import icosphere
 
 FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
@@ -140,17 +151,10 @@ class Film:
         return self.exact(t)[:, None]
 
 
-class Track:
-    kind = "sink"
-
-    def __init__(self, points):
-        self.points, self.times = points, np.linspace(2.0, 2.5, len(points))
-
-
-def test_page_of_a_sequence_has_carried_keys_between_its_frames():
+def test_page_of_a_film_has_carried_keys_between_its_frames():
     film = Film(icosphere(2), 6)
-    told = Told("5 of 5", "good", [("matched", "good")] * 5, names=["potential"], unit="mV")
-    page = sequence_page(film, "wave", told, [Track(film.mesh.vertices[:4])])
+    told, labels = Told("5 of 5", "good", [("matched", "good")] * 5), Labels(["potential"], "mV")
+    page = film_page(film, "wave", told, labels=labels)
     layer, *others = page.panels[0].layers
     assert not others
     assert (layer.name, layer.unit) == ("potential", "mV")
@@ -161,27 +165,13 @@ def test_page_of_a_sequence_has_carried_keys_between_its_frames():
     assert [span.text for span in page.clock.spans] == [
         f"interval {i}: matched" for i in range(1, 6)
     ]
-    ways = page.panels[0].ways[0]
-    assert (ways.name, len(ways.starts)) == ("sinks", 3)
     assert "6 frames on a surface of 162 vertices" in page.html()
-
-
-def test_page_of_a_sequence_may_have_path_lines_and_more_layers():
-    film = Film(icosphere(1), 4)
-    speed = Layer("speed", np.ones((3, 42)), COLORS, np.array([2.2, 2.5, 2.8]), "mm/s")
-    line = np.array([2.0, 2.5, 3.0]), film.mesh.vertices[:3]
-    page = sequence_page(film, "wave", Told(layers=[speed]), path_lines=[line, line])
-    panel = page.panels[0]
-    assert [layer.name for layer in panel.layers] == ["function", "speed"]
-    assert [(ways.name, len(ways.starts)) for ways in panel.ways] == [("path lines", 4)]
-    np.testing.assert_array_equal(panel.ways[0].ends[:2], film.mesh.vertices[1:3])
-    np.testing.assert_array_equal(panel.ways[0].times[2:], [[2.0, 2.5], [2.5, 3.0]])
 
 
 def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
     monkeypatch.setattr("abfm_viewer.pages.of_sequences._MOST_VALUES", 5 * 42)
     film = Film(icosphere(1), 12)
-    page = sequence_page(film, "wave", Told())
+    page = film_page(film, "wave", Told())
     layer = page.panels[0].layers[0]
     assert len(layer.times) <= 5
     assert (layer.times[0], layer.times[-1]) == (2.0, 3.0)
