@@ -22,7 +22,8 @@ from abfm_viewer.computing.registered import MOST_CHANNELS
 from abfm_viewer.document.verdict_words import Tone, share
 from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways, spread
 
-_MOST_VALUES = 6_000_000  # in all keys of all functions: less than as many bytes of a page
+# in all keys of all functions, and of a part of the field; a value is two bytes of a page
+MOST_VALUES, MOST_OF_A_PART = 4_000_000, 500_000
 _MOST_BETWEEN = 4  # keys of an interval
 _SECONDS_A_FRAME, _SHORTEST, _LONGEST = 0.15, 4.0, 30.0
 _TAIL = 0.2  # of the whole time that a track is seen after
@@ -95,7 +96,7 @@ def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = N
         "good" if share == 1 else "ink" if share > _MOSTLY else "failure",
         [(_came_to(sequence, i), _TONES.get(v.kind, "failure")) for i, v in _verdicts(sequence)],
         {"median speed": _speed(sequence, labels)},
-        [_layer(name, values, middles, unit) for name, values in parts.items() if len(middles) > 1],
+        [_layer(name, values, middles, unit) for name, values in parts.items()],
     )
     return film_page(sequence, title, told, [_path_lines(sequence), *_tracks(sequence)], labels)
 
@@ -146,9 +147,13 @@ def _came_to(sequence: abfm.Sequence, interval: int) -> str:
 
 
 def _layer(name: str, values: FloatArray, times: FloatArray, unit: str) -> Layer:
-    """Return a layer about 0, which few extremes do not change."""
-    most = float(np.percentile(np.abs(values), _SHOWN)) or 1.0
-    return Layer(name, values, ColorRange("abfm diverging", -most, most), times, unit)
+    """Return a layer about 0 at some of the times at least, with colours that a few extremes do not
+    change.
+    """
+    every = -(-values.size // MOST_OF_A_PART)
+    shown, most = values[::every], float(np.percentile(np.abs(values), _SHOWN)) or 1.0
+    at = times[::every] if len(shown) > 1 else None
+    return Layer(name, shown, ColorRange("abfm diverging", -most, most), at, unit)
 
 
 def _speed(sequence: abfm.Sequence, labels: Labels) -> str:
@@ -204,7 +209,7 @@ def _keys(film: Filmed, times: FloatArray) -> tuple[FloatArray, FloatArray, str]
     """Return times and values (T', V, C) of the page, and what is to be said of them."""
     frames = np.asarray(film.frames)
     frames = frames.reshape(*frames.shape[:2], -1)[:, :, :MOST_CHANNELS]
-    most = max(_MOST_VALUES // (frames.shape[1] * frames.shape[2]), 2)
+    most = max(MOST_VALUES // (frames.shape[1] * frames.shape[2]), 2)
     if most < len(times):
         every = -(-(len(times) - 1) // (most - 1))
         chosen = np.unique([*range(0, len(times), every), len(times) - 1])

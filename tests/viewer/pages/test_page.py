@@ -25,6 +25,8 @@ from abfm_viewer.pages import (
     film_page,
     match_page,
 )
+from abfm_viewer.pages.of_sequences import MOST_OF_A_PART, MOST_VALUES
+from abfm_viewer.pages.packing import Store, quantised
 from tests.shapes import icosphere
 
 FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
@@ -81,6 +83,14 @@ def test_sixty_frames_on_ten_thousand_vertices_are_far_below_fifteen_megabytes()
     noisy = wave(mesh, 60) + 0.1 * rng.normal(size=(60, 10_242))
     size = len(page_of(mesh, noisy, np.linspace(0, 1, 60)).html().encode())
     assert size < 2_000_000
+
+
+def test_no_film_makes_a_page_of_fifteen_megabytes():
+    """Not even pure noise, at the most values that a page of a sequence has."""
+    store, noise = Store(), np.random.default_rng(0).uniform(size=(20, 10_000))
+    store.add(quantised(noise).numbers)
+    most = MOST_VALUES + 2 * MOST_OF_A_PART
+    assert most * len(store.text()) / noise.size < 14_000_000
 
 
 def test_what_users_wrote_is_text_and_nothing_else(text):
@@ -169,7 +179,7 @@ def test_page_of_a_film_has_carried_keys_between_its_frames():
 
 
 def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
-    monkeypatch.setattr("abfm_viewer.pages.of_sequences._MOST_VALUES", 5 * 42)
+    monkeypatch.setattr("abfm_viewer.pages.of_sequences.MOST_VALUES", 5 * 42)
     film = Film(icosphere(1), 12)
     page = film_page(film, "wave", Told())
     layer = page.panels[0].layers[0]
