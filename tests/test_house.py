@@ -45,6 +45,7 @@ def test_the_wheel_holds_both_packages_and_every_asset(wheel):
     assert {f"abfm/assets/{asset.name}" for asset in (ROOT / "assets").iterdir()} <= names
     assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/match.py"} <= names
     assert "abfm_viewer/appearance/colormaps.csv" in names
+    assert {f"abfm_viewer/pages/page.{kind}" for kind in ("html", "css", "js")} <= names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert {name.split("/")[0].split("-")[0] for name in names} == {"abfm", "abfm_viewer"}
 
@@ -112,6 +113,7 @@ def test_without_the_app_only_what_draws_is_missing(installed, tmp_path):
     figure = installed("abfm", "figure", "3", "--quiet", "--out", tmp_path, **without)
     assert figure.stderr.strip().endswith(wanted)
     render = ["abfm", "render", result, "--out"]
+    assert installed(*render, tmp_path / "a.html", **without).stdout.startswith("wrote ")
     for command in ([*render, tmp_path / "a.png"], [*render, tmp_path / "a.mp4"], ["abfm-viewer"]):
         done = installed(*command, **without)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
@@ -258,25 +260,30 @@ def bare_machine(house, tmp_path):
     return programs
 
 
-def test_run_test_installs_what_a_window_without_a_screen_needs(house, bare_machine, tmp_path):
-    both = " ".join(f'"{bare_machine / name}"' for name in ("Xvfb", "xdotool"))
-    install = f"touch {both} && chmod +x {both}"
+def test_run_test_installs_what_tests_of_windows_and_pages_need(house, bare_machine, tmp_path):
+    names = ("Xvfb", "xdotool", "chromium", "chromedriver")
+    every = " ".join(f'"{bare_machine / name}"' for name in names)
+    install = f"touch {every} && chmod +x {every}"
     program(bare_machine / "apt-get", f'echo "$@" >>"{tmp_path}/asked"; {install}')
     for _ in range(2):
         assert run(house / "run", "test", env={"PATH": str(bare_machine)}).returncode == 0
     asked = (tmp_path / "asked").read_text()
-    assert asked == "--yes --quiet install --no-install-recommends xvfb xdotool\n"
+    packages = "xvfb xdotool chromium chromium-driver"
+    assert asked == f"--yes --quiet install --no-install-recommends {packages}\n"
 
 
 @pytest.mark.parametrize(
     ("apt", "advice"),
-    [(None, "install them"), ("exit 1", "type: sudo apt-get install xvfb xdotool")],
+    [
+        (None, "install them"),
+        ("exit 1", "type: sudo apt-get install xvfb xdotool chromium chromium-driver"),
+    ],
 )
 def test_run_test_says_what_to_install_where_it_cannot(house, bare_machine, apt, advice):
     if apt:
         program(bare_machine / "apt-get", apt)
     done = run(house / "run", "test", env={"PATH": str(bare_machine)})
-    assert done.returncode == 0  # it goes on: the one test that needs them fails
+    assert done.returncode == 0  # it goes on: the tests that need them fail
     assert done.stderr.splitlines()[-1].endswith(advice)
 
 

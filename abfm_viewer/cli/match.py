@@ -35,7 +35,7 @@ result.
 Examples:
   abfm match spot.obj --source gaussian:vertex=12 --target gaussian:vertex=900 --out match.npz
   abfm match spot.obj --source eigenfunction:7 --target eigenfunction:8 --tau 2 --out m.vtu
-  abfm match spot.obj --channel hks:time=0.01 file:h.npy 2 --out m.npz
+  abfm match spot.obj --channel hks:time=0.01 file:h.npy 2 --out m.npz --out m.html
 
 The exit status is 0 when source and target are matched or nearly so, or measured functions are
 registered, as close as they bear; 3 when the target was not reached or no flow can reach it, with
@@ -63,7 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--start", "start from the field of an earlier result", "RESULT.npz")
     options.add_parameters(parser)
     add = options.adder(parser.add_argument_group("output"))
-    what = "result .npz, or .ply or .vtu for other programs, or .csv with the energy; repeatable"
+    what = (
+        "result .npz, or .ply or .vtu for other programs, .csv with the energy, or .html for a "
+        "browser: the surfaces, turning, with a time bar; repeatable"
+    )
     add("--out", what, "FILE", type=Path, action="append", required=True)
     add("--path", "table of the path, a step a line", "FILE.csv", type=Path)
     options.add_max_distortion(add)

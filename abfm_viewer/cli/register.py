@@ -79,7 +79,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--out",
         "registration .npz; .gii or .ply with A's faces where they lie on B, such as a sphere.reg; "
-        ".txt, .csv or .npy with A's vertex for each of B; repeatable",
+        ".txt, .csv or .npy with A's vertex for each of B; .html for a browser: both surfaces, "
+        "turning, with a time bar; repeatable",
         "FILE",
         type=Path,
         action="append",

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 SUMMARY = "draw a result or a project"
 DESCRIPTION = """\
-Draw a result or a project: a picture (.png) or a movie of the flow (.mp4, .gif).
+Draw a result or a project: a picture (.png), a movie of the flow (.mp4, .gif), or a page for a
+browser (.html): the surfaces, turning, with a time bar, in one file that needs no network.
 
 A picture of a result is a sheet with the source, the source on its way to the target, and the
 target. Pictures of a project, of a registration, and all movies show what the window shows: every
@@ -38,11 +39,13 @@ Examples:
   abfm render match.npz --out match.png
   abfm render match.npz --out match.png --size 2400x800 --time 0.5 --time 1.5
   abfm render match.npz --out match.mp4 --seconds 4 --to 2
+  abfm render reg.npz --out reg.html
   abfm render match.npz --out streaks.gif --streaks --fade --from 0 --to 0
   abfm render my.abfm --out my.png --size 3840x2160 --transparent
 """
 Known = dict[str, FloatArray]
-_MOVIES = (".mp4", ".gif")
+_MOVIES, _PAGE = (".mp4", ".gif"), ".html"
+_OF_PAGES = ("command", "parser", "run", "input", "out", "quiet", "up")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
 _SECONDS, _FPS = 4.0, 30.0
 
@@ -50,7 +53,8 @@ _SECONDS, _FPS = 4.0, 30.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
     add("input", "what `abfm match` wrote, or the app saved", "RESULT.npz|PROJECT.abfm")
-    add("--out", "the picture (.png) or movie (.mp4, .gif)", "FILE", type=Path, required=True)
+    what = "the picture (.png), movie (.mp4, .gif) or page (.html)"
+    add("--out", what, "FILE", type=Path, required=True)
     add("--size", "in pixels, such as 1600x900", "WxH", type=size)
     add(
         "--time",
@@ -88,8 +92,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     out = arguments.out
-    outputs.check(out, [".png", *_MOVIES])
+    outputs.check(out, [".png", *_MOVIES, _PAGE])
     path, is_movie = Path(arguments.input), out.suffix in _MOVIES
+    if out.suffix == _PAGE:
+        _write_page(arguments)
+        return 0
     shows_all = path.suffix == ".abfm" or is_movie or _is_of_two(path)
     style = arguments.style or ("window" if shows_all else "sheet")
     for is_useless, problem in _objections(arguments, style, is_movie):
@@ -114,6 +121,25 @@ def run(arguments: argparse.Namespace) -> int:
     outputs.write_picture(out, picture)
     print(f"wrote {printable(out)} ({picture.width} x {picture.height})")
     return 0
+
+
+def _write_page(arguments: argparse.Namespace) -> None:
+    given, out = vars(arguments), arguments.out
+    for name, value in given.items():
+        if name not in _OF_PAGES and value is not None and value is not False:
+            option = {"start": "from", "end": "to"}.get(name, name.replace("_", "-"))
+            raise UsageError(f"--{option} is for pictures and movies, and {out} is a page")
+    document, _ = read_document(Path(arguments.input))
+    match, initial = document.result, document.initial_map
+    if match is None:
+        raise ParameterError(f"{arguments.input} holds no result to make a page of")
+    warn_of_doubt(arguments.input, match)
+    if document.is_pair and initial is not None:
+        of = initial.correspondence, match, initial.notes, initial.functions
+        outputs.write_registration(out, abfm.Registration(*of), arguments.up or "y")
+    else:
+        outputs.write(out, match, arguments.up or "y")
+    print(f"wrote {printable(out)}")
 
 
 def _is_of_two(path: Path) -> bool:

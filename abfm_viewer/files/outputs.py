@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 import abfm
 from abfm import AbfmError, ResultError, TriangleMesh
-from abfm.errors import one_line
+from abfm.errors import one_line, printable
 from abfm.io import write_atomically
 from abfm.types import IntArray
+from abfm_viewer import pages
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 SLOWEST = 0.1
 # frames a second by suffix; browsers slow down a GIF that is faster
 FASTEST = {".mp4": 120.0, ".gif": 50.0}
-WRITTEN = (".npz", ".ply", ".vtu", ".csv")
+WRITTEN = (".npz", ".ply", ".vtu", ".csv", ".html")
 """Suffixes of files that a match can be written to."""
 
 
@@ -46,12 +47,12 @@ def check_folder(path: Path) -> None:
 def check_registered(path: Path) -> None:
     """Refuse a path that no registration could be written to."""
     check(path, REGISTERED)
-    if path.suffix not in _TABLES and path.suffix != ".npz":
+    if path.suffix not in (*_TABLES, ".npz", ".html"):
         abfm.io.check_surface_name(path)
 
 
 _TABLES = (".txt", ".csv", ".npy")
-REGISTERED = (".npz", ".gii", ".ply", ".reg", ".txt", ".csv", ".npy")
+REGISTERED = (".npz", ".gii", ".ply", ".reg", ".txt", ".csv", ".npy", ".html")
 """Suffixes of files that a registration can be written to."""
 
 
@@ -69,9 +70,12 @@ def write_registrations(paths: Sequence[Path], found: abfm.Registration) -> None
     _write_each(paths, partial(write_registration, found=found), found)
 
 
-def write_registration(path: Path, found: abfm.Registration) -> None:
+def write_registration(path: Path, found: abfm.Registration, up: str = "y") -> None:
+    """Write by the suffix; ``up`` is the axis of B that points upwards on a page."""
     if path.suffix == ".npz":
         found.save(path)
+    elif path.suffix == ".html":
+        pages.registration_page(found, printable(path.stem), up).write(path)
     elif path.suffix in _TABLES:
         abfm.io.write_values(path, vertex_numbers(found.points))
     else:
@@ -109,11 +113,14 @@ def make_folder(path: Path) -> None:
         ) from None
 
 
-def write(path: Path, match: abfm.Match) -> None:
+def write(path: Path, match: abfm.Match, up: str = "y") -> None:
+    """Write by the suffix; ``up`` is the axis that points upwards on a page."""
     if path.suffix == ".npz":
         match.save(path)
     elif path.suffix == ".csv":
         abfm.io.export_energy_csv(path, match.energy_history, match.stages)
+    elif path.suffix == ".html":
+        pages.match_page(match, printable(path.stem), up).write(path)
     else:
         functions = {"source": match.source, "target": match.target, "advected": match.advected}
         on_points = {name: f if f.shape[1] > 1 else f[:, 0] for name, f in functions.items()}
@@ -143,7 +150,7 @@ def _write_each(
         try:
             write(path)
             kept = kept or path.suffix == ".npz"
-        except ResultError as error:
+        except AbfmError as error:
             problem = problem or error
     if problem is not None:
         raise problem if kept else ResultError(f"{problem}; {_kept_elsewhere(whole)}")

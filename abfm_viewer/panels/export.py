@@ -27,7 +27,7 @@ _SIZES = {"HD": (1280, 720), "full HD": (1920, 1080), "4K": (3840, 2160), "8K": 
 _OWN = "own size"
 _REGISTRATION = (
     "Where A and B correspond (.npz); A's faces where they lie on B (.gii, .ply); or the vertex of "
-    "A for each of B (.txt, .csv, .npy)."
+    "A for each of B (.txt, .csv, .npy); or a page for a browser (.html)."
 )
 _ACROSS, _DOWN = Range(320, 7680, whole=True), Range(240, 4320, whole=True)
 
@@ -68,7 +68,10 @@ def _draw_data(context: Context) -> None:
         _draw_registration(context, later)
         ui.beside_if_fits("Save result...", is_button=True)
         what = "What was matched on B"
-    tip = f"{what} (.npz), mesh, functions and field (.ply, .vtu), or energies (.csv).{later}"
+    tip = (
+        f"{what} (.npz), mesh, functions and field (.ply, .vtu), energies (.csv), or a page for a "
+        f"browser (.html).{later}"
+    )
     if ui.button("Save result...", tip, enabled=is_there):
         ask("Save the result", DATA, "match.npz", save_result)
     if session.document.labels is not None:

@@ -12,24 +12,26 @@ import numpy as np
 from PIL import Image
 
 from abfm import Correspondence, Match, PathStep, Registration, TriangleMesh
-from abfm.calculus.operators import vertex_areas
 from abfm.io.sheets import Checker, Panel, Sheet, Up, Values
 from abfm.maps import Distortion
 from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import ColorRange, color_range, table
-from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.appearance.colormaps import ColorRange, table
+from abfm_viewer.computing.registered import (
+    MOST_CHANNELS,
+    compared_colors,
+    counts,
+    fronts,
+    functions_on_a,
+)
 from abfm_viewer.document.document import Front, triple
 from abfm_viewer.pictures.panels import panel_pictures
 from abfm_viewer.pictures.report_plots import histogram_picture, path_picture
 from abfm_viewer.scene.surfaces import Camera, fitted
 
-MOST_CHANNELS = 4
-"""The most pairs of functions that are drawn."""
 SIDES = ("front", "back")
 _LOG2 = "log2 J and log2 R"
 _FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees; share of the surface
 _ASPECTS = 0.5, 1.5  # least and greatest width over height of all pictures
-_HIDDEN = 0.2, 99.8  # percentiles of functions at the ends of the colours: noise has few extremes
 _FIELDS = 16  # of the checkerboard, along A's larger side
 _LEAST = 1e-6  # of a stretch, as `Distortion.log2_area` has it
 _LEAST_RANGE = 0.5  # of logarithms: less hardly shows anywhere else
@@ -139,18 +141,14 @@ def _functions(found: Registration) -> list[_Planned]:
     match, rows = found.match, []
     if match.problem.is_of_landmarks:
         return []
-    on_a = found.functions
-    if on_a is None:  # what the initial map brings back of them
-        on_a = found.initial.inverse().carry(match.source)
-    counts = np.ones(len(match.target)) if match.mask is None else (match.mask > 0).astype(float)
+    on_a, counted = functions_on_a(found), counts(match)
     channels = zip(on_a.T, match.source.T, match.advected.T, match.target.T, strict=True)
     is_one_surface = found.a is found.b
     for c, (own, before, after, target) in enumerate(channels):
         if c == MOST_CHANNELS:
             break
         bar, off = f"function {c + 1}", f"difference {c + 1}"
-        seen = [before[counts > 0], target[counts > 0]]
-        colors = color_range(*(_without_extremes(each) for each in seen))
+        colors = compared_colors(match, c)
         half = (colors.high - colors.low) / 2
         ranges = {bar: colors, off: ColorRange("abfm diverging", -half, half)}
         of_a = Panel(found.a, Values(own, bar), "A")
@@ -159,15 +157,11 @@ def _functions(found: Registration) -> list[_Planned]:
             Panel(found.b, Values(before, bar), names[0]),
             Panel(found.b, Values(after, bar), names[1]),
             Panel(found.b, Values(target, bar), "target" if is_one_surface else "B"),
-            Panel(found.b, Values(counts * (after - target), off), "difference"),
+            Panel(found.b, Values(counted * (after - target), off), "difference"),
         )
         panels = others if is_one_surface else (of_a, *others)
         rows.append(_Planned(bar, panels, ranges))
     return rows
-
-
-def _without_extremes(values: FloatArray) -> FloatArray:
-    return np.asarray(np.clip(values, *np.percentile(values, _HIDDEN)))
 
 
 def _map(found: Correspondence, distortion: Distortion, front: Front) -> _Planned:
@@ -226,24 +220,18 @@ def _plot_size(width: int) -> tuple[int, int]:
 
 
 def _views(found: Correspondence, up: Up) -> tuple[tuple[dict[TriangleMesh, Camera], ...], float]:
-    """Return cameras of both surfaces on two opposite sides, and the aspect of all pictures.
-
-    A is seen from where most of what is seen of B lies on it: turned as the map turns B.
-    """
-    target = [found.match.target[:, 0]] if isinstance(found, Registration) else []
-    front_b = best_front(found.b, *target, up=up)
-    turn = _turn(found)
-    front_a = Front(*(triple(turn @ np.array(one)) for one in (front_b.direction, front_b.up)))
-    fronts = {found.a: front_a, found.b: front_b}
+    """Return cameras of both surfaces on two opposite sides, and the aspect of all pictures."""
+    of_a, of_b = fronts(found, up)
+    seen_from = {found.a: of_a, found.b: of_b}
     free = (
         fitted(mesh.vertices, front, None, _FIELD_OF_VIEW, _MARGIN).aspect
-        for mesh, front in fronts.items()
+        for mesh, front in seen_from.items()
     )
     aspect = min(max(*free, _ASPECTS[0]), _ASPECTS[1])
     views = tuple(
         {
             mesh: fitted(mesh.vertices, _seen(front, side), aspect, _FIELD_OF_VIEW, _MARGIN)
-            for mesh, front in fronts.items()
+            for mesh, front in seen_from.items()
         }
         for side in SIDES
     )
@@ -254,18 +242,3 @@ def _seen(front: Front, side: str) -> Front:
     if side == "front":
         return front
     return replace(front, direction=triple(-np.array(front.direction)))
-
-
-def _turn(found: Correspondence) -> FloatArray:
-    """Return the orthogonal matrix (3, 3) that turns B's places about their middle as near to where
-    they lie on A as it can; of a mirrored map one that mirrors (Kabsch 1976).
-    """
-    if found.a is found.b:
-        return np.eye(3)
-    weights = vertex_areas(found.b) / vertex_areas(found.b).sum()
-    here, there = (
-        places - weights @ places for places in (found.b.vertices, found.points.positions)
-    )
-    u, _, v = np.linalg.svd((there * weights[:, None]).T @ here)
-    sign = np.sign(np.linalg.det(u @ v)) * (-1 if found.is_mirrored else 1)
-    return np.asarray(u @ np.diag([1, 1, sign]) @ v)

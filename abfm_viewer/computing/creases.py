@@ -1,0 +1,53 @@
+"""Meshes as they are drawn: sharp where they are creased."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh.topology import connected, edge_slots
+from abfm.types import IntArray
+
+# degrees between the normals at an edge
+_FLAT, _CREASED, _HALF_SHARP, _SHARP = 1.0, 25.0, 20.0, 40.0
+_MOST = 0.5  # of the edges
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnMesh:
+    """A mesh whose vertices are drawn once for every smooth side of a crease, which stays sharp."""
+
+    origin: IntArray  # (D,): the mesh's vertex that each drawn vertex stands for
+    faces: IntArray  # (F, 3): in the mesh's order, of drawn vertices
+
+    def values(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return values (V, ...) of vertices as (D, ...); the same array if nothing is split."""
+        return values if len(self.origin) == len(values) else values[self.origin]
+
+
+@per_mesh
+def drawn_mesh(mesh: TriangleMesh) -> DrawnMesh:
+    """Split the vertices of a mesh along its creases.
+
+    Those are sharp edges if there are more of them than half sharp ones: else, as on coarse bodies
+    and cortices, they are bends. Where most edges lie in planes half sharp ones are creases, too.
+    """
+    first, second = edge_slots(mesh.face_edges, len(mesh.edges)).T
+    (f, c), (g, k) = (np.divmod(slots[second >= 0], 3) for slots in (first, second))
+    a, b, d = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    normals = np.cross(b - a, d - a)
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    cosines = (normals[f] * normals[g]).sum(axis=1)
+    of_planes = (cosines > np.cos(np.radians(_FLAT))).mean() >= _MOST
+    smooth = cosines > np.cos(np.radians(_CREASED if of_planes else _SHARP))
+    half_sharp = smooth & (cosines < np.cos(np.radians(_HALF_SHARP)))
+    if smooth.all() or (not of_planes and (~smooth).sum() <= half_sharp.sum()):
+        return DrawnMesh(np.arange(len(mesh.vertices)), mesh.faces)
+    f, c, g, k = f[smooth], c[smooth], g[smooth], k[smooth]
+    here = np.concatenate([3 * f + (c + 1) % 3, 3 * f + (c + 2) % 3])
+    there = np.concatenate([3 * g + (k + 2) % 3, 3 * g + (k + 1) % 3])
+    groups = connected(mesh.faces.size, np.stack([here, there], axis=1))
+    _, corners, numbers = np.unique(groups, return_index=True, return_inverse=True)
+    return DrawnMesh(mesh.faces.ravel()[corners], numbers.reshape(-1, 3))

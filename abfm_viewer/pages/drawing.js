@@ -1,0 +1,305 @@
+// WebGL2: surfaces with values between two keys, and what moves on them.
+
+const SURFACE = {
+  vertex: `
+    uniform mat3 turn; uniform vec2 scale, pan; uniform float distance, radius;
+    uniform float share, low, high, none;
+    layout(location = 0) in vec3 position; layout(location = 1) in vec3 normal;
+    layout(location = 2) in vec2 keys;
+    out vec3 facing; out float place; out float missing;
+    vec4 seen(vec3 point, float nearer) {
+      vec3 eye = turn * point;
+      float w = distance - eye.z, near = distance - radius, far = distance + radius;
+      float depth = ((far + near) * w - 2.0 * far * near) / (far - near) - nearer * w;
+      return vec4(eye.xy * scale * distance + pan * w, depth, w);
+    }
+    void main() {
+      missing = keys.x == none || keys.y == none ? 1.0 : 0.0;
+      place = (mix(keys.x, keys.y, share) - low) / (high - low);
+      facing = turn * normal;
+      gl_Position = seen(position, 0.0);
+    }`,
+  // the light of the app's surfaces, in linear light, on the colours of the colour bar
+  fragment: `
+    uniform sampler2D colors;
+    in vec3 facing; in float place; in float missing; out vec4 color;
+    void main() {
+      vec3 normal = normalize(facing + vec3(0.0, 0.0, 1e-20));
+      if (!gl_FrontFacing) normal = -normal;
+      float wrapped = 0.5 + 0.5 * dot(normal, vec3(-0.35, 0.55, 0.76));
+      float light = (0.35 + 0.65 * wrapped) * (0.75 + 0.25 * max(normal.z, 0.0));
+      vec3 own = texture(colors, vec2((clamp(place, 0.0, 1.0) * 255.0 + 0.5) / 256.0, 0.5)).rgb;
+      if (missing > 0.5) own = vec3(0.55);
+      vec3 lit = own * light;
+      color = vec4(mix(12.92 * lit, 1.055 * pow(lit, vec3(1.0 / 2.4)) - 0.055,
+        step(0.0031308, lit)), 1.0);
+    }`,
+};
+
+// A way from one place to another between two times: a line that grows and fades, or a disc on it.
+const WAY = {
+  vertex: `
+    uniform mat3 turn; uniform vec2 scale, pan, pixel; uniform float distance, radius;
+    uniform float now, tail, width; uniform bool isDisc;
+    layout(location = 0) in vec3 start; layout(location = 1) in vec3 end;
+    layout(location = 2) in vec2 times;
+    out vec2 corner; out float age;
+    vec4 seen(vec3 point) {
+      vec3 eye = turn * point;
+      float w = distance - eye.z, near = distance - radius, far = distance + radius;
+      float depth = ((far + near) * w - 2.0 * far * near) / (far - near) - (isDisc ? 0.03 : 0.012) * w;
+      return vec4(eye.xy * scale * distance + pan * w, depth, w);
+    }
+    void main() {
+      corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+      float span = max(times.y - times.x, 1e-9);
+      float first = clamp((now - tail - times.x) / span, 0.0, 1.0);
+      float last = clamp((now - times.x) / span, 0.0, 1.0);
+      vec4 place;
+      if (isDisc) {
+        place = seen(mix(start, end, last));
+        place.xy += corner * width * pixel * place.w;
+        if (now < times.x || now > times.y) place = vec4(0.0, 0.0, 2.0, 1.0);
+        age = 0.0;
+      } else {
+        vec4 one = seen(mix(start, end, first)), other = seen(mix(start, end, last));
+        vec2 along = (other.xy / other.w - one.xy / one.w) / pixel;
+        along = length(along) > 1e-6 ? normalize(along) : vec2(1.0, 0.0);
+        float share = 0.5 + 0.5 * corner.x;
+        place = corner.x < 0.0 ? one : other;
+        place.xy += (vec2(-along.y, along.x) * corner.y + along * corner.x * 0.5) * 0.5 * width
+          * pixel * place.w;
+        age = (now - times.x - mix(first, last, share) * span) / tail;
+        if (last <= first) place = vec4(0.0, 0.0, 2.0, 1.0);
+      }
+      gl_Position = place;
+    }`,
+  fragment: `
+    uniform vec3 ink; uniform bool isDisc; uniform float width, opacity;
+    in vec2 corner; in float age; out vec4 color;
+    void main() {
+      float off = isDisc ? length(corner) * width : abs(corner.y) * width * 0.5;
+      float edge = isDisc ? width : width * 0.5;
+      float cover = clamp(edge - off + 0.5, 0.0, 1.0);
+      vec3 own = isDisc && off > edge - min(1.6, 0.3 * edge) ? vec3(1.0) : ink;
+      color = vec4(own, cover * opacity * (isDisc ? 1.0 : clamp(1.0 - age, 0.0, 1.0)));
+      if (color.a < 0.01) discard;
+    }`,
+};
+
+class Drawing {
+  /** Makes all buffers; throws where the browser has no WebGL2. */
+  constructor(canvas, page, data) {
+    const gl = canvas.getContext("webgl2", {
+      alpha: false, antialias: true, preserveDrawingBuffer: true,
+    });
+    if (!gl) throw new Error("no WebGL2");
+    this.gl = gl;
+    this.surface = this.program(SURFACE);
+    this.way = this.program(WAY);
+    this.meshes = page.meshes.map((mesh) => this.mesh(mesh, data));
+    this.colormaps = page.colormaps.map((map) => this.colormap(unpacked(data, map)));
+    this.panels = page.panels.map((panel) => this.panel(panel, data));
+    gl.enable(gl.DEPTH_TEST);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.clearColor(1, 1, 1, 1);
+  }
+
+  program({ vertex, fragment }) {
+    const gl = this.gl, made = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, "#version 300 es\nprecision highp float;" + text);
+      gl.compileShader(shader);
+      gl.attachShader(made, shader);
+    }
+    gl.linkProgram(made);
+    if (!gl.getProgramParameter(made, gl.LINK_STATUS) && !gl.isContextLost())
+      throw new Error(`WebGL2 refuses a shader: ${gl.getProgramInfoLog(made)}`);
+    const places = {}, count = gl.getProgramParameter(made, gl.ACTIVE_UNIFORMS);
+    for (let i = 0; i < count; i++) {
+      const { name } = gl.getActiveUniform(made, i);
+      places[name] = gl.getUniformLocation(made, name);
+    }
+    return { made, places };
+  }
+
+  buffer(values, target = this.gl.ARRAY_BUFFER) {
+    const made = this.gl.createBuffer();
+    this.gl.bindBuffer(target, made);
+    this.gl.bufferData(target, values, this.gl.STATIC_DRAW);
+    return made;
+  }
+
+  mesh(mesh, data) {
+    const whole = unpacked(data, mesh.positions), faces = unpacked(data, mesh.faces);
+    const positions = Float32Array.from(whole, (q, i) => mesh.low[i % 3] + mesh.step[i % 3] * q);
+    return {
+      positions, faces, ids: unpacked(data, mesh.ids), culls: mesh.culls,
+      buffers: [this.buffer(positions), this.buffer(normals(positions, faces))],
+    };
+  }
+
+  colormap(bytes) {
+    const gl = this.gl, made = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, made);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, 256, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+    for (const name of ["MIN_FILTER", "MAG_FILTER"])
+      gl.texParameteri(gl.TEXTURE_2D, gl[`TEXTURE_${name}`], gl.LINEAR);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE);
+    return made;
+  }
+
+  panel(panel, data) {
+    const gl = this.gl, mesh = this.meshes[panel.mesh], array = gl.createVertexArray();
+    const count = mesh.positions.length / 3;
+    gl.bindVertexArray(array);
+    mesh.buffers.forEach((buffer, place) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
+    });
+    const keys = new Uint16Array(2 * count), buffer = this.buffer(keys);
+    gl.enableVertexAttribArray(2);
+    gl.vertexAttribPointer(2, 2, gl.UNSIGNED_SHORT, false, 0, 0);
+    this.buffer(mesh.faces, gl.ELEMENT_ARRAY_BUFFER);
+    gl.bindVertexArray(null);
+    const layers = panel.layers.map((layer) => ({
+      ...layer, values: unpacked(data, layer.values),
+      times: layer.times ? unpackedFloats(data, layer.times) : null,
+    }));
+    const ways = panel.ways.map((way) => this.ways(way, data));
+    return { mesh, array, keys, buffer, count, layers, ways, axes: panel.axes, held: null };
+  }
+
+  ways(way, data) {
+    const gl = this.gl, array = gl.createVertexArray(), places = unpackedFloats(data, way.places);
+    gl.bindVertexArray(array);
+    this.buffer(places);
+    [3, 3, 2].forEach((size, place) => {
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribPointer(place, size, gl.FLOAT, false, 32, 12 * place);
+      gl.vertexAttribDivisor(place, 1);
+    });
+    gl.bindVertexArray(null);
+    return { ...way, array, count: places.length / 8 };
+  }
+
+  /** Makes sure of the two keys around a time, and returns the share of the second. */
+  hold(panel, layer, time) {
+    const { first, second, share } = around(layer.times, time);
+    const held = panel.held;
+    if (!held || held.layer !== layer || held.first !== first) {
+      const { keys, count } = panel, values = layer.values;
+      for (let i = 0; i < count; i++) {
+        keys[2 * i] = values[first * count + i];
+        keys[2 * i + 1] = values[second * count + i];
+      }
+      this.gl.bindBuffer(this.gl.ARRAY_BUFFER, panel.buffer);
+      this.gl.bufferSubData(this.gl.ARRAY_BUFFER, 0, keys);
+      panel.held = { layer, first };
+    }
+    return share;
+  }
+
+  /** Draws each panel in its box, [x, y, width, height] in pixels from the lower left. */
+  draw(boxes, camera, state) {
+    const gl = this.gl;
+    gl.disable(gl.SCISSOR_TEST);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.SCISSOR_TEST);
+    this.panels.forEach((panel, number) => {
+      const box = boxes[number];
+      if (box[2] < 1 || box[3] < 1) return;
+      gl.viewport(...box);
+      gl.scissor(...box);
+      this.drawSurface(panel, number, box, camera, state);
+      this.drawWays(panel, number, box, camera, state);
+    });
+  }
+
+  look({ places }, number, box, camera) {
+    const gl = this.gl, { scale, pan } = camera.placed(box);
+    gl.uniformMatrix3fv(places.turn, true, camera.turned(number));
+    gl.uniform2fv(places.scale, scale);
+    gl.uniform2fv(places.pan, pan);
+    gl.uniform1f(places.distance, camera.distance);
+    gl.uniform1f(places.radius, camera.radius);
+  }
+
+  drawSurface(panel, number, box, camera, { time, layer: chosen }) {
+    const gl = this.gl, { made, places } = this.surface;
+    const layer = panel.layers[Math.min(chosen, panel.layers.length - 1)];
+    const share = this.hold(panel, layer, time);
+    gl.useProgram(made);
+    this.look(this.surface, number, box, camera);
+    gl.uniform1f(places.share, share);
+    gl.uniform1f(places.low, layer.low);
+    gl.uniform1f(places.high, layer.high);
+    gl.uniform1f(places.none, NONE);
+    gl.bindTexture(gl.TEXTURE_2D, this.colormaps[layer.colormap]);
+    if (panel.mesh.culls) gl.enable(gl.CULL_FACE);
+    gl.bindVertexArray(panel.array);
+    gl.drawElements(gl.TRIANGLES, panel.mesh.faces.length, gl.UNSIGNED_INT, 0);
+    gl.disable(gl.CULL_FACE);
+  }
+
+  drawWays(panel, number, box, camera, { time, hidden }) {
+    const gl = this.gl, { made, places } = this.way;
+    const shown = panel.ways.filter((way) => way.count && !hidden.has(way.name));
+    if (!shown.length) return;
+    gl.useProgram(made);
+    this.look(this.way, number, box, camera);
+    gl.uniform2f(places.pixel, 2 / box[2], 2 / box[3]);
+    gl.uniform1f(places.now, time);
+    gl.enable(gl.BLEND);
+    gl.depthMask(false);
+    for (const isDisc of [0, 1])
+      for (const way of shown) {
+        const width = isDisc ? way.disc : way.line;
+        if (!width) continue;
+        gl.uniform1i(places.isDisc, isDisc);
+        gl.uniform1f(places.width, width * camera.density);
+        gl.uniform1f(places.tail, way.tail);
+        gl.uniform1f(places.opacity, way.opacity);
+        gl.uniform3fv(places.ink, way.color);
+        gl.bindVertexArray(way.array);
+        gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, way.count);
+      }
+    gl.depthMask(true);
+    gl.disable(gl.BLEND);
+  }
+}
+
+const NONE = 65535; // stands for no value
+
+/** The two keys around a time, by halving, and how far it is from the first to the second. */
+function around(times, time) {
+  if (!times || times.length < 2) return { first: 0, second: 0, share: 0 };
+  let first = 0, last = times.length - 1;
+  while (last - first > 1) {
+    const middle = (first + last) >> 1;
+    if (times[middle] <= time) first = middle;
+    else last = middle;
+  }
+  const share = (time - times[first]) / (times[last] - times[first]);
+  return { first, second: last, share: Math.min(Math.max(share, 0), 1) };
+}
+
+/** Normals of vertices: those of the faces around, by their areas. */
+function normals(positions, faces) {
+  const found = new Float32Array(positions.length);
+  for (let f = 0; f < faces.length; f += 3) {
+    const [i, j, k] = [3 * faces[f], 3 * faces[f + 1], 3 * faces[f + 2]];
+    const ux = positions[j] - positions[i], vx = positions[k] - positions[i];
+    const uy = positions[j + 1] - positions[i + 1], vy = positions[k + 1] - positions[i + 1];
+    const uz = positions[j + 2] - positions[i + 2], vz = positions[k + 2] - positions[i + 2];
+    const x = uy * vz - uz * vy, y = uz * vx - ux * vz, z = ux * vy - uy * vx;
+    for (const v of [i, j, k]) {
+      found[v] += x;
+      found[v + 1] += y;
+      found[v + 2] += z;
+    }
+  }
+  return found;
+}

@@ -1,0 +1,195 @@
+"""Pages of matches and of registrations."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+import abfm
+from abfm import AbfmError, Match, Registration, TriangleMesh
+from abfm.maps import SurfacePoints
+from abfm.types import FloatArray
+from abfm.workers.progress import step
+from abfm_viewer.appearance.colormaps import ColorRange, color_range
+from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.computing.registered import (
+    MOST_CHANNELS,
+    compared_colors,
+    fronts,
+    functions_on_a,
+)
+from abfm_viewer.document import verdict_words
+from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Ways, spread
+
+_FRAMES = 7, 41  # fewest and most keys of what is carried
+_MOST_VALUES = 3_000_000  # in all keys of all functions: about as many bytes of a page
+_SECONDS = 4.0
+_LINES, _PLACES, _LEAST = 160, 16, 0.02  # flow lines, keys of each, and how long in sqrt(area)
+_INK: Color = (0.11, 0.13, 0.17)
+_MARK: Color = (0.04, 0.56, 0.42)
+_ALWAYS = (-1e30, 1e30)
+
+
+def match_page(match: Match, title: str, up: str = "y") -> Page:
+    """Return the page of a match: its source, the source on its way, its target; ``up`` is the axis
+    that points upwards.
+    """
+    functions = () if match.problem.is_of_landmarks else (match.source[:, 0], match.target[:, 0])
+    front = best_front(match.mesh, *functions, up=up)
+    shown = _functions(match)
+    moving = _moving(match, shown)
+    still = [(match.source, "source", 0), (match.target, "target", 1)]
+    if match.problem.is_of_landmarks:
+        still = [(match.mesh.vertices, "at first", 0)]
+    first, *last = (
+        Panel(
+            name,
+            match.mesh,
+            [Layer(each, values[:, c], colors) for c, (each, colors) in enumerate(shown)],
+            front,
+            _marks(match, side),
+        )
+        for values, name, side in still
+    )
+    carried = Panel("carried", match.mesh, moving, front, _lines(match))
+    about = f"A match on a surface of {_sized(match.mesh)}"
+    return _page(match, title, about, [first, carried, *last])
+
+
+def registration_page(found: Registration, title: str, up: str = "y") -> Page:
+    """Return the page of a registration: A with its function, that on its way on B, and B's own;
+    ``up`` is the axis of B that points upwards.
+    """
+    match = found.match
+    if found.a is found.b:
+        return match_page(match, title, up)
+    of_a, of_b = fronts(found, up)
+    shown = _functions(match, found.a)
+    of_landmarks = match.problem.is_of_landmarks
+    on_a = found.a.vertices if of_landmarks else functions_on_a(found)
+    layers_of_a = [Layer(name, on_a[:, c], colors) for c, (name, colors) in enumerate(shown)]
+    start = found.initial.carry(on_a) if of_landmarks else None
+    carried = Panel("A on B", found.b, _moving(match, shown, start), of_b, _lines(match))
+    marks_on_a = _marks_on_a(found)
+    panels = [Panel("A", found.a, layers_of_a, of_a, marks_on_a), carried]
+    if not of_landmarks:
+        own = [Layer(name, match.target[:, c], colors) for c, (name, colors) in enumerate(shown)]
+        panels.append(Panel("B", found.b, own, of_b, _marks(match, 1)))
+    about = f"Surface A, {_sized(found.a)}, registered to surface B, {_sized(found.b)}"
+    page = _page(match, title, about, panels)
+    facts = {**page.facts, "A covered": f"{100 * found.coverage():.3g}%"}
+    return replace(page, facts=facts, notes=[*page.notes, *found.notes])
+
+
+def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, ColorRange]]:
+    """Return what is shown, by name and colours; of landmarks alone the coordinates of ``a``."""
+    if match.problem.is_of_landmarks:
+        mesh = a or match.mesh
+        return [
+            (f"{axis} of A" if a else axis, color_range(values))
+            for axis, values in zip("xyz", mesh.vertices.T, strict=True)
+        ]
+    count = min(match.source.shape[1], MOST_CHANNELS)
+    names = ["function"] if count == 1 else [f"function {c + 1}" for c in range(count)]
+    if a is None:
+        pairs = zip(match.source.T, match.target.T, strict=True)
+        colors = [color_range(*pair) for pair in pairs]
+    else:
+        colors = [compared_colors(match, c) for c in range(count)]
+    return list(zip(names, colors, strict=False))
+
+
+def _moving(
+    match: Match, shown: list[tuple[str, ColorRange]], start: FloatArray | None = None
+) -> list[Layer]:
+    """Return what is carried, at even times from 0 to tau; of landmarks alone what is given."""
+    budget = _MOST_VALUES // (len(match.mesh.vertices) * len(shown))
+    times = np.linspace(0, match.parameters.tau, min(max(budget, _FRAMES[0]), _FRAMES[1]))
+    with step("carrying along the flow"):
+        if match.problem.is_of_landmarks:
+            carried = match.push(match.mesh.vertices if start is None else start, times)
+        else:
+            carried = match.advect(times)
+    frames = carried.reshape(len(times), len(match.mesh.vertices), -1)
+    return [Layer(name, frames[:, :, c], colors, times) for c, (name, colors) in enumerate(shown)]
+
+
+def _lines(match: Match) -> list[Ways]:
+    """Return flow lines from places spread over the surface, and from the landmarks."""
+    mesh, tau = match.mesh, match.parameters.tau
+    seeds = abfm.maps.vertex_points(mesh, spread(mesh.vertices, _LINES))
+    paths = _walked(match, seeds)
+    least = _LEAST * mesh.length_scale
+    far = [each for each in paths if np.linalg.norm(np.diff(each[1], axis=0), axis=1).sum() > least]
+    look = {"tail": tau / 3, "disc": 2.2, "line": 1.6, "opacity": 0.75}
+    ways = [Ways.along("flow lines", far, _INK, **look)] if far else []
+    if (marks := match.problem.landmarks) is not None:
+        ways.append(Ways.along("landmarks", _walked(match, marks.points(mesh)), _MARK))
+        wanted = marks.wanted(mesh).positions
+        ways.append(Ways.points("where landmarks belong", wanted, _ALWAYS, (0.7, 0.12, 0.12), 3.0))
+    return ways
+
+
+def _walked(match: Match, seeds: SurfacePoints) -> list[tuple[FloatArray, FloatArray]]:
+    """Return times and places of flow lines at even times; of one that ends early, until then."""
+    tau = match.parameters.tau
+    found, lines = [], []
+    with step("flow lines"), suppress(AbfmError):  # those that lead over too many faces
+        lines = abfm.flow.flow_lines(match.mesh, match.fine_velocity, seeds, tau, tau)
+    for line in lines:
+        times = np.linspace(0, tau, _PLACES)
+        places = [np.interp(times, line.times, line.positions[:, x]) for x in range(3)]
+        found.append((times, np.stack(places, axis=1)))
+    return found
+
+
+def _marks(match: Match, side: int) -> list[Ways]:
+    marks = match.problem.landmarks
+    if marks is None:
+        return []
+    points = (marks.points, marks.wanted)[side](match.mesh).positions
+    color = (_MARK, (0.7, 0.12, 0.12))[side]
+    return [Ways.points(("landmarks", "where landmarks belong")[side], points, _ALWAYS, color)]
+
+
+def _marks_on_a(found: Registration) -> list[Ways]:
+    marks = found.match.problem.landmarks
+    if marks is None:
+        return []
+    places = found.initial.inverse().carry_points(marks.points(found.b)).positions
+    return [Ways.points("landmarks", places, _ALWAYS, _MARK)]
+
+
+def _page(match: Match, title: str, about: str, panels: list[Panel]) -> Page:
+    tau = match.parameters.tau
+    clock = Clock(0.0, tau, _SECONDS, first=tau, ticks=np.linspace(0, tau, 5).tolist())
+    told = [verdict_words.why(match)]
+    if advice := verdict_words.advice(match):
+        told.append(f"advice: {advice}")
+    if (count := match.source.shape[1]) > MOST_CHANNELS:
+        told.append(f"these are the first {MOST_CHANNELS} of {count} pairs of functions")
+    words = verdict_words.headline(match), verdict_words.tone(match)
+    specs = zip(*(side[:MOST_CHANNELS] for side in match.problem.specs), strict=True)
+    about = "; ".join([about, *(" → ".join(pair) for pair in specs if all(pair))])
+    return Page(title, words[0], panels, clock, words[1], about, _facts(match), told)
+
+
+def _facts(match: Match) -> dict[str, str]:
+    share, told = verdict_words.share, {}
+    if not match.problem.is_of_landmarks:
+        left = f"{share(match.initial_mismatch)} → {share(match.confirmed_mismatch)}"
+        told["mismatch left"] = left
+    if (errors := match.landmark_errors) is not None and np.isfinite(errors).all():
+        told["farthest landmark"] = f"{share(float(errors.max()))} of √area"
+    if math.isfinite(cost := match.path[match.step].log2_area):
+        told["areas: |log2 J|, mean"] = f"{cost:.2f}"
+    if math.isfinite(match.folded):
+        told["folded faces"] = f"{100 * match.folded:.2g}%"
+    return told
+
+
+def _sized(mesh: TriangleMesh) -> str:
+    return f"{len(mesh.vertices):,} vertices and {len(mesh.faces):,} faces"

@@ -1,0 +1,234 @@
+"""Pages of sequences: frames, what is between them, and what moves on the surface."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+import abfm
+from abfm import TriangleMesh
+from abfm.matching.judging.verdict import Verdict, confirmed_mismatch
+from abfm.types import FloatArray
+from abfm.workers.control import checkpoint
+from abfm.workers.progress import step
+from abfm_viewer.appearance.colormaps import ColorRange, color_range
+from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.computing.registered import MOST_CHANNELS
+from abfm_viewer.document.verdict_words import Tone, share
+from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways, spread
+
+# in all keys of all functions, and of a part of the field; a value is two bytes of a page
+MOST_VALUES, MOST_OF_A_PART = 4_000_000, 500_000
+_MOST_BETWEEN = 4  # keys of an interval
+_SECONDS_A_FRAME, _SHORTEST, _LONGEST = 0.15, 4.0, 30.0
+_TAIL = 0.2  # of the whole time that a track is seen after
+_LINES, _MOST_PIECES = 140, 15_000  # path lines, and pieces of all of them
+_LIFE = 10  # intervals that a path line goes on
+_MOSTLY = 0.5  # of the intervals
+_SHOWN = 99.5  # percentile at the ends of the colours
+_TONES: dict[str, Tone] = {"matched": "good", "registered": "good", "nearly": "ink"}
+# apart from the colours of functions
+_COLORS: dict[str, Color] = {
+    "source": (0.95, 0.72, 0.02),
+    "sink": (0.11, 0.49, 0.24),
+    "spiral": (0.54, 0.25, 0.99),
+    "saddle": (0.85, 0.1, 0.6),
+}
+_INK: Color = (0.11, 0.13, 0.17)
+
+
+class Filmed(Protocol):
+    """What a page needs of a film, such as a sequence."""
+
+    @property
+    def mesh(self) -> TriangleMesh: ...
+
+    @property
+    def times(self) -> FloatArray:
+        """Times of the frames, (T,)."""
+
+    @property
+    def frames(self) -> FloatArray:
+        """The frames, (T, V) or (T, V, C)."""
+
+    def at(self, t: float) -> FloatArray:
+        """Return the frame at a time, (V,) or (V, C), between two frames carried from both."""
+
+
+@dataclass(frozen=True)
+class Labels:
+    """Names of channels, the unit of values and that of times, and the axis that is up."""
+
+    names: Sequence[str] = ()
+    unit: str = ""
+    unit_of_time: str = ""
+    up: str = "y"
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is said of a film: of all of it, and of each interval with its tone; and layers that may
+    be chosen besides its channels.
+    """
+
+    headline: str = ""
+    tone: Tone = "ink"
+    intervals: Sequence[tuple[str, Tone]] = ()
+    facts: Mapping[str, str] = field(default_factory=dict)
+    layers: Sequence[Layer] = ()
+
+
+def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = None) -> Page:
+    """Return the page of a sequence: its frames and what is carried between them, what each
+    interval came to, critical points on their tracks, path lines, and divergence and curl.
+    """
+    labels = labels or Labels()
+    share, middles = sequence.confirmed / len(sequence), sequence.middles
+    unit = f"1/{labels.unit_of_time}" if labels.unit_of_time else ""
+    parts = {"divergence": sequence.divergence, "curl": sequence.curl}
+    told = Told(
+        f"{sequence.confirmed} of {len(sequence)} intervals are confirmed by flow lines",
+        "good" if share == 1 else "ink" if share > _MOSTLY else "failure",
+        [(_came_to(sequence, i), _TONES.get(v.kind, "failure")) for i, v in _verdicts(sequence)],
+        {"median speed": _speed(sequence, labels)},
+        [_layer(name, values, middles, unit) for name, values in parts.items()],
+    )
+    return film_page(sequence, title, told, [_path_lines(sequence), *_tracks(sequence)], labels)
+
+
+def film_page(
+    film: Filmed, title: str, told: Told, ways: Sequence[Ways] = (), labels: Labels | None = None
+) -> Page:
+    """Return the page of any film: its surface, with a time bar over real time.
+
+    Of frames so many that the page would be too large one of two, three, ... is shown, and that is
+    told; else, where there is room, keys are put between them.
+    """
+    labels = labels or Labels()
+    mesh, times = film.mesh, np.asarray(film.times, dtype=float)
+    keys, frames, thinned = _keys(film, times)
+    count = frames.shape[2]
+    usual = ["function"] if count == 1 else [f"function {c + 1}" for c in range(count)]
+    layers = [
+        Layer(name, frames[:, :, c], color_range(frames[:, :, c]), keys, labels.unit)
+        for c, name in enumerate([*labels.names, *usual[len(labels.names) :]][:count])
+    ]
+    front = best_front(mesh, frames[:, :, 0].std(axis=0), up=labels.up)
+    spans = [
+        Span(start, end, f"interval {number}: {text}", tone)
+        for number, ((start, end), (text, tone)) in enumerate(
+            zip(pairwise(times.tolist()), told.intervals, strict=False), 1
+        )
+    ]
+    seconds = min(max(_SECONDS_A_FRAME * len(times), _SHORTEST), _LONGEST)
+    ticks = times.tolist()
+    clock = Clock(ticks[0], ticks[-1], seconds, labels.unit_of_time, ticks=ticks, spans=spans)
+    about = f"{len(times)} frames on a surface of {len(mesh.vertices):,} vertices"
+    panel = Panel("", mesh, [*layers, *told.layers], front, ways)
+    notes = [thinned] if thinned else []
+    return Page(title, told.headline, [panel], clock, told.tone, about, told.facts, notes)
+
+
+def _verdicts(sequence: abfm.Sequence) -> Iterator[tuple[int, Verdict]]:
+    return enumerate(sequence.verdicts)
+
+
+def _came_to(sequence: abfm.Sequence, interval: int) -> str:
+    """``matched, 0.7% left``."""
+    left = confirmed_mismatch(
+        float(sequence.mismatch[interval]), float(sequence.verified_mismatch[interval])
+    )
+    return f"{sequence.verdicts[interval].kind}, {share(left)} left"
+
+
+def _layer(name: str, values: FloatArray, times: FloatArray, unit: str) -> Layer:
+    """Return a layer about 0 at some of the times at least, with colours that a few extremes do not
+    change.
+    """
+    every = -(-values.size // MOST_OF_A_PART)
+    shown, most = values[::every], float(np.percentile(np.abs(values), _SHOWN)) or 1.0
+    at = times[::every] if len(shown) > 1 else None
+    return Layer(name, shown, ColorRange("abfm diverging", -most, most), at, unit)
+
+
+def _speed(sequence: abfm.Sequence, labels: Labels) -> str:
+    """Return the median over time of the root mean square over the surface."""
+    unit = f"/{labels.unit_of_time}" if labels.unit_of_time else " per unit of time"
+    relative = float(np.median(sequence.speed)) / sequence.mesh.length_scale
+    return f"{relative:.3g} √area{unit}"
+
+
+def _tracks(sequence: abfm.Sequence) -> list[Ways]:
+    kinds: dict[str, list[tuple[FloatArray, FloatArray]]] = defaultdict(list)
+    for track in sequence.tracks():
+        kinds[track.kind].append((track.times, track.points.positions))
+    tail = _TAIL * float(np.ptp(sequence.times))
+    return [
+        Ways.along(f"{kind}s", kinds[kind], color, tail=tail)
+        for kind, color in _COLORS.items()
+        if kind in kinds
+    ]
+
+
+def _path_lines(sequence: abfm.Sequence) -> Ways:
+    """Return path lines from places spread over the surface; each begins anew after a while, not
+    all at once.
+    """
+    mesh, times = sequence.mesh, sequence.times
+    count = min(_LINES, _MOST_PIECES // len(sequence))
+    seeds = abfm.maps.vertex_points(mesh, spread(mesh.vertices, count))
+    ages = np.arange(len(seeds.faces)) % _LIFE
+    faces, barycentric = seeds.faces, seeds.barycentric
+    starts, ends, spans = [], [], []
+    with step("path lines") as tell:
+        for number, (velocity, (begin, end)) in enumerate(
+            zip(sequence.velocity, pairwise(times), strict=True)
+        ):
+            checkpoint()
+            here = abfm.maps.SurfacePoints(mesh, faces, barycentric)
+            # a fifth of the time that the continuous flow takes, which has more to prepare
+            lines = abfm.flow.flow_lines(mesh, velocity, here, end - begin)
+            starts.append(here.positions)
+            ends.append(np.array([line.positions[-1] for line in lines]))
+            spans.append(np.tile([begin, end], (len(ages), 1)))
+            ages = ages + 1
+            is_old = ages % _LIFE == 0
+            faces = np.where(is_old, seeds.faces, [line.faces[-1] for line in lines])
+            last = np.array([line.barycentric[-1] for line in lines])
+            barycentric = np.where(is_old[:, None], seeds.barycentric, last)
+            tell((number + 1) / len(sequence))
+    tail = _LIFE / 2 * float(np.ptp(times)) / len(sequence)
+    pieces = np.concatenate(starts), np.concatenate(ends), np.concatenate(spans)
+    return Ways("path lines", *pieces, _INK, tail=tail, disc=2.2, line=1.6, opacity=0.75)
+
+
+def _keys(film: Filmed, times: FloatArray) -> tuple[FloatArray, FloatArray, str]:
+    """Return times and values (T', V, C) of the page, and what is to be said of them."""
+    frames = np.asarray(film.frames)
+    frames = frames.reshape(*frames.shape[:2], -1)[:, :, :MOST_CHANNELS]
+    most = max(MOST_VALUES // (frames.shape[1] * frames.shape[2]), 2)
+    if most < len(times):
+        every = -(-(len(times) - 1) // (most - 1))
+        chosen = np.unique([*range(0, len(times), every), len(times) - 1])
+        return (
+            times[chosen],
+            frames[chosen],
+            f"one of {every} frames is shown, {len(chosen)} in all",
+        )
+    between = min(max((most - 1) // max(len(times) - 1, 1), 1), _MOST_BETWEEN)
+    keys, values = [times[0]], [frames[0]]
+    with step("carrying frames"):
+        for number, (start, end) in enumerate(pairwise(times), 1):
+            checkpoint()
+            for share in range(1, between):
+                keys.append(start + share / between * (end - start))
+                carried = np.asarray(film.at(float(keys[-1])))
+                values.append(carried.reshape(frames.shape[1], -1)[:, :MOST_CHANNELS])
+            keys.append(end)
+            values.append(frames[number])
+    return np.array(keys), np.stack(values), ""

@@ -1,0 +1,376 @@
+"""Pages in a browser, by their pixels: the bar moves the colours, and no network is asked."""
+
+from dataclasses import replace
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from abfm import TriangleMesh
+from abfm_viewer.appearance.colormaps import ColorRange, linear_table
+from abfm_viewer.document.document import Front
+from abfm_viewer.pages import Clock, Layer, Page, Panel, Span, Ways
+from tests.shapes import hemisphere, icosphere
+from tests.viewer.pages.browser import SIZE, ActionChains, Keys, Shown, browser
+
+FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+COLORS = ColorRange("abfm sequential", 0.0, 1.0)
+BALL = icosphere(4)
+TIMES = np.array([10.0, 11.0, 14.0])
+LIGHT = 0.35 + 0.65 * (0.5 + 0.5 * 0.76)  # of what faces the viewer
+EVIL = "</script><script>document.title='broken'</script> & \"quoted\""
+
+
+def told(value, colormap="abfm sequential"):
+    """What a value, 0 to 1, looks like where the surface faces the viewer, 0 to 255."""
+    table = linear_table(colormap, 256)
+    places = np.arange(256) / 255
+    own = LIGHT * np.array([np.interp(value, places, channel) for channel in table.T])
+    return 255 * np.where(own <= 0.0031308, 12.92 * own, 1.055 * own ** (1 / 2.4) - 0.055)
+
+
+def even(*values):
+    return np.array(values)[:, None] * np.ones(len(BALL.vertices))
+
+
+def sided(one, other):
+    """A value where x is negative, and another one where it is positive."""
+    return np.where(BALL.vertices[:, 0] < 0, one, other)
+
+
+LAYERS = [
+    Layer("first", even(0.0, 1.0, 0.4), COLORS, TIMES, "mV"),
+    Layer("second", even(0.7)[0], COLORS),
+]
+SPANS = [Span(10.0, 11.0, "early"), Span(11.0, 14.0, "late")]
+CLOCK = Clock(10.0, 14.0, 2.0, "s", ticks=TIMES, spans=SPANS)
+RED = (1.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def driver():
+    with browser() as opened:
+        yield opened
+
+
+@pytest.fixture
+def open_page(driver, tmp_path):
+    def opened(page, **more):
+        page.write(tmp_path / "page.html")
+        return Shown(driver, (tmp_path / "page.html").as_uri(), **more)
+
+    return opened
+
+
+def page(*panels, clock=CLOCK):
+    return Page("a page", "a headline", panels or [Panel("ball", BALL, LAYERS, FRONT)], clock)
+
+
+def test_the_time_bar_moves_the_colours_and_goes_evenly_between_frames(open_page):
+    shown = open_page(page())
+    np.testing.assert_allclose(shown.middle(), told(0.0), atol=4)
+    shown.go(Keys.END, 14.0)
+    np.testing.assert_allclose(shown.middle(), told(0.4), atol=4)
+    assert shown.find("#now").text == "14.00 s"
+    assert shown.find("#span").text == "late"
+    shown.go(Keys.ARROW_LEFT, 11.0)
+    np.testing.assert_allclose(shown.middle(), told(1.0), atol=4)
+    left, top, right, bottom = shown.boxes("#time")[0]
+    mouse = ActionChains(shown.driver)
+    mouse.w3c_actions.pointer_action.move_to_location(
+        round((left + right) / 2), round((top + bottom) / 2)
+    ).click()
+    mouse.perform()
+    shown.until(lambda: abs(shown.drawn() - 12) < 0.1)
+    value = np.interp(shown.drawn(), TIMES, [0.0, 1.0, 0.4])
+    np.testing.assert_allclose(shown.middle(), told(value), atol=4)
+    assert shown.log() == []
+
+
+def test_it_plays_to_the_end_and_pauses_there_unless_it_loops(open_page):
+    shown = open_page(page())
+    shown.find("#play").click()
+    shown.until(lambda: shown.drawn() > 10.5)
+    shown.press(Keys.SPACE)
+    shown.until(lambda: shown.find("#play").get_attribute("aria-label") == "Play")
+    stopped = shown.drawn()
+    assert 10.5 < stopped < 14
+    shown.press("l")
+    assert shown.find("#loop").get_attribute("aria-pressed") == "false"
+    shown.press(Keys.SPACE)
+    assert shown.find("#play").get_attribute("aria-label") == "Pause"
+    shown.until(lambda: shown.find("#play").get_attribute("aria-label") == "Play")
+    shown.until(lambda: shown.drawn() == 14)
+    np.testing.assert_allclose(shown.middle(), told(0.4), atol=4)
+    shown.press("l", Keys.SPACE)  # from the end it begins again
+    shown.until(lambda: shown.drawn() < 14)
+    shown.press(Keys.END)
+    shown.until(lambda: shown.drawn() < 13)  # and so it goes on
+
+
+def test_panels_turn_together_and_come_back(open_page):
+    one = Panel("one", BALL, [Layer("f", sided(0.2, 0.9), COLORS)], FRONT)
+    shown = open_page(page(one, replace(one, title="two")))
+    before = [shown.surface(number) for number in range(2)]
+    np.testing.assert_allclose(before[0], before[1], atol=3)
+    assert np.abs(before[0][:, :100] - before[0][:, -1:-101:-1]).max() > 50  # two sides
+    shown.drag(0, 40, 0)
+    turned = [shown.surface(number) for number in range(2)]
+    assert np.abs(turned[0] - before[0]).max() > 50
+    np.testing.assert_allclose(turned[0], turned[1], atol=3)
+    shown.press("r")
+    np.testing.assert_allclose(shown.surface(1), before[1], atol=3)
+
+
+def test_half_a_turn_shows_the_other_side(open_page):
+    value = np.where(BALL.vertices[:, 2] < 0, 0.2, 0.9)
+    shown = open_page(page(Panel("ball", BALL, [Layer("f", value, COLORS)], FRONT)))
+    np.testing.assert_allclose(shown.middle(), told(0.9), atol=4)
+    left, top, right, bottom = shown.boxes()[0]
+    shown.drag(0, round(min(right - left, bottom - top) / 2), 0)
+    shown.drag(0, round(min(right - left, bottom - top) / 2), 0)
+    np.testing.assert_allclose(shown.middle(), told(0.2), atol=4)
+
+
+@pytest.mark.parametrize("name", "xyz")
+def test_any_axis_can_be_put_upright_on_all_panels(open_page, name):
+    value = np.where(BALL.vertices[:, "xyz".index(name)] < 0, 0.2, 0.9)
+    tilted = Front((0.0, 0.6, 0.8), (0.0, 0.8, -0.6))
+    one = Panel("one", BALL, [Layer("f", value, COLORS)], tilted)
+    shown = open_page(page(one, replace(one, title="two")))
+    shown.find("#up").send_keys(f"{name} up")
+    for number in range(2):
+        above, below = np.array_split(shown.surface(number, 0.2), 2)
+        for half, expected in ((above, 0.9), (below, 0.2)):
+            hue = np.median(half.reshape(-1, 3), axis=0) - np.median(told(expected))
+            wanted = told(expected) - np.median(told(expected))
+            other = told(1.1 - expected) - np.median(told(1.1 - expected))
+            assert np.linalg.norm(hue - wanted) < np.linalg.norm(hue - other)
+
+
+def covered(shown):
+    """The share of a panel that is not white."""
+    return (shown.surface().min(axis=2) < 250).mean()
+
+
+def test_wheel_fingers_and_keys_zoom(open_page):
+    shown = open_page(page())
+    before = covered(shown)
+    shown.press("-")
+    assert covered(shown) == pytest.approx(before / 1.44, rel=0.03)
+    shown.press("+")
+    assert covered(shown) == pytest.approx(before, rel=0.01)
+    left, top, right, bottom = shown.boxes()[0]
+    x, y = round((left + right) / 2), round((top + bottom) / 2)
+    mouse = ActionChains(shown.driver)
+    mouse.w3c_actions.wheel_action.scroll(x, y, 0, 200)
+    mouse.perform()
+    smaller = covered(shown)
+    assert smaller < 0.8 * before
+    for kind, apart in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80), ("touchEnd", 0)):
+        points = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
+        touch = {"type": kind, "touchPoints": points if apart else []}
+        shown.driver.execute_cdp_cmd("Input.dispatchTouchEvent", touch)
+    assert covered(shown) > 1.5 * smaller
+
+
+def test_the_mouse_reads_values(open_page):
+    layer = Layer("f", sided(0.25, 0.75), COLORS, unit="mV")
+    shown = open_page(page(Panel("ball", BALL, [layer], FRONT)))
+    left, top, right, bottom = shown.boxes()[0]
+    for dx, expected in ((-60, "0.25"), (60, "0.75")):
+        mouse = ActionChains(shown.driver)
+        mouse.w3c_actions.pointer_action.move_to_location(
+            round((left + right) / 2 + dx), round((top + bottom) / 2)
+        )
+        mouse.perform()
+        shown.until(lambda: shown.find("#tip").is_displayed())
+        vertex, value = shown.find("#tip").text.split(": ")
+        assert value == f"{expected} mV"
+        assert np.sign(BALL.vertices[int(vertex.split()[1]), 0]) == np.sign(dx)
+
+
+def clicked(shown, dx):
+    """Click so far to the right of a panel's middle."""
+    left, top, right, bottom = shown.boxes()[0]
+    x, y = round((left + right) / 2 + dx), round((top + bottom) / 2)
+    mouse = ActionChains(shown.driver)
+    mouse.w3c_actions.pointer_action.move_to_location(x, y).click()
+    mouse.perform()
+
+
+def test_a_click_shows_how_a_value_goes_on(open_page):
+    values = np.array([0.0, 1.0, 0.4])[:, None] * sided(10.0, -10.0)
+    layer = Layer("f", values, ColorRange("viridis", -10.0, 10.0), TIMES, "mV")
+    shown = open_page(page(Panel("ball", BALL, [layer], FRONT)))
+    for dx, heights in ((60, [0.0, -10.0, -4.0]), (-60, [0.0, 10.0, 4.0])):
+        clicked(shown, dx)
+        shown.until(lambda: shown.find("#plot").is_displayed())
+        places = [pair.split(",") for pair in shown.find("#curve").get_attribute("points").split()]
+        x, y = np.array(places, dtype=float).T
+        np.testing.assert_allclose(x, [0, 25, 100])
+        low, high = min(heights), max(heights)
+        np.testing.assert_allclose(y, 46 - 42 * (np.array(heights) - low) / (high - low), atol=0.02)
+        labels = [shown.find(each).text.replace("\u2212", "-") for each in ("#most", "#least")]
+        assert [float(label) for label in labels] == pytest.approx([high, low], abs=0.01)
+        shown.go(Keys.ARROW_RIGHT, 11.0)
+        assert shown.find("#cursor").get_attribute("x1") == "25"
+        now = shown.find("#of").text.split(": ")[1]
+        assert now.replace("\u2212", "-") == f"{heights[1]:g} mV"
+        assert shown.find("#tip").text == shown.find("#of").text
+        shown.go(Keys.HOME, 10.0)
+    left, _, right, _ = shown.boxes("#mark")[0]
+    assert (left + right) / 2 == pytest.approx(sum(shown.boxes()[0][::2]) / 2 - 60, abs=10)
+    clicked(shown, -0.45 * SIZE[0])  # beside the surface
+    shown.until(lambda: not shown.find("#plot").is_displayed())
+
+
+def test_another_layer_and_its_colour_bar(open_page):
+    warmth = ColorRange("viridis", -10.0, 10.0)
+    layers = [LAYERS[0], Layer("second", even(5.0)[0], warmth, unit="K")]
+    shown = open_page(page(Panel("ball", BALL, layers, FRONT)))
+    assert shown.find("#bars").text.split("\n")[0] == "first, mV"
+    shown.find("#layer").send_keys("second")
+    shown.until(lambda: shown.find("#bars").text.startswith("second, K"))
+    assert [each.text for each in shown.driver.find_elements("css selector", ".end")] == [
+        "\u221210",
+        "0",
+        "10",
+    ]
+    np.testing.assert_allclose(shown.middle(), told(0.75, "viridis"), atol=4)
+
+
+@pytest.mark.parametrize("front", [FRONT, Front((0.0, 0.0, -1.0), (0.0, 1.0, 0.0))])
+def test_a_surface_with_a_boundary_is_seen_from_both_sides(open_page, front):
+    half = hemisphere(20)
+    value = np.full(len(half.vertices), 0.7)
+    shown = open_page(page(Panel("half", half, [Layer("f", value, COLORS)], front)))
+    np.testing.assert_allclose(shown.middle(), told(0.7), atol=4)
+
+
+def test_a_surface_whose_inside_is_out_is_seen_from_outside(open_page):
+    mesh = TriangleMesh(BALL.vertices, BALL.faces[:, ::-1])
+    value = np.where(mesh.vertices[:, 2] < 0, 0.2, 0.9)
+    shown = open_page(page(Panel("ball", mesh, [Layer("f", value, COLORS)], FRONT)))
+    np.testing.assert_allclose(shown.middle(), told(0.9), atol=4)
+
+
+def test_surfaces_come_back_after_the_graphics_card_was_lost(open_page):
+    shown = open_page(page())
+    graphics = "document.querySelector('canvas').getContext('webgl2')"
+    shown.script(f"(window.lost = {graphics}.getExtension('WEBGL_lose_context')).loseContext()")
+    shown.until(lambda: shown.script(f"{graphics}.isContextLost()"))
+    shown.script("window.lost.restoreContext()")
+    shown.until(lambda: np.allclose(shown.middle(), told(0.0), atol=4))
+    shown.go(Keys.END, 14.0)
+    np.testing.assert_allclose(shown.middle(), told(0.4), atol=4)
+
+
+def test_no_value_is_grey(open_page):
+    shown = open_page(page(Panel("ball", BALL, [Layer("f", sided(np.nan, 0.9), COLORS)], FRONT)))
+    surface = shown.surface()
+    ours = surface[surface.min(axis=2) < 250]
+    is_grey = np.ptp(ours, axis=1) < 8
+    assert 0.4 < is_grey.mean() < 0.6
+
+
+def test_points_come_and_go_and_ways_grow(open_page):
+    front = np.array([[0.0, 0.0, 1.0]])
+    path = np.stack([np.sin([-0.5, 0.0, 0.5]), np.zeros(3), np.cos([-0.5, 0.0, 0.5])], axis=1)
+    ways = [
+        Ways.points("dots", front, (11.0, 13.0), RED, disc=8.0),
+        Ways.along("tracks", [(TIMES, path)], (0.0, 0.0, 1.0), disc=0.0, line=6.0),
+    ]
+    clock = replace(CLOCK, ticks=[10.0, 11.0, 12.0, 14.0])
+    light = Layer("f", even(0.0)[0], COLORS)
+    shown = open_page(page(Panel("ball", BALL, [light], FRONT, ways), clock=clock))
+
+    def seen(channel):
+        colors = shown.surface()
+        others = [k for k in range(3) if k != channel]
+        return ((colors[:, :, channel] > 200) & (colors[:, :, others].max(axis=2) < 60)).sum()
+
+    assert (seen(0), seen(2)) == (0, 0)
+    shown.go(Keys.ARROW_RIGHT, 11.0)
+    half = seen(2)
+    assert seen(0) > 50
+    assert half > 50
+    shown.go(Keys.END, 14.0)
+    assert seen(0) == 0
+    assert seen(2) > 1.7 * half
+    shown.find("#ways label:nth-child(2)").click()
+    assert seen(2) == 0
+
+
+def test_a_surface_hides_what_is_behind_it(open_page):
+    ways = [Ways.points("dots", np.array([[0.0, 0.0, -1.0]]), (0.0, 99.0), RED, disc=8.0)]
+    shown = open_page(page(Panel("ball", BALL, [LAYERS[1]], FRONT, ways)))
+    np.testing.assert_allclose(shown.middle(), told(0.7), atol=4)
+
+
+def test_nothing_is_asked_of_a_network_and_nothing_could_be(open_page, driver, tmp_path):
+    shown = open_page(page())
+    shown.go(Keys.END, 14.0)
+    assert shown.requests() == [(tmp_path / "page.html").as_uri()]
+    asked = []
+
+    class Handler(SimpleHTTPRequestHandler):
+        def do_GET(self):
+            asked.append(self.path)
+            super().do_GET()
+
+        def log_message(self, *words):
+            pass
+
+    handler = partial(Handler, directory=tmp_path)
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        served = Shown(driver, f"http://127.0.0.1:{server.server_port}/page.html")
+        np.testing.assert_allclose(served.middle(), told(0.0), atol=4)
+        refused = 'fetch("/other").then(() => "answered", (error) => error.name)'
+        assert served.script(refused) == "TypeError"
+        server.shutdown()
+    assert asked == ["/page.html"]
+
+
+def test_what_users_wrote_is_text(open_page):
+    layer = replace(LAYERS[0], name=EVIL, unit=EVIL)
+    clock = replace(CLOCK, unit=EVIL, spans=[Span(10.0, 14.0, EVIL)])
+    ways = [Ways.points(EVIL, BALL.vertices[:1], (0.0, 99.0), RED)]
+    given = Page(EVIL, EVIL, [Panel(EVIL, BALL, [layer], FRONT, ways)], clock, about=EVIL)
+    shown = open_page(given)
+    assert shown.driver.title == EVIL
+    for selector in ("h1", ".headline", ".about", "figcaption", "#span", "#ways label"):
+        assert shown.find(selector).text == EVIL
+    assert shown.find("#now").text == f"10.00 {EVIL}"
+    assert shown.log() == []
+
+
+def test_a_browser_without_webgl_is_told_so(open_page, driver):
+    text = "HTMLCanvasElement.prototype.getContext = () => null"
+    command = "Page.addScriptToEvaluateOnNewDocument"
+    added = driver.execute_cdp_cmd(command, {"source": text})
+    try:
+        shown = open_page(page(), ready="!document.querySelector('#problem').hidden")
+        assert "no WebGL2" in shown.find("#problem").text
+        assert not shown.find("#stage").is_displayed()
+    finally:
+        driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
+
+
+@pytest.mark.parametrize("size", [(390, 844), (1600, 500)])
+def test_panels_stand_where_there_is_room_and_all_is_in_view(open_page, size):
+    one = Panel("one", BALL, [LAYERS[1]], FRONT)
+    shown = open_page(page(one, replace(one, title="two"), replace(one, title="three")))
+    shown.resize(*size)
+    upright = size[0] < size[1]
+    shown.until(lambda: len({top for _, top, _, _ in shown.boxes()}) == (3 if upright else 1))
+    boxes = [*shown.boxes(), *shown.boxes("#controls"), *shown.boxes("#play"), *shown.boxes("#now")]
+    for left, top, right, bottom in boxes:
+        assert 0 <= left < right <= size[0]
+        assert 0 <= top < bottom <= size[1]
+    assert shown.script("document.documentElement.scrollWidth") <= size[0]
+    for number in range(3):
+        np.testing.assert_allclose(shown.middle(number), told(0.7), atol=4)

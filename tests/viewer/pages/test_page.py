@@ -1,0 +1,207 @@
+"""The page as text: of bounded size, what users wrote is text, and nothing is from outside."""
+
+import base64
+import hashlib
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm import ParameterError
+from abfm_viewer.appearance.colormaps import ColorRange
+from abfm_viewer.document.document import Front
+from abfm_viewer.pages import (
+    Clock,
+    Labels,
+    Layer,
+    Page,
+    Panel,
+    Span,
+    Told,
+    Ways,
+    film_page,
+    match_page,
+)
+from abfm_viewer.pages.of_sequences import MOST_OF_A_PART, MOST_VALUES
+from abfm_viewer.pages.packing import Store, quantised
+from tests.shapes import icosphere
+
+FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+COLORS = ColorRange("abfm diverging", -1.0, 1.0)
+EVIL = "</script><script>document.title='broken'</script><img src=x onerror=1> & \"quoted\" 'too'"
+
+
+class Parts(HTMLParser):
+    """Texts of a page by the tag and id around them, and all attributes."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.texts, self.attributes, self._now = {}, [], ("", "")
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.attributes += [(tag, *each) for each in attrs]
+        self._now = tag, dict(attrs).get("id", "")
+        self.texts.setdefault(self._now, "")
+
+    def handle_endtag(self, tag):
+        self._now = "", ""
+
+    def handle_data(self, data):
+        if self._now in self.texts:
+            self.texts[self._now] += data
+
+
+def wave(mesh, count):
+    """A wave around the axis z."""
+    angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
+    return np.cos(3 * angle - 2 * np.pi * np.linspace(0, 1, count)[:, None]) * np.hypot(
+        *mesh.vertices[:, :2].T
+    )
+
+
+def page_of(mesh, values, times, **more):
+    layer = Layer(EVIL, values, COLORS, times, EVIL)
+    clock = Clock(0.0, float(times[-1]), ticks=times, spans=[Span(0.0, 1.0, EVIL)], unit=EVIL)
+    ways = Ways.points(EVIL, mesh.vertices[:2], (0.0, 1.0), (1.0, 0.0, 0.0))
+    panel = Panel(EVIL, mesh, [layer], FRONT, [ways])
+    return Page(EVIL, EVIL, [panel], clock, about=EVIL, facts={EVIL: EVIL}, notes=[EVIL], **more)
+
+
+@pytest.fixture(scope="module")
+def text():
+    mesh, times = icosphere(2), np.linspace(0, 1, 5)
+    return page_of(mesh, wave(mesh, 5), times).html()
+
+
+def test_sixty_frames_on_ten_thousand_vertices_are_far_below_fifteen_megabytes():
+    mesh = icosphere(5)
+    rng = np.random.default_rng(0)
+    noisy = wave(mesh, 60) + 0.1 * rng.normal(size=(60, 10_242))
+    size = len(page_of(mesh, noisy, np.linspace(0, 1, 60)).html().encode())
+    assert size < 2_000_000
+
+
+def test_no_film_makes_a_page_of_fifteen_megabytes():
+    """Not even pure noise, at the most values that a page of a sequence has."""
+    store, noise = Store(), np.random.default_rng(0).uniform(size=(20, 10_000))
+    store.add(quantised(noise).numbers)
+    most = MOST_VALUES + 2 * MOST_OF_A_PART
+    assert most * len(store.text()) / noise.size < 14_000_000
+
+
+def test_what_users_wrote_is_text_and_nothing_else(text):
+    parts = Parts(text)
+    scripts = re.findall(r"<script[^>]*>", text)
+    assert len(scripts) == 3
+    assert text.count("</script>") == 3
+    assert parts.texts["h1", ""] == EVIL
+    assert "img" not in {tag for tag, *_ in parts.attributes}
+    assert not [name for _, name, _ in parts.attributes if name.startswith("on")]
+    told = json.loads(parts.texts["script", "page"])
+    assert told["panels"][0]["title"] == told["panels"][0]["layers"][0]["unit"] == EVIL
+    assert told["clock"]["spans"][0]["text"] == told["panels"][0]["ways"][0]["name"] == EVIL
+
+
+def test_its_policy_allows_its_own_script_and_style_alone(text):
+    parts = Parts(text)
+    policy = next(v for tag, name, v in parts.attributes if (tag, name) == ("meta", "content"))
+    hashes = {
+        tag: base64.b64encode(hashlib.sha256(parts.texts[tag, ""].encode()).digest()).decode()
+        for tag in ("script", "style")
+    }
+    assert policy == (
+        f"default-src 'none'; script-src 'sha256-{hashes['script']}'; "
+        f"style-src 'sha256-{hashes['style']}'; base-uri 'none'; form-action 'none'"
+    )
+    assert {name for _, name, _ in parts.attributes} & {"src", "href", "style", "action"} == set()
+
+
+def test_equal_pages_are_equal_bytes(text):
+    mesh, times = icosphere(2), np.linspace(0, 1, 5)
+    assert page_of(mesh, wave(mesh, 5), times).html() == text
+
+
+def test_a_mesh_that_several_panels_show_is_in_it_once():
+    mesh = icosphere(4)
+    panel = Panel("a", mesh, [Layer("f", mesh.vertices[:, 0], COLORS)], FRONT)
+    one, two = (len(Page("t", "h", [panel] * count).html()) for count in (1, 2))
+    assert two - one < 0.2 * one
+    told = json.loads(Parts(Page("t", "h", [panel] * 2).html()).texts["script", "page"])
+    assert [each["mesh"] for each in told["panels"]] == [0, 0]
+    assert len(told["meshes"]) == 1
+
+
+def test_frames_and_times_that_do_not_fit_are_refused():
+    mesh = icosphere(1)
+    layer = Layer("f", wave(mesh, 3), COLORS, np.array([0.0, 1.0]))
+    page = Page("t", "h", [Panel("a", mesh, [layer], FRONT)])
+    with pytest.raises(ParameterError, match="f has 3 frames, and 2 times"):
+        page.html()
+    with pytest.raises(ParameterError, match="expected a later end"):
+        Clock(1.0, 1.0)
+
+
+class Film:
+    """A wave that turns, known at all times."""
+
+    def __init__(self, mesh, count):
+        self.mesh, self.times, self.asked = mesh, np.linspace(2.0, 3.0, count), []
+        self.frames = np.stack([self.exact(t) for t in self.times])[:, :, None]
+
+    def exact(self, t):
+        angle = np.arctan2(self.mesh.vertices[:, 1], self.mesh.vertices[:, 0])
+        return np.cos(2 * angle - 6 * t)
+
+    def at(self, t):
+        self.asked.append(t)
+        return self.exact(t)[:, None]
+
+
+def test_page_of_a_film_has_carried_keys_between_its_frames():
+    film = Film(icosphere(2), 6)
+    told, labels = Told("5 of 5", "good", [("matched", "good")] * 5), Labels(["potential"], "mV")
+    page = film_page(film, "wave", told, labels=labels)
+    layer, *others = page.panels[0].layers
+    assert not others
+    assert (layer.name, layer.unit) == ("potential", "mV")
+    np.testing.assert_allclose(layer.times, np.linspace(2, 3, 21), rtol=1e-12)
+    np.testing.assert_allclose(layer.values, [film.exact(t) for t in layer.times], atol=1e-12)
+    assert not set(film.asked) & set(film.times)
+    assert page.clock.ticks == film.times.tolist()
+    assert [span.text for span in page.clock.spans] == [
+        f"interval {i}: matched" for i in range(1, 6)
+    ]
+    assert "6 frames on a surface of 162 vertices" in page.html()
+
+
+def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
+    monkeypatch.setattr("abfm_viewer.pages.of_sequences.MOST_VALUES", 5 * 42)
+    film = Film(icosphere(1), 12)
+    page = film_page(film, "wave", Told())
+    layer = page.panels[0].layers[0]
+    assert len(layer.times) <= 5
+    assert (layer.times[0], layer.times[-1]) == (2.0, 3.0)
+    np.testing.assert_allclose(layer.values, [film.exact(t) for t in layer.times], atol=1e-12)
+    assert page.notes == [f"one of 3 frames is shown, {len(layer.times)} in all"]
+    assert film.asked == []
+
+
+def test_page_of_a_match_carries_its_source_to_the_target():
+    mesh = icosphere(3)
+    f, g = (abfm.function(mesh, f"gaussian:vertex={v},width=0.12") for v in (5, 60))
+    match = abfm.match(mesh, f, g, abfm.Parameters(iterations=12, refine=0))
+    page = match_page(match, "a match")
+    names = [panel.title for panel in page.panels]
+    assert names == ["source", "carried", "target"]
+    source, carried, target = (panel.layers[0] for panel in page.panels)
+    np.testing.assert_allclose(carried.values[0], source.values, atol=1e-12)
+    np.testing.assert_allclose(carried.values[-1], match.advected[:, 0], atol=1e-9)
+    np.testing.assert_array_equal(target.values, match.target[:, 0])
+    assert source.colors == carried.colors == target.colors
+    flow_lines = page.panels[1].ways[0]
+    apart = np.linalg.norm(flow_lines.starts, axis=1)
+    assert np.abs(apart - 1).max() < 0.02  # on the sphere

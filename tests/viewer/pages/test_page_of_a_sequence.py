@@ -1,0 +1,85 @@
+"""The page of a sequence: frames, what is carried between them, path lines, critical points."""
+
+import json
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm_viewer.pages import Labels, sequence_page
+from tests.shapes import icosphere
+
+COUNT = 5
+
+
+@pytest.fixture(scope="module")
+def sequence():
+    """A bump that turns about the axis z by 10 degrees a frame."""
+    mesh = icosphere(3)
+    angles = np.radians(10.0 * np.arange(COUNT))
+    middles = np.stack([np.cos(angles), np.sin(angles), np.zeros(COUNT)], axis=1)
+    frames = np.exp(4 * (middles @ mesh.vertices.T - 1))
+    return abfm.sequence(mesh, frames, 0.1 * np.arange(COUNT))
+
+
+@pytest.fixture(scope="module")
+def page(sequence):
+    return sequence_page(sequence, "a bump", Labels(["potential"], "mV", "s", "z"))
+
+
+def test_its_colours_are_the_frames_and_what_is_carried_between_them(sequence, page):
+    layer = page.panels[0].layers[0]
+    assert (layer.name, layer.unit, page.clock.unit) == ("potential", "mV", "s")
+    assert len(layer.times) == 4 * (COUNT - 1) + 1
+    np.testing.assert_allclose(layer.values[::4], sequence.frames[:, :, 0], atol=1e-12)
+    between = 7
+    carried = sequence.at(float(layer.times[between]))
+    np.testing.assert_allclose(layer.values[between], carried, atol=1e-12)
+
+
+def test_its_other_layers_are_parts_of_the_field_at_the_middles_of_intervals(sequence, page):
+    names = [layer.name for layer in page.panels[0].layers]
+    assert names == ["potential", "divergence", "curl"]
+    for layer, values in zip(
+        page.panels[0].layers[1:], [sequence.divergence, sequence.curl], strict=True
+    ):
+        np.testing.assert_array_equal(layer.values, values)
+        np.testing.assert_array_equal(layer.times, sequence.middles)
+        assert (layer.colors.low, layer.unit) == (-layer.colors.high, "1/s")
+
+
+def test_path_lines_go_on_about_as_the_sequence_carries_points(sequence, page):
+    ways = page.panels[0].ways[0]
+    assert ways.name == "path lines"
+    per = len(ways.starts) // (COUNT - 1)
+    starts, ends = (each.reshape(COUNT - 1, per, 3) for each in (ways.starts, ways.ends))
+    np.testing.assert_array_equal(ways.times.reshape(COUNT - 1, per, 2)[2, 0], sequence.times[2:4])
+    is_new = np.linalg.norm(starts[1:] - ends[:-1], axis=2) > 1e-12
+    assert 0.2 < is_new.mean() * 3 < 0.6  # one in ten of each
+    np.testing.assert_allclose(np.linalg.norm(ends, axis=2), 1.0, atol=0.02)
+    first = abfm.maps.project_onto_surface(sequence.mesh, starts[0])
+    there = sequence.paths(first)[1].positions
+    assert np.linalg.norm(there - starts[0], axis=1).max() > 0.1
+    assert np.linalg.norm(ends[0] - there, axis=1).max() < 0.02
+
+
+def test_tracks_are_those_of_critical_points(sequence, page):
+    drawn = {ways.name: ways for ways in page.panels[0].ways[1:]}
+    tracks = sequence.tracks()
+    assert set(drawn) == {f"{track.kind}s" for track in tracks}
+    pieces = sum(len(track) - 1 for track in tracks)
+    assert sum(len(ways.starts) for ways in drawn.values()) == pieces
+
+
+def test_every_interval_is_told_on_the_bar(sequence, page):
+    assert page.headline == f"{sequence.confirmed} of 4 intervals are confirmed by flow lines"
+    assert page.tone == "good"
+    spans = page.clock.spans
+    assert [(span.start, span.end) for span in spans] == list(
+        zip(sequence.times[:-1], sequence.times[1:], strict=True)
+    )
+    for number, (span, verdict) in enumerate(zip(spans, sequence.verdicts, strict=True), 1):
+        assert span.text.startswith(f"interval {number}: {verdict.kind}, ")
+        assert span.text.endswith("% left")
+    json.dumps(page.clock.ticks)
+    assert "a bump" in page.html()
