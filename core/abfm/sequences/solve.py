@@ -22,12 +22,12 @@ from abfm.workers.progress import step
 
 WARMEST = 9.0
 """Sigma with which a search without a start begins, in deviations of the frames."""
-LEAST = 0.03
+LEAST = 0.1
 """The smallest sigma that is tried where none is given."""
 _LOOKED_AT = 3  # intervals by which sigma is chosen
 _FEW = 3  # steps with each sigma there
 _GAIN = 0.01  # of what is left of what was held out, that a smaller sigma has to gain
-_NOTHING = 0.02  # of what differs at first: less is not sought
+_NOTHING = 0.05  # of what differs at first: less is not sought
 _SWEEPS = 6  # at most
 _SETTLED = 0.003  # share of its energy that a sweep gains, which is then the last
 

@@ -1,0 +1,106 @@
+"""One interval: Gauss-Newton against what it stands for."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.sequences import defaults
+from abfm.sequences.frames import checked
+from abfm.sequences.interval import Interval, Neighbour, cooling
+from abfm.sequences.noise import noise
+from abfm.sequences.solve import interval_parameters
+from tests.core.sequences.films import SPHERE, turning
+
+RNG = np.random.default_rng(0)
+
+
+def new_interval(sigma=0.5, neighbours=(), channels=1, duration=1.0):
+    frames, _ = turning(SPHERE, 0.08, 2)
+    stacked = np.stack([frames, frames**2, 1 - frames][:channels], axis=-1)
+    film = checked(SPHERE, stacked, [0.0, duration], None, None)
+    parameters = interval_parameters(film, defaults(), sigma, 0)
+    energy = MatchingEnergy(film.problem(0, parameters))
+    return Interval(energy, neighbours), parameters.last_sigma
+
+
+def random_field(size=0.01):
+    return size * RNG.standard_normal((len(SPHERE.faces), 2))
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("duration", [1.0, 0.05])
+def test_the_second_derivative_is_that_of_the_linear_problem(channels, duration):
+    """Where nothing moves it is exact for frames that hardly differ."""
+    frames, _ = turning(SPHERE, 1e-5, 2)
+    stacked = np.stack([frames, frames**2, 1 - frames][:channels], axis=-1)
+    film = checked(SPHERE, stacked, [0.0, duration], None, None)
+    parameters = interval_parameters(film, defaults(), 0.5, 0)
+    neighbours = [Neighbour(random_field(), 0.7)]
+    interval = Interval(MatchingEnergy(film.problem(0, parameters)), neighbours)
+    sigma = parameters.last_sigma
+    still = np.zeros((len(SPHERE.faces), 2))
+    at = interval.go_on(sigma, still, 0).at
+    bend = interval._bend(sigma, at)
+    direction = random_field(1e-4)
+    norm = interval.energy.regularizer()
+
+    def slope(field):
+        point = interval.go_on(sigma, field, 0)
+        tied = duration * 0.7 * norm.apply(field - neighbours[0].field)
+        return point.at.gradient[0] + tied
+
+    change = (slope(direction) - slope(-direction)) / 2
+    assert_allclose(bend(direction), change, atol=3e-3 * np.abs(change).max())
+
+
+def test_it_is_symmetric_and_positive():
+    interval, sigma = new_interval()
+    bend = interval._bend(sigma, interval.go_on(sigma, random_field(), 0).at)
+    a, b = random_field(), random_field()
+    assert (a * bend(b)).sum() == pytest.approx((b * bend(a)).sum(), rel=1e-9)
+    assert (a * bend(a)).sum() > 0
+
+
+def test_steps_never_raise_the_energy_and_end_where_the_slope_is_small():
+    interval, sigma = new_interval(neighbours=[Neighbour(random_field(), 0.5)])
+    point = interval.go_on(sigma, np.zeros((len(SPHERE.faces), 2)), 0)
+    first = np.linalg.norm(point.at.gradient)
+    energies = [point.energy]
+    for _ in range(8):
+        point = interval.go_on(sigma, point.field, 1)
+        energies.append(point.energy)
+    assert (np.diff(energies) <= 0).all()
+    norm = interval.energy.regularizer()
+    tied = 0.5 * norm.apply(point.field - interval._neighbours[0].field)
+    assert np.linalg.norm(point.at.gradient[0] + tied) < 0.02 * first
+
+
+def test_a_neighbour_of_great_weight_is_followed():
+    wanted = np.zeros((len(SPHERE.faces), 2))
+    wanted[:, 0] = 0.01
+    interval, sigma = new_interval(neighbours=[Neighbour(wanted, 1e7)])
+    found = interval.find(sigma, 10 * sigma, None).field
+    assert_allclose(found, wanted, atol=1e-4)
+
+
+def test_a_bad_start_is_not_gone_on_from():
+    interval, sigma = new_interval()
+    usual = interval.find(sigma, 9 * sigma, None)
+    found = interval.find(sigma, 9 * sigma, random_field(10.0))
+    assert found.energy == usual.energy
+
+
+def test_cooling_ends_at_its_sigma():
+    assert_allclose(cooling(1.0, 9.0), [9, 3, 1])
+    assert cooling(1.0, 0.5) == [1.0]
+    assert_allclose(cooling(1.0, 8.0), [3, 1])
+
+
+@pytest.mark.parametrize("level", [0.01, 0.3, 5.0])
+def test_the_noise_of_a_smooth_function_is_found(level):
+    smooth = SPHERE.vertices[:, 0]
+    found = noise(SPHERE, smooth + level * RNG.standard_normal((20, len(smooth))))
+    assert found.shape == (20,)
+    assert np.median(found) == pytest.approx(level, rel=0.12, abs=0.01)
+    assert noise(SPHERE, np.ones(len(smooth))) == pytest.approx(0, abs=1e-12)

@@ -1,0 +1,296 @@
+"""Fields of films: known motions, symmetries, time, noise; what is told of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import abfm
+from abfm import AbfmError, Control
+from abfm.calculus.operators import curl, divergence, face_areas
+from abfm.calculus.vector_fields import to_frame
+from abfm.maps import vertex_points
+from abfm.sequences import defaults, load_sequence
+from abfm.sequences.frames import checked
+from abfm.sequences.solve import Solver
+from tests.core.sequences.films import SPHERE, off, turning
+from tests.shapes import icosphere
+
+FAST = defaults(sigma=0.8)
+
+
+@pytest.fixture(scope="module")
+def film():
+    return turning(SPHERE, 0.1, 4)
+
+
+@pytest.fixture(scope="module")
+def found(film):
+    return abfm.sequence(SPHERE, film[0], parameters=FAST)
+
+
+def test_a_turning_pattern_gives_the_rotation(film, found):
+    frames, wanted = film
+    assert found.velocity.shape == (3, len(SPHERE.faces), 3)
+    for i in range(3):
+        assert off(SPHERE, found.velocity[i], wanted, frames[i]) < 0.08
+    assert found.confirmed == len(found) == 3
+
+
+def test_the_error_of_a_known_motion_falls_with_the_mesh():
+    errors = []
+    for level in (2, 3, 4):
+        mesh = icosphere(level)
+        frames, wanted = turning(mesh, 0.1, 2)
+        field = abfm.sequence(mesh, frames, parameters=FAST).velocity[0]
+        errors.append(off(mesh, field, wanted, frames[0]))
+    assert errors[0] > 1.5 * errors[1] > 1.5 * errors[2]
+
+
+def test_fields_are_per_unit_of_time_and_the_unit_does_not_matter(film, found):
+    slow = abfm.sequence(SPHERE, film[0], 250 * np.arange(4.0) - 3, FAST)
+    assert_allclose(250 * slow.velocity, found.velocity, rtol=1e-9, atol=1e-12)
+    assert_allclose(slow.mismatch, found.mismatch, rtol=1e-9)
+
+
+def test_intervals_of_different_length_get_the_same_motion():
+    frames, wanted = turning(SPHERE, 0.05, 6)
+    chosen = [0, 1, 3, 5]
+    found = abfm.sequence(SPHERE, frames[chosen], np.array(chosen, float), FAST)
+    for i, frame in enumerate(chosen[:-1]):
+        assert off(SPHERE, found.velocity[i], wanted, frames[frame]) < 0.08
+
+
+def test_scale_and_rotation_of_the_surface_go_with_the_fields(film, found):
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    other = abfm.TriangleMesh(7 * SPHERE.vertices @ turn.T + 3, SPHERE.faces)
+    there = abfm.sequence(other, film[0], parameters=FAST)
+    assert_allclose(there.velocity, 7 * found.velocity @ turn.T, rtol=1e-5, atol=1e-6)
+
+
+def test_scale_and_shift_of_the_values_do_not_matter(film, found):
+    other = abfm.sequence(SPHERE, 1e4 * film[0] - 5, parameters=FAST)
+    assert_allclose(other.velocity, found.velocity, rtol=1e-5, atol=1e-7)
+
+
+def test_renumbered_vertices_give_the_same_fields(film, found):
+    order = np.random.default_rng(1).permutation(len(SPHERE.vertices))
+    place = np.argsort(order)
+    mesh = abfm.TriangleMesh(SPHERE.vertices[order], place[SPHERE.faces])
+    other = abfm.sequence(mesh, film[0][:, order], parameters=FAST)
+    assert_allclose(other.velocity, found.velocity, rtol=1e-4, atol=1e-6)
+
+
+def test_backwards_in_time_is_backwards_in_space(film, found):
+    back = abfm.sequence(SPHERE, film[0][::-1], parameters=FAST)
+    assert_allclose(back.velocity[::-1], -found.velocity, atol=0.1 * np.abs(found.velocity).max())
+
+
+def test_a_still_film_has_no_motion(film):
+    found = abfm.sequence(SPHERE, np.repeat(film[0][:1], 3, axis=0), parameters=FAST)
+    assert_array_equal(found.velocity, 0)
+    assert found.confirmed == 2
+    assert found.episodes() == []
+    assert found.tracks(1) == []
+
+
+def test_sweeps_lower_the_energy_of_all_and_make_the_fields_alike(film):
+    rng = np.random.default_rng(0)
+    noisy = film[0] + 0.1 * film[0].std() * rng.standard_normal(film[0].shape)
+    totals, changes = [], []
+    for gamma in (0.0, 1.0, 10.0):
+        solver = Solver(checked(SPHERE, noisy, None, None, None), FAST, gamma)
+        solver.run(lambda i: None)
+        changes.append(np.linalg.norm(np.diff(solver.fields, axis=0)))
+        before = solver.total()
+        solver._settle()
+        totals.append((before, solver.total()))
+    assert changes[0] > changes[1] > changes[2]
+    for before, after in totals:
+        assert after <= before * (1 + 1e-12)
+
+
+def test_smoothness_in_time_brings_fields_of_noisy_frames_closer():
+    frames, wanted = turning(SPHERE, 0.05, 6)
+    rng = np.random.default_rng(0)
+    noisy = frames + 0.1 * frames.std() * rng.standard_normal(frames.shape)
+    alone, together = (
+        np.mean([off(SPHERE, v, wanted, f) for v, f in zip(found.velocity, frames, strict=False)])
+        for found in (abfm.sequence(SPHERE, noisy, parameters=FAST, gamma=g) for g in (0.0, 3.0))
+    )
+    assert together < alone
+
+
+def test_gamma_0_is_frame_by_frame(film):
+    whole = abfm.sequence(SPHERE, film[0][:2], parameters=FAST, gamma=0)
+    more = abfm.sequence(SPHERE, film[0], parameters=replace(FAST, sigma_unit="absolute"), gamma=0)
+    first = abfm.sequence(
+        SPHERE, film[0][:2], parameters=replace(FAST, sigma_unit="absolute"), gamma=0
+    )
+    assert_array_equal(more.velocity[0], first.velocity[0])
+    assert_allclose(whole.velocity[0], first.velocity[0], atol=0.02)
+
+
+def test_the_chosen_sigma_grows_with_the_noise():
+    frames, _ = turning(SPHERE, 0.1, 3)
+    rng = np.random.default_rng(0)
+    chosen = [
+        abfm.sequence(SPHERE, frames + noise * frames.std() * rng.standard_normal(frames.shape))
+        for noise in (0.0, 0.5)
+    ]
+    assert chosen[0].sigma < chosen[1].sigma
+    assert chosen[0].noise < 0.15 < 0.5 < chosen[1].noise < 1
+
+
+def test_channels_masks_and_weights(film, found):
+    rng = np.random.default_rng(0)
+    nonsense = rng.standard_normal(film[0].shape)
+    both = np.stack([film[0], nonsense], axis=-1)
+    told = abfm.sequence(SPHERE, both, parameters=FAST, weights=[1, 0])
+    assert told.frames.shape == both.shape
+    assert told.at(0.5).shape == both.shape[1:]
+    assert off(SPHERE, told.velocity[0], found.velocity[0], film[0][0]) < 0.05
+    hidden = SPHERE.vertices[:, 0] > 0.8
+    spoiled = np.where(hidden, 100 * nonsense, film[0])
+    mask = np.where(hidden, 0.0, 1.0)
+    masked = abfm.sequence(SPHERE, spoiled, parameters=FAST, mask=mask)
+    seen = ~hidden[SPHERE.faces].any(axis=1)
+    apart = np.linalg.norm((masked.velocity[0] - found.velocity[0])[seen], axis=1)
+    assert np.median(apart) < 0.1 * np.linalg.norm(found.velocity[0][seen], axis=1).mean()
+
+
+def test_what_is_not_finite_is_not_compared(film, found):
+    holes = film[0].copy()
+    hidden = SPHERE.vertices[:, 0] > 0.9
+    holes[1:, hidden] = np.nan
+    told = abfm.sequence(SPHERE, holes, parameters=FAST)
+    assert np.isfinite(told.frames).all()
+    seen = ~hidden[SPHERE.faces].any(axis=1)
+    apart = np.linalg.norm((told.velocity - found.velocity)[0, seen], axis=1)
+    assert np.median(apart) < 0.05 * np.linalg.norm(found.velocity[0], axis=1).mean()
+
+
+def test_frames_in_between(film, found):
+    frames, _ = film
+    assert_array_equal(found.at(0), frames[0])
+    assert_array_equal(found.at(3), frames[3])
+    assert_array_equal(found.at(2), frames[2])
+    between = turning(SPHERE, 0.05, 2)[0][1]
+    carried = np.linalg.norm(found.at(0.5) - between)
+    assert carried < 0.5 * np.linalg.norm((frames[0] + frames[1]) / 2 - between)
+    for t in (-0.1, 3.1, np.nan):
+        with pytest.raises(AbfmError, match="expected a time from 0 to 3"):
+            found.at(t)
+
+
+def test_an_interval_is_a_match(found):
+    match = found[1]
+    assert match.mismatch == found.mismatch[1]
+    assert match.velocity[0] is not None
+    assert_array_equal(match.velocity[0], found.velocity[1])
+    assert match.problem.functions.relative_mismatch(match.advected.T) == pytest.approx(
+        found.mismatch[1], rel=1e-6
+    )
+    assert match.verify(subdivided=False).flow_lines == pytest.approx(
+        found.verified_mismatch[1], rel=1e-6
+    )
+    assert match.borne_out().doubt == ""
+    assert len(list(found)) == 3
+    assert found[-1].mismatch == found.mismatch[2]
+
+
+def test_path_lines_turn_with_the_pattern():
+    frames, _ = turning(SPHERE, 0.1, 5)
+    found = abfm.sequence(SPHERE, frames, parameters=defaults(sigma=0.3))
+    start = vertex_points(SPHERE, np.flatnonzero(np.abs(SPHERE.vertices[:, 2]) < 0.4))
+    paths = found.paths(start)
+    assert len(paths) == 5
+    x, y, _ = paths[-1].positions.T
+    a, b, _ = start.positions.T
+    turned = np.angle((x + 1j * y) / (a + 1j * b))
+    assert np.median(np.abs(turned - 0.4)) < 0.04
+    later = found.paths(start, 2.5)
+    assert len(later) == 3
+    x, y, _ = later[-1].positions.T
+    assert np.median(np.abs(np.angle((x + 1j * y) / (a + 1j * b)) - 0.15)) < 0.02
+
+
+def test_parts_divergence_and_curl(found):
+    gradient, rotated, harmonic = found.parts(0)
+    assert_allclose(gradient + rotated + harmonic, found.velocity[0], atol=1e-10)
+    field = to_frame(SPHERE, found.velocity[1]).ravel()
+    assert_array_equal(found.divergence[1], divergence(SPHERE) @ field)
+    assert_array_equal(found.curl[1], curl(SPHERE) @ field)
+    assert_allclose(
+        found.curl[1] @ SPHERE.vertices[:, 2], (found.curl[1] * SPHERE.vertices[:, 2]).sum()
+    )
+    areas = face_areas(SPHERE)
+    squares = areas @ (found.velocity[2] ** 2).sum(axis=1)
+    assert found.speed[2] == pytest.approx(np.sqrt(squares / areas.sum()))
+
+
+def test_a_rotation_has_two_spirals_that_stay_at_the_poles(found):
+    tracks = found.tracks()
+    poles = [t for t in tracks if t.kind == "spiral" and len(t) == 3]
+    heights = sorted(t.points.positions[:, 2].mean() for t in poles)
+    assert heights[0] < -0.9
+    assert heights[-1] > 0.9
+
+
+def test_a_cancelled_sequence_keeps_what_it_found(film):
+    control = Control()
+    told = abfm.sequence(
+        SPHERE,
+        film[0],
+        parameters=FAST,
+        control=control,
+        on_interval=lambda i: control.cancel() if i == 1 else None,
+    )
+    assert np.abs(told.velocity[:2]).min() >= 0
+    assert np.abs(told.velocity[1]).max() > 0
+    assert_array_equal(told.velocity[2], 0)
+    assert told.verdicts[2].kind == "not reached"
+    assert told.confirmed == 2
+
+
+def test_files(found, tmp_path):
+    found.save(tmp_path / "s.npz")
+    again = load_sequence(tmp_path / "s.npz")
+    assert_array_equal(again.velocity, found.velocity)
+    assert_array_equal(again.frames, found.frames)
+    assert again.verdicts == tuple(replace(v, remedies=()) for v in found.verdicts)
+    assert (again.sigma, again.gamma, again.noise) == (found.sigma, found.gamma, found.noise)
+    assert again.parameters == found.parameters
+    assert_array_equal(again.at(1.3), found.at(1.3))
+    again.save(tmp_path / "t.npz")
+    assert (tmp_path / "t.npz").read_bytes() == (tmp_path / "s.npz").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("frames", "given", "told"),
+    [
+        (np.zeros((1, 642)), {}, "one frame; expected at least two"),
+        (np.zeros((642, 3)), {}, "one row for each frame, not for each vertex"),
+        (np.zeros(642), {}, r"expected \(T, V\) or \(T, V, C\)"),
+        (np.full((2, 642), np.nan), {}, "finite in all frames"),
+        (np.zeros((2, 642)), {"times": [0, 0]}, "later than the one before"),
+        (np.zeros((2, 642)), {"times": [0, np.inf]}, "must be finite"),
+        (np.zeros((2, 642)), {"times": [0, 1, 2]}, "one for each frame"),
+        (np.zeros((2, 642)), {"gamma": -1}, "gamma is -1"),
+        (np.zeros((2, 642)), {"gamma": np.nan}, "gamma is nan"),
+        (np.zeros((2, 642)), {"mask": np.ones(3)}, "one per vertex"),
+        (np.zeros((2, 642)), {"weights": [1, 2]}, "one for each channel"),
+        (np.zeros((2, 642)), {"parameters": abfm.Parameters(segments=2)}, "does not take segments"),
+    ],
+)
+def test_what_does_not_fit_is_told_in_a_line(frames, given, told):
+    with pytest.raises(AbfmError, match=told) as error:
+        abfm.sequence(SPHERE, frames, **given)
+    assert "\n" not in str(error.value)
+
+
+def test_defaults_say_what_they_take():
+    with pytest.raises(AbfmError, match="does not take 'segments'; expected one of alpha"):
+        defaults(segments=3)

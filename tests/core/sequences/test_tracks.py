@@ -1,0 +1,106 @@
+"""Critical points through time, and episodes."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm import AbfmError
+from abfm.calculus.operators import gradient
+from abfm.calculus.vector_fields import to_ambient
+from abfm.sequences import critical_points
+from abfm.sequences.critical_points import CriticalPoints
+from abfm.sequences.episodes import episodes
+from abfm.sequences.tracks import tracks
+from tests.shapes import icosphere
+
+SPHERE = icosphere(3)
+
+
+def heights(step: float, count: int) -> list[CriticalPoints]:
+    """Of gradients of heights along a direction that turns about z."""
+    found = []
+    for t in range(count):
+        direction = np.array([np.cos(step * t), np.sin(step * t), 0.2])
+        field = (gradient(SPHERE) @ (SPHERE.vertices @ direction)).reshape(-1, 2)
+        found.append(critical_points(SPHERE, to_ambient(SPHERE, field)))
+    return found
+
+
+def test_a_source_and_a_sink_that_turn_are_followed():
+    found = tracks(SPHERE, heights(0.15, 12), 0.5 + np.arange(12.0))
+    assert sorted((len(t), t.kind, t.index) for t in found) == [(12, "sink", 1), (12, "source", 1)]
+    sink = next(t for t in found if t.kind == "sink")
+    x, y, _ = sink.points.positions.T
+    assert_allclose(np.unwrap(np.arctan2(y, x)), 0.15 * np.arange(12), atol=0.03)
+    assert_array_equal(sink.times, 0.5 + np.arange(12.0))
+
+
+def test_the_order_of_points_does_not_matter():
+    found = heights(0.15, 6)
+    swapped = [
+        CriticalPoints(
+            each.points[np.array([1, 0])],
+            each.index[::-1],
+            each.kinds[::-1],
+            each.divergence[::-1],
+            each.curl[::-1],
+        )
+        if i % 2
+        else each
+        for i, each in enumerate(found)
+    ]
+    one, other = (tracks(SPHERE, each, np.arange(6.0)) for each in (found, swapped))
+    for first, second in zip(one, other, strict=True):
+        assert_array_equal(first.points.positions, second.points.positions)
+
+
+def test_what_jumps_is_not_one_track():
+    still = heights(0.0, 4)
+    away = heights(2.0, 2)[1:] * 4
+    found = tracks(SPHERE, [*still, *away], np.arange(8.0), least=1)
+    assert sorted(len(t) for t in found) == [4, 4, 4, 4]
+
+
+def test_one_field_may_miss_a_point_and_two_may_not():
+    found = heights(0.02, 9)
+    nothing = critical_points(SPHERE, np.zeros((len(SPHERE.faces), 3)))
+    gap = [*found[:4], nothing, *found[5:]]
+    assert sorted(len(t) for t in tracks(SPHERE, gap, np.arange(9.0))) == [8, 8]
+    gap[5] = nothing
+    assert sorted(len(t) for t in tracks(SPHERE, gap, np.arange(9.0))) == [3, 3, 4, 4]
+
+
+@pytest.mark.parametrize("least", [0, 1.5, "two"])
+def test_least_is_a_number_of_fields(least):
+    with pytest.raises(AbfmError, match="expected a whole number"):
+        tracks(SPHERE, [], np.empty(0), least)
+
+
+def test_episodes_of_a_speed_that_comes_and_goes():
+    times = np.linspace(0, 4 * np.pi, 81)
+    middles = (times[1:] + times[:-1]) / 2
+    found = episodes(times, np.sqrt(2 + np.cos(middles)))
+    kinds = [e.kind for e in found]
+    assert kinds == ["transient", "stable", "transient", "stable", "transient"]
+    lows = [e for e in found if e.kind == "stable"]
+    for episode, middle in zip(lows, (np.pi, 3 * np.pi), strict=True):
+        assert episode.extremum == pytest.approx(middle, abs=0.1)
+        assert episode.start == pytest.approx(middle - np.pi / 2, abs=0.2)
+        assert episode.end == pytest.approx(middle + np.pi / 2, abs=0.2)
+    for before, after in zip(found, found[1:], strict=False):
+        assert before.end == pytest.approx(after.start, abs=0.2)
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1.0, 1e6])
+def test_episodes_do_not_depend_on_the_unit(factor):
+    speed = np.array([1.0, 2, 3, 2, 1, 0.5, 1, 2])
+    one = episodes(np.arange(9.0), speed)
+    other = episodes(factor * np.arange(9.0), factor * speed)
+    assert [e.kind for e in one] == [e.kind for e in other]
+    assert_allclose([e.start * factor for e in one], [e.start for e in other])
+
+
+def test_a_steady_speed_has_no_episodes():
+    assert episodes(np.arange(6.0), np.full(5, 2.0)) == []
+    assert episodes(np.arange(6.0), np.zeros(5)) == []
+    assert episodes(np.arange(6.0), np.array([1, 1.01, 1, 1.01, 1])) == []
