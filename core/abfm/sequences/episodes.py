@@ -12,7 +12,8 @@ from scipy.signal import find_peaks
 
 from abfm.types import FloatArray, IntArray
 
-_PROMINENT = 0.1  # of the range of the energy: what an extremum stands out by
+# what an extremum stands out by: of the range of the energy, and of its mean
+_PROMINENT, _NOTICED = 0.1, 0.1
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,10 @@ def episodes(times: FloatArray, speed: FloatArray) -> list[Episode]:
     each interval (T - 1,), in the order of time; none where the energy hardly changes.
     """
     energy = speed**2
-    size = float(np.ptp(energy))
-    if not size > 1e-9 * float(energy.max(initial=0.0)):
+    least = max(_PROMINENT * float(np.ptp(energy)), _NOTICED * float(energy.mean()))
+    if not float(np.ptp(energy)) > least:
         return []
-    highs, lows = (_peaks(sign * energy, size) for sign in (1, -1))
+    highs, lows = (_peaks(sign * energy, least) for sign in (1, -1))
     extrema = sorted([(int(i), "transient") for i in highs] + [(int(i), "stable") for i in lows])
     found = []
     for number, (i, kind) in enumerate(extrema):
@@ -55,11 +56,11 @@ def episodes(times: FloatArray, speed: FloatArray) -> list[Episode]:
     return found
 
 
-def _peaks(values: FloatArray, size: float) -> IntArray:
-    """Return maxima that stand out, ends of the time among them."""
-    low = values.min() - size
+def _peaks(values: FloatArray, least: float) -> IntArray:
+    """Return maxima that stand out by so much, ends of the time among them."""
+    low = values.min() - 2 * least
     padded = np.concatenate([[low], values, [low]])
-    return np.asarray(find_peaks(padded, prominence=_PROMINENT * size)[0] - 1)
+    return np.asarray(find_peaks(padded, prominence=least)[0] - 1)
 
 
 def _reach(energy: FloatArray, i: int, other: int | None, turn: int) -> int:

@@ -14,10 +14,11 @@ from abfm.maps import vertex_points
 from abfm.sequences import defaults, load_sequence
 from abfm.sequences.frames import checked
 from abfm.sequences.solve import Solver
-from tests.core.sequences.films import SPHERE, off, turning
+from tests.core.sequences.films import SPHERE, coordinates, off, turning
+from tests.core.surfaces import last_order
 from tests.shapes import icosphere
 
-FAST = defaults(sigma=0.8)
+FAST = defaults(sigma=0.3)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def test_a_turning_pattern_gives_the_rotation(film, found):
     frames, wanted = film
     assert found.velocity.shape == (3, len(SPHERE.faces), 3)
     for i in range(3):
-        assert off(SPHERE, found.velocity[i], wanted, frames[i]) < 0.08
+        assert off(SPHERE, found.velocity[i], wanted, frames[i]) < 0.15
     assert found.confirmed == len(found) == 3
 
 
@@ -42,10 +43,10 @@ def test_the_error_of_a_known_motion_falls_with_the_mesh():
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
-        frames, wanted = turning(mesh, 0.1, 2)
-        field = abfm.sequence(mesh, frames, parameters=FAST).velocity[0]
-        errors.append(off(mesh, field, wanted, frames[0]))
-    assert errors[0] > 1.5 * errors[1] > 1.5 * errors[2]
+        frames, wanted = turning(mesh, 0.1, 2, coordinates)
+        found = abfm.sequence(mesh, frames, parameters=defaults(sigma=1e-3))
+        errors.append(off(mesh, found.velocity[0], wanted, frames[0]))
+    assert last_order(errors) > 1.5
 
 
 def test_fields_are_per_unit_of_time_and_the_unit_does_not_matter(film, found):
@@ -59,7 +60,7 @@ def test_intervals_of_different_length_get_the_same_motion():
     chosen = [0, 1, 3, 5]
     found = abfm.sequence(SPHERE, frames[chosen], np.array(chosen, float), FAST)
     for i, frame in enumerate(chosen[:-1]):
-        assert off(SPHERE, found.velocity[i], wanted, frames[frame]) < 0.08
+        assert off(SPHERE, found.velocity[i], wanted, frames[frame]) < 0.15
 
 
 def test_scale_and_rotation_of_the_surface_go_with_the_fields(film, found):
@@ -124,13 +125,10 @@ def test_smoothness_in_time_brings_fields_of_noisy_frames_closer():
 
 
 def test_gamma_0_is_frame_by_frame(film):
-    whole = abfm.sequence(SPHERE, film[0][:2], parameters=FAST, gamma=0)
-    more = abfm.sequence(SPHERE, film[0], parameters=replace(FAST, sigma_unit="absolute"), gamma=0)
-    first = abfm.sequence(
-        SPHERE, film[0][:2], parameters=replace(FAST, sigma_unit="absolute"), gamma=0
-    )
-    assert_array_equal(more.velocity[0], first.velocity[0])
-    assert_allclose(whole.velocity[0], first.velocity[0], atol=0.02)
+    absolute = replace(FAST, sigma_unit="absolute")  # whatever other frames there are
+    alone = abfm.sequence(SPHERE, film[0][:2], parameters=absolute, gamma=0)
+    among = abfm.sequence(SPHERE, film[0], parameters=absolute, gamma=0)
+    assert_array_equal(among.velocity[0], alone.velocity[0])
 
 
 def test_the_chosen_sigma_grows_with_the_noise():
@@ -153,12 +151,15 @@ def test_channels_masks_and_weights(film, found):
     assert told.at(0.5).shape == both.shape[1:]
     assert off(SPHERE, told.velocity[0], found.velocity[0], film[0][0]) < 0.05
     hidden = SPHERE.vertices[:, 0] > 0.8
-    spoiled = np.where(hidden, 100 * nonsense, film[0])
-    mask = np.where(hidden, 0.0, 1.0)
-    masked = abfm.sequence(SPHERE, spoiled, parameters=FAST, mask=mask)
+    spoiled = np.where(hidden, 2 * nonsense, film[0])
     seen = ~hidden[SPHERE.faces].any(axis=1)
-    apart = np.linalg.norm((masked.velocity[0] - found.velocity[0])[seen], axis=1)
-    assert np.median(apart) < 0.1 * np.linalg.norm(found.velocity[0][seen], axis=1).mean()
+    usual = np.linalg.norm(found.velocity[0][seen], axis=1).mean()
+    apart = []
+    for mask in (None, np.where(hidden, 0.0, 1.0)):
+        told = abfm.sequence(SPHERE, spoiled, parameters=FAST, mask=mask)
+        away = np.linalg.norm((told.velocity[0] - found.velocity[0])[seen], axis=1)
+        apart.append(np.median(away) / usual)
+    assert apart[1] < 0.1 < apart[0]
 
 
 def test_what_is_not_finite_is_not_compared(film, found):

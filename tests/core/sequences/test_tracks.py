@@ -1,5 +1,7 @@
 """Critical points through time, and episodes."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -87,7 +89,7 @@ def test_episodes_of_a_speed_that_comes_and_goes():
         assert episode.extremum == pytest.approx(middle, abs=0.1)
         assert episode.start == pytest.approx(middle - np.pi / 2, abs=0.2)
         assert episode.end == pytest.approx(middle + np.pi / 2, abs=0.2)
-    for before, after in zip(found, found[1:], strict=False):
+    for before, after in pairwise(found):
         assert before.end == pytest.approx(after.start, abs=0.2)
 
 
