@@ -26,8 +26,7 @@ LEAST = 0.1
 """The smallest sigma that is tried where none is given."""
 _LOOKED_AT = 3  # intervals by which sigma is chosen
 _FEW = 3  # steps with each sigma there
-_GAIN = 0.01  # of what is left of what was held out, that a smaller sigma has to gain
-_NOTHING = 0.05  # of what differs at first: less is not sought
+_NOTHING = 0.01  # share of what any sigma explains of the variance that was held out
 _SWEEPS = 6  # at most
 _SETTLED = 0.003  # share of its energy that a sweep gains, which is then the last
 
@@ -167,8 +166,8 @@ class Solver:
         )
 
     def _chosen_sigma(self) -> float:
-        """Return the largest sigma with which what was held out is left hardly less by any: on a
-        few intervals in which much changes, spread over time.
+        """Return the largest sigma that explains of what was held out nearly as much as any does:
+        on a few intervals in which much changes, spread over time.
         """
         looked_at = _spread(self._changes(), _LOOKED_AT)
         tried = cooling(LEAST, WARMEST)
@@ -181,8 +180,9 @@ class Solver:
                 tell((number + 1) / len(tried))
                 if number > int(np.nanargmin(left)):
                     break
-        enough = (1 + _GAIN) * np.nanmin(left) + _NOTHING * rest
-        return tried[int(np.flatnonzero(left <= enough)[0])]
+        least = float(np.nanmin(left))
+        enough = least**2 + _NOTHING * max(rest**2 - least**2, 0.0)
+        return tried[int(np.flatnonzero(left**2 <= enough)[0])]
 
     def _changes(self) -> FloatArray:
         """How much each interval changes, (T - 1,)."""

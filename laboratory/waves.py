@@ -1,0 +1,266 @@
+"""Known waves on a cortex: the fields of `abfm.sequence` beside linear Horn-Schunck, and films.
+
+    python -m laboratory.waves [--surface white_left.gii.gz] [--film MESH FRAMES.npy SECONDS ...]
+        [--write docs/sequences.md --picture docs/images/waves.png]
+
+The surface is by default nilearn's white one of fsaverage5, left. Films are measured as they are:
+how many intervals flow lines confirm, and which tracks there are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from abfm import TriangleMesh, load_mesh, sequence
+from abfm.baselines import horn_schunck
+from abfm.calculus import eigenbasis
+from abfm.calculus.operators import edge_lengths, face_areas, gradient
+from abfm.calculus.vector_fields import to_ambient
+from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.types import BoolArray, FloatArray
+from laboratory.common import put_between, told_table
+
+KINDS = ("travelling", "rotating", "source and sink")
+NOISES = (0.0, 0.1, 0.3)  # standard deviation, of the frames'
+DISPLACEMENTS = (0.5, 1.0, 2.0, 4.0)  # root mean square from frame to frame, in mean edges
+SMOOTHNESS = (0.001, 0.01, 0.1, 1.0)  # of Horn-Schunck, of which the best is told
+FRAMES, WAVELENGTH = 6, 16.0  # mean edges, where the phase has its mean slope
+MARKS = ("<!-- tables of laboratory.waves -->", "<!-- end of the tables -->")
+_FLAT = 0.5  # of the root mean square of the slope: less is not told
+_SLOW = 0.2  # the same of the speed
+_HEADS = (
+    "wave",
+    "noise",
+    "edges",
+    "Horn-Schunck",
+    "frame by frame",
+    "together",
+    "Horn-Schunck",
+    "frame by frame",
+    "together",
+)
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A wave of a kind on a surface, whose field is known and the same at all times: that of
+    eigenfunctions, so that it is smooth, times a speed; its phase is carried along.
+    """
+
+    mesh: TriangleMesh
+    kind: str
+    displacement: float
+
+    @property
+    def edge(self) -> float:
+        return float(edge_lengths(self.mesh).mean())
+
+    def _slope(self, function: FloatArray) -> FloatArray:
+        return np.asarray((gradient(self.mesh) @ function).reshape(-1, 2))
+
+    def _size(self, field: FloatArray) -> float:
+        areas = face_areas(self.mesh)
+        return float(np.sqrt(areas @ (field**2).sum(axis=1) / areas.sum()))
+
+    @cached_property
+    def field(self) -> FloatArray:
+        """The field (F, 3) per frame: up the first eigenfunction, around it, or up the fourth."""
+        basis = eigenbasis(self.mesh, 5)[1]
+        slope = self._slope(basis[:, 4 if self.kind == "source and sink" else 1])
+        if self.kind == "rotating":
+            slope = np.stack([-slope[:, 1], slope[:, 0]], axis=1)
+        speed = self.displacement * self.edge / self._size(slope)
+        return to_ambient(self.mesh, speed * slope)
+
+    @cached_property
+    def frames(self) -> FloatArray:
+        """The wave without noise, (T, V)."""
+        basis = eigenbasis(self.mesh, 5)[1]
+        phase = basis[:, {"travelling": 1, "rotating": 2, "source and sink": 4}[self.kind]]
+        phase = phase / self._size(self._slope(phase)) * 2 * np.pi / (WAVELENGTH * self.edge)
+        flow, points, found = ContinuousFlow(self.mesh, self.field, 1.0), None, [phase]
+        for _ in range(FRAMES - 1):
+            points = flow.origins(points)
+            found.append(points.pull_back(phase))
+        return np.cos(np.array(found))
+
+    def told(self, frame: int) -> BoolArray:
+        """Faces where the function is not flat, and something moves."""
+        slope = self._slope(self.frames[frame])
+        steep = np.linalg.norm(slope, axis=1) > _FLAT * self._size(slope)
+        speed = np.linalg.norm(self.field, axis=1)
+        return np.asarray(steep & (speed > _SLOW * self._size(self.field)))
+
+    def errors(self, frame: int, found: FloatArray) -> tuple[float, float]:
+        """Return the median angle, in degrees, and the median of the speed's relative error."""
+        told = self.told(frame)
+        a, b = found[told], self.field[told]
+        sizes, wanted = (np.linalg.norm(v, axis=1) for v in (a, b))
+        cosines = np.einsum("fx,fx->f", a, b) / np.maximum(sizes * wanted, 1e-300)
+        angles = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+        return float(np.median(angles)), float(np.median(np.abs(sizes - wanted) / wanted))
+
+
+@dataclass(frozen=True)
+class Result:
+    """Errors (3, 2) of Horn-Schunck, frame by frame, and together: angle and speed."""
+
+    kind: str
+    noise: float
+    displacement: float
+    errors: FloatArray
+
+    def row(self) -> list[str]:
+        angles, speeds = self.errors.T
+        head = [self.kind, f"{100 * self.noise:g}%", f"{self.displacement:g}"]
+        return [*head, *(f"{x:.1f}°" for x in angles), *(f"{100 * x:.1f}%" for x in speeds)]
+
+
+def measured(mesh: TriangleMesh) -> Iterator[Result]:
+    """Measure all waves with all amounts of noise; what Horn-Schunck has is that of the smoothness
+    that is best for the wave, by the known field.
+    """
+    for kind in KINDS:
+        for displacement in DISPLACEMENTS:
+            wave = Wave(mesh, kind, displacement)
+            for noise in NOISES:
+                rng = np.random.default_rng(0)
+                scatter = noise * wave.frames.std() * rng.standard_normal(wave.frames.shape)
+                yield Result(kind, noise, displacement, _errors(wave, wave.frames + scatter))
+
+
+def _errors(wave: Wave, frames: FloatArray) -> FloatArray:
+    steps = range(len(frames) - 1)
+    linear = [
+        [wave.errors(i, horn_schunck(wave.mesh, frames[i], frames[i + 1], 1.0, s)) for i in steps]
+        for s in SMOOTHNESS
+    ]
+    means = np.mean(linear, axis=1)  # (S, 2)
+    best = means[means.prod(axis=1).argmin()]
+    alone, together = (
+        np.mean([wave.errors(i, found.velocity[i]) for i in steps], axis=0)
+        for found in (sequence(wave.mesh, frames, gamma=gamma) for gamma in (0.0, 1.0))
+    )
+    return np.array([best, alone, together])
+
+
+def drawn(results: list[Result], path: Path) -> None:
+    """Draw errors over displacements, a column for each amount of noise, means over the waves."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10, 5.2), layout="constrained")
+    plots = figure.subplots(2, len(NOISES), sharex=True, sharey="row")
+    names = ("Horn-Schunck, best smoothness", "abfm, frame by frame", "abfm, together in time")
+    looks = (("#8a8f98", "s", "--"), ("#3b7dd8", "o", "-"), ("#d1495b", "o", "-"))
+    for column, noise in enumerate(NOISES):
+        own = [r for r in results if r.noise == noise]
+        means = np.array(
+            [np.mean([r.errors for r in own if r.displacement == d], axis=0) for d in DISPLACEMENTS]
+        )
+        for row, (word, factor) in enumerate((("angle (degrees)", 1), ("speed (%)", 100))):
+            plot = plots[row, column]
+            for number, (name, (color, marker, line)) in enumerate(zip(names, looks, strict=True)):
+                values = factor * means[:, number, row]
+                plot.plot(DISPLACEMENTS, values, line, color=color, marker=marker, label=name)
+            plot.set_xscale("log", base=2)
+            plot.set_xticks(DISPLACEMENTS, [f"{d:g}" for d in DISPLACEMENTS])
+            plot.set_ylim(bottom=0)
+            plot.spines[["top", "right"]].set_visible(False)
+            plot.grid(color="#e6e8ec")
+            if column == 0:
+                plot.set_ylabel(f"median error of the {word}")
+        plots[0, column].set_title(f"{100 * noise:g}% noise" if noise else "no noise")
+        plots[1, column].set_xlabel("displacement (edges per frame)")
+    plots[0, 0].legend(frameon=False, fontsize=8.5)
+    figure.savefig(path, dpi=115)
+
+
+def film_row(mesh_path: str, frames_path: str, seconds: str) -> list[str]:
+    """Return what a sequence says of a film of which nothing is known."""
+    mesh = load_mesh(mesh_path, largest_component=True)
+    frames = np.load(frames_path)
+    start = perf_counter()
+    found = sequence(mesh, frames, float(seconds) * np.arange(len(frames)))
+    taken = perf_counter() - start
+    tracks = found.tracks(5)
+    kinds = Counter(track.kind for track in tracks)
+    longest = max((len(track) for track in tracks), default=0)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    return [
+        Path(frames_path).stem,
+        f"{len(frames)} of {len(mesh.vertices):,}",
+        f"{found.sigma:g}",
+        f"{found.confirmed} of {len(found)}",
+        f"{np.median(found.mismatch):.3f}",
+        f"{np.median(found.verified_mismatch):.3f}",
+        f"{np.median(found.speed):.3g}",
+        ", ".join(f"{kinds[kind]} {kind}" for kind in sorted(kinds)),
+        str(longest),
+        f"{taken:.0f}",
+        f"{memory:.2f}",
+    ]
+
+
+_FILM_HEADS = (
+    "film",
+    "frames, vertices",
+    "sigma",
+    "confirmed",
+    "left",
+    "by flow lines",
+    "speed (a second)",
+    "tracks of 5 or more",
+    "longest",
+    "s",
+    "GB",
+)
+
+
+def fsaverage5() -> Path:
+    """Return nilearn's white surface."""
+    found = find_spec("nilearn")
+    if found is None or found.origin is None:
+        raise SystemExit('nilearn is not installed: pip install "abfm[brain]", or give --surface')
+    folder = Path(found.origin).parent / "datasets" / "data" / "fsaverage5"
+    return folder / "white_left.gii.gz"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--surface", type=Path)
+    parser.add_argument("--film", nargs=3, action="append", default=[])
+    for name in ("write", "picture"):
+        parser.add_argument(f"--{name}", type=Path)
+    parser.add_argument("--films-only", action="store_true")
+    given = parser.parse_args()
+    parts, results = [], list[Result]()
+    if not given.films_only:
+        mesh = load_mesh(given.surface or fsaverage5())
+
+        def rows() -> Iterator[list[str]]:
+            for result in measured(mesh):
+                results.append(result)
+                yield result.row()
+
+        parts.append("Median errors of the angle (first three), and of the speed:")
+        parts.append(told_table(_HEADS, rows()))
+        if given.picture:
+            drawn(results, given.picture)
+    if given.film:
+        parts += ["Films:", told_table(_FILM_HEADS, (film_row(*film) for film in given.film))]
+    if given.write:
+        put_between(given.write, MARKS, parts)
+
+
+if __name__ == "__main__":
+    main()
