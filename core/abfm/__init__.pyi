@@ -1,4 +1,5 @@
 from . import baselines as baselines
+from . import batch as batch
 from . import calculus as calculus
 from . import experiments as experiments
 from . import flow as flow

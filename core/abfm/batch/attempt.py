@@ -1,0 +1,101 @@
+"""What a worker does with a row: wherever it runs, whatever it sees of the file system."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from abfm.batch.kinds import Prepared
+from abfm.batch.ledger import Ledger, Record
+from abfm.batch.rows import Row
+from abfm.errors import AbfmError, one_line
+from abfm.io import temporary_folder
+from abfm.workers.control import CancelledError, Control, present_control
+
+
+@dataclass(frozen=True)
+class Task:
+    """A row to solve, and the folder for its result, known by what is in it."""
+
+    row: Row
+    folder: str
+    identity: str
+    contents: Mapping[str, bytes] | None = None  # of files, where the worker does not see them
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a task."""
+
+    record: Record = Record()
+    result: bytes | None = None  # of the file, where the folder is not seen
+    is_blind: bool = False  # files are not seen: the task is to be sent again, with their contents
+
+
+def attempt(task: Task) -> Answer:
+    """Solve a row and write its result, if nobody has; a failure is an answer, not an error.
+
+    `CancelledError` is raised where this thread's control was cancelled meanwhile.
+    """
+    began = time.monotonic()
+    if task.contents is None and not all(map(os.path.exists, task.row.files())):
+        return Answer(is_blind=True)
+    control = present_control() or Control()
+    digest = ""
+    try:
+        if not task.contents:
+            prepared = task.row.prepared()
+            digest = prepared.digest
+            result = _solved(task, prepared, control)
+        else:
+            with temporary_folder(Path(tempfile.gettempdir())) as folder:
+                prepared = _with_contents(task.row, task.contents, folder).prepared()
+                digest = prepared.digest
+                result = _solved(task, prepared, control)
+    except CancelledError:
+        raise
+    except AbfmError as error:
+        return Answer(Record(digest, str(error) or "it was refused"))
+    except MemoryError:
+        return Answer(Record(digest, "out of memory"))
+    # a library's own error, or a bug: others go on
+    except Exception as error:
+        return Answer(Record(digest, f"{type(error).__name__}: {one_line(error)}"))
+    return Answer(Record(digest, seconds=time.monotonic() - began), result)
+
+
+def _solved(task: Task, prepared: Prepared, control: Control) -> bytes | None:
+    """Have the result in the folder; its bytes where that is not seen."""
+    ledger = Ledger(task.folder)
+    if ledger.is_seen(task.identity):
+        path = ledger.result(prepared.digest)
+        if not path.is_file():
+            _save(prepared, path, control)
+        return None
+    with temporary_folder(Path(tempfile.gettempdir())) as folder:
+        path = folder / "result.npz"
+        _save(prepared, path, control)
+        return path.read_bytes()
+
+
+def _save(prepared: Prepared, path: Path, control: Control) -> None:
+    found = prepared.solve(control)
+    if control.cancelled:
+        raise CancelledError
+    found.save(path)
+
+
+def _with_contents(row: Row, contents: Mapping[str, bytes], folder: Path) -> Row:
+    """Return the row with files in a folder, those of one folder beside each other."""
+    places, folders = dict[str, str](), dict[str, Path]()
+    for path, content in contents.items():
+        parent, name = os.path.split(path)
+        place = folders.setdefault(parent, folder / str(len(folders)))
+        place.mkdir(exist_ok=True)
+        (place / name).write_bytes(content)
+        places[path] = os.fspath(place / name)
+    return row.moved(places)
