@@ -95,16 +95,10 @@ def page(told: Facts, pictures: RegistrationPictures) -> str:
         *([_path(told, pictures.path), _parameters(told)] if is_registration else []),
         _footer(told),
     ]
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title}</title>\n<style>{_STYLE}</style></head>\n<body>\n"
-        f"{chr(10).join(filter(None, parts))}\n{_facts_block(told)}\n</body></html>\n"
-    )
+    return document(told["title"], [*parts, facts_block(told)])
 
 
-def _facts_block(told: Facts) -> str:
+def facts_block(told: object) -> str:
     """Write facts as JSON that no HTML parser takes for a tag."""
     text = json.dumps(told, allow_nan=False)
     for sign in "<>&":
@@ -129,17 +123,18 @@ def _sized(surface: Facts) -> str:
 
 
 def _verdict(told: Facts) -> str:
-    headline = _sentence(told["headline"])
+    headline = sentence(told["headline"])
     if "verdict" not in told:
         return f'<div class="verdict ink"><strong>{headline}</strong></div>'
     verdict = told["verdict"]
-    reason = f"<p>{_sentence(told['why'])}.</p>"
+    reason = f"<p>{sentence(told['why'])}.</p>"
     advice = f"<p><b>Advice:</b> {escape(verdict['advice'])}.</p>" if verdict["advice"] else ""
     tone = {"failure": "bad"}.get(told["tone"], told["tone"])
     return f'<div class="verdict {tone}"><strong>{headline}</strong>{reason}{advice}</div>'
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
+    """Write a text with a capital first letter."""
     return escape(text[:1].upper() + text[1:])
 
 
@@ -150,7 +145,7 @@ def _warnings(warnings: Sequence[str]) -> str:
 
 
 def _list(lines: Iterable[str], kind: str) -> str:
-    items = "".join(f"<li>{_sentence(line)}.</li>" for line in lines)
+    items = "".join(f"<li>{sentence(line)}.</li>" for line in lines)
     return f'<ul class="{kind or "notes"}">{items}</ul>' if items else ""
 
 
@@ -215,7 +210,7 @@ def _functions(told: Facts, rows: Sequence[Row]) -> str:
     for row, (source, target) in zip(rows, specs, strict=False):
         named = f": {source} → {target}" if source and target else ""
         is_needed = len(rows) > 1 or named
-        heading = f"<h3>{_sentence(row.title)}{escape(named)}</h3>" if is_needed else ""
+        heading = f"<h3>{sentence(row.title)}{escape(named)}</h3>" if is_needed else ""
         parts.append(f"<section>{heading}{_row(row)}</section>")
     return f"<h2>Functions</h2><p>{text}</p>{''.join(parts)}"
 
@@ -243,8 +238,8 @@ def _distortion(told: Facts, of_areas: Image.Image, of_shapes: Image.Image) -> s
         "on 95% and 98% of the area; what lies beyond the ends is in the outermost bars."
     )
     plots = (
-        f"<figure>{_image(of_areas, 'Histogram of log2 J')}</figure>"
-        f"<figure>{_image(of_shapes, 'Histogram of log2 R')}</figure>"
+        f"<figure>{image(of_areas, 'Histogram of log2 J')}</figure>"
+        f"<figure>{image(of_shapes, 'Histogram of log2 R')}</figure>"
     )
     return (
         f'<section><h2>Distortion</h2><p>{text}</p><div class="half">{plots}</div>'
@@ -297,7 +292,7 @@ def _path(told: Facts, picture: Image.Image | None) -> str:
         else "The fields that were found on the way; the arrow is at the one that was chosen."
     )
     table = _table(heads, rows, chosen=told["step"])
-    plot = "" if picture is None else _image(picture, "Mismatch against distortion along the path")
+    plot = "" if picture is None else image(picture, "Mismatch against distortion along the path")
     beside = f'<div class="half"><div>{table}</div><figure>{plot}</figure></div>' if plot else table
     return f"<section><h2>From smooth to close</h2><p>{text}</p>{beside}</section>"
 
@@ -332,7 +327,7 @@ def _row(row: Row) -> str:
     figures = "".join(
         f"<figure><figcaption>{escape(each.title)}</figcaption>"
         + "".join(
-            _image(picture, f"{row.title}, {each.title}, {side}")
+            image(picture, f"{row.title}, {each.title}, {side}")
             for picture, side in zip(each.sides, ("front", "back"), strict=True)
         )
         + "</figure>"
@@ -347,15 +342,32 @@ def _row(row: Row) -> str:
 
 def _bar(bar: Bar) -> str:
     low, high = (f"{end:.3g}" for end in (bar.low, bar.high))
-    strip = _image(bar.strip, f"colours of {bar.title} from {low} to {high}")
+    strip = image(bar.strip, f"colours of {bar.title} from {low} to {high}")
     return f"<span>{escape(bar.title)}: {low} {strip} {high}</span>"
 
 
-def _image(picture: Image.Image, what: str) -> str:
+def image(picture: Image.Image, what: str) -> str:
+    """Write a picture in few bytes, with what it shows in words."""
     stream = io.BytesIO()
     picture.quantize(_COLORS).save(stream, "PNG", optimize=True)
-    png = base64.b64encode(stream.getvalue()).decode()
-    return f'<img alt="{escape(what)}" src="data:image/png;base64,{png}">'
+    return png(stream.getvalue(), what)
+
+
+def png(content: bytes, what: str) -> str:
+    """Write a picture that is a PNG already."""
+    text = base64.b64encode(content).decode()
+    return f'<img alt="{escape(what)}" src="data:image/png;base64,{text}">'
+
+
+def document(title: str, parts: Iterable[str], style: str = "") -> str:
+    """Write a whole page of these parts, to which nothing outside it belongs."""
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}{style}</style></head>\n<body>\n"
+        f"{chr(10).join(filter(None, parts))}\n</body></html>\n"
+    )
 
 
 def _table(

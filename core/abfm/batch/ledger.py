@@ -130,13 +130,14 @@ class Ledger:
         self._write(self._place(row.key), asdict(record))
         return self.entry(row)
 
-    def write_rows(self, rows: Sequence[Row]) -> None:
+    def write_rows(self, rows: Sequence[Row], title: str) -> None:
         """Keep which rows there are, for those who ask later."""
         told = [{**row.told(), "key": row.key} for row in rows]
-        self._write(self.own / "rows.json", told)
+        self._write(self.own / "rows.json", {"title": title, "rows": told})
 
-    def kept(self) -> list[Entry]:
-        """Return what is known of the rows that were kept last, without a look at their files.
+    def kept(self) -> tuple[str, list[Entry]]:
+        """Return the title and what is known of the rows that were kept last, without a look at
+        their files.
 
         Raises
         ------
@@ -145,8 +146,10 @@ class Ledger:
         """
         try:
             told = from_json(read_bytes(self.own / "rows.json", _LARGEST))
-            rows = [(Row(each["name"], each["options"], each["folder"]), each) for each in told]
-            return [self._entry(row, str(each["key"])) for row, each in rows]
+            rows = [Row(each["name"], each["options"], each["folder"]) for each in told["rows"]]
+            keys = [str(each["key"]) for each in told["rows"]]
+            found = [self._entry(row, key) for row, key in zip(rows, keys, strict=True)]
+            return str(told["title"]), found
         except (OSError, ValueError, KeyError, TypeError) as error:
             if isinstance(error, AbfmError | ValueError | KeyError | TypeError):
                 reason = f"its list of rows is damaged ({one_line(error, 80)})"
