@@ -48,6 +48,8 @@ def main() -> None:
             "distributed.scheduler.worker-saturation": 1.0,
             "distributed.scheduler.work-stealing": False,
             "distributed.scheduler.worker-ttl": None,  # libraries hold the interpreter for long
+            "distributed.scheduler.http.routes": [],
+            "distributed.worker.http.routes": [],
             "distributed.worker.profile.enabled": False,
             "distributed.admin.tick.limit": "1h",
         }
@@ -58,7 +60,8 @@ def main() -> None:
             threads_per_worker=1,
             processes=True,
             host=HOST,
-            dashboard_address=None,
+            dashboard_address=f"{HOST}:0",  # of what follows: no pages, and no fixed port
+            scheduler_kwargs={"dashboard": False},
             memory_limit=0,  # what a match needs, it needs: the system says when there is no more
             local_directory=os.fspath(folder),
         )

@@ -118,19 +118,23 @@ def _answer(future: Future[Any]) -> Answer:
 @contextmanager
 def _connected(cluster: Cluster, ledger: Ledger, tasks: int) -> Iterator[Client]:
     """Yield a client of the cluster, which is started where it is this machine's."""
-    from distributed import Client
-
     process = None
     try:
         if cluster.is_local:
             process = OwnProcess(MODULE, ONE_THREAD)
-            address = _started(process, ledger, min(cluster.processes, tasks))
-            where = {"address": address}
+            process.send(Wanted(min(cluster.processes, tasks), os.fspath(_log(ledger)), TRIES))
+        from distributed import Client  # which takes a while, as the process does to start
+
+        if process is not None:
+            where = {"address": process.receive()}
         elif cluster.scheduler is not None:
             where = {"address": cluster.scheduler}
         else:
             where = {"scheduler_file": os.fspath(cluster.scheduler_file or "")}
         client = _client(Client, where)
+    except ProcessEndedError as error:
+        raise _LostError from error
+    else:
         try:
             yield client
         finally:
@@ -151,15 +155,6 @@ def _client(make: Callable[..., Client], where: dict[str, str]) -> Client:
         raise ResultError(
             f"no scheduler answers at {one_line(name)}: {one_line(error, 120)}"
         ) from error
-
-
-def _started(process: OwnProcess, ledger: Ledger, workers: int) -> str:
-    try:
-        process.send(Wanted(workers, os.fspath(_log(ledger)), TRIES))
-        address: str = process.receive()
-        return address
-    except ProcessEndedError as error:
-        raise _LostError from error
 
 
 def _log(ledger: Ledger) -> Any:

@@ -12,7 +12,7 @@ from abfm.batch.ledger import Entry, Ledger, Record
 from abfm.batch.rows import Row
 from abfm.errors import ParameterError, brief
 from abfm.reading import read_bytes
-from abfm.workers.control import CancelledError, Control, controlled
+from abfm.workers.control import Control
 from abfm.workers.worker import Worker, WorkerEndedError, stateless
 
 ONE_THREAD = {
@@ -137,22 +137,33 @@ def run(
 
 def _by_one(tasks: list[Task], note: Callable[[Task, Answer], None], control: Control) -> None:
     """Solve in one process, which is replaced when it dies."""
-    with closing(Worker(stateless, ENDED, ONE_THREAD)) as worker, controlled(control):
-        for task in tasks:
-            for tries in range(1, TRIES + 1):
-                try:
-                    answer = worker.call(_attempt, task).result()
-                    if answer.is_blind:  # they are nowhere, which the row tells itself
-                        here = replace(task, contents={})
-                        answer = worker.call(_attempt, here).result()
-                except CancelledError:
+    with closing(Worker(stateless, ENDED, ONE_THREAD)) as worker:
+
+        def watch(control: Control) -> None:
+            if control.cancelled:  # who waits for the row under way is told
+                worker.close()
+
+        with control.watched(watch):
+            for task in tasks:
+                answer = _tried(worker, task, control)
+                if answer is None:
                     return
-                except WorkerEndedError:
-                    answer = Answer(Record(reason=ENDED, tries=TRIES))
-                else:
-                    answer = replace(answer, record=replace(answer.record, tries=tries))
-                    break
-            note(task, answer)
+                note(task, answer)
+
+
+def _tried(worker: Worker[None], task: Task, control: Control) -> Answer | None:
+    """Try a task in a worker that may die; None where no answer is wanted any more."""
+    for tries in range(1, TRIES + 1):
+        try:
+            answer = worker.call(_attempt, task).result()
+            if answer.is_blind:  # they are nowhere, which the row tells itself
+                answer = worker.call(_attempt, replace(task, contents={})).result()
+        except WorkerEndedError:
+            if control.cancelled:
+                return None
+        else:
+            return replace(answer, record=replace(answer.record, tries=tries))
+    return Answer(Record(reason=ENDED, tries=TRIES))
 
 
 def _attempt(state: None, task: Task) -> Answer:
