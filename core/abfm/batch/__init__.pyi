@@ -1,5 +1,5 @@
+from .kind import Facts as Facts
 from .kinds import KINDS as KINDS
-from .kinds import Facts as Facts
 from .kinds import kind_of_columns as kind_of_columns
 from .ledger import Entry as Entry
 from .ledger import Ledger as Ledger

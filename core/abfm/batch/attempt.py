@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from abfm.batch.kinds import Prepared
+from abfm.batch.kind import Prepared
 from abfm.batch.ledger import Ledger, Record
 from abfm.batch.rows import Row
 from abfm.errors import AbfmError, one_line

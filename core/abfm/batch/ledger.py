@@ -11,7 +11,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from abfm.batch.kinds import KINDS, Facts
+from abfm.batch.kind import Facts
+from abfm.batch.kinds import KINDS
 from abfm.batch.rows import Row
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.io import write_atomically

@@ -15,7 +15,8 @@ from typing import Any, Protocol
 from urllib.parse import unquote
 
 from abfm.batch.columns import absolute
-from abfm.batch.kinds import KINDS, Prepared, kind_of_columns
+from abfm.batch.kind import Prepared
+from abfm.batch.kinds import KINDS, kind_of_columns
 from abfm.errors import ParameterError, brief, did_you_mean
 from abfm.matching.problem import Problem
 from abfm.reading import open_plain
