@@ -39,8 +39,16 @@ class Answer:
 def attempt(task: Task) -> Answer:
     """Solve a row and write its result, if nobody has; a failure is an answer, not an error.
 
-    `CancelledError` is raised where this thread's control was cancelled meanwhile.
+    Where the folder is seen, what is known of the row is written there, too. `CancelledError` is
+    raised where this thread's control was cancelled meanwhile.
     """
+    answer, ledger = _answer(task), Ledger(task.folder)
+    if not answer.is_blind and answer.result is None and ledger.is_seen(task.identity):
+        ledger.record(task.row, answer.record)
+    return answer
+
+
+def _answer(task: Task) -> Answer:
     began = time.monotonic()
     if task.contents is None and not all(map(os.path.exists, task.row.files())):
         return Answer(is_blind=True)

@@ -119,6 +119,10 @@ class Ledger:
         """Return what is known of rows, in their order."""
         return [self.entry(row) for row in rows]
 
+    def forget(self, row: Row) -> None:
+        """Take a row as one that was never tried."""
+        self._place(row.key).unlink(missing_ok=True)
+
     def record(self, row: Row, record: Record) -> Entry:
         """Write what is known of a row, and return it."""
         if record.reason:

@@ -6,7 +6,7 @@ import logging
 import os
 import secrets
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from abfm.batch.attempt import Answer, Task, attempt
 from abfm.batch.ledger import Ledger, Record
 from abfm.batch.local_cluster import MODULE, Wanted
-from abfm.batch.run import ENDED, ONE_THREAD, TRIES, Cluster, seen_here
+from abfm.batch.run import ENDED, ONE_THREAD, TRIES, Cluster, Notes, seen_here
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.workers.control import Control
 from abfm.workers.process import OwnProcess, ProcessEndedError
@@ -22,9 +22,9 @@ from abfm.workers.process import OwnProcess, ProcessEndedError
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-Note = Callable[[Task, Answer], None]
 _EVERY = 0.1  # seconds between two looks at whether it is to go on
 _CLOSING = 2.0  # seconds for saying goodbye
+_LOGGERS = "distributed", "tornado", "asyncio"
 _MOST_STARTS = 4  # of a cluster that dies, without a row between
 
 
@@ -32,8 +32,8 @@ class _LostError(Exception):
     """The scheduler is gone."""
 
 
-def solve(tasks: list[Task], note: Note, control: Control, cluster: Cluster) -> None:
-    """Solve tasks and note the answer to each as it comes."""
+def solve(tasks: list[Task], notes: Notes, control: Control, cluster: Cluster) -> None:
+    """Solve tasks, and take down what comes of each as it comes."""
     if find_spec("distributed") is None:
         raise AbfmError(
             'several processes need dask.distributed: pip install "abfm[cluster]", or say --jobs 1'
@@ -41,19 +41,18 @@ def solve(tasks: list[Task], note: Note, control: Control, cluster: Cluster) -> 
     left = {task.row.key: task for task in tasks}
     starts = 0
 
-    def done(task: Task, answer: Answer) -> None:
+    def done(task: Task) -> None:
         nonlocal starts
         starts = 0
         del left[task.row.key]
-        note(task, answer)
 
-    ledger = Ledger(tasks[0].folder)
-    with _silent():
+    ledger = notes.ledger
+    with ExitStack() as quiet:
         while left and not control.cancelled:
             starts += 1
             try:
-                with _connected(cluster, ledger, len(left)) as client:
-                    _submitted(client, list(left.values()), done, control)
+                with _connected(cluster, ledger, len(left), quiet) as client:
+                    _submitted(client, list(left.values()), notes, done, control)
             except _LostError as error:
                 if not cluster.is_local:
                     raise ResultError(
@@ -67,7 +66,13 @@ def solve(tasks: list[Task], note: Note, control: Control, cluster: Cluster) -> 
                     ) from error
 
 
-def _submitted(client: Client, tasks: list[Task], done: Note, control: Control) -> None:
+def _submitted(
+    client: Client,
+    tasks: list[Task],
+    notes: Notes,
+    done: Callable[[Task], None],
+    control: Control,
+) -> None:
     """Submit tasks and wait for them, or until no more are wanted."""
     token, ended = secrets.token_hex(4), SimpleQueue[str]()
     waiting: dict[str, tuple[Future[Any], Task]] = {}
@@ -92,11 +97,14 @@ def _submitted(client: Client, tasks: list[Task], done: Note, control: Control) 
                 raise _LostError from None
             continue
         future, task = waiting.pop(key)
-        answer = _answer(future)
-        if answer.is_blind:
-            submit(seen_here(task))
-        else:
-            done(task, answer)
+        # the ledger is asked first: answers are lost with the worker that has them
+        if not (future.status == "finished" and notes.is_written(task)):
+            answer = _answer(future)
+            if answer.is_blind:
+                submit(seen_here(task))
+                continue
+            notes.write(task, answer)
+        done(task)
 
 
 def _answer(future: Future[Any]) -> Answer:
@@ -116,8 +124,10 @@ def _answer(future: Future[Any]) -> Answer:
 
 
 @contextmanager
-def _connected(cluster: Cluster, ledger: Ledger, tasks: int) -> Iterator[Client]:
-    """Yield a client of the cluster, which is started where it is this machine's."""
+def _connected(cluster: Cluster, ledger: Ledger, tasks: int, quiet: ExitStack) -> Iterator[Client]:
+    """Yield a client of the cluster, which is started where it is this machine's, and have nothing
+    logged until all ends.
+    """
     process = None
     try:
         if cluster.is_local:
@@ -125,6 +135,7 @@ def _connected(cluster: Cluster, ledger: Ledger, tasks: int) -> Iterator[Client]
             process.send(Wanted(min(cluster.processes, tasks), os.fspath(_log(ledger)), TRIES))
         from distributed import Client  # which takes a while, as the process does to start
 
+        quiet.enter_context(_silent())
         if process is not None:
             where = {"address": process.receive()}
         elif cluster.scheduler is not None:
@@ -164,12 +175,13 @@ def _log(ledger: Ledger) -> Any:
 @contextmanager
 def _silent() -> Iterator[None]:
     """Have nothing logged of connections that break, which is told in one line or mended."""
-    loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
+    names = [name for name in logging.root.manager.loggerDict if name.startswith(_LOGGERS)]
+    loggers = [logging.getLogger(name) for name in (*_LOGGERS, *names)]
     before = [logger.level for logger in loggers]
     try:
         for logger in loggers:
             logger.setLevel(logging.CRITICAL + 1)
         yield
     finally:
-        for logger, level in zip(loggers, before, strict=True):
+        for logger, level in reversed([*zip(loggers, before, strict=True)]):
             logger.setLevel(level)

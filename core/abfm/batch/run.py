@@ -116,26 +116,43 @@ def run(
     identity = ledger.make()
     wanted = {row.key: row for row in rows if ledger.entry(row).state != "done"}
     tasks = [Task(row, os.fspath(ledger.folder), identity) for row in wanted.values()]
-
-    def note(task: Task, answer: Answer) -> None:
-        record = answer.record
-        if answer.result is not None:
-            ledger.write_result(record.digest, answer.result)
-        on_change(ledger.record(task.row, record))
-
+    for row in wanted.values():
+        ledger.forget(row)
+    notes = Notes(ledger, on_change)
     if not tasks or control.cancelled:
         pass
     elif cluster.is_local and min(cluster.processes, len(tasks)) == 1:
-        _by_one(tasks, note, control)
+        _by_one(tasks, notes, control)
     else:
         # not where one process does it all
         from abfm.batch import on_dask
 
-        on_dask.solve(tasks, note, control, cluster)
+        on_dask.solve(tasks, notes, control, cluster)
     return ledger.entries(rows)
 
 
-def _by_one(tasks: list[Task], note: Callable[[Task, Answer], None], control: Control) -> None:
+class Notes:
+    """Takes down what comes of tasks, and tells of it."""
+
+    def __init__(self, ledger: Ledger, on_change: Callable[[Entry], object]) -> None:
+        self.ledger, self._on_change = ledger, on_change
+
+    def is_written(self, task: Task) -> bool:
+        """Tell of a task whose worker has written what came of it; False where it has not."""
+        entry = self.ledger.entry(task.row)
+        if entry.state == "missing":
+            return False
+        self._on_change(entry)
+        return True
+
+    def write(self, task: Task, answer: Answer) -> None:
+        """Write what came of a task, and tell of it."""
+        if answer.result is not None:
+            self.ledger.write_result(answer.record.digest, answer.result)
+        self._on_change(self.ledger.record(task.row, answer.record))
+
+
+def _by_one(tasks: list[Task], notes: Notes, control: Control) -> None:
     """Solve in one process, which is replaced when it dies."""
     with closing(Worker(stateless, ENDED, ONE_THREAD)) as worker:
 
@@ -148,7 +165,7 @@ def _by_one(tasks: list[Task], note: Callable[[Task, Answer], None], control: Co
                 answer = _tried(worker, task, control)
                 if answer is None:
                     return
-                note(task, answer)
+                notes.write(task, answer)
 
 
 def _tried(worker: Worker[None], task: Task, control: Control) -> Answer | None:
