@@ -2,8 +2,10 @@
 
 import argparse
 import csv
+import shlex
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from abfm import Parameters
 from abfm.batch import combinations
@@ -24,6 +26,7 @@ Examples:
   abfm sweep spot.obj --source hks:time=0.01 \\
       --over 'target=eigenfunction:3,"gaussian:vertex=7,width=0.2"' --out targets
 """
+_OWN = ("source", "target", "mask", "start", "largest-component", "max-distortion")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,34 +54,33 @@ def run(arguments: argparse.Namespace) -> int:
     """Make the table and solve it."""
     if arguments.out is None:
         raise UsageError("--out is missing: the folder of the results")
-    names = ["source", "target", "mask", "start", "largest-component", "max-distortion"]
-    names += [option(entry.name) for entry in fields(Parameters)]
     over: dict[str, list[str]] = {}
     for word in arguments.over:
-        name, values = _swept(word, names)
+        name, values = _swept(word)
         if name in over:
             raise UsageError(f"--over {name} is given twice; give all its values in one")
         over[name] = values
-    given = vars(arguments)
-    fixed = [("mesh", arguments.mesh)]
-    for name in names:
-        value = given[name.replace("-", "_")]
-        if value is not options.UNSET and value is not False:
-            fixed.append((name, "auto" if value is None and name not in names[:6] else value))
-    fixed += [("channel", _channel(words)) for words in arguments.channel]
-    rows = combinations(fixed, over)
+    rows = combinations(_fixed(arguments), over)
     title = f"{printable(Path(arguments.mesh).name)}, over {' and '.join(over)}"
     return solve(rows, title, arguments)
 
 
-def _channel(words: list[str]) -> str:
-    import shlex
+def _fixed(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
+    """Return the options that were given, which all rows share."""
+    given = vars(arguments)
+    found = [("mesh", arguments.mesh)]
+    found += [(name, given[name.replace("-", "_")]) for name in _OWN]
+    found += [("channel", shlex.join(words)) for words in arguments.channel]
+    for entry in fields(Parameters):
+        value = given[entry.name]
+        if value is not options.UNSET:
+            found.append((option(entry.name), "auto" if value is None else value))
+    return [(name, value) for name, value in found if value is not None and value is not False]
 
-    return shlex.join(words)
 
-
-def _swept(word: str, names: list[str]) -> tuple[str, list[str]]:
+def _swept(word: str) -> tuple[str, list[str]]:
     """Read ``NAME=A,B,...``."""
+    names = [*_OWN, *(option(entry.name) for entry in fields(Parameters))]
     name, sign, text = word.partition("=")
     name = option(name.strip().lower().removeprefix("--"))
     if not sign:

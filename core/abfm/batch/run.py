@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterable
-from contextlib import closing
 from dataclasses import dataclass, replace
 
 from abfm.batch.attempt import Answer, Task, attempt
@@ -154,18 +154,29 @@ class Notes:
 
 def _by_one(tasks: list[Task], notes: Notes, control: Control) -> None:
     """Solve in one process, which is replaced when it dies."""
-    with closing(Worker(stateless, ENDED, ONE_THREAD)) as worker:
+    worker, over = Worker(stateless, ENDED, ONE_THREAD), threading.Event()
 
-        def watch(control: Control) -> None:
-            if control.cancelled:  # who waits for the row under way is told
-                worker.close()
+    def close() -> None:
+        over.wait()
+        worker.close()  # who waits for the row under way is told
 
+    def watch(control: Control) -> None:
+        if control.cancelled:
+            over.set()
+
+    # not by who cancels, such as a signal's handler in the middle of a call to the worker
+    closing = threading.Thread(target=close, daemon=True)
+    closing.start()
+    try:
         with control.watched(watch):
             for task in tasks:
                 answer = _tried(worker, task, control)
                 if answer is None:
                     return
                 notes.write(task, answer)
+    finally:
+        over.set()
+        closing.join()
 
 
 def _tried(worker: Worker[None], task: Task, control: Control) -> Answer | None:
