@@ -2,6 +2,7 @@
 
 import argparse
 from pathlib import Path
+from textwrap import TextWrapper
 
 from abfm.batch import Ledger, read_table
 from abfm.batch.table import known_columns
@@ -11,6 +12,7 @@ from abfm_viewer.cli.batch_run import add_cluster, solve, tell_all
 from abfm_viewer.cli.exit_status import UsageError
 
 SUMMARY = "solve a table of problems, on all cores or a cluster, and go on where it was ended"
+_FILLED = TextWrapper(96, "  ", "  ", break_on_hyphens=False)
 DESCRIPTION = f"""\
 Solve a table of problems, a row each, by this machine's cores or a Dask cluster; a result is
 DIR/<digest>.npz. Run again, it does what is missing and nothing else: whatever was killed, at any
@@ -27,9 +29,11 @@ are named, and may have `name`. A row is
   a registration where it has a and b: a, b, source, target, landmarks, initial, mask-a, mask-b, ...
   a problem where it has problem: a file that `abfm.Problem.save` wrote
 Empty cells have their defaults. Paths begin at the table's folder. A cell with a comma stands in
-double quotes: name,mesh,source,target
-               one,a.off,"gaussian:vertex=1,width=0.2",curvature
-All columns: {", ".join(["name", *known_columns()])}.
+double quotes:
+  name,mesh,source,target
+  one,a.off,"gaussian:vertex=1,width=0.2",curvature:mean
+All columns are
+{_FILLED.fill(", ".join(["name", *known_columns()]))}
 
 DIR/summary.csv has a line a row, with the digest, what it came to and its columns;
 DIR/summary.html is a page with a picture a row, those first that came least far.

@@ -32,6 +32,7 @@ GOOD = ("nearly", "registered", "matched")
 """As the exit status has it."""
 _PICTURES = "pictures"
 _COLORS = 64  # of small pictures
+_MOST_PICTURES = 1000  # on a page, which has 5 MB then
 
 
 @dataclass(frozen=True)
@@ -91,18 +92,20 @@ def write_summary(
     """Write ``summary.csv``, in the order of the rows, and ``summary.html``, the worst first;
     return them, and why there are no pictures, if there are none.
 
-    Pictures are kept in a folder of their own: what is drawn once is not drawn again.
+    Pictures, of the worst thousand, are kept in a folder of their own: what is drawn once is not
+    drawn again.
     """
     table, told = folder / "summary.csv", folder / "summary.html"
     with write_atomically(table) as temporary:
         temporary.write_text(_csv(rows), encoding="utf-8", newline="")
-    why = _draw(folder, rows, report) if draws else ""
     order = {verdict: number for number, verdict in enumerate(WORST_FIRST)}
     sorted_rows = sorted(rows, key=lambda row: (order[row.verdict], -_left(row)))
+    shown = [row for row in sorted_rows if row.facts is not None][:_MOST_PICTURES]
+    why = _draw(folder, shown, report) if draws else ""
     small = {
         row.entry.digest: path.read_bytes()
-        for row in rows
-        if row.entry.path and (path := _picture(folder, row.entry.digest)).is_file()
+        for row in shown
+        if (path := _picture(folder, row.entry.digest)).is_file()
     }
     with write_atomically(told) as temporary:
         temporary.write_text(page(title, sorted_rows, counts(rows), small, why), encoding="utf-8")
@@ -146,7 +149,7 @@ def _picture(folder: Path, digest: str) -> Path:
 
 def _draw(folder: Path, rows: Sequence[Told], report: Callable[[int, int], object]) -> str:
     """Draw what is not drawn; return why not, where the machine cannot."""
-    paths = {row.entry.path: row.entry.digest for row in rows if row.entry.path and row.facts}
+    paths = {row.entry.path: row.entry.digest for row in rows if row.entry.path}
     left = [path for path, digest in paths.items() if not _picture(folder, digest).is_file()]
     if not left:
         return ""

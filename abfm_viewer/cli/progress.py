@@ -98,7 +98,7 @@ def row_progress(count: int, quiet: bool, title: str = "rows") -> Iterator[Calla
 
     columns = (title, _BAR, *((_COUNT,) if count else ()), "{task.fields[text]}")
     ends = (TimeElapsedColumn(), TimeRemainingColumn()) if count else (TimeElapsedColumn(),)
-    with _told(quiet, say, count or None, *columns, *ends, text="") as update:
+    with _told(quiet, say, count or None, *columns, *ends, text="starting") as update:
 
         def tell(text: str) -> None:
             nonlocal done

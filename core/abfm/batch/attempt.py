@@ -6,6 +6,7 @@ import os
 import tempfile
 import time
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,21 +50,18 @@ def attempt(task: Task) -> Answer:
 
 
 def _answer(task: Task) -> Answer:
-    began = time.monotonic()
     if task.contents is None and not all(map(os.path.exists, task.row.files())):
         return Answer(is_blind=True)
-    control = present_control() or Control()
     digest = ""
     try:
-        if not task.contents:
-            prepared = task.row.prepared()
+        with ExitStack() as opened:
+            row = task.row
+            if task.contents:
+                folder = temporary_folder(Path(tempfile.gettempdir()))
+                row = _with_contents(row, task.contents, opened.enter_context(folder))
+            prepared = row.prepared()
             digest = prepared.digest
-            result = _solved(task, prepared, control)
-        else:
-            with temporary_folder(Path(tempfile.gettempdir())) as folder:
-                prepared = _with_contents(task.row, task.contents, folder).prepared()
-                digest = prepared.digest
-                result = _solved(task, prepared, control)
+            return _solved(task, prepared)
     except CancelledError:
         raise
     except AbfmError as error:
@@ -73,24 +71,26 @@ def _answer(task: Task) -> Answer:
     # a library's own error, or a bug: others go on
     except Exception as error:
         return Answer(Record(digest, f"{type(error).__name__}: {one_line(error)}"))
-    return Answer(Record(digest, seconds=time.monotonic() - began), result)
 
 
-def _solved(task: Task, prepared: Prepared, control: Control) -> bytes | None:
+def _solved(task: Task, prepared: Prepared) -> Answer:
     """Have the result in the folder; its bytes where that is not seen."""
-    ledger = Ledger(task.folder)
+    ledger, began = Ledger(task.folder), time.monotonic()
     if ledger.is_seen(task.identity):
         path = ledger.result(prepared.digest)
-        if not path.is_file():
-            _save(prepared, path, control)
-        return None
+        if path.is_file():
+            return Answer(Record(prepared.digest))
+        _save(prepared, path)
+        return Answer(Record(prepared.digest, seconds=time.monotonic() - began))
     with temporary_folder(Path(tempfile.gettempdir())) as folder:
         path = folder / "result.npz"
-        _save(prepared, path, control)
-        return path.read_bytes()
+        _save(prepared, path)
+        seconds = time.monotonic() - began
+        return Answer(Record(prepared.digest, seconds=seconds), path.read_bytes())
 
 
-def _save(prepared: Prepared, path: Path, control: Control) -> None:
+def _save(prepared: Prepared, path: Path) -> None:
+    control = present_control() or Control()
     found = prepared.solve(control)
     if control.cancelled:
         raise CancelledError

@@ -31,7 +31,7 @@ class Record:
     digest: str = ""  # of its result; none where it has not come so far
     reason: str = ""  # why it failed
     tries: int = 1  # in the run that wrote this
-    seconds: float | None = None  # that the last try took
+    seconds: float | None = None  # that solving took; None if it was there, or did not come so far
 
 
 @dataclass(frozen=True)
