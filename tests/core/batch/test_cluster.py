@@ -1,8 +1,7 @@
 """Rows on Dask: the same files whoever solves them, and what happens when somebody is gone."""
 
 import json
-import os
-import signal
+from unittest.mock import Mock
 
 import pytest
 from distributed import LocalCluster
@@ -11,6 +10,7 @@ import abfm
 from abfm.batch import Cluster, Row, run
 from abfm.batch.run import ENDED
 from abfm.errors import AbfmError, ResultError
+from abfm.workers.process import ProcessEndedError
 from tests.core.batch.rows import ONE, Deadly, pair, results
 from tests.processes import children
 
@@ -33,23 +33,11 @@ def elsewhere():
         yield cluster
 
 
-def test_two_workers_find_the_same_files_and_survive_deadly_rows_and_their_scheduler(
-    alone, tmp_path, capfd
-):
-    """The scheduler is killed once a row is done: it is replaced, with its workers."""
+def test_two_workers_find_the_same_files_and_survive_a_deadly_row(alone, tmp_path, capfd):
     deadly = Deadly("deadly", pair(target=30).options)
-    lost = pair("lost", mesh="nowhere.off")
-    before, killed = children(), []
-
-    def kill(entry):
-        if not killed:
-            killed.extend(children() - before)
-            for each in killed:
-                os.kill(int(each), signal.SIGKILL)
-
+    lost, before = pair("lost", mesh="nowhere.off"), children()
     rows = [*ROWS[:2], lost, deadly, *ROWS[2:]]
-    entries = run(rows, tmp_path, Cluster(jobs=2), on_change=kill)
-    assert len(killed) == 1
+    entries = run(rows, tmp_path, Cluster(jobs=2))
     by_name = {entry.row.name: entry for entry in entries if entry.state != "done"}
     assert by_name.keys() == {"deadly", "lost"}
     assert (by_name["deadly"].reason, by_name["deadly"].record.tries) == (ENDED, 3)
@@ -57,6 +45,31 @@ def test_two_workers_find_the_same_files_and_survive_deadly_rows_and_their_sched
     assert not list(tmp_path.rglob(".abfm-*"))
     assert children() == before
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("deaths", [2, 4])
+def test_processes_of_this_machine_that_end_are_started_again_a_few_times(
+    deaths, alone, elsewhere, tmp_path, monkeypatch
+):
+    starts = []
+
+    def start(module, changed):
+        """A process that has a cluster; the first few end before it has."""
+        starts.append(module)
+        answer = {"return_value": elsewhere.scheduler_address}
+        return Mock(receive=Mock(**{"side_effect": ProcessEndedError} if died() else answer))
+
+    def died():
+        return len(starts) <= deaths
+
+    monkeypatch.setattr("abfm.batch.on_dask.OwnProcess", start)
+    if deaths == 4:
+        with pytest.raises(ResultError, match="ended 4 times before a row was done"):
+            run(ROWS, tmp_path, Cluster(jobs=2))
+    else:
+        run(ROWS, tmp_path, Cluster(jobs=2))
+        assert results(tmp_path) == alone
+    assert starts == ["abfm.batch.local_cluster"] * min(deaths + 1, 4)
 
 
 @pytest.mark.parametrize("is_seen", [True, False])
