@@ -211,7 +211,7 @@ def _functions(told: Facts, rows: Sequence[Row]) -> str:
         named = f": {source} → {target}" if source and target else ""
         is_needed = len(rows) > 1 or named
         heading = f"<h3>{sentence(row.title)}{escape(named)}</h3>" if is_needed else ""
-        parts.append(f"<section>{heading}{_row(row)}</section>")
+        parts.append(f"<section>{heading}{pictures_row(row)}</section>")
     return f"<h2>Functions</h2><p>{text}</p>{''.join(parts)}"
 
 
@@ -223,7 +223,7 @@ def _map(told: Facts, row: Row) -> str:
         else "A checkerboard, and where the flow carries it; and how much areas and shapes change "
         "on the way back, see below."
     )
-    return f"<section><h2>The map seen</h2><p>{text}</p>{_row(row)}</section>"
+    return f"<section><h2>The map seen</h2><p>{text}</p>{pictures_row(row)}</section>"
 
 
 def _distortion(told: Facts, of_areas: Image.Image, of_shapes: Image.Image) -> str:
@@ -268,7 +268,7 @@ def _distortion_table(told: Facts) -> str:
         faults = (f"{facts['folded']:,}", f"{facts['collapsed']:,}", _percent(facts["coverage"]))
         apart = map(_edges, facts["there_and_back"].values())
         rows.append((name, *(f"{value:.3f}" for value in logs), *faults, *apart))
-    return _table(heads, rows, groups=groups)
+    return rows_table(heads, rows, groups=groups)
 
 
 def _edges(apart: float) -> str:
@@ -291,7 +291,7 @@ def _path(told: Facts, picture: Image.Image | None) -> str:
         if _has_two(told)
         else "The fields that were found on the way; the arrow is at the one that was chosen."
     )
-    table = _table(heads, rows, chosen=told["step"])
+    table = rows_table(heads, rows, chosen=told["step"])
     plot = "" if picture is None else image(picture, "Mismatch against distortion along the path")
     beside = f'<div class="half"><div>{table}</div><figure>{plot}</figure></div>' if plot else table
     return f"<section><h2>From smooth to close</h2><p>{text}</p>{beside}</section>"
@@ -308,7 +308,7 @@ def _parameters(told: Facts) -> str:
         rows.append(
             (f"{name}{symbol}", _plain(value), _plain(entry.default), entry.metadata["help"])
         )
-    table = _table(("", "here", "default", "what it is"), rows, kind="words")
+    table = rows_table(("", "here", "default", "what it is"), rows, kind="words")
     return f"<section><h2>Parameters other than the defaults</h2>{table}</section>"
 
 
@@ -320,7 +320,8 @@ def _footer(told: Facts) -> str:
     return f"<footer>abfm {escape(told['abfm'])}, of {escape(told['file'])}</footer>"
 
 
-def _row(row: Row) -> str:
+def pictures_row(row: Row) -> str:
+    """Write pictures side by side, and what their colours mean."""
     columns = len(row.drawings)
     aspect = row.drawings[0].sides[0].width / row.drawings[0].sides[0].height
     widest = f"{columns * _COLUMN * min(_TALL * aspect, 1):.3g}rem"
@@ -370,7 +371,7 @@ def document(title: str, parts: Iterable[str], style: str = "") -> str:
     )
 
 
-def _table(
+def rows_table(
     heads: Sequence[str],
     rows: Sequence[Sequence[str]],
     chosen: int = -1,

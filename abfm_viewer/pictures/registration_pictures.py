@@ -63,7 +63,9 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class _Planned:
+class Planned:
+    """A row before it is drawn."""
+
     title: str
     panels: tuple[Panel, ...]
     ranges: Mapping[str, ColorRange]
@@ -98,7 +100,7 @@ def registration_pictures(
     rows = []
     for number, row in enumerate(planned):
         report(f"drawing {row.title}", number / len(planned))
-        rows.append(_drawn(row, views, size))
+        rows.append(drawn_row(row, views, size))
     report("drawing plots", 1.0)
     path = _path(found.match, width) if isinstance(found, Registration) else None
     return RegistrationPictures(tuple(rows[:-1]), rows[-1], _histograms(distortion, width), path)
@@ -109,9 +111,10 @@ def log2_of(ratios: FloatArray) -> FloatArray:
     return np.asarray(np.log2(np.clip(ratios, _LEAST, 1 / _LEAST)))
 
 
-def _drawn(
-    row: _Planned, views: tuple[dict[TriangleMesh, Camera], ...], size: tuple[int, int]
+def drawn_row(
+    row: Planned, views: tuple[dict[TriangleMesh, Camera], ...], size: tuple[int, int]
 ) -> Row:
+    """Draw a row from two sides."""
     sheet, sizes = Sheet((row.panels,)), [size] * len(row.panels)
     front, back = (panel_pictures(sheet, sizes, row.ranges, view) for view in views)
     drawings = (
@@ -135,7 +138,7 @@ def _on_white(picture: Image.Image) -> Image.Image:
     return ground
 
 
-def _functions(found: Registration) -> list[_Planned]:
+def _functions(found: Registration) -> list[Planned]:
     match, rows = found.match, []
     if match.problem.is_of_landmarks:
         return []
@@ -150,7 +153,7 @@ def _functions(found: Registration) -> list[_Planned]:
             break
         bar, off = f"function {c + 1}", f"difference {c + 1}"
         seen = [before[counts > 0], target[counts > 0]]
-        colors = color_range(*(_without_extremes(each) for each in seen))
+        colors = color_range(*(without_extremes(each) for each in seen))
         half = (colors.high - colors.low) / 2
         ranges = {bar: colors, off: ColorRange("abfm diverging", -half, half)}
         of_a = Panel(found.a, Values(own, bar), "A")
@@ -162,15 +165,16 @@ def _functions(found: Registration) -> list[_Planned]:
             Panel(found.b, Values(counts * (after - target), off), "difference"),
         )
         panels = others if is_one_surface else (of_a, *others)
-        rows.append(_Planned(bar, panels, ranges))
+        rows.append(Planned(bar, panels, ranges))
     return rows
 
 
-def _without_extremes(values: FloatArray) -> FloatArray:
+def without_extremes(values: FloatArray) -> FloatArray:
+    """Return values (V,) with the few largest and smallest ones as the others' ends."""
     return np.asarray(np.clip(values, *np.percentile(values, _HIDDEN)))
 
 
-def _map(found: Correspondence, distortion: Distortion, front: Front) -> _Planned:
+def _map(found: Correspondence, distortion: Distortion, front: Front) -> Planned:
     """Plan a checkerboard, straight as A is seen from the front, where it goes on B, and what the
     map does to B's faces.
     """
@@ -190,7 +194,7 @@ def _map(found: Correspondence, distortion: Distortion, front: Front) -> _Planne
     panels += [Panel(found.b, Values(log2_of(each), _LOG2), title) for title, each in values]
     most = max(distortion.log2_area.p98, distortion.log2_shape.p98)
     end = max(math.ceil(2 * most) / 2, _LEAST_RANGE)
-    return _Planned("the map", tuple(panels), {_LOG2: ColorRange("abfm diverging", -end, end)})
+    return Planned("the map", tuple(panels), {_LOG2: ColorRange("abfm diverging", -end, end)})
 
 
 def _histograms(distortion: Distortion, width: int) -> tuple[Image.Image, Image.Image]:
@@ -234,7 +238,13 @@ def _views(found: Correspondence, up: Up) -> tuple[tuple[dict[TriangleMesh, Came
     front_b = best_front(found.b, *target, up=up)
     turn = _turn(found)
     front_a = Front(*(triple(turn @ np.array(one)) for one in (front_b.direction, front_b.up)))
-    fronts = {found.a: front_a, found.b: front_b}
+    return both_sides({found.a: front_a, found.b: front_b})
+
+
+def both_sides(
+    fronts: Mapping[TriangleMesh, Front],
+) -> tuple[tuple[dict[TriangleMesh, Camera], ...], float]:
+    """Return cameras of surfaces before and behind them, and the aspect of all pictures."""
     free = (
         fitted(mesh.vertices, front, None, _FIELD_OF_VIEW, _MARGIN).aspect
         for mesh, front in fronts.items()

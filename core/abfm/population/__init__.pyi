@@ -10,4 +10,5 @@ from .subjects import HELD_OUT as HELD_OUT
 from .subjects import Channel as Channel
 from .subjects import Cohort as Cohort
 from .subjects import Subject as Subject
+from .subjects import function_text as function_text
 from .subjects import read_subjects as read_subjects

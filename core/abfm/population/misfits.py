@@ -212,8 +212,8 @@ def _sign_and_unit(compared: Compared, others: Sequence[Others], subject: int) -
         if weights @ (off_own * off) < _OPPOSITE * size_own * size:
             return "; its values have the other sign"
         if not 1 / _OTHER_UNIT < size_own / size < _OTHER_UNIT:
-            told = f"its values spread {size_own / size:.2g} times as much"
-            return f"; {told} over the surface: is their unit another one?"
+            told = f"its values spread {size_own / size:.2g} times as much over the surface"
+            return f"; {told}, as in another unit"
         if abs(middle_own - middle) > size:
             shift = (middle_own - middle) / size
             return f"; its values lie {shift:.2g} deviations from theirs on average"

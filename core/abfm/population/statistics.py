@@ -17,6 +17,7 @@ import numpy as np
 from abfm.types import BoolArray, FloatArray, IntArray
 
 _CONSTANT = 1e-9  # of a function's size: smaller deviations from its mean are rounding
+_ROUNDING = 1e-14  # of squares: a variance that is less is none
 
 
 class Phase(NamedTuple):
@@ -154,6 +155,8 @@ def phase_and_amplitude(before: Moments, after: Moments, areas: FloatArray) -> P
         return Phase(*[math.nan] * len(Phase._fields))
     weights = weights / weights.sum()
     (squares_x, mean_x), (squares_y, mean_y) = (each.integrals(weights) for each in (before, after))
+    if squares_x - mean_x <= _ROUNDING * squares_x:
+        return Phase(0.0, 0.0, 0.0, 1.0)
     factor = squares_x / squares_y if squares_y > 0 else 1.0
     return Phase(
         squares_x - mean_x, factor * mean_y - mean_x, factor * (squares_y - mean_y), factor
