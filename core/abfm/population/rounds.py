@@ -134,9 +134,11 @@ def register_population(
     solver = _Solver(work.folder, cluster, on_change, control or Control())
     with controlled(solver.control):
         target, changes = work.first_target(), list[float]()
+        fits: BoolArray | None = None
         while True:
             entries = solver.solved(work.rows(target, len(changes) + 1), len(changes) + 1)
-            found = work.round(entries)
+            found = work.round(entries, fits)
+            fits = found.judged.fits
             mean = found.target(work)
             changes.append(mean.distance(target, work.areas))
             target = mean
@@ -325,11 +327,11 @@ class _Work:
         ]
         pairs += [("mask-a", subject.mask), ("mask-b", mask), ("initial", self.settings.initial)]
         pairs += self.settings.options.items()
-        return Row(subject.name, pairs, self.folder)
+        return Row(subject.name, pairs)
 
-    def round(self, entries: Sequence[Entry]) -> _Round:
-        """Carry all subjects by their maps less the mean field of those who fit, and say who fits;
-        again if others do than before.
+    def round(self, entries: Sequence[Entry], before: BoolArray | None) -> _Round:
+        """Carry all subjects by their maps less the mean field of those who fitted before, if that
+        is known, and say who fits; again if these are others.
         """
         failures = [
             "" if entry.path else f"it was not registered: {entry.reason or 'there is no result'}"
@@ -343,7 +345,7 @@ class _Work:
                 f"{one_line(self.cohort.subjects[failures.index(told)].name, 60)}: {told}"
             )
         fields = [None if entry.path is None else _mean_field(entry.path) for entry in entries]
-        fits, found = registered, None
+        fits, found = registered if before is None else registered & before, None
         for _ in range(_LOOKS):
             drift = self._mean_of_fields(fields, fits)
             found = self._look(entries, fields, drift, failures)
