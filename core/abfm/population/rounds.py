@@ -3,8 +3,8 @@
 The mean is unbiased to first order: subjects are registered to a target, and the mean of their
 fields, stationary velocities, says by how much the target lies beside the middle of all. The flow
 of minus the mean field is applied to all maps, and so to the mean, so that the template does not
-drift; the mean field of the next round is about 0 [as in Avants and Gee 2004; first order, as means
-of fields are not means of flows].
+drift; the mean field of the next round is about 0 [Guimond, Meunier and Thirion, CVIU 2000, do so
+with displacements; first order, as the mean of fields is not the field of a mean of flows].
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.batch import Cluster, Entry, Row, run
+from abfm.batch import Cluster, Entry, Ledger, Row, run
 from abfm.calculus.channels import extend
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
@@ -157,6 +157,9 @@ class _Solver:
     control: Control
 
     def solved(self, rows: list[Row], number: int) -> list[Entry]:
+        ledger = Ledger(self.folder)
+        ledger.make()
+        ledger.write_rows(rows, f"round {number} of a population")  # for abfm batch --status
         with step(f"round {number}: registering", len(rows), f" {len(rows)} subjects") as done:
             count = 0
 
@@ -228,6 +231,7 @@ class _Work:
         self.areas = vertex_areas(self.template) * self.mask
         self.weights = np.array([subject.weight for subject in cohort.subjects])
         self._mesh = lru_cache(maxsize=_MESHES_KEPT)(load_mesh)
+        self._first_map = lru_cache(maxsize=_MESHES_KEPT)(self._found_first_map)
 
     def own(self, subject: Subject) -> _Own:
         """Read what is known of a subject; an AbfmError names it."""
@@ -282,7 +286,7 @@ class _Work:
         matched = [values[:, :, c] for c in self.cohort.registered_by]
         return Compared(matched, masks, self.weights, self.areas)
 
-    def _first_map(self, mesh: TriangleMesh) -> Correspondence:
+    def _found_first_map(self, mesh: TriangleMesh) -> Correspondence:
         word = self.settings.initial
         if word.partition(":")[0] in ("embedding", "spectral", "landmarks"):
             raise ParameterError(
@@ -525,6 +529,7 @@ class _Round(NamedTuple):
             for each in judged.likeness
         ]
         numbers = np.column_stack([found, self.displacement, self.mismatch])
+        numbers[~np.isfinite(numbers)] = np.nan  # as of flow lines that lead too far
 
         def ordered(texts: Sequence[str]) -> tuple[str, ...]:
             return tuple(texts[i] for i in order)

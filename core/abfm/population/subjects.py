@@ -63,8 +63,8 @@ class Cohort:
     Raises
     ------
     ParameterError
-        If there are fewer than two subjects or no channel to register by, a name is there twice,
-        functions are lacking, or weights are not finite, negative, or all 0.
+        If there are fewer than two subjects or no channel to register by, a name is there twice or
+        cannot be printed, functions are lacking, or weights are not finite, negative, or all 0.
     """
 
     channels: tuple[Channel, ...]
@@ -186,8 +186,8 @@ def _columns(cells: Sequence[str]) -> list[str]:
     """Return the columns' names, those of our own in small letters."""
     found = []
     for number, cell in enumerate(cells, 1):
-        if not cell or not cell.isprintable():
-            raise ParameterError(f"column {number} has no name that can be printed; give it one")
+        if not cell:
+            raise ParameterError(f"column {number} has no name; give it one")
         found.append(cell.lower() if cell.lower() in _OWN else cell)
     _require_once("column", found)
     return found
@@ -211,12 +211,9 @@ def _subject(columns: Sequence[str], cells: Sequence[str], number: int, folder: 
             "cell with a comma in double quotes"
         )
     given = dict(zip(columns, cells, strict=False))
-    name = given.get("name") or f"row {number}"
-    if not name.isprintable():
-        raise ParameterError(f"row {number}: its name cannot be printed; give it another one")
     surface = given.get("surface", "")
     return Subject(
-        name,
+        given.get("name") or f"row {number}",
         tuple(_value(given, column, number, folder) for column in _channels(columns)),
         absolute(folder)(surface) if surface else "",
         _value(given, "mask", number, folder),
@@ -245,6 +242,10 @@ def _weight(text: str, number: int) -> float:
 def _require_once(what: str, names: Sequence[str]) -> None:
     seen: set[str] = set()
     for name in names:
+        if not name or not name.isprintable():
+            raise ParameterError(
+                f"a {what} is called {brief(name)}; give it a name that can be printed"
+            )
         if name in seen:
             raise ParameterError(f"two {what}s are called {one_line(name, 60)}; rename one")
         seen.add(name)

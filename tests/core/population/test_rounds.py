@@ -431,3 +431,21 @@ def test_it_ends_when_asked_and_goes_on_later(tmp_path, solved):
     found = place.registered(Settings(options=BRIEF, rounds=1))
     assert sorted(solved) == ["minus", "plus", "still"]
     assert found.fits.all()
+
+
+def test_noise_is_value_and_not_position(tmp_path):
+    """As told between vertices, before and after: at vertices, where a map's interpolation would
+    take half of it, that half would pass for position.
+    """
+    place, noise = Place(tmp_path), 0.3
+    moved = ["plus", "minus", "plus", "minus"]
+    for seed, name in enumerate(moved):
+        place.add(f"{seed}", pushed(FIELDS[name], height, noise, seed))
+    own = place.file("own", height(MESH.vertices))
+    found = place.registered(Settings({"height": own}, options=BRIEF, rounds=1))
+    phase = found.phase_and_amplitude()
+    clean = np.stack([pushed(FIELDS[name], height) for name in moved])
+    position = np.average(clean.var(axis=0), weights=vertex_areas(MESH))
+    of_noise = 0.75 * noise**2  # of four subjects: n - 1 of n
+    assert phase.total == pytest.approx(position + of_noise / 2, rel=0.1)
+    assert 0.7 * position < phase.phase < 1.1 * position  # registering leaves some of it
