@@ -162,6 +162,12 @@ def test_running_again_solves_nothing_and_says_the_same(abfm, folder, found, mon
     assert "<img" not in text
 
 
+def test_registrations_of_the_last_round_are_a_batch(abfm, folder, found):
+    said = json.loads(abfm(f"batch --status {folder}/out --no-pictures --json", status=0).out)
+    assert {row["digest"] for row in said["rows"]} == set(found.digests)
+    assert {row["name"] for row in said["rows"]} == set(found.names)
+
+
 def test_a_page_without_a_screen_has_no_pictures(abfm, folder, found, monkeypatch):
     def refuse(*arguments):
         raise DrawingError("there is no screen")
