@@ -1,6 +1,7 @@
 """A population made from a template by known flows, and what comes back of it.
 
     python -m laboratory.population [--folder DIR] [--jobs N] [--write docs/population.md]
+        [--picture docs/images/population.png]
 
 Subjects are made on the sphere of nilearn's fsaverage5, on the 2,562 vertices of the icosphere
 that its 10,242 were subdivided from: its sulcal depth, carried along known fields whose mean is
@@ -16,7 +17,7 @@ import resource
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -41,8 +42,11 @@ from abfm.batch import Cluster
 from abfm.calculus.operators import face_areas, gradient, vertex_areas
 from abfm.functions import quoted
 from abfm.io import write_surface
+from abfm.io.sheets import Panel, Sheet, Values
 from abfm.population import Channel, Cohort, Settings, Subject
 from abfm.types import FloatArray
+from abfm_viewer.files.outputs import write_picture
+from abfm_viewer.pictures import figure_picture
 from laboratory.common import in_words, machine, put_between, told_table
 
 MARKS = ("<!-- tables of laboratory.population -->", "<!-- end of the tables -->")
@@ -53,7 +57,7 @@ _SIZE = 0.05  # of sqrt(area): root of the mean square of the known fields
 _WAVES, _FASTEST = 12, 4.0  # in each known field, and the largest wave number on the unit sphere
 _LEAST_SLOPE = 0.5  # of the median gradient: where it is less, the function tells no direction
 _PLANNED, _ROUNDS, _WORKERS = 200, 3, (1, 16, 256)
-_MB = 1e6
+_MB, _WIDE = 1e6, 1150  # pixels
 
 
 class Made(NamedTuple):
@@ -202,20 +206,19 @@ class Judge:
         ]
 
 
-def told(population: Made, folder: Path, cluster: Cluster) -> list[str]:
-    """Register the population, from three first targets, and return what came of it."""
+def registered(population: Made, folder: Path, cluster: Cluster) -> dict[str, Population]:
+    """Register a population, from three first targets."""
     cohort, template = written(population, folder)
-    judge = Judge(population, folder / "out")
     starts = {
         "the subject most like the plain mean": Settings(),
         "the template's own function": Settings({"depth": _file(folder / "own.npy")}),
         "the plain mean": Settings({"depth": _file(folder / "plain.npy")}),
     }
-    found = {
+    return {
         name: register_population(
             cohort,
             template,
-            judge.folder,
+            folder / "out",
             settings,
             cluster,
             on_change=lambda entry: print(
@@ -224,7 +227,11 @@ def told(population: Made, folder: Path, cluster: Cluster) -> list[str]:
         )
         for name, settings in starts.items()
     }
-    usual = found["the subject most like the plain mean"]
+
+
+def told(judge: Judge, found: Mapping[str, Population]) -> list[str]:
+    """Return what came of a population, from each first target."""
+    population, usual = judge.made, next(iter(found.values()))
     plain = judge.error(np.mean(population.subjects, axis=0))
     rows = [
         (
@@ -261,6 +268,22 @@ def told(population: Made, folder: Path, cluster: Cluster) -> list[str]:
         "registering left.",
         f"The odd one was left out, as {odd}.",
     ]
+
+
+def draw(population: Made, found: Population, path: Path) -> None:
+    """Draw the template's function, a subject, means, and how subjects vary."""
+    mesh = population.mesh
+    shown = {
+        "the template": population.function,
+        "a subject": population.subjects[0],
+        "plain mean": np.mean(population.subjects, axis=0),
+        "mean, registered": found.mean(),
+    }
+    panels = [Panel(mesh, Values(each, "depth"), name) for name, each in shown.items()]
+    panels.append(Panel(mesh, Values(found.deviation(), "deviation"), "deviation"))
+    sheet = Sheet((tuple(panels),), seen=(population.function,))
+    drawn = figure_picture(sheet)
+    write_picture(path, drawn.resize((_WIDE, round(_WIDE * drawn.height / drawn.width))))
 
 
 class Cost(NamedTuple):
@@ -360,13 +383,18 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help="for registrations; kept")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--write", type=Path, help="a page with the marks of the tables")
+    parser.add_argument("--picture", type=Path)
     parser.add_argument("--cost", choices=("coarse", "own"), help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.cost:
         print(*_measured(given.cost == "coarse"))
         return
     with tempfile.TemporaryDirectory() as name:
-        parts = told(made(), given.folder or Path(name), Cluster(jobs=given.jobs))
+        population, folder = made(), given.folder or Path(name)
+        found = registered(population, folder, Cluster(jobs=given.jobs))
+        parts = told(Judge(population, folder / "out"), found)
+    if given.picture:
+        draw(population, next(iter(found.values())), given.picture)
     parts += [
         f"### {_PLANNED} subjects, on paper",
         plan([costs(coarse) for coarse in (True, False)]),
