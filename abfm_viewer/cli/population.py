@@ -24,7 +24,7 @@ from abfm.batch import Cluster, Entry
 from abfm.errors import AbfmError, one_line, printable
 from abfm.io import write_atomically
 from abfm.population import HELD_OUT, Settings, function_text
-from abfm.population.rounds import BOUND, MOST_ROUNDS
+from abfm.population.settings import BOUND, MOST_ROUNDS
 from abfm.workers.control import CancelledError
 from abfm.workers.progress import Step, telling
 from abfm_viewer import pictures, signals
