@@ -21,11 +21,11 @@ from abfm_viewer.pictures.registration_pictures import (
     Row,
     both_sides,
     drawn_row,
-    without_extremes,
 )
 
 MOST_MISFITS = 4
 """The most subjects that are drawn by themselves."""
+_HIDDEN = 0.2, 99.8  # percentiles of functions at the ends of the colours: noise has few extremes
 _LEAST_RANGE = 0.5  # of logarithms: less hardly shows anywhere else
 
 
@@ -76,9 +76,9 @@ def _channel(found: Population, c: int) -> Planned:
         Panel(found.template, Values(mean, name), "mean, registered"),
         Panel(found.template, Values(deviation, spread), "deviation"),
     )
-    top = float(np.max(without_extremes(deviation)))
+    top = float(np.max(_without_extremes(deviation)))
     ranges = {
-        name: color_range(*(without_extremes(each) for each in (plain, mean))),
+        name: color_range(*(_without_extremes(each) for each in (plain, mean))),
         spread: ColorRange("abfm sequential", 0.0, top or 1.0),
     }
     return Planned(name, panels, ranges)
@@ -94,7 +94,7 @@ def _areas(found: Population) -> Planned:
         for each, title in zip((mean, deviation), titles, strict=True)
     )
     ends = [
-        max(math.ceil(2 * float(np.abs(without_extremes(each)).max())) / 2, _LEAST_RANGE)
+        max(math.ceil(2 * float(np.abs(_without_extremes(each)).max())) / 2, _LEAST_RANGE)
         for each in (mean, deviation)
     ]
     ranges = {
@@ -117,7 +117,7 @@ def _misfit(found: Population, i: int) -> Planned | None:
         Panel(found.template, Values(each, name), title)
         for each, title in zip(shown, titles, strict=True)
     )
-    ranges = {name: color_range(*(without_extremes(each) for each in shown))}
+    ranges = {name: color_range(*(_without_extremes(each) for each in shown))}
     return Planned(found.names[i], panels, ranges)
 
 
@@ -125,3 +125,7 @@ def _known(values: FloatArray) -> FloatArray:
     """Return values (V,) with those that are unknown in the middle of the others."""
     known = np.isfinite(values)
     return np.where(known, values, np.mean(values[known]) if known.any() else 0.0)
+
+
+def _without_extremes(values: FloatArray) -> FloatArray:
+    return np.asarray(np.clip(values, *np.percentile(values, _HIDDEN)))

@@ -153,7 +153,7 @@ def _functions(found: Registration) -> list[Planned]:
             break
         bar, off = f"function {c + 1}", f"difference {c + 1}"
         seen = [before[counts > 0], target[counts > 0]]
-        colors = color_range(*(without_extremes(each) for each in seen))
+        colors = color_range(*(_without_extremes(each) for each in seen))
         half = (colors.high - colors.low) / 2
         ranges = {bar: colors, off: ColorRange("abfm diverging", -half, half)}
         of_a = Panel(found.a, Values(own, bar), "A")
@@ -169,8 +169,7 @@ def _functions(found: Registration) -> list[Planned]:
     return rows
 
 
-def without_extremes(values: FloatArray) -> FloatArray:
-    """Return values (V,) with the few largest and smallest ones as the others' ends."""
+def _without_extremes(values: FloatArray) -> FloatArray:
     return np.asarray(np.clip(values, *np.percentile(values, _HIDDEN)))
 
 
