@@ -16,13 +16,14 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.pictures.registration_pictures import (
-    MOST_CHANNELS,
     Planned,
     Row,
     both_sides,
     drawn_row,
 )
 
+MOST_CHANNELS = 4
+"""The most channels that are drawn."""
 MOST_MISFITS = 4
 """The most subjects that are drawn by themselves."""
 _HIDDEN = 0.2, 99.8  # percentiles of functions at the ends of the colours: noise has few extremes
