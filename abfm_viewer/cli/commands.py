@@ -3,12 +3,29 @@
 from importlib.metadata import version
 
 from abfm.errors import did_you_mean
-from abfm_viewer.cli import apply, bench, demo, figure, info, map, match, register, render, report
+from abfm_viewer.cli import (
+    apply,
+    batch,
+    bench,
+    demo,
+    figure,
+    info,
+    map,
+    match,
+    population,
+    register,
+    render,
+    report,
+    sweep,
+)
 from abfm_viewer.cli.options import Parser
 
 _COMMANDS = {
     "match": match,
     "register": register,
+    "batch": batch,
+    "sweep": sweep,
+    "population": population,
     "apply": apply,
     "demo": demo,
     "figure": figure,

@@ -15,7 +15,8 @@ from abfm.io import remove_temporary
 from abfm.workers import process
 from abfm_viewer import signals
 
-BAD_INPUT, UNMATCHED = 2, 3
+BAD_INPUT, UNMATCHED, FAILED = 2, 3, 4
+"""Nothing was done; a target was not reached; of many problems some failed."""
 
 
 class UsageError(Exception):

@@ -86,6 +86,29 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
 
 
 @contextmanager
+def row_progress(count: int, quiet: bool, title: str = "rows") -> Iterator[Callable[[str], None]]:
+    """Yield what to call with a line about each of so many rows once it is done; of 0 they are not
+    counted, and lines are for terminals alone.
+    """
+    done = 0
+
+    def say(completed: int, text: str) -> None:
+        if count:
+            _say(f"{completed} of {count}: {text}")
+
+    columns = (title, _BAR, *((_COUNT,) if count else ()), "{task.fields[text]}")
+    ends = (TimeElapsedColumn(), TimeRemainingColumn()) if count else (TimeElapsedColumn(),)
+    with _told(quiet, say, count or None, *columns, *ends, text="starting") as update:
+
+        def tell(text: str) -> None:
+            nonlocal done
+            done += 1
+            update(completed=done, text=text)
+
+        yield tell
+
+
+@contextmanager
 def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], None]]:
     """Yield what to call with what is being done, and the share that is behind it."""
     said = ""
@@ -105,7 +128,7 @@ def share_progress(title: str, quiet: bool) -> Iterator[Callable[[str, float], N
 def _told(
     quiet: bool,
     say: Callable[..., None],
-    total: float,
+    total: float | None,
     *columns: str | ProgressColumn,
     **state: Any,
 ) -> Iterator[Callable[..., None]]:

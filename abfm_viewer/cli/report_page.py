@@ -95,16 +95,10 @@ def page(told: Facts, pictures: RegistrationPictures) -> str:
         *([_path(told, pictures.path), _parameters(told)] if is_registration else []),
         _footer(told),
     ]
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title}</title>\n<style>{_STYLE}</style></head>\n<body>\n"
-        f"{chr(10).join(filter(None, parts))}\n{_facts_block(told)}\n</body></html>\n"
-    )
+    return document(told["title"], [*parts, facts_block(told)])
 
 
-def _facts_block(told: Facts) -> str:
+def facts_block(told: object) -> str:
     """Write facts as JSON that no HTML parser takes for a tag."""
     text = json.dumps(told, allow_nan=False)
     for sign in "<>&":
@@ -129,17 +123,18 @@ def _sized(surface: Facts) -> str:
 
 
 def _verdict(told: Facts) -> str:
-    headline = _sentence(told["headline"])
+    headline = sentence(told["headline"])
     if "verdict" not in told:
         return f'<div class="verdict ink"><strong>{headline}</strong></div>'
     verdict = told["verdict"]
-    reason = f"<p>{_sentence(told['why'])}.</p>"
+    reason = f"<p>{sentence(told['why'])}.</p>"
     advice = f"<p><b>Advice:</b> {escape(verdict['advice'])}.</p>" if verdict["advice"] else ""
     tone = {"failure": "bad"}.get(told["tone"], told["tone"])
     return f'<div class="verdict {tone}"><strong>{headline}</strong>{reason}{advice}</div>'
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
+    """Write a text with a capital first letter."""
     return escape(text[:1].upper() + text[1:])
 
 
@@ -150,7 +145,7 @@ def _warnings(warnings: Sequence[str]) -> str:
 
 
 def _list(lines: Iterable[str], kind: str) -> str:
-    items = "".join(f"<li>{_sentence(line)}.</li>" for line in lines)
+    items = "".join(f"<li>{sentence(line)}.</li>" for line in lines)
     return f'<ul class="{kind or "notes"}">{items}</ul>' if items else ""
 
 
@@ -215,8 +210,8 @@ def _functions(told: Facts, rows: Sequence[Row]) -> str:
     for row, (source, target) in zip(rows, specs, strict=False):
         named = f": {source} → {target}" if source and target else ""
         is_needed = len(rows) > 1 or named
-        heading = f"<h3>{_sentence(row.title)}{escape(named)}</h3>" if is_needed else ""
-        parts.append(f"<section>{heading}{_row(row)}</section>")
+        heading = f"<h3>{sentence(row.title)}{escape(named)}</h3>" if is_needed else ""
+        parts.append(f"<section>{heading}{pictures_row(row)}</section>")
     return f"<h2>Functions</h2><p>{text}</p>{''.join(parts)}"
 
 
@@ -228,7 +223,7 @@ def _map(told: Facts, row: Row) -> str:
         else "A checkerboard, and where the flow carries it; and how much areas and shapes change "
         "on the way back, see below."
     )
-    return f"<section><h2>The map seen</h2><p>{text}</p>{_row(row)}</section>"
+    return f"<section><h2>The map seen</h2><p>{text}</p>{pictures_row(row)}</section>"
 
 
 def _distortion(told: Facts, of_areas: Image.Image, of_shapes: Image.Image) -> str:
@@ -243,8 +238,8 @@ def _distortion(told: Facts, of_areas: Image.Image, of_shapes: Image.Image) -> s
         "on 95% and 98% of the area; what lies beyond the ends is in the outermost bars."
     )
     plots = (
-        f"<figure>{_image(of_areas, 'Histogram of log2 J')}</figure>"
-        f"<figure>{_image(of_shapes, 'Histogram of log2 R')}</figure>"
+        f"<figure>{image(of_areas, 'Histogram of log2 J')}</figure>"
+        f"<figure>{image(of_shapes, 'Histogram of log2 R')}</figure>"
     )
     return (
         f'<section><h2>Distortion</h2><p>{text}</p><div class="half">{plots}</div>'
@@ -273,7 +268,7 @@ def _distortion_table(told: Facts) -> str:
         faults = (f"{facts['folded']:,}", f"{facts['collapsed']:,}", _percent(facts["coverage"]))
         apart = map(_edges, facts["there_and_back"].values())
         rows.append((name, *(f"{value:.3f}" for value in logs), *faults, *apart))
-    return _table(heads, rows, groups=groups)
+    return rows_table(heads, rows, groups=groups)
 
 
 def _edges(apart: float) -> str:
@@ -296,8 +291,8 @@ def _path(told: Facts, picture: Image.Image | None) -> str:
         if _has_two(told)
         else "The fields that were found on the way; the arrow is at the one that was chosen."
     )
-    table = _table(heads, rows, chosen=told["step"])
-    plot = "" if picture is None else _image(picture, "Mismatch against distortion along the path")
+    table = rows_table(heads, rows, chosen=told["step"])
+    plot = "" if picture is None else image(picture, "Mismatch against distortion along the path")
     beside = f'<div class="half"><div>{table}</div><figure>{plot}</figure></div>' if plot else table
     return f"<section><h2>From smooth to close</h2><p>{text}</p>{beside}</section>"
 
@@ -313,7 +308,7 @@ def _parameters(told: Facts) -> str:
         rows.append(
             (f"{name}{symbol}", _plain(value), _plain(entry.default), entry.metadata["help"])
         )
-    table = _table(("", "here", "default", "what it is"), rows, kind="words")
+    table = rows_table(("", "here", "default", "what it is"), rows, kind="words")
     return f"<section><h2>Parameters other than the defaults</h2>{table}</section>"
 
 
@@ -325,14 +320,15 @@ def _footer(told: Facts) -> str:
     return f"<footer>abfm {escape(told['abfm'])}, of {escape(told['file'])}</footer>"
 
 
-def _row(row: Row) -> str:
+def pictures_row(row: Row) -> str:
+    """Write pictures side by side, and what their colours mean."""
     columns = len(row.drawings)
     aspect = row.drawings[0].sides[0].width / row.drawings[0].sides[0].height
     widest = f"{columns * _COLUMN * min(_TALL * aspect, 1):.3g}rem"
     figures = "".join(
         f"<figure><figcaption>{escape(each.title)}</figcaption>"
         + "".join(
-            _image(picture, f"{row.title}, {each.title}, {side}")
+            image(picture, f"{row.title}, {each.title}, {side}")
             for picture, side in zip(each.sides, ("front", "back"), strict=True)
         )
         + "</figure>"
@@ -347,18 +343,35 @@ def _row(row: Row) -> str:
 
 def _bar(bar: Bar) -> str:
     low, high = (f"{end:.3g}" for end in (bar.low, bar.high))
-    strip = _image(bar.strip, f"colours of {bar.title} from {low} to {high}")
+    strip = image(bar.strip, f"colours of {bar.title} from {low} to {high}")
     return f"<span>{escape(bar.title)}: {low} {strip} {high}</span>"
 
 
-def _image(picture: Image.Image, what: str) -> str:
+def image(picture: Image.Image, what: str) -> str:
+    """Write a picture in few bytes, with what it shows in words."""
     stream = io.BytesIO()
     picture.quantize(_COLORS).save(stream, "PNG", optimize=True)
-    png = base64.b64encode(stream.getvalue()).decode()
-    return f'<img alt="{escape(what)}" src="data:image/png;base64,{png}">'
+    return png(stream.getvalue(), what)
 
 
-def _table(
+def png(content: bytes, what: str) -> str:
+    """Write a picture that is a PNG already."""
+    text = base64.b64encode(content).decode()
+    return f'<img alt="{escape(what)}" src="data:image/png;base64,{text}">'
+
+
+def document(title: str, parts: Iterable[str], style: str = "") -> str:
+    """Write a whole page of these parts, to which nothing outside it belongs."""
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}{style}</style></head>\n<body>\n"
+        f"{chr(10).join(filter(None, parts))}\n</body></html>\n"
+    )
+
+
+def rows_table(
     heads: Sequence[str],
     rows: Sequence[Sequence[str]],
     chosen: int = -1,

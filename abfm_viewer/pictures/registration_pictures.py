@@ -65,7 +65,9 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class _Planned:
+class Planned:
+    """A row before it is drawn."""
+
     title: str
     panels: tuple[Panel, ...]
     ranges: Mapping[str, ColorRange]
@@ -100,7 +102,7 @@ def registration_pictures(
     rows = []
     for number, row in enumerate(planned):
         report(f"drawing {row.title}", number / len(planned))
-        rows.append(_drawn(row, views, size))
+        rows.append(drawn_row(row, views, size))
     report("drawing plots", 1.0)
     path = _path(found.match, width) if isinstance(found, Registration) else None
     return RegistrationPictures(tuple(rows[:-1]), rows[-1], _histograms(distortion, width), path)
@@ -111,9 +113,10 @@ def log2_of(ratios: FloatArray) -> FloatArray:
     return np.asarray(np.log2(np.clip(ratios, _LEAST, 1 / _LEAST)))
 
 
-def _drawn(
-    row: _Planned, views: tuple[dict[TriangleMesh, Camera], ...], size: tuple[int, int]
+def drawn_row(
+    row: Planned, views: tuple[dict[TriangleMesh, Camera], ...], size: tuple[int, int]
 ) -> Row:
+    """Draw a row from two sides."""
     sheet, sizes = Sheet((row.panels,)), [size] * len(row.panels)
     front, back = (panel_pictures(sheet, sizes, row.ranges, view) for view in views)
     drawings = (
@@ -137,7 +140,7 @@ def _on_white(picture: Image.Image) -> Image.Image:
     return ground
 
 
-def _functions(found: Registration) -> list[_Planned]:
+def _functions(found: Registration) -> list[Planned]:
     match, rows = found.match, []
     if match.problem.is_of_landmarks:
         return []
@@ -160,11 +163,11 @@ def _functions(found: Registration) -> list[_Planned]:
             Panel(found.b, Values(counted * (after - target), off), "difference"),
         )
         panels = others if is_one_surface else (of_a, *others)
-        rows.append(_Planned(bar, panels, ranges))
+        rows.append(Planned(bar, panels, ranges))
     return rows
 
 
-def _map(found: Correspondence, distortion: Distortion, front: Front) -> _Planned:
+def _map(found: Correspondence, distortion: Distortion, front: Front) -> Planned:
     """Plan a checkerboard, straight as A is seen from the front, where it goes on B, and what the
     map does to B's faces.
     """
@@ -184,7 +187,7 @@ def _map(found: Correspondence, distortion: Distortion, front: Front) -> _Planne
     panels += [Panel(found.b, Values(log2_of(each), _LOG2), title) for title, each in values]
     most = max(distortion.log2_area.p98, distortion.log2_shape.p98)
     end = max(math.ceil(2 * most) / 2, _LEAST_RANGE)
-    return _Planned("the map", tuple(panels), {_LOG2: ColorRange("abfm diverging", -end, end)})
+    return Planned("the map", tuple(panels), {_LOG2: ColorRange("abfm diverging", -end, end)})
 
 
 def _histograms(distortion: Distortion, width: int) -> tuple[Image.Image, Image.Image]:
@@ -222,7 +225,13 @@ def _plot_size(width: int) -> tuple[int, int]:
 def _views(found: Correspondence, up: Up) -> tuple[tuple[dict[TriangleMesh, Camera], ...], float]:
     """Return cameras of both surfaces on two opposite sides, and the aspect of all pictures."""
     of_a, of_b = fronts(found, up)
-    seen_from = {found.a: of_a, found.b: of_b}
+    return both_sides({found.a: of_a, found.b: of_b})
+
+
+def both_sides(
+    seen_from: Mapping[TriangleMesh, Front],
+) -> tuple[tuple[dict[TriangleMesh, Camera], ...], float]:
+    """Return cameras of surfaces before and behind them, and the aspect of all pictures."""
     free = (
         fitted(mesh.vertices, front, None, _FIELD_OF_VIEW, _MARGIN).aspect
         for mesh, front in seen_from.items()

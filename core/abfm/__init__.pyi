@@ -1,4 +1,5 @@
 from . import baselines as baselines
+from . import batch as batch
 from . import calculus as calculus
 from . import experiments as experiments
 from . import flow as flow
@@ -6,6 +7,7 @@ from . import functions as functions
 from . import io as io
 from . import maps as maps
 from . import matching as matching
+from . import population as population
 from . import registration as registration
 from . import sequences as sequences
 from . import streaks as streaks
@@ -35,6 +37,10 @@ from .matching.solving.record import StopReason as StopReason
 from .mesh import TriangleMesh as TriangleMesh
 from .mesh import load_mesh as load_mesh
 from .parameters import Parameters as Parameters
+from .population.population import Population as Population
+from .population.population import load_population as load_population
+from .population.rounds import register_population as register_population
+from .population.subjects import read_subjects as read_subjects
 from .registration.correspondence import Correspondence as Correspondence
 from .registration.files import load_correspondence as load_correspondence
 from .registration.files import load_registration as load_registration

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from typing import IO, Any
 
@@ -29,16 +29,20 @@ class ProcessEndedError(Exception):
 class OwnProcess:
     """Runs ``python -m module``, which serves `Requests`, until it is closed or nothing refers to
     it any more. Not by `multiprocessing`, whose new processes run the user's script again.
+
+    Its environment is this process's, with some variables changed.
     """
 
-    def __init__(self, module: str) -> None:
-        command = [sys.executable, "-m", module]
+    def __init__(self, module: str, changed: Mapping[str, str] | None = None) -> None:
+        command, variables = [sys.executable, "-m", module], os.environ | (changed or {})
         # In a group of its own: Ctrl-C on a terminal, which goes to a whole group, is this end's
         # business.
         pipe = subprocess.PIPE
         if sys.platform == "win32":  # where a process cannot have a socket for its output
             group = subprocess.CREATE_NEW_PROCESS_GROUP
-            self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, creationflags=group)
+            self._process = subprocess.Popen(
+                command, stdin=pipe, stdout=pipe, creationflags=group, env=variables
+            )
             assert self._process.stdout is not None
             received: IO[bytes] | socket.socket = self._process.stdout
             self._read: Callable[[memoryview], int] = self._process.stdout.readinto
@@ -46,7 +50,7 @@ class OwnProcess:
             answers, theirs = socket.socketpair()
             with theirs:
                 self._process = subprocess.Popen(
-                    command, stdin=pipe, stdout=theirs.fileno(), process_group=0
+                    command, stdin=pipe, stdout=theirs.fileno(), process_group=0, env=variables
                 )
             received = answers
             self._read = lambda buffer: answers.recv_into(buffer, 0, socket.MSG_WAITALL)

@@ -108,10 +108,14 @@ class Worker(Generic[State]):
         Makes the state in the process; like all functions one that can be imported there.
     ended : str
         What `WorkerEndedError` says to who waits for a process that has ended.
+    changed : mapping, optional
+        Variables of the process's environment that are other ones than here.
     """
 
-    def __init__(self, make: Callable[[], State], ended: str) -> None:
-        self._make, self._ended = make, ended
+    def __init__(
+        self, make: Callable[[], State], ended: str, changed: Mapping[str, str] | None = None
+    ) -> None:
+        self._make, self._ended, self._changed = make, ended, changed
         self._lock = threading.Lock()
         self._connection: _Connection | None = None
         self._closed = False
@@ -129,7 +133,7 @@ class Worker(Generic[State]):
                 raise WorkerEndedError(self._ended)
             if self._connection is None or self._connection.process.has_ended:
                 try:
-                    self._connection = _Connection(self._make, self._ended)
+                    self._connection = _Connection(self._make, self._ended, self._changed)
                 except OSError as error:
                     raise WorkerEndedError(self._ended) from error
             connection = self._connection
@@ -152,8 +156,10 @@ class Worker(Generic[State]):
 class _Connection:
     """To one process; of those that wait, one reads, and gives the others theirs: no thread."""
 
-    def __init__(self, make: Callable[[], object], ended: str) -> None:
-        self.process = OwnProcess(MODULE)
+    def __init__(
+        self, make: Callable[[], object], ended: str, changed: Mapping[str, str] | None
+    ) -> None:
+        self.process = OwnProcess(MODULE, changed)
         self._numbers = itertools.count()
         self._has_ended = False
         self._words = ended

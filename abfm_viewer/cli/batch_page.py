@@ -1,0 +1,148 @@
+"""The page of a batch: a row a problem, the worst first, with nothing outside it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+from abfm_viewer.cli.report_page import document, facts_block, png, sentence
+from abfm_viewer.document.verdict_words import share
+
+if TYPE_CHECKING:
+    from abfm_viewer.cli.batch_summary import Told
+
+_TONES = {"matched": "good", "registered": "good", "nearly": "ink", "missing": "muted"}
+_STYLE = """
+.counts dd { font-size: 1.5rem; color: var(--tone); }
+.muted { --tone: var(--muted); }
+table.rows { width: 100%; }
+table.rows td, table.rows th { padding: .45rem 0 .45rem 1.1rem; vertical-align: middle;
+  white-space: nowrap; }
+table.rows td:first-child, table.rows th:first-child { padding-left: 0; width: 19.5rem; }
+table.rows td:first-child img { display: block; width: 18.6rem; }
+table.rows td:nth-child(2), table.rows th:nth-child(2) { text-align: left; white-space: normal;
+  width: 99%; }
+table.rows thead th { background: #fff; position: sticky; top: 0; vertical-align: bottom; }
+.name { font-weight: 600; overflow-wrap: anywhere; }
+.word { color: var(--tone); font-weight: 600; }
+.reason { color: var(--ink); font-size: .87rem; overflow-wrap: anywhere; }
+.options { color: var(--muted); font-size: .8rem; overflow-wrap: anywhere; }
+.options span { display: inline-block; margin-right: .9em; }
+.none { color: var(--muted); font-size: .85rem; text-align: center; background: var(--panel);
+  border-radius: 6px; padding: 1.3rem 0; }
+.wrapped td { overflow-wrap: anywhere; }
+@media print { table.rows thead th { position: static; } }
+"""
+
+
+def page(
+    title: str,
+    rows: Sequence[Told],
+    counts: Mapping[str, int],
+    pictures: Mapping[str, bytes],
+    why_none: str,
+) -> str:
+    """Return the page of rows, in this order, with a picture (PNG) by digest where there is one."""
+    shared = _shared(rows)
+    kinds = Counter(row.entry.row.kind for row in rows)
+    told = ", ".join(_counted(count, kind) for kind, count in kinds.items())
+    about = f"{told}; those that came least far are first."
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        f'<p class="muted">{escape(about)}</p>',
+        _counts(counts),
+        f'<ul class="warnings"><li>No pictures: {escape(why_none)}</li></ul>' if why_none else "",
+        _options(shared),
+        _table(rows, shared, pictures),
+        f"<footer>abfm {escape(version('abfm'))}</footer>",
+        facts_block({"title": title, "rows": [row.to_dict() for row in rows]}),
+    ]
+    return document(title, parts, _STYLE)
+
+
+def _counted(number: int, kind: str) -> str:
+    return f"{number:,} {kind}{'es' if kind.endswith('ch') else 's'}" if number > 1 else f"1 {kind}"
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    cells = (
+        f'<div class="{_tone(verdict)}"><dt>{escape(_word(verdict))}</dt><dd>{count:,}</dd></div>'
+        for verdict, count in counts.items()
+    )
+    return f'<dl class="counts">{"".join(cells)}</dl>'
+
+
+def _tone(verdict: str) -> str:
+    return _TONES.get(verdict, "bad")
+
+
+def _word(verdict: str) -> str:
+    return "not done yet" if verdict == "missing" else verdict
+
+
+def _shared(rows: Sequence[Told]) -> list[tuple[str, str]]:
+    """Return the options that are the same in all rows."""
+    if len(rows) < 2:
+        return []
+    every = [row.entry.row.options for row in rows]
+    return [pair for pair in every[0] if all(pair in options for options in every)]
+
+
+def _options(shared: Sequence[tuple[str, str]]) -> str:
+    if not shared:
+        return ""
+    lines = "".join(
+        f"<tr><td>{escape(column)}</td><td>{escape(text)}</td></tr>" for column, text in shared
+    )
+    return f'<h2>Of all rows</h2><table class="words wrapped">{lines}</table>'
+
+
+def _table(
+    rows: Sequence[Told], shared: Sequence[tuple[str, str]], pictures: Mapping[str, bytes]
+) -> str:
+    heads = ("source, carried, target", "", "mismatch", "by flow lines", "folded", "seconds")
+    head = "".join(f"<th>{escape(each)}</th>" for each in heads)
+    lines = "\n".join(_line(row, shared, pictures) for row in rows)
+    return (
+        f'<h2>Rows</h2><table class="rows"><thead><tr>{head}</tr></thead>'
+        f"<tbody>{lines}</tbody></table>"
+    )
+
+
+def _line(row: Told, shared: Sequence[tuple[str, str]], pictures: Mapping[str, bytes]) -> str:
+    entry, facts = row.entry, row.facts
+    small = pictures.get(entry.digest)
+    drawn = (
+        png(small, f"{entry.row.name}: source, carried, target")
+        if small and facts
+        else '<div class="none">no picture</div>'
+    )
+    own = [f"{column} {text}" for column, text in entry.row.options if (column, text) not in shared]
+    told = " ".join(f"<span>{escape(each)}</span>" for each in own)
+    options = "" if ", ".join(own) == entry.row.name else f'<div class="options">{told}</div>'
+    reason = f'<div class="reason">{sentence(row.reason)}</div>' if row.reason else ""
+    left = "" if facts is None else f" to {share(facts.confirmed)}"
+    if row.verdict != "matched":
+        left = left and f": {share(facts.confirmed)} left" if facts else ""
+    words = (
+        f'<div class="name">{escape(entry.row.name)}</div>'
+        f'<div class="word {_tone(row.verdict)}">{sentence(_word(row.verdict))}{left}</div>'
+        f"{reason}{options}"
+    )
+    numbers = ("-", "-", "-")
+    if facts is not None:
+        numbers = (_number(facts.mismatch), _number(facts.verified_mismatch), _folded(facts.folded))
+    seconds = "-" if entry.record.seconds is None else f"{entry.record.seconds:.1f}"
+    cells = "".join(f"<td>{each}</td>" for each in (drawn, words, *numbers, seconds))
+    return f"<tr>{cells}</tr>"
+
+
+def _number(value: float) -> str:
+    return f"{value:.3f}" if value == value else "-"
+
+
+def _folded(value: float) -> str:
+    return f"{100 * value:.2g}%" if value == value else "-"

@@ -1,0 +1,136 @@
+"""How rows of a table are solved here: with signals, progress and a summary."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from abfm import Control
+from abfm.batch import Cluster, Entry, Ledger, Row, run
+from abfm.errors import one_line, printable
+from abfm_viewer import signals
+from abfm_viewer.cli import options
+from abfm_viewer.cli.batch_summary import GOOD, Told, counts, told_of, write_summary
+from abfm_viewer.cli.exit_status import FAILED, UNMATCHED
+from abfm_viewer.cli.match import cancelled_by_signals
+from abfm_viewer.cli.progress import row_progress
+from abfm_viewer.document.verdict_words import counted
+
+_MOST_TOLD = 8  # failed rows
+
+
+def add_cluster(parser: argparse.ArgumentParser) -> None:
+    """Declare who solves, where results go, and what is told."""
+    add = options.adder(parser.add_argument_group("who solves"))
+    what = "so many processes of this machine (default: one for each core)"
+    add("--jobs", what, "N", type=options.processes)
+    add("--scheduler", "a Dask cluster's scheduler instead, such as tcp://10.0.0.1:8786", "ADDRESS")
+    add("--scheduler-file", "the same by the file in which it has its address", "FILE", type=Path)
+    add = options.adder(parser.add_argument_group("output"))
+    add("--out", "folder for results: made if it is not there", "DIR", type=Path)
+    add("--no-pictures", "a summary without pictures, which take a tenth of a second each")
+    add("--json", "print one JSON object about all rows")
+    add("--quiet", "no progress")
+
+
+def cluster_of(arguments: argparse.Namespace) -> Cluster:
+    return Cluster(arguments.jobs, arguments.scheduler, arguments.scheduler_file)
+
+
+def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int:
+    """Solve what is missing, write the summary, tell it, and return the exit status."""
+    cluster, control, began = cluster_of(arguments), Control(), time.perf_counter()
+    ledger = Ledger(arguments.out)
+    ledger.make()
+    ledger.write_rows(rows, title)
+    known = ledger.entries(rows)
+    left = len({entry.row.key for entry in known if entry.state != "done"})
+    if left < len(rows) and not arguments.quiet:
+        there = sum(entry.state == "done" for entry in known)
+        print(f"{there} of {counted(len(rows), 'row')} are there already", file=sys.stderr)
+    with (
+        cancelled_by_signals(control, "with the rows that are done") as kept,
+        row_progress(left, arguments.quiet) as report,
+    ):
+
+        def tell(entry: Entry) -> None:
+            report(_line(told_of([entry])[0]))
+
+        entries = run(rows, ledger.folder, cluster, on_change=tell, control=control)
+    status = signals.status(kept.number) if kept.number is not None else None
+    return tell_all(entries, title, arguments, time.perf_counter() - began, status)
+
+
+def tell_all(
+    entries: Sequence[Entry],
+    title: str,
+    arguments: argparse.Namespace,
+    seconds: float | None = None,
+    status: int | None = None,
+) -> int:
+    """Write the summary and tell it; ``status`` is that of a signal, after which nothing is drawn
+    any more.
+    """
+    rows, folder = told_of(entries), Path(arguments.out)
+    draws = status is None and not arguments.no_pictures
+
+    def drawn(number: int, count: int) -> None:
+        report(f"picture {number} of {count}")
+
+    with row_progress(0, arguments.quiet or not draws, "drawing") as report:
+        written, why = write_summary(folder, title, rows, draws, drawn)
+    if why:
+        print(f"note: the summary has no pictures: {why}", file=sys.stderr)
+    if status is None:
+        status = _status(rows)
+    if arguments.json:
+        told: dict[str, Any] = {
+            "out": str(folder),
+            "counts": counts(rows),
+            "seconds": seconds,
+            "summary": list(map(str, written)),
+            "rows": [row.to_dict() for row in rows],
+        }
+        print(json.dumps(told))
+    else:
+        print("\n".join(_lines(rows, written, seconds)))
+    return status
+
+
+def _status(rows: Sequence[Told]) -> int:
+    verdicts = {row.verdict for row in rows}
+    if verdicts & {"failed", "missing"}:
+        return FAILED
+    return 0 if verdicts <= set(GOOD) else UNMATCHED
+
+
+def _line(row: Told) -> str:
+    """``sub-01: matched, 0.021 left in 1.2 s``, or why it failed."""
+    name = one_line(row.entry.row.name, 80)
+    if row.facts is None:
+        return f"{name}: {row.verdict}: {row.reason}"
+    seconds = row.entry.record.seconds
+    took = "" if seconds is None else f" in {seconds:.1f} s"
+    return f"{name}: {row.verdict}, {row.facts.confirmed:.3f} left{took}"
+
+
+def _lines(rows: Sequence[Told], written: Sequence[Path], seconds: float | None) -> list[str]:
+    found = counts(rows)
+    words = ", ".join(
+        f"{count} {'not done' if verdict == 'missing' else verdict}"
+        for verdict, count in found.items()
+    )
+    took = "" if seconds is None else f", in {seconds:.1f} s"
+    lines = [f"{counted(len(rows), 'row')}: {words}{took}"]
+    failed = [row for row in rows if row.verdict == "failed"]
+    lines += [f"  {_line(row)}" for row in failed[:_MOST_TOLD]]
+    if len(failed) > _MOST_TOLD:
+        lines.append(f"  and {len(failed) - _MOST_TOLD} more, see the summary")
+    if found.get("missing"):
+        lines.append("run the same again to go on: what is done is kept")
+    return [*lines, f"wrote {', '.join(printable(path) for path in written)}"]

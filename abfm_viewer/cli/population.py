@@ -1,0 +1,337 @@
+"""`abfm population`: many subjects on a template, their mean, and who does not fit."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import math
+import re
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import abfm
+from abfm import Control, Parameters, Population, read_subjects
+from abfm.batch import Cluster, Entry
+from abfm.errors import AbfmError, one_line, printable
+from abfm.io import write_atomically
+from abfm.population import HELD_OUT, Settings, function_text
+from abfm.population.settings import BOUND, MOST_ROUNDS
+from abfm.workers.control import CancelledError
+from abfm.workers.progress import Step, telling
+from abfm_viewer import pictures, signals
+from abfm_viewer.cli import options
+from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
+from abfm_viewer.cli.match import cancelled_by_signals
+from abfm_viewer.cli.population_page import page
+from abfm_viewer.cli.progress import share_progress
+from abfm_viewer.errors import DrawingError
+from abfm_viewer.files import outputs
+
+SUMMARY = "register subjects to a template, again and again, and tell their mean and who is odd"
+DESCRIPTION = f"""\
+Register each subject of a table to a template by its functions, make their mean, register to that,
+and so on until it hardly changes. The mean field is taken off, so that the template does not drift.
+Tells means and deviations, how areas vary, how much of the variance is position and how much value,
+and which subjects do not fit: these are left out of the mean.
+
+Examples:
+  abfm population subjects.csv --template fsaverage.sphere.surf.gii --out pop
+  abfm population subjects.csv --template mean.ply --function sulc=file:sulc.csv --out pop --jobs 4
+
+The first line of SUBJECTS.csv names its columns; paths begin at the table's folder:
+  name        of the subject
+  surface     its mesh file; the template itself where it is empty, or there is no such column
+  mask        how much its vertices count, not negative: a file or a function
+  weight      how much it counts in the mean (1); one of weight 0 is judged, too
+  {HELD_OUT}NAME  a channel that is carried, but not registered by: its correlation with the mean of
+              the others, before and after, is its score
+  NAME        any other is a channel to register by: a file of values, or a function as text
+Registrations are rows of a batch in DIR, each DIR/<digest>.npz: run again, it does nothing twice.
+Written are DIR/population.npz, subjects.csv, mean.vtu, and for a GIFTI template mean.shape.gii, and
+the page population.html.
+
+The exit status is 0 when the mean has come to rest; 3 when it still changed by more than --bound in
+the last round; 4 when a subject could not be registered; 2 for bad input, of which nothing is
+solved; and 130 or 143 after Ctrl-C or SIGTERM.
+"""
+_WIDTH = 400
+_OURS = ("round", "comparing", "carrying", "parting")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = options.adder(parser)
+    add("table", "a subject a row", "SUBJECTS.csv", type=Path)
+    add("--template", f"the surface that subjects come to, a {options.MESH}", "SURFACE")
+    add = options.adder(parser.add_argument_group("the template and the mean"))
+    what = "the template's own function of a channel, the first target; one for each, or none"
+    add("--function", what, "NAME=SPEC", action="append", default=[])
+    add(
+        "--mask", "how much the template's vertices count, not negative: a function or file", "SPEC"
+    )
+    add("--initial", "the initial maps, as of `abfm register`", "WORD[:...]")
+    what = f"end when the mean changes by less, over its deviation (default: {BOUND:g})"
+    add("--bound", what, "X", type=options.bound, default=BOUND)
+    what = f"at most so many rounds (default: {MOST_ROUNDS})"
+    add("--rounds", what, "N", type=options.count, default=MOST_ROUNDS)
+    options.add_max_distortion(add)
+    options.add_parameters(parser, options.UNSET)
+    add = options.adder(parser.add_argument_group("who solves"))
+    what = "so many processes of this machine (default: one for each core)"
+    add("--jobs", what, "N", type=options.processes)
+    add("--scheduler", "a Dask cluster's scheduler instead, such as tcp://10.0.0.1:8786", "ADDRESS")
+    add("--scheduler-file", "the same by the file in which it has its address", "FILE", type=Path)
+    add = options.adder(parser.add_argument_group("output"))
+    add("--out", "folder for results: made if it is not there", "DIR", type=Path, required=True)
+    add(
+        "--up",
+        "axis of the template that points upwards (default: y)",
+        choices=("x", "y", "z"),
+        default="y",
+    )
+    add("--no-pictures", "a page without pictures")
+    add("--json", "print one JSON object about the population")
+    add("--quiet", "no progress")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Register, write and tell."""
+    if arguments.template is None:
+        raise UsageError("--template is missing: the surface that subjects come to")
+    folder, began, control = arguments.out, time.perf_counter(), Control()
+    cohort, settings = read_subjects(arguments.table), _settings(arguments)
+    cluster = Cluster(arguments.jobs, arguments.scheduler, arguments.scheduler_file)
+    outputs.make_folder(folder)
+    with (
+        cancelled_by_signals(control, "with what is done") as kept,
+        _progress(arguments.quiet),
+    ):
+        try:
+            found = abfm.register_population(
+                cohort,
+                arguments.template,
+                folder,
+                settings,
+                cluster,
+                on_change=_tell_failure,
+                control=control,
+            )
+        except CancelledError:
+            print("run the same again to go on: what is done is kept", file=sys.stderr)
+            return signals.status(kept.number or 0)
+    facts = _facts(found, arguments, time.perf_counter() - began)
+    written = _write(found, facts, arguments)
+    if arguments.json:
+        print(json.dumps(facts | {"outputs": list(map(str, written))}))
+    else:
+        print("\n".join(_lines(found, facts, written)))
+    if not all(found.digests):
+        return FAILED
+    return 0 if found.changes[-1] <= settings.bound else UNMATCHED
+
+
+def _settings(arguments: argparse.Namespace) -> Settings:
+    functions = {}
+    for given in arguments.function:
+        name, equals, text = given.partition("=")
+        if not equals or not text:
+            raise UsageError(f"--function {one_line(given, 40)}: expected NAME=SPEC")
+        functions[name] = function_text(text, Path.cwd())
+    given = {
+        entry.name.replace("_", "-"): "auto" if value is None else value
+        for entry in fields(Parameters)
+        if (value := getattr(arguments, entry.name)) is not options.UNSET
+    }
+    if arguments.max_distortion is not None:
+        given["max-distortion"] = arguments.max_distortion
+    return Settings(
+        functions,
+        function_text(arguments.mask, Path.cwd()) if arguments.mask else "",
+        arguments.initial or "",
+        given,
+        arguments.bound,
+        arguments.rounds,
+    )
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[None]:
+    """Tell of the steps of the whole; those inside registrations come from many at once."""
+    with share_progress("population", quiet) as report:
+
+        def tell(now: Step | None) -> None:
+            if now is not None and now.task.startswith(_OURS):
+                report(now.task, now.done or 0.0)
+
+        with nullcontext() if quiet else telling(tell):
+            yield
+
+
+def _tell_failure(entry: Entry) -> None:
+    if entry.reason:
+        print(f"note: {printable(entry.row.name)} failed: {entry.reason}", file=sys.stderr)
+
+
+def _facts(found: Population, arguments: argparse.Namespace, seconds: float) -> dict[str, Any]:
+    """Return all that is told, as plain numbers and texts; None for unknown numbers."""
+    scores = [found.scores(c) for c in range(len(found.channels))]
+    channels = []
+    for c, channel in enumerate(found.channels):
+        known = scores[c][found.fits]
+        before, after = (_mean(each) for each in known.T)
+        phase = found.phase_and_amplitude(c)._asdict()
+        channels.append(
+            {
+                "name": channel.name,
+                "held_out": channel.is_held_out,
+                **{name: _number(value) for name, value in phase.items()},
+                "before": before,
+                "after": after,
+            }
+        )
+    subjects = [
+        {
+            "name": found.names[i],
+            "fits": bool(found.fits[i]),
+            "reason": found.reasons[i] or None,
+            "verdict": found.verdicts[i] or None,
+            "weight": float(found.weights[i]),
+            **{
+                name: _number(getattr(found, name)[i])
+                for name in (
+                    "correlation",
+                    "distance",
+                    "mismatch",
+                    "displacement",
+                    "log2_area",
+                    "folded",
+                )
+            },
+            "scores": {
+                channel.name: list(map(_number, scores[c][i]))
+                for c, channel in enumerate(found.channels)
+            },
+            "digest": found.digests[i] or None,
+        }
+        for i in found.worst_first()
+    ]
+    return {
+        "table": printable(arguments.table.name),
+        "template": printable(Path(arguments.template).name),
+        "vertices": len(found.template.vertices),
+        "faces": len(found.template.faces),
+        "changes": list(map(_number, found.changes)),
+        "bound": arguments.bound,
+        "log2_area_deviation": _mean(found.log2_area_deviation),
+        "channels": channels,
+        "subjects": subjects,
+        "seconds": seconds,
+    }
+
+
+def _write(
+    found: Population, facts: Mapping[str, Any], arguments: argparse.Namespace
+) -> list[Path]:
+    folder: Path = arguments.out
+    written = [folder / name for name in ("population.npz", "subjects.csv", "mean.vtu")]
+    found.save(written[0])
+    with write_atomically(written[1]) as temporary:
+        temporary.write_text(_table(facts), encoding="utf-8", newline="")
+    on_vertices, on_faces = _arrays(found)
+    abfm.io.export_vtu(written[2], found.template, on_vertices, on_faces)
+    if str(arguments.template).lower().endswith((".gii", ".gii.gz")):
+        written.append(folder / "mean.shape.gii")
+        whole = outputs.on_file(found.template, np.stack(list(on_vertices.values()), axis=1))
+        try:
+            abfm.io.write_values(written[-1], whole, names=list(on_vertices))
+        except AbfmError as error:
+            print(f"note: no {written.pop().name}: {error}", file=sys.stderr)
+    drawn = None
+    if not arguments.no_pictures:
+        try:
+            with share_progress("page", arguments.quiet) as report:
+                drawn = pictures.population_pictures(found, _WIDTH, arguments.up, report)
+        except DrawingError as error:
+            print(f"note: the page has no pictures: {error}", file=sys.stderr)
+    written.append(folder / "population.html")
+    with write_atomically(written[-1]) as temporary:
+        temporary.write_text(page(facts, drawn), encoding="utf-8")
+    return written
+
+
+def _arrays(found: Population) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what is told of vertices, (V,) each, and of faces, (F,), by names for files."""
+    on_vertices: dict[str, Any] = {}
+    for c, channel in enumerate(found.channels):
+        name = re.sub(r"[^A-Za-z0-9_.-]", "_", channel.name)
+        if f"mean_{name}" in on_vertices:
+            name = f"{name}_{c}"
+        on_vertices[f"mean_{name}"] = found.mean(c)
+        on_vertices[f"deviation_{name}"] = found.deviation(c)
+        on_vertices[f"plain_mean_{name}"] = found.plain_mean(c)
+    on_faces = {
+        "log2_area_mean": found.log2_area_mean,
+        "log2_area_deviation": found.log2_area_deviation,
+    }
+    return on_vertices, on_faces
+
+
+def _table(facts: Mapping[str, Any]) -> str:
+    """Return a table of subjects, the worst first."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text)
+    names = [each["name"] for each in facts["channels"]]
+    own = [name for name in facts["subjects"][0] if name != "scores"]
+    ends = ("before", "after")
+    writer.writerow([*own, *(f"{name} {end}" for name in names for end in ends)])
+    for subject in facts["subjects"]:
+        scores = [value for name in names for value in subject["scores"][name]]
+        cells = [*(subject[name] for name in own), *scores]
+        writer.writerow(["" if cell is None else cell for cell in cells])
+    return text.getvalue()
+
+
+def _lines(found: Population, facts: Mapping[str, Any], written: list[Path]) -> list[str]:
+    """Return what came of it, for people."""
+    count, rounds = int(found.fits.sum()), len(found.changes)
+    lines = [
+        f"{count} of {len(found.names)} subjects fit; the mean changed by {found.changes[-1]:.2g} "
+        f"of its deviation in the last of {rounds} rounds, in {facts['seconds']:.1f} s"
+    ]
+    for each in facts["channels"]:
+        parts = [
+            f"correlation with the mean of the others {_told(each['before'])} before, "
+            f"{_told(each['after'])} after"
+        ]
+        if each["total"]:
+            share = each["phase"] / each["total"]
+            parts.insert(0, f"{100 * share:.0f}% of the variance is position")
+        held = ", held out" if each["held_out"] else ""
+        lines.append(f"{printable(each['name'])}{held}: {'; '.join(parts)}")
+    lines += [
+        f"left out: {printable(each['name'])}: {each['reason']}"
+        for each in facts["subjects"]
+        if not each["fits"]
+    ]
+    return [*lines, f"wrote {', '.join(printable(path) for path in written)}"]
+
+
+def _told(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.3f}"
+
+
+def _mean(values: Any) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else None
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,173 @@
+"""The page of a population: its mean and how it varies, and its subjects, the worst first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from html import escape
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+from abfm_viewer.cli.report_page import document, facts_block, pictures_row, rows_table, sentence
+
+if TYPE_CHECKING:
+    from abfm_viewer.pictures.population_pictures import PopulationPictures
+
+Facts = Mapping[str, Any]
+_STYLE = """
+table.subjects { width: 100%; }
+table.subjects td { padding: .35rem 0 .35rem 1rem; }
+table.subjects td:first-child { width: 40%; overflow-wrap: anywhere; padding-left: 0; }
+table.subjects th { vertical-align: bottom; }
+.name { font-weight: 600; } .reason { font-size: .87rem; }
+tr.odd td, tr.odd .reason { color: var(--bad); }
+"""
+
+
+def page(told: Facts, pictures: PopulationPictures | None) -> str:
+    """Return the page of facts, with pictures where there are any."""
+    title = f"Population of {told['table']}"
+    parts = [
+        f"<h1>{escape(title)}</h1>",
+        f'<p class="muted">{escape(_about(told))}</p>',
+        _summary(told),
+        _numbers(told),
+        _subjects(told),
+        _channels(told, pictures),
+        _areas(told, pictures),
+        _misfits(told, pictures),
+        f"<footer>abfm {escape(version('abfm'))}</footer>",
+        facts_block(told),
+    ]
+    return document(title, parts, _STYLE)
+
+
+def _about(told: Facts) -> str:
+    return (
+        f"{len(told['subjects'])} subjects on {told['template']}, {told['vertices']:,} vertices "
+        f"and {told['faces']:,} faces"
+    )
+
+
+def _summary(told: Facts) -> str:
+    odd = [each for each in told["subjects"] if not each["fits"]]
+    rest, rounds = told["changes"][-1] <= told["bound"], len(told["changes"])
+    word = "The mean has come to rest" if rest else "The mean still changes"
+    why = (
+        f"<p>It changed by {told['changes'][-1]:.2g} of its deviation over the surface in the last "
+        f"of {rounds} rounds, where {told['bound']:g} was asked for.</p>"
+    )
+    left = "".join(
+        f"<li><b>{escape(each['name'])}</b>: {escape(each['reason'] or '')}.</li>" for each in odd
+    )
+    told_odd = f'<p>Left out of it:</p><ul class="warnings">{left}</ul>' if odd else ""
+    tone = "good" if rest and not odd else "ink"
+    return f'<div class="verdict {tone}"><strong>{word}</strong>{why}{told_odd}</div>'
+
+
+def _numbers(told: Facts) -> str:
+    fitting = sum(each["fits"] for each in told["subjects"])
+    cells = [("subjects that fit", f"{fitting} of {len(told['subjects'])}")]
+    for each in told["channels"]:
+        held = ", held out" if each["held_out"] else ""
+        told_scores = f"{_number(each['before'])} → {_number(each['after'])}"
+        cells.append((f"{each['name']}{held}: like the others", told_scores))
+    cells.append(("areas: deviation of log2 J", _number(told["log2_area_deviation"])))
+    items = "".join(
+        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in cells
+    )
+    return f"<dl>{items}</dl>"
+
+
+def _subjects(told: Facts) -> str:
+    held = [each["name"] for each in told["channels"] if each["held_out"]]
+    heads = (
+        "",
+        "like the others",
+        "distance",
+        "left",
+        "moved",
+        "|log2 J|",
+        "folded",
+        *(f"{name}, held out" for name in held),
+    )
+    lines = []
+    for each in told["subjects"]:
+        words = f'<div class="name">{escape(each["name"])}</div>'
+        verdict = sentence(each["verdict"] or "failed")
+        weight = "" if each["weight"] == 1 else f", weight {each['weight']:g}"
+        reason = f"; left out: {escape(each['reason'])}" if each["reason"] else ""
+        words += f'<div class="reason">{verdict}{weight}{reason}</div>'
+        folded = "-" if each["folded"] is None else f"{100 * each['folded']:.2g}%"
+        numbers = [_number(each[name]) for name in ("correlation", "distance", "mismatch")]
+        numbers += [_number(each["displacement"]), _number(each["log2_area"]), folded]
+        numbers += [" → ".join(map(_number, each["scores"][name])) for name in held]
+        cells = "".join(f"<td>{escape(cell)}</td>" for cell in numbers)
+        mark = "" if each["fits"] else ' class="odd"'
+        lines.append(f"<tr{mark}><td>{words}</td>{cells}</tr>")
+    head = "".join(f"<th>{escape(each)}</th>" for each in heads)
+    text = (
+        "Who does not fit first, then those that are least like the others: their correlation with "
+        "the mean of the others that fit, and how far they are from it, over its deviation. Left "
+        "is the mismatch of the registration; moved how far the flow moves the subject, of √area; "
+        "|log2 J| how much it changes areas; of channels that are held out, the correlation before "
+        "and after."
+    )
+    return (
+        f'<h2>Subjects</h2><p>{text}</p><table class="subjects"><thead><tr>{head}</tr></thead>'
+        f"<tbody>{''.join(lines)}</tbody></table>"
+    )
+
+
+def _channels(told: Facts, pictures: PopulationPictures | None) -> str:
+    heads = ("", "variance", "position", "value", "C_R", "like the others, before", "after")
+    rows = []
+    for each in told["channels"]:
+        shares = [
+            f"{_number(each[name])} ({100 * each[name] / each['total']:.0f}%)"
+            if each["total"]
+            else _number(each[name])
+            for name in ("phase", "amplitude")
+        ]
+        name = f"{each['name']}, held out" if each["held_out"] else each["name"]
+        ends = (_number(each["before"]), _number(each["after"]))
+        rows.append((name, _number(each["total"]), *shares, _number(each["factor"]), *ends))
+    text = (
+        "The variance over subjects, per area, is position, which registering removes, and value, "
+        "which it leaves, as Kneip and Ramsay (2008) part them; C_R is how much larger squares are "
+        "before than after. Noise is value, as far as it is not smoothed between vertices."
+    )
+    drawn = (
+        ""
+        if pictures is None
+        else "".join(
+            f"<section><h3>{escape(row.title)}</h3>{pictures_row(row)}</section>"
+            for row in pictures.channels
+        )
+    )
+    return f"<h2>Channels</h2><p>{text}</p>{rows_table(heads, rows)}{drawn}"
+
+
+def _areas(told: Facts, pictures: PopulationPictures | None) -> str:
+    text = (
+        "J is the area of a face where it lies on a subject over its own, both surfaces scaled to "
+        "one area: the mean over subjects of its logarithm, and the deviation, which is "
+        f"{_number(told['log2_area_deviation'])} on average."
+    )
+    drawn = "" if pictures is None else pictures_row(pictures.areas)
+    return f"<section><h2>Areas</h2><p>{text}</p>{drawn}</section>"
+
+
+def _misfits(told: Facts, pictures: PopulationPictures | None) -> str:
+    if pictures is None or not pictures.misfits:
+        return ""
+    reasons = {each["name"]: each["reason"] for each in told["subjects"]}
+    sections = "".join(
+        f"<section><h3>{escape(row.title)}</h3><p>{sentence(reasons[row.title] or '')}.</p>"
+        f"{pictures_row(row)}</section>"
+        for row in pictures.misfits
+    )
+    return f"<h2>Who does not fit</h2>{sections}"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"

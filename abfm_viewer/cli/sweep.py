@@ -1,0 +1,101 @@
+"""`abfm sweep`: one match with all combinations of some options."""
+
+import argparse
+import csv
+import shlex
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from abfm import Parameters
+from abfm.batch import combinations
+from abfm.batch.columns import option
+from abfm.errors import brief, did_you_mean, printable
+from abfm_viewer.cli import options
+from abfm_viewer.cli.batch_run import add_cluster, solve
+from abfm_viewer.cli.exit_status import UsageError
+
+SUMMARY = "solve all combinations of some options' values"
+DESCRIPTION = """\
+Match with all combinations of some options' values: a table of problems as `abfm batch` has it,
+which is made of the options, with the same output and exit status.
+
+Examples:
+  abfm sweep spot.obj --source gaussian:vertex=12 --target gaussian:vertex=900 \\
+      --over alpha=0.003,0.01,0.03 --over sigma=0.01,0.1 --out sweep
+  abfm sweep spot.obj --source hks:time=0.01 \\
+      --over 'target=eigenfunction:3,"gaussian:vertex=7,width=0.2"' --out targets
+"""
+_OWN = ("source", "target", "mask", "start", "largest-component", "max-distortion")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_mesh(parser)
+    add = options.adder(parser)
+    add(
+        "--over",
+        "values of an option, repeatable; one that has a comma itself stands in double quotes",
+        "NAME=A,B,...",
+        action="append",
+        required=True,
+    )
+    options.add_channels(
+        parser, "function to carry along the flow", "function that it should become"
+    )
+    add = options.adder(parser.add_argument_group("what counts, and where it begins"))
+    add("--mask", "weight of the mismatch at each vertex: a function or its file", "SPEC")
+    add("--start", "start from the field of an earlier result", "RESULT.npz")
+    options.add_parameters(parser, options.UNSET)
+    options.add_max_distortion(options.adder(parser.add_argument_group("distortion")))
+    add_cluster(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make the table and solve it."""
+    if arguments.out is None:
+        raise UsageError("--out is missing: the folder of the results")
+    over: dict[str, list[str]] = {}
+    for word in arguments.over:
+        name, values = _swept(word)
+        if name in over:
+            raise UsageError(f"--over {name} is given twice; give all its values in one")
+        over[name] = values
+    rows = combinations(_fixed(arguments), over)
+    title = f"{printable(Path(arguments.mesh).name)}, over {' and '.join(over)}"
+    return solve(rows, title, arguments)
+
+
+def _fixed(arguments: argparse.Namespace) -> list[tuple[str, Any]]:
+    """Return the options that were given, which all rows share."""
+    given = vars(arguments)
+    found = [("mesh", arguments.mesh)]
+    found += [(name, given[name.replace("-", "_")]) for name in _OWN]
+    found += [("channel", shlex.join(words)) for words in arguments.channel]
+    for entry in fields(Parameters):
+        value = given[entry.name]
+        if value is not options.UNSET:
+            found.append((option(entry.name), "auto" if value is None else value))
+    return [(name, value) for name, value in found if value is not None and value is not False]
+
+
+def _swept(word: str) -> tuple[str, list[str]]:
+    """Read ``NAME=A,B,...``."""
+    names = [*_OWN, *(option(entry.name) for entry in fields(Parameters))]
+    name, sign, text = word.partition("=")
+    name = option(name.strip().lower().removeprefix("--"))
+    if not sign:
+        raise UsageError(f"--over {brief(word)} is not NAME=A,B,...")
+    if name not in names:
+        raise UsageError(
+            f"--over: a match has no option {brief(name)} to vary{did_you_mean(name, names)}"
+        )
+    try:
+        (values,) = csv.reader([text], skipinitialspace=True, strict=True)
+    except (csv.Error, ValueError):
+        values = []
+    values = [value.strip() for value in values]
+    if not values or not all(values):
+        raise UsageError(f"--over {brief(word)}: expected values with commas between")
+    if len(set(values)) < len(values):
+        raise UsageError(f"--over {brief(word)} has a value twice")
+    return name, values

@@ -1,0 +1,11 @@
+from .kind import Facts as Facts
+from .kinds import KINDS as KINDS
+from .kinds import kind_of_columns as kind_of_columns
+from .ledger import Entry as Entry
+from .ledger import Ledger as Ledger
+from .rows import Row as Row
+from .rows import problem_row as problem_row
+from .run import Cluster as Cluster
+from .run import run as run
+from .table import combinations as combinations
+from .table import read_table as read_table

@@ -1,0 +1,109 @@
+"""What a worker does with a row: wherever it runs, whatever it sees of the file system."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from abfm.batch.kind import Prepared
+from abfm.batch.ledger import Ledger, Record
+from abfm.batch.rows import Row
+from abfm.errors import AbfmError, one_line
+from abfm.io import temporary_folder
+from abfm.workers.control import CancelledError, Control, present_control
+
+
+@dataclass(frozen=True)
+class Task:
+    """A row to solve, and the folder for its result, known by what is in it."""
+
+    row: Row
+    folder: str
+    identity: str
+    contents: Mapping[str, bytes] | None = None  # of files, where the worker does not see them
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What came of a task."""
+
+    record: Record = Record()
+    result: bytes | None = None  # of the file, where the folder is not seen
+    is_blind: bool = False  # files are not seen: the task is to be sent again, with their contents
+
+
+def attempt(task: Task) -> Answer:
+    """Solve a row and write its result, if nobody has; a failure is an answer, not an error.
+
+    Where the folder is seen, what is known of the row is written there, too. `CancelledError` is
+    raised where this thread's control was cancelled meanwhile.
+    """
+    answer, ledger = _answer(task), Ledger(task.folder)
+    if not answer.is_blind and answer.result is None and ledger.is_seen(task.identity):
+        ledger.record(task.row, answer.record)
+    return answer
+
+
+def _answer(task: Task) -> Answer:
+    if task.contents is None and not all(map(os.path.exists, task.row.files())):
+        return Answer(is_blind=True)
+    digest = ""
+    try:
+        with ExitStack() as opened:
+            row = task.row
+            if task.contents:
+                folder = temporary_folder(Path(tempfile.gettempdir()))
+                row = _with_contents(row, task.contents, opened.enter_context(folder))
+            prepared = row.prepared()
+            digest = prepared.digest
+            return _solved(task, prepared)
+    except CancelledError:
+        raise
+    except AbfmError as error:
+        return Answer(Record(digest, str(error) or "it was refused"))
+    except MemoryError:
+        return Answer(Record(digest, "out of memory"))
+    # a library's own error, or a bug: others go on
+    except Exception as error:
+        return Answer(Record(digest, f"{type(error).__name__}: {one_line(error)}"))
+
+
+def _solved(task: Task, prepared: Prepared) -> Answer:
+    """Have the result in the folder; its bytes where that is not seen."""
+    ledger, began = Ledger(task.folder), time.monotonic()
+    if ledger.is_seen(task.identity):
+        path = ledger.result(prepared.digest)
+        if path.is_file():
+            return Answer(Record(prepared.digest))
+        _save(prepared, path)
+        return Answer(Record(prepared.digest, seconds=time.monotonic() - began))
+    with temporary_folder(Path(tempfile.gettempdir())) as folder:
+        path = folder / "result.npz"
+        _save(prepared, path)
+        seconds = time.monotonic() - began
+        return Answer(Record(prepared.digest, seconds=seconds), path.read_bytes())
+
+
+def _save(prepared: Prepared, path: Path) -> None:
+    control = present_control() or Control()
+    found = prepared.solve(control)
+    if control.cancelled:
+        raise CancelledError
+    found.save(path)
+
+
+def _with_contents(row: Row, contents: Mapping[str, bytes], folder: Path) -> Row:
+    """Return the row with files in a folder, those of one folder beside each other."""
+    places, folders = dict[str, str](), dict[str, Path]()
+    for path, content in contents.items():
+        parent, name = os.path.split(path)
+        place = folders.setdefault(parent, folder / str(len(folders)))
+        place.mkdir(exist_ok=True)
+        (place / name).write_bytes(content)
+        places[path] = os.fspath(place / name)
+    return row.moved(places)

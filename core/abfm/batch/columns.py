@@ -1,0 +1,164 @@
+"""What cells of a table hold: how a text becomes a value, and which files it names."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from abfm.errors import FunctionError, ParameterError, brief
+from abfm.functions import Permuted, Spec, Sum, ValuesFile, parse, quoted
+from abfm.matching.bounded import check_bound
+from abfm.parameters import CHOICES, Parameters, is_whole
+
+Rename = Callable[[str], str]
+"""What to call a file that a cell names."""
+_TRUE, _FALSE = ("yes", "true", "1"), ("no", "false", "0")
+
+
+class Column(NamedTuple):
+    """What the cells of a column hold."""
+
+    about: str
+    read: Callable[[str], Any] = str
+    """Turn a text into a value, or raise an AbfmError."""
+    renamed: Callable[[str, Rename], str] = lambda text, rename: text
+    """Turn a text into the same with other names of files."""
+    repeats: bool = False
+    """Whether a table may have it several times."""
+
+
+def parameter_columns() -> dict[str, Column]:
+    """Return a column for each of `abfm.Parameters`, named as the options are."""
+    return {
+        option(entry.name): Column(entry.metadata["help"], _reader(entry.name))
+        for entry in fields(Parameters)
+    }
+
+
+def option(name: str) -> str:
+    """Return what an option is called whose value has a name in Python."""
+    return name.replace("_", "-")
+
+
+def parameters_in(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those values that are of `abfm.Parameters`, by their names there."""
+    names = {option(entry.name): entry.name for entry in fields(Parameters)}
+    return {names[column]: value for column, value in values.items() if column in names}
+
+
+def _reader(name: str) -> Callable[[str], Any]:
+    entry = next(entry for entry in fields(Parameters) if entry.name == name)
+
+    def read(text: str) -> Any:
+        value: Any = text
+        if entry.default is None and text == "auto":
+            value = None
+        elif name not in CHOICES:
+            try:
+                value = int(text) if is_whole(entry) else float(text)
+            except ValueError:
+                noun = "whole number" if is_whole(entry) else "number"
+                raise ParameterError(f"{brief(text)} is no {noun}") from None
+        # what does not fit alone; what does not fit the others is told of the row
+        alone: dict[str, Any] = {name: value}
+        if name == "stage_iterations":
+            alone["cooling_stages"] = 1
+        Parameters(**alone)
+        return value
+
+    return read
+
+
+def _flag(text: str) -> bool:
+    if text.lower() in (*_TRUE, *_FALSE):
+        return text.lower() in _TRUE
+    raise ParameterError(f"{brief(text)} is neither {_TRUE[0]} nor {_FALSE[0]}")
+
+
+def _bound(text: str) -> float:
+    try:
+        bound = float(text)
+    except ValueError:
+        raise ParameterError(f"{brief(text)} is no number") from None
+    check_bound(bound)
+    return bound
+
+
+def _spec(text: str) -> str:
+    parse(text)
+    return text
+
+
+def _renamed_spec(text: str, rename: Rename) -> str:
+    renamed = _with_files(parse(text), rename)
+    return text if renamed == parse(text) else str(renamed)
+
+
+def _with_files(spec: Spec, rename: Rename) -> Spec:
+    if isinstance(spec, Sum):
+        return Sum(tuple(_with_files(term, rename) for term in spec.terms))
+    if isinstance(spec, ValuesFile):
+        return replace(spec, path=rename(spec.path))
+    if isinstance(spec, Permuted):
+        path = spec.path if spec.is_detected or "." not in spec.path else rename(spec.path)
+        return replace(spec, path=path, function=_with_files(spec.function, rename))
+    return spec
+
+
+def _renamed_weight(text: str, rename: Rename) -> str:
+    """Rename in a function, or in the name of a file, which is no function."""
+    try:
+        parse(text)
+    except FunctionError:
+        return f"file:{quoted(rename(text))}"
+    return _renamed_spec(text, rename)
+
+
+def _channel(text: str) -> tuple[str, str, float]:
+    try:
+        source, target, weight = shlex.split(text)
+        return _spec(source), _spec(target), float(weight)
+    except ValueError as error:
+        if isinstance(error, FunctionError):
+            raise
+        raise ParameterError(
+            f"{brief(text)} is no channel: expected source, target and weight with blanks between"
+        ) from None
+
+
+def _renamed_channel(text: str, rename: Rename) -> str:
+    source, target, weight = _channel(text)
+    return shlex.join((_renamed_spec(source, rename), _renamed_spec(target, rename), repr(weight)))
+
+
+def _renamed_initial(text: str, rename: Rename) -> str:
+    """Rename in ``file:MAP`` and ``sphere:mirror,A,B``."""
+    name, _, rest = text.partition(":")
+    if name not in ("file", "sphere") or not rest:
+        return text
+    if name == "file":
+        return f"file:{rename(rest)}"
+    words = [word.strip() for word in rest.split(",")]
+    return f"sphere:{','.join(word if word == 'mirror' else rename(word) for word in words)}"
+
+
+def _file(text: str, rename: Rename) -> str:
+    return rename(text)
+
+
+SPEC = Column("a function as text", _spec, _renamed_spec)
+FILE = Column("a file", str, _file)
+FLAG = Column("yes or no", _flag)
+WEIGHT = Column("weight at each vertex: a function, or its file", str, _renamed_weight)
+CHANNEL = Column("source, target and weight, with blanks between", _channel, _renamed_channel, True)
+INITIAL = Column("the initial map, by its word", str, _renamed_initial)
+BOUND = Column("the most that areas and shapes may change", _bound)
+
+
+def absolute(folder: str) -> Rename:
+    """Return what makes names of files absolute which begin at a folder."""
+    return lambda path: os.fspath(Path(folder, Path(path).expanduser()))

@@ -1,0 +1,194 @@
+"""What is done, in a folder: whole files alone, so that whatever is killed can go on."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from abfm.batch.kind import Facts
+from abfm.batch.kinds import KINDS
+from abfm.batch.rows import Row
+from abfm.errors import AbfmError, ResultError, one_line
+from abfm.io import write_atomically
+from abfm.reading import from_json, read_bytes
+
+State = Literal["done", "failed", "missing"]
+"""Of a row: there is a result; it was tried in vain; it was not tried, or not to its end."""
+_LARGEST = 256 << 20  # bytes of a file of the ledger
+_LONGEST_REASON = 400
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is known of a row, by its key, once it was tried."""
+
+    digest: str = ""  # of its result; none where it has not come so far
+    reason: str = ""  # why it failed
+    tries: int = 1  # in the run that wrote this
+    seconds: float | None = None  # that solving took; None if it was there, or did not come so far
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A row and what has come of it."""
+
+    row: Row
+    state: State
+    record: Record = field(default_factory=Record)
+    path: Path | None = None  # of the result, where it is done
+
+    @property
+    def digest(self) -> str:
+        """Name of the result; empty where it is not known."""
+        return self.record.digest
+
+    @property
+    def reason(self) -> str:
+        """Why it failed, in a line; else empty."""
+        return self.record.reason
+
+    @property
+    def facts(self) -> Facts | None:
+        """What the result came to; None where there is none."""
+        return None if self.path is None else KINDS[self.row.kind].facts(self.path)
+
+    def load(self) -> Any:
+        """Read the result: a Match, or a Registration. An AbfmError says that there is none."""
+        if self.path is None:
+            told = self.reason or "it has not been solved"
+            raise ResultError(f"there is no result of {one_line(self.row.name)}: {told}")
+        return KINDS[self.row.kind].load(self.path)
+
+
+class Ledger:
+    """The folder of results: ``<digest>.npz`` each, and what is known of rows in ``ledger/``.
+
+    Parameters
+    ----------
+    folder : path
+        It is made by what writes there first.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(os.path.abspath(os.path.expanduser(folder)))
+        self.own = self.folder / "ledger"
+
+    def make(self) -> str:
+        """Make the folder, if it is not there, and return what tells it from others."""
+        path = self.own / "identity"
+        try:
+            self.own.mkdir(parents=True, exist_ok=True)
+            if not path.exists():
+                with write_atomically(path) as temporary:
+                    temporary.write_text(secrets.token_hex(16))
+            return path.read_text()
+        except OSError as error:
+            raise ResultError(
+                f"cannot write in {one_line(self.folder)}: {one_line(error)}; choose a folder "
+                "that is writable and has space left"
+            ) from error
+
+    def is_seen(self, identity: str) -> bool:
+        """Tell whether this is, here, the same folder."""
+        try:
+            return (self.own / "identity").read_text() == identity
+        except OSError:
+            return False
+
+    def result(self, digest: str) -> Path:
+        """Return where the result with a digest is, or will be."""
+        return self.folder / f"{digest}.npz"
+
+    def write_result(self, digest: str, content: bytes) -> None:
+        """Write a result that came as bytes, if it is not there."""
+        if not self.result(digest).is_file():
+            with write_atomically(self.result(digest)) as temporary:
+                temporary.write_bytes(content)
+
+    def entry(self, row: Row) -> Entry:
+        """Return what is known of a row."""
+        return self._entry(row, row.key)
+
+    def entries(self, rows: Iterable[Row]) -> list[Entry]:
+        """Return what is known of rows, in their order."""
+        return [self.entry(row) for row in rows]
+
+    def forget(self, row: Row) -> None:
+        """Take a row as one that was never tried."""
+        self._place(row.key).unlink(missing_ok=True)
+
+    def record(self, row: Row, record: Record) -> Entry:
+        """Write what is known of a row, and return it."""
+        if record.reason:
+            record = Record(
+                record.digest,
+                one_line(record.reason, _LONGEST_REASON),
+                record.tries,
+                record.seconds,
+            )
+        self._write(self._place(row.key), asdict(record))
+        return self.entry(row)
+
+    def write_rows(self, rows: Sequence[Row], title: str) -> None:
+        """Keep which rows there are, for those who ask later."""
+        told = [{**row.told(), "key": row.key} for row in rows]
+        self._write(self.own / "rows.json", {"title": title, "rows": told})
+
+    def kept(self) -> tuple[str, list[Entry]]:
+        """Return the title and what is known of the rows that were kept last, without a look at
+        their files.
+
+        Raises
+        ------
+        ResultError
+            If there are none.
+        """
+        try:
+            told = from_json(read_bytes(self.own / "rows.json", _LARGEST))
+            rows = [Row(each["name"], each["options"], each["folder"]) for each in told["rows"]]
+            keys = [str(each["key"]) for each in told["rows"]]
+            found = [self._entry(row, key) for row, key in zip(rows, keys, strict=True)]
+            return str(told["title"]), found
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            if isinstance(error, AbfmError | ValueError | KeyError | TypeError):
+                reason = f"its list of rows is damaged ({one_line(error, 80)})"
+            else:
+                reason = one_line(error)
+            raise ResultError(
+                f"{one_line(self.folder)} holds no batch: {reason}; give the folder that a batch "
+                "was written to"
+            ) from error
+
+    def _entry(self, row: Row, key: str) -> Entry:
+        record = self._read(key)
+        if record is None:
+            return Entry(row, "missing")
+        if record.reason:
+            return Entry(row, "failed", record)
+        path = self.result(record.digest)
+        if path.is_file():
+            return Entry(row, "done", record, path)
+        return Entry(row, "missing", record)
+
+    def _place(self, key: str) -> Path:
+        return self.own / f"{key}.json"
+
+    def _read(self, key: str) -> Record | None:
+        """Return what was written of a row; what is damaged counts as nothing."""
+        with suppress(OSError, ValueError, TypeError):
+            told = from_json(read_bytes(self._place(key), _LARGEST))
+            record = Record(**told)
+            types = (record.digest, str), (record.reason, str), (record.tries, int)
+            if all(isinstance(value, kind) for value, kind in types):
+                return record
+        return None
+
+    def _write(self, path: Path, content: object) -> None:
+        with write_atomically(path) as temporary:
+            temporary.write_text(json.dumps(content), encoding="utf-8")

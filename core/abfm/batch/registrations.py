@@ -1,0 +1,55 @@
+"""Rows that are registrations of one surface to another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from abfm.batch.columns import parameters_in
+from abfm.batch.kind import Prepared, channels, mesh_of_row, weight
+from abfm.errors import ParameterError
+from abfm.matching.match import match
+from abfm.parameters import Parameters
+from abfm.registration import prepare, within
+from abfm.registration.initial import read_landmarks
+from abfm.workers.control import Control
+
+if TYPE_CHECKING:
+    from abfm.batch.rows import Row, Saved
+
+
+def prepare_registration(row: Row) -> Prepared:
+    """Name it by what the row and its files say: the problem that is matched on B is known only
+    once there is an initial map, which takes long.
+    """
+    given = row.values()
+
+    def solve(control: Control | None) -> Saved:
+        a, b = (mesh_of_row(given[side], given) for side in "ab")
+        sources, targets, weights = channels(given)
+        prepared = prepare(
+            a,
+            b,
+            sources or None,
+            targets or None,
+            initial=given.get("initial"),
+            landmarks=read_landmarks(a, b, given["landmarks"]) if "landmarks" in given else None,
+            mask_a=weight(a, given.get("mask-a")),
+            mask_b=weight(b, given.get("mask-b")),
+            weights=weights or None,
+        )
+        parameters = replace(prepared.problem.parameters, **parameters_in(given))
+        found = match(prepared.problem.with_parameters(parameters), control=control)
+        registration = prepared.matched_by(found)
+        most = given.get("max-distortion")
+        return registration if most is None else within(registration, most, control)
+
+    return Prepared(row.key, solve)
+
+
+def check_registration(given: Mapping[str, Any]) -> None:
+    """Refuse one without functions and landmarks, and parameters that do not fit each other."""
+    Parameters(**parameters_in(given))
+    if not channels(given)[0] and "landmarks" not in given:
+        raise ParameterError("a registration needs source and target, or landmarks")

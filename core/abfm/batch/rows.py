@@ -1,0 +1,251 @@
+"""One of many problems, as paths and options: cheap to keep, to send and to tell from others."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Protocol
+from urllib.parse import unquote
+
+from abfm.batch.columns import absolute
+from abfm.batch.kind import Prepared
+from abfm.batch.kinds import KINDS, kind_of_columns
+from abfm.errors import ParameterError, brief, did_you_mean
+from abfm.matching.problem import Problem
+from abfm.reading import open_plain
+from abfm.workers.control import Control
+
+PROBLEMS = "problems"
+"""Folder, in that of results, of problems that were made in Python."""
+_BLOCK = 1 << 20
+_URI = re.compile(rb'"uri"\s*:\s*"((?!data:)[^"]{1,1000})"')
+_LARGEST_JSON = 64 << 20  # bytes of a glTF file that may name others
+
+
+class Saved(Protocol):
+    """What a row comes to: a Match, a Registration, ..."""
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the file, whole or not at all."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A problem as a row of a table has it. Nothing is read before it is asked for.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    options : mapping of str, or pairs
+        Texts by column, named as the options of `abfm match` and `abfm register`: ``mesh``,
+        ``source``, ``target``, ``alpha``, ...; ``a`` and ``b`` for a registration. Pairs may have
+        ``channel`` several times. Numbers and paths become texts; what is None or empty counts as
+        not given.
+    folder : path, optional
+        Where relative paths begin; by default the current folder.
+
+    Raises
+    ------
+    ParameterError
+        If the columns are those of no kind of row, or a value does not fit.
+    """
+
+    name: str
+    options: tuple[tuple[str, str], ...]
+    folder: str
+    kind: str
+
+    def __init__(
+        self,
+        name: str,
+        options: Mapping[str, Any] | Iterable[tuple[str, Any]],
+        folder: str | os.PathLike[str] = ".",
+    ) -> None:
+        pairs = options.items() if isinstance(options, Mapping) else options
+        given = tuple((column, _text(value)) for column, value in pairs)
+        given = tuple((column, text) for column, text in given if text)
+        kind = kind_of_columns([column for column, _ in given])
+        known = KINDS[kind].columns
+        seen = set[str]()
+        for column, text in given:
+            if column not in known:
+                raise ParameterError(
+                    f"column {column}: a {kind} has no such option{did_you_mean(column, known)}"
+                )
+            if column in seen and not known[column].repeats:
+                raise ParameterError(f"column {column}: it is given twice")
+            seen.add(column)
+            try:
+                known[column].read(text)
+            except ValueError as error:
+                raise ParameterError(f"column {column}: {error}") from None
+        missing = [column for column in KINDS[kind].needs if column not in seen]
+        if missing:
+            raise ParameterError(f"column {missing[0]}: a {kind} needs it, and it is empty")
+        folder = os.path.abspath(os.path.expanduser(folder))
+        self.__dict__.update(name=str(name), options=given, folder=folder, kind=kind)
+        KINDS[kind].check(self.values())
+
+    def values(self) -> dict[str, Any]:
+        """Return the options' values by column, repeated ones as lists; names of files that are in
+        them are absolute.
+        """
+        return _values(self.kind, self._resolved())
+
+    @cached_property
+    def key(self) -> str:
+        """Name by options and contents of files, in hexadecimal digits, wherever these lie: what
+        is not read, such as a file that is missing, has a key, too.
+        """
+        told = [self.kind, version("abfm")]
+        columns = KINDS[self.kind].columns
+        for column, text in sorted(self._resolved()):
+            hashed = columns[column].renamed(text, _content)
+            told.append(f"{column} {columns[column].read(hashed)!r}")
+        return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+
+    @cached_property
+    def digest(self) -> str:
+        """Name of the result, in hexadecimal digits: of a match that of its `Problem`, which is
+        made for it; an AbfmError tells why that cannot be.
+        """
+        return self.prepared().digest
+
+    def prepared(self) -> Prepared:
+        """Read what it names; an AbfmError tells why that cannot be."""
+        return KINDS[self.kind].prepare(self)
+
+    def solve(self, control: Control | None = None) -> Saved:
+        """Solve it here and now."""
+        return self.prepared().solve(control)
+
+    def told(self) -> dict[str, Any]:
+        """Return what it is made of, as plain lists and texts."""
+        return {"name": self.name, "options": list(map(list, self.options)), "folder": self.folder}
+
+    def files(self) -> list[str]:
+        """Return the absolute names of the files that it is made of, whether they exist or not."""
+        found: dict[str, None] = {}
+
+        def note(path: str) -> str:
+            found.update(dict.fromkeys(_with_companions(path)))
+            return path
+
+        columns = KINDS[self.kind].columns
+        for column, text in self._resolved():
+            columns[column].renamed(text, note)
+        return list(found)
+
+    def moved(self, places: Mapping[str, str]) -> Row:
+        """Return the same row with files, by their absolute names, elsewhere."""
+        columns = KINDS[self.kind].columns
+        options = [
+            (column, columns[column].renamed(text, lambda path: places.get(path, path)))
+            for column, text in self._resolved()
+        ]
+        other = Row(self.name, options, self.folder)
+        other.__dict__.update(written=self.written, key=self.key)
+        return other
+
+    @cached_property
+    def written(self) -> dict[str, Any]:
+        """The options' values by column as they were written, which results tell of functions."""
+        return _values(self.kind, self.options)
+
+    def _resolved(self) -> list[tuple[str, str]]:
+        columns, rename = KINDS[self.kind].columns, absolute(self.folder)
+        return [(column, columns[column].renamed(text, rename)) for column, text in self.options]
+
+
+def problem_row(
+    problem: Problem,
+    folder: str | os.PathLike[str],
+    name: str = "",
+    max_distortion: float | None = None,
+) -> Row:
+    """Write a problem that was made in Python into the folder of results, once, and return its row.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be written.
+    """
+    path = Path(folder, PROBLEMS, f"{problem.digest}.npz")
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        problem.save(path)
+    options = {"problem": path, "max-distortion": max_distortion}
+    return Row(name or problem.digest[:8], options, folder)
+
+
+def _values(kind: str, options: Iterable[tuple[str, str]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for column, text in options:
+        value = KINDS[kind].columns[column].read(text)
+        if KINDS[kind].columns[column].repeats:
+            found.setdefault(column, []).append(value)
+        else:
+            found[column] = value
+    return found
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, str | os.PathLike):
+        return os.fspath(value).strip()
+    if isinstance(value, int | float):
+        return repr(value)
+    raise ParameterError(f"{brief(value)} is neither text, path nor number")
+
+
+def _content(path: str) -> str:
+    """Return a name of what a file holds, and what it is made of besides."""
+    sums = [_sum_of(each) for each in _with_companions(path)]
+    # readers go by suffixes
+    return f"{hashlib.sha256(' '.join(sums).encode()).hexdigest()}{Path(path).suffix.lower()}"
+
+
+def _sum_of(path: str) -> str:
+    try:
+        status = os.stat(path)
+        return _sum(path, status.st_size, status.st_mtime_ns)
+    except (OSError, ValueError):
+        return f"missing {path}"
+
+
+@lru_cache(maxsize=100_000)
+def _sum(path: str, size: int, changed: int) -> str:
+    """Return the checksum of a file as it was then."""
+    found = hashlib.sha256()
+    with open_plain(path) as file:
+        while block := file.read(_BLOCK):
+            found.update(block)
+    return found.hexdigest()
+
+
+def _with_companions(path: str) -> list[str]:
+    """Return a file and those that its reader takes besides."""
+    low = path.lower()
+    if low.endswith(".sym.vts"):
+        return [path, *(each for each in [f"{path[:-8]}.vts"] if os.path.exists(each))]
+    if low.endswith(".gltf"):
+        try:
+            with open_plain(path, _LARGEST_JSON) as file:
+                names = _URI.findall(file.read())
+        except OSError:
+            return [path]
+        folder = os.path.dirname(path)
+        others = (os.path.join(folder, unquote(name.decode("utf-8", "replace"))) for name in names)
+        return [path, *others]
+    return [path]

@@ -1,0 +1,209 @@
+"""Many rows, by one process, by a cluster of this machine's cores, or by a cluster elsewhere."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+from abfm.batch.attempt import Answer, Task, attempt
+from abfm.batch.ledger import Entry, Ledger, Record
+from abfm.batch.rows import Row
+from abfm.errors import ParameterError, brief
+from abfm.reading import read_bytes
+from abfm.workers.control import Control
+from abfm.workers.worker import Worker, WorkerEndedError, stateless
+
+ONE_THREAD = {
+    f"{name}_NUM_THREADS": "1" for name in ("OMP", "MKL", "OPENBLAS", "NUMBA", "VECLIB_MAXIMUM")
+}
+"""What makes compiled libraries compute in one thread: a row takes one core, and sums of several
+threads come out differently.
+"""
+TRIES = 3
+"""How often a row is tried whose worker dies."""
+ENDED = f"the process that solved it ended {TRIES} times, as for want of memory"
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Who solves the rows.
+
+    Parameters
+    ----------
+    jobs : int, optional
+        So many processes of this machine; by default one for each core that this process may use.
+        More than one need ``dask.distributed``, the extra ``cluster``.
+    scheduler : str, optional
+        Instead of these, the address of the scheduler of a Dask cluster, such as
+        ``tcp://10.0.0.1:8786``; or
+    scheduler_file : path, optional
+        the file in which the scheduler has its address.
+
+    Raises
+    ------
+    ParameterError
+        If more than one of them is given, or a number that is none of processes.
+    """
+
+    jobs: int | None = None
+    scheduler: str | None = None
+    scheduler_file: str | os.PathLike[str] | None = None
+
+    def __post_init__(self) -> None:
+        given = [each for each in (self.jobs, self.scheduler, self.scheduler_file) if each]
+        if len(given) > 1:
+            raise ParameterError("give one of jobs, scheduler and scheduler_file, or none")
+        if self.jobs is not None and not (isinstance(self.jobs, int) and 1 <= self.jobs <= 4096):
+            raise ParameterError(
+                f"jobs is {brief(self.jobs)}; expected a number of processes, 1 to 4096"
+            )
+
+    @property
+    def is_local(self) -> bool:
+        """Whether the processes are this machine's, and started for the run."""
+        return self.scheduler is None and self.scheduler_file is None
+
+    @property
+    def processes(self) -> int:
+        """How many there are, where they are this machine's."""
+        return self.jobs or cores()
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def run(
+    rows: Iterable[Row],
+    folder: str | os.PathLike[str],
+    cluster: Cluster | None = None,
+    *,
+    on_change: Callable[[Entry], object] = lambda entry: None,
+    control: Control | None = None,
+) -> list[Entry]:
+    """Solve rows that have no result in a folder yet, and return what has come of all, in order.
+
+    Each result is ``<digest>.npz`` in the folder, and is the same, bit for bit, whoever solves it
+    on machines of one kind. Rows that fail are told with their reason and do not stop others; the
+    next run tries them again. Whatever is killed, also this process, leaves whole files, and the
+    next run goes on: what is lost are rows under way.
+
+    Parameters
+    ----------
+    rows : iterable of Row
+        Equal ones are solved once.
+    folder : path
+        It is made if it is not there.
+    cluster : Cluster, optional
+        By default this machine's cores.
+    on_change : callable
+        Called in this thread with each entry that is new, as it comes.
+    control : Control, optional
+        To end before all is done: rows under way are given up, and are missing then.
+
+    Raises
+    ------
+    AbfmError
+        If the folder cannot be written to, or there is no such cluster.
+    """
+    rows, control = list(rows), control or Control()
+    ledger, cluster = Ledger(folder), cluster or Cluster()
+    identity = ledger.make()
+    wanted = {row.key: row for row in rows if ledger.entry(row).state != "done"}
+    tasks = [Task(row, os.fspath(ledger.folder), identity) for row in wanted.values()]
+    for row in wanted.values():
+        ledger.forget(row)
+    notes = Notes(ledger, on_change)
+    if not tasks or control.cancelled:
+        pass
+    elif cluster.is_local and min(cluster.processes, len(tasks)) == 1:
+        _by_one(tasks, notes, control)
+    else:
+        # not where one process does it all
+        from abfm.batch import on_dask
+
+        on_dask.solve(tasks, notes, control, cluster)
+    return ledger.entries(rows)
+
+
+class Notes:
+    """Takes down what comes of tasks, and tells of it."""
+
+    def __init__(self, ledger: Ledger, on_change: Callable[[Entry], object]) -> None:
+        self.ledger, self._on_change = ledger, on_change
+
+    def is_written(self, task: Task) -> bool:
+        """Tell of a task whose worker has written what came of it; False where it has not."""
+        entry = self.ledger.entry(task.row)
+        if entry.state == "missing":
+            return False
+        self._on_change(entry)
+        return True
+
+    def write(self, task: Task, answer: Answer) -> None:
+        """Write what came of a task, and tell of it."""
+        if answer.result is not None:
+            self.ledger.write_result(answer.record.digest, answer.result)
+        self._on_change(self.ledger.record(task.row, answer.record))
+
+
+def _by_one(tasks: list[Task], notes: Notes, control: Control) -> None:
+    """Solve in one process, which is replaced when it dies."""
+    worker, over = Worker(stateless, ENDED, ONE_THREAD), threading.Event()
+
+    def close() -> None:
+        over.wait()
+        worker.close()  # who waits for the row under way is told
+
+    def watch(control: Control) -> None:
+        if control.cancelled:
+            over.set()
+
+    # not by who cancels, such as a signal's handler in the middle of a call to the worker
+    closing = threading.Thread(target=close, daemon=True)
+    closing.start()
+    try:
+        with control.watched(watch):
+            for task in tasks:
+                answer = _tried(worker, task, control)
+                if answer is None:
+                    return
+                notes.write(task, answer)
+    finally:
+        over.set()
+        closing.join()
+
+
+def _tried(worker: Worker[None], task: Task, control: Control) -> Answer | None:
+    """Try a task in a worker that may die; None where no answer is wanted any more."""
+    for tries in range(1, TRIES + 1):
+        try:
+            answer = worker.call(_attempt, task).result()
+            if answer.is_blind:  # they are nowhere, which the row tells itself
+                answer = worker.call(_attempt, replace(task, contents={})).result()
+        except WorkerEndedError:
+            if control.cancelled:
+                return None
+        else:
+            return replace(answer, record=replace(answer.record, tries=tries))
+    return Answer(Record(reason=ENDED, tries=TRIES))
+
+
+def _attempt(state: None, task: Task) -> Answer:
+    return attempt(task)
+
+
+def seen_here(task: Task) -> Task:
+    """Return a task with the contents of its files, as far as they are seen here."""
+    contents = {}
+    for path in task.row.files():
+        try:
+            contents[path] = read_bytes(path)
+        except OSError:
+            continue  # the row tells itself that it is missing
+    return replace(task, contents=contents)

@@ -1,0 +1,157 @@
+"""Tables of rows: files of comma-separated cells, and all combinations of some options."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from abfm.batch.columns import Column
+from abfm.batch.kinds import KINDS
+from abfm.batch.rows import Row
+from abfm.errors import ParameterError, brief, did_you_mean, one_line
+from abfm.reading import read_bytes
+
+NAME = "name"
+"""The column with what a row is called."""
+_LARGEST, _MOST_ROWS = 256 << 20, 1_000_000
+_DELIMITERS = ",;\t"
+
+
+def known_columns() -> dict[str, Column]:
+    """Return all columns that any kind of row has, by name."""
+    return {name: column for kind in KINDS.values() for name, column in kind.columns.items()}
+
+
+def read_table(path: str | os.PathLike[str]) -> list[Row]:
+    """Read a table of rows; relative paths in it begin at its folder.
+
+    The first line names the columns as the options of `abfm match` and `abfm register` are named,
+    and ``mesh``, or ``a`` and ``b``, and maybe ``name``; commas, semicolons or tabs separate them,
+    as in the first line. A cell with a comma stands in double quotes. Empty cells are not given,
+    empty lines are skipped.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read, or what a cell holds does not fit: in which row and column.
+    """
+    name = one_line(path)
+    try:
+        text = read_bytes(Path(path).expanduser(), _LARGEST).decode("utf-8-sig")
+    except OSError as error:
+        raise ParameterError(f"cannot read table {name}: {one_line(error)}") from error
+    except UnicodeDecodeError as error:
+        raise ParameterError(f"table {name}: {one_line(error)}; save it as UTF-8") from None
+    try:
+        return rows_of_text(text, Path(path).expanduser().absolute().parent)
+    except ParameterError as error:
+        raise ParameterError(f"table {name}: {error}") from None
+
+
+def rows_of_text(text: str, folder: str | os.PathLike[str]) -> list[Row]:
+    """Read the text of a table whose paths begin at a folder, see `read_table`."""
+    head = text.lstrip().partition("\n")[0]
+    delimiter = max(_DELIMITERS, key=head.count)
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    columns: list[str] | None = None
+    rows: list[Row] = []
+    try:
+        for cells in lines:
+            cells = [cell.strip() for cell in cells]
+            if not any(cells):
+                continue
+            if columns is None:
+                columns = _columns(cells)
+                continue
+            if len(rows) == _MOST_ROWS:
+                raise ParameterError(f"it has more than {_MOST_ROWS} rows")
+            rows.append(_row(columns, cells, len(rows) + 1, folder))
+    except csv.Error as error:
+        raise ParameterError(f"line {lines.line_num}: {one_line(error)}") from None
+    if not rows:
+        raise ParameterError("it has no rows: expected a line of names of columns, and more below")
+    return rows
+
+
+def _columns(cells: Sequence[str]) -> list[str]:
+    """Return the names of the columns, which may be written as in Python or as options."""
+    known = known_columns()
+    found: list[str] = []
+    for number, cell in enumerate(cells, 1):
+        column = cell.lower().removeprefix("--").replace("_", "-")
+        if column and column not in known and column != NAME:
+            hint = did_you_mean(column, [NAME, *known])
+            raise ParameterError(f"column {number}: there is no column {brief(cell)}{hint}")
+        is_repeated = column in found and column and not (column in known and known[column].repeats)
+        if is_repeated:
+            raise ParameterError(f"column {number}: {brief(cell)} is there twice")
+        found.append(column)
+    return found
+
+
+def _row(
+    columns: Sequence[str], cells: Sequence[str], number: int, folder: str | os.PathLike[str]
+) -> Row:
+    if len(cells) > len(columns):
+        raise ParameterError(
+            f"row {number}: it has {len(cells)} cells, and there are {len(columns)} columns; put a "
+            "cell with a comma in double quotes"
+        )
+    options, name = [], ""
+    for place, (column, cell) in enumerate(zip(columns, cells, strict=False), 1):
+        if not column and cell:
+            raise ParameterError(f"row {number}: cell {place} is in a column without a name")
+        if column == NAME:
+            name = cell
+        elif cell:
+            options.append((column, cell))
+    try:
+        return Row(name or f"row {number}", options, folder)
+    except ParameterError as error:
+        raise ParameterError(f"row {number}, {error}") from None
+    except ValueError as error:
+        raise ParameterError(f"row {number}: {error}") from None
+
+
+def combinations(
+    fixed: Iterable[tuple[str, Any]],
+    over: Mapping[str, Sequence[Any]],
+    folder: str | os.PathLike[str] = ".",
+) -> list[Row]:
+    """Return a row for each combination of some options' values, the last option's varying first,
+    named by them.
+
+    Parameters
+    ----------
+    fixed : iterable of pairs
+        Options that all rows share.
+    over : mapping
+        Values of each option.
+
+    Raises
+    ------
+    ParameterError
+        If an option is given in both, or a value does not fit.
+    """
+    fixed = list(fixed)
+    for option in over:
+        if any(option == name for name, value in fixed if value is not None):
+            raise ParameterError(f"{option} is given, and swept over; give it once")
+        if not over[option]:
+            raise ParameterError(f"{option} is swept over no values")
+    count = 1
+    for values in over.values():
+        count *= len(values)
+    if count > _MOST_ROWS:
+        raise ParameterError(f"there are {count} combinations; at most {_MOST_ROWS} are solved")
+    rows = []
+    for values in product(*over.values()):
+        chosen = list(zip(over, values, strict=True))
+        name = ", ".join(f"{option} {value}" for option, value in chosen)
+        rows.append(Row(name, [*fixed, *chosen], folder))
+    return rows

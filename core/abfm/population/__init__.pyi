@@ -1,0 +1,16 @@
+from .misfits import FEWEST as FEWEST
+from .misfits import Compared as Compared
+from .misfits import Judged as Judged
+from .misfits import Likeness as Likeness
+from .misfits import judge as judge
+from .population import Population as Population
+from .population import load_population as load_population
+from .rounds import register_population as register_population
+from .settings import Settings as Settings
+from .statistics import Phase as Phase
+from .subjects import HELD_OUT as HELD_OUT
+from .subjects import Channel as Channel
+from .subjects import Cohort as Cohort
+from .subjects import Subject as Subject
+from .subjects import function_text as function_text
+from .subjects import read_subjects as read_subjects

@@ -1,0 +1,277 @@
+"""A population on a template: its means, how it varies, and what each subject is like."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from abfm.calculus.operators import vertex_areas
+from abfm.errors import ParameterError, ResultError, brief, did_you_mean, one_line
+from abfm.io import results
+from abfm.io.results import Entry, Kind
+from abfm.mesh import TriangleMesh
+from abfm.population import statistics
+from abfm.population.statistics import Others, Phase
+from abfm.population.subjects import Channel
+from abfm.types import BoolArray, FloatArray
+
+_NUMBERS = ("correlation", "distance", "log2_area", "folded", "displacement", "mismatch")
+_LARGEST = results.LARGEST
+_TEXTS, _UNKNOWN = Entry("text", ("N",)), {"may_be_unknown": True}
+_VALUES = Entry("real", ("N", "V", "C"), low=-_LARGEST, high=_LARGEST, **_UNKNOWN)
+_MASKS = Entry("real", ("N", "V"), low=0)
+POPULATION = Kind(
+    "population file",
+    results.MESH_ENTRIES
+    | {
+        "names": _TEXTS,
+        "reasons": _TEXTS,
+        "verdicts": _TEXTS,
+        "digests": _TEXTS,
+        "subject_weights": Entry("real", ("N",), low=0),
+        "fits": Entry("boolean", ("N",)),
+        "channels": Entry("text", ("C",)),
+        "held_out": Entry("boolean", ("C",)),
+        "before": _VALUES,
+        "values": _VALUES,
+        "masks_before": _MASKS,
+        "masks": _MASKS,
+        "template_mask": Entry("real", ("V",), low=0),
+        "phases": Entry("real", ("C", len(Phase._fields)), **_UNKNOWN),
+        "log2_area_mean": Entry("real", ("F",), **_UNKNOWN),
+        "log2_area_deviation": Entry("real", ("F",), **_UNKNOWN),
+        "drift": Entry("real", ("F", 3)),
+        "changes": Entry("real", ("R",), low=0, **_UNKNOWN),
+        # the last one is required: damage to a zip's directory can hide the last entry
+        "numbers": Entry("real", ("N", len(_NUMBERS)), **_UNKNOWN),
+    },
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """Subjects registered to a template, and their values on it.
+
+    Attributes
+    ----------
+    template : TriangleMesh
+        Of V vertices and F faces.
+    channels : tuple of Channel
+        C functions, by which subjects were registered, or held out.
+    names : tuple of str
+        Of the N subjects.
+    weights : (N,) array
+        How much each counts in means, if it fits.
+    fits : (N,) array of bool
+        Who counts in the mean.
+    reasons : tuple of str
+        Why a subject does not fit, a line each; empty where it does.
+    verdicts : tuple of str
+        What each registration of the last round came to, see `abfm.Match.verdict`.
+    digests : tuple of str
+        The names of the files of these registrations, ``<digest>.npz``; empty where one failed.
+    before, values : (N, V, C) arrays
+        The subjects' values on the template by their initial maps, and registered; NaN where a
+        channel is not known, or a subject could not be registered.
+    masks_before, masks : (N, V) arrays
+        How much each subject is known at each vertex, by its mask, carried alike.
+    template_mask : (V,) array
+        How much vertices of the template count.
+    numbers : (N, 6) array
+        For each subject what ``correlation``, ``distance``, ``log2_area``, ``folded``,
+        ``displacement`` and ``mismatch`` are.
+    phases : (C, 4) array
+        For each channel what `phase_and_amplitude` tells.
+    log2_area_mean, log2_area_deviation : (F,) arrays
+        Mean and standard deviation over those who fit of log2 J, with J the area of a face where it
+        lies on a subject over its own, both surfaces scaled to unit area.
+    drift : (F, 3) array
+        The mean field that was taken off in the last round.
+    changes : (R,) array
+        How much the mean changed in each round, over its deviation, in L2.
+    """
+
+    template: TriangleMesh
+    channels: tuple[Channel, ...]
+    names: tuple[str, ...]
+    weights: FloatArray = field(repr=False)
+    fits: BoolArray = field(repr=False)
+    reasons: tuple[str, ...] = field(repr=False)
+    verdicts: tuple[str, ...] = field(repr=False)
+    digests: tuple[str, ...] = field(repr=False)
+    before: FloatArray = field(repr=False)
+    values: FloatArray = field(repr=False)
+    masks_before: FloatArray = field(repr=False)
+    masks: FloatArray = field(repr=False)
+    template_mask: FloatArray = field(repr=False)
+    numbers: FloatArray = field(repr=False)
+    phases: FloatArray = field(repr=False)
+    log2_area_mean: FloatArray = field(repr=False)
+    log2_area_deviation: FloatArray = field(repr=False)
+    drift: FloatArray = field(repr=False)
+    changes: FloatArray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                view = value.view()
+                view.flags.writeable = False
+                object.__setattr__(self, name, view)
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Of each subject with the mean of the others that fit, (N,), mean over channels that it
+        was registered by.
+        """
+        return self._number("correlation")
+
+    @property
+    def distance(self) -> FloatArray:
+        """From the mean of the others that fit, over its deviation, in L2, (N,)."""
+        return self._number("distance")
+
+    @property
+    def log2_area(self) -> FloatArray:
+        """Mean ``|log2 J|`` of each subject's map, (N,)."""
+        return self._number("log2_area")
+
+    @property
+    def folded(self) -> FloatArray:
+        """Share of the faces, 0 to 1, that each subject's flow folds, (N,); NaN if unknown."""
+        return self._number("folded")
+
+    @property
+    def displacement(self) -> FloatArray:
+        """How far the flow moves each subject, without what all move, (N,): root of the mean square
+        over the surface, as a fraction of sqrt(area).
+        """
+        return self._number("displacement")
+
+    @property
+    def mismatch(self) -> FloatArray:
+        """What each registration leaves, by the worse witness, (N,)."""
+        return self._number("mismatch")
+
+    def mean(self, channel: str | int = 0) -> FloatArray:
+        """The mean of a channel, by name or number, over those who fit, (V,); NaN where nobody is
+        known.
+        """
+        return statistics.mean(*self._after(channel))
+
+    def deviation(self, channel: str | int = 0) -> FloatArray:
+        """The standard deviation over those who fit, (V,), unbiased; NaN where fewer than two are
+        known.
+        """
+        return statistics.deviation(*self._after(channel))
+
+    def plain_mean(self, channel: str | int = 0) -> FloatArray:
+        """The mean by the initial maps, (V,)."""
+        return statistics.mean(*self._before(channel))
+
+    def mean_of_others(self, subject: int, channel: str | int = 0) -> FloatArray:
+        """The mean of those who fit without a subject, (V,): what it is compared with."""
+        return Others.of(*self._after(channel)).without(subject)
+
+    def scores(self, channel: str | int = 0) -> FloatArray:
+        """How each subject correlates with the mean of the others that fit, before and after it was
+        registered, (N, 2): of a channel that is held out what registering is worth.
+        """
+        found = []
+        for (values, shares), masks in (
+            (self._before(channel), self.masks_before),
+            (self._after(channel), self.masks),
+        ):
+            others = Others.of(values, shares)
+            found.append(
+                [
+                    statistics.correlation(
+                        values[i], others.without(i), self.areas * (masks[i] > 0)
+                    )
+                    for i in range(len(values))
+                ]
+            )
+        return np.array(found).T
+
+    def phase_and_amplitude(self, channel: str | int = 0) -> Phase:
+        """How much of the variance over those who fit is position, and how much is value, by the
+        points in the middles of edges, see `abfm.population.statistics.phase_and_amplitude`.
+        """
+        return Phase(*self.phases[self._channel(channel)].tolist())
+
+    @property
+    def areas(self) -> FloatArray:
+        """Areas of the template's vertices, times its mask, (V,)."""
+        return np.asarray(vertex_areas(self.template) * self.template_mask)
+
+    def subject(self, name: str) -> int:
+        """Return the number of a subject, or raise a ParameterError."""
+        if name not in self.names:
+            raise ParameterError(
+                f"there is no subject {brief(name)}{did_you_mean(name, self.names)}"
+            )
+        return self.names.index(name)
+
+    def worst_first(self) -> list[int]:
+        """Return the subjects' numbers: first who does not fit, then by falling correlation."""
+        alike = np.nan_to_num(self.correlation, nan=-2)
+        return [int(i) for i in np.lexsort((np.array(self.names), alike, self.fits))]
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        names = POPULATION.entries.keys() - results.MESH_ENTRIES.keys()
+        own = {name: getattr(self, name) for name in names if hasattr(self, name)}
+        own |= {
+            "channels": np.array([channel.name for channel in self.channels]),
+            "held_out": np.array([channel.is_held_out for channel in self.channels]),
+            "subject_weights": self.weights,
+        }
+        own = {name: own[name] for name in POPULATION.entries if name in own}
+        results.save_arrays(path, results.mesh_arrays(self.template) | own, POPULATION)
+
+    def _number(self, name: str) -> FloatArray:
+        return np.asarray(self.numbers[:, _NUMBERS.index(name)])
+
+    def _before(self, channel: str | int) -> tuple[FloatArray, FloatArray]:
+        return self._counted(self.before, self.masks_before, channel)
+
+    def _after(self, channel: str | int) -> tuple[FloatArray, FloatArray]:
+        return self._counted(self.values, self.masks, channel)
+
+    def _counted(
+        self, values: FloatArray, masks: FloatArray, channel: str | int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return values of a channel, (N, V), and how much each counts."""
+        own = values[:, :, self._channel(channel)]
+        counts = (self.weights * self.fits)[:, None] * masks
+        return own, np.where(np.isfinite(own), counts, 0)
+
+    def _channel(self, channel: str | int) -> int:
+        names = [each.name for each in self.channels]
+        if isinstance(channel, str) and channel in names:
+            return names.index(channel)
+        if isinstance(channel, int) and 0 <= channel < len(names):
+            return channel
+        raise ParameterError(
+            f"there is no channel {brief(channel)}; expected one of "
+            f"{', '.join(one_line(name, 30) for name in names[:8])}"
+        )
+
+
+def load_population(path: str | os.PathLike[str]) -> Population:
+    """Read a file of `Population.save`; ResultError if it is missing, damaged, or none."""
+    arrays: dict[str, Any] = results.load_arrays(path, POPULATION)
+    try:
+        template = results.mesh_of({name: arrays.pop(name) for name in results.MESH_ENTRIES})
+        pairs = zip(arrays.pop("channels").tolist(), arrays.pop("held_out").tolist(), strict=True)
+        texts: dict[str, Any] = {
+            name: tuple(arrays.pop(name).tolist())
+            for name in ("names", "reasons", "verdicts", "digests")
+        }
+        weights = arrays.pop("subject_weights")
+        channels = tuple(Channel(*pair) for pair in pairs)
+        return Population(template, channels, weights=weights, **texts, **arrays)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error

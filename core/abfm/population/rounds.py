@@ -1,0 +1,110 @@
+"""Register all subjects to a template, take their mean for the next target, and again.
+
+The mean is unbiased to first order: subjects are registered to a target, and the mean of their
+fields, stationary velocities, says by how much the target lies beside the middle of all. The flow
+of minus the mean field is applied to all maps, and so to the mean, so that the template does not
+drift; the mean field of the next round is about 0 [Guimond, Meunier and Thirion, CVIU 2000, do so
+with displacements; first order, as the mean of fields is not the field of a mean of flows].
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from abfm.batch import Cluster, Entry, Ledger, Row, run
+from abfm.population.population import Population
+from abfm.population.settings import Settings
+from abfm.population.subjects import Cohort
+from abfm.population.work import Work
+from abfm.types import BoolArray
+from abfm.workers.control import Control, checkpoint, controlled
+from abfm.workers.progress import step
+
+
+def register_population(
+    cohort: Cohort,
+    template: str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    settings: Settings | None = None,
+    cluster: Cluster | None = None,
+    *,
+    on_change: Callable[[Entry], object] = lambda entry: None,
+    control: Control | None = None,
+) -> Population:
+    """Register subjects to a template by their functions, and make their mean.
+
+    Each registration of each round is a row of a batch, whose results are in the folder: run again,
+    it does nothing twice, and it gives the same bits, whoever solves them and in whatever order the
+    subjects stand.
+
+    Parameters
+    ----------
+    cohort : Cohort
+        The subjects, see `read_subjects`.
+    template : path
+        The surface that they come to, a mesh file.
+    folder : path
+        For results; it is made if it is not there.
+    settings : Settings, optional
+    cluster : Cluster, optional
+        Who solves the rows; by default this machine's cores.
+    on_change : callable
+        Called with each entry of the batch as it comes.
+    control : Control, optional
+        To end before all is done, by a `CancelledError`; what is done is kept.
+
+    Raises
+    ------
+    AbfmError
+        If files, functions or settings do not fit, or not two subjects can be registered.
+    """
+    # sums come out alike in whatever order the table has them
+    order = sorted(range(len(cohort.subjects)), key=lambda i: cohort.subjects[i].name)
+    by_name = Cohort(cohort.channels, tuple(cohort.subjects[i] for i in order))
+    work = Work(by_name, Path(template), Path(folder), settings or Settings())
+    solver = _Solver(work.folder, cluster, on_change, control or Control())
+    with controlled(solver.control):
+        target, changes = work.first_target(), list[float]()
+        fits: BoolArray | None = None
+        while True:
+            entries = solver.solved(work.rows(target, len(changes) + 1), len(changes) + 1)
+            found = work.round(entries, fits)
+            fits = found.judged.fits
+            mean = found.target(work)
+            changes.append(mean.distance(target, work.areas))
+            target = mean
+            if changes[-1] <= work.settings.bound or len(changes) == work.settings.rounds:
+                phases = work.phases(entries, found)
+                return found.population(work, changes, phases, np.argsort(order))
+
+
+@dataclass(frozen=True)
+class _Solver:
+    """Who solves the rows of a round, and who is told of it."""
+
+    folder: Path
+    cluster: Cluster | None
+    on_change: Callable[[Entry], object]
+    control: Control
+
+    def solved(self, rows: list[Row], number: int) -> list[Entry]:
+        ledger = Ledger(self.folder)
+        ledger.make()
+        ledger.write_rows(rows, f"round {number} of a population")  # for abfm batch --status
+        with step(f"round {number}: registering", len(rows), f" {len(rows)} subjects") as done:
+            count = 0
+
+            def tell(entry: Entry) -> None:
+                nonlocal count
+                count += 1
+                done(count / len(rows))
+                self.on_change(entry)
+
+            entries = run(rows, self.folder, self.cluster, on_change=tell, control=self.control)
+        checkpoint()
+        return entries

@@ -1,0 +1,41 @@
+"""Rows for tests: small, and ones that end the process in which they are solved."""
+
+import os
+import signal
+
+from abfm.assets import asset_path
+from abfm.batch import Cluster, Row
+
+ONE = Cluster(jobs=1)
+BRIEF = {"refine": 0, "iterations": 4, "levels": 1, "cooling-stages": 2}
+
+
+def pair(name="pair", source=0, target=9, **more):
+    """A match of two Gaussians on the figure eight, with few iterations."""
+    functions = {
+        "source": f"gaussian:vertex={source},width=0.3",
+        "target": f"gaussian:vertex={target},width=0.3",
+    }
+    return Row(name, {"mesh": asset_path("eight.off")} | functions | BRIEF | more)
+
+
+def results(folder):
+    """The files of results in a folder by name."""
+    return {path.name: path.read_bytes() for path in folder.glob("*.npz")}
+
+
+class Deadly(Row):
+    """A row that kills who solves it."""
+
+    def prepared(self):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class Mortal(Row):
+    """A row that kills who solves it first, which it knows by a file."""
+
+    def prepared(self):
+        if not os.path.exists(self.folder):
+            os.mkdir(self.folder)
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().prepared()

@@ -1,0 +1,123 @@
+"""Rows on Dask: the same files whoever solves them, and what happens when somebody is gone."""
+
+import json
+from unittest.mock import Mock
+
+import pytest
+from distributed import LocalCluster
+
+import abfm
+from abfm.batch import Cluster, Row, run
+from abfm.batch.run import ENDED
+from abfm.errors import AbfmError, ResultError
+from abfm.workers.process import ProcessEndedError
+from tests.core.batch.rows import ONE, Deadly, pair, results
+from tests.processes import children
+
+ROWS = [pair(target=target) for target in (9, 12, 15, 18)]
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory):
+    """The results of one process."""
+    folder = tmp_path_factory.mktemp("alone")
+    run(ROWS, folder, ONE)
+    return results(folder)
+
+
+@pytest.fixture
+def elsewhere():
+    """A cluster whose only worker is a thread of this process."""
+    options = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
+    with LocalCluster(**options, dashboard_address="127.0.0.1:0", silence_logs=60) as cluster:
+        yield cluster
+
+
+def test_two_workers_find_the_same_files_and_survive_a_deadly_row(alone, tmp_path, capfd):
+    deadly = Deadly("deadly", pair(target=30).options)
+    lost, before = pair("lost", mesh="nowhere.off"), children()
+    rows = [*ROWS[:2], lost, deadly, *ROWS[2:]]
+    entries = run(rows, tmp_path, Cluster(jobs=2))
+    by_name = {entry.row.name: entry for entry in entries if entry.state != "done"}
+    assert by_name.keys() == {"deadly", "lost"}
+    assert (by_name["deadly"].reason, by_name["deadly"].record.tries) == (ENDED, 3)
+    assert results(tmp_path) == alone
+    assert not list(tmp_path.rglob(".abfm-*"))
+    assert children() == before
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("deaths", [2, 4])
+def test_processes_of_this_machine_that_end_are_started_again_a_few_times(
+    deaths, alone, elsewhere, tmp_path, monkeypatch
+):
+    starts = []
+
+    def start(module, changed):
+        """A process that has a cluster; the first few end before it has."""
+        starts.append(module)
+        answer = {"return_value": elsewhere.scheduler_address}
+        return Mock(receive=Mock(**{"side_effect": ProcessEndedError} if died() else answer))
+
+    def died():
+        return len(starts) <= deaths
+
+    monkeypatch.setattr("abfm.batch.on_dask.OwnProcess", start)
+    if deaths == 4:
+        with pytest.raises(ResultError, match="ended 4 times before a row was done"):
+            run(ROWS, tmp_path, Cluster(jobs=2))
+    else:
+        run(ROWS, tmp_path, Cluster(jobs=2))
+        assert results(tmp_path) == alone
+    assert starts == ["abfm.batch.local_cluster"] * min(deaths + 1, 4)
+
+
+@pytest.mark.parametrize("is_seen", [True, False])
+def test_a_cluster_elsewhere_writes_where_it_sees_the_folder_else_sends(
+    is_seen, alone, elsewhere, tmp_path, monkeypatch
+):
+    (tmp_path / "scheduler.json").write_text(json.dumps(elsewhere.scheduler.identity()))
+    cluster = Cluster(scheduler_file=tmp_path / "scheduler.json")
+    if not is_seen:
+        # the folder, and then the files of rows
+        monkeypatch.setattr("abfm.batch.attempt.Ledger.is_seen", lambda *_: False)
+        monkeypatch.setattr("abfm.batch.attempt.all", lambda _: False, raising=False)
+    entries = run([*ROWS, pair("lost", mesh="nowhere.off")], tmp_path / "out", cluster)
+    assert [entry.state for entry in entries] == ["done"] * 4 + ["failed"]
+    assert "no such file" in entries[-1].reason
+    assert results(tmp_path / "out") == alone
+
+
+def test_a_scheduler_that_goes_is_told_with_what_is_left(elsewhere, tmp_path, capfd):
+    cluster = Cluster(scheduler=elsewhere.scheduler_address)
+    with pytest.raises(ResultError, match="3 rows are left: run the same again"):
+        run(ROWS, tmp_path, cluster, on_change=lambda entry: elsewhere.close())
+    assert len(results(tmp_path)) >= 1
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_run_elsewhere_that_is_cancelled_keeps_what_is_done(elsewhere, tmp_path):
+    control = abfm.Control()
+    cluster = Cluster(scheduler=elsewhere.scheduler_address)
+    many = [pair(target=target) for target in range(20, 60)]
+    entries = run(
+        many, tmp_path, cluster, control=control, on_change=lambda entry: control.cancel()
+    )
+    states = [entry.state for entry in entries]
+    assert states[0] == "done"
+    assert states[-1] == "missing"
+
+
+def test_no_scheduler_is_told(tmp_path):
+    with pytest.raises(ResultError, match="there is no scheduler's file"):
+        run(ROWS, tmp_path, Cluster(scheduler_file=tmp_path / "none.json"))
+    with pytest.raises(ResultError, match="no scheduler answers at nonsense"):
+        run(ROWS, tmp_path, Cluster(scheduler="nonsense://1"))
+
+
+def test_several_processes_need_dask(tmp_path, monkeypatch):
+    monkeypatch.setattr("abfm.batch.on_dask.find_spec", lambda name: None)
+    with pytest.raises(AbfmError, match=r'pip install "abfm\[cluster\]"'):
+        run(ROWS, tmp_path, Cluster(jobs=2))
+    (entry,) = run([Row("r", pair().options)], tmp_path, Cluster(jobs=2))
+    assert entry.state == "done"  # one row needs one process

@@ -1,0 +1,182 @@
+"""Rows: what they are named by, which files they are made of, and what is refused."""
+
+import os
+import pickle
+import shutil
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm.assets import asset_path
+from abfm.batch import Row, problem_row
+from abfm.errors import ParameterError
+from tests.core.batch.rows import BRIEF, pair
+
+EIGHT = abfm.load_mesh(asset_path("eight.off"))
+COUNT = len(EIGHT.vertices)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with a mesh, values, a map of vertices and a mask."""
+    place = tmp_path / "one"
+    place.mkdir()
+    shutil.copy(asset_path("eight.off"), place / "m.off")
+    for seed, name in enumerate(("f.npy", "g, h.npy", "mask.npy")):
+        np.save(place / name, np.random.default_rng(seed).random(COUNT))
+    np.savetxt(place / "map.txt", np.arange(COUNT)[::-1], fmt="%d")
+    return place
+
+
+OPTIONS = {
+    "mesh": "m.off",
+    "source": 'file:f.npy + permuted:map.txt(file:path="g, h.npy")',
+    "target": "gaussian:vertex=9,width=0.2",
+    "mask": "mask.npy",
+    "channel": "'file:\"g, h.npy\"' curvature:mean 0.5",
+    "alpha": 0.02,
+}
+
+
+PLAIN = {"mesh": "m.off", "source": "curvature:mean", "target": "curvature:mean"}
+
+
+def test_a_match_is_named_by_its_problem_as_it_would_be_in_the_tables_folder(folder, monkeypatch):
+    row = Row("one", OPTIONS, folder)
+    monkeypatch.chdir(folder)
+    channel = 'file:"g, h.npy"', "curvature:mean"
+    problem = abfm.Problem(
+        EIGHT,
+        [OPTIONS["source"], channel[0]],
+        [OPTIONS["target"], channel[1]],
+        abfm.Parameters(alpha=0.02),
+        mask=np.load("mask.npy"),
+        weights=[1, 0.5],
+    )
+    monkeypatch.chdir("/")
+    assert row.digest == problem.digest
+    assert Row("one", OPTIONS, folder).prepared().digest == problem.digest
+    alone = pair(alpha=0.1)
+    f, g = (f"gaussian:vertex={i},width=0.3" for i in (0, 9))
+    brief = {name.replace("-", "_"): value for name, value in BRIEF.items()}
+    assert alone.digest == abfm.Problem(EIGHT, f, g, abfm.Parameters(alpha=0.1, **brief)).digest
+
+
+def test_the_bound_of_distortion_is_part_of_the_name():
+    assert len({pair().digest, *(pair(**{"max-distortion": n}).digest for n in (1, 2))}) == 3
+
+
+def test_a_key_is_of_contents_and_values_and_not_of_places(folder, tmp_path):
+    row = Row("one", OPTIONS, folder)
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    os.utime(other / "f.npy", (1, 1))
+    assert Row("two", OPTIONS, other).key == row.key
+    assert Row("one", OPTIONS | {"alpha": "2e-2"}, folder).key == row.key
+    assert Row("one", OPTIONS | {"alpha": 0.03}, folder).key != row.key
+    for name in ("m.off", "f.npy", "g, h.npy", "mask.npy", "map.txt"):
+        before = (other / name).read_bytes()
+        (other / name).write_bytes(before[:-1] + bytes([before[-1] ^ 1]))
+        assert Row("one", OPTIONS, other).key != row.key
+        (other / name).unlink()
+        assert Row("one", OPTIONS, other).key != row.key
+        (other / name).write_bytes(before)
+    assert Row("one", OPTIONS, other).key == row.key
+
+
+def test_files_are_known_and_a_row_whose_files_moved_is_the_same_problem(folder, tmp_path):
+    row = Row("one", OPTIONS, folder)
+    names = {"m.off", "f.npy", "g, h.npy", "mask.npy", "map.txt"}
+    assert {*row.files()} == {str(folder / name) for name in names}
+    digest, places = row.digest, {}
+    for number, path in enumerate(row.files()):
+        place = tmp_path / f"moved {number}"
+        place.mkdir()
+        places[path] = shutil.move(path, place)
+    moved = row.moved(places)
+    assert (moved.digest, moved.key) == (digest, row.key)
+    with pytest.raises(abfm.AbfmError, match="no such file"):
+        row.prepared()
+
+
+def test_files_beside_a_file_belong_to_it(tmp_path):
+    (tmp_path / "m.gltf").write_text('{"buffers": [{"uri": "far%20away.bin"}, {"uri": "data:xx"}]}')
+    (tmp_path / "far away.bin").write_bytes(b"1")
+    (tmp_path / "t.vts").write_text("1\n")
+    (tmp_path / "t.sym.vts").write_text("1\n")
+    target = "permuted:t.sym.vts(curvature:mean)"
+    row = Row("r", {"mesh": "m.gltf", "source": "curvature:mean", "target": target}, tmp_path)
+    names = ("m.gltf", "far away.bin", "t.sym.vts", "t.vts")
+    assert row.files() == [str(tmp_path / name) for name in names]
+    before = row.key
+    (tmp_path / "far away.bin").write_bytes(b"2")
+    assert Row("r", row.options, tmp_path).key != before
+
+
+def test_words_of_initial_maps_keep_their_files(tmp_path):
+    words = {
+        "sphere:mirror,l.gii,r.gii": ["l.gii", "r.gii"],
+        "file:map.vts": ["map.vts"],
+        "closest:rigid": [],
+        "sphere": [],
+    }
+    options = {"a": "a.off", "b": "b.off", "landmarks": "l.csv"}
+    for word, names in words.items():
+        row = Row("r", options | {"initial": word}, tmp_path)
+        assert row.kind == "registration"
+        found = [os.path.basename(path) for path in row.files()]
+        assert found == ["a.off", "b.off", "l.csv", *names]
+        assert row.values()["initial"].startswith(word.partition("l.gii")[0].partition("map")[0])
+
+
+def test_rows_are_small_and_the_same_in_another_process(folder):
+    row = Row("one", OPTIONS, folder)
+    content = pickle.dumps(row)
+    assert len(content) < 2000
+    other = pickle.loads(content)
+    assert other == row
+    assert other.key == row.key
+
+
+def test_a_problem_made_in_python_is_written_once_and_is_its_rows_problem(tmp_path):
+    x, y, z = EIGHT.vertices.T
+    problem = abfm.Problem(EIGHT, np.stack([x, y], 1), np.stack([y, z], 1), mask=np.abs(z))
+    row = problem_row(problem, tmp_path, "xyz")
+    assert row.digest == problem.digest
+    path = tmp_path / "problems" / f"{problem.digest}.npz"
+    written = path.stat().st_mtime_ns
+    assert problem_row(problem, tmp_path).key == row.key
+    assert path.stat().st_mtime_ns == written
+    assert problem_row(problem, tmp_path, max_distortion=1.5).digest != problem.digest
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({}, "fill mesh"),
+        ({"mesh": "m.off"}, "needs source and target"),
+        ({"mesh": "m.off", "source": "curvature:mean"}, "source and target need each other"),
+        ({"a": "a.off", "source": "curvature:mean"}, "column b: a registration needs it"),
+        ({"a": "a.off", "b": "b.off"}, "or landmarks"),
+        ({"mesh": "m.off", "landmarks": "l.csv"}, "a match has no such option"),
+        ({"mesh": "m.off", "alpa": "1"}, "did you mean 'alpha'"),
+        ({"mesh": "m.off", "alpha": "much"}, "column alpha: 'much' is no number"),
+        ({"mesh": "m.off", "iterations": "1.5"}, "is no whole number"),
+        ({"mesh": "m.off", "alpha": "-1"}, "column alpha: alpha is -1"),
+        ({"mesh": "m.off", "alpha": [1]}, "neither text, path nor number"),
+        ({"mesh": "m.off", "sigma": "auto", "alpha": "auto"}, "column alpha: 'auto' is no number"),
+        ({"mesh": "m.off", "method": "fast"}, "expected 'nonlinear' or 'linearised'"),
+        ({"mesh": "m.off", "source": "gausian:vertex=1"}, "did you mean 'gaussian'"),
+        ({"mesh": "m.off", "channel": "curvature:mean 1"}, "is no channel"),
+        ({"mesh": "m.off", "channel": "curvature:mean curvature:mean x"}, "is no channel"),
+        ({"mesh": "m.off", "channel": "curvature:mean nothing:1 1"}, "unknown function family"),
+        ({"mesh": "m.off", "largest-component": "maybe"}, "neither yes nor no"),
+        ({"mesh": "m.off", "max-distortion": "0"}, "column max-distortion"),
+        ([("mesh", "m.off"), ("mesh", "n.off")], "column mesh: it is given twice"),
+        (PLAIN | {"stage-iterations": 50, "cooling-stages": 9, "iterations": 100}, "is 50 for"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_column(options, told):
+    with pytest.raises(ParameterError, match=told):
+        Row("r", options)

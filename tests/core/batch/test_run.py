@@ -1,0 +1,244 @@
+"""Rows are solved once, fail alone, and go on where they were ended."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm.assets import asset_path
+from abfm.batch import Cluster, Ledger, Row, kind_of_columns, run
+from abfm.batch.attempt import Task, attempt
+from abfm.batch.run import ENDED, seen_here
+from abfm.errors import ParameterError, ResultError
+from abfm.workers.worker import WorkerEndedError
+from tests.core.batch.rows import BRIEF, ONE, Mortal, pair, results
+from tests.shapes import icosphere
+
+
+def files(folder):
+    """What is in a folder, by the paths in it."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """Rows, the folder, and the entries and those told when they were solved."""
+    folder, told = tmp_path_factory.mktemp("done"), []
+    ball_file = folder / "ball.off"
+    ball = icosphere(2)
+    lines = [f"OFF\n{len(ball.vertices)} {len(ball.faces)} 0"]
+    lines += [" ".join(map(repr, map(float, each))) for each in ball.vertices]
+    lines += [f"3 {a} {b} {c}" for a, b, c in ball.faces]
+    ball_file.write_text("\n".join(lines))
+    np.save(folder / "z.npy", ball.vertices[:, 2])
+    (folder / "broken.off").write_text("OFF\n3 1 0\n0 0 0\n")
+    sphere = {"a": "ball.off", "b": "ball.off", "source": "coordinate:x", "target": "coordinate:y"}
+    rows = [
+        pair("first"),
+        pair("lost", mesh="nowhere.off"),
+        Row("broken", dict(pair().options) | {"mesh": "broken.off"}, folder),
+        pair("second", 3, 12),
+        Row("both", sphere | BRIEF, folder),
+        pair("far", target=100_000),
+        pair("again"),
+        Row(
+            "own",
+            {"mesh": "ball.off", "source": "file:z.npy", "target": "coordinate:x"} | BRIEF,
+            folder,
+        ),
+    ]
+    entries = run(rows, folder / "out", ONE, on_change=told.append)
+    return rows, folder / "out", entries, told
+
+
+def test_rows_that_fail_are_told_and_stop_no_others(done):
+    rows, _, entries, told = done
+    assert [entry.row for entry in entries] == rows
+    states = {entry.row.name: entry.state for entry in entries}
+    failed = {"lost", "broken", "far"}
+    assert states == {name: "failed" if name in failed else "done" for name in states}
+    reasons = {entry.row.name: entry.reason for entry in entries}
+    assert reasons["lost"].endswith("nowhere.off: there is no such file")
+    assert "broken.off" in reasons["broken"]
+    assert "there is no vertex 100000" in reasons["far"]
+    assert not any(reasons[name] for name in states.keys() - failed)
+    assert len(told) == len(rows) - 1  # equal ones are solved once
+    by_name = {entry.row.name: entry for entry in entries}
+    assert by_name["again"].path == by_name["first"].path
+    with pytest.raises(ResultError, match="no result of far: there is no vertex"):
+        by_name["far"].load()
+
+
+def test_results_are_what_is_solved_alone_and_are_named_by_their_problem(done, tmp_path):
+    by_name = {entry.row.name: entry for entry in done[2]}
+    match = by_name["first"].load()
+    assert by_name["first"].path.name == f"{match.problem.digest}.npz"
+    assert match.problem.specs[0] == ("gaussian:vertex=0,width=0.3",)
+    abfm.match(match.problem).save(tmp_path / "alone.npz")
+    assert by_name["first"].path.read_bytes() == (tmp_path / "alone.npz").read_bytes()
+    own = by_name["own"].load()
+    assert own.problem.specs[0] == ("file:z.npy",)
+    facts = by_name["first"].facts
+    assert (facts.verdict, facts.reason) == (match.verdict.kind, match.verdict.reason)
+    assert facts.confirmed == match.confirmed_mismatch
+    assert facts.folded == match.folded
+
+
+def test_a_registration_is_what_register_finds(done, tmp_path):
+    entry = next(entry for entry in done[2] if entry.row.name == "both")
+    assert entry.digest == entry.row.key
+    assert isinstance(entry.load(), abfm.Registration)
+    values = entry.row.values()
+    a, b = abfm.load_mesh(values["a"]), abfm.load_mesh(values["b"])
+    parameters = abfm.Parameters(refine=0, iterations=4, levels=1, cooling_stages=2)
+    found = abfm.register(a, b, values["source"], values["target"], parameters=parameters)
+    found.save(tmp_path / "alone.npz")
+    assert entry.path.read_bytes() == (tmp_path / "alone.npz").read_bytes()
+
+
+def test_what_is_there_is_not_solved_again_and_what_is_missing_is(done, tmp_path):
+    _, folder, entries, _ = done
+    good = [entry.row for entry in entries if entry.state == "done"]
+    before = files(folder)
+
+    def refuse(entry):
+        raise AssertionError(f"{entry.row.name} is solved again")
+
+    # nobody is asked: there is no such scheduler
+    again = run(good, folder, Cluster(scheduler="tcp://127.0.0.1:9"), on_change=refuse)
+    assert again == [entry for entry in entries if entry.state == "done"]
+    assert files(folder) == before
+    lost = entries[3]
+    content, told = lost.path.read_bytes(), []
+    lost.path.unlink()
+    assert Ledger(folder).entry(lost.row).state == "missing"
+    run(good, folder, ONE, on_change=lambda entry: told.append(entry.row.name))
+    assert told == ["second"]
+    assert lost.path.read_bytes() == content
+
+
+def test_a_ledger_that_is_damaged_loses_nothing_but_time(done):
+    _, folder, entries, _ = done
+    ledger, (row, path) = Ledger(folder), (entries[0].row, entries[0].path)
+    record, result = folder / "ledger" / f"{row.key}.json", path.stat().st_mtime_ns
+    for damage in ("", "[]", '{"digest": 1}', '{"digest": "x", "other": 1}', '{"digest"'):
+        record.write_text(damage)
+        assert ledger.entry(row).state == "missing"
+    (entry,) = run([row], folder, ONE)
+    assert (entry.state, entry.path) == ("done", path)
+    assert path.stat().st_mtime_ns == result  # it was there, and was not solved again
+
+
+def test_rows_are_kept_for_who_asks_later(done):
+    rows, folder, _, _ = done
+    ledger = Ledger(folder)
+    ledger.write_rows(rows, "a title")
+    assert ledger.kept() == ("a title", [ledger.entry(row) for row in rows])
+    (folder / "ledger" / "rows.json").write_text('{"rows": [{"name": 1}]}')
+    with pytest.raises(ResultError, match="damaged"):
+        ledger.kept()
+    with pytest.raises(ResultError, match="holds no batch"):
+        Ledger(folder / "nothing").kept()
+
+
+def test_who_kills_its_process_is_tried_again_and_others_go_on(tmp_path):
+    mortal = Mortal("mortal", pair(target=20).options, tmp_path / "tried")
+    entries = run([mortal, pair(target=12)], tmp_path / "out", ONE)
+    assert [(entry.state, entry.record.tries) for entry in entries] == [("done", 2), ("done", 1)]
+    assert not list((tmp_path / "out").rglob(".abfm-*"))
+
+
+def test_a_row_is_tried_three_times_at_most(tmp_path, monkeypatch):
+    tried = []
+
+    def call(worker, function, task):
+        tried.append(task.row.name)
+        raise WorkerEndedError
+
+    monkeypatch.setattr("abfm.workers.worker.Worker.call", call)
+    entries = run([pair("one"), pair("two", target=12)], tmp_path, ONE)
+    assert tried == ["one"] * 3 + ["two"] * 3
+    assert [(entry.reason, entry.record.tries) for entry in entries] == [(ENDED, 3)] * 2
+
+
+def test_a_run_that_is_cancelled_keeps_what_is_done(tmp_path):
+    control = abfm.Control()
+    rows = [pair(target=target) for target in (9, 12, 15)]
+    entries = run(rows, tmp_path, ONE, control=control, on_change=lambda entry: control.cancel())
+    assert [entry.state for entry in entries] == ["done", "missing", "missing"]
+    assert run(rows, tmp_path, ONE, control=control) == entries
+    assert len(results(tmp_path)) == 1
+
+
+def test_who_sees_no_folder_sends_the_result_and_who_sees_no_files_asks_for_them(done, tmp_path):
+    _, folder, entries, _ = done
+    entry = next(entry for entry in entries if entry.row.name == "own")
+    unseen = Task(entry.row, str(folder), "another one")
+    answer = attempt(unseen)
+    assert answer.record.digest == entry.digest
+    assert answer.result == entry.path.read_bytes()
+    paths = [folder.parent / name for name in ("ball.off", "z.npy")]
+    whole, moved = seen_here(unseen), [path.rename(tmp_path / path.name) for path in paths]
+    try:
+        assert attempt(unseen).is_blind
+        sent = attempt(whole)
+    finally:
+        for path, before in zip(moved, paths, strict=True):
+            path.rename(before)
+    assert (sent.record.digest, sent.result) == (entry.digest, answer.result)
+    both = next(entry for entry in entries if entry.row.name == "both")
+    sent = attempt(seen_here(Task(both.row, "/nowhere", "")))
+    assert (sent.record.digest, sent.result) == (both.digest, both.path.read_bytes())
+
+
+def test_a_bug_in_a_row_is_its_own(monkeypatch, tmp_path):
+    def fail(row):
+        raise KeyError("two\nlines")
+
+    monkeypatch.setattr(Row, "prepared", fail)
+    record = attempt(Task(pair(), str(tmp_path), "")).record
+    assert record.reason == "KeyError: 'two\\nlines'"
+
+
+def test_seconds_are_told_and_are_in_no_result(done):
+    entry = next(entry for entry in done[2] if entry.row.name == "own")
+    assert 0 < entry.record.seconds < math.inf
+    told = json.loads((done[1] / "ledger" / f"{entry.row.key}.json").read_text())
+    assert told == {
+        "digest": entry.digest,
+        "reason": "",
+        "tries": 1,
+        "seconds": told["seconds"],
+    }
+    assert told["seconds"] == entry.record.seconds
+
+
+def test_a_cluster_is_one_thing():
+    with pytest.raises(ParameterError, match="give one of"):
+        Cluster(jobs=2, scheduler="tcp://1.2.3.4:5")
+    for jobs in (0, -1, 2.5, 10_000):
+        with pytest.raises(ParameterError, match="number of processes"):
+            Cluster(jobs=jobs)
+    assert Cluster().processes >= 1
+
+
+def test_a_row_is_of_the_kind_whose_columns_it_fills():
+    assert kind_of_columns(["mesh", "a"]) == "match"
+    assert kind_of_columns(["a"]) == "registration"
+    assert kind_of_columns(["problem"]) == "problem"
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResultError, match="choose a folder"):
+        run([pair()], tmp_path / "file" / "out")
+
+
+def test_meshes_of_the_assets_are_where_rows_say():
+    assert pair().files() == [str(asset_path("eight.off"))]

@@ -1,0 +1,157 @@
+"""Tables: what is written is read, and what does not fit is refused with row and column."""
+
+import csv
+import io
+from contextlib import suppress
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from abfm.batch import KINDS, combinations, read_table
+from abfm.batch.table import known_columns, rows_of_text
+from abfm.errors import AbfmError, ParameterError
+
+SPECS = ["curvature:mean", "gaussian:vertex=1,width=0.2", 'file:"a ""b"", c.npy"', "hks:time=0.1"]
+NAMES = st.text(st.characters(exclude_categories=("C", "Z")), min_size=1, max_size=8)
+NUMBERS = st.floats(1e-6, 1e6)
+MORE = ("sigma", "refine", "largest-component")
+OPTIONS = st.fixed_dictionaries(
+    {
+        "mesh": st.sampled_from(["m.off", "with, comma.obj", "straße.ply"]),
+        "source": st.sampled_from(SPECS),
+        "target": st.sampled_from(SPECS),
+    },
+    optional={
+        "name": NAMES,
+        "alpha": NUMBERS.map(repr),
+        "sigma": st.one_of(st.just("auto"), NUMBERS.map(repr)),
+        "mask": st.sampled_from(["mask.npy", "coordinate:x"]),
+        "refine": st.integers(0, 3).map(str),
+        "largest-component": st.sampled_from(["yes", "no"]),
+    },
+)
+
+
+def written(columns, rows, delimiter=",", end="\r\n"):
+    """A table as spreadsheets write it."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, delimiter=delimiter, lineterminator=end)
+    writer.writerow(columns)
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+@given(
+    st.lists(OPTIONS, min_size=1, max_size=4),
+    st.permutations(["name", "mesh", "source", "target", "alpha", "mask", *MORE]),
+    st.sampled_from(",;\t"),
+    st.sampled_from(["\n", "\r\n"]),
+)
+def test_what_is_written_is_read(options, columns, delimiter, end):
+    cells = [[each.get(column, "") for column in columns] for each in options]
+    rows = rows_of_text(written(columns, cells, delimiter, end), "/somewhere")
+    assert len(rows) == len(options)
+    for number, (row, each) in enumerate(zip(rows, options, strict=True), 1):
+        assert row.name == each.pop("name", f"row {number}")
+        assert dict(row.options) == each
+        assert row.folder == "/somewhere"
+        assert row.files()[0].startswith("/somewhere/")
+
+
+@given(st.text(max_size=60))
+@example("mesh\nm.off")
+@example('mesh,source\n"')
+@example("mesh,source,target\nm.off,curvature:mean,curvature:mean,1")
+@example("\0")
+@example("name\n\n\n1,2")
+def test_any_text_is_a_table_or_refused_in_a_line(text):
+    with suppress(AbfmError):  # whose text is always one line
+        assert rows_of_text(text, "/")
+
+
+def test_names_of_columns_may_be_written_as_options_or_as_in_python_and_some_repeat(tmp_path):
+    head = "\ufeffName,--mesh,Cooling_Stages,channel,channel,max-distortion"
+    channels = "curvature:mean coordinate:x 1,coordinate:x curvature:mean .5"
+    path = tmp_path / "t.csv"
+    path.write_text(f"{head}\n\none,m.off,3,{channels},1.5\n,,,,,\n,m.off,,,{channels[:30]}\n")
+    first, second = read_table(path)
+    values = first.values()
+    assert values["mesh"] == str(tmp_path / "m.off")
+    assert values["cooling-stages"] == 3
+    assert values["channel"] == [
+        ("curvature:mean", "coordinate:x", 1.0),
+        ("coordinate:x", "curvature:mean", 0.5),
+    ]
+    assert values["max-distortion"] == 1.5
+    assert (first.name, second.name) == ("one", "row 2")
+    assert len(second.values()["channel"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "it has no rows"),
+        ("mesh,source,target\n", "it has no rows"),
+        ("mesh,sauce\nm.off,1\n", "column 2: there is no column 'sauce' (did you mean 'source'?)"),
+        ("mesh,mesh\nm.off,1\n", "column 2: 'mesh' is there twice"),
+        ("mesh,\nm.off,1\n", "row 1: cell 2 is in a column without a name"),
+        ("mesh,alpha\nm.off,much\n", "row 1, column alpha: 'much' is no number"),
+        (
+            "mesh,source,target\nm.off,curvature:mean,curvature:mean\nm.off,x:1,curvature:mean",
+            "row 2, column source: unknown function family 'x'",
+        ),
+        ("mesh,source\nm.off,gaussian:vertex=1,width=2\n", "in double quotes"),
+        ("source,target\ncurvature:mean,curvature:mean\n", "row 1, it is of no kind: fill mesh"),
+        ('mesh,source\nm.off,"x\n', "line 2: "),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_row_and_column(text, told, tmp_path):
+    path = tmp_path / "table.csv"
+    path.write_text(text)
+    with pytest.raises(ParameterError) as error:
+        read_table(path)
+    assert str(error.value).startswith(f"table {path}: ")
+    assert told in str(error.value)
+
+
+@pytest.mark.parametrize("content", [None, b"\xff\xfe\0mesh"])
+def test_what_is_no_text_is_refused(content, tmp_path):
+    path = tmp_path / "table.csv"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ParameterError, match=r"table\.csv: "):
+        read_table(path)
+
+
+def test_every_kind_tells_what_its_columns_hold():
+    for kind in KINDS.values():
+        assert all(column.about for column in kind.columns.values())
+        assert kind.columns.keys() <= known_columns().keys()
+        assert set(kind.needs) <= kind.columns.keys()
+
+
+def test_combinations_are_all_there_are_once_the_last_option_first():
+    fixed = {"mesh": "m.off", "source": "curvature:mean", "target": "coordinate:x", "tau": 2}
+    over = {"alpha": [0.1, 0.2], "sigma": ["auto", 0.5, 1], "order": [1, 2]}
+    rows = combinations(fixed.items(), over, "/x")
+    assert len({row.key for row in rows}) == len(rows) == 12
+    values = [row.values() for row in rows]
+    assert {(v["alpha"], v["sigma"], v["order"]) for v in values} == {
+        (alpha, sigma, order)
+        for alpha in over["alpha"]
+        for sigma in (None, 0.5, 1.0)
+        for order in over["order"]
+    }
+    assert all(v["tau"] == 2 and v["mesh"] == "/x/m.off" for v in values)
+    assert rows[1].name == "alpha 0.1, sigma auto, order 2"
+
+
+def test_an_option_is_given_or_varied():
+    fixed = {"mesh": "m.off", "source": "curvature:mean", "target": "coordinate:x", "alpha": 1}
+    with pytest.raises(ParameterError, match="alpha is given, and swept over"):
+        combinations(fixed.items(), {"alpha": [1]})
+    with pytest.raises(ParameterError, match="no values"):
+        combinations(fixed.items(), {"sigma": []})
+    with pytest.raises(ParameterError, match="at most"):
+        combinations(fixed.items(), {"sigma": range(2000), "beta": range(2000)})

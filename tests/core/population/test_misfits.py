@@ -1,0 +1,121 @@
+"""Who does not fit, of subjects whose likeness is known."""
+
+import numpy as np
+import pytest
+
+from abfm.population.misfits import FEWEST, Compared, Likeness, judge
+
+RNG = np.random.default_rng(8)
+COMMON, AREAS = RNG.normal(size=200), RNG.uniform(0.5, 2, 200)
+ALIKE = COMMON + 0.3 * RNG.normal(size=(9, 200))
+
+
+def compared(values, weights=None, masks=None):
+    values = np.asarray(values)
+    count = len(values)
+    return Compared(
+        [values],
+        np.ones(values.shape) if masks is None else masks,
+        np.ones(count) if weights is None else np.asarray(weights, dtype=float),
+        AREAS,
+    )
+
+
+def with_odd(odd):
+    return compared([*ALIKE, odd])
+
+
+def test_those_who_are_alike_fit():
+    found = judge(compared(ALIKE))
+    assert found.fits.all()
+    assert set(found.reasons) == {""}
+
+
+def test_another_function_does_not_fit():
+    found = judge(with_odd(RNG.normal(size=200)))
+    assert found.fits.tolist() == [True] * 9 + [False]
+    assert "it correlates with the mean of the others by" in found.reasons[9]
+
+
+def test_who_does_not_fit_spoils_no_mean():
+    """The others are held against each other as if there were no odd one."""
+    found = judge(with_odd(50 * RNG.normal(size=200)))
+    assert not found.fits[9]
+    alone = judge(compared(ALIKE))
+    assert found.likeness[:9] == pytest.approx(alone.likeness)
+
+
+@pytest.mark.parametrize(
+    ("odd", "told"),
+    [
+        (-ALIKE[0], "its values have the other sign"),
+        (10 * ALIKE[0], "its values spread 10 times as much over the surface"),
+        (ALIKE[0] + 4, "deviations from theirs on average"),
+        (np.full(200, 3.0), "its functions are constant, or known nowhere"),
+    ],
+)
+def test_reasons_say_what_is_wrong(odd, told):
+    found = judge(with_odd(odd))
+    assert found.fits.tolist() == [True] * 9 + [False]
+    assert told in found.reasons[9]
+
+
+def test_of_few_subjects_none_is_left_out_for_being_unlike():
+    few = judge(compared([*ALIKE[: FEWEST - 2], RNG.normal(size=200)]))
+    assert few.fits.all()
+    assert not judge(compared([*ALIKE[: FEWEST - 1], RNG.normal(size=200)])).fits.all()
+
+
+def test_subjects_that_are_all_unlike_fit():
+    """Who is unlike is so by much, and beyond how much all differ."""
+    assert judge(compared(COMMON + 3 * RNG.normal(size=(12, 200)))).fits.all()
+
+
+def test_the_order_says_nothing():
+    values = np.stack([*ALIKE, RNG.normal(size=200)])
+    order = RNG.permutation(10)
+    one, other = judge(compared(values)), judge(compared(values[order]))
+    assert (one.fits[order] == other.fits).all()
+    assert [one.reasons[i] for i in order] == list(other.reasons)
+
+
+def test_whom_nobody_counts_is_judged():
+    weights = [1] * 9 + [0]
+    found = judge(compared([*ALIKE, RNG.normal(size=200)], weights))
+    assert not found.fits[9]
+    assert judge(compared([*ALIKE, COMMON], weights)).fits[9]
+    heavy = judge(compared([*ALIKE, COMMON], [0] * 9 + [1]))
+    assert heavy.fits.all()
+
+
+def test_only_what_is_known_is_compared():
+    values, masks = np.stack([*ALIKE, ALIKE[0]]), np.ones((10, 200))
+    values[9, :100], masks[9, :100] = 1000, 0
+    assert judge(compared(values, masks=masks)).fits.all()
+    assert not judge(compared(values)).fits[9]
+
+
+def test_maps_that_fold_or_distort_do_not_fit():
+    def maps(log2_area=0.1, folded=0.0):
+        usual = [Likeness(np.nan, np.nan, 0.1 + 0.01 * i, 0.0) for i in range(8)]
+        return [*usual, Likeness(np.nan, np.nan, log2_area, folded)]
+
+    assert judge(compared(ALIKE), maps()).fits.all()
+    assert judge(compared(ALIKE), maps(log2_area=0.4)).fits.all()  # more than others, but little
+    distorted = judge(compared(ALIKE), maps(log2_area=1.5))
+    assert distorted.fits.tolist() == [True] * 8 + [False]
+    assert "changes areas by a mean |log2 J| of 1.50" in distorted.reasons[8]
+    assert "folds 20% of the faces" in judge(compared(ALIKE), maps(folded=0.2)).reasons[8]
+
+
+def test_failures_are_left_out_and_nothing_is_known_of_them():
+    values = ALIKE.copy()
+    values[4] = np.nan
+    masks = np.ones(values.shape)
+    masks[4] = 0
+    failures = [""] * 9
+    failures[4] = "there is no file"
+    found = judge(compared(values, masks=masks), None, failures)
+    assert found.fits.tolist() == [i != 4 for i in range(9)]
+    assert found.reasons[4] == "there is no file"
+    assert np.isnan(found.likeness[4].correlation)

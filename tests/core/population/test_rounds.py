@@ -1,0 +1,451 @@
+"""Populations made from a template by known flows, on a small sphere. Rows are solved in this
+process: that others solve them alike is tested with batches.
+"""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import abfm
+from abfm import AbfmError, Flow, ParameterError, TriangleMesh, load_population
+from abfm.batch import Entry, Ledger
+from abfm.batch.attempt import Task, attempt
+from abfm.calculus.operators import vertex_areas
+from abfm.functions import quoted
+from abfm.io import write_surface
+from abfm.mesh.shapes import even_sphere
+from abfm.population import Channel, Cohort, Settings, Subject, rounds
+from abfm.workers.control import CancelledError, Control
+from tests.shapes import icosphere
+
+MESH = icosphere(3)
+BRIEF = {"refine": 0, "iterations": 30}
+SHORT = Settings(options=BRIEF, rounds=2)
+
+
+def height(places):
+    """A function that every rotation changes."""
+    x, y, z = np.asarray(places).T
+    return x + y * z + x * z + 0.7 * (z * z - x * x) * y
+
+
+def label(places):
+    return np.tanh(4 * (np.asarray(places)[:, 2] - 0.3))
+
+
+def field(number):
+    """Smooth fields of about .07 sqrt(area)."""
+    x, y, z = np.moveaxis(MESH.vertices[MESH.faces].mean(axis=1), -1, 0)
+    axes = [(0.3 * y, 0.2 + 0 * x, 0.25 * x), (0.2 * z, 0.3 * x, -0.2 + 0 * x)]
+    return np.cross(np.stack([x, y, z], axis=1), np.stack(axes[number], axis=1))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def names():
+    """Solve rows here; names of those that were."""
+    names = []
+
+    def run(rows, folder, cluster=None, *, on_change, control):
+        ledger = Ledger(folder)
+        identity = ledger.make()
+        for row in rows:
+            if ledger.entry(row).state != "done" and not control.cancelled:
+                names.append(row.name)
+                record = attempt(Task(row, str(ledger.folder), identity, {})).record
+                on_change(ledger.record(row, record))
+        return ledger.entries(rows)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rounds, "run", run)
+        yield names
+
+
+@pytest.fixture
+def solved(names):
+    """Names of rows that a test solves."""
+    names.clear()
+    return names
+
+
+class Place:
+    """A folder with a template and the files of subjects."""
+
+    def __init__(self, folder, mesh=MESH):
+        self.folder, self.template, self.subjects = folder, folder / "template.ply", []
+        folder.mkdir(exist_ok=True)
+        write_surface(self.template, mesh)
+
+    def file(self, name, values):
+        np.save(self.folder / f"{name}.npy", values)
+        return f"file:{quoted(str(self.folder / name))}.npy"
+
+    def add(self, name, *values, **more):
+        texts = (self.file(f"{name} {c}", each) for c, each in enumerate(values))
+        self.subjects.append(Subject(name, tuple(texts), **more))
+        return self
+
+    def registered(self, settings=SHORT, held_out=(), order=None, **more):
+        channels = Channel("height"), *(Channel(name, is_held_out=True) for name in held_out)
+        subjects = self.subjects if order is None else [self.subjects[i] for i in order]
+        cohort = Cohort(channels, tuple(subjects))
+        return abfm.register_population(
+            cohort, self.template, self.folder / "out", settings, **more
+        )
+
+
+def pushed(velocity, f, noise=0.0, seed=0):
+    values = Flow(MESH, velocity).point_map().pull_back(f(MESH.vertices))
+    return values + noise * np.random.default_rng(seed).normal(size=len(values))
+
+
+FIELDS = {
+    "plus": field(0),
+    "minus": -field(0),
+    "over": 0.6 * field(1),
+    "under": -0.6 * field(1),
+    "still": 0 * field(0),
+}
+
+
+def five(folder):
+    place = Place(folder)
+    for seed, (name, velocity) in enumerate(FIELDS.items()):
+        place.add(name, pushed(velocity, height, 0.02, seed), pushed(velocity, label))
+    return place
+
+
+def with_odd(folder):
+    odd = np.random.default_rng(9).normal(size=(3, len(MESH.vertices)))
+    return five(folder).add("odd", (MESH.vertices**3 * odd.T).sum(axis=1), odd[0])
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A folder whose population is registered once, for tests that go on from it."""
+    return with_odd(tmp_path_factory.mktemp("population"))
+
+
+@pytest.fixture(scope="module")
+def usual(kept):
+    return kept.registered(held_out=["label"])
+
+
+def error(mean, f=height):
+    truth, areas = f(MESH.vertices), vertex_areas(MESH)
+    return np.sqrt(np.average((mean - truth) ** 2, weights=areas) / np.var(truth))
+
+
+def test_equal_subjects_are_their_mean_and_do_not_vary(tmp_path):
+    place = Place(tmp_path)
+    for name in "abc":
+        place.add(name, height(MESH.vertices))
+    found = place.registered()
+    assert found.mean() == pytest.approx(height(MESH.vertices), abs=1e-9)
+    assert found.deviation() == pytest.approx(0, abs=1e-7)
+    assert found.log2_area_deviation == pytest.approx(0, abs=1e-7)
+    assert found.changes.tolist() == pytest.approx([0], abs=1e-9)
+    assert found.phase_and_amplitude().total == 0
+    assert found.correlation == pytest.approx(1)
+
+
+def test_flows_there_and_back_have_the_template_as_their_mean(tmp_path):
+    place = Place(tmp_path)
+    for name in ("plus", "minus"):
+        place.add(name, pushed(FIELDS[name], height))
+    found = place.registered()
+    assert error(found.before[0, :, 0]) > 0.35  # where it started
+    assert error(found.mean()) < 0.6 * error(found.plain_mean()) < 0.1
+    phase = found.phase_and_amplitude()
+    assert phase.phase > 0.95 * phase.total
+    assert phase.phase + phase.amplitude == pytest.approx(phase.total)
+
+
+def test_the_template_does_not_drift_to_its_first_target(tmp_path):
+    """All lie on one side of the first target, the function that is given; the mean comes to their
+    middle.
+    """
+    place = Place(tmp_path)
+    for name in ("plus", "minus", "still"):
+        place.add(name, pushed(FIELDS[name] + field(1), height))
+    middle = pushed(field(1), height)
+    own = place.file("own", height(MESH.vertices))
+    found = place.registered(Settings({"height": own}, options=BRIEF, rounds=2))
+
+    def off(values):
+        return np.sqrt(np.mean((values - middle) ** 2) / np.var(middle))
+
+    assert off(height(MESH.vertices)) > 0.2
+    assert off(found.mean()) < 0.05
+    # what is taken off in the last round is little: the target is in the middle
+    assert (
+        np.linalg.norm(found.drift, axis=1).mean() < 0.1 * np.linalg.norm(field(1), axis=1).mean()
+    )
+
+
+def test_the_odd_one_is_named_and_left_out(usual):
+    assert usual.fits.tolist() == [True] * 5 + [False]
+    assert usual.names[5] == "odd"
+    assert usual.reasons[5]
+    assert not any(usual.reasons[:5])
+    assert usual.worst_first()[0] == 5
+    expected = usual.values[:5, :, 0].mean(axis=0)
+    assert usual.mean() == pytest.approx(expected)
+    assert usual.deviation() == pytest.approx(usual.values[:5, :, 0].std(axis=0, ddof=1))
+    assert usual.mean_of_others(5) == pytest.approx(expected)
+    assert usual.mean_of_others(0) == pytest.approx(usual.values[1:5, :, 0].mean(axis=0))
+
+
+def test_the_mean_is_nearer_to_the_template_than_the_plain_one(usual):
+    assert error(usual.mean()) < 0.7 * error(usual.plain_mean())
+    assert error(usual.mean("label"), label) < error(usual.plain_mean("label"), label)
+
+
+def test_a_channel_that_is_held_out_tells_what_registering_is_worth(usual):
+    before, after = usual.scores("label")[:5].T
+    assert (after[:4] > before[:4]).all()
+    assert usual.scores("label") == pytest.approx(usual.scores(1))
+    assert usual.scores()[:5, 1] == pytest.approx(usual.correlation[:5])
+
+
+def test_fields_are_those_that_made_the_subjects(usual, kept):
+    """Up to the direction in which the function does not change, by how far points are off."""
+    for i, name in enumerate(usual.names[:4]):
+        drift = Flow(MESH, -usual.drift).point_map()
+        found = abfm.load_registration(kept.folder / "out" / f"{usual.digests[i]}.npz")
+        places = drift.followed_by(found.points).positions
+        truth = Flow(MESH, FIELDS[name]).point_map(inverse=True).positions
+        off, moved = (
+            np.median(np.linalg.norm(each - truth, axis=1)) for each in (places, MESH.vertices)
+        )
+        assert off < 0.7 * moved
+
+
+def test_it_goes_on_and_does_nothing_twice(kept, usual, solved):
+    again = kept.registered(held_out=["label"])
+    assert solved == []
+    result = kept.folder / "out" / f"{usual.digests[2]}.npz"
+    content = result.read_bytes()
+    result.unlink()
+    third = kept.registered(held_out=["label"])
+    assert solved == ["over"]
+    assert result.read_bytes() == content
+    for other in (again, third):
+        other.save(kept.folder / "other.npz")
+        usual.save(kept.folder / "usual.npz")
+        one, two = ((kept.folder / f"{name}.npz").read_bytes() for name in ("usual", "other"))
+        assert one == two
+
+
+def test_the_order_of_subjects_says_nothing(kept, usual, solved):
+    order = [3, 5, 0, 4, 1, 2]
+    other = kept.registered(held_out=["label"], order=order)
+    assert solved == []
+    assert other.names == tuple(usual.names[i] for i in order)
+    for name in ("values", "before", "masks", "fits", "numbers", "weights"):
+        one, two = getattr(usual, name), getattr(other, name)
+        assert np.array_equal(one[order], two, equal_nan=name not in ("fits",))
+    assert np.array_equal(usual.mean(), other.mean()) or usual.mean() == pytest.approx(
+        other.mean(), abs=1e-14
+    )
+    assert np.array_equal(usual.drift, other.drift)
+
+
+def test_files_keep_it(usual, tmp_path):
+    path = tmp_path / "p.npz"
+    usual.save(path)
+    found = load_population(path)
+    for name, value in vars(usual).items():
+        if isinstance(value, np.ndarray):
+            assert np.array_equal(getattr(found, name), value, equal_nan=value.dtype.kind == "f")
+        elif name != "template":
+            assert getattr(found, name) == value
+    assert np.array_equal(found.template.faces, MESH.faces)
+    assert found.phase_and_amplitude() == usual.phase_and_amplitude()
+
+
+def test_it_does_not_change(usual):
+    with pytest.raises(ValueError, match="read-only"):
+        usual.values[0, 0, 0] = 1
+    with pytest.raises(AttributeError):
+        usual.fits = None
+
+
+@pytest.mark.parametrize("cut", [10, 2000, -300])
+def test_damaged_files_are_told(usual, tmp_path, cut):
+    path = tmp_path / "p.npz"
+    usual.save(path)
+    path.write_bytes(path.read_bytes()[:cut])
+    with pytest.raises(AbfmError, match="no population file of abfm, or damaged"):
+        load_population(path)
+
+
+def test_files_of_another_kind_are_told(usual, kept):
+    path = kept.folder / "out" / f"{usual.digests[0]}.npz"
+    with pytest.raises(AbfmError, match=r"it lacks|holds a map"):
+        load_population(path)
+
+
+def test_unknown_names_are_told(usual):
+    with pytest.raises(ParameterError, match=r"no subject 'pluss' \(did you mean 'plus'\?\)"):
+        usual.subject("pluss")
+    assert usual.subject("minus") == 1
+    for channel in ("depth", 2, -1):
+        with pytest.raises(ParameterError, match="expected one of height, label"):
+            usual.mean(channel)
+
+
+def test_a_turned_surface_has_the_same_population(tmp_path):
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.3]).as_matrix()
+    turned = TriangleMesh(3 * MESH.vertices @ turn.T, MESH.faces)
+    found = []
+    for name, mesh in (("one", MESH), ("other", turned)):
+        place = Place(tmp_path / name, mesh)
+        for subject in ("plus", "minus"):
+            place.add(subject, pushed(FIELDS[subject], height))
+        found.append(place.registered(Settings(options=BRIEF, rounds=1)))
+    one, other = found
+    assert one.mean() == pytest.approx(other.mean(), abs=0.01)
+    assert one.phase_and_amplitude() == pytest.approx(other.phase_and_amplitude(), rel=0.05)
+    assert one.log2_area == pytest.approx(other.log2_area, rel=0.05)
+
+
+def test_weights_are_how_much_subjects_count(tmp_path):
+    place = Place(tmp_path)
+    for name, weight in (("plus", 3.0), ("minus", 1.0), ("still", 0.0)):
+        place.add(name, pushed(FIELDS[name], height), weight=weight)
+    found = place.registered(Settings(options=BRIEF, rounds=1))
+    expected = (3 * found.values[0, :, 0] + found.values[1, :, 0]) / 4
+    assert found.mean() == pytest.approx(expected)
+    assert found.fits.all()
+    assert np.isfinite(found.correlation).all()  # also of the one that counts nothing
+    # nearer to the one that counts more: 3/4 of plus, 1/4 of minus
+    middle = pushed(0.5 * FIELDS["plus"], height)
+    assert np.mean((found.mean() - middle) ** 2) < np.mean(
+        (found.mean() - height(MESH.vertices)) ** 2
+    )
+
+
+def test_what_a_mask_hides_counts_nothing(tmp_path):
+    place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
+    mask = place.file("mask", np.where(hidden, 0.0, 1.0))
+    for name in ("a", "b", "c"):
+        values = height(MESH.vertices)
+        if name == "c":
+            values = np.where(hidden, 100.0, values)
+        place.add(name, values, mask=mask if name == "c" else "")
+    found = place.registered(Settings(options=BRIEF, rounds=1))
+    assert found.fits.all()
+    inside = MESH.vertices[:, 0] > 0.8
+    assert (found.masks[2] == 0)[inside].all()
+    assert found.mean()[inside] == pytest.approx(height(MESH.vertices)[inside], abs=0.02)
+
+
+def test_vertices_of_the_template_that_do_not_count(tmp_path):
+    place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
+    mask = place.file("mask", np.where(hidden, 0.0, 1.0))
+    for seed, name in enumerate(("a", "b", "c")):
+        junk = np.random.default_rng(seed).normal(size=len(MESH.vertices))
+        place.add(name, np.where(hidden, 10 * junk, height(MESH.vertices)))
+    found = place.registered(Settings(mask=mask, options=BRIEF, rounds=1))
+    assert (found.areas[hidden] == 0).all()
+    assert found.correlation == pytest.approx(1, abs=0.01)
+
+
+def test_subjects_on_other_surfaces_come_by_initial_maps(tmp_path):
+    place, other = Place(tmp_path), even_sphere(250)
+    surface = tmp_path / "other.ply"
+    write_surface(surface, other)
+    place.add("own", height(MESH.vertices))
+    for name in ("finer", "again"):
+        directions = other.vertices / np.linalg.norm(other.vertices, axis=1)[:, None]
+        place.add(name, height(directions), surface=str(surface))
+    found = place.registered(Settings(initial="closest", options=BRIEF, rounds=1))
+    assert found.fits.all()
+    assert error(found.plain_mean()) < 0.05
+    assert error(found.mean()) < 0.08
+
+
+def test_initial_maps_that_need_functions_are_refused_without_the_templates(tmp_path):
+    place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
+    with pytest.raises(ParameterError, match="'embedding' is found by functions on both surfaces"):
+        place.registered(Settings(initial="embedding"))
+
+
+@pytest.mark.parametrize(
+    ("functions", "told"),
+    [
+        ({"depth": "coordinate:x"}, "the template has a function 'depth', and there is no such"),
+        ({"height": ""}, "the template has no function 'height'"),
+    ],
+)
+def test_functions_of_the_template_are_those_of_channels(tmp_path, functions, told):
+    place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
+    with pytest.raises(ParameterError, match=told):
+        place.registered(Settings(functions))
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"rounds": 0}, "rounds is 0; expected 1 to 1000"),
+        ({"rounds": 1.5}, "rounds is 1.5"),
+        ({"bound": -1.0}, "bound is -1.0"),
+        ({"bound": float("nan")}, "bound is nan"),
+    ],
+)
+def test_settings_are_checked(settings, told):
+    with pytest.raises(ParameterError, match=told):
+        Settings(**settings)
+
+
+def test_who_cannot_be_registered_is_told_and_stops_nobody(tmp_path):
+    place = Place(tmp_path)
+    for name in "abc":
+        place.add(name, height(MESH.vertices))
+    place.subjects.append(Subject("gone", (f"file:{tmp_path}/gone.npy",)))
+    told = []
+    found = place.registered(on_change=told.append)
+    assert found.fits.tolist() == [True, True, True, False]
+    assert "it was not registered" in found.reasons[3]
+    assert "gone.npy" in found.reasons[3]
+    assert found.digests[3] == ""
+    assert np.isnan(found.values[3]).all()
+    assert all(isinstance(entry, Entry) for entry in told)
+    assert [entry.row.name for entry in told if entry.reason] == ["gone"]
+
+
+def test_of_one_subject_there_is_no_population(tmp_path):
+    place = Place(tmp_path).add("a", height(MESH.vertices))
+    place.subjects.append(Subject("gone", (f"file:{tmp_path}/gone.npy",)))
+    with pytest.raises(AbfmError, match="1 of 2 subjects could be registered; of gone: "):
+        place.registered(Settings({"height": "coordinate:x"}, options=BRIEF))
+
+
+def test_it_ends_when_asked_and_goes_on_later(tmp_path, solved):
+    place, control = Place(tmp_path), Control()
+    for name in ("plus", "minus", "still"):
+        place.add(name, pushed(FIELDS[name], height))
+    with pytest.raises(CancelledError):
+        place.registered(on_change=lambda entry: control.cancel(), control=control)
+    assert len(solved) == 1
+    found = place.registered(Settings(options=BRIEF, rounds=1))
+    assert sorted(solved) == ["minus", "plus", "still"]
+    assert found.fits.all()
+
+
+def test_noise_is_value_and_not_position(tmp_path):
+    """As told between vertices, before and after: at vertices, where a map's interpolation would
+    take half of it, that half would pass for position.
+    """
+    place, noise = Place(tmp_path), 0.3
+    moved = ["plus", "minus", "plus", "minus"]
+    for seed, name in enumerate(moved):
+        place.add(f"{seed}", pushed(FIELDS[name], height, noise, seed))
+    own = place.file("own", height(MESH.vertices))
+    found = place.registered(Settings({"height": own}, options=BRIEF, rounds=1))
+    phase = found.phase_and_amplitude()
+    clean = np.stack([pushed(FIELDS[name], height) for name in moved])
+    position = np.average(clean.var(axis=0), weights=vertex_areas(MESH))
+    of_noise = 0.75 * noise**2  # of four subjects: n - 1 of n
+    assert phase.total == pytest.approx(position + of_noise / 2, rel=0.1)
+    assert 0.7 * position < phase.phase < 1.1 * position  # registering leaves some of it

@@ -1,0 +1,156 @@
+"""Means, deviations and their parts against NumPy, and against what is known of them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from abfm.population.statistics import (
+    Moments,
+    Others,
+    correlation,
+    deviation,
+    mean,
+    phase_and_amplitude,
+    relative_distance,
+)
+
+RNG = np.random.default_rng(5)
+VALUES, AREAS = RNG.normal(size=(6, 40)), RNG.uniform(0.5, 2, 40)
+ONES = np.ones_like(VALUES)
+ANGLES = 2 * np.pi * np.arange(400) / 400
+
+
+def moments(values, shares=None):
+    found = Moments.at(values.shape[1])
+    for i, own in enumerate(values):
+        found.add(own, np.ones_like(own) if shares is None else shares[i])
+    return found
+
+
+def test_equal_shares_are_numpys_mean_and_deviation():
+    assert mean(VALUES, 3 * ONES) == pytest.approx(VALUES.mean(axis=0))
+    assert deviation(VALUES, 3 * ONES) == pytest.approx(VALUES.std(axis=0, ddof=1))
+
+
+def test_shares_are_those_of_each_vertex():
+    shares = RNG.uniform(0, 2, VALUES.shape) * (RNG.uniform(size=VALUES.shape) < 0.9)
+    assert mean(VALUES, shares) == pytest.approx(
+        [np.average(VALUES[:, v], weights=shares[:, v]) for v in range(40)]
+    )
+
+
+def test_variances_of_unequal_shares_are_unbiased():
+    """On average over many samples of variance 1, whatever the shares."""
+    many = RNG.normal(size=(4, 200_000))
+    shares = np.array([0.2, 1.0, 2.0, 5.0])[:, None] * np.ones_like(many)
+    assert (deviation(many, shares) ** 2).mean() == pytest.approx(1, abs=0.02)
+
+
+def test_what_has_no_share_is_not_looked_at():
+    values, shares = VALUES.copy(), ONES.copy()
+    values[0, :10], shares[0, :10] = np.nan, 0
+    values[2, 3], shares[2, 3] = np.inf, 0
+    assert mean(values, shares)[:3] == pytest.approx(VALUES[1:, :3].mean(axis=0))
+    assert deviation(values, shares)[5:10] == pytest.approx(VALUES[1:, 5:10].std(axis=0, ddof=1))
+
+
+def test_what_nobody_or_one_alone_knows_has_no_mean_or_no_deviation():
+    shares = ONES.copy()
+    shares[:, 0], shares[1:, 1] = 0, 0
+    assert math.isnan(mean(VALUES, shares)[0])
+    assert mean(VALUES, shares)[1] == VALUES[0, 1]
+    assert np.isnan(deviation(VALUES, shares)[:2]).all()
+    assert np.isfinite(deviation(VALUES, shares)[2:]).all()
+
+
+def test_means_of_others_leave_one_out():
+    shares = RNG.uniform(0, 2, VALUES.shape)
+    shares[:, 7], shares[3, 7] = 0, 1  # known of one alone
+    others = Others.of(VALUES, shares)
+    for i in range(len(VALUES)):
+        rest = np.arange(len(VALUES)) != i
+        expected = mean(VALUES[rest], shares[rest])
+        assert others.without(i) == pytest.approx(expected, nan_ok=True)
+    assert math.isnan(others.without(3)[7])
+
+
+def test_correlations_are_weighed_by_areas_of_what_is_known():
+    f, g = VALUES[:2].copy()
+    f[:5], seen = np.nan, AREAS.copy()
+    seen[-3:] = 0
+    kept = slice(5, -3)
+    covariance = np.cov(f[kept], g[kept], aweights=AREAS[kept])
+    expected = covariance[0, 1] / math.sqrt(covariance[0, 0] * covariance[1, 1])
+    assert correlation(f, g, seen) == pytest.approx(expected)
+    assert correlation(3 + 2 * f, -g, seen) == pytest.approx(-expected)
+
+
+@pytest.mark.parametrize("constant", [0.0, 0.1, 1e9])
+def test_constants_correlate_with_nothing(constant):
+    assert math.isnan(correlation(np.full(40, constant), VALUES[0], AREAS))
+    assert math.isnan(relative_distance(VALUES[0], np.full(40, constant), AREAS))
+
+
+def test_distances_are_in_deviations_of_the_second():
+    f, g = VALUES[:2]
+    expected = np.average((f - g) ** 2, weights=AREAS) / np.cov(g, aweights=AREAS, ddof=0)
+    assert relative_distance(f, g, AREAS) == pytest.approx(math.sqrt(expected))
+    assert relative_distance(10 * f, 10 * g, AREAS) == pytest.approx(math.sqrt(expected))
+
+
+def test_the_variance_is_position_and_value():
+    """A sum, whatever the functions are."""
+    x, y = RNG.normal(size=(2, 5, 40))
+    shares = RNG.uniform(0, 1, x.shape)
+    part = phase_and_amplitude(moments(x, shares), moments(y), AREAS)
+    means = mean(x, shares)
+    squares = (shares * (x - means) ** 2).sum(axis=0) / shares.sum(axis=0)
+    assert part.total == pytest.approx(np.average(squares, weights=AREAS))
+    assert part.phase + part.amplitude == pytest.approx(part.total)
+
+
+def test_shifts_of_one_function_are_position_alone():
+    """Waves shifted by plus and minus s: their variance is ``1/2 sin(s)^2``, and nothing is left
+    once they are aligned.
+    """
+    shift = 0.4
+    x = np.stack([np.sin(ANGLES + shift), np.sin(ANGLES - shift)])
+    part = phase_and_amplitude(moments(x), moments(np.stack([np.sin(ANGLES)] * 2)), np.ones(400))
+    assert part.total == pytest.approx(0.5 * math.sin(shift) ** 2)
+    assert part.phase == pytest.approx(part.total)
+    assert part.amplitude == pytest.approx(0, abs=1e-12)
+    assert part.factor == pytest.approx(1)
+
+
+def test_heights_of_one_function_are_value_alone():
+    x = np.outer([0.5, 1.0, 1.5], np.sin(ANGLES))
+    part = phase_and_amplitude(moments(x), moments(x), np.ones(400))
+    assert part.amplitude == pytest.approx(part.total) == pytest.approx(0.5 * np.var([0.5, 1, 1.5]))
+    assert part.phase == pytest.approx(0, abs=1e-12)
+
+
+def test_shifts_and_heights_are_told_apart():
+    """Of ``h sin(t + s)``, with independent shifts and heights, the value is ``1/2 var h``."""
+    heights, shifts = np.array([0.8, 1.2]), np.array([-0.3, 0.3])
+    x = np.stack([h * np.sin(ANGLES + s) for h in heights for s in shifts])
+    y = np.stack([h * np.sin(ANGLES) for h in heights for _ in shifts])
+    part = phase_and_amplitude(moments(x), moments(y), np.ones(400))
+    assert part.amplitude == pytest.approx(0.5 * np.var(heights))
+    assert part.phase == pytest.approx(0.5 * math.sin(0.3) ** 2)  # the mean height is 1
+
+
+def test_points_that_are_not_known_both_before_and_after_are_left_out():
+    x = np.outer([0.5, 1.5], np.sin(ANGLES))
+    shares = np.ones_like(x)
+    shares[:, :200] = 0
+    part = phase_and_amplitude(moments(x), moments(x, shares), np.ones(400))
+    expected = phase_and_amplitude(moments(x[:, 200:]), moments(x[:, 200:]), np.ones(200))
+    assert part == pytest.approx(expected)
+    nowhere = phase_and_amplitude(moments(x), moments(x, 0 * shares), np.ones(400))
+    assert all(map(math.isnan, nowhere))
+
+
+def test_without_variance_there_are_no_parts():
+    x = np.stack([np.sin(ANGLES)] * 3)
+    assert phase_and_amplitude(moments(x), moments(x), np.ones(400))[:3] == (0, 0, 0)

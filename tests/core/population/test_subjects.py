@@ -1,0 +1,98 @@
+"""The table of subjects."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from abfm import ParameterError, read_subjects
+from abfm.functions import parse
+from abfm.population import Channel, Cohort, Subject
+from abfm.population.subjects import _cohort
+
+
+def written(folder, text):
+    path = folder / "table.csv"
+    path.write_text(text)
+    return path
+
+
+def test_a_table_names_files_and_functions_beside_it(tmp_path):
+    (tmp_path / "a, b.npy").touch()
+    text = (
+        "Name;surface;sulc;held-out:label;MASK;weight\n"
+        "one;sub/one.off;a, b.npy;file:label.csv;known.txt + indicator:vertex=3;2\n"
+        "\n"
+        "two;;gaussian:vertex=3,width=0.1;;;\n"
+    )
+    (tmp_path / "known.txt + indicator:vertex=3").touch()
+    found = read_subjects(written(tmp_path, text))
+    assert found.channels == (Channel("sulc"), Channel("label", is_held_out=True))
+    assert found.registered_by == [0]
+    one, two = found.subjects
+    assert one.surface == str(tmp_path / "sub/one.off")
+    assert parse(one.functions[0]).path == str(tmp_path / "a, b.npy")
+    assert str(tmp_path / "label.csv") in one.functions[1]
+    assert str(tmp_path / "known.txt") in one.mask
+    assert one.weight == 2
+    assert two == Subject("two", ("gaussian:vertex=3,width=0.1", ""))
+
+
+def test_rows_without_a_name_have_their_number(tmp_path):
+    found = read_subjects(written(tmp_path, "f\ncoordinate:y\ncoordinate:x\n"))
+    assert [each.name for each in found.subjects] == ["row 1", "row 2"]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "it is empty"),
+        ("name,f\none,coordinate:x\n", "there are 1 subjects"),
+        ("name,held-out:f\none,coordinate:x\ntwo,coordinate:x\n", "no channel to register by"),
+        ("name,f\none,coordinate:x\none,coordinate:x\n", "two subjects are called one"),
+        ("name,f,f\none,coordinate:x,coordinate:x\n", "two columns are called f"),
+        ("f,held-out:f\ncoordinate:x,coordinate:x\ncoordinate:x,\n", "two channels are called f"),
+        ("name,,f\none,,coordinate:x\n", "column 2 has no name"),
+        ("name,held-out:\none,coordinate:x\n", "has no name of a channel"),
+        ("name,f\none,coordinate:x\ntwo,\n", "subject two has no f"),
+        ("name,f\none,coordinate:x\ntwo,no.npy\n", "row 2, column f: there is no file 'no.npy'"),
+        ("name,f,weight\none,coordinate:x,x\n", "weight 'x' is no number"),
+        ("name,f,weight\none,coordinate:x,-1\ntwo,coordinate:x,1\n", "has weight -1"),
+        ("name,f,weight\none,coordinate:x,nan\ntwo,coordinate:x,1\n", "has weight nan"),
+        ("name,f,weight\none,coordinate:x,0\ntwo,coordinate:x,0\n", "all subjects have weight 0"),
+        ("name,f\none,coordinate:x,3,4\n", "row 1: it has 4 cells, and there are 2 columns"),
+        ('name,f\n"one,coordinate:x\n', "unexpected end of data"),
+        ("f,mask\ncoordinate:x,nonsense\ncoordinate:x,\n", "row 1, column mask"),
+    ],
+)
+def test_what_does_not_fit_is_told(tmp_path, text, told):
+    with pytest.raises(ParameterError, match=f"table .*table.csv: .*{told}"):
+        read_subjects(written(tmp_path, text))
+
+
+def test_a_table_that_is_not_there_or_no_text_is_told(tmp_path):
+    with pytest.raises(ParameterError, match="cannot read table"):
+        read_subjects(tmp_path / "none.csv")
+    path = tmp_path / "latin.csv"
+    path.write_bytes(b"name,f\n\xe9,coordinate:x\n")
+    with pytest.raises(ParameterError, match="save it as UTF-8"):
+        read_subjects(path)
+
+
+def test_each_subject_has_all_channels():
+    channels = (Channel("f"), Channel("g"))
+    with pytest.raises(ParameterError, match="has 1 functions for 2 channels"):
+        Cohort(
+            channels,
+            (Subject("a", ("coordinate:x",)), Subject("b", ("coordinate:x", "coordinate:x"))),
+        )
+
+
+@given(st.text(alphabet='nameweightf,;\t\n" 0123456789.:-é', max_size=80))
+def test_any_text_is_a_table_or_is_refused(text):
+    refused = ""
+    try:
+        found = _cohort(text, "/nowhere")
+    except ParameterError as error:
+        refused = str(error)
+    assert "\n" not in refused
+    assert refused or len(found.subjects) >= 2

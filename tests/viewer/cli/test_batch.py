@@ -1,0 +1,257 @@
+"""`abfm batch` and `abfm sweep`: tables are solved, told and gone on with."""
+
+import csv
+import json
+import random
+import re
+import signal
+from html.parser import HTMLParser
+from unittest.mock import Mock
+
+import pytest
+
+import abfm as library
+from abfm.assets import asset_path
+from abfm_viewer import pictures
+from abfm_viewer.cli import main
+from abfm_viewer.cli.batch_summary import GOOD, WORST_FIRST
+from abfm_viewer.errors import DrawingError
+from tests.attack.batches import family, kill, lingering, results, start, victims, write_table
+from tests.processes import argv
+
+EIGHT = asset_path("eight.off")
+BRIEF = "--refine 0 --levels 1 --cooling-stages 2"
+NEAR, FAR = '"gaussian:vertex=5,width=0.4"', '"gaussian:vertex=200,width=0.2"'
+TABLE = f"""\
+name,mesh,source,target,iterations,refine,levels,alpha
+<far>,{EIGHT},"gaussian:vertex=0,width=0.4",{FAR},0,0,1,0.5
+same,{EIGHT},{NEAR},{NEAR},5,0,1,
+lost,nowhere.off,{NEAR},{NEAR},5,0,1,
+"""
+
+
+class Page(HTMLParser):
+    """What stands on a page, the names of its rows, what its pictures show, and its facts."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.text, self.facts, self.names, self.pictures, self.links = "", "", [], [], []
+        self._open = []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        self.links += [given[name] for name in ("src", "href") if name in given]
+        if tag == "img":
+            self.pictures.append(given["alt"])
+        elif tag not in ("meta", "link"):
+            self._open.append((tag, given.get("class")))
+
+    def handle_endtag(self, tag):
+        while self._open and self._open.pop()[0] != tag:
+            pass
+
+    def handle_data(self, data):
+        if ("script", None) in self._open:
+            self.facts += data
+        elif ("style", None) not in self._open:
+            self.text += data
+        if ("div", "name") in self._open:
+            self.names.append(data)
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory):
+    """A folder with a table and its results, and the exit status."""
+    folder = tmp_path_factory.mktemp("batch")
+    (folder / "table.csv").write_text(TABLE)
+    words = ["batch", folder / "table.csv", "--out", folder / "out", "--jobs", "1", "--quiet"]
+    return folder, main([*map(str, words)])
+
+
+def table_of(folder):
+    with (folder / "summary.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_table_is_solved_and_failed_rows_have_their_status_and_reason(solved):
+    folder, status = solved
+    assert status == 4
+    far, same, lost = table_of(folder / "out")
+    assert (far["verdict"], same["verdict"], lost["verdict"]) == (
+        "not reached",
+        "matched",
+        "failed",
+    )
+    assert far["alpha"] == "0.5"
+    assert (same["source"], same["alpha"]) == (NEAR.strip('"'), "")
+    assert lost["reason"].endswith("nowhere.off: there is no such file")
+    assert (lost["digest"], lost["mismatch"]) == ("", "")
+    for row in (far, same):
+        match = library.load_match(folder / "out" / f"{row['digest']}.npz")
+        assert match.problem.digest == row["digest"]
+        assert float(row["mismatch"]) == match.mismatch
+        assert float(row["verified_mismatch"]) == match.verified_mismatch
+        assert float(row["folded"]) == match.folded
+        assert float(row["seconds"]) > 0
+
+
+def test_the_page_has_the_worst_first_a_picture_a_row_and_nothing_outside_it(solved):
+    out = solved[0] / "out"
+    page = Page(out / "summary.html")
+    assert page.names == ["lost", "<far>", "same"]
+    assert page.pictures == [f"{name}: source, carried, target" for name in page.names[1:]]
+    assert all(link.startswith("data:image/png") for link in page.links)
+    assert "table.csv" in page.text
+    assert "Not reached" in page.text
+    assert "no picture" in page.text
+    facts = json.loads(page.facts)
+    assert [row["name"] for row in facts["rows"]] == page.names
+    verdicts = [WORST_FIRST.index(row["verdict"]) for row in facts["rows"]]
+    assert verdicts == sorted(verdicts)
+    assert len(list((out / "pictures").iterdir())) == 2
+
+
+def test_how_far_it_is_is_told_of_a_table_and_of_a_folder_and_nothing_is_solved(solved, abfm):
+    folder, _ = solved
+    before = (folder / "out" / "summary.html").read_bytes()
+    by_folder = json.loads(abfm(f"batch --status {folder}/out --json --quiet", status=4).out)
+    assert by_folder["counts"] == {"matched": 1, "not reached": 1, "failed": 1}
+    assert (folder / "out" / "summary.html").read_bytes() == before
+    other = folder / "other.csv"
+    other.write_text(TABLE.replace(",5,0,1", ",6,0,1"))
+    words = f"batch {other} --out {folder}/out --status --json --quiet"
+    by_table = json.loads(abfm(words, status=4).out)
+    assert by_table["counts"] == {"not reached": 1, "missing": 2}
+    assert by_table["rows"][1]["digest"] is None
+    assert "same: matched" not in abfm(f"batch --status {other} --out {folder}/out", status=4).out
+    abfm(f"batch --status {folder}/out", status=4)  # as it was
+
+
+def test_run_again_it_does_what_is_missing_and_says_so(solved, abfm):
+    folder, _ = solved
+    before = results(folder / "out")
+    told = abfm(f"batch {folder}/table.csv --out {folder}/out --jobs 1", status=4)
+    assert "2 of 3 rows are there already" in told.err
+    assert re.search(r"^1 of 1: lost: failed: .*no such file$", told.err, re.MULTILINE)
+    assert told.out.startswith("3 rows: 1 matched, 1 not reached, 1 failed, in ")
+    assert "lost: failed: " in told.out
+    assert "\r" not in told.err + told.out
+    assert results(folder / "out") == before
+
+
+def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
+    monkeypatch.chdir(EIGHT.parent)
+    words = f"sweep eight.off --source {NEAR} --channel coordinate:x coordinate:x 0.5 {BRIEF}"
+    over = f"--over alpha=0.1,0.2 --over 'target={NEAR},\"gaussian:vertex=6,width=0.4\"'"
+    out = f"--over iterations=1 --out {tmp_path}/out --jobs 1 --no-pictures"
+    status = main(argv(f"{words} {over} {out}"))
+    rows = table_of(tmp_path / "out")
+    assert status == (0 if all(row["verdict"] in GOOD for row in rows) else 3)
+    targets = [f"gaussian:vertex={i},width=0.4" for i in (5, 6)]
+    wanted = [(alpha, target, "1") for alpha in ("0.1", "0.2") for target in targets]
+    assert [(row["alpha"], row["target"], row["iterations"]) for row in rows] == wanted
+    assert {row["channel"] for row in rows} == {"coordinate:x coordinate:x 0.5"}
+    assert rows[1]["name"] == "alpha 0.1, target gaussian:vertex=6,width=0.4, iterations 1"
+    assert len(results(tmp_path / "out")) == 4
+    match = library.load_match(tmp_path / "out" / f"{rows[1]['digest']}.npz")
+    assert match.parameters == library.Parameters(
+        alpha=0.1, refine=0, levels=1, cooling_stages=2, iterations=1
+    )
+    assert match.weights.tolist() == [1, 0.5]
+    assert not (tmp_path / "out" / "pictures").exists()
+    assert "no picture" in Page(tmp_path / "out" / "summary.html").text
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("batch", "--out is missing"),
+        ("batch --out {t}/out", "TABLE.csv is missing"),
+        ("batch {t}/none.csv --out {t}/out", "cannot read table {t}/none.csv: No such file"),
+        ("batch {t}/bad.csv --out {t}/out", "bad.csv: row 1, column alpha: 'much' is no number"),
+        ("batch {t}/good.csv --out {t}/out --jobs 0", "a number of processes"),
+        ("batch {t}/good.csv --out {t}/out --jobs 2 --scheduler x", "give one of jobs"),
+        ("batch {t}/good.csv --out {t}/out --scheduler-file {t}/s", "no scheduler's file {t}/s"),
+        ("batch {t}/good.csv --out {t}/good.csv/out", "choose a folder"),
+        ("batch {t}/good.csv --out {t}/none --status", "nothing was solved yet"),
+        ("batch --status {t}/none", "holds no batch"),
+        ("batch {t}/good.csv --out {t}/a --status {t}/b", "name two folders"),
+        ("sweep {t}/m.off --source curvature:mean --target curvature:mean --out {t}", "--over"),
+        ("sweep m.off --source curvature:mean --out out --over target=a", "unknown function"),
+        ("sweep m.off --source curvature:mean --out out --over alpha=1", "need each other"),
+        ("sweep m.off --out out --over alpa=1", "did you mean 'alpha'"),
+        ("sweep m.off --out out --over alpha", "is not NAME=A,B"),
+        ("sweep m.off --out out --over alpha=1,,2", "expected values with commas"),
+        ("sweep m.off --out out --over alpha=1,1", "has a value twice"),
+        ("sweep m.off --out out --over alpha=1 --over alpha=2", "is given twice"),
+        ("sweep m.off --out out --over alpha=1 --alpha 2", "alpha is given, and swept over"),
+        ("sweep m.off --over alpha=1", "--out is missing"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_a_line_and_nothing_is_solved(words, told, tmp_path, abfm):
+    (tmp_path / "good.csv").write_text(TABLE)
+    (tmp_path / "bad.csv").write_text(TABLE.replace("0.5\n", "much\n"))
+    assert told.format(t=tmp_path) in abfm(words.format(t=tmp_path), status=2).err
+    assert not list(tmp_path.rglob("*.npz"))
+
+
+def test_a_machine_that_cannot_draw_says_so_and_the_rest_is_there(solved, abfm, monkeypatch):
+    folder, _ = solved
+    for picture in (folder / "out" / "pictures").iterdir():
+        picture.unlink()
+    refuse = Mock(side_effect=DrawingError("cannot draw without OpenGL"))
+    with monkeypatch.context() as patched:
+        patched.setattr(pictures, "row_pictures", refuse)
+        told = abfm(f"batch --status {folder}/out --quiet", status=4)
+    assert told.err == "note: the summary has no pictures: cannot draw without OpenGL\n"
+    page = Page(folder / "out" / "summary.html")
+    assert "No pictures: cannot draw without OpenGL" in page.text
+    assert page.pictures == []
+    abfm(f"batch --status {folder}/out --quiet", status=4)
+    assert len(Page(folder / "out" / "summary.html").pictures) == 2
+
+
+def test_a_signal_ends_a_batch_and_keeps_what_is_done(tmp_path):
+    write_table(tmp_path / "table.csv", 12, iterations=60)
+    process = start(tmp_path / "table.csv", tmp_path / "out", "--jobs", "1")
+    while not process.stderr.readline().startswith("1 of 12: pair 0: "):
+        assert process.poll() is None
+    there = family(process.pid)
+    process.send_signal(signal.SIGTERM)
+    errors = process.communicate(timeout=60)[1]
+    assert process.returncode == 143
+    assert "stopping with the rows that are done" in errors
+    assert "Traceback" not in errors
+    rows = table_of(tmp_path / "out")
+    done = [row for row in rows if row["verdict"] != "missing"]
+    assert 1 <= len(done) < 12
+    assert len(results(tmp_path / "out")) == len(done)
+    assert lingering(there) == []
+
+
+def test_a_batch_whose_processes_are_killed_goes_on_and_leaves_none_behind(tmp_path, abfm):
+    write_table(tmp_path / "table.csv", 6, iterations=20)
+    assert (
+        main(
+            argv(
+                f"batch {tmp_path}/table.csv --out {tmp_path}/alone --jobs 1 --quiet --no-pictures"
+            )
+        )
+        == 3
+    )
+    out = tmp_path / "out"
+    process = start(tmp_path / "table.csv", out, "--jobs", "2")
+    while not process.stderr.readline().startswith("1 of 6: "):
+        assert process.poll() is None
+    found = victims(process.pid)
+    assert [len(found[each]) for each in ("client", "scheduler", "worker")] == [1, 1, 2]
+    there = family(process.pid)
+    kill(random.choice(found["worker"]))
+    kill(process.pid)
+    process.communicate()
+    assert lingering(there) == []
+    told = abfm(f"batch {tmp_path}/table.csv --out {out} --jobs 1 --no-pictures", status=3)
+    assert "of 6 rows are there already" in told.err
+    assert results(out) == results(tmp_path / "alone")
+    assert not list(out.rglob(".abfm-*"))

@@ -1,0 +1,228 @@
+"""`abfm population`, run in this process on a small sphere, with one process that registers."""
+
+import csv
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+
+import abfm as library
+from abfm import Flow
+from abfm.io import write_surface
+from abfm_viewer import pictures
+from abfm_viewer.cli import main, population
+from abfm_viewer.errors import DrawingError
+from tests.shapes import icosphere
+from tests.viewer.cli.test_report import Page
+
+MESH = icosphere(2)
+NAME = "<b>odd</b>"
+BRIEF = "--refine 0 --iterations 20 --jobs 1 --quiet --rounds 1"
+
+
+def height(places):
+    x, y, z = places.T
+    return x + y * z + x * z + 0.7 * (z * z - x * x) * y
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a table of five subjects and an odd one."""
+    place = tmp_path_factory.mktemp("population")
+    write_surface(place / "template.gii", MESH)
+    middles = MESH.vertices[MESH.faces].mean(axis=1)
+    field = np.cross(middles, [0.1, 0.2, 0.15])
+    lines = ["name,depth,held-out:a label,weight"]
+    for number, size in enumerate((-1, -0.5, 0, 0.5, 1)):
+        there = Flow(MESH, size * field).point_map()
+        np.save(place / f"{number}.npy", there.pull_back(height(MESH.vertices)))
+        np.savetxt(place / f"{number}.csv", there.pull_back(np.sign(MESH.vertices[:, 2] - 0.2)))
+        lines.append(f"subject {number},{number}.npy,{number}.csv,")
+    np.save(place / "odd.npy", np.random.default_rng(2).normal(size=len(MESH.vertices)))
+    lines.append(f"{NAME},odd.npy,,2")
+    (place / "table.csv").write_text("\n".join(lines))
+    return place
+
+
+@pytest.fixture(scope="module")
+def told(folder):
+    """The words that were printed, and the status."""
+    words = ["population", folder / "table.csv", "--template", folder / "template.gii"]
+    with pytest.MonkeyPatch.context() as patch:
+        said = []
+        patch.setattr("builtins.print", lambda text, **where: said.append(text))
+        patch.setattr(population, "_WIDTH", 48)
+        more = ["--out", folder / "out", "--json", *BRIEF.split()]
+        status = main([*map(str, words), *map(str, more)])
+    return json.loads(said[-1]), status
+
+
+@pytest.fixture(scope="module")
+def found(folder, told):
+    return library.load_population(folder / "out" / "population.npz")
+
+
+@pytest.fixture(scope="module")
+def page(folder, told):
+    return Page((folder / "out" / "population.html").read_text(encoding="utf-8"))
+
+
+def test_the_status_says_whether_the_mean_has_come_to_rest(told):
+    facts, status = told
+    assert facts["changes"][0] > facts["bound"]
+    assert status == 3
+
+
+def test_facts_are_those_of_the_population(told, found):
+    facts, _ = told
+    worst = facts["subjects"][0]
+    assert (worst["name"], worst["fits"], worst["weight"]) == (NAME, False, 2)
+    assert "it correlates with the mean of the others" in worst["reason"]
+    for each in facts["subjects"]:
+        i = found.subject(each["name"])
+        assert each["fits"] == found.fits[i]
+        assert each["correlation"] == found.correlation[i]
+        assert each["scores"]["depth"] == found.scores("depth")[i].tolist()
+    depth, label = facts["channels"]
+    assert depth["total"] == pytest.approx(depth["phase"] + depth["amplitude"])
+    assert label["held_out"]
+    assert label["after"] == pytest.approx(found.scores(1)[:5, 1].mean())
+    assert worst["scores"]["a label"] == [None, None]
+
+
+def test_a_table_has_a_line_a_subject_the_worst_first(folder, found):
+    with (folder / "out" / "subjects.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == [found.names[i] for i in found.worst_first()]
+    for row in rows:
+        i = found.subject(row["name"])
+        assert float(row["log2_area"]) == found.log2_area[i]
+        assert (folder / "out" / f"{row['digest']}.npz").is_file()
+    assert rows[0]["a label after"] == ""
+    assert float(rows[1]["a label after"]) == found.scores(1)[found.subject(rows[1]["name"]), 1]
+
+
+def test_means_are_written_for_other_programs(folder, found):
+    nibabel = pytest.importorskip("nibabel")
+    image = nibabel.load(folder / "out" / "mean.shape.gii")
+    names = [array.meta["Name"] for array in image.darrays]
+    kinds = ("mean", "deviation", "plain_mean")
+    assert names == [f"{kind}_{name}" for name in ("depth", "a_label") for kind in kinds]
+    assert image.darrays[0].data == pytest.approx(found.mean(), rel=1e-6)
+    assert image.darrays[4].data == pytest.approx(found.deviation("a label"), rel=1e-6)
+    content = (folder / "out" / "mean.vtu").read_bytes()
+    for name in (*names, "log2_area_mean", "log2_area_deviation"):
+        assert f'Name="{name}"'.encode() in content
+    assert found.mean().astype("<f8").tobytes() in content
+
+
+def test_the_page_tells_all_and_shows_names_as_they_are(page, found):
+    assert all(link.startswith("data:") for link in page.links)
+    assert NAME in page.text
+    assert "b" in page.tags  # of the page itself, around the name
+    assert page.text.index(NAME) < page.text.index("subject 4")
+    assert json.loads(page.facts)["subjects"][0]["name"] == NAME
+    assert "The mean still changes" in page.text
+
+
+def test_pictures_show_means_deviations_areas_and_the_odd_one(page):
+    titles = [
+        f"{name}, {column}"
+        for name in ("depth", "a label")
+        for column in ("mean, at first", "mean, registered", "deviation")
+    ]
+    titles += [f"areas, {each}" for each in ("mean of log2 J", "deviation of log2 J")]
+    titles += [f"{NAME}, {each}" for each in ("at first", "registered", "mean of the others")]
+    for title in titles:
+        for side in ("front", "back"):
+            picture = page.pictures[f"{title}, {side}"]
+            assert picture.shape[1] == 48
+            assert picture.std() > 5
+    other = page.pictures[f"{NAME}, mean of the others, front"]
+    own = page.pictures[f"{NAME}, registered, front"]
+    assert np.abs(own - other).mean() > 10
+
+
+def test_running_again_solves_nothing_and_says_the_same(abfm, folder, found, monkeypatch):
+    def refuse(*arguments):
+        raise AssertionError("a row was solved again")
+
+    monkeypatch.setattr(sys.modules["abfm.batch.run"], "_by_one", refuse)
+    before = (folder / "out" / "population.npz").read_bytes()
+    words = f"population {folder}/table.csv --template {folder}/template.gii --no-pictures"
+    said = abfm(f"{words} --out {folder}/out {BRIEF}", status=3)
+    assert (folder / "out" / "population.npz").read_bytes() == before
+    lines = said.out.splitlines()
+    assert lines[0].startswith("5 of 6 subjects fit; the mean changed by ")
+    assert any(line.startswith("a label, held out: ") for line in lines)
+    assert any(line.startswith(f"left out: {NAME}: it correlates") for line in lines)
+    text = (folder / "out" / "population.html").read_text(encoding="utf-8")
+    assert "<img" not in text
+
+
+def test_registrations_of_the_last_round_are_a_batch(abfm, folder, found):
+    said = json.loads(abfm(f"batch --status {folder}/out --no-pictures --json", status=0).out)
+    assert {row["digest"] for row in said["rows"]} == set(found.digests)
+    assert {row["name"] for row in said["rows"]} == set(found.names)
+
+
+def test_a_page_without_a_screen_has_no_pictures(abfm, folder, found, monkeypatch):
+    def refuse(*arguments):
+        raise DrawingError("there is no screen")
+
+    monkeypatch.setattr(pictures, "population_pictures", refuse)
+    words = f"population {folder}/table.csv --template {folder}/template.gii"
+    said = abfm(f"{words} --out {folder}/out --bound 0.9 {BRIEF}")  # which it keeps
+    assert "note: the page has no pictures: there is no screen" in said.err
+    text = (folder / "out" / "population.html").read_text(encoding="utf-8")
+    assert "The mean has come to rest" in text
+
+
+def test_a_subject_that_cannot_be_registered_is_told(abfm, folder, found):
+    lines = (folder / "table.csv").read_text().splitlines()
+    (folder / "more.csv").write_text("\n".join([*lines, "gone,file:gone.npy,,"]))
+    words = f"population {folder}/more.csv --template {folder}/template.gii --no-pictures"
+    said = abfm(f"{words} --out {folder}/out {BRIEF}", status=4)
+    assert "note: gone failed: " in said.err
+    assert "left out: gone: it was not registered: " in said.out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("population table.csv --out out", "--template is missing"),
+        ("population table.csv --template template.gii", "--out"),
+        ("population none.csv --template template.gii --out out", "cannot read table none.csv"),
+        ("population table.csv --template none.gii --out out", "none.gii"),
+        ("population table.csv --template template.gii --out out --function depth", "NAME=SPEC"),
+        (
+            "population table.csv --template template.gii --out out --function depht=coordinate:x",
+            "there is no such channel to register by (did you mean 'depth'?)",
+        ),
+        ("population table.csv --template template.gii --out out --mask nonsense", "nonsense"),
+        ("population table.csv --template template.gii --out out --bound -1", "--bound"),
+        ("population table.csv --template template.gii --out out --alpha -1", "alpha is -1"),
+        ("population table.csv --template template.gii --out table.csv", "cannot make the folder"),
+    ],
+)
+def test_what_does_not_fit_is_told_in_a_line(abfm, folder, monkeypatch, words, told):
+    monkeypatch.chdir(folder)
+    assert told in abfm(f"{words} --quiet", status=2).err
+
+
+def test_numbers_that_are_unknown_are_none(told):
+    facts, _ = told
+
+    def every(value):
+        if isinstance(value, dict):
+            for each in value.values():
+                yield from every(each)
+        elif isinstance(value, list):
+            for each in value:
+                yield from every(each)
+        else:
+            yield value
+
+    assert all(math.isfinite(each) for each in every(facts) if isinstance(each, float))
