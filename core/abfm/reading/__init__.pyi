@@ -8,6 +8,7 @@ from .door import read_bytes as read_bytes
 from .freesurfer import FREESURFER_SURFACES as FREESURFER_SURFACES
 from .freesurfer import FREESURFER_VALUES as FREESURFER_VALUES
 from .freesurfer import freesurfer_annotation as freesurfer_annotation
+from .freesurfer import freesurfer_frames as freesurfer_frames
 from .freesurfer import freesurfer_kind as freesurfer_kind
 from .freesurfer import freesurfer_label as freesurfer_label
 from .freesurfer import freesurfer_overlay as freesurfer_overlay
@@ -18,3 +19,8 @@ from .gifti import gifti_arrays as gifti_arrays
 from .gifti import read_gifti as read_gifti
 from .labels import Color as Color
 from .labels import Labels as Labels
+from .source_estimates import SourceEstimate as SourceEstimate
+from .source_estimates import read_stc as read_stc
+from .vtk_xml import Grid as Grid
+from .vtk_xml import read_collection as read_collection
+from .vtk_xml import read_grid as read_grid

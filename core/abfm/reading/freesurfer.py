@@ -97,6 +97,13 @@ def freesurfer_overlay(path: str | os.PathLike[str]) -> FloatArray:
 
     Errors as for surfaces.
     """
+    return freesurfer_frames(path)[0]
+
+
+def freesurfer_frames(path: str | os.PathLike[str]) -> tuple[FloatArray, float]:
+    """Read values as `freesurfer_overlay`, and the milliseconds from a frame to the next, which may
+    follow them; NaN if they do not.
+    """
     data = read_bytes(path)
     bytes_ = _Bytes(inflated(data) if data[:2] == b"\x1f\x8b" else data)
     version = bytes_.number()
@@ -108,7 +115,8 @@ def freesurfer_overlay(path: str | os.PathLike[str]) -> FloatArray:
         raise ValueError(f"its values have the type {kind}; expected one of {[*_MGH_TYPES]}")
     bytes_.skip(_MGH_DATA)
     frames, count = counts[3], math.prod(counts[:3])
-    return bytes_.array(_MGH_TYPES[kind], (frames, count), "frames").T.astype(np.float64)
+    values = bytes_.array(_MGH_TYPES[kind], (frames, count), "frames").T.astype(np.float64)
+    return values, float(bytes_.array(">f4", (1,), "times")[0]) if bytes_.left >= 4 else math.nan
 
 
 def freesurfer_annotation(path: str | os.PathLike[str]) -> Labels:

@@ -42,11 +42,14 @@ class GiftiArray(NamedTuple):
 
 
 class Gifti(NamedTuple):
-    """All data arrays of a file in its order, and its table of labels: names and colours by key."""
+    """All data arrays of a file in its order, and its table of labels: names and colours by key;
+    and how long its metadata say that it is from an array to the next, NaN if they do not.
+    """
 
     arrays: list[GiftiArray]
     names: dict[int, str]
     colors: dict[int, Color]
+    time_step: float = math.nan
 
 
 def gifti_arrays(path: str | os.PathLike[str]) -> list[GiftiArray]:
@@ -72,7 +75,7 @@ def read_gifti(path: str | os.PathLike[str]) -> Gifti:
         parser.Parse(inflated(content) if content[:2] == b"\x1f\x8b" else content, True)
     except expat.ExpatError as error:
         raise ValueError(f"it is no XML, or cut short: {error}") from error
-    return Gifti(reader.arrays, reader.names, reader.colors)
+    return Gifti(reader.arrays, reader.names, reader.colors, reader.time_step)
 
 
 class _Reader:
@@ -83,6 +86,7 @@ class _Reader:
         self.arrays: list[GiftiArray] = []
         self.names: dict[int, str] = {}
         self.colors: dict[int, Color] = {}
+        self.time_step = math.nan
         self._open: list[str] = []
         self._attributes: dict[str, str] = {}
         self._name, self._entry = "", ""  # of the array; of its metadata
@@ -114,6 +118,8 @@ class _Reader:
             self._label(text.strip())
         elif name == "Name":
             self._entry = text.strip()
+        elif self._entry == "TimeStep":
+            self.time_step = _number(text)
         elif self._entry == "Name" and "DataArray" in self._open:
             self._name = text.strip()
 

@@ -2,7 +2,17 @@ from .critical_points import CriticalPoints as CriticalPoints
 from .critical_points import critical_points as critical_points
 from .critical_points import face_indices as face_indices
 from .episodes import Episode as Episode
+from .exports import export_intervals as export_intervals
+from .exports import export_pvd as export_pvd
+from .exports import export_speed as export_speed
+from .exports import export_stc as export_stc
+from .exports import export_tracks as export_tracks
+from .exports import vertex_speed as vertex_speed
+from .files import is_sequence as is_sequence
 from .files import load_sequence as load_sequence
+from .frames_file import FramesFile as FramesFile
+from .read_frames import ENDINGS as ENDINGS
+from .read_frames import read_frames as read_frames
 from .sequence import DEFAULTS as DEFAULTS
 from .sequence import GAMMA as GAMMA
 from .sequence import TAKEN as TAKEN

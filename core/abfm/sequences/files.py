@@ -43,6 +43,12 @@ def sequence_arrays(sequence: Sequence) -> dict[str, Any]:
     return {name: np.asarray(array) for name, array in arrays.items()}
 
 
+def is_sequence(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a file holds frames and fields; ResultError if it cannot be read."""
+    with results.open_archive(path, results.SEQUENCE.name, results.MEND) as archive:
+        return "frames" in archive and "velocity" in archive
+
+
 def load_sequence(path: str | os.PathLike[str]) -> Sequence:
     """Read a file of `Sequence.save`; ResultError if it is missing, damaged, or none."""
     arrays = results.load_arrays(path, results.SEQUENCE)

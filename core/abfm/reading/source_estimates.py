@@ -1,0 +1,56 @@
+"""Source estimates of MNE, .stc files: values at some vertices of a surface, in time.
+
+Format, big-endian: milliseconds of the first sample and between samples as float32, how many
+vertices and their numbers as uint32, how many samples as uint32, float32 values sample by sample
+[MNE manual, appendix "The stc format"].
+"""
+
+import os
+import struct
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.reading.door import read_bytes
+from abfm.types import FloatArray, IntArray
+
+_HEAD = struct.Struct(">ffI")
+
+
+class SourceEstimate(NamedTuple):
+    """Values (T, n) at vertices (n,), counted from 0, at times (T,) in seconds."""
+
+    values: FloatArray
+    vertices: IntArray
+    times: FloatArray
+
+
+def read_stc(path: str | os.PathLike[str]) -> SourceEstimate:
+    """Read one hemisphere.
+
+    An OSError says that the file cannot be read, a ValueError what is wrong with it.
+    """
+    data = read_bytes(path)
+    if len(data) < _HEAD.size:
+        raise ValueError(f"it is cut off: it has {len(data)} bytes; its head alone has 12")
+    begin, step, count = _HEAD.unpack_from(data)
+    end = _HEAD.size + 4 * count
+    if end + 4 > len(data):
+        raise ValueError(f"it says to have {count} vertices, more than its {len(data)} bytes hold")
+    vertices = np.frombuffer(data, ">u4", count, _HEAD.size).astype(np.int64)
+    samples = int.from_bytes(data[end : end + 4], "big")
+    size = 4 * samples * count
+    if len(data) - end - 4 != size:
+        raise ValueError(
+            f"it says to have {samples} samples of {count} values, {size} bytes, and "
+            f"{len(data) - end - 4} follow"
+        )
+    if count == 0 or samples == 0:
+        raise ValueError(f"it holds {samples} samples of {count} vertices, which is nothing")
+    if len(np.unique(vertices)) < count:
+        raise ValueError("it has values of one vertex twice")
+    if not (np.isfinite(begin) and np.isfinite(step) and step > 0):
+        raise ValueError(f"its samples begin at {begin:g} ms and are {step:g} ms apart")
+    values = np.frombuffer(data, ">f4", samples * count, end + 4).reshape(samples, count)
+    times = (begin + step * np.arange(samples)) / 1000
+    return SourceEstimate(values.astype(np.float64), vertices, times)

@@ -1,0 +1,168 @@
+"""Sequences for other programs: ParaView, MNE, Connectome Workbench, and tables."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from abfm.calculus.operators import averaging
+from abfm.errors import ResultError, one_line
+from abfm.flow.flow import Flow
+from abfm.io import export_vtu, write_atomically, write_stc, write_values
+from abfm.types import FloatArray
+from abfm.workers.control import checkpoint
+from abfm.workers.progress import step
+
+if TYPE_CHECKING:
+    from abfm.sequences.sequence import Sequence
+
+_TRACKS = ["track", "kind", "index", "time", "x", "y", "z", "face", "divergence", "curl"]
+_INTERVALS = [
+    "interval",
+    "start",
+    "end",
+    "speed",
+    "energy",
+    "mismatch",
+    "by_flow_lines",
+    "folded",
+    "verdict",
+    "reason",
+]
+
+
+def vertex_speed(sequence: Sequence) -> FloatArray:
+    """Return the speed at vertices in each interval, (T - 1, V): the mean of the faces around."""
+    mean = averaging(sequence.mesh)
+    return np.stack([mean @ np.linalg.norm(field, axis=1) for field in sequence.velocity])
+
+
+def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
+    """Write a film for ParaView: ``NAME.pvd``, and a ``NAME_0000.vtu`` a frame in a folder NAME.
+
+    Point data are the ``frame``, the frame before ``carried`` to it, ``divergence`` and ``curl``,
+    cell data the ``velocity``: fields of the interval that begins there, and at the last frame of
+    that which ends there.
+
+    Raises
+    ------
+    ResultError
+        If the name does not end in ``.pvd``, or a file cannot be written.
+    """
+    path = Path(path)
+    if path.suffix != ".pvd":
+        raise ResultError(f"cannot write {path}: the name of a list of VTK's must end in .pvd")
+    folder = path.with_suffix("")
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ResultError(f"cannot make the folder {folder}: {one_line(error)}") from None
+    rows = []
+    carried = sequence.frames[0]
+    with step("writing frames") as tell:
+        for k, time in enumerate(sequence.times.tolist()):
+            checkpoint()
+            i = min(k, len(sequence) - 1)
+            points = {
+                "frame": _columns(sequence.frames[k]),
+                "carried": _columns(carried),
+                "divergence": sequence.divergence[i],
+                "curl": sequence.curl[i],
+            }
+            name = f"{path.stem}_{k:04}.vtu"
+            cells = {"velocity": sequence.velocity[i]}
+            export_vtu(folder / name, sequence.mesh, points, cells)
+            rows.append(f'<DataSet timestep="{time!r}" file={quoteattr(f"{folder.name}/{name}")}/>')
+            if k < len(sequence):
+                duration = float(sequence.times[k + 1]) - time
+                carried = Flow(sequence.mesh, sequence.velocity[k], duration).push(
+                    sequence.frames[k]
+                )
+            tell((k + 1) / len(sequence.times))
+    lines = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">',
+        "<Collection>",
+        *rows,
+        "</Collection>",
+        "</VTKFile>",
+    ]
+    with write_atomically(path) as temporary:
+        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def _columns(frame: FloatArray) -> FloatArray:
+    return frame if frame.shape[1] > 1 else frame[:, 0]
+
+
+def export_stc(path: str | os.PathLike[str], sequence: Sequence) -> None:
+    """Write the speed at all vertices for MNE, ``NAME-lh.stc`` or ``NAME-rh.stc``, a sample in the
+    middle of each interval; errors as of `abfm.io.write_stc`.
+    """
+    speed = vertex_speed(sequence)
+    write_stc(path, speed, sequence.mesh.vertex_ids, sequence.middles)
+
+
+def export_speed(path: str | os.PathLike[str], sequence: Sequence) -> None:
+    """Write the speed at vertices, of those of the mesh's file, a column for each interval, named
+    by its middle: GIFTI, .npy, .csv or .mgh, see `abfm.io.write_values`.
+    """
+    mesh = sequence.mesh
+    whole = np.zeros((mesh.file_vertex_count, len(sequence)))
+    whole[mesh.vertex_ids] = vertex_speed(sequence).T
+    write_values(path, whole, names=[f"{time:.9g}" for time in sequence.middles])
+
+
+def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int = 3) -> None:
+    """Write a .csv of critical points, a line for each in each interval: its track, its kind, index
+    and place there, the number of its face, and divergence and curl per unit of time.
+
+    ``least`` is as in `Sequence.tracks`; a ResultError says why it cannot be written.
+    """
+    rows = []
+    for number, track in enumerate(sequence.tracks(least)):
+        places, faces = track.points.positions.tolist(), track.points.faces.tolist()
+        for k, time in enumerate(track.times.tolist()):
+            found = sequence.critical_points(int(np.searchsorted(sequence.middles, time)))
+            at = int(np.flatnonzero(found.points.faces == faces[k])[0])
+            turns = float(found.divergence[at]), float(found.curl[at])
+            rows.append([number, track.kinds[k], track.index, time, *places[k], faces[k], *turns])
+    _write_table(path, _TRACKS, rows)
+
+
+def export_intervals(path: str | os.PathLike[str], sequence: Sequence) -> None:
+    """Write a .csv with a line for each interval: its times, root mean square of the speed, energy,
+    mismatches by the discrete flow and by flow lines, the share of faces that these fold, and the
+    verdict; cells of what is unknown are empty.
+    """
+    starts, ends = sequence.times[:-1], sequence.times[1:]
+    numbers = [
+        starts,
+        ends,
+        sequence.speed,
+        sequence.energies[:, 1, 0],
+        sequence.mismatch,
+        sequence.verified_mismatch,
+        sequence.folded,
+    ]
+    rows = [
+        [i, *("" if np.isnan(x) else x for x in row), verdict.kind, verdict.reason]
+        for i, (row, verdict) in enumerate(
+            zip(np.stack(numbers, axis=1).tolist(), sequence.verdicts, strict=True)
+        )
+    ]
+    _write_table(path, _INTERVALS, rows)
+
+
+def _write_table(path: str | os.PathLike[str], heads: list[str], rows: Iterable[list[Any]]) -> None:
+    with (
+        write_atomically(path) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as file,
+    ):
+        csv.writer(file, lineterminator="\n").writerows([heads, *rows])

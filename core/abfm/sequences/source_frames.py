@@ -1,0 +1,58 @@
+"""Frames of MNE's source estimates, interpolated between the sources."""
+
+from pathlib import Path
+
+import numpy as np
+from scipy import sparse
+
+from abfm.calculus.operators import cotangent_laplacian, vertex_areas
+from abfm.mesh import TriangleMesh
+from abfm.numerics.cholesky import factor
+from abfm.reading import read_stc
+from abfm.sequences.frames_file import FramesFile
+from abfm.types import FloatArray, IntArray
+from abfm.workers.control import checkpoint
+from abfm.workers.progress import step
+
+
+def source_frames(file: Path, mesh: TriangleMesh) -> FramesFile:
+    """Read one hemisphere; a ValueError says what is wrong with it."""
+    film = read_stc(file)
+    if film.vertices.max() >= mesh.file_vertex_count:
+        raise ValueError(
+            f"it has a value of vertex {film.vertices.max()}, and the mesh has "
+            f"{mesh.file_vertex_count}: give the surface that its sources lie on, of the same "
+            "hemisphere"
+        )
+    row = np.full(mesh.file_vertex_count, -1)
+    row[film.vertices] = np.arange(len(film.vertices))
+    rows = row[mesh.vertex_ids]
+    known = np.count_nonzero(rows >= 0)
+    if known == len(rows):
+        return FramesFile(film.values[:, rows], film.times)
+    if not known:
+        raise ValueError("it has no value at a vertex of the mesh that is in a face")
+    told = f"{known:,} of {len(rows):,} vertices have values; the others are interpolated"
+    return FramesFile(_interpolated(mesh, film.values, rows), film.times, (told,))
+
+
+def _interpolated(mesh: TriangleMesh, film: FloatArray, rows: IntArray) -> FloatArray:
+    """Return frames (T, V) with the values of these rows; between them, where rows are -1, they
+    have the least square of the Laplacian, as thin plates have.
+    """
+    known = rows >= 0
+    values = np.zeros((len(film), len(rows)))
+    values[:, known] = film[:, rows[known]]
+    if not np.isfinite(values).all():
+        raise ValueError("it has values that are not finite, and none between its sources")
+    laplacian = cotangent_laplacian(mesh)
+    inverse_areas = sparse.diags_array(1 / vertex_areas(mesh))
+    rows_of_unknown = sparse.csr_array(laplacian[~known] @ inverse_areas @ laplacian)
+    solve = factor(sparse.csr_array(rows_of_unknown[:, ~known]))
+    beside = sparse.csr_array(rows_of_unknown[:, known])
+    with step("interpolating between sources") as tell:
+        for k, frame in enumerate(values):
+            checkpoint()
+            frame[~known] = solve(-(beside @ frame[known]))
+            tell((k + 1) / len(values))
+    return values

@@ -1,0 +1,121 @@
+"""Frames of VTK's files: lists of them, or files whose names are numbered."""
+
+import math
+import os
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from abfm.errors import brief, one_line
+from abfm.mesh import TriangleMesh
+from abfm.reading import Grid, from_json, read_bytes, read_collection, read_grid
+from abfm.sequences.frames_file import FramesFile
+from abfm.workers.control import checkpoint
+from abfm.workers.progress import step
+
+_NUMBERED = re.compile(r"(.*?)([0-9]{1,18})(\.vt[up])", re.IGNORECASE)
+_KEYS = ("name", "time")  # of a file in a .series
+_APART = 1e-3  # of the mesh's size: points that far from its vertices are told
+
+Entry = tuple[float, Path]
+
+
+def vtk_frames(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
+    """Read point data of a film: a .pvd, a .series, or one of several numbered .vtu or .vtp.
+
+    An OSError says that a file cannot be read, a ValueError what is wrong with one.
+    """
+    entries = _LISTS.get(file.suffix.lower(), _numbered)(file)
+    if not entries:
+        raise ValueError("it lists no files")
+    found = _of_grids(entries, mesh, array)
+    if file.suffix.lower() in _LISTS:
+        return found
+    told = f"{len(entries)} files from {entries[0][1].name} to {entries[-1][1].name}"
+    return found._replace(notes=(told, *found.notes))
+
+
+def _collection(file: Path) -> list[Entry]:
+    return [(time, file.parent / name) for time, name in read_collection(file)]
+
+
+def _series(file: Path) -> list[Entry]:
+    """Read ParaView's list of files in JSON."""
+    told = from_json(read_bytes(file))
+    files = told.get("files") if isinstance(told, dict) else None
+    entries = []
+    for entry in files if isinstance(files, list) else []:
+        name, time = (entry.get(key) if isinstance(entry, dict) else None for key in _KEYS)
+        if not isinstance(name, str) or not isinstance(time, int | float):
+            raise ValueError(f"it lists {brief(entry)}; expected the name of a file, and a time")
+        entries.append((float(time), file.parent / name))
+    return entries
+
+
+def _numbered(file: Path) -> list[Entry]:
+    """Find all files whose names differ from that of one by the number at its end."""
+    with_number = _NUMBERED.fullmatch(file.name)
+    if with_number is None:
+        raise ValueError(
+            "it is one frame, without a number at the end of its name, as wave_0001.vtu has; give "
+            "one of several, or a .pvd"
+        )
+    read_bytes(file)  # whose error is that of its name
+    found: dict[int, Path] = {}
+    for other in sorted(file.parent.iterdir()):
+        parts = _NUMBERED.fullmatch(other.name)
+        if parts and (parts[1], parts[3]) == (with_number[1], with_number[3]):
+            found.setdefault(int(parts[2]), other)
+    return [(math.nan, found[number]) for number in sorted(found)]
+
+
+_LISTS: dict[str, Callable[[Path], list[Entry]]] = {".pvd": _collection, ".series": _series}
+
+
+def _of_grids(entries: Sequence[Entry], mesh: TriangleMesh, array: str | None) -> FramesFile:
+    times = np.array([time for time, _ in entries])
+    known = times[np.isfinite(times)]
+    if len(np.unique(known)) < len(known):
+        raise ValueError("two of its files are of one time; expected one file for each")
+    frames, away = [], 0.0
+    with step("reading frames") as tell:
+        for k, (_, file) in enumerate(entries):
+            checkpoint()
+            grid = _grid(file, mesh, array)
+            frames.append(grid.values if grid.values.shape[1] > 1 else grid.values[:, 0])
+            if frames[k].shape != frames[0].shape:
+                raise ValueError(
+                    f"{brief(file.name)} has values of shape {frames[k].shape}; the first one "
+                    f"{frames[0].shape}"
+                )
+            points = mesh.restrict(grid.points)
+            away = max(away, float(np.abs(points - mesh.vertices).max()))
+            if math.isnan(times[k]):
+                times[k] = grid.time
+            tell((k + 1) / len(entries))
+    notes = [] if array else [f"its frames are the point data {grid.name!r}"]
+    if not away <= _APART * mesh.length_scale:
+        notes.append(f"points are up to {away:.3g} off the mesh, which stays as it is")
+    if not np.isfinite(times).all():
+        return FramesFile(np.stack(frames), None, tuple(notes))
+    order = np.argsort(times, kind="stable")
+    if (np.diff(times[order]) <= 0).any():  # as of files that all say 0
+        return FramesFile(np.stack(frames), None, tuple(notes))
+    return FramesFile(np.stack([frames[k] for k in order]), times[order], tuple(notes))
+
+
+def _grid(file: Path, mesh: TriangleMesh, array: str | None) -> Grid:
+    name = brief(os.fspath(file.name))
+    try:
+        grid = read_grid(file, array)
+    except OSError as error:
+        raise ValueError(f"{name} cannot be read: {one_line(error)}") from error
+    except ValueError as error:
+        raise ValueError(f"{name}: {one_line(error, 300)}") from error
+    if len(grid.points) not in (len(mesh.vertices), mesh.file_vertex_count):
+        raise ValueError(
+            f"{name} has {len(grid.points)} points; the mesh has {mesh.file_vertex_count} vertices"
+        )
+    return grid
