@@ -1,0 +1,101 @@
+"""MNE's .stc files: what is written comes back, and what is not whole is refused."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm.errors import ResultError
+from abfm.io import write_stc
+from abfm.reading import read_stc
+from tests.core.reading.hostile import one_byte_changed
+
+BIG = 2**32 - 1
+
+
+def by_hand(tmin, tstep, vertices, values):
+    """The bytes of a file as MNE's manual has them."""
+    head = struct.pack(f">ffI{len(vertices)}I", tmin, tstep, len(vertices), *vertices)
+    return head + struct.pack(f">I{values.size}f", len(values), *values.ravel())
+
+
+WHOLE = by_hand(-100, 5, [3, 0, 7], np.arange(6.0).reshape(2, 3))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("stc")
+
+
+def test_a_file_made_by_hand_is_read(folder):
+    (folder / "a-lh.stc").write_bytes(WHOLE)
+    found = read_stc(folder / "a-lh.stc")
+    assert_array_equal(found.values, np.arange(6.0).reshape(2, 3), strict=True)
+    assert found.vertices.tolist() == [3, 0, 7]
+    assert_allclose(found.times, [-0.1, -0.095], rtol=1e-15)
+    write_stc(folder / "b-lh.stc", found.values, found.vertices, found.times)
+    assert (folder / "b-lh.stc").read_bytes() == WHOLE
+
+
+@given(seed=st.integers(0, 2**32 - 1), samples=st.integers(1, 5), count=st.integers(1, 9))
+@settings(max_examples=30)
+def test_what_is_written_comes_back(folder, seed, samples, count):
+    random = np.random.default_rng(seed)
+    values = random.normal(size=(samples, count)).astype(np.float32).astype(np.float64)
+    vertices = np.sort(random.choice(10_000, count, replace=False))
+    times = random.uniform(-1, 1) + random.uniform(0.01, 3) * np.arange(samples)
+    write_stc(folder / "c-rh.stc", values, vertices, times)
+    found = read_stc(folder / "c-rh.stc")
+    assert_array_equal(found.values, values)
+    assert_array_equal(found.vertices, vertices)
+    assert_allclose(found.times, times, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "cut off: it has 0 bytes"),
+        (struct.pack(">ffI", 0, 1, BIG), "4294967295 vertices, more than"),
+        (struct.pack(">ffIII", 0, 1, 1, 0, BIG), "4294967295 samples of 1 values"),
+        (struct.pack(">ffII", 0, 1, 0, 4), "holds 4 samples of 0 vertices"),
+        (struct.pack(">ffIII", 0, 1, 1, 0, 0), "holds 0 samples of 1 vertices"),
+        (by_hand(0, 1, [4, 4], np.zeros((1, 2))), "one vertex twice"),
+        (by_hand(0, 0, [4], np.zeros((1, 1))), "0 ms apart"),
+        (by_hand(np.nan, 1, [4], np.zeros((1, 1))), "begin at nan ms"),
+        (WHOLE + b"\0", "24 bytes, and 25 follow"),
+    ],
+)
+def test_files_that_lie_are_refused(folder, content, words):
+    (folder / "d.stc").write_bytes(content)
+    with pytest.raises(ValueError, match=words):
+        read_stc(folder / "d.stc")
+
+
+def test_every_cut_is_noticed_and_every_changed_byte_is_read_or_refused(folder):
+    path = folder / "e.stc"
+    for end in range(len(WHOLE)):
+        path.write_bytes(WHOLE[:end])
+        with pytest.raises(ValueError, match=r"cut off|more than|follow"):
+            read_stc(path)
+    refused = 0
+    for content in one_byte_changed(WHOLE):
+        path.write_bytes(content)
+        try:
+            assert read_stc(path).values.shape == (2, 3)
+        except ValueError:
+            refused += 1
+    assert refused >= 8  # all of the numbers of vertices and samples
+
+
+def test_what_mne_could_not_read_is_not_written(folder):
+    values, vertices = np.zeros((3, 2)), np.arange(2)
+    with pytest.raises(ResultError, match=r"must end in -lh\.stc or -rh\.stc"):
+        write_stc(folder / "x.stc", values, vertices, [0, 1, 2])
+    with pytest.raises(ResultError, match="not evenly spaced"):
+        write_stc(folder / "x-lh.stc", values, vertices, [0, 1, 3])
+    with pytest.raises(ResultError, match=r"shape \(3, 2\); expected \(3, 1\)"):
+        write_stc(folder / "x-lh.stc", values, vertices[:1], [0, 1, 2])
+    assert not (folder / "x-lh.stc").exists()

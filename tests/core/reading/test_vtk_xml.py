@@ -1,0 +1,177 @@
+"""VTK's XML files in all forms that ParaView writes, and refused where they are not whole."""
+
+from itertools import islice, product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from abfm.io import export_vtu
+from abfm.reading import read_collection, read_grid
+from tests.core.reading.hostile import bomb, one_byte_changed
+from tests.core.reading.vtk_files import COMPRESSORS, vtk_bytes
+from tests.shapes import tetrahedron
+
+RANDOM = np.random.default_rng(0)
+POINTS = RANDOM.normal(size=(9, 3))
+DATA = {
+    "speed": RANDOM.normal(size=9).astype(np.float32),
+    "field": RANDOM.normal(size=(9, 3)),
+    "label": RANDOM.integers(-9, 9, 9).astype(np.int16),
+}
+WHOLE = {
+    form: vtk_bytes(POINTS, DATA, form, compressor)
+    for form, compressor in (("raw", ""), ("base64", "vtkZLibDataCompressor"), ("ascii", ""))
+}
+
+
+ANYTHING = r".+"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("vtk")
+
+
+def written(folder, content, name="a.vtu"):
+    (folder / name).write_bytes(content)
+    return folder / name
+
+
+@pytest.mark.parametrize("compressor", COMPRESSORS)
+@pytest.mark.parametrize("form", ["ascii", "binary", "base64", "raw"])
+def test_all_forms_of_arrays_are_read(folder, form, compressor):
+    kinds = ("UnstructuredGrid", "PolyData")
+    for head, order, kind, together in product(("u4", "u8"), "<>", kinds, (False, True)):
+        if together and compressor:
+            continue  # no program does
+        content = vtk_bytes(POINTS, DATA, form, compressor, head, order, kind, together, 2.5)
+        path = written(folder, content)
+        for name, values in DATA.items():
+            grid = read_grid(path, name)
+            assert_array_equal(grid.points, POINTS)
+            assert_array_equal(grid.values, values.reshape(9, -1).astype(np.float64))
+            assert grid.values.dtype == np.float64
+            assert (grid.name, grid.time) == (name, 2.5)
+
+
+def test_what_pyevtk_writes_is_read(folder):
+    mesh, values = tetrahedron(), np.arange(4.0)
+    export_vtu(folder / "b.vtu", mesh, {"only": values}, {"cells": np.zeros(4)})
+    grid = read_grid(folder / "b.vtu")
+    assert_array_equal(grid.points, mesh.vertices)
+    assert_array_equal(grid.values[:, 0], values)
+    assert grid.name == "only"
+    assert np.isnan(grid.time)
+
+
+def test_collections_say_times_and_files(folder):
+    text = (
+        '<VTKFile type="Collection"><Collection><DataSet timestep="1e-1" part="0" file="a/b.vtu"/>'
+        '<DataSet timestep="2" group="" file="c.vtu"/></Collection></VTKFile>'
+    )
+    found = read_collection(written(folder, text.encode(), "a.pvd"))
+    assert found == [(0.1, "a/b.vtu"), (2.0, "c.vtu")]
+
+
+RAW = vtk_bytes(POINTS, {"a": POINTS[:, 0]}, "raw")
+ASCII = vtk_bytes(POINTS, {"a": POINTS[:, 0]}, "ascii")
+HUGE = vtk_bytes(POINTS, {"a": POINTS[:, 0]}, "raw", "vtkZLibDataCompressor").replace(
+    b'NumberOfPoints="9"', b'NumberOfPoints="999999999999"'
+)
+PACKED = bomb(1 << 24)
+BOMB = (
+    b'<VTKFile type="PolyData" compressor="vtkZLibDataCompressor"><PolyData><Piece '
+    b'NumberOfPoints="9"><PointData><DataArray type="Float64" Name="a" format="appended" '
+    b'offset="0"/></PointData><Points><DataArray type="Float64" NumberOfComponents="3" '
+    b'format="appended" offset="0"/></Points></Piece></PolyData><AppendedData encoding="raw">_'
+    + np.array([1, 216, 0, len(PACKED)], "<u4").tobytes()
+    + PACKED
+    + b"</AppendedData></VTKFile>"
+)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "no XML, or cut short"),
+        (b"<GIFTI/>", "XML, but not VTK's"),
+        (b'<VTKFile type="ImageData"/>', "VTK's 'ImageData'; expected UnstructuredGrid or"),
+        (b'<VTKFile type="PolyData"/>', "has 0 pieces"),
+        (b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile/>', "declares entities"),
+        (RAW.replace(b'"9"', b'"8"', 1), "says to have 216 bytes; expected 192"),
+        (RAW.replace(b'"9"', b'"-9"', 1), "NumberOfPoints is '-9'; expected a whole number"),
+        (RAW.replace(b'"9"', b'"0"', 1), "is empty: 0 points"),
+        (RAW.replace(b'offset="0"', b'offset="99999"'), "begins behind the end"),
+        (RAW.replace(b"UInt32", b"Int32", 1), "header_type 'Int32'; expected UInt32 or UInt64"),
+        (RAW.replace(b"LittleEndian", b"MiddleEndian"), "byte_order 'MiddleEndian'"),
+        (RAW.replace(b'"Float64"', b'"String"', 1), "the type 'String'"),
+        (RAW.replace(b'"appended"', b'"scattered"', 1), "the format 'scattered'"),
+        (RAW[: RAW.index(b"</AppendedData")], "does not end: it may be cut off"),
+        (RAW.replace(b" byte", b' compressor="vtkLZ4DataCompressor" byte'), "vtkLZ4DataCompr"),
+        (RAW.replace(b'Components="3"', b'Components="2"'), "bytes; expected 144"),
+        (HUGE, "more than a file of this size may hold"),
+        (BOMB, "hold more than 216"),
+        (ASCII.replace(b'"9"', b'"8"', 1), "has 27 numbers; expected 24"),
+        (ASCII.replace(b"\n-", b"\nx-").replace(b"\n0", b"\nx0"), "something else than numbers"),
+        (WHOLE["raw"], "3 arrays of point data: speed, field, label; choose one"),
+    ],
+)
+def test_files_that_lie_are_refused(folder, content, words):
+    with pytest.raises(ValueError, match=words) as caught:
+        read_grid(written(folder, content))
+    assert len(str(caught.value)) < 300
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('<VTKFile type="PolyData"/>', "expected a Collection"),
+        ('<VTKFile type="Collection"><DataSet timestep="x" file="a"/></VTKFile>', "timestep 'x'"),
+        ('<VTKFile type="Collection"><DataSet timestep="1"/></VTKFile>', "names no file"),
+    ],
+)
+def test_collections_that_lie_are_refused(folder, text, words):
+    with pytest.raises(ValueError, match=words):
+        read_collection(written(folder, text.encode(), "a.pvd"))
+
+
+def test_an_unknown_array_is_told_with_those_there_are(folder):
+    path = written(folder, WHOLE["raw"])
+    with pytest.raises(ValueError, match=r"'sped' \(did you mean 'speed'\?\); there is speed, fie"):
+        read_grid(path, "sped")
+
+
+@pytest.mark.parametrize("form", WHOLE)
+def test_every_cut_is_noticed(folder, form):
+    content = WHOLE[form].rstrip()
+    read_grid(written(folder, content), "field")
+    for end in range(0, len(content) - 1, 7):
+        with pytest.raises(ValueError, match=ANYTHING) as caught:
+            read_grid(written(folder, content[:end]), "field")
+        assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize("form", WHOLE)
+def test_a_changed_byte_is_read_or_refused(folder, form):
+    told = []
+    for content in islice(one_byte_changed(WHOLE[form]), 0, None, 7):
+        try:
+            grid = read_grid(written(folder, content), "field")
+        except ValueError as error:
+            told.append(str(error))
+        else:
+            assert grid.values.shape == (9, 3)
+    assert len(told) > 20
+    assert max(map(len, told)) < 300
+
+
+@given(middle=st.binary(max_size=60), end=st.sampled_from([b"", b"</VTKFile>"]))
+@settings(max_examples=40)
+def test_any_bytes_are_refused(folder, middle, end):
+    for begin in (b"", b'<VTKFile type="PolyData">', RAW[:300]):
+        with pytest.raises(ValueError, match=ANYTHING):
+            read_grid(written(folder, begin + middle + end))
