@@ -16,6 +16,7 @@ from abfm_viewer.cli import (
     register,
     render,
     report,
+    sequence,
     sweep,
 )
 from abfm_viewer.cli.options import Parser
@@ -23,6 +24,7 @@ from abfm_viewer.cli.options import Parser
 _COMMANDS = {
     "match": match,
     "register": register,
+    "sequence": sequence,
     "batch": batch,
     "sweep": sweep,
     "population": population,

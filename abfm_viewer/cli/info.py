@@ -15,11 +15,13 @@ from abfm import (
     load_correspondence,
     load_match,
     load_mesh,
+    load_sequence,
 )
 from abfm.errors import printable
 from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
 from abfm.registration import is_correspondence
-from abfm_viewer.cli import options, results
+from abfm.sequences import is_sequence
+from abfm_viewer.cli import options, results, sequence_results
 from abfm_viewer.document import verdict_words
 
 SUMMARY = "what a mesh is and what the solver would object to, or what a result holds"
@@ -60,6 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _of_result(arguments: argparse.Namespace) -> int:
     name = arguments.mesh
+    if is_sequence(name):
+        return _of_sequence(arguments)
     found = load_correspondence(name) if is_correspondence(name) else None
     if found is not None and not isinstance(found, Registration):
         return _of_map(arguments, found)
@@ -75,6 +79,17 @@ def _of_result(arguments: argparse.Namespace) -> int:
         *results.path_lines(match),
     ]
     print("\n".join(lines))
+    return 0
+
+
+def _of_sequence(arguments: argparse.Namespace) -> int:
+    name = arguments.mesh
+    sequence = load_sequence(name)
+    if arguments.json:
+        print(json.dumps({"result": name, **sequence_results.facts(sequence)}))
+        return 0
+    first, *others = sequence_results.lines(sequence, "unit of time")
+    print("\n".join([f"{printable(name)}: {first}", *others]))
     return 0
 
 

@@ -3,7 +3,7 @@
 import argparse
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
@@ -108,21 +108,30 @@ def weight(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
     return function(mesh, f"file:{quoted(given)}" if Path(given).is_file() else given)
 
 
-def add_parameters(parser: argparse.ArgumentParser, unset: object = None) -> None:
-    """Declare an option for each parameter, with help and symbol of its definition; one that is not
-    given has its default, or else is ``unset``.
+def add_parameters(
+    parser: argparse.ArgumentParser,
+    unset: object = None,
+    usual: Parameters | None = None,
+    names: Collection[str] | None = None,
+) -> None:
+    """Declare an option for each parameter, or those of these names, with help and symbol of its
+    definition; one that is not given has its default, or else is ``unset``. ``usual`` are the
+    defaults that are told.
     """
     add = adder(parser.add_argument_group("parameters (symbols of the paper in brackets)"))
     for entry in fields(Parameters):
+        if names is not None and entry.name not in names:
+            continue
+        told = entry.default if usual is None else getattr(usual, entry.name)
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
-        default = "auto" if entry.default is None else entry.default
+        default = "auto" if told is None else told
         text = f"{entry.metadata['help']}{symbol} (default: {default})".replace("%", "%%")
         choices = CHOICES.get(entry.name)
         kind = int if is_whole(entry) else float
         metavar = f"{{{','.join(choices)}}}" if choices else "INT" if kind is int else "X"
         read = str if choices else kind if entry.default is not None else partial(_or_auto, kind)
-        usual = entry.default if unset is None else unset
-        settings = {"type": read, "choices": choices, "default": usual}
+        absent = entry.default if unset is None else unset
+        settings = {"type": read, "choices": choices, "default": absent}
         add("--" + entry.name.replace("_", "-"), text, metavar, **settings)
 
 

@@ -26,7 +26,7 @@ from abfm_viewer.document.verdict_words import place
 
 _LASTING = 10  # iterations: what looks wrong for less mostly passes
 _LONG = 2.0  # seconds
-_LINES_EVERY = _LINES_OF_A_MOVIE = 10
+_TENTHS = _LINES_EVERY = _LINES_OF_A_MOVIE = 10
 _BAR, _COUNT = BarColumn(bar_width=None), TextColumn("{task.completed}/{task.total}")
 _NUMBERS = TextColumn("energy {task.fields[energy]}  mismatch {task.fields[mismatch]}")
 
@@ -106,6 +106,32 @@ def row_progress(count: int, quiet: bool, title: str = "rows") -> Iterator[Calla
             update(completed=done, text=text)
 
         yield tell
+
+
+@contextmanager
+def steps_progress(quiet: bool) -> Iterator[None]:
+    """Tell of the steps of work meanwhile: a bar of that which is counted, or a line a tenth."""
+    said = "", 0
+
+    def say(completed: float | None, text: str, task: str) -> None:
+        nonlocal said
+        now = task, int(_TENTHS * (completed or 0.0))
+        if now[1] and now != said:
+            said = now
+            _say(f"{task}: {100 * now[1] // _TENTHS}%")
+
+    def tell(step: Step | None) -> None:
+        if step:
+            update(completed=step.done, text=step.words(), task=step.task)
+        if not sys.stderr.isatty():
+            print_long(step)
+
+    columns = (_BAR, "{task.fields[text]}", TimeElapsedColumn())
+    with (
+        _told(quiet, say, 1.0, *columns, text="") as update,
+        nullcontext() if quiet else telling(tell),
+    ):
+        yield
 
 
 @contextmanager

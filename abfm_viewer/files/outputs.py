@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,41 @@ def check_registered(path: Path) -> None:
 _TABLES = (".txt", ".csv", ".npy")
 REGISTERED = (".npz", ".gii", ".ply", ".reg", ".txt", ".csv", ".npy", ".html")
 """Suffixes of files that a registration can be written to."""
+
+
+def check_sequence(path: Path) -> None:
+    """Refuse a path that no sequence could be written to."""
+    check(path, [*_SEQUENCES])
+    if path.suffix == ".stc":
+        abfm.io.check_stc_name(path)
+    elif path.suffix == ".gii":
+        abfm.io.check_values_name(path)
+
+
+_SEQUENCES: dict[str, Callable[[Path, abfm.Sequence], None]] = {
+    ".npz": lambda path, found: found.save(path),
+    ".pvd": lambda path, found: abfm.sequences.export_pvd(path, found),
+    ".stc": lambda path, found: abfm.sequences.export_stc(path, found),
+    ".gii": lambda path, found: abfm.sequences.export_speed(path, found),
+}
+"""What a sequence is written to, by the suffix."""
+
+
+def write_sequences(
+    paths: Sequence[Path],
+    found: abfm.Sequence,
+    tracks: Path | None = None,
+    intervals: Path | None = None,
+) -> None:
+    """Write a sequence to several files, and its tables; where one cannot be written, it is kept
+    elsewhere.
+    """
+    writers = {path: _SEQUENCES[path.suffix] for path in paths}
+    if tracks is not None:
+        writers[tracks] = lambda path, found: abfm.sequences.export_tracks(path, found)
+    if intervals is not None:
+        writers[intervals] = abfm.sequences.export_intervals
+    _write_each([*writers], lambda path: writers[path](path, found), found)
 
 
 def on_file(mesh: TriangleMesh, values: NDArray[Any]) -> NDArray[Any]:
@@ -142,9 +177,13 @@ def write_all(paths: Sequence[Path], match: abfm.Match) -> None:
     _write_each(paths, partial(write, match=match), match)
 
 
-def _write_each(
-    paths: Sequence[Path], write: Callable[[Path], None], whole: abfm.Match | abfm.Registration
-) -> None:
+class _Saved(Protocol):
+    """What has a file of its own."""
+
+    def save(self, path: Path) -> None: ...
+
+
+def _write_each(paths: Sequence[Path], write: Callable[[Path], None], whole: _Saved) -> None:
     problem, kept = None, False
     for path in paths:
         try:
@@ -156,7 +195,7 @@ def _write_each(
         raise problem if kept else ResultError(f"{problem}; {_kept_elsewhere(whole)}")
 
 
-def _kept_elsewhere(whole: abfm.Match | abfm.Registration) -> str:
+def _kept_elsewhere(whole: _Saved) -> str:
     for folder in (Path.cwd, Path.home, tempfile.gettempdir):
         with suppress(ResultError, OSError, RuntimeError):
             place = Path(folder()) / f"abfm-{secrets.token_hex(4)}.npz"

@@ -7,6 +7,7 @@ from .bids_names import bids_name as bids_name
 from .bids_names import hemisphere as hemisphere
 from .bids_names import parse_bids_name as parse_bids_name
 from .brain_files import check_surface_name as check_surface_name
+from .brain_files import check_values_name as check_values_name
 from .brain_files import write_labels as write_labels
 from .brain_files import write_surface as write_surface
 from .brain_files import write_values as write_values

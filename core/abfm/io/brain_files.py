@@ -90,6 +90,12 @@ def check_surface_name(path: str | os.PathLike[str]) -> None:
         brain_package("nibabel")
 
 
+def check_values_name(path: str | os.PathLike[str]) -> None:
+    """Refuse a name that `write_values` would refuse, by the same ResultError."""
+    if _ending(path, _VALUES) not in (".npy", *_TEXTS):
+        brain_package("nibabel")
+
+
 def write_values(
     path: str | os.PathLike[str],
     values: ArrayLike,

@@ -1,3 +1,4 @@
+from .critical_points import KINDS as KINDS
 from .critical_points import CriticalPoints as CriticalPoints
 from .critical_points import critical_points as critical_points
 from .critical_points import face_indices as face_indices

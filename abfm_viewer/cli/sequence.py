@@ -1,0 +1,146 @@
+"""`abfm sequence`: a film of a function, and the fields that carry each frame to the next."""
+
+import argparse
+import json
+import sys
+import time
+from contextlib import nullcontext
+from pathlib import Path
+
+import numpy as np
+
+import abfm
+from abfm import Control, Sequence
+from abfm.errors import printable
+from abfm.sequences import ENDINGS, GAMMA, TAKEN, defaults, read_frames
+from abfm.types import FloatArray
+from abfm.workers.progress import telling
+from abfm_viewer import signals
+from abfm_viewer.cli import options, sequence_results
+from abfm_viewer.cli.exit_status import UNMATCHED, UsageError
+from abfm_viewer.cli.match import cancelled_by_signals
+from abfm_viewer.cli.progress import print_long, steps_progress
+from abfm_viewer.files import outputs
+
+SUMMARY = "find the fields that carry each frame of a film on a surface to the next"
+DESCRIPTION = """\
+Find, for each two frames of a function that changes in time, the vector field whose flow carries
+the one to the other: optical flow on a surface. Fields of neighbouring intervals are held together,
+and each is checked by flow lines.
+
+Examples:
+  abfm sequence lh.pial wave.npy --dt 0.001 --out wave.npz
+  abfm sequence fsaverage5_left.gii bold.func.gii --mask cortex.csv --out bold.npz --out bold.pvd
+  abfm sequence lh.white sources-lh.stc --out flow.npz --out speed-lh.stc --tracks tracks.csv
+  abfm sequence mesh.ply simulation.pvd --array u --gamma 0 --out s.npz
+
+Frames are a .npy (T, V) or (T, V, C), a .npz of "frames" and perhaps "times", a .csv, .txt, GIFTI
+or .mgh with a column for each, one hemisphere of MNE's .stc, or ParaView's .pvd, .series, or one of
+numbered .vtu or .vtp files.
+
+The exit status is 0 when flow lines confirm at least half of the intervals, 3 when they confirm
+fewer, 2 for bad input, and 130 or 143 when Ctrl-C or SIGTERM ended the run: what was found is
+written, and the fields of other intervals are 0.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    options.add_mesh(parser)
+    add = options.adder(parser)
+    add("frames", f"the film: {', '.join(ENDINGS)}", "FRAMES")
+    add = options.adder(parser.add_argument_group("frames"))
+    add(
+        "--dt",
+        "seconds from a frame to the next, whatever the file says (default: as it says, or 1)",
+        "SECONDS",
+        type=options.positive,
+    )
+    add("--array", "which array of a .npz, or of VTK's point data", "NAME")
+    add(
+        "--mask",
+        "weight of the mismatch at each vertex, not negative: a function or its file",
+        "SPEC",
+    )
+    add = options.adder(parser.add_argument_group("smoothness in time"))
+    add(
+        "--gamma",
+        f"how much fields of neighbouring intervals are held together; 0 is frame by frame "
+        f"(default: {GAMMA:g})",
+        "X",
+        type=float,
+        default=GAMMA,
+    )
+    options.add_parameters(parser, options.UNSET, defaults(), TAKEN)
+    add = options.adder(parser.add_argument_group("output"))
+    add(
+        "--out",
+        "sequence .npz; .pvd with a folder of .vtu for ParaView; the speed at vertices as -lh.stc "
+        "or -rh.stc for MNE, or as .func.gii; repeatable",
+        "FILE",
+        type=Path,
+        action="append",
+        required=True,
+    )
+    add("--tracks", "table of critical points through time", "FILE.csv", type=Path)
+    add("--intervals", "table of the intervals, a line each", "FILE.csv", type=Path)
+    add("--json", "print one JSON object about the result")
+    add("--quiet", "no progress")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Solve and write; 3 when most are not confirmed, 128 and its number after a signal."""
+    tables = [path for path in (arguments.tracks, arguments.intervals) if path is not None]
+    for path in arguments.out:
+        outputs.check_sequence(path)
+    for path in tables:
+        outputs.check(path, (".csv",))
+    if len({*arguments.out, *tables}) < len(arguments.out) + len(tables):
+        raise UsageError("two outputs have the same name; give each its own")
+    given = {name: getattr(arguments, name) for name in TAKEN}
+    parameters = defaults(**{k: v for k, v in given.items() if v is not options.UNSET})
+    control, start = Control(), time.perf_counter()
+    with nullcontext() if arguments.quiet else telling(print_long):
+        mesh = options.mesh(arguments)
+        film = read_frames(arguments.frames, mesh, arguments.array)
+        mask = options.weight(mesh, arguments.mask)
+    for note in film.notes:
+        print(f"note: {note}", file=sys.stderr)
+    times, unit = _times(arguments, film.times, len(film.values))
+    with cancelled_by_signals(control, "with what was found") as kept:
+        with steps_progress(arguments.quiet):
+            found = abfm.sequence(
+                mesh, film.values, times, parameters, arguments.gamma, mask=mask, control=control
+            )
+        with nullcontext() if arguments.quiet else telling(print_long):
+            outputs.write_sequences(
+                arguments.out, found, tracks=arguments.tracks, intervals=arguments.intervals
+            )
+    seconds, written = time.perf_counter() - start, [*arguments.out, *tables]
+    if arguments.json:
+        own = {"mesh": arguments.mesh, "film": arguments.frames}
+        told = {"seconds": seconds, "outputs": list(map(str, written))}
+        print(json.dumps({**own, **sequence_results.facts(found), **told}))
+    else:
+        names = ", ".join(map(printable, written))
+        begin = [] if kept.number is None else ["cancelled: what was not solved has no motion"]
+        lines = [*begin, *sequence_results.lines(found, unit), f"in {seconds:.1f} s; wrote {names}"]
+        print("\n".join(lines))
+    return _status(found, kept.number)
+
+
+def _times(
+    arguments: argparse.Namespace, of_file: FloatArray | None, count: int
+) -> tuple[FloatArray | None, str]:
+    """Return the times of the frames, and the unit that speeds are told in."""
+    if arguments.dt is not None:
+        return arguments.dt * np.arange(count, dtype=np.float64), "second"
+    if of_file is None:
+        told = "note: the file says no times: frames count as 1 apart; --dt gives seconds"
+        print(told, file=sys.stderr)
+    return of_file, "frame" if of_file is None else "second"
+
+
+def _status(found: Sequence, signal: int | None) -> int:
+    if signal is not None:
+        return signals.status(signal)
+    return UNMATCHED if 2 * found.confirmed < len(found) else 0

@@ -1,0 +1,79 @@
+"""What is told of a sequence, to people and to machines."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from abfm import Sequence
+from abfm.sequences import KINDS
+from abfm.types import FloatArray
+from abfm_viewer.document.verdict_words import counted
+
+_LEAST = 3  # intervals that a track has
+
+
+def facts(sequence: Sequence) -> dict[str, Any]:
+    """Return what machines are told: plain numbers and texts, None for unknown ones."""
+    speed = _speeds(sequence)
+    return {
+        "vertices": len(sequence.mesh.vertices),
+        "faces": len(sequence.mesh.faces),
+        "frames": len(sequence.frames),
+        "channels": sequence.frames.shape[2],
+        "times": sequence.times.tolist(),
+        "sigma": _known(sequence.sigma),
+        "gamma": sequence.gamma,
+        "noise": sequence.noise,
+        "intervals": len(sequence),
+        "confirmed": sequence.confirmed,
+        "speed": {"median": float(np.median(speed)), "maximum": float(speed.max())},
+        "mismatch": [_known(each) for each in sequence.mismatch.tolist()],
+        "verified_mismatch": [_known(each) for each in sequence.verified_mismatch.tolist()],
+        "folded": [_known(each) for each in sequence.folded.tolist()],
+        "verdicts": [verdict.kind for verdict in sequence.verdicts],
+        "tracks": _tracks(sequence),
+        "episodes": [asdict(episode) for episode in sequence.episodes()],
+        "parameters": sequence.parameters.to_dict(),
+        "messages": list(sequence.mesh.messages),
+    }
+
+
+def lines(sequence: Sequence, unit: str) -> list[str]:
+    """Return the same for people; ``unit`` is that of time: ``second``, or another word."""
+    times, speed = sequence.times, _speeds(sequence)
+    others = Counter(verdict.kind for verdict in sequence.verdicts)
+    kinds = ", ".join(f"{count} {kind}" for kind, count in others.most_common())
+    tracks = [counted(count, kind) for kind, count in _tracks(sequence).items() if count]
+    found = [
+        f"{sequence.confirmed} of {counted(len(sequence), 'interval')} confirmed by flow lines: "
+        f"{kinds}",
+        f"{counted(len(times), 'frame')} from {times[0]:.6g} to {times[-1]:.6g}, on a mesh of "
+        f"{len(sequence.mesh.faces):,} faces; sigma {sequence.sigma:.3g}, gamma "
+        f"{sequence.gamma:.3g}, noise leaves {sequence.noise:.2g}",
+        f"speed: median {np.median(speed):.3g}, at most {speed.max():.3g}, in the mesh's unit per "
+        f"{unit}",
+        f"tracks through {_LEAST} intervals or more: {', '.join(tracks) or 'none'}",
+    ]
+    if episodes := sequence.episodes():
+        told = [f"{each.kind} from {each.start:.4g} to {each.end:.4g}" for each in episodes[:8]]
+        more = [f"{len(episodes) - 8} more"] if len(episodes) > 8 else []
+        found.append(f"episodes: {', '.join([*told, *more])}")
+    return found
+
+
+def _speeds(sequence: Sequence) -> FloatArray:
+    return np.asarray(np.linalg.norm(sequence.velocity, axis=2))
+
+
+def _tracks(sequence: Sequence) -> dict[str, int]:
+    counts = Counter(track.kind for track in sequence.tracks(_LEAST))
+    return {kind: counts[kind] for kind in KINDS}
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else float(value)
