@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -97,7 +97,11 @@ def run(arguments: argparse.Namespace) -> int:
     if out.suffix == _PAGE:
         _write_page(arguments)
         return 0
-    shows_all = path.suffix == ".abfm" or is_movie or _is_of_two(path)
+    shows_all = (
+        path.suffix == ".abfm"
+        or is_movie
+        or _holds(abfm.registration.is_correspondence, arguments.input)
+    )
     style = arguments.style or ("window" if shows_all else "sheet")
     for is_useless, problem in _objections(arguments, style, is_movie):
         if is_useless:
@@ -129,6 +133,11 @@ def _write_page(arguments: argparse.Namespace) -> None:
         if name not in _OF_PAGES and value is not None and value is not False:
             option = {"start": "from", "end": "to"}.get(name, name.replace("_", "-"))
             raise UsageError(f"--{option} is for pictures and movies, and {out} is a page")
+    if _holds(abfm.sequences.is_sequence, arguments.input):
+        film = abfm.load_sequence(arguments.input)
+        outputs.write_sequence(out, film, arguments.up or "y")
+        print(f"wrote {printable(out)}")
+        return
     document, _ = read_document(Path(arguments.input))
     match, initial = document.result, document.initial_map
     if match is None:
@@ -142,10 +151,10 @@ def _write_page(arguments: argparse.Namespace) -> None:
     print(f"wrote {printable(out)}")
 
 
-def _is_of_two(path: Path) -> bool:
-    """Tell whether a file holds a registration; what cannot be read is told later."""
+def _holds(kind: Callable[[str], bool], path: str) -> bool:
+    """Tell whether a file is of a kind; what cannot be read is told later."""
     with suppress(ResultError):
-        return abfm.registration.is_correspondence(path)
+        return kind(path)
     return False
 
 

@@ -29,7 +29,7 @@ the one to the other: optical flow on a surface. Fields of neighbouring interval
 and each is checked by flow lines.
 
 Examples:
-  abfm sequence lh.pial wave.npy --dt 0.001 --out wave.npz
+  abfm sequence lh.pial wave.npy --dt 0.001 --out wave.npz --out wave.html
   abfm sequence fsaverage5_left.gii bold.func.gii --mask cortex.csv --out bold.npz --out bold.pvd
   abfm sequence lh.white sources-lh.stc --out flow.npz --out speed-lh.stc --tracks tracks.csv
   abfm sequence mesh.ply simulation.pvd --array u --gamma 0 --out s.npz
@@ -74,8 +74,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser.add_argument_group("output"))
     add(
         "--out",
-        "sequence .npz; .pvd with a folder of .vtu for ParaView; the speed at vertices as -lh.stc "
-        "or -rh.stc for MNE, or as .func.gii; repeatable",
+        "sequence .npz; .html for a browser; .pvd with a folder of .vtu for ParaView; the speed at "
+        "vertices as -lh.stc or -rh.stc for MNE, or as .func.gii; repeatable",
         "FILE",
         type=Path,
         action="append",
@@ -113,7 +113,11 @@ def run(arguments: argparse.Namespace) -> int:
             )
         with nullcontext() if arguments.quiet else telling(print_long):
             outputs.write_sequences(
-                arguments.out, found, tracks=arguments.tracks, intervals=arguments.intervals
+                arguments.out,
+                found,
+                arguments.tracks,
+                arguments.intervals,
+                "s" if unit == "second" else "",
             )
     seconds, written = time.perf_counter() - start, [*arguments.out, *tables]
     if arguments.json:

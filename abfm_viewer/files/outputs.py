@@ -58,20 +58,15 @@ REGISTERED = (".npz", ".gii", ".ply", ".reg", ".txt", ".csv", ".npy", ".html")
 
 def check_sequence(path: Path) -> None:
     """Refuse a path that no sequence could be written to."""
-    check(path, [*_SEQUENCES])
+    check(path, SEQUENCES)
     if path.suffix == ".stc":
         abfm.io.check_stc_name(path)
     elif path.suffix == ".gii":
         abfm.io.check_values_name(path)
 
 
-_SEQUENCES: dict[str, Callable[[Path, abfm.Sequence], None]] = {
-    ".npz": lambda path, found: found.save(path),
-    ".pvd": lambda path, found: abfm.sequences.export_pvd(path, found),
-    ".stc": lambda path, found: abfm.sequences.export_stc(path, found),
-    ".gii": lambda path, found: abfm.sequences.export_speed(path, found),
-}
-"""What a sequence is written to, by the suffix."""
+SEQUENCES = (".npz", ".pvd", ".stc", ".gii", ".html")
+"""Suffixes of files that a sequence can be written to."""
 
 
 def write_sequences(
@@ -79,16 +74,34 @@ def write_sequences(
     found: abfm.Sequence,
     tracks: Path | None = None,
     intervals: Path | None = None,
+    unit: str = "",
 ) -> None:
     """Write a sequence to several files, and its tables; where one cannot be written, it is kept
-    elsewhere.
+    elsewhere. ``unit`` is that of time.
     """
-    writers = {path: _SEQUENCES[path.suffix] for path in paths}
+    writers: dict[Path, Callable[[], None]] = {
+        path: partial(write_sequence, path, found, unit=unit) for path in paths
+    }
     if tracks is not None:
-        writers[tracks] = lambda path, found: abfm.sequences.export_tracks(path, found)
+        writers[tracks] = partial(abfm.sequences.export_tracks, tracks, found)
     if intervals is not None:
-        writers[intervals] = abfm.sequences.export_intervals
-    _write_each([*writers], lambda path: writers[path](path, found), found)
+        writers[intervals] = partial(abfm.sequences.export_intervals, intervals, found)
+    _write_each([*writers], lambda path: writers[path](), found)
+
+
+def write_sequence(path: Path, found: abfm.Sequence, up: str = "y", unit: str = "") -> None:
+    """Write by the suffix; of a page are ``up``, the axis that points upwards, and the unit."""
+    if path.suffix == ".npz":
+        found.save(path)
+    elif path.suffix == ".pvd":
+        abfm.sequences.export_pvd(path, found)
+    elif path.suffix == ".stc":
+        abfm.sequences.export_stc(path, found)
+    elif path.suffix == ".html":
+        labels = pages.Labels(unit_of_time=unit, up=up)
+        pages.sequence_page(found, printable(path.stem), labels).write(path)
+    else:
+        abfm.sequences.export_speed(path, found)
 
 
 def on_file(mesh: TriangleMesh, values: NDArray[Any]) -> NDArray[Any]:

@@ -330,6 +330,10 @@ def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
             raise ResultError(
                 "it holds a map between two surfaces, and no match; `abfm map` tells what it does"
             )
+        if "frames" in archive and kind is not SEQUENCE:
+            raise ResultError(
+                "it holds a sequence, and no single match; `abfm info` tells what it came to"
+            )
         return _checked(archive, kind)
 
 
