@@ -1,0 +1,166 @@
+"""Sequences for other programs come back as they were."""
+
+import csv
+from dataclasses import replace
+
+import nibabel
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import abfm
+from abfm.errors import ResultError
+from abfm.flow import Flow
+from abfm.reading import read_collection, read_grid
+from abfm.sequences import (
+    export_intervals,
+    export_pvd,
+    export_speed,
+    export_stc,
+    export_tracks,
+    is_sequence,
+    read_frames,
+    vertex_speed,
+)
+from tests.core.sequences.turning_film import MESH, SPEED, TIMES, film, solved
+from tests.shapes import with_loose_vertex
+
+
+def table(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_paraview_gets_frames_and_fields(tmp_path):
+    sequence, path = solved(), tmp_path / "a film.pvd"
+    export_pvd(path, sequence)
+    found = read_frames(path, MESH, "frame")
+    assert_array_equal(found.values, film())
+    assert_array_equal(found.times, TIMES)
+    entries = read_collection(path)
+    assert entries[1][1] == "a film/a film_0001.vtu"
+    for k, (_, name) in enumerate(entries):
+        interval = min(k, len(sequence) - 1)
+        grid = read_grid(tmp_path / name, "divergence")
+        assert_array_equal(grid.values[:, 0], sequence.divergence[interval])
+        assert_array_equal(read_grid(tmp_path / name, "curl").values[:, 0], sequence.curl[interval])
+        carried = read_grid(tmp_path / name, "carried").values[:, 0]
+        if k:
+            flow = Flow(MESH, sequence.velocity[k - 1], TIMES[k] - TIMES[k - 1])
+            assert_allclose(carried, flow.push(sequence.frames[k - 1])[:, 0], atol=1e-12)
+            assert np.abs(carried - film()[k]).max() < 0.3 * np.abs(film()[k - 1] - film()[k]).max()
+        else:
+            assert_array_equal(carried, film()[0])
+
+
+def test_the_speed_at_vertices_is_that_of_a_rotation():
+    """To the order of the mesh's edges, squared."""
+    middles = MESH.vertices[MESH.faces].mean(axis=1)
+    turning = np.cross([0, 0, SPEED], middles)
+    found = vertex_speed(replace(solved(), velocity=np.stack([turning, 2 * turning])))
+    distance = np.linalg.norm(MESH.vertices[:, :2], axis=1)
+    away = distance > 0.5
+    assert_allclose(found[0, away], SPEED * distance[away], rtol=0.06)
+    assert_allclose(found[1], 2 * found[0])
+
+
+def test_mne_and_workbench_get_the_speed(tmp_path):
+    speed = vertex_speed(solved())
+    export_stc(tmp_path / "a-rh.stc", solved())
+    found = read_frames(tmp_path / "a-rh.stc", MESH)
+    assert_array_equal(found.values, speed.astype(np.float32))
+    assert_allclose(found.times, solved().middles, atol=1e-7)
+    export_speed(tmp_path / "lh.a.func.gii", solved())
+    image = nibabel.load(tmp_path / "lh.a.func.gii")
+    assert_array_equal(np.stack(image.agg_data()), speed.astype(np.float32))
+    assert [each.meta["Name"] for each in image.darrays] == ["-0.075", "-0.025", "0.025", "0.075"]
+    assert image.meta["AnatomicalStructurePrimary"] == "CortexLeft"
+
+
+def test_files_with_loose_vertices_are_counted_as_they_are(tmp_path):
+    mesh = with_loose_vertex(MESH)
+    found = abfm.sequence(mesh, film()[:2], gamma=0.0, parameters=solved().parameters)
+    export_speed(tmp_path / "a.func.gii", found)
+    values = nibabel.load(tmp_path / "a.func.gii").agg_data()
+    assert_array_equal(np.delete(values, 5), vertex_speed(found)[0].astype(np.float32))
+    assert values[5] == 0
+    export_stc(tmp_path / "a-lh.stc", found)
+    assert 5 not in abfm.reading.read_stc(tmp_path / "a-lh.stc").vertices
+
+
+def test_tracks_are_rows_of_points(tmp_path):
+    """The poles of the rotation, on its axis, in all intervals."""
+    export_tracks(tmp_path / "t.csv", solved(), least=4)
+    rows = table(tmp_path / "t.csv")
+    tracks = solved().tracks(4)
+    assert len(rows) == sum(map(len, tracks)) >= 8
+    for row in rows:
+        track, time = tracks[int(row["track"])], float(row["time"])
+        at = int(np.flatnonzero(track.times == time)[0])
+        place = [float(row[axis]) for axis in "xyz"]
+        assert_array_equal(place, track.points.positions[at])
+        assert int(row["face"]) == track.points.faces[at]
+        assert (row["kind"], int(row["index"])) == (track.kinds[at], track.index)
+    poles = [row for row in rows if row["kind"] == "spiral"]
+    assert {int(row["track"]) for row in poles} == {0, 1}
+    for row in poles:
+        side = np.sign(float(row["z"]))
+        assert abs(float(row["z"])) > 0.95
+        assert_allclose(float(row["curl"]), side * 2 * SPEED, rtol=0.3)
+        assert abs(float(row["divergence"])) < SPEED
+
+
+def test_intervals_are_rows_with_verdicts(tmp_path):
+    export_intervals(tmp_path / "i.csv", solved())
+    rows = table(tmp_path / "i.csv")
+    assert_array_equal([float(row["start"]) for row in rows], TIMES[:-1])
+    assert_array_equal([float(row["end"]) for row in rows], TIMES[1:])
+    for name, wanted in (
+        ("speed", solved().speed),
+        ("mismatch", solved().mismatch),
+        ("by_flow_lines", solved().verified_mismatch),
+        ("folded", solved().folded),
+    ):
+        assert_array_equal([float(row[name]) for row in rows], wanted)
+    assert [row["verdict"] for row in rows] == [each.kind for each in solved().verdicts]
+
+
+def test_what_was_not_solved_has_empty_cells(tmp_path):
+    control = abfm.Control()
+    found = abfm.sequence(
+        MESH,
+        film(),
+        TIMES,
+        solved().parameters,
+        0.0,
+        on_interval=cancelled_by(control),
+        control=control,
+    )
+    export_intervals(tmp_path / "i.csv", found)
+    rows = table(tmp_path / "i.csv")
+    assert [row["by_flow_lines"] == "" for row in rows] == [False, True, True, True]
+    assert [row["verdict"] for row in rows[1:]] == 3 * ["not reached"]
+
+
+def cancelled_by(control):
+    return lambda _: control.cancel()
+
+
+def test_a_file_is_known_as_a_sequence_and_no_match(tmp_path):
+    solved().save(tmp_path / "s.npz")
+    np.savez(tmp_path / "a.npz", frames=film())
+    assert is_sequence(tmp_path / "s.npz")
+    assert not is_sequence(tmp_path / "a.npz")
+    with pytest.raises(ResultError, match="it holds a sequence, and no single match"):
+        abfm.load_match(tmp_path / "s.npz")
+
+
+def test_what_cannot_be_written_is_refused(tmp_path):
+    with pytest.raises(ResultError, match=r"must end in \.pvd"):
+        export_pvd(tmp_path / "a.vtu", solved())
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(ResultError, match="cannot make the folder"):
+        export_pvd(tmp_path / "taken.pvd", solved())
+    uneven = abfm.sequence(MESH, film()[:4], [0, 1, 2, 5], solved().parameters, 0.0)
+    with pytest.raises(ResultError, match="not evenly spaced"):
+        export_stc(tmp_path / "a-lh.stc", uneven)

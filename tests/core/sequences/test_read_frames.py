@@ -1,0 +1,312 @@
+"""Frames from files of all kinds, turned and told where that must be, and refused in one line."""
+
+import json
+import re
+import zipfile
+
+import nibabel
+import numpy as np
+import pytest
+from nibabel.freesurfer import MGHImage
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm import load_sequence
+from abfm.calculus.channels import extend
+from abfm.errors import AbfmError, FunctionError
+from abfm.io import write_stc
+from abfm.sequences import read_frames
+from tests.core.reading.hostile import npy_of, one_byte_changed
+from tests.core.reading.vtk_files import vtk_bytes
+from tests.core.sequences.turning_film import MESH, TIMES, film, solved
+from tests.shapes import icosphere, with_loose_vertex
+
+FILM = film()
+COUNT = len(MESH.vertices)
+SINGLE = FILM.astype(np.float32).astype(np.float64)
+CHANNELS = np.stack([FILM, -FILM], axis=2)
+ROWS = (f"its {COUNT} rows are the vertices, its columns the frames",)
+
+
+def gifti(path, arrays, step=None, intent="NIFTI_INTENT_TIME_SERIES"):
+    meta = {} if step is None else {"TimeStep": step}
+    nibabel.save(
+        nibabel.gifti.GiftiImage(
+            darrays=[
+                nibabel.gifti.GiftiDataArray(
+                    np.asarray(each, np.float32), intent, meta=nibabel.gifti.GiftiMetaData(meta)
+                )
+                for each in arrays
+            ]
+        ),
+        path,
+    )
+
+
+def series(folder, times=TIMES, data=FILM, name="wave_{:03}.vtu", said=False):
+    """Write a file for each frame; gives their paths."""
+    paths = [folder / name.format(k) for k in range(len(data))]
+    for path, time, frame in zip(paths, times, data, strict=True):
+        arrays = {"u": frame, "other": np.zeros(len(frame))}
+        path.write_bytes(vtk_bytes(MESH.vertices, arrays, time=time if said else None))
+    return paths
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted", "notes"),
+    [
+        (FILM, FILM, ()),
+        (FILM.T, FILM, ROWS),
+        (CHANNELS, CHANNELS, ()),
+        (CHANNELS.swapaxes(0, 1), CHANNELS, ROWS),
+        ((100 * FILM).astype(np.int16), (100 * FILM).astype(np.int16), ()),
+    ],
+)
+def test_arrays_have_a_row_for_each_frame_or_for_each_vertex(tmp_path, given, wanted, notes):
+    np.save(tmp_path / "a.npy", given)
+    np.savez(tmp_path / "a.npz", other=given)  # of one array the name does not matter
+    for name in ("a.npy", "a.npz"):
+        found = read_frames(tmp_path / name, MESH)
+        assert_array_equal(found.values, wanted)
+        assert found.values.dtype == np.float64
+        assert (found.times, found.notes) == (None, notes)
+
+
+def test_as_many_frames_as_vertices_are_frames_first(tmp_path):
+    square = np.random.default_rng(0).normal(size=(COUNT, COUNT))
+    np.save(tmp_path / "a.npy", square)
+    found = read_frames(tmp_path / "a.npy", MESH)
+    assert_array_equal(found.values, square)
+    assert found.notes == ()
+
+
+def test_zips_of_arrays_may_say_times(tmp_path):
+    np.savez(tmp_path / "a.npz", frames=FILM, times=TIMES, mine=CHANNELS)
+    found = read_frames(tmp_path / "a.npz", MESH)
+    assert_array_equal(found.values, FILM)
+    assert_array_equal(found.times, TIMES)
+    assert_array_equal(read_frames(tmp_path / "a.npz", MESH, "mine").values, CHANNELS)
+
+
+def test_the_file_of_a_sequence_is_one_of_frames(tmp_path):
+    solved().save(tmp_path / "s.npz")
+    found = read_frames(tmp_path / "s.npz", MESH)
+    assert_array_equal(found.values, load_sequence(tmp_path / "s.npz").frames)
+    assert_array_equal(found.times, TIMES)
+
+
+def test_values_that_are_not_finite_stay_and_are_told(tmp_path):
+    some = CHANNELS.copy()
+    some[1, 3, 0], some[2, 3, 1], some[2, 9, 1] = np.nan, np.inf, np.nan
+    np.save(tmp_path / "a.npy", some)
+    found = read_frames(tmp_path / "a.npy", MESH)
+    assert_array_equal(found.values, some)
+    told = f"2 of {COUNT} vertices have values that are not finite, and are not compared"
+    assert found.notes == (told,)
+
+
+def test_tables_have_a_column_for_each_frame(tmp_path):
+    np.savetxt(tmp_path / "a.csv", FILM.T, delimiter=",", header="a,b,c,d,e", comments="")
+    np.savetxt(tmp_path / "b.txt", FILM)
+    for name in ("a.csv", "b.txt"):
+        assert_array_equal(read_frames(tmp_path / name, MESH).values, FILM)
+
+
+@pytest.mark.parametrize(
+    ("step", "seconds"), [(None, None), ("2", 2), ("720.0", 0.72), ("-", None)]
+)
+def test_time_series_of_gifti_are_those_of_nibabel(tmp_path, step, seconds):
+    gifti(tmp_path / "many.func.gii", FILM, step)
+    gifti(tmp_path / "one.gii", [FILM.T], step, "NIFTI_INTENT_NONE")
+    for name in ("many.func.gii", "one.gii"):
+        found = read_frames(tmp_path / name, MESH)
+        stored = nibabel.load(tmp_path / name).agg_data()
+        wanted = np.stack(stored) if isinstance(stored, tuple) else stored.T
+        assert_array_equal(found.values, wanted)
+        if seconds is None:
+            assert found.times is None
+        else:
+            assert_allclose(found.times, seconds * np.arange(len(FILM)))
+            unit = "seconds" if seconds == 2 else "milliseconds"
+            assert found.notes == (f"its TimeStep of {float(step):g} is taken as {unit}",)
+
+
+@pytest.mark.parametrize("name", ["a.mgh", "a.mgz"])
+def test_frames_of_freesurfer_say_their_times(tmp_path, name):
+    image = MGHImage(FILM.T.reshape(COUNT, 1, 1, -1).astype(np.float32), np.eye(4))
+    image.header.set_zooms((1, 1, 1, 2500))
+    image.to_filename(tmp_path / name)
+    found = read_frames(tmp_path / name, MESH)
+    assert_array_equal(found.values, SINGLE)
+    assert_allclose(found.times, 2.5 * np.arange(len(FILM)))
+
+
+def test_source_estimates_of_all_vertices_are_taken_as_they_are(tmp_path):
+    shuffled = np.random.default_rng(0).permutation(COUNT)
+    write_stc(tmp_path / "a-lh.stc", FILM[:, shuffled], shuffled, TIMES)
+    found = read_frames(tmp_path / "a-lh.stc", MESH)
+    assert_array_equal(found.values, SINGLE)
+    assert_allclose(found.times, TIMES, atol=1e-7)
+    assert found.notes == ()
+
+
+def test_between_sources_values_are_interpolated_with_little_error(tmp_path):
+    """Closer than the mean of neighbours does it, and ever closer with more sources."""
+    fine = icosphere(3)
+    frames = film(fine)
+    errors = []
+    for level in (1, 2):  # vertices of coarser spheres come first
+        sources = np.arange(10 * 4**level + 2)
+        write_stc(tmp_path / "a-lh.stc", frames[:, sources], sources, TIMES)
+        found = read_frames(tmp_path / "a-lh.stc", fine)
+        known = np.isin(np.arange(len(fine.vertices)), sources)
+        assert_allclose(found.values[:, known], frames[:, known], atol=1e-6)
+        assert found.notes[0].startswith(f"{len(sources)} of 642 vertices have values")
+        errors.append(np.sqrt(np.mean((found.values - frames) ** 2)))
+        harmonic = extend(fine, np.where(known, frames[0], 0.0), known)
+        assert errors[-1] < 0.25 * np.sqrt(np.mean((harmonic - frames[0]) ** 2))
+    assert errors[1] < errors[0] / 4
+    write_stc(tmp_path / "a-lh.stc", np.full((3, 9), 2.5), np.arange(9), np.arange(3.0))
+    assert_allclose(read_frames(tmp_path / "a-lh.stc", fine).values, 2.5, rtol=1e-9)
+
+
+def test_lists_of_vtk_say_files_and_times(tmp_path):
+    paths = series(tmp_path)
+    order = [3, 0, 4, 1, 2]  # lists need not be sorted
+    rows = [f'<DataSet timestep="{TIMES[k]}" file="{paths[k].name}"/>' for k in order]
+    text = f'<VTKFile type="Collection"><Collection>{"".join(rows)}</Collection></VTKFile>'
+    (tmp_path / "a.pvd").write_text(text)
+    files = [{"name": paths[k].name, "time": TIMES[k]} for k in order]
+    (tmp_path / "a.vtu.series").write_text(json.dumps({"files": files}))
+    for name in ("a.pvd", "a.vtu.series"):
+        found = read_frames(tmp_path / name, MESH, "u")
+        assert_array_equal(found.values, FILM)
+        assert_array_equal(found.times, TIMES)
+        assert found.notes == ()
+
+
+def test_a_numbered_file_stands_for_all_of_its_series(tmp_path):
+    paths = series(tmp_path, name="wave_{}.vtu")
+    (tmp_path / "wave_.vtu").write_text("no number")
+    (tmp_path / "swave_3.vtu").write_text("another name")
+    found = read_frames(paths[2], MESH, "u")
+    assert_array_equal(found.values, FILM)
+    assert found.times is None
+    assert found.notes == ("5 files from wave_0.vtu to wave_4.vtu",)
+    series(tmp_path, name="wave_{}.vtu", said=True)
+    assert_array_equal(read_frames(paths[0], MESH, "u").times, TIMES)
+
+
+def test_vectors_are_channels_and_moved_points_are_told(tmp_path):
+    fields = np.random.default_rng(0).normal(size=(2, COUNT, 3))
+    for k, field in enumerate(fields):
+        moved = MESH.vertices + np.array([0, 0, 0.1 * k])
+        (tmp_path / f"a{k}.vtp").write_bytes(vtk_bytes(moved, {"v": field}, kind="PolyData"))
+    found = read_frames(tmp_path / "a0.vtp", MESH)
+    assert_array_equal(found.values, fields)
+    assert found.notes[1:] == (
+        "its frames are the point data 'v'",
+        "points are up to 0.1 off the mesh, which stays as it is",
+    )
+
+
+def test_frames_of_a_file_with_loose_vertices_count_as_it_does(tmp_path):
+    mesh = with_loose_vertex(MESH)
+    whole = np.insert(FILM, 5, 0.0, axis=1)
+    np.save(tmp_path / "a.npy", whole)
+    assert_array_equal(read_frames(tmp_path / "a.npy", mesh).values, whole)
+    write_stc(tmp_path / "a-lh.stc", whole, np.arange(COUNT + 1), TIMES)
+    assert_array_equal(read_frames(tmp_path / "a-lh.stc", mesh).values, SINGLE)
+
+
+def hostile(folder):
+    """Files that hold no frames of the mesh, and what is said of them."""
+    np.save(folder / "short.npy", FILM[:, :-1])
+    np.save(folder / "flat.npy", FILM[0])
+    np.save(folder / "words.npy", np.array([["a"]]))
+    (folder / "huge.npy").write_bytes(npy_of((10**9, COUNT)))
+    np.savez(folder / "two.npz", frame=FILM, b=FILM)
+    np.savez(folder / "times.npz", frames=FILM, times=TIMES[1:])
+    np.savez(folder / "time.npz", frames=FILM, times="now")
+    with zipfile.ZipFile(folder / "bad.npz", "w") as archive:
+        archive.writestr("frames.npy", b"\x93NUMPY")
+    np.savetxt(folder / "short.csv", FILM[:, :-1].T, delimiter=",")
+    gifti(folder / "label.gii", FILM, intent="NIFTI_INTENT_LABEL")
+    gifti(folder / "mixed.gii", [FILM[0], FILM[0, :-1]])
+    gifti(folder / "none.gii", [])
+    write_stc(folder / "far-lh.stc", FILM[:, :3], np.array([0, 5, COUNT]), TIMES)
+    some = np.where(np.arange(3) == 1, np.nan, FILM[:, :3])
+    write_stc(folder / "nan-lh.stc", some, np.arange(3), TIMES)
+    series(folder)
+    (folder / "still.vtu").write_bytes(b"")
+    (folder / "cut_1.vtu").write_bytes((folder / "wave_001.vtu").read_bytes()[:-900])
+    (folder / "small_1.vtu").write_bytes(vtk_bytes(np.zeros((3, 3)), {"u": np.zeros(3)}))
+    (folder / "none.pvd").write_text('<VTKFile type="Collection"/>')
+    twice = 2 * '<DataSet timestep="1" file="wave_001.vtu"/>'
+    (folder / "twice.pvd").write_text(f'<VTKFile type="Collection">{twice}</VTKFile>')
+    lost = '<DataSet timestep="1" file="lost.vtu"/>'
+    (folder / "lost.pvd").write_text(f'<VTKFile type="Collection">{lost}</VTKFile>')
+    (folder / "bad.series").write_text("[1")
+    (folder / "odd.series").write_text('{"files": [{"name": "wave_001.vtu"}]}')
+    (folder / "array.series").write_text('[{"name": "wave_001.vtu"}]')
+
+
+@pytest.fixture(scope="module")
+def hostiles(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hostile")
+    hostile(folder)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "words"),
+    [
+        ("none.npy", None, "cannot be read: No such file"),
+        ("a.xyz", None, "its name must end in .npy, .npz"),
+        ("short.npy", "u", "a file .npy has no arrays with names, such as 'u'"),
+        ("short.npy", None, f"it has the shape (5, {COUNT - 1}); the mesh has {COUNT} vertices"),
+        ("flat.npy", None, "expected real numbers (T, V)"),
+        ("words.npy", None, "an array of <U1"),
+        ("huge.npy", None, "its size is not what its header says"),
+        ("two.npz", None, "it has no array 'frames' (did you mean 'frame'?); there is b, frame"),
+        ("two.npz", "c", "it has no array 'c'"),
+        ("times.npz", None, "it has 4 times for 5 frames"),
+        ("time.npz", None, "its times are <U3 of shape ()"),
+        ("bad.npz", None, "frames: its header is damaged"),
+        ("short.csv", None, f"the mesh has {COUNT} vertices"),
+        ("label.gii", None, "labels, which are no values that move"),
+        ("mixed.gii", None, "2 arrays of several shapes"),
+        ("none.gii", None, "0 arrays of several shapes"),
+        ("far-lh.stc", None, f"a value of vertex {COUNT}, and the mesh has {COUNT}: give the sur"),
+        ("nan-lh.stc", None, "values that are not finite, and none between its sources"),
+        ("still.vtu", None, "it is one frame, without a number"),
+        ("lost_1.vtu", None, "cannot be read: No such file"),
+        ("wave_001.vtu", None, "'wave_000.vtu': it has 2 arrays of point data: u, other"),
+        ("wave_001.vtu", "w", "no point data 'w'; there is u, other"),
+        ("cut_1.vtu", "u", "'cut_1.vtu': its appended data does not end"),
+        ("small_1.vtu", None, f"'small_1.vtu' has 3 points; the mesh has {COUNT} vertices"),
+        ("none.pvd", None, "it lists no files"),
+        ("twice.pvd", "u", "two of its files are of one time"),
+        ("lost.pvd", None, "'lost.vtu' cannot be read: No such file"),
+        ("bad.series", None, "its JSON is damaged in line 1"),
+        ("odd.series", None, "expected the name of a file, and a time"),
+        ("array.series", None, "it lists no files"),
+    ],
+)
+def test_what_is_no_film_of_the_mesh_is_refused_in_a_line(hostiles, name, array, words):
+    with pytest.raises(FunctionError, match=re.escape(words)) as caught:
+        read_frames(hostiles / name, MESH, array)
+    assert name in str(caught.value)
+    assert str(caught.value).isprintable()
+
+
+def test_a_changed_byte_of_a_zip_is_read_or_refused_in_a_line(tmp_path):
+    small = np.arange(3.0).reshape(1, 3)
+    np.savez(tmp_path / "a.npz", frames=small)
+    refused = 0
+    for content in one_byte_changed((tmp_path / "a.npz").read_bytes()):
+        (tmp_path / "b.npz").write_bytes(content)
+        try:
+            read_frames(tmp_path / "b.npz", MESH)
+        except AbfmError:
+            refused += 1
+    assert refused == len((tmp_path / "a.npz").read_bytes())  # as it is of another mesh
