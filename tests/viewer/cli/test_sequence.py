@@ -1,0 +1,155 @@
+"""`abfm sequence`, and what `abfm info` and `abfm render` say of its files, run in this process."""
+
+import json
+import signal
+
+import numpy as np
+import pytest
+
+import abfm as library
+from abfm import load_sequence
+from abfm.io import export_ply
+from abfm.reading import read_collection, read_stc
+from abfm.sequences import defaults, vertex_speed
+from tests.core.sequences.films import MESH, TIMES, film
+from tests.viewer.cli.test_signals import ended, start
+
+STEP = TIMES[1] - TIMES[0]
+SOLVED = "--sigma 0.1 --quiet"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A sphere, and a function that turns with it."""
+    folder = tmp_path_factory.mktemp("film")
+    export_ply(folder / "m.ply", MESH, {}, {})
+    np.save(folder / "f.npy", film())
+    np.savez(folder / "f.npz", frames=film(), times=TIMES)
+    return folder
+
+
+def test_a_film_is_solved_told_and_written_in_several_forms(files, tmp_path, abfm):
+    outs = [tmp_path / name for name in ("s.npz", "s.pvd", "s-lh.stc", "lh.s.func.gii", "s.html")]
+    words = " ".join(f"--out {out}" for out in outs)
+    tables = f"--tracks {tmp_path}/t.csv --intervals {tmp_path}/i.csv"
+    told = abfm(f"sequence {files}/m.ply {files}/f.npz --sigma 0.1 {words} {tables}")
+    found, wanted = load_sequence(outs[0]), library.sequence(MESH, film(), TIMES, given(sigma=0.1))
+    np.testing.assert_array_equal(found.velocity, wanted.velocity)
+    lines = told.out.splitlines()
+    assert lines[0] == "4 of 4 intervals confirmed by flow lines: 4 matched"
+    assert lines[1].startswith("5 frames from -0.1 to 0.1, on a mesh of 320 faces; sigma 0.1")
+    speed = np.linalg.norm(wanted.velocity, axis=2)
+    assert f"median {np.median(speed):.3g}, at most {speed.max():.3g}, in the mesh" in lines[2]
+    assert lines[2].endswith("unit per second")
+    assert lines[3].startswith("tracks through 3 intervals or more: 2 spirals")
+    assert "wrote " in lines[-1]
+    assert "following the frames: 50%" in told.err.splitlines()
+    assert len(read_collection(outs[1])) == 5
+    np.testing.assert_array_equal(read_stc(outs[2]).values, vertex_speed(found).astype(np.float32))
+    assert len((tmp_path / "i.csv").read_text().splitlines()) == 5
+    assert len((tmp_path / "t.csv").read_text().splitlines()) >= 9
+    assert "4 of 4 intervals are confirmed" in outs[4].read_text(encoding="utf-8")
+
+
+def given(**changes):
+    return defaults(**changes)
+
+
+def test_seconds_between_frames_may_be_said(files, tmp_path, abfm):
+    told = abfm(f"sequence {files}/m.ply {files}/f.npy --dt {STEP} {SOLVED} --out {tmp_path}/a.npz")
+    assert told.err == ""
+    np.testing.assert_allclose(load_sequence(tmp_path / "a.npz").times, TIMES - TIMES[0])
+    told = abfm(f"sequence {files}/m.ply {files}/f.npz --dt 2 {SOLVED} --out {tmp_path}/a.npz")
+    np.testing.assert_array_equal(load_sequence(tmp_path / "a.npz").times, 2 * np.arange(5))
+    told = abfm(f"sequence {files}/m.ply {files}/f.npy {SOLVED} --out {tmp_path}/a.npz")
+    assert told.err == "note: the file says no times: frames count as 1 apart; --dt gives seconds\n"
+    assert "unit per frame\n" in told.out
+
+
+def test_machines_are_told_and_parameters_are_taken(files, tmp_path, abfm):
+    told = abfm(
+        f"sequence {files}/m.ply {files}/f.npz --gamma 0 --alpha 0.5 --order 2 --sigma 0.2 --json "
+        f"--mask expression:x>-2 --quiet --out {tmp_path}/a.npz"
+    ).out
+    facts = json.loads(told)
+    found = load_sequence(tmp_path / "a.npz")
+    assert (facts["intervals"], facts["confirmed"]) == (4, found.confirmed)
+    assert (facts["gamma"], facts["sigma"], facts["parameters"]["alpha"]) == (0, 0.2, 0.5)
+    assert facts["parameters"]["order"] == 2
+    assert facts["verdicts"] == [each.kind for each in found.verdicts]
+    np.testing.assert_array_equal(facts["verified_mismatch"], found.verified_mismatch)
+    assert facts["speed"]["maximum"] == np.linalg.norm(found.velocity, axis=2).max()
+    assert facts["tracks"]["spiral"] == len([t for t in found.tracks() if t.kind == "spiral"])
+    assert facts["film"].endswith("f.npz")
+    again = json.loads(abfm(f"info {tmp_path}/a.npz --json").out)
+    assert {name: again[name] for name in again if name in facts} == {
+        name: facts[name] for name in again if name in facts
+    }
+    assert abfm(f"info {tmp_path}/a.npz").out.splitlines()[0].endswith("lines: 4 matched")
+
+
+def test_fewer_than_half_confirmed_is_an_exit_status_of_its_own(files, tmp_path, abfm):
+    noise = np.random.default_rng(0).normal(size=film().shape)
+    noise[:, ::2] *= 40  # which no flow carries
+    np.save(tmp_path / "noise.npy", noise)
+    words = f"sequence {files}/m.ply {tmp_path}/noise.npy --sigma 3 --quiet --out {tmp_path}/a.npz"
+    told = abfm(words, status=3).out
+    found = load_sequence(tmp_path / "a.npz")
+    assert 2 * found.confirmed < len(found)
+    assert told.startswith(f"{found.confirmed} of 4 intervals confirmed by flow lines: ")
+
+
+def test_a_page_is_drawn_of_a_file(files, tmp_path, abfm):
+    abfm(f"sequence {files}/m.ply {files}/f.npz {SOLVED} --out {tmp_path}/a.npz")
+    assert abfm(f"render {tmp_path}/a.npz --out {tmp_path}/a.html").out.startswith("wrote ")
+    assert "intervals are confirmed" in (tmp_path / "a.html").read_text(encoding="utf-8")
+    told = abfm(f"render {tmp_path}/a.npz --out {tmp_path}/a.png", status=2).err
+    assert "it holds a sequence, and no single match" in told
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("{m} {f} --out {t}/a.vtu", "its name must end in .npz, .pvd, .stc, .gii, .html"),
+        ("{m} {f} --out {t}/a.stc", "must end in -lh.stc or -rh.stc"),
+        ("{m} {f} --out {t}/no/a.npz", "there is no folder"),
+        ("{m} {f} --tracks {t}/t.txt --out {t}/a.npz", "must end in .csv"),
+        ("{m} {f} --tracks {t}/t.csv --intervals {t}/t.csv --out {t}/a.npz", "the same name"),
+        ("{m} {f} --dt 0 --out {t}/a.npz", "--dt: 0 is not a number above 0"),
+        ("{m} {f} --dt 1 --gamma -1 --out {t}/a.npz", "gamma is -1"),
+        ("{m} {f} --alpha -1 --out {t}/a.npz", "alpha is -1"),
+        ("{m} {f} --tau 2 --out {t}/a.npz", "'--tau' is not understood"),
+        ("{m} {f} --array u --out {t}/a.npz", "has no arrays with names"),
+        ("{m} {t}/one.npy --dt 1 --out {t}/a.npz", "there is one frame"),
+        ("{m} {t}/short.npy --out {t}/a.npz", "the mesh has 162 vertices"),
+        ("{m} {t}/none.npy --out {t}/a.npz", "cannot be read: No such file"),
+        ("{m} {t}/back.npz --out {t}/a.npz", "times must be finite, and each later"),
+        ("{m} {f}", "the following arguments are required: --out"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_a_line(words, told, files, tmp_path, abfm):
+    np.save(tmp_path / "one.npy", film()[:1])
+    np.save(tmp_path / "short.npy", film()[:, :9])
+    np.savez(tmp_path / "back.npz", frames=film(), times=TIMES[::-1])
+    line = words.format(m=files / "m.ply", f=files / "f.npy", t=tmp_path)
+    assert told in abfm(f"sequence {line}", status=2).err
+    assert not (tmp_path / "a.npz").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_what_was_found(number, files, tmp_path):
+    times = 0.01 * np.arange(400)
+    np.savez(tmp_path / "long.npz", frames=film(times=times), times=times)
+    words = f"sequence {files}/m.ply {tmp_path}/long.npz --sigma 0.1 --out {tmp_path}/a.npz"
+    process = start(*words.split())
+    while "following the frames: 10%" not in process.stderr.readline():
+        assert process.poll() is None
+    told, errors = ended(process, number)
+    assert "stopping with what was found" in errors
+    assert "Traceback" not in errors
+    assert told.startswith("cancelled: ")
+    found = load_sequence(tmp_path / "a.npz")
+    solved = np.abs(found.velocity).max(axis=(1, 2)) > 0
+    assert 40 <= np.count_nonzero(solved) < 399
+    kinds = np.array([verdict.kind for verdict in found.verdicts])
+    assert set(kinds[~solved]) == {"not reached"}
