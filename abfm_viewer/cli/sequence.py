@@ -106,6 +106,9 @@ def run(arguments: argparse.Namespace) -> int:
     for note in film.notes:
         print(f"note: {note}", file=sys.stderr)
     times, unit = _times(arguments, film.times, len(film.values))
+    for path in arguments.out:
+        if path.suffix == ".stc" and times is not None:
+            abfm.io.even_step(path, (times[1:] + times[:-1]) / 2)
     with cancelled_by_signals(control, "with what was found") as kept:
         with steps_progress(arguments.quiet):
             found = abfm.sequence(

@@ -18,6 +18,7 @@ from .results import FORMAT_VERSION as FORMAT_VERSION
 from .results import load_arrays as load_arrays
 from .results import save_arrays as save_arrays
 from .source_estimates import check_stc_name as check_stc_name
+from .source_estimates import even_step as even_step
 from .source_estimates import write_stc as write_stc
 from .surface_images import from_surface_image as from_surface_image
 from .surface_images import to_surface_image as to_surface_image

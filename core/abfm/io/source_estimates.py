@@ -23,6 +23,19 @@ def check_stc_name(path: str | os.PathLike[str]) -> None:
         )
 
 
+def even_step(path: str | os.PathLike[str], times: ArrayLike) -> float:
+    """Return the time between samples (T,), or refuse a file whose format knows one step, by a
+    ResultError, as samples are not evenly spaced.
+    """
+    when = real_numbers(times, "times", ResultError)
+    step = float(when[-1] - when[0]) / max(len(when) - 1, 1) or 1.0
+    if np.abs(np.diff(when) - step).max(initial=0.0) > _UNEVEN * step:
+        raise ResultError(
+            f"cannot write {path}: its times are not evenly spaced, and .stc files know one step"
+        )
+    return step
+
+
 def write_stc(
     path: str | os.PathLike[str], values: ArrayLike, vertices: IntArray, times: ArrayLike
 ) -> None:
@@ -42,11 +55,7 @@ def write_stc(
         raise ResultError(
             f"values have shape {film.shape}; expected ({len(when)}, {len(vertices)})"
         )
-    step = (when[-1] - when[0]) / max(len(when) - 1, 1) or 1.0
-    if np.abs(np.diff(when) - step).max(initial=0.0) > _UNEVEN * step:
-        raise ResultError(
-            f"cannot write {path}: its times are not evenly spaced, and .stc files know one step"
-        )
+    step = even_step(path, when)
     parts = [
         np.array([1000 * when[0], 1000 * step], dtype=">f4"),
         np.array([len(vertices), *vertices, len(when)], dtype=">u4"),

@@ -12,8 +12,8 @@ from .exports import vertex_speed as vertex_speed
 from .files import is_sequence as is_sequence
 from .files import load_sequence as load_sequence
 from .frames_file import FramesFile as FramesFile
-from .read_frames import ENDINGS as ENDINGS
-from .read_frames import read_frames as read_frames
+from .reading_frames import ENDINGS as ENDINGS
+from .reading_frames import read_frames as read_frames
 from .sequence import DEFAULTS as DEFAULTS
 from .sequence import GAMMA as GAMMA
 from .sequence import TAKEN as TAKEN

@@ -14,7 +14,7 @@ from abfm import load_sequence
 from abfm.calculus.channels import extend
 from abfm.errors import AbfmError, FunctionError
 from abfm.io import write_stc
-from abfm.sequences import read_frames
+from abfm.sequences import read_frames, source_frames
 from tests.core.reading.hostile import npy_of, one_byte_changed
 from tests.core.reading.vtk_files import vtk_bytes
 from tests.core.sequences.turning_film import MESH, TIMES, film, solved
@@ -167,6 +167,16 @@ def test_between_sources_values_are_interpolated_with_little_error(tmp_path):
     assert errors[1] < errors[0] / 4
     write_stc(tmp_path / "a-lh.stc", np.full((3, 9), 2.5), np.arange(9), np.arange(3.0))
     assert_allclose(read_frames(tmp_path / "a-lh.stc", fine).values, 2.5, rtol=1e-9)
+
+
+def test_sources_that_a_coarser_surface_has_are_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(source_frames, "_FSAVERAGE", COUNT)
+    monkeypatch.setattr(source_frames, "_COARSER", {42: "fsaverage1"})
+    told = f"42 of {COUNT} vertices have values; the others are interpolated"
+    hint = ": fsaverage1 has just those with values, and takes less time"
+    for sources, wanted in ((np.arange(42), told + hint), (np.arange(1, 43), told)):
+        write_stc(tmp_path / "a-lh.stc", FILM[:, sources], sources, TIMES)
+        assert read_frames(tmp_path / "a-lh.stc", MESH).notes == (wanted,)
 
 
 def test_lists_of_vtk_say_files_and_times(tmp_path):

@@ -124,12 +124,14 @@ def test_a_page_is_drawn_of_a_file(files, tmp_path, abfm):
         ("{m} {t}/short.npy --out {t}/a.npz", "the mesh has 162 vertices"),
         ("{m} {t}/none.npy --out {t}/a.npz", "cannot be read: No such file"),
         ("{m} {t}/back.npz --out {t}/a.npz", "times must be finite, and each later"),
+        ("{m} {t}/uneven.npz --out {t}/a.npz --out {t}/a-lh.stc", "times are not evenly spaced"),
         ("{m} {f}", "the following arguments are required: --out"),
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_line(words, told, files, tmp_path, abfm):
     np.save(tmp_path / "one.npy", film()[:1])
     np.save(tmp_path / "short.npy", film()[:, :9])
+    np.savez(tmp_path / "uneven.npz", frames=film(), times=TIMES**3)
     np.savez(tmp_path / "back.npz", frames=film(), times=TIMES[::-1])
     line = words.format(m=files / "m.ply", f=files / "f.npy", t=tmp_path)
     assert told in abfm(f"sequence {line}", status=2).err
