@@ -30,7 +30,7 @@ def source_frames(file: Path, mesh: TriangleMesh) -> FramesFile:
     row = np.full(mesh.file_vertex_count, -1)
     row[film.vertices] = np.arange(len(film.vertices))
     rows = row[mesh.vertex_ids]
-    known = np.count_nonzero(rows >= 0)
+    known = int(np.count_nonzero(rows >= 0))
     if known == len(rows):
         return FramesFile(film.values[:, rows], film.times)
     if not known:
