@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -32,20 +32,22 @@ Draw a result or a project: a picture (.png), a movie of the flow (.mp4, .gif), 
 browser (.html): the surfaces, turning, with a time bar, in one file that needs no network.
 
 A picture of a result is a sheet with the source, the source on its way to the target, and the
-target. Pictures of a project, of a registration, and all movies show what the window shows: every
-surface in its slot, as the project has it.
+target; of a sequence, with frames and the field. Pictures of a project, of a registration, and all
+movies show what the window shows: every surface in its slot, as the project has it.
 
 Examples:
   abfm render match.npz --out match.png
   abfm render match.npz --out match.png --size 2400x800 --time 0.5 --time 1.5
   abfm render match.npz --out match.mp4 --seconds 4 --to 2
   abfm render reg.npz --out reg.html
+  abfm render sequence.npz --out sequence.png --time 0.1 --time 0.2
   abfm render match.npz --out streaks.gif --streaks --fade --from 0 --to 0
   abfm render my.abfm --out my.png --size 3840x2160 --transparent
 """
 Known = dict[str, FloatArray]
 _MOVIES, _PAGE = (".mp4", ".gif"), ".html"
 _OF_PAGES = ("command", "parser", "run", "input", "out", "quiet", "up")
+_OF_FILMS = (*_OF_PAGES, "size", "time", "channel")
 _SIZE = {".png": (1600, 900), ".mp4": (1280, 720), ".gif": (800, 450)}
 _SECONDS, _FPS = 4.0, 30.0
 
@@ -94,6 +96,9 @@ def run(arguments: argparse.Namespace) -> int:
     out = arguments.out
     outputs.check(out, [".png", *_MOVIES, _PAGE])
     path, is_movie = Path(arguments.input), out.suffix in _MOVIES
+    if _holds(abfm.sequences.is_sequence, arguments.input):
+        _of_sequence(arguments)
+        return 0
     if out.suffix == _PAGE:
         _write_page(arguments)
         return 0
@@ -127,17 +132,44 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write_page(arguments: argparse.Namespace) -> None:
-    given, out = vars(arguments), arguments.out
-    for name, value in given.items():
-        if name not in _OF_PAGES and value is not None and value is not False:
-            option = {"start": "from", "end": "to"}.get(name, name.replace("_", "-"))
-            raise UsageError(f"--{option} is for pictures and movies, and {out} is a page")
-    if _holds(abfm.sequences.is_sequence, arguments.input):
-        film = abfm.load_sequence(arguments.input)
+def _of_sequence(arguments: argparse.Namespace) -> None:
+    """Draw a sheet or a page of a sequence."""
+    out = arguments.out
+    if out.suffix in _MOVIES:
+        raise UsageError(
+            f"{arguments.input}: it is a sequence: write a page (.html), which plays it, or a "
+            "picture (.png)"
+        )
+    is_page = out.suffix == _PAGE
+    if is_page:
+        _refuse_others(arguments, _OF_PAGES, "pictures and movies", "a page")
+    else:
+        _refuse_others(arguments, _OF_FILMS, "pictures of matches", "one of a sequence")
+    film = abfm.load_sequence(arguments.input)
+    if is_page:
         outputs.write_sequence(out, film, arguments.up or "y")
-        print(f"wrote {printable(out)}")
-        return
+    else:
+        count = film.frames.shape[2]
+        if not 0 <= (channel := arguments.channel or 0) < count:
+            raise ParameterError(f"--channel {channel}: there are channels 0 to {count - 1}")
+        picture = pictures.sequence_picture(
+            film, arguments.time, arguments.size, channel, arguments.up or "y"
+        )
+        outputs.write_picture(out, picture)
+    print(f"wrote {printable(out)}")
+
+
+def _refuse_others(arguments: argparse.Namespace, known: Sequence[str], of: str, is_: str) -> None:
+    """Refuse options that say nothing of what is drawn."""
+    for name, value in vars(arguments).items():
+        if name not in known and value is not None and value is not False:
+            option = {"start": "from", "end": "to"}.get(name, name.replace("_", "-"))
+            raise UsageError(f"--{option} is for {of}, and {arguments.out} is {is_}")
+
+
+def _write_page(arguments: argparse.Namespace) -> None:
+    out = arguments.out
+    _refuse_others(arguments, _OF_PAGES, "pictures and movies", "a page")
     document, _ = read_document(Path(arguments.input))
     match, initial = document.result, document.initial_map
     if match is None:

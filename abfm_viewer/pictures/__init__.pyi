@@ -11,5 +11,6 @@ from .report_plots import path_picture as path_picture
 from .row_pictures import row_pictures as row_pictures
 from .sheets import figure_picture as figure_picture
 from .sheets import match_picture as match_picture
+from .sheets import sequence_picture as sequence_picture
 from .textures import read_texture as read_texture
 from .textures import write_texture as write_texture

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+import abfm
 from abfm import Match, TriangleMesh
 from abfm.io.sheets import Frame, Panel, Plot, Sheet, Values
 from abfm.types import FloatArray
@@ -24,6 +25,7 @@ from abfm_viewer.widgets.widget_record import Rect
 WIDEST, TALLEST_PANEL = 2000, 640  # of sheets without a size, in pixels
 DEFAULT_WIDTH, _USUAL_HEIGHT, _SMALLEST_SCALE = 1800, 700, 0.6  # of matches
 _PLEASANT_ASPECT = 2.4
+_MOMENTS = 6  # of a sequence, on a sheet
 _ASPECTS = (0.45, 1.9)  # least and greatest width over height of a figure's panel
 # in pixels at a scale of 1
 MARGIN, GAP, LABEL = 30, 18, 46
@@ -148,6 +150,30 @@ def match_picture(
     sheet = Sheet(((*panels, panel(match.target, "target", "target")),), up)
     views = cameras(sheet)
     layout = grid(len(sheet.rows[0]), views[match.mesh].aspect, size)
+    return sheet_picture(sheet, views, layout, ImageFont.load_default)
+
+
+def sequence_picture(
+    film: abfm.Sequence,
+    times: Sequence[float] | None = None,
+    size: tuple[int, int] | None = None,
+    channel: int = 0,
+    up: Literal["x", "y", "z"] = "y",
+) -> Image.Image:
+    """Draw the function at some times, by default evenly spread over all, with arrows of the field
+    then; other parameters are those of `match_picture`.
+    """
+    begin, end = float(film.times[0]), float(film.times[-1])
+    panels = []
+    for time in np.linspace(begin, end, _MOMENTS).tolist() if times is None else times:
+        function = film.at(time).reshape(len(film.mesh.vertices), -1)[:, channel]
+        field = film.velocity[film.interval(time)]
+        label = f"t = {time:.4g}"
+        panels.append(Panel(film.mesh, Values(function), label, arrows=field))
+    changing = film.frames[:, :, channel].std(axis=0)
+    sheet = Sheet((tuple(panels),), up, seen=(changing,))
+    views = cameras(sheet)
+    layout = grid(len(panels), views[film.mesh].aspect, size)
     return sheet_picture(sheet, views, layout, ImageFont.load_default)
 
 

@@ -5,6 +5,7 @@ import signal
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import abfm as library
 from abfm import load_sequence
@@ -99,12 +100,29 @@ def test_fewer_than_half_confirmed_is_an_exit_status_of_its_own(files, tmp_path,
     assert told.startswith(f"{found.confirmed} of 4 intervals confirmed by flow lines: ")
 
 
-def test_a_page_is_drawn_of_a_file(files, tmp_path, abfm):
+def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
     abfm(f"sequence {files}/m.ply {files}/f.npz {SOLVED} --out {tmp_path}/a.npz")
-    assert abfm(f"render {tmp_path}/a.npz --out {tmp_path}/a.html").out.startswith("wrote ")
+    draw = f"render {tmp_path}/a.npz --out {tmp_path}"
+    assert abfm(f"{draw}/a.html").out == f"wrote {tmp_path}/a.html\n"
     assert "intervals are confirmed" in (tmp_path / "a.html").read_text(encoding="utf-8")
-    told = abfm(f"render {tmp_path}/a.npz --out {tmp_path}/a.png", status=2).err
-    assert "it holds a sequence, and no single match" in told
+    for name, times in (("one", "--time 0"), ("other", "--time 0.1"), ("both", "")):
+        abfm(f"{draw}/{name}.png --size 900x500 {times}")
+    one, other, both = (
+        np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB"), dtype=int)
+        for name in ("one", "other", "both")
+    )
+    assert one.shape == other.shape == both.shape == (500, 900, 3)
+    red, blue = (np.abs(one - [r, 40, b]).sum(axis=2) < 90 for r, b in ((200, 50), (40, 150)))
+    assert min(red.sum(), blue.sum()) > 5000  # of the function's colours
+    assert (np.abs(one - other).max(axis=2) > 20).sum() > 2000  # it has turned
+    for words, told in (
+        ("a.mp4", "it is a sequence: write a page (.html), which plays it, or a picture (.png)"),
+        ("a.png --time 3", "expected a time from -0.1 to 0.1"),
+        ("a.png --channel 1", "there are channels 0 to 0"),
+        ("a.png --streaks", "--streaks is for pictures of matches"),
+        ("a.html --time 0", "--time is for pictures and movies"),
+    ):
+        assert told in abfm(f"{draw}/{words}", status=2).err
 
 
 @pytest.mark.parametrize(
