@@ -12,7 +12,7 @@ from abfm import load_sequence
 from abfm.io import export_ply
 from abfm.reading import read_collection, read_stc
 from abfm.sequences import defaults, vertex_speed
-from tests.core.sequences.films import MESH, TIMES, film
+from tests.core.sequences.turning_film import MESH, TIMES, film
 from tests.viewer.cli.test_signals import ended, start
 
 STEP = TIMES[1] - TIMES[0]
