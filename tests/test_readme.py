@@ -68,7 +68,7 @@ def test_commands_shown_exist(capsys):
     shown = set(re.findall(r"^    abfm (\S+)", README, re.MULTILINE))
     with pytest.raises(SystemExit):
         main(["--help"])
-    assert shown == set(re.findall(r"^    (\w+)  ", capsys.readouterr().out, re.MULTILINE))
+    assert shown == set(re.findall(r"^    (\w+)(?:  |$)", capsys.readouterr().out, re.MULTILINE))
 
 
 def test_pictures_and_linked_files_are_there_and_every_figure_has_its_page():

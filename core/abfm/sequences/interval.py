@@ -21,10 +21,10 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 
 _STEPS = 8  # of Gauss-Newton with one sigma, at most
-_GAINED = 0.01  # share of the energy; a step that gains less is the last one
+_GAINED = 0.05  # share of the energy; a step that gains less is the last one
 _DECREASE, _SHORTEST = 1e-4, 0.1
 _FEWEST, _MOST = 4, 60  # of conjugate gradients in a step
-_CLOSE = 0.1  # of the first residual, where they end
+_CLOSE = 0.25  # of the first residual, where they end
 _COOLER = 3.0  # factor between two sigmas
 
 Apply = Callable[[FloatArray], FloatArray]

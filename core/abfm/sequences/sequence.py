@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -29,7 +30,7 @@ from abfm.sequences.critical_points import CriticalPoints, critical_points
 from abfm.sequences.episodes import Episode, episodes
 from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import Frames, checked
-from abfm.sequences.solve import Solver, interval_parameters
+from abfm.sequences.solve import Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
 from abfm.sequences.verdicts import noise_floor, verdict_of
 from abfm.types import FloatArray
@@ -51,6 +52,7 @@ DEFAULTS: dict[str, Any] = {
 TAKEN = ("alpha", "beta", "divergence", "order", "sigma", "sigma_unit", "goal")
 """Those that may be given."""
 _HEAVIEST = 1e6  # gamma
+_THREADS = 2  # that walk along flow lines: the rest is one thread's work
 
 
 def defaults(**changes: Any) -> Parameters:
@@ -326,23 +328,28 @@ def sequence(
             solver = Solver(film, given, float(gamma))
         except CancelledError:
             raise ParameterError("the sequence was cancelled before it began") from None
-        cancelled = False
         try:
             solver.run(on_interval or (lambda i: None))
         except CancelledError:
-            cancelled = True
-    with controlled(Control() if cancelled else control):
+            control = Control()  # what was found is told though it was cancelled
+    with controlled(control):
         return _told(solver)
 
 
 def _told(solver: Solver) -> Sequence:
     """Return the sequence with what its witnesses say."""
     film, unit = solver.frames, solver.frames.mesh.length_scale
-    said = []
-    with step("checking by flow lines") as tell:
-        for i in range(len(solver.fields)):
-            said.append(solver.said(i))
-            tell((i + 1) / len(solver.fields))
+    count = len(solver.fields)
+    said: list[Said] = []
+    with step("checking by flow lines") as tell, ThreadPoolExecutor(_THREADS) as threads:
+        try:
+            for found in threads.map(solver.said, range(count)):
+                said.append(found)
+                tell(len(said) / count)
+                checkpoint()
+        except CancelledError:
+            threads.shutdown(cancel_futures=True)
+    said += [solver.said(i, by_flow_lines=False) for i in range(len(said), count)]
     numbers = {
         name: np.array([getattr(each, name) for each in said])
         for name in ("mismatch", "verified_mismatch", "folded", "energies")

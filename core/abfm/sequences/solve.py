@@ -27,8 +27,8 @@ LEAST = 0.1
 _LOOKED_AT = 3  # intervals by which sigma is chosen
 _FEW = 3  # steps with each sigma there
 _NOTHING = 0.01  # share of what any sigma explains of the variance that was held out
-_SWEEPS = 6  # at most
-_SETTLED = 0.003  # share of its energy that a sweep gains, which is then the last
+_SWEEPS = 4  # at most
+_SETTLED = 0.01  # share of its energy that a sweep gains, which is then the last
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ class Solver:
     def _keep(self, i: int, found: Point) -> None:
         self.fields[i], self.energies[i] = found.field, found.at.energy
 
-    def said(self, i: int) -> Said:
+    def said(self, i: int, by_flow_lines: bool = True) -> Said:
         """Return what the discrete flow and flow lines say of the field of an interval."""
         energy, field = self._energy(i), self.fields[i]
         sigma = energy.parameters.last_sigma
@@ -155,7 +155,7 @@ class Solver:
         rest, at = (objective.evaluate(x[None]) for x in (np.zeros_like(field), field))
         energies = np.array([(e.energy, e.regularity, e.mismatch) for e in (rest, at)])
         told = {}
-        if self.found[i]:
+        if by_flow_lines and self.found[i]:
             told = measured(energy, to_ambient(energy.mesh, field)[None])
         names = ("verified_mismatch", "folded")
         return Said(
