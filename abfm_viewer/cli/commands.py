@@ -5,7 +5,6 @@ from importlib.metadata import version
 from abfm.errors import did_you_mean
 from abfm_viewer.cli import (
     apply,
-    batch,
     bench,
     demo,
     figure,
@@ -15,11 +14,11 @@ from abfm_viewer.cli import (
     population,
     register,
     render,
-    report,
     sequence,
-    sweep,
 )
+from abfm_viewer.cli.batches import batch, sweep
 from abfm_viewer.cli.options import Parser
+from abfm_viewer.cli.reports import report
 
 _COMMANDS = {
     "match": match,

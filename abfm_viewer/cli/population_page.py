@@ -7,7 +7,13 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from abfm_viewer.cli.report_page import document, facts_block, pictures_row, rows_table, sentence
+from abfm_viewer.cli.reports.report_page import (
+    document,
+    facts_block,
+    pictures_row,
+    rows_table,
+    sentence,
+)
 
 if TYPE_CHECKING:
     from abfm_viewer.pictures.population_pictures import PopulationPictures

@@ -14,7 +14,7 @@ import abfm as library
 from abfm.assets import asset_path
 from abfm_viewer import pictures
 from abfm_viewer.cli import main
-from abfm_viewer.cli.batch_summary import GOOD, WORST_FIRST
+from abfm_viewer.cli.batches.summary import GOOD, WORST_FIRST
 from abfm_viewer.errors import DrawingError
 from tests.attack.batches import family, kill, lingering, results, start, victims, write_table
 from tests.processes import argv

@@ -8,11 +8,11 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from abfm_viewer.cli.report_page import document, facts_block, png, sentence
+from abfm_viewer.cli.reports.report_page import document, facts_block, png, sentence
 from abfm_viewer.document.verdict_words import share
 
 if TYPE_CHECKING:
-    from abfm_viewer.cli.batch_summary import Told
+    from abfm_viewer.cli.batches.summary import Told
 
 _TONES = {"matched": "good", "registered": "good", "nearly": "ink", "missing": "muted"}
 _STYLE = """

@@ -28,7 +28,7 @@ from abfm.workers.progress import telling
 from abfm_viewer import pictures
 from abfm_viewer.cli import options, results
 from abfm_viewer.cli.progress import print_long, share_progress
-from abfm_viewer.cli.report_page import LEAST_COVERED, MOST_APART, page
+from abfm_viewer.cli.reports.report_page import LEAST_COVERED, MOST_APART, page
 from abfm_viewer.document import verdict_words
 from abfm_viewer.files import outputs
 

@@ -16,7 +16,7 @@ from abfm.batch import Entry, Facts
 from abfm.errors import one_line
 from abfm.io import write_atomically
 from abfm_viewer import pictures
-from abfm_viewer.cli.batch_page import page
+from abfm_viewer.cli.batches.page import page
 
 WORST_FIRST = (
     "failed",

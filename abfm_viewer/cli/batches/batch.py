@@ -8,7 +8,7 @@ from abfm.batch import Ledger, read_table
 from abfm.batch.table import known_columns
 from abfm.errors import printable
 from abfm_viewer.cli import options
-from abfm_viewer.cli.batch_run import add_cluster, solve, tell_all
+from abfm_viewer.cli.batches.running import add_cluster, solve, tell_all
 from abfm_viewer.cli.exit_status import UsageError
 
 SUMMARY = "solve a table of problems, on all cores or a cluster, and go on where it was ended"

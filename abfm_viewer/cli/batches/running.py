@@ -15,7 +15,7 @@ from abfm.batch import Cluster, Entry, Ledger, Row, run
 from abfm.errors import one_line, printable
 from abfm_viewer import signals
 from abfm_viewer.cli import options
-from abfm_viewer.cli.batch_summary import GOOD, Told, counts, told_of, write_summary
+from abfm_viewer.cli.batches.summary import GOOD, Told, counts, told_of, write_summary
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.progress import row_progress

@@ -12,7 +12,7 @@ from abfm.batch import combinations
 from abfm.batch.columns import option
 from abfm.errors import brief, did_you_mean, printable
 from abfm_viewer.cli import options
-from abfm_viewer.cli.batch_run import add_cluster, solve
+from abfm_viewer.cli.batches.running import add_cluster, solve
 from abfm_viewer.cli.exit_status import UsageError
 
 SUMMARY = "solve all combinations of some options' values"
