@@ -158,7 +158,7 @@ def drawn(results: list[Result], path: Path) -> None:
     """Draw errors over displacements, a column for each amount of noise, means over the waves."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 5.2), layout="constrained")
+    figure = Figure(figsize=(10, 5.6), layout="constrained")
     plots = figure.subplots(2, len(NOISES), sharex=True, sharey="row")
     names = ("Horn-Schunck, best smoothness", "abfm, frame by frame", "abfm, together in time")
     looks = (("#8a8f98", "s", "--"), ("#3b7dd8", "o", "-"), ("#d1495b", "o", "-"))
@@ -167,20 +167,21 @@ def drawn(results: list[Result], path: Path) -> None:
         means = np.array(
             [np.mean([r.errors for r in own if r.displacement == d], axis=0) for d in DISPLACEMENTS]
         )
-        for row, (word, factor) in enumerate((("angle (degrees)", 1), ("speed (%)", 100))):
+        for row, (word, factor) in enumerate((("angle, degrees", 1), ("speed, %", 100))):
             plot = plots[row, column]
             for number, (name, (color, marker, line)) in enumerate(zip(names, looks, strict=True)):
                 values = factor * means[:, number, row]
                 plot.plot(DISPLACEMENTS, values, line, color=color, marker=marker, label=name)
             plot.set_xscale("log", base=2)
             plot.set_xticks(DISPLACEMENTS, [f"{d:g}" for d in DISPLACEMENTS])
-            plot.set_ylim(bottom=0)
             plot.spines[["top", "right"]].set_visible(False)
             plot.grid(color="#e6e8ec")
             if column == 0:
-                plot.set_ylabel(f"median error of the {word}")
+                plot.set_ylabel(f"error of {word}")
         plots[0, column].set_title(f"{100 * noise:g}% noise" if noise else "no noise")
         plots[1, column].set_xlabel("displacement (edges per frame)")
+    for row in plots:  # the columns of a row share their range
+        row[0].set_ylim(bottom=0)
     plots[0, 0].legend(frameon=False, fontsize=8.5)
     figure.savefig(path, dpi=115)
 

@@ -3,22 +3,13 @@
 from importlib.metadata import version
 
 from abfm.errors import did_you_mean
-from abfm_viewer.cli import (
-    apply,
-    bench,
-    demo,
-    figure,
-    info,
-    map,
-    match,
-    population,
-    register,
-    render,
-    sequence,
-)
+from abfm_viewer.cli import bench, demo, figure, info, match, render
 from abfm_viewer.cli.batches import batch, sweep
+from abfm_viewer.cli.films import sequence
 from abfm_viewer.cli.options import Parser
+from abfm_viewer.cli.populations import population
 from abfm_viewer.cli.reports import report
+from abfm_viewer.cli.surfaces import apply, map, register
 
 _COMMANDS = {
     "match": match,

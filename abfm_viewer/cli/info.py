@@ -21,7 +21,8 @@ from abfm.errors import printable
 from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
 from abfm.registration import is_correspondence
 from abfm.sequences import is_sequence
-from abfm_viewer.cli import options, results, sequence_results
+from abfm_viewer.cli import options, results
+from abfm_viewer.cli.films import results as sequence_results
 from abfm_viewer.document import verdict_words
 
 SUMMARY = "what a mesh is and what the solver would object to, or what a result holds"

@@ -16,8 +16,9 @@ from abfm.sequences import ENDINGS, GAMMA, TAKEN, defaults, read_frames
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals
-from abfm_viewer.cli import options, sequence_results
+from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import UNMATCHED, UsageError
+from abfm_viewer.cli.films import results as sequence_results
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.progress import print_long, steps_progress
 from abfm_viewer.files import outputs

@@ -31,7 +31,7 @@ from abfm_viewer import pictures, signals
 from abfm_viewer.cli import options
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
-from abfm_viewer.cli.population_page import page
+from abfm_viewer.cli.populations.page import page
 from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs

@@ -1,0 +1,1 @@
+"""The command for films of functions, and what is told of them."""

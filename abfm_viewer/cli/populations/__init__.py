@@ -1,0 +1,1 @@
+"""The command for populations, and their page."""
