@@ -1,4 +1,6 @@
-"""Small pictures of many results: source, where it was carried, and target, beside each other."""
+"""Small pictures of many results: source, where it was carried, and target, beside each other; of
+a film its first, middle and last frame.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,9 @@ from PIL import Image
 
 from abfm import ResultError, TriangleMesh
 from abfm.errors import one_line
-from abfm.io.results import MEND, load_arrays, mesh_of
+from abfm.io.results import MEND, SEQUENCE, load_arrays, mesh_of
 from abfm.io.sheets import Panel, Sheet, Values
+from abfm.sequences import is_sequence
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.pictures.panels import panel_pictures
@@ -58,8 +61,13 @@ def row_pictures(paths: Sequence[Path]) -> Iterator[tuple[Path, Image.Image | Re
 def _panels(
     path: Path, bar: str, seen: dict[str, _Seen]
 ) -> tuple[tuple[Panel, ...], dict[str, ColorRange]]:
-    arrays = load_arrays(path)
-    source, advected, target = (arrays[name][:, 0] for name in ("source", "advected", "target"))
+    if is_sequence(path):
+        arrays, labels = load_arrays(path, SEQUENCE), ("first frame", "middle", "last frame")
+        frames = arrays["frames"][:, :, 0]
+        source, advected, target = (frames[i] for i in (0, len(frames) // 2, -1))
+    else:
+        arrays, labels = load_arrays(path), ("source", "carried", "target")
+        source, advected, target = (arrays[name][:, 0] for name in ("source", "advected", "target"))
     try:
         mesh = mesh_of(arrays)
     except ValueError as error:
@@ -72,7 +80,7 @@ def _panels(
     mesh = seen[mesh.digest].mesh
     panels = tuple(
         Panel(mesh, Values(values, bar), label)
-        for values, label in ((source, "source"), (advected, "carried"), (target, "target"))
+        for values, label in zip((source, advected, target), labels, strict=True)
     )
     return panels, {bar: color_range(source, target)}
 

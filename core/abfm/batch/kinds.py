@@ -5,13 +5,21 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from abfm.batch import columns
-from abfm.batch.columns import Column, parameter_columns
+from abfm.batch.columns import Column, option, parameter_columns
 from abfm.batch.kind import Kind
 from abfm.batch.matches import check_match, prepare_match, prepare_problem
 from abfm.batch.registrations import check_registration, prepare_registration
+from abfm.batch.sequences import (
+    check_sequence,
+    facts_of_sequence,
+    not_negative,
+    positive,
+    prepare_sequence,
+)
 from abfm.errors import ParameterError
 from abfm.matching import load_match
 from abfm.registration import load_registration
+from abfm.sequences import TAKEN, load_sequence
 
 _FUNCTIONS: Mapping[str, Column] = {
     "source": columns.SPEC,
@@ -24,6 +32,23 @@ _ANY: Mapping[str, Column] = {
     **parameter_columns(),
 }
 KINDS: Mapping[str, Kind] = {
+    "sequence": Kind(
+        ("frames", "mesh"),
+        {
+            "mesh": columns.FILE,
+            "frames": columns.FILE,
+            "array": Column("the name of the values in files that hold several"),
+            "dt": Column("time between two frames", positive),
+            "gamma": Column("how much neighbouring fields are held together", not_negative),
+            "mask": columns.WEIGHT,
+            "largest-component": columns.FLAG,
+            **{option(name): parameter_columns()[option(name)] for name in TAKEN},
+        },
+        prepare_sequence,
+        load_sequence,
+        facts_of_sequence,
+        check_sequence,
+    ),
     "match": Kind(
         ("mesh",),
         {"mesh": columns.FILE, **_FUNCTIONS, "mask": columns.WEIGHT, "start": columns.FILE, **_ANY},

@@ -20,6 +20,7 @@ from abfm.batch.kinds import KINDS, kind_of_columns
 from abfm.errors import ParameterError, brief, did_you_mean
 from abfm.matching.problem import Problem
 from abfm.reading import open_plain
+from abfm.sequences.vtk_frames import VTK_ENDINGS, files_of_film
 from abfm.workers.control import Control
 
 PROBLEMS = "problems"
@@ -248,4 +249,9 @@ def _with_companions(path: str) -> list[str]:
         folder = os.path.dirname(path)
         others = (os.path.join(folder, unquote(name.decode("utf-8", "replace"))) for name in names)
         return [path, *others]
+    if low.endswith(VTK_ENDINGS):
+        try:
+            return list(dict.fromkeys([path, *map(os.fspath, files_of_film(Path(path)))]))
+        except (OSError, ValueError):
+            return [path]
     return [path]

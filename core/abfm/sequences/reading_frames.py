@@ -18,7 +18,7 @@ from abfm.mesh import TriangleMesh
 from abfm.reading import LABEL, array_from, freesurfer_frames, open_plain, read_bytes, read_gifti
 from abfm.sequences.frames_file import FramesFile
 from abfm.sequences.source_frames import source_frames
-from abfm.sequences.vtk_frames import vtk_frames
+from abfm.sequences.vtk_frames import VTK_ENDINGS, vtk_frames
 from abfm.types import FloatArray
 
 _LONGEST = 20.0  # seconds between functional images; what is more is milliseconds
@@ -160,7 +160,6 @@ def _stc(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
     return source_frames(file, mesh)
 
 
-_VTK = (".pvd", ".series", ".vtu", ".vtp")
 _READERS: dict[str, Callable[[Path, TriangleMesh, str | None], FramesFile]] = {
     ".npy": _npy,
     ".npz": _npz,
@@ -171,8 +170,8 @@ _READERS: dict[str, Callable[[Path, TriangleMesh, str | None], FramesFile]] = {
     ".mgh": _mgh,
     ".mgz": _mgh,
     ".stc": _stc,
-    **dict.fromkeys(_VTK, vtk_frames),
+    **dict.fromkeys(VTK_ENDINGS, vtk_frames),
 }
-_WITH_NAMES = (".npz", *_VTK)
+_WITH_NAMES = (".npz", *VTK_ENDINGS)
 ENDINGS = tuple(_READERS)
 """What names of files of frames end in."""

@@ -19,6 +19,8 @@ _NUMBERED = re.compile(r"(.*?)([0-9]{1,18})(\.vt[up])", re.IGNORECASE)
 _KEYS = ("name", "time")  # of a file in a .series
 _APART = 1e-3  # of the mesh's size: points that far from its vertices are told
 
+VTK_ENDINGS = (".pvd", ".series", ".vtu", ".vtp")
+
 Entry = tuple[float, Path]
 
 
@@ -72,6 +74,14 @@ def _numbered(file: Path) -> list[Entry]:
 
 
 _LISTS: dict[str, Callable[[Path], list[Entry]]] = {".pvd": _collection, ".series": _series}
+
+
+def files_of_film(file: Path) -> list[Path]:
+    """Return the files of a film of VTK's, as far as they can be told; errors tell as `vtk_frames`
+    does.
+    """
+    entries = _LISTS.get(file.suffix.lower(), _numbered)(file)
+    return [path for _, path in entries]
 
 
 def _of_grids(entries: Sequence[Entry], mesh: TriangleMesh, array: str | None) -> FramesFile:

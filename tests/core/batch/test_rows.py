@@ -154,7 +154,7 @@ def test_a_problem_made_in_python_is_written_once_and_is_its_rows_problem(tmp_pa
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({}, "fill mesh"),
+        ({}, r"fill frames and mesh \(sequence\), or mesh \(match\)"),
         ({"mesh": "m.off"}, "needs source and target"),
         ({"mesh": "m.off", "source": "curvature:mean"}, "source and target need each other"),
         ({"a": "a.off", "source": "curvature:mean"}, "column b: a registration needs it"),

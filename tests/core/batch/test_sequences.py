@@ -1,0 +1,80 @@
+"""Rows that are films."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm.assets import asset_path
+from abfm.batch import Ledger, Row, run
+from abfm.errors import ParameterError
+from abfm.sequences import defaults, export_pvd
+from tests.core.batch.rows import ONE
+
+EIGHT = abfm.load_mesh(asset_path("eight.off"))
+X = EIGHT.vertices[:, 0] / EIGHT.length_scale
+FRAMES = np.array([np.sin(6 * (X - 0.02 * t)) for t in range(3)])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    np.save(tmp_path / "f.npy", FRAMES)
+    return tmp_path
+
+
+def film(folder, **more):
+    given = {"mesh": asset_path("eight.off"), "frames": "f.npy", "dt": 0.5, "sigma": 0.5}
+    return Row("film", given | more, folder)
+
+
+def test_a_film_is_solved_as_by_hand_and_told_by_its_intervals(folder):
+    [entry] = run([film(folder, gamma=2)], folder / "out", ONE)
+    found = entry.load()
+    by_hand = abfm.sequence(EIGHT, FRAMES, [0, 0.5, 1], defaults(sigma=0.5), 2.0)
+    np.testing.assert_array_equal(found.velocity, by_hand.velocity)
+    assert entry.facts.reason == "flow lines confirm 2 of 2 intervals"
+    assert entry.facts.verdict == by_hand.verdicts[0].kind
+    assert entry.facts.mismatch == pytest.approx(np.median(by_hand.mismatch))
+    before = entry.path.read_bytes()
+    entry.path.unlink()
+    [again] = run([film(folder, gamma=2)], folder / "out", ONE)
+    assert again.path.read_bytes() == before
+    [told] = Ledger(folder / "out").entries([film(folder, gamma=2)])
+    assert told.path == again.path
+
+
+def test_its_name_goes_by_what_the_files_hold(folder):
+    one = film(folder).key
+    assert film(folder, gamma=3).key != one
+    assert film(folder, dt=0.25).key != one
+    np.save(folder / "f.npy", FRAMES + 1)
+    assert film(folder).key != one
+
+
+def test_files_of_a_series_belong_to_it(folder):
+    found = abfm.sequence(EIGHT, FRAMES, parameters=defaults(sigma=0.5))
+    export_pvd(folder / "s.pvd", found)
+    options = {"mesh": asset_path("eight.off"), "frames": "s.pvd", "array": "frame"}
+    row = Row("film", options, folder)
+    parts = [Path(name) for name in row.files() if name.endswith(".vtu")]
+    assert len(parts) == 3
+    one = row.key
+    content = bytearray(parts[0].read_bytes())
+    content[-30] ^= 1
+    parts[0].write_bytes(content)
+    assert Row("film", options, folder).key != one
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"dt": 0}, "column dt: .*no number above 0"),
+        ({"gamma": -1}, "column gamma: .*of at least 0"),
+        ({"segments": 2}, "column segments: a sequence has no such option"),
+        ({"mesh": None}, "a sequence needs it"),
+    ],
+)
+def test_what_does_not_fit_is_refused(folder, given, told):
+    with pytest.raises(ParameterError, match=told):
+        film(folder, **given)
