@@ -56,6 +56,9 @@ def draw(context: Context) -> None:
 
 def _draw_data(context: Context) -> None:
     ui, session, ask = context.ui, context.session, context.dialogs.save
+    if session.document.film is not None:
+        _draw_film(context)
+        return
 
     def save_result(path: Path) -> None:
         if session.result is not None:
@@ -76,6 +79,20 @@ def _draw_data(context: Context) -> None:
         ask("Save the result", DATA, "match.npz", save_result)
     if session.document.labels is not None:
         _draw_labels(context, later)
+
+
+def _draw_film(context: Context) -> None:
+    ui, session, ask = context.ui, context.session, context.dialogs.save
+    sequence = session.document.sequence
+
+    def save(path: Path) -> None:
+        if sequence is not None:
+            context.exporter.save_sequence(path, sequence)
+
+    later = "" if sequence is not None else " There are fields after a match."
+    tip = f"Frames, and the fields between them (.npz).{later}"
+    if ui.button("Save sequence...", tip, enabled=sequence is not None):
+        ask("Save the sequence", (".npz",), "sequence.npz", save)
 
 
 def _draw_registration(context: Context, later: str) -> None:
@@ -112,7 +129,7 @@ def _draw_state(ui: Ui, session: Session, exporter: Exporter) -> None:
             exporter.cancel()
     elif exporter.message:
         ui.note(exporter.message, "failure" if exporter.failed else "good")
-    if session.solver.running:
+    if session.running:
         ui.note("What is saved shows the latest result, not the run that goes on.")
 
 
@@ -136,19 +153,24 @@ def _draw_size(ui: Ui, exporter: Exporter) -> None:
 
 
 def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
-    movie, tau, last = exporter.movie, session.parameters.tau, session.document.end
+    movie, document = exporter.movie, session.document
+    first, last = document.start, document.end
+    whole = document.last - first
 
     def bounded_time(label: str, share: float, tip: str) -> float:
-        shown = share * tau
-        new = ui.bounded(label, shown, Range(0, last), tip, (0.0, last))
-        return share if new == shown else new / tau
+        shown = min(first + share * whole, last)
+        new = ui.bounded(label, shown, Range(first, last), tip, (first, last))
+        return share if new == shown else (new - first) / whole
 
     tip = "How long the movie is."
     seconds = ui.bounded("seconds", movie.seconds, Range(0.5, 20), tip, (0.1, 600.0))
     tip = "Frames a second; at most 120, in a GIF 50."
     fps = ui.bounded("fps", movie.fps, Range(5, 60, whole=True), tip, (1.0, 120.0))
     start = bounded_time("from", movie.start, "The first time shown.")
-    end = bounded_time("to", movie.end, "The last time shown; beyond τ the flow goes on.")
+    tip = "The last time shown; beyond τ the flow goes on."
+    if document.film is not None:
+        tip = "The last time shown."
+    end = bounded_time("to", movie.end, tip)
     tip, endless = "How far the surfaces turn meanwhile, in degrees.", (-math.inf, math.inf)
     turn = ui.bounded("turntable", movie.turntable, Range(-360, 360), tip, endless)
     exporter.movie = replace(movie, seconds=seconds, fps=fps, start=start, end=end, turntable=turn)

@@ -1,11 +1,16 @@
 """The tab Look: what the surfaces show, and what can be said of it in numbers."""
 
+from collections import Counter
+
 import numpy as np
 
+from abfm_viewer.appearance.theme import CRITICAL
 from abfm_viewer.document.document import CARRIED, CLICK_TOOLS, FIELD_PARTS, Coloring
 from abfm_viewer.document.verdict_words import counted, numbers, refinement, sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session_files import LABELS
+from abfm_viewer.shown.tracks import KINDS
+from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.widget_record import Range
 
 _COLORINGS: dict[Coloring, str] = {
@@ -29,6 +34,10 @@ _PART = (
 )
 _ARROWS = "The field as arrows on the advected surface."
 _STREAKS = "Lines all over the surface: line integral convolution, seconds after a match."
+_TRACKS = (
+    "Where the fields' sources, sinks, spirals and saddles go over the surface in time; balls show "
+    "where they are at the shown time."
+)
 _LINKS = "From points of A to where they are on B at the shown time."
 _FADE = "Less contrast of the streaks where the field is slower."
 _CLICKS = (
@@ -98,6 +107,19 @@ def draw_field(context: Context) -> None:
         _switch(context, "animate", "animate", "switch animation", tip)
 
 
+def draw_tracks(context: Context) -> None:
+    """Draw the switch of a film's tracks, and what their colours mean."""
+    ui, session = context.ui, context.session
+    if session.document.film is None:
+        return
+    ui.heading("critical points")
+    with ui.disabled(session.document.sequence is None):
+        _switch(context, "tracks", "tracks", "switch tracks", _TRACKS)
+    if session.view.tracks and session.document.sequence is not None:
+        counts = Counter(way.kind for way in context.shown.tracks.ways())
+        plots.legend(ui, {f"{counts[kind]} {kind}": CRITICAL[kind] for kind in KINDS})
+
+
 def draw_clicks(context: Context) -> None:
     ui, document, editor = context.ui, context.session.document, context.session.editor
     ui.heading("a click on a surface")
@@ -135,8 +157,8 @@ def _error(context: Context) -> None:
         difference = np.abs(target - advected)
         worst = int(np.argmax(difference))
         ui.note(
-            f"At time {session.time:.4g} the error is at most {difference[worst]:.4g}, at vertex "
-            f"{session.surface('error').mesh.vertex_ids[worst]}; on average "
+            f"At time {session.document.time:.4g} the error is at most {difference[worst]:.4g}, at "
+            f"vertex {session.surface('error').mesh.vertex_ids[worst]}; on average "
             f"{float(difference.mean()):.4g}."
         )
     if session.result is not None and not (session.outdated or session.solver.running):
@@ -185,7 +207,7 @@ def _points(context: Context) -> None:
     if document.lines:
         context.ui.note(f"{counted(len(document.lines), 'flow line')}.")
     for point, path in zip(document.points, context.shown.quantities.paths(), strict=False):
-        x, y, z = path.at(context.shown.flow.time)
+        x, y, z = path.at(context.shown.quantities.path_time)
         corner = mesh.faces[point.face][int(np.argmax(point.barycentric))]
         where = f"({x:.4g}, {y:.4g}, {z:.4g})"
         context.ui.note(f"From vertex {mesh.vertex_ids[corner]} to {where}.")
