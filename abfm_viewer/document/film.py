@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -81,10 +82,17 @@ class Film:
         """Return a time in words."""
         return f"{time:.4g} {self.unit}".strip()
 
+    def precisely(self, time: float) -> str:
+        """Return a time to a hundredth of a frame, always as long."""
+        step = float(np.median(np.diff(self.times)))
+        digits = max(0, 2 - math.floor(math.log10(step) + 1e-9))
+        return f"{time:.{min(digits, 9)}f} {self.unit}".strip()
+
     def frame(self, number: int) -> str:
         """Return a frame's number, and its time where that is another one."""
         time = float(self.times[number])
-        return f"frame {number}" if time == number else f"frame {number}, {self.told(time)}"
+        is_number = not self.unit and time == number
+        return f"frame {number}" if is_number else f"frame {number}, {self.told(time)}"
 
 
 def is_of(sequence: Sequence, film: Film, settings: FilmSettings) -> bool:

@@ -112,7 +112,8 @@ def draw_settings(context: Context) -> None:
                 given = {name: None if new == AUTO else new}
                 editor.set_film(name, f"change {label.partition('##')[0]}", **given)
         ui.refusal(name)
-    ui.line(_sigma(document))
+    if chosen := _sigma(document):
+        ui.line(chosen)
 
 
 def _sigma(document: Document) -> str:

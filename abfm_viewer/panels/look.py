@@ -1,7 +1,5 @@
 """The tab Look: what the surfaces show, and what can be said of it in numbers."""
 
-from collections import Counter
-
 import numpy as np
 
 from abfm_viewer.appearance.theme import CRITICAL
@@ -9,7 +7,6 @@ from abfm_viewer.document.document import CARRIED, CLICK_TOOLS, FIELD_PARTS, Col
 from abfm_viewer.document.verdict_words import counted, numbers, refinement, sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session_files import LABELS
-from abfm_viewer.shown.tracks import KINDS
 from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.widget_record import Range
 
@@ -110,20 +107,21 @@ def draw_field(context: Context) -> None:
 def draw_tracks(context: Context) -> None:
     """Draw the switch of a film's tracks, and what their colours mean."""
     ui, session = context.ui, context.session
-    if session.document.film is None:
-        return
-    ui.heading("critical points")
     with ui.disabled(session.document.sequence is None):
         _switch(context, "tracks", "tracks", "switch tracks", _TRACKS)
-    if session.view.tracks and session.document.sequence is not None:
-        counts = Counter(way.kind for way in context.shown.tracks.ways())
-        plots.legend(ui, {f"{counts[kind]} {kind}": CRITICAL[kind] for kind in KINDS})
+    if found := context.shown.tracks.counts():
+        named = {counted(count, kind): CRITICAL[kind] for kind, count in found.items()}
+        ui.beside_if_fits("".join(named), is_button=True)
+        plots.legend(ui, named)
 
 
 def draw_clicks(context: Context) -> None:
     ui, document, editor = context.ui, context.session.document, context.session.editor
     ui.heading("a click on a surface")
-    tool = ui.radio(CLICK_TOOLS, document.view.tool, _CLICKS)
+    tools = dict(zip(CLICK_TOOLS, _CLICKS, strict=True))
+    if document.film is not None and document.view.tool != "landmark":
+        tools.pop("landmark")  # of a film there is no side to place one on
+    tool = ui.radio([*tools], document.view.tool, [*tools.values()])
     editor.set_view("choose what a click does", tool=tool)
     if ui.button("Clear lines", "Remove all flow lines.", enabled=bool(document.lines)):
         editor.change("clear lines", lines=())
@@ -153,7 +151,7 @@ def _error(context: Context) -> None:
     elif session.view.transport and transport.note:
         ui.note(f"{transport.note.capitalize()}.")
     target, advected = session.compared("target"), context.shown.flow.advected()
-    if target is not None and advected is not None:
+    if target is not None and advected is not None and session.document.film is None:
         difference = np.abs(target - advected)
         worst = int(np.argmax(difference))
         ui.note(

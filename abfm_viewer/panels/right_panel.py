@@ -39,7 +39,14 @@ TABS: dict[str, dict[str, Callable[[Context], None]]] = {
 OF_FILMS: dict[str, dict[str, Callable[[Context], None]]] = {
     "Functions": {"frames": film.draw_frames, "two frames": film.draw_pair},
     "Match": {"settings": film.draw_settings, "intervals": intervals.draw},
-    "Look": TABS["Look"] | {"tracks": look.draw_tracks},
+    "Look": {
+        "coloring": look.draw_coloring,
+        "field": look.draw_field,
+        "tracks": look.draw_tracks,
+        "clicks": look.draw_clicks,
+        "compare": look.draw_compare,
+        "numbers": look.draw_numbers,
+    },
     "Export": TABS["Export"],
 }
 """The same where a film is open."""

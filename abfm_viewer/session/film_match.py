@@ -71,6 +71,13 @@ class FilmMatch:
         """Return how many fields a run of the document has found."""
         return len(self._fields) if self._is_of(document) else 0
 
+    def words(self, document: Document) -> str:
+        """Return in a line what a run does."""
+        doing = "paused" if self.paused else self.step.words() if self.step else "matching"
+        if not self._is_of(document) or document.film is None:
+            return doing
+        return f"{doing}, {len(self._fields)} of {document.film.intervals} intervals found"
+
     def field(self, document: Document, interval: int) -> FloatArray | None:
         """Return the field (F, 3) of an interval, always the same array; None where none is known.
         A run's own fields are shown as soon as there is one.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -72,6 +73,11 @@ class ShownTracks(Jobs):
         if sequence is None or not document.view.tracks:
             return ()
         return self._found.ask(sequence, lambda: _ways(sequence)) or ()
+
+    def counts(self) -> dict[str, int]:
+        """Return how many there are by kind, of kinds that there are."""
+        found = Counter(way.kind for way in self.ways())
+        return {kind: found[kind] for kind in KINDS if found[kind]}
 
     def episodes(self) -> list[Episode]:
         """Return when the film's result is slow or fast, as far as it is known by now."""
