@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import abfm
 from abfm_viewer.document.document import Document
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_step
@@ -15,6 +16,8 @@ from abfm_viewer.session.exporter import (
     MOVIES,
     PICTURES,
     REGISTERED,
+    SEQUENCES,
+    TABLES,
     Exporter,
     Known,
 )
@@ -29,6 +32,12 @@ _REGISTRATION = (
     "Where A and B correspond (.npz); A's faces where they lie on B (.gii, .ply); or the vertex of "
     "A for each of B (.txt, .csv, .npy); or a page for a browser (.html)."
 )
+_SEQUENCE = (
+    "Frames and the fields between them (.npz), for ParaView (.pvd), a page that plays it (.html), "
+    "or the speed at vertices (.stc, .gii)."
+)
+_TRACKS = "Critical points, a line for each in each interval (.csv)."
+_INTERVALS = "Speed, energy, what is left and the verdict of each interval (.csv)."
 _ACROSS, _DOWN = Range(320, 7680, whole=True), Range(240, 4320, whole=True)
 
 
@@ -83,16 +92,33 @@ def _draw_data(context: Context) -> None:
 
 def _draw_film(context: Context) -> None:
     ui, session, ask = context.ui, context.session, context.dialogs.save
-    sequence = session.document.sequence
+    film, sequence = session.document.film, session.document.sequence
 
     def save(path: Path) -> None:
-        if sequence is not None:
-            context.exporter.save_sequence(path, sequence)
+        if sequence is not None and film is not None:
+            context.exporter.save_sequence(path, sequence, film.unit)
 
-    later = "" if sequence is not None else " There are fields after a match."
-    tip = f"Frames, and the fields between them (.npz).{later}"
-    if ui.button("Save sequence...", tip, enabled=sequence is not None):
-        ask("Save the sequence", (".npz",), "sequence.npz", save)
+    def save_tracks(path: Path) -> None:
+        if sequence is not None:
+            write = abfm.sequences.export_tracks
+            context.exporter.save_table(path, lambda path: write(path, sequence))
+
+    def save_intervals(path: Path) -> None:
+        if sequence is not None:
+            write = abfm.sequences.export_intervals
+            context.exporter.save_table(path, lambda path: write(path, sequence))
+
+    is_there = sequence is not None
+    later = "" if is_there else " There are fields after a match."
+    for label, tip, title, suffixes, name, do in (
+        ("Save sequence...", _SEQUENCE, "Save the sequence", SEQUENCES, "sequence.npz", save),
+        ("Save tracks...", _TRACKS, "Save the tracks", TABLES, "tracks.csv", save_tracks),
+        ("Save intervals...", _INTERVALS, "Save a table", TABLES, "intervals.csv", save_intervals),
+    ):
+        if label != "Save sequence...":
+            ui.beside_if_fits(label, is_button=True)
+        if ui.button(label, f"{tip}{later}", enabled=is_there):
+            ask(title, suffixes, name, do)
 
 
 def _draw_registration(context: Context, later: str) -> None:

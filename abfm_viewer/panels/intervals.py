@@ -8,6 +8,7 @@ import numpy as np
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
+import abfm
 from abfm.types import FloatArray
 from abfm_viewer.document.film import Film
 from abfm_viewer.document.verdict_words import share
@@ -28,8 +29,6 @@ _VIEWS = {
     "is slow (stable) or fast (transient).",
 }
 _SIZE, _MOST_DOTS = 2.6, 60
-CONFIRMED = ("matched", "nearly", "registered")
-"""Kinds of verdicts by which flow lines confirm an interval."""
 
 
 def draw(context: Context) -> None:
@@ -64,7 +63,10 @@ def confirmed(sequence: Sequence) -> str:
 def doubtful(sequence: Sequence) -> FloatArray:
     """Return which intervals were solved and are not confirmed, (T - 1,) of bool."""
     return np.array(
-        [one.kind not in CONFIRMED and not is_unsolved(one) for one in sequence.verdicts]
+        [
+            one.kind not in abfm.sequences.CONFIRMED and not is_unsolved(one)
+            for one in sequence.verdicts
+        ]
     )
 
 

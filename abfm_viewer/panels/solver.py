@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import polyscope.imgui as imgui
 
+import abfm
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.verdict_words import capital, sentence
 from abfm_viewer.panels.context import Context
-from abfm_viewer.panels.intervals import CONFIRMED, confirmed
+from abfm_viewer.panels.intervals import confirmed
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import child
 from abfm_viewer.widgets.toolkit import Kind, Ui
@@ -147,7 +148,7 @@ def _draw_film(ui: Ui, session: Session, lines: int) -> None:
         _line(ui, "Frames or parameters changed since: match all frames again.", "ink", lines)
     now = film.interval(document.time)
     verdict = sequence.verdicts[now]
-    ink: Kind = "ink" if verdict.kind in CONFIRMED else "failure"
+    ink: Kind = "ink" if verdict.kind in abfm.sequences.CONFIRMED else "failure"
     _line(ui, f"Frame {now} to {now + 1}: {verdict.kind}", "muted" if outdated else ink)
     _line(ui, sentence(verdict.cause or verdict.reason), most=lines)
 

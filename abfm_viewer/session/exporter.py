@@ -34,7 +34,7 @@ Kept: TypeAlias = "Callable[[abfm.Match], None]"
 """Is told of a result that is in a file now, from another thread."""
 RESULT = ".npz"
 PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), outputs.WRITTEN
-REGISTERED = outputs.REGISTERED
+REGISTERED, SEQUENCES, TABLES = outputs.REGISTERED, outputs.SEQUENCES, (".csv",)
 LABELS = (".gii", ".annot", ".npy", ".csv", ".txt")
 """Suffixes."""
 
@@ -123,11 +123,15 @@ class Exporter:
 
         self._start(path, REGISTERED, write)
 
-    def save_sequence(self, path: Path, found: abfm.Sequence) -> None:
+    def save_sequence(self, path: Path, found: abfm.Sequence, unit: str) -> None:
         def write() -> None:
-            found.save(path)
+            outputs.check_sequence(path)
+            outputs.write_sequence(path, found, unit=unit)
 
-        self._start(path, (RESULT,), write)
+        self._start(path, SEQUENCES, write)
+
+    def save_table(self, path: Path, write: Callable[[Path], None]) -> None:
+        self._start(path, TABLES, partial(write, path))
 
     def save_labels(
         self, path: Path, labels: LabelMap, found: abfm.Correspondence | abfm.Match

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 import abfm
 from abfm import TriangleMesh
-from abfm.errors import FunctionError, one_line
-from abfm.reading import array_from, read_bytes
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.document.film import Film, FilmSettings
+
+if TYPE_CHECKING:
+    from abfm.sequences.frames import Frames
 
 FRAMES = (
     *(".npy", ".npz", ".csv", ".txt", ".gii", ".gii.gz", ".mgh", ".mgz", ".stc"),
@@ -27,25 +28,14 @@ def read_film(path: Path, mesh: TriangleMesh) -> tuple[Film, tuple[str, ...]]:
     """Read frames on a mesh, and what a user should know of them; FunctionError if there are none
     for it.
     """
-    values, times, notes = _frames_of(path, mesh)
     from abfm.sequences.frames import checked  # with all that it loads
 
-    frames = checked(mesh, values, times, None, None)
-    return film_of(path.name, frames), notes
+    found = abfm.sequences.read_frames(path, mesh)
+    frames = checked(mesh, found.values, found.times, None, None)
+    return film_of(path.name, frames), found.notes
 
 
-def _frames_of(path: Path, mesh: TriangleMesh) -> tuple[Any, Any, tuple[str, ...]]:
-    """Return values (T, V) or (T, V, C), times (T,) or None, and notes."""
-    read = getattr(abfm.sequences, "read_frames", None)
-    if read is not None:
-        return tuple(read(path, mesh))
-    try:
-        return array_from(read_bytes(path)), None, ()
-    except (OSError, ValueError) as error:
-        raise FunctionError(f"frames {path.name}: {one_line(error)}; give a .npy file") from error
-
-
-def film_of(name: str, frames: Any) -> Film:
+def film_of(name: str, frames: Frames) -> Film:
     """Return a film, with seconds as its unit unless its times are numbers of frames."""
     numbers = np.arange(len(frames.times))
     return Film(name, frames, "" if np.array_equal(frames.times, numbers) else "s")

@@ -8,6 +8,7 @@ import pytest
 import abfm
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.film import FilmSettings
+from abfm_viewer.panels.right_panel import OF_FILMS
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.film_match import is_unsolved
 from abfm_viewer.session.session_files import open_session
@@ -129,7 +130,7 @@ def test_all_frames_are_matched_and_what_is_between_is_carried_from_both_sides(s
 
 
 def test_cancel_keeps_what_was_found_and_pause_holds_the_run(film, tmp_path):
-    np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.02 * np.arange(60))[0])
+    np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.005 * np.arange(240))[0])
     film.window.files.open(tmp_path / "long.npy")
     film.wait(lambda s: s.document.film.name == "long.npy")
     film.click("Match all frames")
@@ -236,6 +237,10 @@ def test_projects_sequences_and_movies_of_films_are_written_and_read(solved, tmp
     np.testing.assert_array_equal(
         abfm.load_sequence(tmp_path / "film.npz").velocity, found.velocity
     )
+    exported(solved, "Save tracks...", tmp_path / "tracks.csv")
+    assert (tmp_path / "tracks.csv").read_text().count("spiral") > COUNT
+    exported(solved, "Save intervals...", tmp_path / "intervals.csv")
+    assert len((tmp_path / "intervals.csv").read_text().splitlines()) == COUNT
     exporter.picture = replace(exporter.picture, width=320, height=240)
     exporter.movie = replace(exporter.movie, seconds=0.2, fps=10)
     exported(solved, "Save movie...", tmp_path / "film.mp4")
@@ -293,3 +298,19 @@ def test_both_waves_move_by_the_velocities_that_are_told():
     *others, harmonic = abfm.calculus.helmholtz_hodge(mesh, field)
     np.testing.assert_allclose(harmonic, field, atol=1e-9)
     np.testing.assert_allclose(others, 0, atol=1e-9)
+
+
+def test_each_tab_of_a_film_fits_one_screen(tmp_path):
+    sequence = abfm.sequence(EGG, FRAMES, TIMES, abfm.sequences.defaults(sigma=0.2))
+    sequence.save(tmp_path / "wave.npz")
+    with Driver(tmp_path / "wave.npz", size=(1280, 800)) as gui:
+        settled(gui)
+        assert gui.window.scene.legend() == ("spiral",)
+        for tab in OF_FILMS:
+            gui.click(tab, within="steps")
+            gui.frames(3)
+            ends = [
+                h for name, h in gui.window.ui.hidden_heights.items() if name.endswith(f"/{tab}")
+            ]
+            assert ends == [0]
+        assert not gui.errors
