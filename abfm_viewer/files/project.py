@@ -462,7 +462,7 @@ def _check(document: Document) -> None:
     if document.chosen is not None:
         steps = len(document.result.path) if document.result else 0
         _within("chosen", document.chosen, 0, steps - 1)
-    _within("time", document.time, document.start, document.end)
+    _within("time", document.time, document.start or 0, document.end)
     _check_points(document, "target", *document.lines, *document.points)
     initial = document.initial_map
     for landmark in document.landmarks + (initial.landmarks if initial else ()):

@@ -111,7 +111,6 @@ def draw_tracks(context: Context) -> None:
         _switch(context, "tracks", "tracks", "switch tracks", _TRACKS)
     if found := context.shown.tracks.counts():
         named = {counted(count, kind): CRITICAL[kind] for kind, count in found.items()}
-        ui.beside_if_fits("".join(named), is_button=True)
         plots.legend(ui, named)
 
 

@@ -201,13 +201,22 @@ def laid_out(
         ink = {"source": pen.inks.source, "target": pen.inks.target}.get(name, pen.inks.ink)
         found.append(Text(start, (top + bottom - pen.line) / 2, title, ink))
     if color_bar:
-        found += _bars(scene, rect, pen)
-        found += _legend(scene.legend(), rect, pen)
+        bars = _bars(scene, rect, pen)
+        found += [*bars, *_legend(scene.legend(), rect, pen, _right_end(bars, rect, pen))]
     return found
 
 
-def _legend(kinds: Sequence[str], rect: Rect, pen: Pen) -> list[Part]:
-    """Lay out what colours of critical points mean, at the right below the surfaces."""
+def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:
+    """Return where the last of some strips and texts ends."""
+    ends = [one.rect[2] for one in parts if isinstance(one, Strip)]
+    ends += [one.left + pen.width(one.text) for one in parts if isinstance(one, Text)]
+    return max(ends, default=rect[0])
+
+
+def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Part]:
+    """Lay out what colours of critical points mean, at the right below the surfaces, if there is
+    room after what ends before.
+    """
     found: list[Part] = []
     radius, right = _DOT * pen.scale, rect[2] - _LEFT * pen.scale
     top = rect[3] - (bar_room(pen, rect[3] - rect[1]) + pen.line) / 2
@@ -217,7 +226,7 @@ def _legend(kinds: Sequence[str], rect: Rect, pen: Pen) -> list[Part]:
         right -= 2 * radius
         found.append(Disc((right, top + pen.line / 2), radius, CRITICAL[kind]))
         right -= radius + _APART * pen.scale
-    return found
+    return found if right > begin else []
 
 
 def landmark_parts(marks: Sequence[DrawnMark], pen: Pen) -> list[Part]:

@@ -219,9 +219,11 @@ class FieldQuantities(Jobs):
         field, view = self.field(), self._session.view
         if field is None or self._session.solver.running:
             return None
-        size = _TEXELS_OF_PICTURES if self.at_once else _TEXELS
-        # of a film those of an earlier interval stay until the next ones are there
-        about = field if self._session.document.film is None else field.mesh
+        is_film = self._session.document.film is not None
+        # a film has many fields
+        size = _TEXELS_OF_PICTURES if self.at_once and not is_film else _TEXELS
+        # streaks of an earlier interval stay until the next ones are there
+        about = field.mesh if is_film else field
         streaks = self._streaks.newest(about, convolved, field, size, view.fade, view.animate)
         if streaks is None:
             return None

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 import abfm
+from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.film import FilmSettings
 from abfm_viewer.panels.right_panel import OF_FILMS
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.film_match import is_unsolved
 from abfm_viewer.session.session_files import open_session
+from abfm_viewer.window import wave
 from abfm_viewer.window.wave import drifting_wave, turning_wave
 from tests.viewer.end_to_end.test_export import exported
 from tests.viewer.sessions import EGG, SIZE
@@ -282,6 +284,19 @@ def test_channels_share_fields_and_vertices_without_values_are_left_out(gui, tmp
     np.testing.assert_allclose(shown(gui, "source").values[5:], FRAMES[0, 5:] ** 2)
     mask = gui.session.document.film.frames.mask
     assert (mask == 0).nonzero()[0].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_the_sample_is_ready_to_match_with_and_without_nilearn(gui, monkeypatch):
+    gui.menu("Samples", WAVE)
+    gui.wait(lambda s: s.document.film is not None)
+    document = gui.session.document
+    assert document.name == "wave on left cortex"
+    assert len(document.film) == wave.FRAMES
+    assert gui.session.notices.latest.text == "a wave is ready: press Match all frames"
+    assert gui.text_of(WAVE, "Samples") == "checked"
+    gui.key("esc")
+    monkeypatch.setattr(wave, "find_spec", lambda _: None)
+    assert wave.wave_document(gui.session.view).name == "wave on eight.off"
 
 
 def test_both_waves_move_by_the_velocities_that_are_told():
