@@ -9,6 +9,7 @@ import abfm
 from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.film import FilmSettings
+from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.panels.right_panel import OF_FILMS
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.film_match import is_unsolved
@@ -202,6 +203,30 @@ def test_tracks_are_drawn_where_critical_points_go(solved):
     solved.check("tracks", on=False)
     settled(solved)
     assert not ps.has_surface_mesh("tracks of each spiral")
+
+
+def test_clicked_points_are_followed_through_all_frames_and_lines_follow_the_present_field(solved):
+    session, quantities = solved.session, solved.window.shown.quantities
+    sequence, [vertex] = session.document.sequence, [200]
+    solved.click("Look", within="steps")
+    solved.click("follow a point")
+    solved.pick(vertex, "advected", modifiers=())
+    settled(solved)
+    (path,) = quantities.paths()
+    ways = sequence.paths(surface_points(EGG, session.document.points))
+    for time in (1, 3, 4):
+        solved.type("time", str(time))
+        here = path.at(quantities.path_time)
+        np.testing.assert_allclose(here, ways[time].positions[0], atol=1e-3)
+    solved.click("flow line")
+    solved.pick(vertex, "advected", modifiers=())
+    settled(solved)
+    lines = quantities.lines()
+    length = sum(np.linalg.norm(np.diff(line.positions, axis=0), axis=1).sum() for line in lines)
+    assert 0.3 < length / EGG.length_scale < 3
+    solved.type("time", "0.5")
+    settled(solved)
+    assert not np.array_equal(quantities.lines()[0].positions, lines[0].positions)
 
 
 def test_two_frames_become_a_match_of_their_own(solved):
