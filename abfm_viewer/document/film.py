@@ -86,7 +86,8 @@ class Film:
         """Return a time to a hundredth of a frame, always as long."""
         step = float(np.median(np.diff(self.times)))
         digits = max(0, 2 - math.floor(math.log10(step) + 1e-9))
-        return f"{time:.{min(digits, 9)}f} {self.unit}".strip()
+        text = f"{time:.{min(digits, 9)}f}"
+        return f"{text} {self.unit}" if self.unit else f"frame {text}"
 
     def frame(self, number: int) -> str:
         """Return a frame's number, and its time where that is another one."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from abfm_viewer.shown.shown_flow import FlowState
 
 _TIMES = 9  # of an interval at which it is computed; those between are blended
-_LARGEST = 60_000_000  # numbers that are kept, in single precision
+_LARGEST = 30_000_000  # numbers that are kept, in single precision
 
 
 @dataclass(frozen=True, eq=False)

@@ -131,8 +131,8 @@ class Actions:
         self.undo = changes("undo", "Ctrl+Z", session.undo)
         self.redo = changes("redo", "Ctrl+Y or Ctrl+Shift+Z", session.redo)
         marks = partial(Action, "Landmarks")
-        what, place = "place landmarks by clicks, or stop that", session.editor.switch_placing
-        self.place_landmarks = marks(what, "M", place)
+        what = "place landmarks by clicks, or stop that"
+        self.place_landmarks = marks(what, "M", self._switch_placing)
         what, remove = "remove the chosen landmark", session.editor.remove_landmark
         self.remove_landmark = marks(what, "Delete or Backspace", remove)
         solver = partial(Action, "Solver")
@@ -314,6 +314,12 @@ class Actions:
             self._session.set_time(document.film.next_frame(document.time, 1 if share > 0 else -1))
             return
         self._session.set_time(document.time + share * document.parameters.tau)
+
+    def _switch_placing(self) -> None:
+        if self._session.document.film is not None:
+            self._session.notices.say("landmarks are for a match of two functions, not for a film")
+        else:
+            self._session.editor.switch_placing()
 
     def _to_end(self) -> None:
         session = self._session
