@@ -20,7 +20,7 @@ PAIRS = {
 }
 """Surfaces A and B in one document, and a few words for each."""
 WAVE = "A wave"
-FILMS = {WAVE: "A film: a spiral wave turns and wanders over a cortex, with nilearn"}
+FILMS = {WAVE: "A film of a spiral wave over a cortex, with nilearn"}
 """Frames on a surface, and a few words for each."""
 PICTURES = Path(__file__).with_name("samples.png")
 """Squares of `SIDE` pixels, `COLUMNS` in a row, in the order of the table."""

@@ -368,7 +368,7 @@ class Document:
         if self.film is not None and slot in (*SIDES, "advected"):
             before = self.film.interval(self.time)
             named = {"source": self.film.frame(before), "target": self.film.frame(before + 1)}
-            return named.get(slot) or f"in between, {self.film.precisely(self.time)}"
+            return named.get(slot) or f"at {self.film.precisely(self.time)}"
         return f"{slot} on {'A' if slot == 'source' else 'B'}" if self.is_pair else slot
 
     def facing(self, front: Front, slot: str = "advected") -> Document:

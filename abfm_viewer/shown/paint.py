@@ -155,7 +155,7 @@ class Painter:
         is_behind = shown.flow.is_behind if is_function else is_busy
         title = self._session.document.titled("advected")
         if self._session.document.film is not None and shown.flow.state is None:
-            title = title.replace("in between", "blend, not matched", 1)
+            title = f"{title}, only blended"
         title = self._extrapolated(title, is_behind)
 
         def make() -> Paint:

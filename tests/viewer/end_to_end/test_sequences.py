@@ -67,8 +67,8 @@ def test_frames_show_as_they_are_and_blended_until_they_are_matched(film):
     np.testing.assert_allclose(session.document.film.times, TIMES)
     film.type("time", "0.12")
     titles = {name: shown(film, name).title for name in ("source", "advected", "target")}
-    assert titles["source"], titles["target"] == ("frame 2, 0.1 s", "frame 3, 0.15 s")
-    assert titles["advected"] == "blend, not matched, 0.1200 s"
+    assert (titles["source"], titles["target"]) == ("frame 2, 0.1 s", "frame 3, 0.15 s")
+    assert titles["advected"] == "at 0.1200 s, only blended"
     np.testing.assert_allclose(shown(film).values, 0.6 * FRAMES[2] + 0.4 * FRAMES[3], atol=1e-6)
     colors = {name: shown(film, name).colors for name in titles}
     film.type("time", "0")
