@@ -11,6 +11,7 @@ Open a window with a mesh, two functions on it, and their match.
 Examples:
   abfm-viewer spot.obj
   abfm-viewer subject.gii template.gii
+  abfm-viewer cortex.gii frames.npy
   abfm-viewer match.npz
   abfm-viewer project.abfm
 """
@@ -35,7 +36,8 @@ def _run(words: list[str]) -> int:
         "FILE",
         nargs="?",
     )
-    add("second", "a second mesh, to which the first is registered", "B", nargs="?")
+    about = "a second mesh, to which the first is registered, or frames of a film on the mesh"
+    add("second", about, "B", nargs="?")
     add("--largest-component", "of several components use the largest")
     parser.set_defaults(parser=parser)
     arguments = parser.parse_whole(words)

@@ -15,11 +15,12 @@ from abfm import load_mesh
 from abfm.assets import asset_path
 from abfm.parameters import FIGURES
 from abfm.types import FloatArray
-from abfm_viewer.appearance.samples import COLUMNS, CORTEX, MESHES, PICTURES, SIDE, TABLE
+from abfm_viewer.appearance.samples import COLUMNS, CORTEX, MESHES, PICTURES, SIDE, TABLE, WAVE
 from abfm_viewer.computing.defaults import best_front, default_functions
 from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.window.samples import cortex_document, figure_document
+from abfm_viewer.window.wave import wave_document
 
 _VIEW = View(layout="advected only", color_bar=False)
 _TIMES = 2  # as large, and then reduced: thin limbs stay smooth
@@ -30,6 +31,7 @@ def draw_all() -> None:
     documents = {name: _mesh_document(name) for name in MESHES}
     documents |= {f"Figure {figure}": figure_document(figure, _VIEW) for figure in FIGURES}
     documents[CORTEX] = cortex_document(_VIEW)
+    documents[WAVE] = wave_document(_VIEW), {}
     rows = -(-len(documents) // COLUMNS)
     sheet = Image.new("RGBA", (COLUMNS * SIDE, rows * SIDE))
     for number, (document, known) in enumerate(documents.values()):

@@ -19,6 +19,9 @@ PAIRS = {
     CORTEX: "A pair of cortices as spheres: sulcal depth of fsaverage5, with nilearn",
 }
 """Surfaces A and B in one document, and a few words for each."""
+WAVE = "A wave"
+FILMS = {WAVE: "A film of a spiral wave over a cortex, with nilearn"}
+"""Frames on a surface, and a few words for each."""
 PICTURES = Path(__file__).with_name("samples.png")
 """Squares of `SIDE` pixels, `COLUMNS` in a row, in the order of the table."""
 TABLE = Path(__file__).with_name("samples.json")

@@ -78,6 +78,16 @@ _OF_LANDMARKS = (
 )
 LANDMARKS = tuple(map(_color, _OF_LANDMARKS))
 """By landmarks' numbers, and from the first on again where there are more."""
+CRITICAL = {
+    kind: _color(code)
+    for kind, code in {
+        "source": "d1495b",
+        "sink": "2f6fdb",
+        "spiral": "8a3ffc",
+        "saddle": "e08a00",
+    }.items()
+}
+"""Of critical points, by their kinds, on light and dark grounds."""
 ON_LANDMARKS: Color = (1.0, 1.0, 1.0, 1.0)
 
 

@@ -18,7 +18,7 @@ from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import adder, angle, positive, size, warn_of_doubt
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.computing.defaults import best_front
-from abfm_viewer.document.document import EXTRAPOLATION, Document
+from abfm_viewer.document.document import Document
 from abfm_viewer.files import outputs
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
 from abfm_viewer.session.session_files import read_document
@@ -83,8 +83,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser.add_argument_group("movies"))
     add("--seconds", "length (default: 4)", "S", type=positive)
     add("--fps", "frames a second (default: 30)", "N", type=positive)
-    add("--from", "first time (default: 0)", "T", type=float, dest="start")
-    add("--to", "last time, at most 2 tau (default: tau)", "T", type=float, dest="end")
+    add("--from", "first time (default: 0, or the first frame)", "T", type=float, dest="start")
+    what = "last time, at most 2 tau (default: tau, or the last frame)"
+    add("--to", what, "T", type=float, dest="end")
     what = "how far the surfaces turn meanwhile (default: 0)"
     add("--turntable", what, "DEGREES", type=angle)
     add = adder(parser)
@@ -96,7 +97,8 @@ def run(arguments: argparse.Namespace) -> int:
     out = arguments.out
     outputs.check(out, [".png", *_MOVIES, _PAGE])
     path, is_movie = Path(arguments.input), out.suffix in _MOVIES
-    if _holds(abfm.sequences.is_sequence, arguments.input):
+    of_film = _holds(abfm.sequences.is_sequence, arguments.input)
+    if of_film and not (is_movie or arguments.style == "window"):
         _of_sequence(arguments)
         return 0
     if out.suffix == _PAGE:
@@ -135,11 +137,6 @@ def run(arguments: argparse.Namespace) -> int:
 def _of_sequence(arguments: argparse.Namespace) -> None:
     """Draw a sheet or a page of a sequence."""
     out = arguments.out
-    if out.suffix in _MOVIES:
-        raise UsageError(
-            f"{arguments.input}: it is a sequence: write a page (.html), which plays it, or a "
-            "picture (.png)"
-        )
     is_page = out.suffix == _PAGE
     if is_page:
         _refuse_others(arguments, _OF_PAGES, "pictures and movies", "a page")
@@ -172,6 +169,10 @@ def _write_page(arguments: argparse.Namespace) -> None:
     _refuse_others(arguments, _OF_PAGES, "pictures and movies", "a page")
     document, _ = read_document(Path(arguments.input))
     match, initial = document.result, document.initial_map
+    if document.sequence is not None:
+        outputs.write_sequence(out, document.sequence, arguments.up or "y")
+        print(f"wrote {printable(out)}")
+        return
     if match is None:
         raise ParameterError(f"{arguments.input} holds no result to make a page of")
     warn_of_doubt(arguments.input, match)
@@ -216,7 +217,8 @@ def _objections(
 
 def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
     if arguments.channel is not None:
-        count = max(len(document.channels), 1)
+        film = document.film
+        count = max(len(document.channels), 1) if film is None else film.channels
         if not 0 <= arguments.channel < count:
             raise ParameterError(
                 f"--channel {arguments.channel}: there are channels 0 to {count - 1}"
@@ -226,13 +228,10 @@ def _chosen(arguments: argparse.Namespace, document: Document) -> Document:
         moving = {"fade": arguments.fade, "animate": arguments.out.suffix in _MOVIES}
         view = replace(document.view, coloring="function", streaks=True, **moving)
         document = replace(document, view=view)
-    end = EXTRAPOLATION * document.parameters.tau
     times = [("--time", time) for time in arguments.time or []]
     for name, time in [*times, ("--from", arguments.start), ("--to", arguments.end)]:
-        if time is not None and not 0 <= time <= end:
-            raise ParameterError(
-                f"{name} is {time:g}; expected 0 to {end:g}, which is {EXTRAPOLATION:g} tau"
-            )
+        if time is not None and not document.start <= time <= document.end:
+            raise ParameterError(f"{name} is {time:g}; expected {document.times_told}")
     return document
 
 
@@ -248,7 +247,8 @@ def _picture(arguments: argparse.Namespace, document: Document, known: Known) ->
 
 def _movie(arguments: argparse.Namespace, document: Document, known: Known) -> None:
     fps, turn = arguments.fps or _FPS, arguments.turntable or 0.0
-    end = document.parameters.tau if arguments.end is None else arguments.end
+    start = document.start if arguments.start is None else arguments.start
+    end = document.last if arguments.end is None else arguments.end
     count = max(round((arguments.seconds or _SECONDS) * fps), 1)
     cycles = max(round(count / fps / SECONDS_PER_CYCLE), 1)
     width, height = arguments.size or _SIZE[arguments.out.suffix]
@@ -256,7 +256,7 @@ def _movie(arguments: argparse.Namespace, document: Document, known: Known) -> N
         _renderer(arguments, document, known) as renderer,
         frame_progress(count, arguments.quiet, arguments.progress) as report,
     ):
-        frames = renderer.frames(arguments.start or 0.0, end, count, turn, cycles)
+        frames = renderer.frames(start, end, count, turn, cycles)
         pictures.write_movie(arguments.out, frames, fps, count, report)
     many = "frames" if count > 1 else "frame"
     print(f"wrote {printable(arguments.out)} ({width} x {height}, {count} {many})")

@@ -11,9 +11,11 @@ import numpy as np
 
 from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray, IntArray
+from abfm_viewer.document.film import FilmSettings, is_of
 
 if TYPE_CHECKING:
-    from abfm import Correspondence, Match
+    from abfm import Correspondence, Match, Sequence
+    from abfm_viewer.document.film import Film
     from abfm_viewer.document.label_map import LabelMap
 
 Side = Literal["source", "target"]
@@ -209,6 +211,7 @@ class View:
     arrow_density: float = 0.3  # share of faces with an arrow
     # of the field that is drawn, coloured and traced, or a field that belongs to it
     part: FieldPart = "whole"
+    tracks: bool = False  # ways of a film's critical points
     streaks: bool = False  # on the advected surface
     fade: bool = False  # streaks, where the field is slow
     animate: bool = False  # streaks move along the field
@@ -218,6 +221,7 @@ class View:
     # whether what steps leave is plotted against what they cost, while a run goes on and after it
     trade_off_live: bool = False
     trade_off: bool = True
+    speeds: bool = False  # of a film's intervals are plotted, and not what is left
 
     @property
     def surfaces(self) -> tuple[str, ...]:
@@ -309,7 +313,10 @@ class Document:
     # the step at which the result's match ended, where another one of its path is shown
     chosen: int | None = None
     runs: tuple[Run, ...] = ()  # those that ended, the latest last
-    time: float = 0.0  # shown, 0 to 2 tau
+    time: float = 0.0  # shown, 0 to 2 tau; of a film from its first to its last frame
+    film: Film | None = None  # in place of channels
+    settings: FilmSettings = field(default_factory=FilmSettings)  # of a film's match
+    sequence: Sequence | None = None  # a film's result
     lines: tuple[Point, ...] = ()  # where flow lines start
     points: tuple[Point, ...] = ()  # that are followed, at time 0
     view: View = field(default_factory=View)
@@ -340,6 +347,8 @@ class Document:
 
     @property
     def name(self) -> str:
+        if self.film is not None and self.film.name != self.surface().name:
+            return f"{self.film.name} on {self.surface().name}"
         return " to ".join(surface.name for surface in self.surfaces)
 
     @property
@@ -353,7 +362,13 @@ class Document:
         return self.surfaces[0 if slot == "source" else -1]
 
     def titled(self, slot: str) -> str:
-        """A slot's name, of two surfaces with which of them it shows: ``source on A``."""
+        """A slot's name, of two surfaces with which of them it shows: ``source on A``, of a film
+        which frame or time.
+        """
+        if self.film is not None and slot in (*SIDES, "advected"):
+            before = self.film.interval(self.time)
+            named = {"source": self.film.frame(before), "target": self.film.frame(before + 1)}
+            return named.get(slot) or f"at {self.film.precisely(self.time)}"
         return f"{slot} on {'A' if slot == 'source' else 'B'}" if self.is_pair else slot
 
     def facing(self, front: Front, slot: str = "advected") -> Document:
@@ -387,5 +402,28 @@ class Document:
         return tuple(dict.fromkeys([*found, self.mask_function] if self.mask else found))
 
     @property
+    def start(self) -> float:
+        return 0.0 if self.film is None else float(self.film.times[0])
+
+    @property
     def end(self) -> float:
+        if self.film is not None:
+            return float(self.film.times[-1])
         return EXTRAPOLATION * self.parameters.tau
+
+    @property
+    def last(self) -> float:
+        """The time at which the target is reached, or of a film its last frame."""
+        return self.parameters.tau if self.film is None else self.end
+
+    @property
+    def times_told(self) -> str:
+        """Say which times can be shown."""
+        told = f"{self.start:g} to {self.end:g}"
+        return told if self.film else f"{told}, which is {EXTRAPOLATION:g} tau"
+
+    @property
+    def is_film_outdated(self) -> bool:
+        """Whether a film's result is of other frames or settings."""
+        film, found = self.film, self.sequence
+        return film is not None and found is not None and not is_of(found, film, self.settings)

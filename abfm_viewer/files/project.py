@@ -3,7 +3,8 @@
 ``project.json`` holds all that is small; ``mesh/*.npy``, ``result/*.npy`` and ``runs/*/*.npy`` the
 arrays of the document, and ``known/*.npy`` the values of functions that come from other files. Of
 two surfaces ``mesh/*.npy`` is B, on which the result is, ``mesh_a/*.npy`` A, and ``initial/*.npy``
-the initial map that the result began with.
+the initial map that the result began with. Of a film ``film/*.npy`` are its frames, and
+``sequence/*.npy`` the fields between them.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import zipfile
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -50,9 +51,14 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
+from abfm_viewer.document.film import Film, FilmSettings
 from abfm_viewer.document.label_map import LabelMap
 
-_OF_ONE, _FORMAT = 2, 3  # of one surface, which older versions read, and the newest
+if TYPE_CHECKING:
+    from abfm import Sequence
+
+# of one surface, which older versions read; of two; and of a film, the newest
+_OF_ONE, _OF_TWO, _FORMAT = 2, 3, 4
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
 _MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
 _RUN = {
@@ -72,6 +78,15 @@ _INITIAL = {  # without the meshes
 }
 _FUNCTIONS = {"functions": Entry("real", ("VA", "C"), required=False)}
 _LABELS = {"values": Entry("integer", ("V",))}
+_FRAMES = {
+    name: results.SEQUENCE.entries[name]
+    for name in ("frames", "times", "mask", "channels_given", "weights")
+}
+_FIELDS = {
+    name: entry
+    for name, entry in results.SEQUENCE.entries.items()
+    if name not in MESH_ENTRIES and name not in _FRAMES
+}
 _PLAIN = ("parameters", "verdict", "remedies")  # parts of a result that are no arrays
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in _PLAIN}
 _ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}
@@ -112,6 +127,17 @@ class _SurfaceA:
 
 
 @dataclass(frozen=True)
+class _Film:
+    """What `project.json` holds of a film."""
+
+    name: str
+    unit: str
+    settings: FilmSettings
+    has_fields: bool
+    has_mask: bool
+
+
+@dataclass(frozen=True)
 class _Header:
     """What `project.json` holds; `known` are functions with values, as their members count."""
 
@@ -124,6 +150,7 @@ class _Header:
     surface_a: _SurfaceA | None = None
     initial_map: dict[str, Any] | None = None
     labels: dict[str, Any] | None = None
+    film: _Film | None = None
 
 
 def save_project(
@@ -155,13 +182,16 @@ def save_project(
         arrays |= {f"result/{name}": result.pop(name) for name in own}
         result.pop("remedies", None)  # they are the verdict's
         result |= {name: getattr(document.result, name) for name in ("parameters", "verdict")}
+    of_film, film = _of_film(document)
+    arrays |= of_film
     arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
     # the surface's name is the document's in the file, and its front the view's
-    kept_apart = ("identity", "surfaces", "result", "runs", "initial_map", "labels")
+    kept_apart: tuple[str, ...] = ("identity", "surfaces", "result", "runs", "initial_map")
+    kept_apart += ("labels", "film", "settings", "sequence")
     plain = to_plain(document, without=kept_apart)
     plain["view"] = to_plain(document.view) | {"front": surface.front}
     content = {
-        "format_version": _FORMAT if document.is_pair else _OF_ONE,
+        "format_version": _FORMAT if film else _OF_TWO if document.is_pair else _OF_ONE,
         "file_vertex_count": surface.mesh.file_vertex_count,
         "document": {"name": surface.name} | plain,
         "runs": runs,
@@ -169,6 +199,7 @@ def save_project(
         "result_has_mask": "result/mask" in arrays,
         "known": sorted(known),
         **others,
+        **film,
     }
     try:
         text = json.dumps(content, indent=1, default=to_plain)
@@ -205,6 +236,50 @@ def _of_surface_a(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
         arrays["labels/values"] = labels.values
         content["labels"] = to_plain(labels, without=("values",))
     return arrays, content
+
+
+def _of_film(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what there is of a film: arrays, and the rest."""
+    film, sequence = document.film, document.sequence
+    if film is None:
+        return {}, {}
+    frames = film.frames
+    arrays: dict[str, Any] = {
+        "film/frames": frames.values,
+        "film/times": frames.times,
+        "film/weights": frames.weights,
+        "film/channels_given": np.array(frames.channels_given),
+    }
+    has_mask, has_fields = frames.mask is not None, sequence is not None
+    if has_mask:
+        arrays["film/mask"] = frames.mask
+    if sequence is not None:
+        from abfm.sequences.files import sequence_arrays  # with all that it loads
+
+        found = sequence_arrays(sequence)
+        arrays |= {f"sequence/{name}": found[name] for name in _FIELDS}
+    return arrays, {"film": _Film(film.name, film.unit, document.settings, has_fields, has_mask)}
+
+
+def _film(
+    header: _Film, arrays: Mapping[str, Any], mesh: TriangleMesh
+) -> tuple[Film, Sequence | None]:
+    from abfm.sequences.files import sequence_of  # with all that it loads
+    from abfm.sequences.frames import Frames
+
+    entries = _FRAMES | {"mask": _FRAMES["mask"]._replace(required=header.has_mask)}
+    known = check_arrays(arrays, entries, "film/", V=len(mesh.vertices))
+    count = len(known["times"])
+    fits = count == len(known["frames"]) > 1 and bool((np.diff(known["times"]) > 0).all())
+    _require(fits, f"a film has {count} times that do not fit its {len(known['frames'])} frames")
+    weights, is_given = known["weights"], bool(known["channels_given"])
+    parts = known["frames"], known["times"], known.get("mask"), weights, is_given
+    film = Film(header.name, Frames(mesh, *parts), header.unit)
+    if not header.has_fields:
+        return film, None
+    sizes = {"F": len(mesh.faces), "I": count - 1}
+    fields = check_arrays(arrays, _FIELDS, "sequence/", **sizes)
+    return film, replace(sequence_of({**known, **fields}, mesh), _frames=film.frames)
 
 
 def load_project(path: str | os.PathLike[str]) -> tuple[Document, dict[str, FloatArray]]:
@@ -273,7 +348,13 @@ def _document(
     if (first := header.surface_a) is not None:
         surfaces = (Surface(meshes[0], first.name, first.front), *surfaces)
     labels = None if header.labels is None else _labels(header.labels, arrays, meshes[0])
-    given = {"surfaces": surfaces, "result": result, "runs": runs, "identity": Identity()}
+    given: dict[str, Any] = {"surfaces": surfaces, "result": result, "runs": runs}
+    given["identity"] = Identity()
+    given |= {"film": None, "settings": FilmSettings(), "sequence": None}
+    if header.film is not None:
+        _require(len(surfaces) == 1 and result is None, "a film is on one surface, without a match")
+        given["film"], given["sequence"] = _film(header.film, arrays, mesh)
+        given["settings"] = header.film.settings
     document: Document = from_plain(
         Document, plain, "project.document", initial_map=initial, labels=labels, **given
     )
@@ -370,12 +451,18 @@ def _check(document: Document) -> None:
         terms_from_files(function.spec)
     for weight in (channel.weight for channel in document.channels):
         _require(0 <= weight < np.inf, f"a channel has the weight {weight}; expected 0 or more")
-    _within("channel", document.channel, 0, max(len(document.channels), 1) - 1)
+    film = document.film
+    count = len(document.channels) if film is None else film.channels
+    _within("channel", document.channel, 0, max(count, 1) - 1)
+    if film is not None:
+        settings = document.settings
+        abfm.sequences.defaults(alpha=settings.alpha, sigma=settings.sigma)
+        _within("gamma", settings.gamma, 0, 1e6)
     _require(document.bump >= 0, f"bump is {document.bump}; expected 0 or more")
     if document.chosen is not None:
         steps = len(document.result.path) if document.result else 0
         _within("chosen", document.chosen, 0, steps - 1)
-    _within("time", document.time, 0, document.end)
+    _within("time", document.time, document.start or 0, document.end)
     _check_points(document, "target", *document.lines, *document.points)
     initial = document.initial_map
     for landmark in document.landmarks + (initial.landmarks if initial else ()):
@@ -465,6 +552,7 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
 def _dataclass(hint: Any, value: dict[str, Any], where: str, given: dict[str, Any]) -> Any:
     # a document without a result does not load its type
     unknown_here = {"Match": Any, "Correspondence": Any, "LabelMap": Any}
+    unknown_here |= {"Film": Any, "Sequence": Any}
     hints = get_type_hints(hint, localns=unknown_here)
     known = {entry.name: entry for entry in fields(hint) if entry.name not in given}
     unknown = sorted(value.keys() - known.keys())

@@ -3,8 +3,15 @@
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.exporter import Exporter
+from abfm_viewer.session.film_files import FRAMES
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import MESHES, OTHER_MESH, OTHER_SECOND, SessionFiles
+from abfm_viewer.session.session_files import (
+    MESHES,
+    OTHER_FRAMES,
+    OTHER_MESH,
+    OTHER_SECOND,
+    SessionFiles,
+)
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -18,9 +25,13 @@ class Context:
         self.exporter = Exporter(session.notices.say)
         self.files = SessionFiles(session, state, self.dialogs.ask)
         self.files.ways_out |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}
+        self.files.ways_out[OTHER_FRAMES] = self.open_frames
 
     def open_mesh(self) -> None:
         self.dialogs.open("Open a mesh", MESHES, self.files.open)
 
     def open_second(self) -> None:
         self.dialogs.open("Open a second surface", MESHES, self.files.open_second)
+
+    def open_frames(self) -> None:
+        self.dialogs.open("Open frames", FRAMES, self.files.open_frames)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import abfm
 from abfm_viewer.document.document import Document
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_step
@@ -15,6 +16,8 @@ from abfm_viewer.session.exporter import (
     MOVIES,
     PICTURES,
     REGISTERED,
+    SEQUENCES,
+    TABLES,
     Exporter,
     Known,
 )
@@ -29,6 +32,12 @@ _REGISTRATION = (
     "Where A and B correspond (.npz); A's faces where they lie on B (.gii, .ply); or the vertex of "
     "A for each of B (.txt, .csv, .npy); or a page for a browser (.html)."
 )
+_SEQUENCE = (
+    "Frames and the fields between them (.npz), for ParaView (.pvd), a page that plays it (.html), "
+    "or the speed at vertices (.stc, .gii)."
+)
+_TRACKS = "Critical points, a line for each in each interval (.csv)."
+_INTERVALS = "Speed, energy, what is left and the verdict of each interval (.csv)."
 _ACROSS, _DOWN = Range(320, 7680, whole=True), Range(240, 4320, whole=True)
 
 
@@ -56,6 +65,9 @@ def draw(context: Context) -> None:
 
 def _draw_data(context: Context) -> None:
     ui, session, ask = context.ui, context.session, context.dialogs.save
+    if session.document.film is not None:
+        _draw_film(context)
+        return
 
     def save_result(path: Path) -> None:
         if session.result is not None:
@@ -76,6 +88,37 @@ def _draw_data(context: Context) -> None:
         ask("Save the result", DATA, "match.npz", save_result)
     if session.document.labels is not None:
         _draw_labels(context, later)
+
+
+def _draw_film(context: Context) -> None:
+    ui, session, ask = context.ui, context.session, context.dialogs.save
+    film, sequence = session.document.film, session.document.sequence
+
+    def save(path: Path) -> None:
+        if sequence is not None and film is not None:
+            context.exporter.save_sequence(path, sequence, film.unit)
+
+    def save_tracks(path: Path) -> None:
+        if sequence is not None:
+            write = abfm.sequences.export_tracks
+            context.exporter.save_table(path, lambda path: write(path, sequence))
+
+    def save_intervals(path: Path) -> None:
+        if sequence is not None:
+            write = abfm.sequences.export_intervals
+            context.exporter.save_table(path, lambda path: write(path, sequence))
+
+    is_there = sequence is not None
+    later = "" if is_there else " There are fields after a match."
+    for label, tip, title, suffixes, name, do in (
+        ("Save sequence...", _SEQUENCE, "Save the sequence", SEQUENCES, "sequence.npz", save),
+        ("Save tracks...", _TRACKS, "Save the tracks", TABLES, "tracks.csv", save_tracks),
+        ("Save intervals...", _INTERVALS, "Save a table", TABLES, "intervals.csv", save_intervals),
+    ):
+        if label != "Save sequence...":
+            ui.beside_if_fits(label, is_button=True)
+        if ui.button(label, f"{tip}{later}", enabled=is_there):
+            ask(title, suffixes, name, do)
 
 
 def _draw_registration(context: Context, later: str) -> None:
@@ -112,7 +155,7 @@ def _draw_state(ui: Ui, session: Session, exporter: Exporter) -> None:
             exporter.cancel()
     elif exporter.message:
         ui.note(exporter.message, "failure" if exporter.failed else "good")
-    if session.solver.running:
+    if session.running:
         ui.note("What is saved shows the latest result, not the run that goes on.")
 
 
@@ -136,19 +179,24 @@ def _draw_size(ui: Ui, exporter: Exporter) -> None:
 
 
 def _draw_movie(ui: Ui, session: Session, exporter: Exporter) -> None:
-    movie, tau, last = exporter.movie, session.parameters.tau, session.document.end
+    movie, document = exporter.movie, session.document
+    first, last = document.start, document.end
+    whole = document.last - first
 
     def bounded_time(label: str, share: float, tip: str) -> float:
-        shown = share * tau
-        new = ui.bounded(label, shown, Range(0, last), tip, (0.0, last))
-        return share if new == shown else new / tau
+        shown = min(first + share * whole, last)
+        new = ui.bounded(label, shown, Range(first, last), tip, (first, last))
+        return share if new == shown else (new - first) / whole
 
     tip = "How long the movie is."
     seconds = ui.bounded("seconds", movie.seconds, Range(0.5, 20), tip, (0.1, 600.0))
     tip = "Frames a second; at most 120, in a GIF 50."
     fps = ui.bounded("fps", movie.fps, Range(5, 60, whole=True), tip, (1.0, 120.0))
     start = bounded_time("from", movie.start, "The first time shown.")
-    end = bounded_time("to", movie.end, "The last time shown; beyond τ the flow goes on.")
+    tip = "The last time shown; beyond τ the flow goes on."
+    if document.film is not None:
+        tip = "The last time shown."
+    end = bounded_time("to", movie.end, tip)
     tip, endless = "How far the surfaces turn meanwhile, in degrees.", (-math.inf, math.inf)
     turn = ui.bounded("turntable", movie.turntable, Range(-360, 360), tip, endless)
     exporter.movie = replace(movie, seconds=seconds, fps=fps, start=start, end=end, turntable=turn)

@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from abfm_viewer.appearance.theme import CRITICAL
 from abfm_viewer.document.document import CARRIED, CLICK_TOOLS, FIELD_PARTS, Coloring
 from abfm_viewer.document.verdict_words import counted, numbers, refinement, sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session_files import LABELS
+from abfm_viewer.widgets import plots
 from abfm_viewer.widgets.widget_record import Range
 
 _COLORINGS: dict[Coloring, str] = {
@@ -29,6 +31,10 @@ _PART = (
 )
 _ARROWS = "The field as arrows on the advected surface."
 _STREAKS = "Lines all over the surface: line integral convolution, seconds after a match."
+_TRACKS = (
+    "Where the fields' sources, sinks, spirals and saddles go over the surface in time; balls show "
+    "where they are at the shown time."
+)
 _LINKS = "From points of A to where they are on B at the shown time."
 _FADE = "Less contrast of the streaks where the field is slower."
 _CLICKS = (
@@ -98,10 +104,23 @@ def draw_field(context: Context) -> None:
         _switch(context, "animate", "animate", "switch animation", tip)
 
 
+def draw_tracks(context: Context) -> None:
+    """Draw the switch of a film's tracks, and what their colours mean."""
+    ui, session = context.ui, context.session
+    with ui.disabled(session.document.sequence is None):
+        _switch(context, "tracks", "tracks", "switch tracks", _TRACKS)
+    if found := context.shown.tracks.counts():
+        named = {counted(count, kind): CRITICAL[kind] for kind, count in found.items()}
+        plots.legend(ui, named)
+
+
 def draw_clicks(context: Context) -> None:
     ui, document, editor = context.ui, context.session.document, context.session.editor
     ui.heading("a click on a surface")
-    tool = ui.radio(CLICK_TOOLS, document.view.tool, _CLICKS)
+    tools = dict(zip(CLICK_TOOLS, _CLICKS, strict=True))
+    if document.film is not None and document.view.tool != "landmark":
+        tools.pop("landmark")  # of a film there is no side to place one on
+    tool = ui.radio([*tools], document.view.tool, [*tools.values()])
     editor.set_view("choose what a click does", tool=tool)
     if ui.button("Clear lines", "Remove all flow lines.", enabled=bool(document.lines)):
         editor.change("clear lines", lines=())
@@ -131,12 +150,12 @@ def _error(context: Context) -> None:
     elif session.view.transport and transport.note:
         ui.note(f"{transport.note.capitalize()}.")
     target, advected = session.compared("target"), context.shown.flow.advected()
-    if target is not None and advected is not None:
+    if target is not None and advected is not None and session.document.film is None:
         difference = np.abs(target - advected)
         worst = int(np.argmax(difference))
         ui.note(
-            f"At time {session.time:.4g} the error is at most {difference[worst]:.4g}, at vertex "
-            f"{session.surface('error').mesh.vertex_ids[worst]}; on average "
+            f"At time {session.document.time:.4g} the error is at most {difference[worst]:.4g}, at "
+            f"vertex {session.surface('error').mesh.vertex_ids[worst]}; on average "
             f"{float(difference.mean()):.4g}."
         )
     if session.result is not None and not (session.outdated or session.solver.running):
@@ -185,7 +204,7 @@ def _points(context: Context) -> None:
     if document.lines:
         context.ui.note(f"{counted(len(document.lines), 'flow line')}.")
     for point, path in zip(document.points, context.shown.quantities.paths(), strict=False):
-        x, y, z = path.at(context.shown.flow.time)
+        x, y, z = path.at(context.shown.quantities.path_time)
         corner = mesh.faces[point.face][int(np.argmax(point.barycentric))]
         where = f"({x:.4g}, {y:.4g}, {z:.4g})"
         context.ui.note(f"From vertex {mesh.vertex_ids[corner]} to {where}.")

@@ -5,8 +5,10 @@ from collections.abc import Callable
 from abfm_viewer.panels import (
     energy,
     export,
+    film,
     functions,
     initial_map,
+    intervals,
     landmarks,
     look,
     parameters,
@@ -34,6 +36,20 @@ TABS: dict[str, dict[str, Callable[[Context], None]]] = {
     "Export": {"export": export.draw},
 }
 """By label, what is drawn in it, one part below the other."""
+OF_FILMS: dict[str, dict[str, Callable[[Context], None]]] = {
+    "Functions": {"frames": film.draw_frames, "two frames": film.draw_pair},
+    "Match": {"settings": film.draw_settings, "intervals": intervals.draw},
+    "Look": {
+        "coloring": look.draw_coloring,
+        "field": look.draw_field,
+        "tracks": look.draw_tracks,
+        "clicks": look.draw_clicks,
+        "compare": look.draw_compare,
+        "numbers": look.draw_numbers,
+    },
+    "Export": TABS["Export"],
+}
+"""The same where a film is open."""
 STEPS = "steps"
 """Where the tabs are, for the Driver: the button Match has the name of one of them."""
 
@@ -43,10 +59,12 @@ def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
     ui, session = context.ui, context.session
     document = session.document
     accepted = (document.identity, session.channels, session.parameters, document.mask)
-    ui.refusals.accept_after(*accepted, session.result, session.solver.running)
+    of_film = document.film, document.settings
+    ui.refusals.accept_after(*accepted, *of_film, session.result, session.running)
+    parts = TABS if document.film is None else OF_FILMS
     with window(ui, "panel", rect):
         guarded("Solver", solver.draw, context)
         label = tabs(ui, STEPS, tuple(TABS))
         with child(ui, label, 0, border=False), ui.group(label):
-            for part, draw_part in TABS[label].items():
+            for part, draw_part in parts[label].items():
                 guarded(part, draw_part, context)

@@ -6,11 +6,13 @@ from typing import TYPE_CHECKING
 
 import polyscope.imgui as imgui
 
+import abfm
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.verdict_words import capital, sentence
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.intervals import confirmed
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import child
 from abfm_viewer.widgets.toolkit import Kind, Ui
@@ -46,7 +48,9 @@ def draw(context: Context) -> None:
         if height + line <= room:
             height, lines = height + line, 2
     with child(ui, "state", height, border=False):  # always as high: what is below must not jump
-        if session.solver.running:
+        if session.document.film is not None:
+            _draw_film(ui, session, lines or _MOST_LINES)
+        elif session.solver.running:
             _draw_progress(ui, session)
         else:
             _draw_verdict(ui, session, lines)
@@ -54,17 +58,22 @@ def draw(context: Context) -> None:
 
 def _draw_buttons(ui: Ui, session: Session) -> None:
     """Draw them where they always are: a click when the run has just ended hits no other."""
-    solver, replacing = session.solver, session.loading.replacing
+    is_film, replacing = session.document.film is not None, session.loading.replacing
+    solver = session.film_match if is_film else session.solver
     side = min(ui.px(_SIDE_BUTTON), _SIDE_SHARE * imgui.GetContentRegionAvail()[0])
     others = 2 * (side + imgui.GetStyle().ItemSpacing[0])
     tip = "Find the field whose flow carries the source to the target (Ctrl+Enter)."
-    if session.result is not None and not solver.warm:
+    if session.result is not None and not session.solver.warm:
         tip += " It begins anew, from no motion."
     if replacing:
         name = session.document.name
         tip = f"{replacing}: that takes the place of {name}. Wait, or cancel it."
-    ready = not (solver.running or session.obstacle or replacing)
-    if ui.button("Match", tip, primary=True, enabled=ready, width=-others):
+    ready = not (session.running or session.obstacle or replacing)
+    if is_film:
+        tip = "Find the fields that carry each frame to the next, all together (Ctrl+Enter)."
+    if ui.button(
+        "Match all frames" if is_film else "Match", tip, primary=True, enabled=ready, width=-others
+    ):
         session.match()
     ui.beside()
     label, tip = "Pause", "Hold the solver; the window stays as it is (P)."
@@ -74,6 +83,8 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
         solver.resume() if solver.paused else solver.pause()
     ui.beside()
     tip = "End the run and keep the best field so far (Esc); Continue goes on from it."
+    if is_film:
+        tip = "End the run and keep the fields that were found (Esc)."
     if ui.button("Cancel", tip, enabled=solver.running, width=-1):
         solver.cancel()
 
@@ -112,6 +123,34 @@ def draw_step(ui: Ui, step: Step) -> None:
     """Draw a bar, empty where nobody knows how long it takes, and what is being done."""
     imgui.ProgressBar(step.share() or 0.0, (-1, ui.px(_BAR)), "")
     ui.note(capital(step.words()))
+
+
+def _draw_film(ui: Ui, session: Session, lines: int) -> None:
+    """Draw how far a film's match is, or what it and the present interval have come to."""
+    document, run = session.document, session.film_match
+    film, sequence = document.film, document.sequence
+    assert film is not None
+    if run.running:
+        draw_step(ui, run.step or Step("starting the solver"))
+        found = run.found(document)
+        ui.note(f"Intervals found: {found} of {film.intervals}", "ink")
+        return
+    if sequence is None:
+        _line(ui, "No match yet", "ink")
+        about = "Match finds the fields that carry each frame to the next, all together."
+        _line(ui, about, most=_MOST_LINES)
+        return
+    outdated = document.is_film_outdated
+    all_good = sequence.confirmed == len(sequence)
+    tone: Kind = "muted" if outdated else "good" if all_good else "ink"
+    _line(ui, confirmed(sequence), tone)
+    if outdated:
+        _line(ui, "Frames or parameters changed since: match all frames again.", "ink", lines)
+    now = film.interval(document.time)
+    verdict = sequence.verdicts[now]
+    ink: Kind = "ink" if verdict.kind in abfm.sequences.CONFIRMED else "failure"
+    _line(ui, f"Frame {now} to {now + 1}: {verdict.kind}", "muted" if outdated else ink)
+    _line(ui, sentence(verdict.cause or verdict.reason), most=lines)
 
 
 # When it has ended

@@ -5,6 +5,7 @@ import polyscope.imgui as imgui
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.verdict_words import headline, left_now, place
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.intervals import confirmed
 from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.widget_record import Rect
 
@@ -35,8 +36,14 @@ def _state(context: Context) -> str:
         state = "paused" if solver.paused else "solving"
         left = left_now(snapshot.iteration, snapshot.problem.is_of_landmarks)
         return f"{state}, {place(snapshot.iteration)}, {left}"
-    if context.shown.busy:
+    if session.film_match.running:
+        return session.film_match.words(session.document)
+    is_playing = session.document.film is not None and session.player.playing
+    if context.shown.busy and not is_playing:  # else it would flicker
         return context.shown.busy
+    if session.document.sequence is not None:
+        told = confirmed(session.document.sequence)
+        return f"{told}{', outdated' if session.document.is_film_outdated else ''}"
     if solver.failed:
         return f"the solver stopped: {solver.reason}"
     return f"{headline(result)}{', outdated' if session.outdated else ''}" if result else "ready"

@@ -1,9 +1,12 @@
 """The time bar: playing the flow, and the slider over 0 to 2 tau."""
 
+import math
+
 import polyscope.imgui as imgui
 
+from abfm_viewer.document.film import Film
 from abfm_viewer.panels.context import Context
-from abfm_viewer.session.player import REPEATS
+from abfm_viewer.session.player import FRAMES_A_SECOND, REPEATS
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.toolkit import Ui, finite
@@ -13,6 +16,8 @@ STEP = 1 / 20
 """Of tau: how far a step moves in time."""
 PADDING, GAP = 20, 8
 _ROW, _NARROW = 32, 430  # at a scale of 1; in a narrower bar repeat has no caption
+_GRAB_PADDING = 2.0  # pixels, ImGui's own
+_TICKS_APART = 5
 
 
 def groups(width: float) -> tuple[int, ...]:
@@ -39,12 +44,16 @@ def draw(context: Context, rect: Rect) -> None:
     ui, before = context.ui, -1
     with window(ui, "time bar", rect), ui.group("time bar"):
         places = rows((rect[2] - rect[0]) / ui.scale)
-        for row, draw_group in zip(places, (_buttons, _repeat, _beyond, _speed), strict=True):
+        is_film = context.session.document.film is not None
+        groups = _film_buttons if is_film else _buttons, _repeat, _beyond, _speed
+        for row, draw_group in zip(places, groups, strict=True):
+            if is_film and draw_group is _beyond:
+                continue
             if row == before:
                 ui.beside(ui.px(GAP))
             draw_group(ui, context.session)
             before = row
-        _slider(context)
+        _film_slider(context) if is_film else _slider(context)
 
 
 def _buttons(ui: Ui, session: Session) -> None:
@@ -56,6 +65,23 @@ def _buttons(ui: Ui, session: Session) -> None:
         ("<", session.time - step, "A twentieth of τ back.", 26),
         (">", session.time + step, "A twentieth of τ on.", 26),
         ("to start", 0.0, "Show the source, time 0.", 0),
+    )
+    for label, time, tip, width in times:
+        ui.beside(ui.px(4))
+        if ui.button(label, tip, width=ui.px(width)):
+            session.set_time(time)
+
+
+def _film_buttons(ui: Ui, session: Session) -> None:
+    player, document, film = session.player, session.document, session.document.film
+    assert film is not None
+    tip = "Hold (Space)." if player.playing else "Play the film (Space)."
+    if ui.button("Pause" if player.playing else "Play", tip, width=ui.px(52)):
+        player.toggle()
+    times = (
+        ("<", film.next_frame(document.time, -1), "The frame before.", 26),
+        (">", film.next_frame(document.time, 1), "The next frame.", 26),
+        ("to start", document.start, "Show the first frame.", 0),
     )
     for label, time, tip, width in times:
         ui.beside(ui.px(4))
@@ -77,6 +103,8 @@ def _beyond(ui: Ui, session: Session) -> None:
 
 def _speed(ui: Ui, session: Session) -> None:
     tip, player = "1 goes from 0 to τ in four seconds.", session.player
+    if session.document.film is not None:
+        tip = f"1 passes {FRAMES_A_SECOND:g} frames a second."
     imgui.SetNextItemWidth(ui.px(64))
     speed = ui.slider("speed", player.speed, Range(0.1, 4.0, log=True), tip)
     if speed is not None:
@@ -113,6 +141,51 @@ def _slider(context: Context) -> None:
             session.notices.say(f"time: {typed!r} is no number", is_error=True)
         else:
             session.set_time(time)
+
+
+def _film_slider(context: Context) -> None:
+    """Draw the slider from the first frame to the last, with a tick at each."""
+    ui, session = context.ui, context.session
+    document, film = session.document, session.document.film
+    assert film is not None
+    box, spacing = ui.px(64), imgui.GetStyle().ItemInnerSpacing[0]
+    width = imgui.GetContentRegionAvail()[0] - box - 2 * spacing - ui.text_width("time")
+    left, top = imgui.GetCursorScreenPos()
+    bottom = top + imgui.GetFrameHeight()
+    ends = Range(document.start, document.end)
+    _ticks(ui, film, ends, (left, top, left + width, bottom))
+    tip = f"{document.titled('source')}; {document.titled('target')} is next."
+    imgui.SetNextItemWidth(width)
+    grounds = (imgui.ImGuiCol_FrameBg, imgui.ImGuiCol_FrameBgHovered, imgui.ImGuiCol_FrameBgActive)
+    for color in grounds:  # the ticks stay in sight
+        imgui.PushStyleColor(color, (0, 0, 0, 0))
+    slid = ui.slider("time", document.time, ends, tip, tip_above=True)
+    imgui.PopStyleColor(len(grounds))
+    if slid is not None:
+        session.set_time(slid)
+    ui.beside(spacing)
+    about = f"The time that is shown, {film.told(document.start)} to {film.told(document.end)}."
+    typed = ui.text("time", f"{document.time:.4g}", about, width=box)
+    if typed is not None:
+        if (time := finite(typed)) is None:
+            session.notices.say(f"time: {typed!r} is no number", is_error=True)
+        else:
+            session.set_time(time)
+
+
+def _ticks(ui: Ui, film: Film, ends: Range, rect: Rect) -> None:
+    """Draw the slider's ground, a tick at each frame as far as they are apart."""
+    left, top, right, bottom = rect
+    colors, canvas, rounding = ui.colors, imgui.GetWindowDrawList(), imgui.GetStyle().FrameRounding
+    packed = imgui.GetColorU32
+    canvas.AddRectFilled((left, top), (right, bottom), packed(colors.field), rounding)
+    inset = imgui.GetStyle().GrabMinSize / 2 + _GRAB_PADDING  # as ImGui's grab is
+    start, room = left + inset, right - left - 2 * inset
+    every = max(math.ceil(len(film) * ui.px(_TICKS_APART) / max(room, 1.0)), 1)
+    ink = packed((*colors.muted[:3], 0.6))
+    for time in film.times[::every].tolist():
+        x = start + ends.share_of(time) * room
+        canvas.AddLine((x, bottom - ui.px(7)), (x, bottom - ui.px(1)), ink, ui.px(1))
 
 
 def _track(ui: Ui, note: str, rect: Rect, share: float) -> None:

@@ -14,7 +14,7 @@ from PIL import Image, ImageFont
 from abfm import AbfmError, FunctionError, ParameterError
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
-from abfm_viewer.document.document import EXTRAPOLATION, Document
+from abfm_viewer.document.document import Document
 from abfm_viewer.pictures.canvas import Pixels, canvas, drawn, letter
 from abfm_viewer.scene.annotations import Pen, bar_room, laid_out, name_height
 from abfm_viewer.scene.scene import Scene
@@ -120,13 +120,12 @@ class DocumentRenderer:
             yield np.asarray(self.picture(start + share * (end - start), turned, phase))
 
     def _go_to(self, time: float) -> None:
-        session = self._session
-        end = EXTRAPOLATION * session.parameters.tau
-        if not 0 <= time <= end * (1 + 1e-9):
-            raise ParameterError(
-                f"time is {time:g}; expected 0 to {end:g}, which is {EXTRAPOLATION:g} tau"
-            )
-        session.editor.amend(time=min(time, session.document.end))
+        session, document = self._session, self._session.document
+        start, end = document.start, document.end
+        near = 1e-9 * (end - start)
+        if not start - near <= time <= end + near:
+            raise ParameterError(f"time is {time:g}; expected {document.times_told}")
+        session.editor.amend(time=min(max(time, start), end))
         session.update()
 
     def _error(self, time: float) -> float:

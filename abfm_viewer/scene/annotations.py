@@ -14,7 +14,7 @@ from abfm import FunctionError
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange, table
-from abfm_viewer.appearance.theme import LANDMARKS, ON_LANDMARKS, Color, Palette
+from abfm_viewer.appearance.theme import CRITICAL, LANDMARKS, ON_LANDMARKS, Color, Palette
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side, triple
@@ -30,7 +30,7 @@ _GAP = 3  # between a bar and its texts
 _BAR_WIDTH, _BAR_HEIGHT, _BAR_APART, _LEFT, _BELOW, _ABOVE = 200, 12, 48, 18, 14, 10
 # strip in a line, what a line is longer where there is room, and between lines
 _SHORTEST, _LONGEST, _APART = 30, 300, 16
-_LINK = 1.2
+_LINK, _DOT = 1.2, 5.0
 _RADIUS, _LINE = 9.0, 2.0  # of rings
 _MOST = 0.25  # of the height: where bars would take more, each is one line
 
@@ -200,7 +200,33 @@ def laid_out(
         start = right - length if scene.view.is_beside else (left + right - length) / 2
         ink = {"source": pen.inks.source, "target": pen.inks.target}.get(name, pen.inks.ink)
         found.append(Text(start, (top + bottom - pen.line) / 2, title, ink))
-    return [*found, *(_bars(scene, rect, pen) if color_bar else [])]
+    if color_bar:
+        bars = _bars(scene, rect, pen)
+        found += [*bars, *_legend(scene.legend(), rect, pen, _right_end(bars, rect, pen))]
+    return found
+
+
+def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:
+    """Return where the last of some strips and texts ends."""
+    ends = [one.rect[2] for one in parts if isinstance(one, Strip)]
+    ends += [one.left + pen.width(one.text) for one in parts if isinstance(one, Text)]
+    return max(ends, default=rect[0])
+
+
+def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Part]:
+    """Lay out what colours of critical points mean, at the right below the surfaces, if there is
+    room after what ends before.
+    """
+    found: list[Part] = []
+    radius, right = _DOT * pen.scale, rect[2] - _LEFT * pen.scale
+    top = rect[3] - (bar_room(pen, rect[3] - rect[1]) + pen.line) / 2
+    for kind in reversed(kinds):
+        right -= pen.width(kind)
+        found.append(Text(right, top, kind, pen.inks.ink))
+        right -= 2 * radius
+        found.append(Disc((right, top + pen.line / 2), radius, CRITICAL[kind]))
+        right -= radius + _APART * pen.scale
+    return found if right > begin else []
 
 
 def landmark_parts(marks: Sequence[DrawnMark], pen: Pen) -> list[Part]:

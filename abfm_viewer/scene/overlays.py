@@ -18,10 +18,14 @@ from abfm_viewer.scene.opengl import MATERIAL, ps
 from abfm_viewer.scene.surfaces import viewport
 from abfm_viewer.shown.paint import Paint
 from abfm_viewer.shown.shown import Shown
+from abfm_viewer.shown.tracks import KINDS
 
 _ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
 _ISOLINES = "isolines of "  # and the surface's name
-_NOW, _START = _POINTS = "followed points", "starts of points"
+_TRACKS = {kind: f"tracks of each {kind}" for kind in KINDS}
+_PRESENT = {kind: f"each {kind} now" for kind in KINDS}
+_NOW, _START = "followed points", "starts of points"
+_POINTS = (_NOW, _START, *_PRESENT.values())
 _LIFT = 0.0025  # of sqrt(area): a flat strip is hidden by the surface where that bends
 _HEAD_WIDTH, _HEAD_LENGTH = 2.6, 7.5  # in half widths of the shaft
 _LONGEST_HEAD = 0.55  # of an arrow
@@ -31,6 +35,7 @@ _FAST = 98  # percentile of the speeds shown that gets the full length
 _SLOW, _LONGEST = 0.01, 1.25  # of it: below there is no arrow, and none is longer
 # half widths of arrows and lines, radii of points
 _THICK, _THIN, _ISOLINE, _POINT = 0.0035, 0.0025, 0.0016, 0.014
+_TRACK, _CRITICAL = 0.005, 0.02
 
 Rgb = Sequence[float]
 Meshes = Mapping[str, TriangleMesh]
@@ -274,13 +279,36 @@ class Overlays:
             if self._is_new("advected", name, (curves, view.theme) if curves else None):
                 courses = [course_of(mesh, line) for line in curves if len(line.times) > 1]
                 draw_ribbons(name, mesh, line_ribbons(courses, _THIN), marker)
-        time = self._shown.flow.time
+        self._draw_tracks(mesh)
+        time = quantities.path_time
         if self._is_new("advected", _NOW, (paths, time, view.theme) if paths else None):
             places = np.array([path.at(time) for path in paths])
             draw_points(_NOW, mesh, places, marker, _POINT)
         if self._is_new("source", _START, (paths, view.theme) if paths and has_source else None):
             on = self._shown.session.surface("source").mesh
             draw_points(_START, on, quantities.starts(paths), marker, _POINT)
+
+    def _draw_tracks(self, mesh: TriangleMesh) -> None:
+        """Show where a film's critical points go, and where they are now."""
+        ways, now = self._shown.tracks.ways(), self._shown.tracks.now()
+        time = self._shown.session.document.time
+        for kind in KINDS:
+            own = tuple(way for way in ways if way.kind == kind)
+            color = theme.linear(theme.CRITICAL[kind])
+            name = _TRACKS[kind]
+            if self._is_new("advected", name, (ways,) if own else None):
+                courses = [
+                    Course(
+                        way.points.positions / mesh.length_scale,
+                        _normals(mesh, way.points.faces, way.points.barycentric),
+                    )
+                    for way in own
+                ]
+                moved = [course for course in courses if course.lengths[-1] > 0]
+                draw_ribbons(name, mesh, line_ribbons(moved, _TRACK), color)
+            name = _PRESENT[kind]
+            if self._is_new("advected", name, (ways, time) if kind in now else None):
+                draw_points(name, mesh, now[kind], color, _CRITICAL)
 
     def structures(self) -> Iterator[Placed]:
         for name, (surface, _) in self._drawn.items():

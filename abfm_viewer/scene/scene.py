@@ -55,7 +55,7 @@ class Scene:
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
         self._flow, self._links = shown.flow, Memo[Links]()
-        self._landmarks = shown.landmarks
+        self._landmarks, self._tracks = shown.landmarks, shown.tracks
         self._placing = Placing()
         self.overlays = Overlays(shown, self._placing.placed.discard)
         self.pacing = Pacing(shown.session)
@@ -183,6 +183,10 @@ class Scene:
                 starts[inside], stops[inside], links.colors[inside], strict=True
             )
         ]
+
+    def legend(self) -> tuple[str, ...]:
+        """Return the kinds of critical points whose ways are drawn."""
+        return tuple(self._tracks.counts()) if "advected" in self.shown else ()
 
     def landmarks(self) -> list[DrawnMark]:
         """Return the landmarks that are in view, where they are in the window."""

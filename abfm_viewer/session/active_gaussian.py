@@ -6,6 +6,7 @@ from abfm_viewer.session.session import Session
 
 _WIDTH_PER_NOTCH = 1.12
 NARROWEST, WIDEST = 0.005, 2.0
+_FRAMES = "frames have no Gaussian"
 _NONE = "the {} has no Gaussian to {}: choose the family gaussian in the tab Functions"
 
 
@@ -18,6 +19,8 @@ def active_gaussian(session: Session, side: Side) -> int | None:
 
 
 def why_fixed(session: Session, side: Side) -> str:
+    if session.document.film is not None:
+        return _FRAMES
     if session.active is None:
         return f"the {side} is still being chosen"
     if active_gaussian(session, side) is None:
@@ -41,7 +44,8 @@ def widen(session: Session, side: Side, notches: float, merge: str) -> None:
     """Make it wider by so many turns of the wheel, or narrower if negative."""
     chosen = active_gaussian(session, side)
     if chosen is None or session.active is None:
-        session.notices.say(_NONE.format(side, "widen"))
+        is_film = session.document.film is not None
+        session.notices.say(_FRAMES if is_film else _NONE.format(side, "widen"))
         return
     spec = session.active.spec(side)
     width = gaussians.gaussians(spec)[chosen].width * _WIDTH_PER_NOTCH**notches

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 import abfm
-from abfm import FunctionError, Parameters
+from abfm import FunctionError, ParameterError, Parameters
 from abfm_viewer.document.document import (
     EXTRAPOLATION,
     SIDES,
@@ -25,6 +25,7 @@ from abfm_viewer.document.gaussians import landmark
 LONGEST, LARGEST = 200, 500_000_000
 """How many steps undo goes back, and bytes of the meshes and results to which it leads, besides
 those of the latest step."""
+_LARGEST_GAMMA = 1e6
 
 
 class Step(NamedTuple):
@@ -210,8 +211,9 @@ class Editor:
         parameters = Parameters(**(before.to_dict() | values))
         if parameters != before:
             label = label or f"change {', '.join(values)}"
-            time = self.document.time * parameters.tau / before.tau
-            time = min(time, EXTRAPOLATION * parameters.tau)
+            time = self.document.time
+            if self.document.film is None:
+                time = min(time * parameters.tau / before.tau, EXTRAPOLATION * parameters.tau)
             self.change(label, merge, parameters=parameters, time=time)
 
     def reset_parameters(self) -> None:
@@ -221,6 +223,16 @@ class Editor:
         """Let A's functions come to B by another map."""
         if word != self.document.initial:
             self.change("change the initial map", initial=word)
+
+    def set_film(self, merge: str = "", label: str = "", **values: Any) -> None:
+        """Change what a film is matched with; ParameterError if a value is refused."""
+        settings = replace(self.document.settings, **values)
+        if settings != self.document.settings:
+            abfm.sequences.defaults(alpha=settings.alpha, sigma=settings.sigma)
+            if not 0 <= settings.gamma <= _LARGEST_GAMMA:
+                given = f"gamma is {settings.gamma:g}"
+                raise ParameterError(f"{given}; expected 0 to {_LARGEST_GAMMA:g}")
+            self.change(label or f"change {', '.join(values)}", merge, settings=settings)
 
     def set_mask(self, spec: str) -> None:
         """Weight the mismatch at each vertex by a function, or none; FunctionError if no spec."""
@@ -235,7 +247,7 @@ class Editor:
             self.change(label, merge, view=view)
 
     def set_time(self, time: float) -> None:
-        time = min(max(time, 0.0), self.document.end)
+        time = min(max(time, self.document.start), self.document.end)
         if time != self.document.time:
             self.time_changed = clock.perf_counter()
             self.change("move in time", merge="time", time=time)
@@ -291,6 +303,8 @@ def _large_parts(document: Document) -> dict[int, int]:
     held = [*(surface.mesh for surface in document.surfaces), *([result] if result else [])]
     held += result.path if result else []  # which results of one match share
     held += [document.initial_map.correspondence.points] if document.initial_map else []
+    held += [document.film.frames] if document.film else []
+    held += [document.sequence] if document.sequence else []
     arrays = [array for part in held for array in vars(part).values()]
     return {id(array): array.nbytes for array in arrays if isinstance(array, np.ndarray)}
 

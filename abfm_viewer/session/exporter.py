@@ -34,7 +34,7 @@ Kept: TypeAlias = "Callable[[abfm.Match], None]"
 """Is told of a result that is in a file now, from another thread."""
 RESULT = ".npz"
 PICTURES, MOVIES, DATA = (".png",), tuple(outputs.FASTEST), outputs.WRITTEN
-REGISTERED = outputs.REGISTERED
+REGISTERED, SEQUENCES, TABLES = outputs.REGISTERED, outputs.SEQUENCES, (".csv",)
 LABELS = (".gii", ".annot", ".npy", ".csv", ".txt")
 """Suffixes."""
 
@@ -96,8 +96,12 @@ class Exporter:
         self._start(path, PICTURES, partial(self._render, path, document, known, words))
 
     def save_movie(self, path: Path, document: Document, known: Known) -> None:
-        movie, tau = self.movie, document.parameters.tau
-        times = [f"--from={movie.start * tau}", f"--to={movie.end * tau}"]
+        movie, start, whole = self.movie, document.start, document.last - document.start
+        # a film has nothing after its last frame
+        begin, end = (
+            min(start + share * whole, document.end) for share in (movie.start, movie.end)
+        )
+        times = [f"--from={begin}", f"--to={end}"]
         rate = [f"--seconds={movie.seconds}", f"--fps={movie.fps}"]
         words = [*self.picture.words(), *rate, *times, f"--turntable={movie.turntable}"]
         self._start(path, MOVIES, partial(self._render, path, document, known, words))
@@ -118,6 +122,16 @@ class Exporter:
                 kept(found.match)
 
         self._start(path, REGISTERED, write)
+
+    def save_sequence(self, path: Path, found: abfm.Sequence, unit: str) -> None:
+        def write() -> None:
+            outputs.check_sequence(path)
+            outputs.write_sequence(path, found, unit=unit)
+
+        self._start(path, SEQUENCES, write)
+
+    def save_table(self, path: Path, write: Callable[[Path], None]) -> None:
+        self._start(path, TABLES, partial(write, path))
 
     def save_labels(
         self, path: Path, labels: LabelMap, found: abfm.Correspondence | abfm.Match

@@ -74,7 +74,7 @@ class DocumentFunctions:
             specs = tuple(one.spec for one in own)
             found = evaluating.ask(specs) if specs else None
             self._evaluated[evaluating] = found or before.get(evaluating, {})
-        is_bare = not any(self._evaluated.values())
+        is_bare = not any(self._evaluated.values()) and document.film is None
         self.bare_since = (self.bare_since or clock.perf_counter()) if is_bare else None
 
     def _found(self, function: Function) -> FloatArray | str:

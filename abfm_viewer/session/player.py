@@ -6,6 +6,8 @@ Repeat = Literal["once", "loop", "ping-pong"]
 REPEATS: tuple[Repeat, ...] = get_args(Repeat)
 SECONDS = 4.0
 """How long the flow from 0 to tau takes at speed 1."""
+FRAMES_A_SECOND = 5.0
+"""Frames of a film that are passed at speed 1."""
 SECONDS_PER_CYCLE = 1.0
 """How long moving streaks take until they look the same again."""
 _LONGEST_FRAME = 0.1  # seconds: after a hang the time does not leap
@@ -37,8 +39,10 @@ class Player:
     def move_streaks(self, seconds: float) -> None:
         self.phase = (self.phase + min(seconds, _LONGEST_FRAME) / SECONDS_PER_CYCLE) % 1
 
-    def advance(self, time: float, seconds: float, tau: float, end: float) -> float:
-        """The time to show some seconds after another one was shown."""
+    def advance(
+        self, time: float, seconds: float, tau: float, end: float, each: float = SECONDS
+    ) -> float:
+        """The time to show some seconds after another one was shown, where tau takes so many."""
         if self.held:
             return time
         end = end if self.beyond and not self._to_tau else tau
@@ -48,7 +52,7 @@ class Player:
         repeat = "once" if self._to_tau else self.repeat
         if repeat != "ping-pong":
             self._direction = 1.0
-        moved = time + self._direction * self.speed * tau * min(seconds, _LONGEST_FRAME) / SECONDS
+        moved = time + self._direction * self.speed * tau * min(seconds, _LONGEST_FRAME) / each
         if 0 <= moved <= end:
             return moved
         if repeat == "loop":

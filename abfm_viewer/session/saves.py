@@ -21,6 +21,8 @@ _CONTENT = (
     "landmarks",
     "landmarks_alone",
     "labels",
+    "film",
+    "settings",
     "lines",
     "points",
 )
@@ -63,6 +65,8 @@ class Saves:
         for identity, left in self._left.items():
             is_elsewhere = identity is not document.identity
             has_other = left.result is not None and left.result is not document.result
+            is_film = left.sequence is not None and left.sequence is not document.sequence
+            has_other = has_other or is_film
             if is_elsewhere or (has_other and not differs):
                 found.append(left)
         return tuple(found)
@@ -127,7 +131,8 @@ class Saves:
         if (saved := self._of(document)[0]) is None:
             return True
         changed = any(getattr(document, name) != getattr(saved, name) for name in _CONTENT)
-        return changed or document.result is not saved.result
+        is_other = document.result is not saved.result or document.sequence is not saved.sequence
+        return changed or is_other
 
     def _of(self, document: Document) -> tuple[Document | None, Origin | None]:
         return self._saved.get(document.identity, (None, None))

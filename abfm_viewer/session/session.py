@@ -33,12 +33,13 @@ from abfm_viewer.document.surface_points import points_of, surface_points
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.bound import Bound
 from abfm_viewer.session.editor import Editor, Step
+from abfm_viewer.session.film_match import FilmMatch
 from abfm_viewer.session.functions import DocumentFunctions
 from abfm_viewer.session.initial_maps import InitialMaps, Prepared
 from abfm_viewer.session.loading import Loading
 from abfm_viewer.session.notices import Notices, WaysOut
 from abfm_viewer.session.path_steps import PathSteps
-from abfm_viewer.session.player import Player
+from abfm_viewer.session.player import FRAMES_A_SECOND, Player
 from abfm_viewer.session.saves import Saves
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ class Session:
         self.steps = PathSteps(self.editor, self._jobs, self.notices)
         self.bound = Bound(self.editor, self._jobs, self.notices, at_once)
         self.solver = Solver()
+        self.film_match = FilmMatch()
         self.player = Player()
         self.dragging = self.draws_quickly = False
         # of documents that began with one of another
@@ -113,7 +115,26 @@ class Session:
 
     @property
     def time(self) -> float:
-        return self.document.time
+        """The shown time in the flow that is shown: of a film since the frame before."""
+        if (film := self.document.film) is None:
+            return self.document.time
+        return self.document.time - float(film.times[film.interval(self.document.time)])
+
+    @property
+    def tau(self) -> float:
+        """How long the flow that is shown takes: of a film from frame to frame."""
+        if (film := self.document.film) is None:
+            return self.parameters.tau
+        return float(film.frames.durations[film.interval(self.document.time)])
+
+    @property
+    def running(self) -> bool:
+        return self.solver.running or self.film_match.running
+
+    def cancel(self) -> None:
+        """End the run with what it has found."""
+        self.film_match.cancel()
+        self.solver.cancel()
 
     def set_time(self, time: float) -> None:
         self.player.playing = False
@@ -131,7 +152,7 @@ class Session:
         self.player.playing = False
         before = self.document
         if to and to[-1].document.identity is not before.identity:
-            if self.solver.running:
+            if self.running:
                 text = f"that would leave {before.name}, which is being matched"
                 self.notices.say(f"{text}: cancel the run first", True, RUN)
                 return
@@ -174,7 +195,8 @@ class Session:
         self._go_to(document, origin, saved)
 
     def _go_to(self, document: Document, origin: Origin | None, saved: bool) -> None:
-        self.solver.cancel()
+        self.cancel()
+        self.film_match.pair = None
         self.saves.leave(self.document)
         self.player.playing = False
         name = origin.path.name if origin else document.name
@@ -190,7 +212,12 @@ class Session:
         return self.functions.of_document(document)
 
     def values(self, side: Side) -> FloatArray | None:
-        """The active channel's function of a side on its surface, (V,), if it is known."""
+        """The active channel's function of a side on its surface, (V,), if it is known; of a film
+        the frame before or after the shown time.
+        """
+        if (film := self.document.film) is not None:
+            frame = film.interval(self.document.time) + (side == "target")
+            return film.columns[frame][self.document.channel]
         return self.functions.values(self.document.function(side)) if self.active else None
 
     @property
@@ -224,7 +251,7 @@ class Session:
         """Say what it computes in the background besides the solver, and for how long if known."""
         if self.loading.now:
             return said("opening", self.loading.step)
-        busy = self.functions.busy(self.document)
+        busy = "" if self.document.film else self.functions.busy(self.document)
         if not busy and self.document.is_pair and self.initial_maps.busy:
             busy = "finding the initial map"
         busy = busy or self.bound.busy
@@ -262,6 +289,8 @@ class Session:
     @property
     def obstacle(self) -> str:
         """Say why a match cannot start; nothing if it can."""
+        if self.document.film is not None:
+            return ""
         obstacle = self.functions.obstacle(self.document)
         if obstacle or not self.document.is_pair:
             return obstacle
@@ -303,7 +332,7 @@ class Session:
 
         Unless it is given, the solver is set to whether it `goes_on` from the present field.
         """
-        if self.solver.running:
+        if self.running:
             return
         if opening := self.loading.replacing:
             text = f"no match yet: {opening}; it takes the place of {self.document.name}"
@@ -311,6 +340,11 @@ class Session:
             return
         if self.obstacle:
             self.notices.say(f"no match yet: {self.obstacle}", self.problem_told != "", RUN)
+            return
+        if self.document.film is not None:
+            self.notices.clear()
+            self.notices.mend(RUN)
+            self.film_match.start(self.document)
             return
         self._take_usual_parameters()
         field, mesh = None, self.surface().mesh
@@ -366,7 +400,7 @@ class Session:
         self._find_defaults()
         self.functions.update(self.document)
         # the functions come first, and pictures off the screen solve nothing
-        if not (self.obstacle or self.at_once):
+        if not (self.obstacle or self.at_once or self.document.film):
             # a match that begins earlier waits for its coarse meshes
             mesh, parameters = self.surface().mesh, self.parameters
             prepare = partial(self.solver.prepare, mesh, parameters)
@@ -376,10 +410,41 @@ class Session:
         if self.view.animate:
             self.player.move_streaks(elapsed)
         if self.player.playing:
-            tau, end = self.parameters.tau, self.document.end
-            self.editor.amend(time=self.player.advance(self.time, elapsed, tau, end))
+            self._play(elapsed)
         self._collect()
+        self._collect_film()
         self._keep_what_is_needed()
+
+    def _play(self, elapsed: float) -> None:
+        document, film = self.document, self.document.film
+        if film is None:
+            tau, end = self.parameters.tau, document.end
+            self.editor.amend(time=self.player.advance(self.time, elapsed, tau, end))
+            return
+        start, whole = document.start, document.end - document.start
+        seconds = film.intervals / FRAMES_A_SECOND
+        time = self.player.advance(document.time - start, elapsed, whole, whole, seconds)
+        self.editor.amend(time=min(start + time, document.end))
+
+    def _collect_film(self) -> None:
+        """Take in a film's fields when its run has ended."""
+        if (ended := self.film_match.collect()) is None:
+            return
+        began, found = ended
+        if isinstance(found, str):
+            self.notices.say(f"the solver stopped: {found}", True, RUN, {"Try again": self.match})
+            return
+        if self.document.identity is not began.identity:
+            self.saves.found(replace(began, sequence=found))
+            return
+        view = self.view
+        if view.flow_after_match and found.velocity.any():
+            is_plain = not (view.arrows or view.streaks) and view.coloring == "function"
+            view = replace(view, tracks=True, arrows=view.arrows or is_plain)
+        self.editor.change("match all frames", sequence=found, view=view)
+        if view.flow_after_match:
+            self.editor.amend(time=self.document.start)
+            self.player.play_once()
 
     def _keep_what_is_needed(self) -> None:
         """Keep of other documents only what undo, unsaved work and a run that ends still need."""
@@ -395,7 +460,7 @@ class Session:
         self.functions.keep(at_work, in_reach)
 
     def _find_defaults(self) -> None:
-        if self.channels:
+        if self.channels or self.document.film is not None:
             return
         found, problem = self.functions.defaults(self.document)
         if found is not None:
@@ -466,6 +531,7 @@ class Session:
 
     def close(self) -> None:
         self.solver.close()
+        self.film_match.close()
         self.functions.close()
         self.bound.close()
         if self._apart is not None:

@@ -37,6 +37,13 @@ from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.document.surface_points import landmarks_of_match, points_of
 from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
+from abfm_viewer.session.film_files import (
+    ALONE,
+    document_of_film,
+    document_of_pair,
+    document_of_sequence,
+    read_film,
+)
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.initial_maps import GIVEN
 from abfm_viewer.session.loading import OPENING, Load
@@ -50,7 +57,7 @@ MESHES, PROJECT, RESULT = (*READERS, *FREESURFER_SURFACES), ".abfm", ".npz"
 """Suffixes."""
 LABELS = (".label.gii", ".gii", ".gii.gz", ".annot")
 LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another mesh...", "Save as..."
-OTHER_SECOND = "Open another second surface..."
+OTHER_SECOND, OTHER_FRAMES = "Open another second surface...", "Open other frames..."
 """Labels of what can be done about a file."""
 SAVING = "saving"
 """What cards are about."""
@@ -67,11 +74,18 @@ def open_session(
     cannot be read.
     """
     is_document = path.name.lower().endswith((PROJECT, RESULT))
+    has_frames = second is not None and second.name.lower().endswith(ALONE)
     if second is not None and is_document:
         raise AbfmError(f"{path.name} is no mesh; give two meshes, or one project or result")
     if not is_document:
         session = Session(load_mesh(path, largest_component=largest_component), path.name)
-        if second is not None:
+        if second is not None and has_frames:
+            film, notes = read_film(second, session.surface().mesh)
+            shown = document_of_film(film, session.surface(), session.view)
+            session.restore(shown, {}, None)
+            session.reset_history()
+            session.notices.say("; ".join(notes))
+        elif second is not None:
             other = load_mesh(second, largest_component=largest_component)
             session.set_surfaces(*session.document.surfaces, Surface(other, second.name))
             session.reset_history()
@@ -91,6 +105,8 @@ def _origin(path: Path) -> Origin | None:
 def read_document(path: Path) -> Opened:
     if path.name.lower().endswith(PROJECT):
         return load_project(path)
+    if abfm.sequences.is_sequence(path):
+        return document_of_sequence(abfm.load_sequence(path), path), {}
     if abfm.registration.is_correspondence(path):
         return document_of_registration(abfm.load_registration(path), path)
     return document_of_result(abfm.load_match(path), path)
@@ -212,6 +228,9 @@ class SessionFiles:
         """Open a file in the background; what is open now stays in the history."""
         path = path.expanduser().absolute()
         name, known = path.name.lower(), (*MESHES, PROJECT, RESULT)
+        if name.endswith(ALONE):
+            self.open_frames(path)
+            return
         if not name.endswith(known):
             text = f"{path.name} cannot be opened: expected a file that ends in {', '.join(known)}"
             self._session.notices.say(text, True, OPENING, self._offered(OTHER_MESH))
@@ -230,6 +249,33 @@ class SessionFiles:
         what = f"opening {path.name} as second surface"
         self._load(Load(what, read, remedies=remedies, source=(Origin.of(path), "second")))
 
+    def open_frames(self, path: Path) -> None:
+        """Open frames in the background, on the mesh that is open, or surface A."""
+        path = path.expanduser().absolute()
+        session, surface = self._session, self._session.surface("source")
+
+        def read() -> Do:
+            film, notes = read_film(path, surface.mesh)
+
+            def show() -> None:
+                here = next((one for one in session.document.surfaces if one == surface), surface)
+                view = replace(session.view, coloring="function", large="")
+                shown = document_of_film(film, here, view)
+                self._show(path, partial(session.restore, shown, {}, None), notes)
+
+            return show
+
+        remedies = self._offered(OTHER_FRAMES, partial(self.open_frames, path))
+        what, source = f"opening {path.name}", (Origin.of(path), surface.mesh.digest)
+        self._load(Load(what, read, remedies=remedies, source=source))
+
+    def match_frames(self, first: int, last: int) -> None:
+        """Make a match of its own of two frames of the film that is open."""
+        document, film = self._session.document, self._session.document.film
+        if film is not None:
+            name = f"{film.frame(first)} to {film.frame(last)}"
+            self.open_made(name, lambda view: document_of_pair(document, first, last))
+
     def _open_pair(self, first: Path, second: Path) -> None:
         def show(path: Path, mesh: TriangleMesh) -> None:
             self._show_mesh(path, mesh)
@@ -239,6 +285,17 @@ class SessionFiles:
         what = f"opening {first.name} and {second.name}"
         read, source = partial(self._read_mesh, first, show), (Origin.of(first), second)
         self._load(Load(what, read, remedies=remedies, source=source))
+
+    def _open_film(self, mesh: Path, frames: Path) -> None:
+        def show(path: Path, found: TriangleMesh) -> None:
+            self._show_mesh(path, found)
+            self.open_frames(frames)
+
+        remedies = self._offered(OTHER_MESH, partial(self._open_film, mesh, frames))
+        what, source = f"opening {mesh.name} and {frames.name}", (Origin.of(mesh), frames)
+        self._load(
+            Load(what, partial(self._read_mesh, mesh, show), remedies=remedies, source=source)
+        )
 
     def open_labels(self, path: Path) -> None:
         """Take the labels of a file for the source's surface."""
@@ -260,6 +317,12 @@ class SessionFiles:
 
     def open_dropped(self, paths: list[Path]) -> None:
         """Open two meshes as surfaces A and B, and of other files the first."""
+        frames = [path for path in paths if path.name.lower().endswith(ALONE)]
+        meshes = [path for path in paths if path.name.lower().endswith(MESHES)]
+        if len(paths) == 2 and len(frames) == len(set(meshes) - set(frames)) == 1:
+            [mesh] = set(meshes) - set(frames)
+            self._open_film(mesh.expanduser().absolute(), frames[0])
+            return
         if len(paths) == 2 and all(path.name.lower().endswith(MESHES) for path in paths):
             self._open_pair(*(path.expanduser().absolute() for path in paths))
             return
@@ -274,6 +337,7 @@ class SessionFiles:
         def read() -> Do:
             document, known = make(self._session.view)
             ready = "press Play, its field is given" if document.result else "press Match"
+            ready = f"{ready} all frames" if document.film else ready
 
             def show() -> None:
                 self._session.restore(document, known, None)
@@ -290,7 +354,7 @@ class SessionFiles:
 
     def when_free(self, what: str, do: Do) -> None:
         """Do something that takes the document's place; a run is ended only if the user says so."""
-        if not self._session.solver.running:
+        if not self._session.running:
             do()
             return
         text = (
@@ -301,7 +365,7 @@ class SessionFiles:
         self._ask("End the run?", text, answers)
 
     def end_run(self, what: str, then: Do) -> None:
-        self._session.solver.cancel()
+        self._session.cancel()
         self.waiting = Load(what, lambda: then)
 
     def stop_waiting(self) -> None:
@@ -344,7 +408,7 @@ class SessionFiles:
 
     def update(self) -> None:
         """Take in which files were written, and that a run has ended: call once per frame."""
-        if self.waiting is not None and not self._session.solver.running:
+        if self.waiting is not None and not self._session.running:
             waiting, self.waiting = self.waiting, None
             waiting.read()()
         while self._writing and self._writing[0][0].done():
@@ -389,6 +453,7 @@ class SessionFiles:
 
         def restore() -> None:
             view = replace(self._session.view, look=None, large="")
+            view = replace(view, tracks=view.tracks or document.view.tracks)
             if origin:  # with a view of its own, in the size that the user needs on this screen
                 view = replace(document.view, ui_scale=view.ui_scale)
             self._session.restore(replace(document, view=view), known, origin)

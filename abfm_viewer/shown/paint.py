@@ -153,7 +153,10 @@ class Painter:
         shown, is_function = self._shown, self._session.view.coloring == "function"
         is_busy = shown.flow.busy or shown.quantities.busy
         is_behind = shown.flow.is_behind if is_function else is_busy
-        title = self._extrapolated(self._session.document.titled("advected"), is_behind)
+        title = self._session.document.titled("advected")
+        if self._session.document.film is not None and shown.flow.state is None:
+            title = f"{title}, only blended"
+        title = self._extrapolated(title, is_behind)
 
         def make() -> Paint:
             told = title if is_behind else _with_range(title, advected, colors)
@@ -257,7 +260,7 @@ class Painter:
         return self._kept["advected"].get((texture, title, colors), make)
 
     def _blend(self, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
-        tau = self._session.parameters.tau
+        tau = self._session.tau
         time = min(self._session.time, tau)
 
         def make() -> Paint:
@@ -289,11 +292,17 @@ class Painter:
 
     def _extrapolated(self, title: str, is_behind: bool = False) -> str:
         """A title, which says so where the time shown is one that no target was given for."""
-        tau = self._session.parameters.tau
+        tau = self._session.tau
         is_beyond = self._session.time > (1 + 1e-9) * tau
         return _labelled(f"{title}, extrapolated" if is_beyond else title, is_behind)
 
     def _function_range(self, source: FloatArray, target: FloatArray) -> ColorRange:
+        if (film := self._session.document.film) is not None:
+            channel = self._session.document.channel
+            of_all = film, channel, *self._look
+            return self._range.get(
+                of_all, lambda: self._own_range(film.frames.values[:, :, channel])
+            )
         return self._range.get(
             (source, target, *self._look), lambda: self._own_range(source, target)
         )

@@ -26,6 +26,7 @@ from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.landmarks import ShownLandmarks
 from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
+from abfm_viewer.shown.tracks import ShownTracks
 
 # vertices of a mesh whose commuting fields are computed: twenty seconds, and a gigabyte
 _LARGEST = 15_000
@@ -218,27 +219,33 @@ class FieldQuantities(Jobs):
         field, view = self.field(), self._session.view
         if field is None or self._session.solver.running:
             return None
-        size = _TEXELS_OF_PICTURES if self.at_once else _TEXELS
-        streaks = self._streaks.newest(field, convolved, field, size, view.fade, view.animate)
+        is_film = self._session.document.film is not None
+        # a film has many fields
+        size = _TEXELS_OF_PICTURES if self.at_once and not is_film else _TEXELS
+        # streaks of an earlier interval stay until the next ones are there
+        about = field.mesh if is_film else field
+        streaks = self._streaks.newest(about, convolved, field, size, view.fade, view.animate)
         if streaks is None:
             return None
         phase = 0.0 if len(streaks.images) == 1 else self._session.player.phase
         if not self.at_once:
             phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
-        return self._texture.newest(field, coloured, streaks, phase, values, colors)
+        return self._texture.newest(about, coloured, streaks, phase, values, colors)
 
     def lines(self) -> list[abfm.flow.FlowLine]:
         """Follow the points that were clicked on, against the flow for tau, and with it."""
         flow, field, points = self._flow.state, self.field(), self._session.document.lines
         if flow is None or field is None or not points:
             return []
-        mesh, tau = field.mesh, flow.parameters.tau
+        mesh = field.mesh
 
         def compute() -> list[abfm.flow.FlowLine]:
+            tau = flow.line_time
             starts, lines = surface_points(mesh, points), partial(abfm.flow.flow_lines, mesh)
             return [line for t in (-tau, tau) for line in lines(field.velocity, starts, t)]
 
-        return self._lines.ask((field, points, tau), compute) or []
+        about = mesh, points
+        return self._lines.newest(about, lambda *_: compute(), field, flow.parameters.tau) or []
 
     def paths(self) -> list[abfm.flow.FlowLine]:
         """The ways of the points that are followed, to the end of the time bar."""
@@ -252,7 +259,28 @@ class FieldQuantities(Jobs):
                 flow.mesh, fields, starts, flow.duration, flow.parameters.tau
             )
 
-        return self._paths.ask((flow, points), compute) or []
+        document = self._session.document
+        if (film := document.film) is None:
+            return self._paths.ask((flow, points), compute) or []
+        if (sequence := document.sequence) is None:
+            return []
+        lasting = film.frames.durations * len(sequence) / (document.end - document.start)
+
+        def through_all() -> list[abfm.flow.FlowLine]:
+            starts, whole = surface_points(flow.mesh, points), document.end - document.start
+            fields = sequence.velocity * lasting[:, None, None]  # each as long as the others
+            return abfm.flow.flow_lines(flow.mesh, fields, starts, whole, whole)
+
+        return self._paths.ask((sequence, points), through_all) or []
+
+    @property
+    def path_time(self) -> float:
+        """The shown time as `paths` count it: of a film all intervals are of one length there."""
+        document = self._session.document
+        if (film := document.film) is None:
+            return self._flow.time
+        even = np.linspace(0, document.end - document.start, len(film))
+        return float(np.interp(document.time, film.times, even))
 
     def starts(self, paths: Sequence[abfm.flow.FlowLine]) -> FloatArray:
         """Return where points that are followed start on the source's surface, (P, 3)."""
@@ -289,7 +317,7 @@ class MassTransport(Latest[FloatArray]):
         if source is None or target is None:
             return None
         problem = (session.surface().mesh, source, target)
-        share = min(session.time / session.parameters.tau, 1.0)
+        share = min(session.time / session.tau, 1.0)
         transport = partial(abfm.baselines.optimal_transport, sharpen=True)
         return self.newest(problem, transport, *problem, share)
 
@@ -300,6 +328,7 @@ class Shown:
         self.flow = ShownFlow(session)
         self.quantities = FieldQuantities(session, self.flow)
         self.landmarks = ShownLandmarks(session, self.flow)
+        self.tracks = ShownTracks(session)
         self.mass_transport = MassTransport(session)
 
     @property
@@ -316,10 +345,12 @@ class Shown:
             return "computing times"
         if self.quantities.finding:
             return "computing the field"
+        if self.tracks.busy:
+            return "following critical points"
         return "computing streaks" if self.quantities.convolving else ""
 
     def close(self) -> None:
-        for one in (self.quantities, self.landmarks, self.mass_transport, self.flow):
+        for one in (self.quantities, self.landmarks, self.tracks, self.mass_transport, self.flow):
             one.close()
 
 

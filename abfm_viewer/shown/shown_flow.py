@@ -17,7 +17,9 @@ from abfm.mesh import per_mesh
 from abfm.types import FloatArray, IntArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import CARRIED, EXTRAPOLATION
+from abfm_viewer.document.film import Film
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.in_between import InBetween
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -25,13 +27,14 @@ if TYPE_CHECKING:
 _TIMES, _TIMES_WHILE_SOLVING = 61, 17
 _LONGEST = 60_000_000  # numbers in a span, as float32
 _LARGEST = 1e37  # value that can be shown in single precision
+_FILM_LINE = 0.5  # of sqrt(area)
 _SETTLED = 0.15  # seconds without a new time after which it is worth computing exactly
 
 
 @dataclass(frozen=True, eq=False)
 class FlowState:
-    """A field (N, 4^k F, 3), of the mesh subdivided k times, or what reads it, which takes a while;
-    the same only if one object.
+    """A field (N, 4^k F, 3), of the mesh subdivided k times, or what reads it, which takes a while,
+    or one (F, 3) of a film's interval; the same only if one object.
     """
 
     mesh: TriangleMesh
@@ -41,11 +44,13 @@ class FlowState:
     problem: abfm.Problem | None = None  # that was solved, whose source is known on finer meshes
     fields: int = 1  # in a row, N, as far as they are still to be read
     initial: abfm.maps.PointMap | None = None  # of two surfaces: where B's points lie on A
+    reach: float = EXTRAPOLATION  # how long the time bar is, in units of tau
 
     @property
     def count(self) -> int:
         """How many fields there are in a row, N."""
-        return self.fields if callable(self.found) else len(self.found)
+        is_here = not callable(self.found) and self.found.ndim == 3
+        return len(self.found) if is_here and not callable(self.found) else self.fields
 
     @cached_property
     def flow(self) -> abfm.Flow:
@@ -56,7 +61,17 @@ class FlowState:
     @property
     def duration(self) -> float:
         """How long the time bar is."""
-        return EXTRAPOLATION * self.parameters.tau
+        return self.reach * self.parameters.tau
+
+    @property
+    def line_time(self) -> float:
+        """How long flow lines of the field are, one way: tau; of a film, whose steps are short,
+        half of sqrt(area) at the usual speed.
+        """
+        if self.reach == EXTRAPOLATION:
+            return self.parameters.tau
+        usual = float(np.sqrt(np.mean((self.velocity**2).sum(axis=-1))))
+        return _FILM_LINE * self.mesh.length_scale / usual if usual > 0 else self.parameters.tau
 
     @property
     def velocity(self) -> FloatArray:
@@ -131,7 +146,7 @@ def span(state: FlowState, function: FloatArray, carry: Carrying = pushed) -> Sp
         return Span(times, carry(state, function, times).astype(np.float32), note)
 
     try:
-        return until(EXTRAPOLATION * tau)
+        return until(state.duration)
     except AbfmError as error:
         return until(tau, f"not beyond τ: {error}")
 
@@ -214,6 +229,8 @@ class ShownFlow(Jobs):
         self._coordinates = Carried(self, FlowState.origins)
         self._destinations = Carried(self, FlowState.destinations)
         self._labels: Latest[IntArray] = self.latest()
+        self._between = InBetween(self)
+        self._next = Memo[FlowState]()
         self._state = Memo[FlowState]()
         self._column = Memo[FloatArray]()
         self._places = Memo[FloatArray]()
@@ -227,6 +244,8 @@ class ShownFlow(Jobs):
     def state(self) -> FlowState | None:
         """The flow, the same object for the same field; None before there is any."""
         snapshot, result = self._session.snapshot, self._session.result
+        if (film := self._session.document.film) is not None:
+            return self._of_interval(film, film.interval(self._session.document.time))
         if snapshot is not None:
             return self._of(snapshot.shown, snapshot.problem.parameters, final=False)
         return None if result is None else self._of(result, result.parameters, final=True)
@@ -242,11 +261,21 @@ class ShownFlow(Jobs):
         make = partial(FlowState, mesh, read, parameters, final, problem, count, first)
         return self._state.get((found, first), make)
 
+    def _of_interval(
+        self, film: Film, interval: int, memo: Memo[FlowState] | None = None
+    ) -> FlowState | None:
+        field = self._session.film_match.field(self._session.document, interval)
+        if field is None:
+            return None
+        mesh, tau = film.frames.mesh, float(film.frames.durations[interval])
+        make = partial(FlowState, mesh, field, Parameters(tau=tau), reach=1.0)
+        return (memo or self._state).get((field, tau), make)
+
     @property
     def time(self) -> float:
         """The shown time in the time of the flow (they differ after tau was changed)."""
         flow, time = self.state, self._session.time
-        return time if flow is None else time * flow.parameters.tau / self._session.parameters.tau
+        return time if flow is None else time * flow.parameters.tau / self._session.tau
 
     def advected(self) -> FloatArray | None:
         """The active channel's source at the shown time, (V,), on B where there are two surfaces;
@@ -254,6 +283,8 @@ class ShownFlow(Jobs):
         """
         session, flow = self._session, self.state
         self.is_behind = False
+        if session.document.film is not None:
+            return self._in_between(session.document.film, flow)
         source = session.compared("source")
         if source is None or flow is None:
             return source
@@ -271,6 +302,21 @@ class ShownFlow(Jobs):
         carried = self._source.at(flow, source, time, self.settled)
         self.is_behind = self._source.behind
         return source if carried is None else carried
+
+    def _in_between(self, film: Film, flow: FlowState | None) -> FloatArray:
+        """Return a film's function at the shown time, and compute the next interval in advance."""
+        session, columns, channel = self._session, film.columns, self._session.document.channel
+        interval, share = film.interval(session.document.time), min(session.time / session.tau, 1.0)
+        ends = columns[interval][channel], columns[interval + 1][channel]
+        found = self._between.at(flow, *ends, share)
+        self.is_behind = self._between.is_behind
+        after = interval + 1
+        if session.player.playing and not self.is_behind and after < film.intervals:
+            next_flow = self._of_interval(film, after, self._next)
+            if next_flow is not None:
+                ends = columns[after][channel], columns[after + 1][channel]
+                self._between.prepare(next_flow, *ends)
+        return found
 
     def on_finer_mesh(self, name: str) -> tuple[TriangleMesh, FloatArray] | None:
         """Return the source, the target or the advected function, (V,), on the finer mesh on which
@@ -346,6 +392,8 @@ class ShownFlow(Jobs):
     def is_ready(self) -> bool:
         """Return whether what the view carries along is known at all times of the flow."""
         session, state = self._session, self.state
+        if session.document.film is not None:
+            return True
         source, places = session.compared("source"), self._origins
         if state is None or source is None or places is None or not state.final:
             return True
@@ -368,4 +416,4 @@ class ShownFlow(Jobs):
     @property
     def problem(self) -> str:
         """Say why the shown time could not be computed exactly; nothing if it could."""
-        return self._source.problem or self._coordinates.problem
+        return self._source.problem or self._coordinates.problem or self._between.error

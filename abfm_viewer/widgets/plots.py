@@ -65,6 +65,27 @@ def set_up(
     implot.SetupAxisTicks(upright, np.array(ticks), [f"{100 * tick:g}%" for tick in ticks])
 
 
+def set_up_linear(title: str, ends: tuple[float, float], upright: str, values: FloatArray) -> None:
+    """Set up the axes: one with a title, and one from 0 on with another one."""
+    known = values[np.isfinite(values)]
+    high = float(known.max()) if len(known) and known.max() > 0 else 1.0
+    across, up = implot.ImAxis_X1, implot.ImAxis_Y1
+    implot.SetupAxis(across, title, implot.ImPlotAxisFlags_None)
+    implot.SetupAxisLimits(across, *map(float, ends), implot.ImPlotCond_Always)
+    implot.SetupAxis(up, upright, implot.ImPlotAxisFlags_None)
+    implot.SetupAxisLimits(up, 0.0, 1.1 * high, implot.ImPlotCond_Always)
+
+
+def span(start: float, end: float, color: Color) -> None:
+    """Fill a plot between two places across, from top to bottom."""
+    (_, top), (_, height) = implot.GetPlotPos(), implot.GetPlotSize()
+    left, right = (implot.PlotToPixels(place, 1.0)[0] for place in (start, end))
+    implot.PushPlotClipRect()
+    corners = (left, top), (right, top + height)
+    implot.GetPlotDrawList().AddRectFilled(*corners, imgui.GetColorU32(color))
+    implot.PopPlotClipRect()
+
+
 def _around(values: FloatArray) -> tuple[float, float]:
     """Return ends apart enough, with room for marks at the edges."""
     known = values[np.isfinite(values)]

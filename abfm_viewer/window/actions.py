@@ -34,7 +34,7 @@ _MOUSE = (
     ("Shift+click, Shift+drag", "on the source or target: move the active Gaussian"),
     ("Shift+wheel", "wider or narrower Gaussian"),
     ("drag a landmark", "move it along its surface"),
-    ("drop files", "open a mesh, a project or a result; two meshes as surfaces A and B"),
+    ("drop files", "open a mesh, a project or a result; two meshes as surfaces A and B; frames"),
 )
 _ARROWS = {name: f"{name}Arrow" for name in ("Left", "Right", "Up", "Down")}
 _KEYS = _ARROWS | {"Esc": "Escape"}
@@ -86,14 +86,16 @@ def axis_front(axis: str) -> Front:
 
 def what_would_be_lost(session: Session) -> str:
     """Say of each document what is in no file, for the question before closing."""
-    said, running = [], session.solver.running
+    said, running = [], session.running
     if running:
         name = session.document.name
         said.append(f"{name} is being matched; the best field so far is in no file.")
     for document in session.saves.unsaved_documents:
         if running and document.identity is session.document.identity:
             continue
-        if document.result is not None and session.saves.has_new_result(document):
+        if document.film is not None and document.sequence is not None:
+            said.append(f"The film {document.name} with its fields is in no file.")
+        elif document.result is not None and session.saves.has_new_result(document):
             found = headline(document.result)
             said.append(f"The match of {document.name} ({found}) is in no file.")
         else:
@@ -129,8 +131,8 @@ class Actions:
         self.undo = changes("undo", "Ctrl+Z", session.undo)
         self.redo = changes("redo", "Ctrl+Y or Ctrl+Shift+Z", session.redo)
         marks = partial(Action, "Landmarks")
-        what, place = "place landmarks by clicks, or stop that", session.editor.switch_placing
-        self.place_landmarks = marks(what, "M", place)
+        what = "place landmarks by clicks, or stop that"
+        self.place_landmarks = marks(what, "M", self._switch_placing)
         what, remove = "remove the chosen landmark", session.editor.remove_landmark
         self.remove_landmark = marks(what, "Delete or Backspace", remove)
         solver = partial(Action, "Solver")
@@ -143,8 +145,8 @@ class Actions:
         self.play = times("play or pause", "Space", session.player.toggle)
         self.back = times("a twentieth of τ back", "Left", lambda: step(-STEP), repeats=True)
         self.on = times("a twentieth of τ on", "Right", lambda: step(STEP), repeats=True)
-        self.go_to_start = times("to time 0", "Home", lambda: set_time(0.0))
-        self.go_to_end = times("to τ", "End", lambda: set_time(session.parameters.tau))
+        self.go_to_start = times("to time 0", "Home", lambda: set_time(session.document.start))
+        self.go_to_end = times("to τ", "End", self._to_end)
         views, switch = partial(Action, "View"), self._switch
         self.switch_theme = views("light or dark", "L", self._switch_theme)
         show = self._dialogs.show
@@ -228,14 +230,15 @@ class Actions:
         self._files.stop_waiting()
         if self._files.saving:
             self._files.when_saved(self._quit)
-        elif not (self._session.saves.unsaved_documents or self._session.solver.running):
+        elif not (self._session.saves.unsaved_documents or self._session.running):
             self._close()
         elif not self._dialogs.is_asking(_QUIT):
             answers = {"Save": self._save_and_close, "Don't save": self._close, "Go back": None}
             self._dialogs.ask(_QUIT, what_would_be_lost(self._session), answers)
 
     def _save_and_close(self) -> None:
-        if self._session.solver.running and self._session.solver.snapshot is not None:
+        is_at_work = self._session.solver.running and self._session.solver.snapshot is not None
+        if is_at_work or self._session.film_match.running:
             self._files.end_run("saving and closing", self._save_and_close)
         else:  # a run without a field so far has nothing to save
             self._session.solver.cancel()
@@ -288,7 +291,8 @@ class Actions:
     # Solver, time and view
 
     def _pause(self) -> None:
-        solver = self._session.solver
+        session = self._session
+        solver = session.film_match if session.film_match.running else session.solver
         solver.resume() if solver.paused else solver.pause()
 
     def _escape(self) -> None:
@@ -298,14 +302,29 @@ class Actions:
         elif view.large in view.shown_surfaces and len(view.shown_surfaces) > 1:
             self._session.editor.amend(view=replace(view, large=""))
         else:
-            self._session.solver.cancel()
+            self._session.cancel()
 
     def _along(self, count: int) -> None:
         if not self._session.solver.running:
             self._session.steps.show(self._session.steps.shown + count)
 
     def _step(self, share: float) -> None:
-        self._session.set_time(self._session.time + share * self._session.parameters.tau)
+        document = self._session.document
+        if document.film is not None:
+            self._session.set_time(document.film.next_frame(document.time, 1 if share > 0 else -1))
+            return
+        self._session.set_time(document.time + share * document.parameters.tau)
+
+    def _switch_placing(self) -> None:
+        if self._session.document.film is not None:
+            self._session.notices.say("landmarks are for a match of two functions, not for a film")
+        else:
+            self._session.editor.switch_placing()
+
+    def _to_end(self) -> None:
+        session = self._session
+        is_film = session.document.film is not None
+        session.set_time(session.document.end if is_film else session.parameters.tau)
 
     def _switch(self, name: str, what: str) -> None:
         shown = getattr(self._session.view, name)

@@ -83,6 +83,9 @@ def _second_surface(ui: Ui, actions: Actions) -> None:
     if menu_item(ui, "Open second surface..."):
         context.open_second()
     ui.tip("Surface B, to which the first one is registered: a flow on B moves A's functions.")
+    if menu_item(ui, "Open frames..."):
+        context.open_frames()
+    ui.tip("A function on the mesh that is open, at several times: all frames are matched.")
     is_pair = context.session.document.is_pair
     if menu_item(ui, "Close second surface", enabled=is_pair):
         context.files.close_second()

@@ -17,12 +17,22 @@ from abfm.assets import asset_path
 from abfm.parameters import FIGURES, TITLES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.samples import CORTEX, MESHES, PAIRS, PICTURES, part, vertices
+from abfm_viewer.appearance.samples import (
+    CORTEX,
+    FILMS,
+    MESHES,
+    PAIRS,
+    PICTURES,
+    WAVE,
+    part,
+    vertices,
+)
 from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.window.wave import wave_document
 
 _WIDTH, _HEIGHT = 420, 50
 _FEWEST, _MOST = 2, 4  # columns
@@ -78,8 +88,7 @@ def pair_document(name: str, view: View) -> tuple[Document, dict[str, FloatArray
         return cortex_document(view)
     a, b = name.split(" to ")
     surfaces = (Surface(load_mesh(asset_path(one)), one) for one in (a, b))
-    seen = View(**{name: getattr(view, name) for name in _KEPT})
-    return Document(tuple(surfaces), (_ON_THE_HUMANS,), view=seen), {}
+    return Document(tuple(surfaces), (_ON_THE_HUMANS,), view=_seen(view)), {}
 
 
 def cortex_document(view: View) -> tuple[Document, dict[str, FloatArray]]:
@@ -95,9 +104,12 @@ def cortex_document(view: View) -> tuple[Document, dict[str, FloatArray]]:
         mesh = load_mesh(folder / f"sphere_{side}.gii.gz")
         surfaces.append(Surface(mesh, f"{side} cortex"))
         specs.append(str(abfm.functions.ValuesFile(path=str(folder / f"sulc_{side}.gii.gz"))))
-    seen = View(**{name: getattr(view, name) for name in _KEPT})
     depth = Channel(specs[0], specs[1])
-    return Document(tuple(surfaces), (depth,), initial="sphere:mirror", view=seen), {}
+    return Document(tuple(surfaces), (depth,), initial="sphere:mirror", view=_seen(view)), {}
+
+
+def _seen(view: View) -> View:
+    return View(**{name: getattr(view, name) for name in _KEPT})
 
 
 class SampleTextures:
@@ -124,7 +136,7 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
     display = imgui.GetIO().DisplaySize
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
     figures = {f"Figure {n}": capital(TITLES[n]) for n in FIGURES}
-    parts = {"Meshes": MESHES | PAIRS, "Figures of the paper": figures}
+    parts = {"Meshes": MESHES | PAIRS | FILMS, "Figures of the paper": figures}
     room = _SHARE * display[1] - len(parts) * (line + spacing[1])  # below their headings
     columns, height = _FEWEST - 1, 0.0
     while height < line and columns < _MOST:
@@ -141,6 +153,8 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
                 continue
             if name in MESHES:
                 files.open(asset_path(name))
+            elif name == WAVE:
+                files.open_made(name.lower(), lambda view: (wave_document(_seen(view)), {}))
             elif name in PAIRS:
                 files.open_made(name, partial(pair_document, name))
             else:

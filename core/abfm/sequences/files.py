@@ -16,6 +16,7 @@ from abfm.reading import from_json
 from abfm.sequences.frames import Frames
 
 if TYPE_CHECKING:
+    from abfm.mesh import TriangleMesh
     from abfm.sequences.sequence import Sequence
 
 
@@ -53,12 +54,15 @@ def load_sequence(path: str | os.PathLike[str]) -> Sequence:
     """Read a file of `Sequence.save`; ResultError if it is missing, damaged, or none."""
     arrays = results.load_arrays(path, results.SEQUENCE)
     try:
-        return _sequence_of(arrays)
+        return sequence_of(arrays)
     except Exception as error:  # what stands in for a text, a number or a list may do anything
         raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
 
 
-def _sequence_of(arrays: results.Arrays) -> Sequence:
+def sequence_of(arrays: results.Arrays, mesh: TriangleMesh | None = None) -> Sequence:
+    """Return the sequence of `sequence_arrays`, on their mesh, or the same one that is there;
+    ValueError if they do not fit.
+    """
     from abfm.sequences.sequence import Sequence
 
     if not (np.diff(arrays["times"]) > 0).all():
@@ -67,7 +71,7 @@ def _sequence_of(arrays: results.Arrays) -> Sequence:
         raise ValueError(
             f"{len(arrays['velocity'])} fields for {len(arrays['times'])} frames; expected one less"
         )
-    mesh = results.mesh_of(arrays)
+    mesh = mesh or results.mesh_of(arrays)
     frames = Frames(
         mesh,
         arrays["frames"],

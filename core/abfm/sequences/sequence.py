@@ -270,6 +270,7 @@ def sequence(
     mask: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     on_interval: Callable[[int], object] | None = None,
+    on_field: Callable[[int, FloatArray], object] | None = None,
     control: Control | None = None,
 ) -> Sequence:
     """Find the fields that carry each frame of a function to the next.
@@ -299,6 +300,8 @@ def sequence(
         Weight of each channel.
     on_interval : callable, optional
         Called with the number of each interval when it is first solved, in this thread.
+    on_field : callable, optional
+        Called then with the number and the field (F, 3), in the mesh's unit per unit of time.
     control : Control, optional
         To pause or cancel from elsewhere: the fields that were found stay, the others are 0.
 
@@ -328,8 +331,15 @@ def sequence(
             solver = Solver(film, given, float(gamma))
         except CancelledError:
             raise ParameterError("the sequence was cancelled before it began") from None
+
+        def tell(i: int) -> None:
+            if on_interval is not None:
+                on_interval(i)
+            if on_field is not None:
+                on_field(i, to_ambient(film.mesh, solver.fields[i]) * film.mesh.length_scale)
+
         try:
-            solver.run(on_interval or (lambda i: None))
+            solver.run(tell)
         except CancelledError:
             control = Control()  # what was found is told though it was cancelled
     with controlled(control):

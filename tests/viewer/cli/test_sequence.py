@@ -116,7 +116,6 @@ def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
     assert min(red.sum(), blue.sum()) > 5000  # of the function's colours
     assert (np.abs(one - other).max(axis=2) > 20).sum() > 2000  # it has turned
     for words, told in (
-        ("a.mp4", "it is a sequence: write a page (.html), which plays it, or a picture (.png)"),
         ("a.png --time 3", "expected a time from -0.1 to 0.1"),
         ("a.png --channel 1", "there are channels 0 to 0"),
         ("a.png --streaks", "--streaks is for pictures of matches"),

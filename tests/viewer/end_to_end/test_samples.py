@@ -11,7 +11,7 @@ from abfm import load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.experiments import Stage, as_match, script
 from abfm.parameters import FIGURES
-from abfm_viewer.appearance.samples import CORTEX, MESHES, PAIR, PICTURES, SIDE, vertices
+from abfm_viewer.appearance.samples import CORTEX, MESHES, PAIR, PICTURES, SIDE, WAVE, vertices
 from abfm_viewer.automation import Driver
 from abfm_viewer.scene.scene import Scene
 from tests.shapes import icosphere
@@ -120,7 +120,7 @@ def opened_menu(gui):
 
 def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(samples):
     assert sorted(MESHES) == sorted(name for name in asset_names() if name.endswith(".off"))
-    names = [*MESHES, *(f"Figure {figure}" for figure in FIGURES), CORTEX]
+    names = [*MESHES, *(f"Figure {figure}" for figure in FIGURES), CORTEX, WAVE]
     assert list(vertices()) == names
     image = np.asarray(Image.open(PICTURES).convert("RGBA"))
     rows, columns = image.shape[0] // SIDE, image.shape[1] // SIDE
@@ -129,8 +129,8 @@ def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(samples):
         assert 0.02 < (tile[..., 3] > 128).mean() < 0.95  # a surface with nothing around it
         assert tile[tile[..., 3] > 128, :3].std() > 5
     assert PICTURES.stat().st_size < 100_000
-    figures = names[len(MESHES) : -1]
-    assert [w.label for w in opened_menu(samples)] == [*MESHES, PAIR, CORTEX, *figures]
+    figures = names[len(MESHES) : -2]
+    assert [w.label for w in opened_menu(samples)] == [*MESHES, PAIR, CORTEX, WAVE, *figures]
     samples.key("esc")
 
 

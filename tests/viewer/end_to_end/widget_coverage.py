@@ -12,7 +12,7 @@ FOLDER = Path(__file__).parent
 _OPENING = (
     *("Open a mesh", "Open a second surface", "Open a project or a result", "Open values"),
     *("Open a vertex map", "Open the sphere of", "Open a map from", "Open landmarks"),
-    "Open labels",
+    *("Open labels", "Open frames"),
 )
 DYNAMIC = ("File/Recent", *_OPENING)
 _SAVING = ("Save a ", "Save the ", "Save landmarks", "Save carried", "Export the ")

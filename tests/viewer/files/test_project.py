@@ -396,7 +396,7 @@ def test_arrays_that_do_not_fit_are_named(saved, name, array, words):
 @pytest.mark.parametrize(
     ("part", "name", "value", "words"),
     [
-        ("", "format_version", 4, "upgrade abfm"),
+        ("", "format_version", 5, "upgrade abfm"),
         ("", "format_version", 0, "format_version is 0"),
         ("", "format_version", "one", "format_version is 'one'"),
         ("", "format_version", None, "format_version is None"),

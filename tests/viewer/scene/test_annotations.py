@@ -12,7 +12,7 @@ from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import palette
 from abfm_viewer.scene import annotations
-from abfm_viewer.scene.annotations import Line, Pen, Strip, Text, bar_parts, bar_room, ticks
+from abfm_viewer.scene.annotations import Disc, Line, Pen, Strip, Text, bar_parts, bar_room, ticks
 from abfm_viewer.shown.paint import Paint
 
 NAMES = ("source", "advected", "linear blend", "error", "target")
@@ -41,6 +41,7 @@ def scene(right, columns=5):
         view_of=lambda _: view,
         links=list,
         landmarks=list,
+        legend=lambda: ("spiral", "saddle"),
         paints={
             name: Paint("vertex values", np.zeros(1), name, colors, bar)
             for name, (bar, colors) in bars.items()
@@ -51,6 +52,9 @@ def scene(right, columns=5):
 def rect_of(one, line=16):
     if isinstance(one, Strip):
         return one.rect
+    if isinstance(one, Disc):
+        (x, y), radius = one.center, one.radius
+        return x - radius, y - radius, x + radius, y + radius
     return (one.left, one.top, one.left + width(one.text), one.top + line)
 
 
@@ -66,7 +70,9 @@ def strips(parts):
 @pytest.mark.parametrize("columns", [1, 3, 5])
 def test_nothing_lies_over_something_else_or_beyond_the_edge(right, columns):
     found = annotations.laid_out(scene(right, columns=columns), (0, 0, right, 600), PEN)
-    rects = [rect_of(one) for one in found if isinstance(one, Strip) or one.text]
+    discs = [one for one in found if isinstance(one, Disc)]
+    assert len(discs) == (2 if right == 1000 else 0)
+    rects = [rect_of(one) for one in found if not isinstance(one, Text) or one.text]
     for a, b in combinations(rects, 2):
         across, down = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
         assert min(across, down) <= 0

@@ -1,0 +1,103 @@
+"""A film: a function on a surface that changes in time, as frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from abfm.types import FloatArray
+
+if TYPE_CHECKING:
+    from abfm import Sequence
+    from abfm.sequences.frames import Frames
+
+
+@dataclass(frozen=True)
+class FilmSettings:
+    """What all intervals are matched with; a sigma of None is chosen."""
+
+    alpha: float = 1.0
+    sigma: float | None = None
+    gamma: float = 1.0  # how much neighbouring fields are held together
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """Frames, numbered from 0, the name of their file, and the unit of their times; that is empty
+    where it is not known.
+    """
+
+    name: str
+    frames: Frames
+    unit: str = ""
+
+    def __len__(self) -> int:
+        """Return how many frames there are."""
+        return len(self.frames.values)
+
+    @property
+    def times(self) -> FloatArray:
+        return self.frames.times
+
+    @property
+    def channels(self) -> int:
+        return int(self.frames.values.shape[2])
+
+    @cached_property
+    def columns(self) -> tuple[tuple[FloatArray, ...], ...]:
+        """Functions (V,) by frame and channel, always the same arrays."""
+        return tuple(
+            tuple(np.ascontiguousarray(frame[:, channel]) for channel in range(self.channels))
+            for frame in self.frames.values
+        )
+
+    @property
+    def intervals(self) -> int:
+        return len(self) - 1
+
+    @cached_property
+    def middles(self) -> FloatArray:
+        """The middle of each interval, (T - 1,)."""
+        return 0.5 * (self.times[1:] + self.times[:-1])
+
+    def interval(self, time: float) -> int:
+        """Return the interval of a time: at a frame the one after it, if there is one."""
+        after = int(np.searchsorted(self.times, time, side="right"))
+        return min(max(after - 1, 0), self.intervals - 1)
+
+    def next_frame(self, time: float, step: int) -> float:
+        """Return the time of the next frame after a time, or before it."""
+        near = 1e-9 * float(self.times[-1] - self.times[0])
+        if step > 0:
+            number = int(np.searchsorted(self.times, time + near, side="right"))
+        else:
+            number = int(np.searchsorted(self.times, time - near, side="left")) - 1
+        return float(self.times[min(max(number, 0), len(self) - 1)])
+
+    def told(self, time: float) -> str:
+        """Return a time in words."""
+        return f"{time:.4g} {self.unit}".strip()
+
+    def precisely(self, time: float) -> str:
+        """Return a time to a hundredth of a frame, always as long."""
+        step = float(np.median(np.diff(self.times)))
+        digits = max(0, 2 - math.floor(math.log10(step) + 1e-9))
+        text = f"{time:.{min(digits, 9)}f}"
+        return f"{text} {self.unit}" if self.unit else f"frame {text}"
+
+    def frame(self, number: int) -> str:
+        """Return a frame's number, and its time where that is another one."""
+        time = float(self.times[number])
+        is_number = not self.unit and time == number
+        return f"frame {number}" if is_number else f"frame {number}, {self.told(time)}"
+
+
+def is_of(sequence: Sequence, film: Film, settings: FilmSettings) -> bool:
+    """Return whether a sequence was found for these frames with these settings."""
+    given = sequence.parameters
+    found = FilmSettings(given.alpha, given.sigma, sequence.gamma)
+    return sequence.frames is film.frames.values and found == settings

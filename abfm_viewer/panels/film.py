@@ -1,0 +1,122 @@
+"""A film's frames, two of them as a match of their own, and what all are matched with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from abfm.errors import ParameterError
+from abfm.parameters import LAST
+from abfm_viewer.document.document import Document
+from abfm_viewer.document.film import Film
+from abfm_viewer.panels.context import Context
+from abfm_viewer.widgets.toolkit import AUTO, Auto, Ui, finite
+from abfm_viewer.widgets.widget_record import Range
+
+_OPEN = "Choose frames for the mesh that is open. They can also be dropped on the window."
+_STEP = "Seconds from each frame to the next, as far as they are even."
+_PAIR = "Of a match of its own; at first those around the time that is shown."
+_MATCH = "Open a match of these two frames as it would be of any two functions; Undo comes back."
+_GAMMA = (
+    "How much the fields of neighbouring intervals are held together. More if they flicker, 0 for "
+    "each interval by itself. Default: 1."
+)
+_ALPHA = "Smaller if motion is missed, larger if the fields are rough. Default: 1."
+_SIGMA = "How closely each frame is met, in standard deviations of the frames."
+_AUTO = Auto(LAST, "Chosen by what is held out on a few intervals.")
+
+
+def draw_frames(context: Context) -> None:
+    """Draw what the film is, its channels and its times."""
+    ui, session, document = context.ui, context.session, context.session.document
+    if (film := document.film) is None:
+        return
+    if ui.button("Open mesh...", "Choose a mesh file. It can also be dropped on the window."):
+        context.open_mesh()
+    ui.beside_if_fits("Open frames...", is_button=True)
+    if ui.button("Open frames...", _OPEN):
+        context.open_frames()
+    ui.line(document.name, "ink")
+    mesh = document.surface().mesh
+    ui.line(f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces")
+    for message in mesh.messages:
+        ui.note(message)
+    ui.heading("frames")
+    ends = f"{film.told(document.start)} to {film.told(document.end)}"
+    ui.line(f"{len(film)} frames, {ends}", "ink")
+    if film.channels > 1:
+        words = [str(number) for number in range(film.channels)]
+        tip = "The one that is shown; all of them are matched by the same fields."
+        chosen = ui.combo("channel", words[document.channel], words, tip)
+        session.editor.select(channel=words.index(chosen))
+    if film.frames.mask is not None:
+        unknown = int(np.count_nonzero(film.frames.mask == 0))
+        ui.note(f"Vertices without values, which are not compared: {unknown:,}.")
+    _draw_step(ui, context, film)
+
+
+def _draw_step(ui: Ui, context: Context, film: Film) -> None:
+    steps = film.frames.durations
+    is_even = bool(np.allclose(steps, steps[0], rtol=1e-6))
+    shown = f"{steps[0]:.6g}" if is_even else "uneven"
+    typed = ui.text("frame step", shown, _STEP)
+    if typed is not None:
+        with ui.refusals.refusing("frame step"):
+            if (step := finite(typed)) is None or not step > 0:
+                raise ParameterError(f"{typed} is no time; expected seconds above 0, such as 0.04")
+            times = step * np.arange(float(len(film)))
+            changed = Film(film.name, replace(film.frames, times=times), "s")
+            time = float(np.interp(context.session.document.time, film.times, times))
+            change = context.session.editor.change
+            change("change the frame step", film=changed, sequence=None, time=time)
+    ui.refusal("frame step")
+
+
+def draw_pair(context: Context) -> None:
+    """Draw which two frames are matched by themselves, and the button."""
+    ui, session, document = context.ui, context.session, context.session.document
+    if (film := document.film) is None:
+        return
+    ui.heading("two frames")
+    now = film.interval(document.time)
+    first, last = session.film_match.pair or (now, now + 1)
+    ends, limits = Range(0, len(film) - 1, whole=True), (0, len(film) - 1)
+    begin, end = (
+        round(ui.bounded(label, frame, ends, _PAIR, limits))
+        for label, frame in (("from frame", first), ("to frame", last))
+    )
+    if (begin, end) != (first, last):
+        session.film_match.pair = begin, end
+    if ui.button("Match these two frames", _MATCH, enabled=begin != end, width=-1):
+        session.film_match.pair = None
+        context.files.match_frames(begin, end)
+
+
+def draw_settings(context: Context) -> None:
+    """Draw what all intervals are matched with."""
+    ui, document, editor = context.ui, context.session.document, context.session.editor
+    settings = document.settings
+    for label, name, ends, tip in (
+        ("smoothness α##alpha", "alpha", Range(1e-4, 1e4, log=True), _ALPHA),
+        ("closeness σ##sigma", "sigma", Range(1e-3, 20, log=True), _SIGMA),
+        ("in time γ##gamma", "gamma", Range(0, 100, log=True), _GAMMA),
+    ):
+        value = getattr(settings, name)
+        if name == "sigma":
+            new = ui.number_or_auto(label, value, ends, tip, _AUTO)
+        else:
+            new = ui.number(label, value, ends, tip)
+        if new is not None and new != (AUTO if value is None else value):
+            with ui.refusals.refusing(name, label.partition("##")[0]):
+                given = {name: None if new == AUTO else new}
+                editor.set_film(name, f"change {label.partition('##')[0]}", **given)
+        ui.refusal(name)
+    if chosen := _sigma(document):
+        ui.line(chosen)
+
+
+def _sigma(document: Document) -> str:
+    if document.sequence is None or document.settings.sigma is not None:
+        return ""
+    return f"σ was chosen: {document.sequence.sigma:.3g}"

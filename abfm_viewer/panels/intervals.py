@@ -1,0 +1,162 @@
+"""What is left of each interval of a film, by both witnesses, or how fast its field is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polyscope.imgui as imgui
+import polyscope.implot as implot
+
+import abfm
+from abfm.types import FloatArray
+from abfm_viewer.document.film import Film
+from abfm_viewer.document.verdict_words import share
+from abfm_viewer.panels.context import Context
+from abfm_viewer.session.film_match import is_unsolved
+from abfm_viewer.widgets import plots
+
+if TYPE_CHECKING:
+    from abfm import Sequence
+
+_NONE = (
+    "Appears here while all frames are matched: how fast each interval's field is; then what it "
+    "leaves by the discrete flow and by flow lines."
+)
+_VIEWS = {
+    "what is left": "Of each interval: by the discrete flow, and by flow lines.",
+    "speed": "Root mean square of the speed over the surface, in lengths per time; shaded where it "
+    "is slow (stable) or fast (transient).",
+}
+_SIZE, _MOST_DOTS = 2.6, 60
+
+
+def draw(context: Context) -> None:
+    """Draw the plot; a click on it goes to that interval."""
+    ui, session, document = context.ui, context.session, context.session.document
+    if (film := document.film) is None:
+        return
+    sequence = document.sequence
+    is_live = session.film_match.found(document) > 0
+    if sequence is None and not is_live:
+        ui.note(_NONE)
+        return
+    views = [*_VIEWS]
+    shows_speed = document.view.speeds or sequence is None or is_live
+    with ui.disabled(sequence is None or is_live):
+        chosen = ui.radio(views, views[shows_speed], [*_VIEWS.values()])
+    if chosen != views[shows_speed]:
+        session.editor.set_view(f"plot {chosen}", speeds=chosen == "speed")
+    if sequence is None or is_live or shows_speed:
+        _speeds(context, film)
+    else:
+        _left(context, film, sequence)
+
+
+def confirmed(sequence: Sequence) -> str:
+    """Return how many intervals flow lines confirm, and how many were not solved."""
+    missing = sum(map(is_unsolved, sequence.verdicts))
+    text = f"Flow lines confirm {sequence.confirmed} of {len(sequence)} intervals"
+    return f"{text}; {missing} not solved" if missing else text
+
+
+def doubtful(sequence: Sequence) -> FloatArray:
+    """Return which intervals were solved and are not confirmed, (T - 1,) of bool."""
+    return np.array(
+        [
+            one.kind not in abfm.sequences.CONFIRMED and not is_unsolved(one)
+            for one in sequence.verdicts
+        ]
+    )
+
+
+def _speeds(context: Context, film: Film) -> None:
+    ui, document = context.ui, context.session.document
+    speeds = context.session.film_match.speeds(document)
+    episodes = context.shown.tracks.episodes()
+    colors = {"stable": (*ui.colors.flow[:3], 0.18), "transient": (*ui.colors.marker[:3], 0.18)}
+    plots.legend(ui, {"speed": ui.colors.flow} | (colors if episodes else {}))
+    with plots.plot(ui, "interval plot") as is_drawn:
+        if not is_drawn:
+            return
+        plots.set_up_linear(_across(film), (document.start, document.end), "speed", speeds)
+        for episode in episodes:
+            plots.span(episode.start, episode.end, colors[episode.kind])
+        _present(context, film)
+        plots.line("##speed", speeds, ui.colors.flow, ui.px(2), film.middles)
+        if len(film) <= _MOST_DOTS:
+            ink = ui.colors.flow
+            plots.dots("##speeds", (film.middles, speeds), ui.px(_SIZE), (ink, ink))
+        _clicks(context, film, speeds)
+
+
+def _left(context: Context, film: Film, sequence: Sequence) -> None:
+    ui, document = context.ui, context.session.document
+    unsolved = np.array([is_unsolved(one) for one in sequence.verdicts])
+    by_flow = np.where(unsolved, np.nan, sequence.mismatch)
+    by_lines = np.where(unsolved, np.nan, sequence.verified_mismatch)
+    doubts = doubtful(sequence)
+    legend = {"mismatch": ui.colors.flow, "by flow lines": ui.colors.lines}
+    plots.legend(ui, legend | ({"not confirmed": ui.colors.failure} if doubts.any() else {}))
+    with plots.plot(ui, "interval plot") as is_drawn:
+        if not is_drawn:
+            return
+        plots.set_up(_across(film), (document.start, document.end), (by_flow, by_lines))
+        _present(context, film)
+        for name, left, ink in (
+            ("by flow lines", by_lines, ui.colors.lines),
+            ("mismatch", by_flow, ui.colors.flow),
+        ):
+            plots.line(f"##{name}", left, ink, ui.px(1.8), film.middles)
+            if len(film) <= _MOST_DOTS:
+                plots.dots(f"##dots {name}", (film.middles, left), ui.px(_SIZE), (ink, ink))
+        if doubts.any():
+            failure, worse = ui.colors.failure, np.fmax(by_flow, by_lines)
+            at = film.middles[doubts], worse[doubts]
+            plots.dots("##doubts", at, ui.px(1.7 * _SIZE), (failure, failure))
+        _clicks(context, film, by_flow)
+
+
+def _across(film: Film) -> str:
+    return f"time, {film.unit}" if film.unit else "frame"
+
+
+def _present(context: Context, film: Film) -> None:
+    """Shade the present interval, and draw the shown time."""
+    ui, time = context.ui, context.session.document.time
+    now = film.interval(time)
+    ends = float(film.times[now]), float(film.times[now + 1])
+    plots.span(*ends, (*ui.colors.accent[:3], 0.2))
+    plots.uprights("##time", [time], ui.colors.accent, ui.px(1.5))
+
+
+def _clicks(context: Context, film: Film, values: FloatArray) -> None:
+    """Let a click go to an interval; scripts find them by their numbers."""
+    ui, session = context.ui, context.session
+    known = values[np.isfinite(values)]
+    level = float(np.median(known)) if len(known) else 1.0
+    for number, middle in enumerate(film.middles.tolist()):
+        x, y = implot.PlotToPixels(middle, level)
+        if np.isfinite(x + y):
+            ui.record.add(f"interval {number}", "mark", (x, y, x, y), True)
+    if not plots.is_under_mouse():
+        return
+    at = film.interval(float(implot.GetPlotMousePos()[0]))
+    plots.tell(ui, _words(context, film, at))
+    if imgui.IsMouseClicked(0) and ui.record.enabled:
+        session.set_time(float(film.middles[at]))
+
+
+def _words(context: Context, film: Film, at: int) -> str:
+    """Return what an interval is and has come to."""
+    session = context.session
+    lines = [f"{film.frame(at)} to {film.frame(at + 1)}"]
+    speed = session.film_match.speeds(session.document)[at]
+    sequence = session.document.sequence
+    if np.isfinite(speed):
+        lines.append(f"speed {speed:.3g} in lengths per {'second' if film.unit else 'frame'}")
+    if sequence is not None and not is_unsolved(sequence.verdicts[at]):
+        left, by_lines = float(sequence.mismatch[at]), float(sequence.verified_mismatch[at])
+        told = f", by flow lines {share(by_lines)}" if np.isfinite(by_lines) else ""
+        lines += [f"what is left: {share(left)}{told}", sequence.verdicts[at].kind]
+    return "\n".join(lines)

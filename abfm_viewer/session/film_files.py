@@ -1,0 +1,85 @@
+"""Films from files: frames on a mesh, sequences, and two frames as a match of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import abfm
+from abfm import TriangleMesh
+from abfm.types import FloatArray
+from abfm_viewer.document.document import Channel, Document, Surface, View
+from abfm_viewer.document.film import Film, FilmSettings
+
+if TYPE_CHECKING:
+    from abfm.sequences.frames import Frames
+
+FRAMES = (
+    *(".npy", ".npz", ".csv", ".txt", ".gii", ".gii.gz", ".mgh", ".mgz", ".stc"),
+    *(".pvd", ".series", ".vtu", ".vtp"),
+)
+"""Suffixes of files that may hold frames; those of `ALONE` hold nothing else that is opened."""
+ALONE = (".npy", ".stc", ".pvd", ".series", ".vtu", ".vtp", ".func.gii", ".func.gii.gz")
+
+
+def read_film(path: Path, mesh: TriangleMesh) -> tuple[Film, tuple[str, ...]]:
+    """Read frames on a mesh, and what a user should know of them; FunctionError if there are none
+    for it.
+    """
+    from abfm.sequences.frames import checked  # with all that it loads
+
+    found = abfm.sequences.read_frames(path, mesh)
+    frames = checked(mesh, found.values, found.times, None, None)
+    return film_of(path.name, frames), found.notes
+
+
+def film_of(name: str, frames: Frames) -> Film:
+    """Return a film, with seconds as its unit unless its times are numbers of frames."""
+    numbers = np.arange(len(frames.times))
+    return Film(name, frames, "" if np.array_equal(frames.times, numbers) else "s")
+
+
+def document_of_film(film: Film, surface: Surface, view: View) -> Document:
+    return Document((surface,), film=film, time=float(film.times[0]), view=view)
+
+
+def document_of_sequence(sequence: abfm.Sequence, path: Path) -> Document:
+    """Return a document that shows a sequence from its beginning, with tracks."""
+    given = sequence.parameters
+    return Document(
+        (Surface(sequence.mesh, path.name),),
+        film=film_of(path.name, sequence._frames),
+        settings=FilmSettings(given.alpha, given.sigma, sequence.gamma),
+        sequence=sequence,
+        time=float(sequence.times[0]),
+        view=View(tracks=True),
+    )
+
+
+def document_of_pair(
+    document: Document, first: int, last: int
+) -> tuple[Document, dict[str, FloatArray]]:
+    """Return a document in which one frame of a film is matched with another one, and the values of
+    its functions.
+    """
+    film = document.film
+    assert film is not None
+    known: dict[str, FloatArray] = {}
+
+    def spec(name: str, values: FloatArray) -> str:
+        text = str(abfm.functions.ValuesFile(path=film.name, column=name))
+        known[text] = values
+        return text
+
+    channels = []
+    for number, weight in enumerate(film.frames.weights.tolist()):
+        of = f", channel {number}" if film.channels > 1 else ""
+        source, target = (spec(f"frame {k}{of}", film.columns[k][number]) for k in (first, last))
+        channels.append(Channel(source, target, weight))
+    mask = "" if film.frames.mask is None else spec("mask", film.frames.mask)
+    made = Document(
+        document.surfaces, tuple(channels), mask=mask, channel=document.channel, view=document.view
+    )
+    return made, known

@@ -1,0 +1,173 @@
+"""A film's match: all its intervals, in a process, and the fields that are known by now."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, wait
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import abfm
+from abfm.numerics.factoring_apart import factoring_apart
+from abfm.types import FloatArray
+from abfm.workers.control import Control, controlled
+from abfm.workers.progress import Step, telling
+from abfm.workers.worker import Worker, report, stateless
+from abfm_viewer.computing.background import THREADS, Memo, error_line
+from abfm_viewer.document.document import Document
+from abfm_viewer.document.film import FilmSettings
+
+if TYPE_CHECKING:
+    from abfm import Sequence
+    from abfm.sequences.frames import Frames
+
+_ENDED = "the process that matches has ended; match again"
+
+
+class FilmMatch:
+    """At most one run; its fields are there as soon as they are found, its result at its end."""
+
+    def __init__(self) -> None:
+        self.step: Step | None = None  # what it does, read at any time
+        self.pair: tuple[int, int] | None = None  # frames to match by themselves, if chosen
+        self._began: Document | None = None  # what the run is of
+        self._fields: dict[int, FloatArray] = {}  # of the run, by interval
+        self._control = Control()
+        self._work: Future[Sequence] | None = None
+        self._worker = Worker(stateless, _ENDED)
+        self._speeds = Memo[FloatArray]()
+        self._of_result = Memo[tuple[FloatArray | None, ...]]()
+
+    @property
+    def running(self) -> bool:
+        return self._work is not None
+
+    @property
+    def paused(self) -> bool:
+        return self.running and self._control.paused
+
+    def start(self, document: Document) -> None:
+        """Match all frames of a document's film, unless a run goes on."""
+        if self.running or document.film is None:
+            return
+        self._began, self._fields, self._control = document, {}, Control()
+        self.step = Step("starting the solver")
+        of = document.film.frames, document.settings
+        self._work = THREADS.submit(self._solve, *of, self._fields, self._control)
+
+    def pause(self) -> None:
+        self._control.pause()
+
+    def resume(self) -> None:
+        self._control.resume()
+
+    def cancel(self) -> None:
+        """Ask for what was found so far; returns at once."""
+        if self.running:
+            self._control.cancel()
+
+    def found(self, document: Document) -> int:
+        """Return how many fields a run of the document has found."""
+        return len(self._fields) if self._is_of(document) else 0
+
+    def words(self, document: Document) -> str:
+        """Return in a line what a run does."""
+        doing = "paused" if self.paused else self.step.words() if self.step else "matching"
+        if not self._is_of(document) or document.film is None:
+            return doing
+        return f"{doing}, {len(self._fields)} of {document.film.intervals} intervals found"
+
+    def field(self, document: Document, interval: int) -> FloatArray | None:
+        """Return the field (F, 3) of an interval, always the same array; None where none is known.
+        A run's own fields are shown as soon as there is one.
+        """
+        if self._is_of(document) and self._fields:
+            return self._fields.get(interval)
+        sequence = document.sequence
+        if sequence is None or interval >= len(sequence):
+            return None
+
+        def fields() -> tuple[FloatArray | None, ...]:
+            known = zip(sequence.velocity, sequence.verdicts, strict=True)
+            return tuple(None if is_unsolved(verdict) else field for field, verdict in known)
+
+        return self._of_result.get((sequence,), fields)[interval]
+
+    def speeds(self, document: Document) -> FloatArray:
+        """Return the root mean square of the speed in each interval, (T - 1,), or NaN."""
+        film = document.film
+        assert film is not None
+        fields = [self.field(document, interval) for interval in range(film.intervals)]
+
+        def measure() -> FloatArray:
+            areas = abfm.calculus.face_areas(film.frames.mesh)
+            shares = areas / areas.sum()
+            squares = [
+                np.nan if each is None else shares @ np.einsum("fx,fx->f", each, each)
+                for each in fields
+            ]
+            return np.asarray(np.sqrt(np.array(squares)))
+
+        return self._speeds.get((film, *fields), measure)
+
+    def collect(self) -> tuple[Document, Sequence | str] | None:
+        """Return, once, what a run was of and has come to, or in a line why it failed."""
+        if self._work is None or self._began is None or not self._work.done():
+            return None
+        work, began, film = self._work, self._began, self._began.film
+        self._work = self._began = self.step = None
+        self._fields = {}
+        try:
+            found = work.result()
+        except Exception as error:
+            return began, error_line(error)
+        # the frames that it was sent are the document's
+        return began, found if film is None else replace(found, _frames=film.frames)
+
+    def close(self) -> None:
+        self.cancel()
+        self._worker.close()
+        if self._work is not None:
+            wait([self._work], 1.0)
+
+    def _is_of(self, document: Document) -> bool:
+        return self._began is not None and self._began.film is document.film
+
+    @factoring_apart()
+    def _solve(
+        self,
+        frames: Frames,
+        settings: FilmSettings,
+        fields: dict[int, FloatArray],
+        control: Control,
+    ) -> Sequence:
+        def take(found: tuple[int, FloatArray]) -> None:
+            interval, field = found
+            fields[interval] = field
+
+        def tell(step: Step | None) -> None:
+            self.step = step or self.step
+
+        with telling(tell), controlled(control):
+            return self._worker.call(_matched, frames, settings).result(take)
+
+
+def is_unsolved(verdict: abfm.matching.Verdict) -> bool:
+    """Return whether a run was cancelled before an interval."""
+    return verdict.kind == "not reached" and verdict.reason.startswith("it was not solved")
+
+
+def _matched(_: None, frames: Frames, settings: FilmSettings) -> Sequence:
+    values = frames.values if frames.channels_given else frames.values[:, :, 0]
+    given = abfm.sequences.defaults(alpha=settings.alpha, sigma=settings.sigma)
+    return abfm.sequence(
+        frames.mesh,
+        values,
+        frames.times,
+        given,
+        settings.gamma,
+        mask=frames.mask,
+        weights=frames.weights,
+        on_field=lambda interval, field: report((interval, field)),
+    )

@@ -1,0 +1,116 @@
+"""The function between two frames of a film at any time: both carried along the field between them,
+and blended.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from abfm.types import FloatArray
+from abfm_viewer.computing.background import Jobs, Latest, Memo, same
+
+if TYPE_CHECKING:
+    from abfm_viewer.shown.shown_flow import FlowState
+
+_TIMES = 9  # of an interval at which it is computed; those between are blended
+_LARGEST = 30_000_000  # numbers that are kept, in single precision
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """The function (T, V) at evenly spaced shares of an interval."""
+
+    values: np.ndarray[tuple[int, ...], np.dtype[np.float32]]
+
+    def at(self, share: float) -> FloatArray:
+        place = share * (len(self.values) - 1)
+        before = min(int(place), len(self.values) - 2)
+        first, second = self.values[before], self.values[before + 1]
+        return np.asarray(first + np.float32(place - before) * (second - first))
+
+
+def carried(
+    flow: FlowState, before: FloatArray, after: FloatArray, shares: FloatArray
+) -> FloatArray:
+    """Return the frame before carried ahead and the one after it back, blended by how near they
+    are, at shares (T,) of the interval, (T, V): as `abfm.Sequence.at` has it.
+    """
+    tau, weights = flow.parameters.tau, shares[:, None]
+    ahead, back = flow.flow.push(before, shares * tau), flow.flow.push(after, (shares - 1) * tau)
+    return np.asarray((1 - weights) * ahead + weights * back)
+
+
+def _frames(flow: FlowState, before: FloatArray, after: FloatArray) -> Frames:
+    shares = np.linspace(0, 1, _TIMES)
+    return Frames(carried(flow, before, after, shares).astype(np.float32))
+
+
+class InBetween:
+    """Values at the shown time; computed intervals are kept, as films are played again."""
+
+    def __init__(self, jobs: Jobs) -> None:
+        self._at_once = jobs.at_once
+        self._found: Latest[Frames] = jobs.latest()
+        self._exact: Latest[FloatArray] = jobs.latest()
+        self._kept: OrderedDict[tuple[int, ...], tuple[object, Frames]] = OrderedDict()
+        self._shown = Memo[FloatArray]()
+        self.is_behind = False
+
+    def at(
+        self, flow: FlowState | None, before: FloatArray, after: FloatArray, share: float
+    ) -> FloatArray:
+        """Return the function at a share of the interval, (V,): blended without a flow, or while
+        what the flow carries is computed, where it `is_behind`.
+        """
+        self.is_behind = False
+        if share in (0.0, 1.0):
+            return before if share == 0 else after
+        if flow is not None and self._at_once:
+            key = (flow, before, after, share)
+            given = flow, before, after, np.array([share])
+            if (exact := self._exact.ask(key, lambda: carried(*given)[0])) is not None:
+                return exact
+        found = None if flow is None else self._frames(flow, before, after)
+        self.is_behind = flow is not None and found is None
+        if found is not None:
+            return self._shown.get((found, share), partial(found.at, share))
+
+        def blend() -> FloatArray:
+            return (1 - share) * before + share * after
+
+        return self._shown.get((before, after, share), blend)
+
+    def prepare(self, flow: FlowState, before: FloatArray, after: FloatArray) -> None:
+        """Compute another interval, if nothing else is computed."""
+        if not (self._found.busy or self._at_once):
+            self._frames(flow, before, after)
+
+    @property
+    def error(self) -> str:
+        return self._found.error or self._exact.error
+
+    def _frames(self, flow: FlowState, before: FloatArray, after: FloatArray) -> Frames | None:
+        self._keep()
+        made_of = (flow.found, before, after)
+        number = tuple(map(id, made_of))
+        if number in self._kept and same(self._kept[number][0], made_of):
+            self._kept.move_to_end(number)
+            return self._kept[number][1]
+        self._found.ask(made_of, partial(_frames, flow, before, after))
+        self._keep()
+        return self._kept[number][1] if number in self._kept else None
+
+    def _keep(self) -> None:
+        """Keep what was computed last; what was not used for long is left out."""
+        key, value = self._found.key, self._found.value
+        if not isinstance(key, tuple) or value is None:
+            return
+        self._kept.setdefault(tuple(map(id, key)), (key, value))
+        most = max(_LARGEST // value.values.size, 4)
+        while len(self._kept) > most:
+            self._kept.popitem(last=False)

@@ -1,0 +1,81 @@
+"""The sample of a film: a wave whose velocity is known."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+import abfm
+from abfm import TriangleMesh, load_mesh
+from abfm.assets import asset_path
+from abfm.types import FloatArray
+from abfm_viewer.document.document import Document, Surface, View
+from abfm_viewer.document.film import Film, FilmSettings
+
+FRAMES, STEP = 24, 0.04
+"""How many there are, and seconds between them."""
+_TURN, _WANDER = 2.2, 1.3  # radians per second: about an axis, and of that about another one
+_ARMS, _TWIST = 2, 2.5  # of a spiral about the axis
+_SIGMA = 0.1
+_DRIFT = 0.8  # of sqrt(area) per second, on the mesh with handles
+
+
+def turning_wave(places: FloatArray, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a spiral wave (T, V) at unit vectors (V, 3) of a sphere, which turns rigidly, and the
+    vectors (T, 3) about which it does.
+    """
+    frames, axes = [], []
+    for time in times.tolist():
+        wander, turn = _about(2, _WANDER * time), _about(0, _TURN * time)
+        x, y, z = (places @ wander @ turn).T  # turned back
+        across = np.hypot(y, z)
+        frames.append(across * np.cos(_ARMS * np.arctan2(z, y) + _TWIST * x))
+        axes.append([0, 0, _WANDER] + wander @ [_TURN, 0, 0])
+    return np.array(frames), np.array(axes)
+
+
+def drifting_wave(mesh: TriangleMesh, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a wave (T, V) that is carried around handles by a field without divergence and curl,
+    and that field (F, 3).
+    """
+    areas = abfm.calculus.face_areas(mesh)
+    given = np.cross([0.0, 1.0, 0.0], mesh.vertices[mesh.faces].mean(axis=1))
+    harmonic = abfm.calculus.helmholtz_hodge(mesh, given)[2]
+    usual = np.sqrt(areas @ (harmonic**2).sum(axis=1) / areas.sum())
+    field = harmonic * (_DRIFT * mesh.length_scale / usual)
+    x = mesh.vertices[:, 0] / mesh.length_scale
+    return abfm.Flow(mesh, field, float(times[-1])).push(np.sin(9 * x), times), field
+
+
+def wave_document(view: View) -> Document:
+    """Return a wave on the left cortex of fsaverage5, where nilearn brings it, else on a bundled
+    mesh.
+    """
+    times = STEP * np.arange(float(FRAMES))
+    found = find_spec("nilearn")
+    if found is not None and found.origin is not None:
+        folder = Path(found.origin).parent / "datasets" / "data" / "fsaverage5"
+        mesh, sphere = (load_mesh(folder / f"{name}_left.gii.gz") for name in ("infl", "sphere"))
+        places = sphere.vertices / np.linalg.norm(sphere.vertices, axis=1)[:, None]
+        surface, frames = Surface(mesh, "left cortex"), turning_wave(places, times)[0]
+    else:
+        surface = Surface(load_mesh(asset_path("eight.off")), "eight.off")
+        frames = drifting_wave(surface.mesh, times)[0]
+    from abfm.sequences.frames import checked  # with all that it loads
+
+    film = Film("wave", checked(surface.mesh, frames, times, None, None), "s")
+    # a closeness that is met in seconds: without noise a search for one would take minutes
+    settings = FilmSettings(sigma=_SIGMA)
+    return Document((surface,), film=film, settings=settings, time=float(times[0]), view=view)
+
+
+def _about(axis: int, angle: float) -> FloatArray:
+    """Return the matrix (3, 3) of a rotation about an axis of coordinates."""
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.eye(3)
+    matrix[first, first] = matrix[second, second] = np.cos(angle)
+    matrix[second, first] = np.sin(angle)
+    matrix[first, second] = -np.sin(angle)
+    return matrix

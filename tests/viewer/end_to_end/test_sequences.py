@@ -1,0 +1,363 @@
+"""Films: frames are opened, all of them matched, played, looked at and saved."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm_viewer.appearance.samples import WAVE
+from abfm_viewer.automation import Driver
+from abfm_viewer.document.film import FilmSettings
+from abfm_viewer.document.surface_points import surface_points
+from abfm_viewer.panels.right_panel import OF_FILMS
+from abfm_viewer.scene.opengl import ps
+from abfm_viewer.session.film_match import is_unsolved
+from abfm_viewer.session.session_files import open_session
+from abfm_viewer.window import wave
+from abfm_viewer.window.wave import drifting_wave, turning_wave
+from tests.viewer.end_to_end.test_export import exported
+from tests.viewer.sessions import EGG, SIZE
+
+WINDOW = (1000, 700)  # where the plot is seen as a whole
+COUNT, STEP = 5, 0.05
+TIMES = STEP * np.arange(COUNT)
+DIRECTIONS = EGG.vertices / np.linalg.norm(EGG.vertices, axis=1)[:, None]
+FRAMES = turning_wave(DIRECTIONS, TIMES)[0]
+
+
+@pytest.fixture
+def film(gui, tmp_path):
+    """The app with five frames of a wave on the egg, opened by the menu."""
+    np.save(tmp_path / "wave.npy", FRAMES)
+    gui.menu("File", "Open frames...")
+    gui.click("wave.npy")
+    gui.click("Open")
+    gui.wait(lambda s: s.document.film is not None)
+    gui.session.editor.set_film(sigma=0.1)
+    return gui
+
+
+@pytest.fixture
+def solved(film):
+    """The same after its match."""
+    film.click("Match all frames")
+    film.wait(lambda s: not s.running)
+    return film
+
+
+def settled(gui):
+    gui.wait(lambda s: not (s.running or gui.window.shown.busy))
+    gui.frames(3)
+
+
+def shown(gui, slot="advected"):
+    settled(gui)
+    return gui.window.scene.paints[slot]
+
+
+def test_frames_show_as_they_are_and_blended_until_they_are_matched(film):
+    session, document = film.session, film.session.document
+    assert document.name == "wave.npy on mesh"
+    np.testing.assert_array_equal(document.film.frames.values[:, :, 0], FRAMES)
+    film.click("Functions", within="steps")
+    film.type("frame step", "soon")
+    assert session.document.film.unit == ""
+    film.type("frame step", str(STEP))
+    np.testing.assert_allclose(session.document.film.times, TIMES)
+    film.type("time", "0.12")
+    titles = {name: shown(film, name).title for name in ("source", "advected", "target")}
+    assert (titles["source"], titles["target"]) == ("frame 2, 0.1 s", "frame 3, 0.15 s")
+    assert titles["advected"] == "at 0.1200 s, only blended"
+    np.testing.assert_allclose(shown(film).values, 0.6 * FRAMES[2] + 0.4 * FRAMES[3], atol=1e-6)
+    colors = {name: shown(film, name).colors for name in titles}
+    film.type("time", "0")
+    assert {name: shown(film, name).colors for name in titles} == colors
+    film.pick(200, "source")
+    assert session.notices.latest.text == "frames have no Gaussian"
+    film.wheel(1, 200, "target")
+    film.key("m")
+    assert session.notices.latest.text.startswith("landmarks are for a match of two")
+    while session.document.film.unit:
+        film.key("ctrl+z")
+    np.testing.assert_array_equal(session.document.film.times, np.arange(COUNT))
+
+
+def test_the_time_bar_goes_from_frame_to_frame_and_plays(film):
+    session, player = film.session, film.session.player
+    for act, what, time in (
+        (film.click, ">", 1),
+        (film.click, ">", 2),
+        (film.click, "<", 1),
+        (film.key, "right", 2),
+        (film.key, "end", 4),
+        (film.key, "right", 4),
+        (film.key, "home", 0),
+    ):
+        act(what)
+        assert session.document.time == time
+    film.drag("time", 2.5)
+    assert session.document.time == pytest.approx(2.5, abs=0.05)
+    assert session.time == pytest.approx(session.document.time - 2)
+    film.click("to start")
+    film.choose("repeat", "once")
+    film.drag("speed", 4.0)
+    film.click("Play")
+    film.wait(lambda s: not player.playing)
+    assert session.document.time == 4
+    film.choose("repeat", "loop")
+    film.drag("speed", 0.1)
+    film.click("Play")
+    film.wait(lambda s: 0 < s.document.time < 4)
+    film.click("Pause", within="time bar")
+
+
+def test_all_frames_are_matched_and_what_is_between_is_carried_from_both_sides(solved):
+    session = solved.session
+    sequence = session.document.sequence
+    assert sequence.confirmed == len(sequence) == COUNT - 1
+    assert not session.document.is_film_outdated
+    field = session.film_match.field(session.document, 2)
+    np.testing.assert_array_equal(field, sequence.velocity[2])
+    for time in (0.0, 2.25, 3.5, 4.0):
+        solved.type("time", f"{time:g}")
+        np.testing.assert_allclose(shown(solved).values, sequence.at(time), atol=1e-4)
+    assert solved.window.shown.flow.state.found is session.film_match.field(session.document, 3)
+    solved.click("Look", within="steps")
+    solved.check("arrows")
+    solved.check("streaks")
+    solved.type("time", "1.5")
+    assert shown(solved).kind == "texture"
+    solved.choose("color by", "speed")
+    expected = np.linalg.norm(sequence.velocity[1], axis=1) / EGG.length_scale
+    np.testing.assert_allclose(shown(solved).values, expected)
+    solved.key("ctrl+z")
+    while session.document.sequence is not None:
+        solved.key("ctrl+z")
+    assert session.editor.redo_label == "match all frames"
+
+
+def test_cancel_keeps_what_was_found_and_pause_holds_the_run(film, tmp_path):
+    np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.005 * np.arange(240))[0])
+    film.window.files.open(tmp_path / "long.npy")
+    film.wait(lambda s: s.document.film.name == "long.npy")
+    film.click("Match all frames")
+    film.click("Pause")
+    assert film.session.film_match.paused
+    film.click("Resume")
+    film.wait(lambda s: s.film_match.found(s.document) > 0)
+    assert film.session.film_match.field(film.session.document, 0) is not None
+    film.click("Cancel")
+    film.wait(lambda s: not s.running)
+    sequence = film.session.document.sequence
+    found = [not is_unsolved(verdict) for verdict in sequence.verdicts]
+    assert found[0]
+    assert not found[-1]
+    for interval, is_found in enumerate(found):
+        field = film.session.film_match.field(film.session.document, interval)
+        assert (field is not None) == is_found == bool(sequence.velocity[interval].any())
+
+
+def test_other_parameters_make_a_result_outdated(solved, notes):
+    session = solved.session
+    solved.click("Match", within="steps")
+    solved.drag("gamma", 10)
+    solved.type("alpha", "2")
+    solved.type("alpha", "-1")
+    solved.click("auto sigma")
+    solved.type("sigma", "0.2")
+    assert session.document.settings == FilmSettings(2.0, 0.2, session.document.settings.gamma)
+    assert session.document.settings.gamma == pytest.approx(10, rel=0.2)
+    assert session.document.is_film_outdated
+    assert any(text.startswith("Frames or parameters changed") for text, _ in notes())
+    for _ in range(20):
+        if session.document.is_film_outdated:
+            solved.key("ctrl+z")
+    assert session.document.settings == FilmSettings(sigma=0.1)
+
+
+def test_a_click_on_the_plot_of_intervals_goes_there(solved):
+    session = solved.session
+    solved.click("Match", within="steps")
+    solved.click("interval 2")
+    assert session.document.time == 2.5
+    solved.click("speed", within="Match")
+    settled(solved)
+    solved.click("interval 0")
+    assert session.document.time == 0.5
+    speeds = session.film_match.speeds(session.document)
+    np.testing.assert_allclose(speeds, session.document.sequence.speed)
+    solved.click("what is left")
+    assert not session.view.speeds
+
+
+def test_tracks_are_drawn_where_critical_points_go(solved):
+    session, tracks = solved.session, solved.window.shown.tracks
+    solved.click("Look", within="steps")
+    solved.check("tracks")
+    settled(solved)
+    expected = session.document.sequence.tracks()
+    ways = tracks.ways()
+    assert [(way.kind, way.times[0]) for way in ways] == [(t.kind, t.times[0]) for t in expected]
+    assert {way.kind for way in ways} == {"spiral"}
+    assert ps.has_surface_mesh("tracks of each spiral")
+    [there, *_] = [track.points.positions[1] for track in expected]
+    solved.type("time", "1.5")
+    settled(solved)
+    assert np.linalg.norm(tracks.now()["spiral"] - there, axis=1).min() < 1e-9
+    solved.check("tracks", on=False)
+    settled(solved)
+    assert not ps.has_surface_mesh("tracks of each spiral")
+
+
+def test_clicked_points_are_followed_through_all_frames_and_lines_follow_the_present_field(solved):
+    session, quantities = solved.session, solved.window.shown.quantities
+    sequence, [vertex] = session.document.sequence, [200]
+    solved.click("Look", within="steps")
+    solved.click("follow a point")
+    solved.pick(vertex, "advected", modifiers=())
+    solved.wait(lambda _: quantities.paths())
+    (path,) = quantities.paths()
+    ways = sequence.paths(surface_points(EGG, session.document.points))
+    for time in (1, 3, 4):
+        solved.type("time", str(time))
+        here = path.at(quantities.path_time)
+        # exactly along constant fields, there along a continuous one
+        np.testing.assert_allclose(here, ways[time].positions[0], atol=0.02)
+    assert np.linalg.norm(here - path.at(0.0)) > 0.15
+    solved.click("flow line")
+    solved.pick(vertex, "advected", modifiers=())
+    solved.wait(lambda _: quantities.lines())
+    lines = quantities.lines()
+    length = sum(np.linalg.norm(np.diff(line.positions, axis=0), axis=1).sum() for line in lines)
+    assert 0.3 < length / EGG.length_scale < 3
+    solved.type("time", "0.5")
+    solved.wait(lambda _: quantities.lines() is not lines)
+    assert not np.array_equal(quantities.lines()[0].positions, lines[0].positions)
+
+
+def test_two_frames_become_a_match_of_their_own(solved):
+    session, film = solved.session, solved.session.document
+    solved.click("Functions", within="steps")
+    solved.type("time", "1.5")
+    solved.type("to frame", "3")
+    solved.click("Match these two frames")
+    solved.wait(lambda s: s.document.film is None and s.values("target") is not None)
+    np.testing.assert_array_equal(session.values("source"), FRAMES[1])
+    np.testing.assert_array_equal(session.values("target"), FRAMES[3])
+    assert session.obstacle == ""
+    solved.key("ctrl+z")
+    assert session.document.film is film.film
+    solved.drag("from frame", 2)
+    assert solved.text_of("from frame", kind="box") == "2"
+
+
+def test_projects_sequences_and_movies_of_films_are_written_and_read(solved, tmp_path):
+    session, exporter = solved.session, solved.window.exporter
+    found = session.document.sequence
+    solved.type("time", "1.25")
+    solved.window.files.save(tmp_path / "film.abfm")
+    solved.wait(lambda s: not s.saves.unsaved)
+    other = open_session(tmp_path / "film.abfm")
+    document = other.document
+    other.close()
+    np.testing.assert_array_equal(document.sequence.velocity, found.velocity)
+    np.testing.assert_array_equal(document.film.frames.values[:, :, 0], FRAMES)
+    assert (document.time, document.settings) == (1.25, session.document.settings)
+    assert document.sequence.verdicts == found.verdicts
+    assert not document.is_film_outdated
+    solved.click("Export", within="steps")
+    exported(solved, "Save sequence...", tmp_path / "film.npz")
+    np.testing.assert_array_equal(
+        abfm.load_sequence(tmp_path / "film.npz").velocity, found.velocity
+    )
+    exported(solved, "Save tracks...", tmp_path / "tracks.csv")
+    assert (tmp_path / "tracks.csv").read_text().count("spiral") > COUNT
+    exported(solved, "Save intervals...", tmp_path / "intervals.csv")
+    assert len((tmp_path / "intervals.csv").read_text().splitlines()) == COUNT
+    exporter.picture = replace(exporter.picture, width=320, height=240)
+    exporter.movie = replace(exporter.movie, seconds=0.2, fps=10)
+    exported(solved, "Save movie...", tmp_path / "film.mp4")
+
+
+def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
+    path = tmp_path / "wave.npz"
+    sequence = abfm.sequence(EGG, FRAMES, TIMES, abfm.sequences.defaults(sigma=0.2), 0.0)
+    sequence.save(path)
+    film.window.files.open(path)
+    film.wait(lambda s: s.document.sequence is not None)
+    document = film.session.document
+    assert (document.film.unit, document.settings.gamma) == ("s", 0.0)
+    assert not document.is_film_outdated
+    assert document.view.tracks
+    film.window.files.open_dropped([tmp_path / "wave.npy"])
+    film.wait(lambda s: s.document.sequence is None)
+    np.save(tmp_path / "short.npy", FRAMES[:, :9])
+    film.window.files.open(tmp_path / "short.npy")
+    film.wait(lambda s: s.notices.cards)
+    assert "9" in film.session.notices.cards[0].text
+    film.click("Dismiss")
+    mesh = tmp_path / "egg.ply"
+    abfm.io.write_surface(mesh, EGG)
+    with Driver((mesh, tmp_path / "wave.npy"), size=SIZE) as gui:
+        assert gui.session.document.name == "wave.npy on egg.ply"
+        assert not gui.session.saves.unsaved
+
+
+def test_channels_share_fields_and_vertices_without_values_are_left_out(gui, tmp_path):
+    frames = np.stack([FRAMES, FRAMES**2], axis=2)
+    frames[1, :5] = np.nan
+    np.save(tmp_path / "two.npy", frames)
+    gui.window.files.open(tmp_path / "two.npy")
+    gui.wait(lambda s: s.document.film is not None)
+    gui.click("Functions", within="steps")
+    gui.choose("channel", "1")
+    assert gui.session.document.channel == 1
+    np.testing.assert_allclose(shown(gui, "source").values[5:], FRAMES[0, 5:] ** 2)
+    mask = gui.session.document.film.frames.mask
+    assert (mask == 0).nonzero()[0].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_the_sample_is_ready_to_match_with_and_without_nilearn(gui, monkeypatch):
+    gui.menu("Samples", WAVE)
+    gui.wait(lambda s: s.document.film is not None)
+    document = gui.session.document
+    assert document.name == "wave on left cortex"
+    assert len(document.film) == wave.FRAMES
+    assert gui.session.notices.latest.text == "a wave is ready: press Match all frames"
+    assert gui.text_of(WAVE, "Samples") == "checked"
+    gui.key("esc")
+    monkeypatch.setattr(wave, "find_spec", lambda _: None)
+    assert wave.wave_document(gui.session.view).name == "wave on eight.off"
+
+
+def test_both_waves_move_by_the_velocities_that_are_told():
+    directions = DIRECTIONS
+    times, step = np.array([0.3, 0.3 + 1e-6]), 1e-6
+    frames, axes = turning_wave(directions, times)
+    moved = directions - step * np.cross(axes[0], directions)  # what came to each place
+    moved /= np.linalg.norm(moved, axis=1)[:, None]
+    back = turning_wave(moved, times[:1])[0][0]
+    np.testing.assert_allclose((frames[1] - frames[0]) / step, (back - frames[0]) / step, atol=1e-3)
+    mesh = abfm.load_mesh(abfm.assets.asset_path("eight.off"))
+    frames, field = drifting_wave(mesh, np.array([0.0, 0.1]))
+    np.testing.assert_allclose(abfm.advect(mesh, field, frames[0], 0.1), frames[1], atol=1e-9)
+    *others, harmonic = abfm.calculus.helmholtz_hodge(mesh, field)
+    np.testing.assert_allclose(harmonic, field, atol=1e-9)
+    np.testing.assert_allclose(others, 0, atol=1e-9)
+
+
+def test_each_tab_of_a_film_fits_one_screen(tmp_path):
+    sequence = abfm.sequence(EGG, FRAMES, TIMES, abfm.sequences.defaults(sigma=0.2))
+    sequence.save(tmp_path / "wave.npz")
+    with Driver(tmp_path / "wave.npz", size=(1280, 800)) as gui:
+        settled(gui)
+        assert gui.window.scene.legend() == ("spiral",)
+        for tab in OF_FILMS:
+            gui.click(tab, within="steps")
+            gui.frames(3)
+            ends = [
+                h for name, h in gui.window.ui.hidden_heights.items() if name.endswith(f"/{tab}")
+            ]
+            assert ends == [0]
+        assert not gui.errors
