@@ -147,7 +147,7 @@ def _joined(parts: list[Triangles]) -> Triangles:
 
 def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
     """Draw arrows, dark in a light rim or light in a dark one; `see_arrows` says which are seen."""
-    vertices = (arrows.vertices + arrows.lifts).reshape(-1, 3)
+    vertices = arrows.vertices.reshape(-1, 3)
     places = viewport(arrows.mesh).drawn(arrows.mesh.length_scale * vertices)
     look = {"smooth_shade": False, "material": MATERIAL}
     drawn = ps.register_surface_mesh(name, places, arrows.faces, **look)

@@ -56,6 +56,7 @@ class Scene:
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
         self._flow, self._links = shown.flow, Memo[Links]()
+        self._quantities = shown.quantities
         self._landmarks = shown.landmarks
         self._placing = Placing()
         self.overlays = Overlays(shown, self._placing.placed.discard)
@@ -68,6 +69,7 @@ class Scene:
         self._views: dict[str, SlotView] = {}
         self._style: object = None
         self._document: Document | None = None
+        self._changed = False  # it was, by the user, and that is still to be seen
         self._degrees = 0.0
         opengl.clear()
 
@@ -87,11 +89,13 @@ class Scene:
         self._restyle()
         overlays_wait = self._paint()
         earlier, self._document = self._document, session.document
-        # what the user changes is seen at once
-        if earlier is not session.document or not overlays_wait:
+        # what the user changes is seen at once, or as soon as it is known
+        self._changed = self._changed or earlier is not session.document
+        if self._changed or not overlays_wait:
             of_flow = earlier is None or earlier.view is not view or not self.pacing.begins
             scale = self.view.scale / self.pixels
             self.overlays.update(self._meshes, self.paints, of_flow, scale)
+            self._changed = self._quantities.finding_arrows
         self._place()
 
     def mesh(self, name: str) -> TriangleMesh:

@@ -1,38 +1,37 @@
 """Arrows of a field on a surface: evenly spread, none over another, whole wherever they are seen.
 
-They are pieces of flow lines about places that stay the same whatever the field is, no longer than
-these are apart: each has a disc of its own. All lengths are in square roots of the surface's area.
+They lie about places that stay the same whatever the field is, and are no longer than these are
+apart, so that each has a disc of its own. All lengths are in square roots of the surface's area.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 import abfm
 from abfm import TriangleMesh
+from abfm.maps import SurfacePoints
 from abfm.maps.spread_points import NEAREST
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.shown.eye import Eye
-from abfm_viewer.shown.ribbons import normals_at, sides, strip_faces, unit
+from abfm_viewer.shown.ribbons import normals_at
 
 _FARTHEST = 0.13  # are places from each other, however small the picture
-_SPARSE, _DENSE = 52.0, 13.0  # pixels between them at the least and the largest density
+_SPARSE, _DENSE = 60.0, 15.0  # pixels between them at the least and the largest density
 _LEVELS = 2  # of spacings, from one to its double: zooming changes arrows no more often
 _LONGEST = 0.92  # arrow, of the distance between places
-_SHORTEST = 0.2  # of the longest: what is slower has none
+_SHORTEST = 0.25  # of the longest: what is slower has none
 _WILD = 0.001  # of the area: speeds that no more of it has count as the next lower ones
 _FAST = 0.4  # of the squared norm: what as much of it exceeds has the full length
-_STEPS = 6  # of a flow line, each way
 _SHAFT, _HEAD = 0.055, 0.165  # half widths, of that distance
 _HEAD_LENGTH, _MOST_HEAD = 0.36, 0.55  # of that distance, and of the arrow
 _RIM, _SHARPEST = 0.035, 2.0  # width of a rim, of that distance; and at the tip, of that width
-_THINNEST = 0.55  # of the widths, where arrows are short
-_SHAFT_NODES, _HEAD_NODES = 7, 3
-_LIFT, _RIM_LIFT = 0.0026, 0.0017  # above the surface, which would hide them where it bends
+_THINNEST = 0.6  # of the widths, where arrows are short
+_SHAFT_NODES, _HEAD_NODES = 6, 3
+_HEIGHT, _RIM_HEIGHT = 0.0024, 0.0015  # above the surface, which would hide them where it bends
 _FLATTEST = 0.3  # cosine of the angle at which arrows are seen, near outlines
 
 
@@ -50,47 +49,39 @@ def arrow_spacing(density: float, scale: float) -> float:
     """
     pixels = _SPARSE * (_DENSE / _SPARSE) ** min(max(density, 0.0), 1.0)
     level = round(_LEVELS * math.log2(pixels / max(scale, 1e-300))) / _LEVELS
-    return min(max(2.0**level, NEAREST), _FARTHEST)
+    return float(min(max(2.0**level, NEAREST), _FARTHEST))
 
 
 @dataclass(frozen=True, eq=False)
 class Arrows:
-    """Arrows on a surface: ways (A, K, 3) from their feet to their tips, with normals there, and
-    what is drawn of them, M vertices each, with faces (T, 3) of all and which of these are of rims.
+    """Arrows on a surface, each straight over the faces: feet, middles and tips (A, 3, 3); and what
+    is drawn of them, M vertices each, with faces (T, 3) of all and which of these are of rims.
     """
 
     mesh: TriangleMesh
     ways: FloatArray
-    normals: FloatArray
     vertices: FloatArray  # (A, M, 3), on the surface
-    lifts: FloatArray  # (A, M, 3), what brings them above it
+    normals: FloatArray  # (A, M, 3), there
+    heights: FloatArray  # (M,), how far above it they are drawn
     faces: IntArray
     rims: BoolArray  # (T,)
-
-    @property
-    def lengths(self) -> FloatArray:
-        """Measure them along their ways, (A,)."""
-        return np.asarray(np.linalg.norm(np.diff(self.ways, axis=1), axis=2).sum(axis=1))
 
     def turned(self, eye: Eye) -> FloatArray:
         """Return the least cosine of the angle at which each arrow is seen, (A,), negative where it
         looks away; of a surface with boundary both sides are seen.
         """
-        cosines = (self.normals * eye.towards(self.ways)).sum(axis=2)
-        if not self.mesh.is_closed:
-            cosines *= np.sign(cosines[:, cosines.shape[1] // 2, None])
-        return np.asarray(cosines.min(axis=1))
+        cosines = (self.normals * eye.towards(self.vertices)).sum(axis=2)
+        return np.asarray((cosines * self._sides(eye)).min(axis=1))
 
     def hidden(self, eye: Eye) -> BoolArray:
         """Tell which of them other parts of the surface hide, or a part of them, (A,)."""
         cosines = self.turned(eye)
         hidden = cosines <= _FLATTEST
-        candidates = np.flatnonzero(~hidden)
-        places = self._lifted(eye)[candidates]
+        places = self._lifted(eye)[~hidden]
         surface = self.mesh.vertices / self.mesh.length_scale, self.mesh.faces
-        slopes = np.repeat(cosines[candidates], places.shape[1])
+        slopes = np.repeat(cosines[~hidden], places.shape[1])
         covered = eye.hides(surface, places.reshape(-1, 3), slopes)
-        hidden[candidates] = covered.reshape(places.shape[:2]).any(axis=1)
+        hidden[~hidden] = covered.reshape(places.shape[:2]).any(axis=1)
         return hidden
 
     def seen(self, eye: Eye, hidden: BoolArray | None = None) -> FloatArray:
@@ -100,16 +91,20 @@ class Arrows:
         is_gone = self.turned(eye) <= _FLATTEST
         if hidden is not None:
             is_gone |= hidden
-        middles = self.ways[:, self.ways.shape[1] // 2, None]
-        return np.where(is_gone[:, None, None], middles, self._lifted(eye)).reshape(-1, 3)
+        points = self.ways[:, 1:2]
+        return np.where(is_gone[:, None, None], points, self._lifted(eye)).reshape(-1, 3)
 
     def _lifted(self, eye: Eye) -> FloatArray:
-        """Return the vertices (A, M, 3) above the surface: on the eye's side if that has two."""
+        """Return the vertices (A, M, 3) above the surface, on the side that the eye sees."""
+        above = self.heights[:, None] * self.normals
+        return np.asarray(self.vertices + self._sides(eye)[..., None] * above)
+
+    def _sides(self, eye: Eye) -> FloatArray:
+        """Return which sides the eye sees, (A, 1): 1, or -1 where a surface has boundary."""
         if self.mesh.is_closed:
-            return self.vertices + self.lifts
-        middle = self.ways.shape[1] // 2
-        side = (self.normals * eye.towards(self.ways)).sum(axis=2)[:, middle, None, None]
-        return np.asarray(self.vertices + np.where(side < 0, -1, 1) * self.lifts)
+            return np.ones((len(self.ways), 1))
+        cosines = (self.normals * eye.towards(self.vertices)).sum(axis=2)
+        return np.where(cosines.sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
 
 
 def arrows_of(
@@ -120,22 +115,19 @@ def arrows_of(
     Their lengths are as speeds are, up to the one that counts as ``fast``, by default the field's
     own `fast_speed`; much slower places have none.
     """
-    spacing = look.spacing
     speed = np.linalg.norm(velocity, axis=1)
     fast = fast or fast_speed(mesh, speed)
-    points = abfm.maps.spread_points(mesh).apart(spacing)
-    if fast > 0 and not speed[points.faces].any():
-        fastest = np.array([speed.argmax()])
-        points = abfm.maps.SurfacePoints(mesh, fastest, np.full((1, 3), 1 / 3))
-    longest = min(look.length, _LONGEST * spacing)
-    ways = np.zeros((0, 2 * _STEPS + 1, 3))
-    normals = ways
-    if fast > 0:
-        capped = velocity / np.maximum(fast, speed)[:, None]
-        ways, normals = _ways(mesh, capped, points, longest)
-    lengths = np.linalg.norm(np.diff(ways, axis=1), axis=2).sum(axis=1)
-    kept = lengths > _SHORTEST * longest
-    return _drawn(mesh, ways[kept], normals[kept], spacing)
+    relative = velocity / (fast or 1.0)
+    points = abfm.maps.spread_points(mesh).apart(look.spacing)
+    vectors = abfm.flow.vectors_at(mesh, relative, points)
+    if fast > 0 and not vectors.any():  # what moves is smaller than the distance between arrows
+        points = SurfacePoints(mesh, speed.argmax(keepdims=True), np.full((1, 3), 1 / 3))
+        vectors = relative[points.faces]
+    speed_there = np.linalg.norm(vectors, axis=1)
+    kept = np.flatnonzero(speed_there > _SHORTEST)
+    along = vectors[kept] / speed_there[kept, None]
+    lengths = min(look.length, _LONGEST * look.spacing) * np.minimum(speed_there[kept], 1)
+    return _drawn(points[kept], along, lengths, look.spacing)
 
 
 def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
@@ -153,79 +145,73 @@ def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
     return float(min(speed[descending[np.searchsorted(norms, _FAST * norms[-1])]], most))
 
 
-def _ways(
-    mesh: TriangleMesh, velocity: FloatArray, points: abfm.maps.SurfacePoints, longest: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return pieces of flow lines about points (A,) and normals on them, (A, K, 3), with the points
-    halfway in time; a speed of 1 gives the greatest length.
+def _drawn(points: SurfacePoints, along: FloatArray, lengths: FloatArray, spacing: float) -> Arrows:
+    """Draw arrows of lengths (A,) about points (A,) in directions (A, 3), on the surface."""
+    mesh = points.mesh
+    scale, normals = mesh.length_scale, abfm.calculus.face_normals(mesh)[points.faces]
+    shape, heights, faces, rims = _glyphs(lengths, spacing)
+    ends = np.zeros((len(lengths), 2, 2))
+    ends[:, 0, 0], ends[:, 1, 0] = -lengths / 2, lengths / 2
+    places = np.concatenate([ends, shape], axis=1)
+    across = np.cross(normals, along)
+    ways = scale * (places[..., :1] * along[:, None] + places[..., 1:] * across[:, None])
+    count, each = places.shape[:2]
+    starts = points[np.repeat(np.arange(count), each)]
+    stops, inside = abfm.flow.straight_ways(mesh, starts, ways.reshape(-1, 3))
+    whole = inside.reshape(count, each).all(axis=1)
+    at = (stops.positions / scale).reshape(count, each, 3)[whole]
+    turned = normals_at(mesh, stops.faces, stops.barycentric).reshape(count, each, 3)[whole]
+    middles = (points.positions / scale)[whole]
+    vertices = len(heights) * np.arange(len(at))[:, None, None]
+    return Arrows(
+        mesh,
+        np.stack([at[:, 0], middles, at[:, 1]], axis=1),
+        at[:, 2:],
+        turned[:, 2:],
+        heights,
+        (vertices + faces).reshape(-1, 3),
+        np.tile(rims, len(at)),
+    )
+
+
+def _glyphs(
+    lengths: FloatArray, spacing: float
+) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
+    """Return arrows of lengths (A,) in the plane, (A, M, 2), about their middles along x: one over
+    a larger one, which is its rim; heights (M,), faces (T, 3) and which of these are rims.
     """
-    scale = mesh.length_scale
-    flow = abfm.flow.ContinuousFlow(mesh, velocity, longest * scale)
-    times = np.linspace(0, longest * scale / 2, _STEPS + 1).tolist()
-    before, after = [points], [points]
-    for begin, end in pairwise(times):
-        before.append(flow.between(before[-1], end, begin))
-        after.append(flow.between(after[-1], begin, end))
-    line = [*reversed(before[1:]), *after]
-    places = np.stack([at.positions / scale for at in line], axis=1)
-    normals = np.stack([normals_at(mesh, at.faces, at.barycentric) for at in line], axis=1)
-    return _evenly(places, normals, longest)
-
-
-def _evenly(
-    places: FloatArray, normals: FloatArray, longest: float
-) -> tuple[FloatArray, FloatArray]:
-    """Divide ways (A, K, 3) evenly, and end them where half of the greatest length is walked."""
-    steps = np.linalg.norm(np.diff(places, axis=1), axis=2)
-    walked = np.concatenate([np.zeros((len(places), 1)), np.cumsum(steps, axis=1)], axis=1)
-    walked -= walked[:, _STEPS, None]
-    even = np.linspace(-1, 1, walked.shape[1])
-    lows = np.maximum(walked[:, 0], -longest / 2)
-    highs = np.minimum(walked[:, -1], longest / 2)
-    found, turned = np.empty_like(places), np.empty_like(normals)
-    for a in range(len(places)):
-        at = np.where(even < 0, -even * lows[a], even * highs[a])
-        for x in range(3):
-            found[a, :, x] = np.interp(at, walked[a], places[a, :, x])
-            turned[a, :, x] = np.interp(at, walked[a], normals[a, :, x])
-    return found, unit(turned)
-
-
-def _drawn(mesh: TriangleMesh, ways: FloatArray, normals: FloatArray, spacing: float) -> Arrows:
-    """Draw arrows along ways (A, K, 3): a dark one over a light one, which is its rim."""
-    count = len(ways)
-    length = np.linalg.norm(np.diff(ways, axis=1), axis=2).sum(axis=1)[:, None]
+    length = lengths[:, None]
     size = spacing * np.clip(np.sqrt(length / (_LONGEST * spacing)), _THINNEST, 1)
     head, wide = np.minimum(_HEAD_LENGTH * size, _MOST_HEAD * length), _HEAD * size
-    thin, rim = _SHAFT * size, _RIM * spacing * np.ones((count, 1))
+    rim = np.full_like(length, _RIM * spacing)
     # the sides of the head, a rim farther out, meet farther on
     ahead = rim * np.minimum(np.sqrt(1 + (head / wide) ** 2), _SHARPEST)
     along_shaft, along_head = np.linspace(0, 1, _SHAFT_NODES), np.linspace(0, 1, _HEAD_NODES)
-    parts = []
-    for lift, more, farther in ((_RIM_LIFT, rim, ahead), (_LIFT, 0 * rim, 0 * ahead)):
-        neck, base = length - head, length - head - more
+    corners, heights, faces, rims = [], [], [], []
+    first = 0
+    for height, more, farther in ((_RIM_HEIGHT, rim, ahead), (_HEIGHT, 0 * rim, 0 * ahead)):
+        neck = length - head
         whole = head + farther + more
-        widest = wide / head * whole
-        parts.append((lift, -more + (neck + more) * along_shaft, thin + more + 0 * along_shaft))
-        parts.append((lift, base + whole * along_head, widest * (1 - along_head)))
-    vertices, lifts, faces, rims = [], [], [], []
-    corners = 0
-    for number, (lift, at, half_widths) in enumerate(parts):
-        places, up = _at(ways, at / length), unit(_at(normals, at / length))
-        vertices.append(sides(places, up, half_widths))
-        lifts.append(lift * np.repeat(up, 2, axis=1))
-        faces.append(corners + strip_faces(at.shape[1]))
-        rims.append(np.full(len(faces[-1]), number < 2))
-        corners += 2 * at.shape[1]
-    own = np.concatenate(faces)
-    every = (corners * np.arange(count)[:, None, None] + own).reshape(-1, 3)
-    drawn, lifted = np.concatenate(vertices, axis=1), np.concatenate(lifts, axis=1)
-    return Arrows(mesh, ways, normals, drawn, lifted, every, np.tile(np.concatenate(rims), count))
+        shaft = -more + (neck + more) * along_shaft, (_SHAFT * size + more) * np.ones(_SHAFT_NODES)
+        tip = neck - more + whole * along_head, wide / head * whole * (1 - along_head)
+        for x, half in (shaft, tip):
+            nodes = x.shape[1]
+            y = half[..., None] * np.array([-1, 0, 1])
+            x = np.broadcast_to((x - length / 2)[..., None], y.shape)
+            corners.append(np.stack([x, y], axis=-1).reshape(len(length), 3 * nodes, 2))
+            heights.append(np.full(3 * nodes, height))
+            faces.append(first + _strip(nodes))
+            rims.append(np.full(len(faces[-1]), height == _RIM_HEIGHT))
+            first += 3 * nodes
+    return (
+        np.concatenate(corners, axis=1),
+        np.concatenate(heights),
+        np.concatenate(faces),
+        np.concatenate(rims),
+    )
 
 
-def _at(values: FloatArray, shares: FloatArray) -> FloatArray:
-    """Return values (A, K, x) of even ways at shares (A, n), straight on beyond their ends."""
-    place = shares * (values.shape[1] - 1)
-    before = np.clip(np.floor(place).astype(np.int64), 0, values.shape[1] - 2)
-    rows, part = np.arange(len(values))[:, None], (place - before)[..., None]
-    return np.asarray((1 - part) * values[rows, before] + part * values[rows, before + 1])
+def _strip(nodes: int) -> IntArray:
+    """Return the faces of a strip of so many nodes with three vertices each, counterclockwise."""
+    corner = (3 * np.arange(nodes - 1)[:, None] + np.arange(2)).reshape(-1, 1)
+    return np.concatenate([corner + np.array([0, 3, 1]), corner + np.array([1, 3, 4])])

@@ -40,7 +40,7 @@ class Eye:
 
     def before(self, nearest: FloatArray, own: FloatArray) -> FloatArray:
         """Return how far the nearest of what is seen (P,) is before places' own (P,)."""
-        return nearest - own if self.place is None else 1 / own - 1 / nearest
+        return np.asarray(nearest - own if self.place is None else 1 / own - 1 / nearest)
 
     def hides(
         self,

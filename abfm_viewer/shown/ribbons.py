@@ -13,23 +13,11 @@ Triangles = tuple[FloatArray, IntArray]
 
 def strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:
     """Make strips of half widths (n, K) through places (n, K, 3), counterclockwise from outside."""
-    vertices = sides(places, normals, half_widths)
-    count, corners = vertices.shape[:2]
-    first = corners * np.arange(count)[:, None, None]
-    return vertices.reshape(-1, 3), (first + strip_faces(corners // 2)).reshape(-1, 3)
-
-
-def sides(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> FloatArray:
-    """Return the vertices of strips, one on each side of each place in turn, (n, 2 K, 3)."""
+    count, nodes = half_widths.shape
     side = half_widths[:, :, None] * unit(np.cross(normals, np.gradient(places, axis=1)))
-    found = np.stack([places - side, places + side], axis=2)
-    return found.reshape(len(places), 2 * places.shape[1], 3)
-
-
-def strip_faces(nodes: int) -> IntArray:
-    """Return the faces of a strip through so many places, (2 nodes - 2, 3)."""
-    first = 2 * np.arange(nodes - 1)[:, None]
-    return np.concatenate([first + np.array([0, 2, 1]), first + np.array([1, 2, 3])])
+    vertices = np.stack([places - side, places + side], axis=2).reshape(-1, 3)
+    first = 2 * (np.arange(nodes - 1) + nodes * np.arange(count)[:, None]).reshape(-1, 1)
+    return vertices, np.concatenate([first + np.array([0, 2, 1]), first + np.array([1, 2, 3])])
 
 
 def unit(vectors: FloatArray) -> FloatArray:

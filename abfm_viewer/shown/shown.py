@@ -186,6 +186,10 @@ class FieldQuantities(Jobs):
         return self._field.busy
 
     @property
+    def finding_arrows(self) -> bool:
+        return self._field.busy or self._arrows.busy
+
+    @property
     def convolving(self) -> bool:
         return self._streaks.busy
 
