@@ -190,6 +190,7 @@ class Overlays:
         self._arrows: Arrows | None = None  # those drawn last
         self._arrows_seen: object = None  # how they were seen
         self._scale = 1.0
+        self.is_behind = False  # arrows are still of another look than the user's
 
     def update(
         self, meshes: Meshes, paints: Mapping[str, Paint], of_flow: bool, scale: float
@@ -233,6 +234,10 @@ class Overlays:
         quantities, view = self._shown.quantities, self._shown.session.view
         colors = theme.palette(view.theme)
         arrows = quantities.arrows(self._scale) if view.arrows and of_flow else None
+        is_wanted = view.arrows and of_flow and quantities.field() is not None
+        self.is_behind = is_wanted and (
+            arrows is None or arrows.look != quantities.arrow_look(self._scale)
+        )
         if arrows is None or not len(arrows.ways):
             self._remove(_ARROWS)
         elif self._is_new("advected", _ARROWS, (arrows, view.theme)):

@@ -56,7 +56,6 @@ class Scene:
         self.paints: dict[str, Paint] = {}
         self.painter = Painter(shown)
         self._flow, self._links = shown.flow, Memo[Links]()
-        self._quantities = shown.quantities
         self._landmarks = shown.landmarks
         self._placing = Placing()
         self.overlays = Overlays(shown, self._placing.placed.discard)
@@ -95,7 +94,7 @@ class Scene:
             of_flow = earlier is None or earlier.view is not view or not self.pacing.begins
             scale = self.view.scale / self.pixels
             self.overlays.update(self._meshes, self.paints, of_flow, scale)
-            self._changed = self._quantities.finding_arrows
+            self._changed = self.overlays.is_behind
         self._place()
 
     def mesh(self, name: str) -> TriangleMesh:

@@ -59,6 +59,7 @@ class Arrows:
     """
 
     mesh: TriangleMesh
+    look: ArrowLook
     ways: FloatArray
     vertices: FloatArray  # (A, M, 3), on the surface
     normals: FloatArray  # (A, M, 3), there
@@ -127,7 +128,7 @@ def arrows_of(
     kept = np.flatnonzero(speed_there > _SHORTEST)
     along = vectors[kept] / speed_there[kept, None]
     lengths = min(look.length, _LONGEST * look.spacing) * np.minimum(speed_there[kept], 1)
-    return _drawn(points[kept], along, lengths, look.spacing)
+    return _drawn(points[kept], along, lengths, look)
 
 
 def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
@@ -145,11 +146,13 @@ def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
     return float(min(speed[descending[np.searchsorted(norms, _FAST * norms[-1])]], most))
 
 
-def _drawn(points: SurfacePoints, along: FloatArray, lengths: FloatArray, spacing: float) -> Arrows:
+def _drawn(
+    points: SurfacePoints, along: FloatArray, lengths: FloatArray, look: ArrowLook
+) -> Arrows:
     """Draw arrows of lengths (A,) about points (A,) in directions (A, 3), on the surface."""
     mesh = points.mesh
     scale, normals = mesh.length_scale, abfm.calculus.face_normals(mesh)[points.faces]
-    shape, heights, faces, rims = _glyphs(lengths, spacing)
+    shape, heights, faces, rims = _glyphs(lengths, look.spacing)
     ends = np.zeros((len(lengths), 2, 2))
     ends[:, 0, 0], ends[:, 1, 0] = -lengths / 2, lengths / 2
     places = np.concatenate([ends, shape], axis=1)
@@ -165,6 +168,7 @@ def _drawn(points: SurfacePoints, along: FloatArray, lengths: FloatArray, spacin
     vertices = len(heights) * np.arange(len(at))[:, None, None]
     return Arrows(
         mesh,
+        look,
         np.stack([at[:, 0], middles, at[:, 1]], axis=1),
         at[:, 2:],
         turned[:, 2:],

@@ -186,10 +186,6 @@ class FieldQuantities(Jobs):
         return self._field.busy
 
     @property
-    def finding_arrows(self) -> bool:
-        return self._field.busy or self._arrows.busy
-
-    @property
     def convolving(self) -> bool:
         return self._streaks.busy
 
@@ -217,9 +213,11 @@ class FieldQuantities(Jobs):
         """
         if (field := self.field()) is None:
             return None
+        return self._arrows.newest(field.mesh, field_arrows, field, self.arrow_look(scale))
+
+    def arrow_look(self, scale: float) -> ArrowLook:
         view = self._session.view
-        look = ArrowLook(view.arrow_length, arrow_spacing(view.arrow_density, scale))
-        return self._arrows.newest(field.mesh, field_arrows, field, look)
+        return ArrowLook(view.arrow_length, arrow_spacing(view.arrow_density, scale))
 
     def hidden_arrows(self, arrows: Arrows, eye: Eye) -> BoolArray | None:
         """Tell which arrows the surface hides from an eye, lately from an earlier one, (A,); None

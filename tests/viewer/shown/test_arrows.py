@@ -32,6 +32,12 @@ def axes(seed):
     return found * np.linalg.det(found)
 
 
+def tilted(angle):
+    """Axes of an eye above the x-y plane that came down by an angle."""
+    sine, cosine = np.sin(angle), np.cos(angle)
+    return np.array([[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]])
+
+
 def test_arrows_go_with_the_field_as_far_as_it_is_fast():
     arrows = arrows_of(BALL, rotation(BALL), LOOK)
     feet, middles, tips = np.moveaxis(arrows.ways, 1, 0)
@@ -134,10 +140,10 @@ def nearest(mesh, places):
     return igl.point_mesh_squared_distance(places, mesh.vertices, mesh.faces)[0]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_arrows_are_whole_or_not_there_at_outlines(seed):
+@pytest.mark.parametrize("tilt", [1.3, 1.4])
+def test_arrows_are_whole_or_not_there_at_outlines(tilt):
     """A vertex that is drawn has no face before it, and looks towards the eye."""
-    arrows, eye = arrows_of(RING, rotation(RING), LOOK), Eye(axes(seed))
+    arrows, eye = arrows_of(RING, rotation(RING), LOOK), Eye(tilted(tilt))
     hidden = arrows.hidden(eye)
     drawn = arrows.seen(eye, hidden).reshape(arrows.vertices.shape)
     is_there = np.ptp(drawn, axis=1).max(axis=1) > 0
@@ -149,7 +155,7 @@ def test_arrows_are_whole_or_not_there_at_outlines(seed):
     # and what is left out would have been cut, or is near an outline
     left_out = ~is_there & (arrows.turned(eye) > 0.35)
     places, normals = (x[left_out] for x in (arrows.vertices, arrows.normals))
-    assert len(places) > 5
+    assert len(places) > 3
     covered = are_hidden(RING.normalized(), places.reshape(-1, 3), normals.reshape(-1, 3), eye.axes)
     assert covered.reshape(len(places), -1).any(axis=1).mean() > 0.9
 
