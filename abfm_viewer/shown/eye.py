@@ -25,7 +25,7 @@ class Eye:
     def towards(self, places: FloatArray) -> FloatArray:
         """Return unit vectors from places (..., 3) towards the eye."""
         if self.place is None:
-            return np.broadcast_to(self.axes[2], places.shape)
+            return np.asarray(np.broadcast_to(self.axes[2], places.shape))
         away = self.place - places
         return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
 
@@ -36,7 +36,7 @@ class Eye:
         if self.place is None:
             return np.asarray(places @ self.axes.T)
         right, up, near = ((places - self.place) @ self.axes.T).T
-        return np.stack([right, up, np.ones(len(places))], axis=1) / -near[:, None]
+        return np.asarray(np.stack([right, up, np.ones(len(places))], axis=1) / -near[:, None])
 
     def before(self, nearest: FloatArray, own: FloatArray) -> FloatArray:
         """Return how far the nearest of what is seen (P,) is before places' own (P,)."""
