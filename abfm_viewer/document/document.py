@@ -207,8 +207,8 @@ class View:
     error: bool = False
     links: bool = False  # lines from points of surface A to where they are on B
     arrows: bool = False
-    arrow_length: float = 0.12  # the longest arrow's, of sqrt(area)
-    arrow_density: float = 0.3  # share of faces with an arrow
+    arrow_length: float = 0.12  # what the longest may have, of sqrt(area)
+    arrow_density: float = 0.5  # from few to many, 0 to 1
     # of the field that is drawn, coloured and traced, or a field that belongs to it
     part: FieldPart = "whole"
     tracks: bool = False  # ways of a film's critical points

@@ -88,11 +88,12 @@ def draw_field(context: Context) -> None:
     set_view(f"show the {part} field", part=part)
     _switch(context, "arrows", "arrows", "switch arrows", _ARROWS)
     with ui.disabled(not view.arrows):
-        tip = "Of the longest, as a fraction of sqrt(area)."
+        tip = "Of the longest, at most, as a fraction of sqrt(area). None is so long that it would "
+        tip += "lie over another one: where arrows are dense they are shorter."
         length = ui.number("length", view.arrow_length, Range(0.01, 0.4), tip)
         if length is not None and length > 0:
             set_view("arrows' length", "length", arrow_length=min(max(length, 0.001), 10.0))
-        tip = "How many arrows there are."
+        tip = "How near to each other arrows are, in pixels: there are more on a larger surface."
         density = ui.bounded("density", view.arrow_density, Range(0, 1), tip, (0.0, 1.0))
         set_view("arrows' density", "density", arrow_density=density)
     _switch(context, "streaks", "streaks", "switch streaks", _STREAKS)

@@ -14,11 +14,14 @@ from abfm.streaks.line_integral import line_integral_convolution
 from abfm.types import FloatArray
 from abfm_viewer.appearance.colormaps import ColorRange, color_range, place_colors
 from abfm_viewer.computing.defaults import best_front
-from abfm_viewer.document.document import Front
+from abfm_viewer.document.document import Front, triple
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.scene import opengl, overlays
 from abfm_viewer.scene.surfaces import Camera, fitted, look, register, show
+from abfm_viewer.shown.arrows import ArrowLook, arrows_of
+from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.paint import Paint, PaintKind
+from abfm_viewer.shown.ribbons import unit
 from abfm_viewer.shown.streak_texture import streak_texture
 
 _FIELD_OF_VIEW, _MARGIN = 18.0, 0.04  # degrees: so narrow that shapes are hardly distorted
@@ -31,7 +34,8 @@ POINT_COLORS = (
     (0.85, 0.0, 0.45),
     (0.0, 0.4, 0.8),
 )
-_ARROWS = 0.12, 0.3  # length and density
+_RIM = (1.0, 1.0, 1.0)
+_ARROWS = ArrowLook(length=0.12, spacing=0.08)
 _POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
 _TEXELS = 2048
 _SQUARE = 0.5  # of a checkerboard, in its coordinates
@@ -88,13 +92,22 @@ def _show(panel: Panel, ranges: Mapping[str, ColorRange], view: Camera) -> None:
     surface = register("surface", mesh)
     show(surface, mesh, _paint(panel, ranges), square=_SQUARE)
     if panel.arrows is not None:
-        overlays.draw_arrows("arrows", mesh, panel.arrows, _ARROWS, _INK)
+        arrows, eye = arrows_of(mesh, panel.arrows, _ARROWS), _eye(view, mesh)
+        if len(arrows.ways):
+            overlays.draw_arrows("arrows", arrows, _INK, _RIM)
+            overlays.see_arrows("arrows", arrows, eye, arrows.hidden(eye))
     if panel.lines:
         courses = [overlays.course_through(mesh, line) for line in panel.lines]
         overlays.draw_ribbons("lines", mesh, overlays.line_ribbons(courses, _LINE), _INK)
     marked = zip(() if panel.points is None else panel.points, cycle(POINT_COLORS))
     for number, (point, color) in enumerate(marked):
         overlays.draw_points(f"point {number}", mesh, point[None], color, _POINT)
+
+
+def _eye(view: Camera, mesh: TriangleMesh) -> Eye:
+    towards = np.array(view.position) - view.target
+    axes = Front(triple(unit(towards)), view.front.up).axes
+    return Eye(axes, np.array(view.position) / mesh.length_scale)
 
 
 def _paint(panel: Panel, ranges: Mapping[str, ColorRange]) -> Paint:

@@ -11,16 +11,20 @@ import numpy as np
 
 import abfm
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.types import FloatArray, IntArray
+from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.background import same
 from abfm_viewer.scene.opengl import MATERIAL, ps
 from abfm_viewer.scene.surfaces import viewport
+from abfm_viewer.shown.arrows import Arrows
+from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.paint import Paint
+from abfm_viewer.shown.ribbons import Triangles, normals_at, outward, strips, unit
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.shown.tracks import KINDS
 
 _ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
+_INK = "ink"  # colours of arrows
 _ISOLINES = "isolines of "  # and the surface's name
 _TRACKS = {kind: f"tracks of each {kind}" for kind in KINDS}
 _PRESENT = {kind: f"each {kind} now" for kind in KINDS}
@@ -28,20 +32,15 @@ _NOW, _START = "followed points", "starts of points"
 _POINTS = (_NOW, _START, *_PRESENT.values())
 _LIFT = 0.0025  # of sqrt(area): a flat strip is hidden by the surface where that bends
 _HEAD_WIDTH, _HEAD_LENGTH = 2.6, 7.5  # in half widths of the shaft
-_LONGEST_HEAD = 0.55  # of an arrow
-_SHAFT_NODES, _HEAD_NODES = 9, 4
+_LONGEST_HEAD = 0.55  # of a line
+_HEAD_NODES = 4
 _APART, _NODE = 0.16, 0.012  # of sqrt(area): heads along a line, and the nodes of its ribbon
-_FAST = 98  # percentile of the speeds shown that gets the full length
-_SLOW, _LONGEST = 0.01, 1.25  # of it: below there is no arrow, and none is longer
-# half widths of arrows and lines, radii of points
-_THICK, _THIN, _ISOLINE, _POINT = 0.0035, 0.0025, 0.0016, 0.014
-_TRACK, _CRITICAL = 0.005, 0.02
+_THIN, _ISOLINE, _POINT = 0.0025, 0.0016, 0.014  # half widths of lines, radii of points
+_TRACK, _CRITICAL = 0.005, 0.02  # the same of tracks and of critical points now
 
 Rgb = Sequence[float]
 Meshes = Mapping[str, TriangleMesh]
-Look = tuple[float, float]  # length of the fast arrows, of sqrt(area), and density
 Placed = tuple[str, str, Any]  # a structure's surface, its own name, and polyscope's handle
-Triangles = tuple[FloatArray, IntArray]  # vertices (V, 3) and faces (F, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,33 +62,19 @@ class Course:
             np.stack([np.interp(lengths, own, values[:, x]) for x in range(3)], axis=1)
             for values in (self.places, self.normals)
         )
-        return Course(places, _unit(normals))
+        return Course(places, unit(normals))
 
 
 def course_of(mesh: TriangleMesh, line: abfm.flow.FlowLine) -> Course:
     """Return the way of a flow line in the flow's direction, however it was walked."""
     order = slice(None) if line.times[-1] >= 0 else slice(None, None, -1)
-    normals = _normals(mesh, line.faces, line.barycentric)
+    normals = normals_at(mesh, line.faces, line.barycentric)
     return Course(line.positions[order] / mesh.length_scale, normals[order])
 
 
 def course_through(mesh: TriangleMesh, places: FloatArray) -> Course:
     found = abfm.maps.project_onto_surface(mesh, places)
-    return Course(places / mesh.length_scale, _normals(mesh, found.faces, found.barycentric))
-
-
-def _normals(mesh: TriangleMesh, faces: IntArray, barycentric: FloatArray) -> FloatArray:
-    """Return unit normals at points of a surface, which turn smoothly from face to face, (K, 3)."""
-    return _unit(np.einsum("kc,kcx->kx", barycentric, vertex_normals(mesh)[mesh.faces[faces]]))
-
-
-@per_mesh
-def vertex_normals(mesh: TriangleMesh) -> FloatArray:
-    return _outward(mesh) * abfm.functions.vertex_normals(mesh)
-
-
-def _outward(mesh: TriangleMesh) -> int:
-    return -1 if mesh.is_inside_out else 1
+    return Course(places / mesh.length_scale, normals_at(mesh, found.faces, found.barycentric))
 
 
 @per_mesh
@@ -101,43 +86,6 @@ def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
     by_size = np.argsort(-abfm.calculus.face_areas(mesh), kind="stable")
     cells = np.floor(centers[by_size] / side).astype(np.int64)
     return np.sort(by_size[np.unique(cells, axis=0, return_index=True)[1]])
-
-
-def arrow_courses(mesh: TriangleMesh, velocity: FloatArray, look: Look) -> list[Course]:
-    """Find pieces of a field's (F, 3) flow lines."""
-    (length, density), speed = look, np.linalg.norm(velocity, axis=1)
-    faces = evenly_spread(mesh, density)
-    if not speed[faces].any():
-        faces = np.array([speed.argmax()])
-    if not speed[faces].any():
-        return []
-    fast = np.percentile(speed[faces][speed[faces] > 0], _FAST)  # the speed of slivers runs wild
-    faces = faces[speed[faces] > _SLOW * fast]
-    capped = velocity / np.maximum(fast, speed / _LONGEST)[:, None]
-    starts = abfm.maps.SurfacePoints(mesh, faces, np.full((len(faces), 3), 1 / 3))
-    lines = abfm.flow.flow_lines(mesh, capped, starts, length * mesh.length_scale)
-    return [course_of(mesh, line) for line in lines if len(line.times) > 1]
-
-
-def arrow_ribbons(courses: Sequence[Course], half_width: float) -> Triangles:
-    """Make an arrow along each way, thinner where the way is too short for its head."""
-    if not courses:
-        return _joined([])
-    lengths = np.array([course.lengths[-1] for course in courses])
-    heads = np.minimum(_HEAD_LENGTH * half_width, _LONGEST_HEAD * lengths)
-    along_shaft, along_head = np.linspace(0, 1, _SHAFT_NODES), np.linspace(0, 1, _HEAD_NODES)
-    shafts, heads_along = (lengths - heads)[:, None], heads[:, None] * along_head
-    nodes = np.concatenate([shafts * along_shaft, shafts + heads_along], axis=1)
-    found = [course.at(places) for course, places in zip(courses, nodes, strict=True)]
-    places, normals = (
-        np.stack([one.places for one in found]),
-        np.stack([one.normals for one in found]),
-    )
-    thick = heads[:, None] / _HEAD_LENGTH
-    shaft, head = np.s_[:, :_SHAFT_NODES], np.s_[:, _SHAFT_NODES:]
-    shafts_of = _strips(places[shaft], normals[shaft], thick * np.ones(_SHAFT_NODES))
-    heads_of = _strips(places[head], normals[head], _HEAD_WIDTH * thick * (1 - along_head))
-    return _joined([shafts_of, heads_of])
 
 
 def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
@@ -165,7 +113,7 @@ def isoline_ribbons(
 ) -> Triangles:
     """Strips in triangles where a function (V,) has values; none where it is constant."""
     corners, at_corners = mesh.vertices[mesh.faces] / mesh.length_scale, values[mesh.faces]
-    normals = _outward(mesh) * abfm.calculus.face_normals(mesh)
+    normals = outward(mesh) * abfm.calculus.face_normals(mesh)
     low, high = at_corners.min(axis=1), at_corners.max(axis=1)
     parts: list[Triangles] = []
     for level in levels:
@@ -179,7 +127,7 @@ def isoline_ribbons(
         for other in ((alone + 1) % 3, (alone + 2) % 3):
             share = (level - f[rows, alone]) / (f[rows, other] - f[rows, alone])
             ends.append(start + share[:, None] * (triangles[rows, other] - start))
-        along, normal = _unit(ends[1] - ends[0]), normals[crossed]
+        along, normal = unit(ends[1] - ends[0]), normals[crossed]
         side, lift = half_width * np.cross(normal, along), _LIFT * normal
         # else a gap would show between two strips
         first, last = ends[0] - half_width / 2 * along, ends[1] + half_width / 2 * along
@@ -191,13 +139,7 @@ def isoline_ribbons(
 
 
 def _strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:
-    """Make strips of half widths (n, K) through places (n, K, 3), counterclockwise from outside."""
-    count, nodes = half_widths.shape
-    side = half_widths[:, :, None] * _unit(np.cross(normals, np.gradient(places, axis=1)))
-    middle = places + _LIFT * normals
-    vertices = np.stack([middle - side, middle + side], axis=2).reshape(-1, 3)
-    first = 2 * (np.arange(nodes - 1) + nodes * np.arange(count)[:, None]).reshape(-1, 1)
-    return vertices, np.concatenate([first + np.array([0, 2, 1]), first + np.array([1, 2, 3])])
+    return strips(places + _LIFT * normals, normals, half_widths)
 
 
 def _joined(parts: list[Triangles]) -> Triangles:
@@ -208,13 +150,21 @@ def _joined(parts: list[Triangles]) -> Triangles:
     return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
+def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
+    """Draw arrows, dark in a light rim or light in a dark one; `see_arrows` says which are seen."""
+    vertices = arrows.vertices.reshape(-1, 3)
+    places = viewport(arrows.mesh).drawn(arrows.mesh.length_scale * vertices)
+    look = {"smooth_shade": False, "material": MATERIAL}
+    drawn = ps.register_surface_mesh(name, places, arrows.faces, **look)
+    drawn.reset_transform()
+    colors = np.where(arrows.rims[:, None], np.array(rim[:3]), np.array(ink[:3]))
+    drawn.add_color_quantity(_INK, colors, defined_on="faces", enabled=True)
 
 
-def draw_arrows(name: str, mesh: TriangleMesh, field: FloatArray, look: Look, color: Rgb) -> None:
-    courses = arrow_courses(mesh, field, look)
-    draw_ribbons(name, mesh, arrow_ribbons(courses, _THICK), color)
+def see_arrows(name: str, arrows: Arrows, eye: Eye, hidden: BoolArray | None) -> None:
+    """Show of arrows what an eye sees whole."""
+    vertices = arrows.mesh.length_scale * arrows.seen(eye, hidden)
+    ps.get_surface_mesh(name).update_vertex_positions(viewport(arrows.mesh).drawn(vertices))
 
 
 def draw_ribbons(name: str, mesh: TriangleMesh, triangles: Triangles, color: Rgb) -> None:
@@ -242,14 +192,35 @@ class Overlays:
     def __init__(self, shown: Shown, tell: Callable[[str], object]) -> None:
         self._shown, self._tell = shown, tell  # what is drawn anew
         self._drawn: dict[str, tuple[str, tuple[object, ...]]] = {}  # on what, and made of what
+        self._arrows: Arrows | None = None  # those drawn last
+        self._arrows_seen: object = None  # how they were seen
+        self._scale = 1.0
+        self.is_behind = False  # arrows are still of another look than the user's
 
-    def update(self, meshes: Meshes, paints: Mapping[str, Paint], of_flow: bool) -> None:
-        """Show what is asked for on surfaces by name; of the flow only if so told."""
+    def update(
+        self, meshes: Meshes, paints: Mapping[str, Paint], of_flow: bool, scale: float
+    ) -> None:
+        """Show what is asked for on surfaces by name, with so many pixels for a length of 1; of
+        the flow only if so told.
+        """
+        self._scale = scale
         for name, mesh in meshes.items():
             self._draw_isolines(name, mesh, paints.get(name))
         if "advected" in meshes:
             mesh = self._shown.session.surface("advected").mesh
             self._draw_of_flow(mesh, of_flow, "source" in meshes)
+
+    def look(self, axes: FloatArray) -> None:
+        """Show the arrows that are seen whole, by axes (3, 3) to the right, up, and towards."""
+        arrows = self._arrows
+        if _ARROWS not in self._drawn or arrows is None:
+            return
+        eye = Eye(axes)
+        hidden = self._shown.quantities.hidden_arrows(arrows, eye)
+        seen = arrows, hidden, axes.tobytes()
+        if not same(seen, self._arrows_seen):
+            self._arrows_seen = seen
+            see_arrows(_ARROWS, arrows, eye, hidden)
 
     def _draw_isolines(self, surface: str, mesh: TriangleMesh, paint: Paint | None) -> None:
         """Show equal values, but not the range's ends and middle, where it may be constant."""
@@ -266,12 +237,17 @@ class Overlays:
 
     def _draw_of_flow(self, mesh: TriangleMesh, of_flow: bool, has_source: bool) -> None:
         quantities, view = self._shown.quantities, self._shown.session.view
-        colors, look = theme.palette(view.theme), (view.arrow_length, view.arrow_density)
-        field = quantities.field() if view.arrows and of_flow else None
-        if field is None or not field.speed.any():
+        colors = theme.palette(view.theme)
+        arrows = quantities.arrows(self._scale) if view.arrows and of_flow else None
+        is_wanted = view.arrows and of_flow and quantities.field() is not None
+        self.is_behind = is_wanted and (
+            arrows is None or arrows.look != quantities.arrow_look(self._scale)
+        )
+        if arrows is None or not len(arrows.ways):
             self._remove(_ARROWS)
-        elif self._is_new("advected", _ARROWS, (field, *look, view.theme)):
-            draw_arrows(_ARROWS, mesh, field.velocity, look, theme.linear(colors.ink))
+        elif self._is_new("advected", _ARROWS, (arrows, view.theme)):
+            draw_arrows(_ARROWS, arrows, theme.linear(colors.ink), theme.linear(colors.ground))
+            self._arrows, self._arrows_seen = arrows, None
         marker = theme.linear(colors.marker)
         paths = tuple(quantities.paths()) if of_flow else ()
         lines = tuple(quantities.lines()) if of_flow else ()
@@ -300,7 +276,7 @@ class Overlays:
                 courses = [
                     Course(
                         way.points.positions / mesh.length_scale,
-                        _normals(mesh, way.points.faces, way.points.barycentric),
+                        normals_at(mesh, way.points.faces, way.points.barycentric),
                     )
                     for way in own
                 ]

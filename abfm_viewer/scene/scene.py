@@ -19,12 +19,13 @@ from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import SIDES, Document, Front, Look, Point, Side, triple
 from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.scene.overlays import Overlays, Placed, evenly_spread, vertex_normals
+from abfm_viewer.scene.overlays import Overlays, Placed, evenly_spread
 from abfm_viewer.scene.pacing import Pacing
 from abfm_viewer.scene.slots import Fit, Place, SlotView, rotation, slots
 from abfm_viewer.scene.surfaces import Viewport, viewport
 from abfm_viewer.shown.landmarks import Marks
 from abfm_viewer.shown.paint import Paint, Painter
+from abfm_viewer.shown.ribbons import unit, vertex_normals
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.widget_record import Rect
 
@@ -67,6 +68,7 @@ class Scene:
         self._views: dict[str, SlotView] = {}
         self._style: object = None
         self._document: Document | None = None
+        self._changed = False  # it was, by the user, and that is still to be seen
         self._degrees = 0.0
         opengl.clear()
 
@@ -86,10 +88,13 @@ class Scene:
         self._restyle()
         overlays_wait = self._paint()
         earlier, self._document = self._document, session.document
-        # what the user changes is seen at once
-        if earlier is not session.document or not overlays_wait:
+        # what the user changes is seen at once, or as soon as it is known
+        self._changed = self._changed or earlier is not session.document
+        if self._changed or not overlays_wait:
             of_flow = earlier is None or earlier.view is not view or not self.pacing.begins
-            self.overlays.update(self._meshes, self.paints, of_flow)
+            scale = self.view.scale / self.pixels
+            self.overlays.update(self._meshes, self.paints, of_flow, scale)
+            self._changed = self.overlays.is_behind
         self._place()
 
     def mesh(self, name: str) -> TriangleMesh:
@@ -354,6 +359,8 @@ class Scene:
                 axis = self._fitted("source" if name in self._views else "advected").axis
                 transform[:3, :3] @= rotation(axis, np.radians(self._degrees))
             transforms[name] = transform
+        if "advected" in transforms:
+            self.overlays.look(unit(transforms["advected"][:3, :3]))
         placed = [(name, name, ps.get_surface_mesh(name)) for name in self.names]
         self._placing.place(self.view, transforms, [*placed, *self.overlays.structures()])
 

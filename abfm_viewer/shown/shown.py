@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 import abfm
 from abfm import AbfmError
 from abfm.mesh import TriangleMesh
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 from abfm_viewer import shown
 from abfm_viewer.appearance.colormaps import ColorRange
-from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.document.document import (
     HODGE_PARTS,
     SIDES,
@@ -24,6 +24,8 @@ from abfm_viewer.document.document import (
 )
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.arrows import ArrowLook, Arrows, arrow_spacing, arrows_of, fast_speed
+from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.landmarks import ShownLandmarks
 from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
 from abfm_viewer.shown.tracks import ShownTracks
@@ -49,6 +51,7 @@ class Field:
     unit: str = "the mesh's length per time"  # of the speed
     note: str = ""  # what else is to be said, if anything
     dimension: int = 1  # the power of a length in the unit
+    fast: float = 0.0  # of all fields in a row, for arrows' lengths; 0 where they are its own
 
     def relative_speed(self) -> tuple[FloatArray, str]:
         """Return the speed (F,) with sqrt(area) as the unit of length, and its unit."""
@@ -57,7 +60,10 @@ class Field:
 
 
 def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
-    velocity, shares, note = flow.velocity[segment], {}, ""
+    velocity, shares, note, fast = flow.velocity[segment], {}, "", 0.0
+    if part == "whole" and len(flow.velocity) > 1:
+        speeds = np.linalg.norm(flow.velocity, axis=2)
+        fast = max(fast_speed(flow.mesh, speed) for speed in speeds)
     if part == "commuting":
         velocity, bracket = commuting(flow, segment)
         note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
@@ -68,7 +74,8 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
         norms = {name: float(areas @ (v**2).sum(axis=1)) for name, v in parts.items()}
         shares = {name: norm / max(sum(norms.values()), 1e-300) for name, norm in norms.items()}
         velocity = parts[part]
-    return Field(flow.mesh, velocity, np.linalg.norm(velocity, axis=1), shares, note=note)
+    speed = np.linalg.norm(velocity, axis=1)
+    return Field(flow.mesh, velocity, speed, shares, note=note, fast=fast)
 
 
 def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
@@ -99,6 +106,10 @@ def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Fiel
             carried = abfm.calculus.pushforward(mesh, velocity, carried, min(end, time) - start)
     speed = np.linalg.norm(carried, axis=1)
     return Field(mesh, carried, speed, unit="the source's unit per length", dimension=-1)
+
+
+def field_arrows(field: Field, look: ArrowLook) -> Arrows:
+    return arrows_of(field.mesh, field.velocity, look, field.fast)
 
 
 def derivative(field: Field, kind: Coloring) -> FloatArray:
@@ -161,6 +172,9 @@ class FieldQuantities(Jobs):
         self._session, self._flow = session, flow
         self._field: Latest[Field] = self.latest()
         self._scalar: Latest[FloatArray] = self.latest()
+        self._arrows: Latest[Arrows] = self.latest()
+        self._hidden_arrows: Latest[BoolArray] = self.latest()
+        self._eye: Memo[Eye] = Memo()
         self._chords: Latest[abfm.maps.Distortion] = self.latest()
         self._quality: Latest[abfm.maps.FlowMapQuality] = self.latest()
         self._streaks: Latest[Streaks] = self.latest()
@@ -193,6 +207,25 @@ class FieldQuantities(Jobs):
         if (field := self.field()) is None:
             return None
         return self._scalar.newest(field.mesh, derivative, field, self._session.view.coloring)
+
+    def arrows(self, scale: float) -> Arrows | None:
+        """Return the field's arrows for a picture with so many pixels for a length of sqrt(area),
+        lately of an earlier field; None before there are any.
+        """
+        if (field := self.field()) is None:
+            return None
+        return self._arrows.newest(field.mesh, field_arrows, field, self.arrow_look(scale))
+
+    def arrow_look(self, scale: float) -> ArrowLook:
+        view = self._session.view
+        return ArrowLook(view.arrow_length, arrow_spacing(view.arrow_density, scale))
+
+    def hidden_arrows(self, arrows: Arrows, eye: Eye) -> BoolArray | None:
+        """Tell which arrows the surface hides from an eye, lately from an earlier one, (A,); None
+        before that is known of any.
+        """
+        kept = self._eye.get((eye.axes.tobytes(),), lambda: eye)
+        return self._hidden_arrows.newest(arrows, Arrows.hidden, arrows, kept)
 
     def map_quality(self) -> abfm.maps.FlowMapQuality | None:
         """Judge the map of the shown time; while that moves, and lately, that of an earlier one."""

@@ -15,6 +15,8 @@ from .quality import map_accuracy as map_accuracy
 from .quality import map_quality as map_quality
 from .quality import there_and_back as there_and_back
 from .sphere_embedding import sphere_embedding as sphere_embedding
+from .spread_points import SpreadPoints as SpreadPoints
+from .spread_points import spread_points as spread_points
 from .surface_points import SurfacePoints as SurfacePoints
 from .surface_points import project_onto_surface as project_onto_surface
 from .surface_points import vertex_points as vertex_points

@@ -14,6 +14,7 @@ from abfm.sequences.noise import noise
 from abfm.sequences.solve import Said
 
 _OFTEN = 1.3  # times what noise leaves, within which nothing but noise is left
+_EXPLAINED = 0.6  # of what differed at first: where more is left, motion explains little
 CONFIRMED = ("matched", "nearly", "registered")
 """Kinds of verdicts by which flow lines confirm an interval."""
 
@@ -43,8 +44,10 @@ def verdict_of(problem: Problem, said: Said, floor: float, found: bool) -> Verdi
     )
     told = verdicts.advice(functions, outcome, problem.parameters)
     left = verdicts.confirmed_mismatch(said.mismatch, said.verified_mismatch)
-    if told.kind in CONFIRMED or not left <= _OFTEN * floor:
-        return told if told.kind in CONFIRMED else replace(told, advice="", remedies=())
     first = functions.relative_mismatch(functions.source)
-    why = f"{first:.3g} -> {left:.3g}: no more than noise of {floor:.3g} is left"
-    return Verdict("registered", why, "")
+    change = told.reason.partition(": ")[0]
+    if left <= _OFTEN * floor and told.kind not in CONFIRMED:
+        return Verdict("registered", f"{change}: no more is left than noise leaves", "")
+    if told.kind == "registered" and left > max(_OFTEN * floor, _EXPLAINED * first):
+        return Verdict("not reached", f"{change}: most of what changes is no motion", "")
+    return told if told.kind in CONFIRMED else replace(told, advice="", remedies=())

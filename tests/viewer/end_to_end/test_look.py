@@ -144,7 +144,6 @@ def test_arrows_follow_a_run_no_more_often_than_the_surface_and_the_user_at_once
     before = gui.session.solver.snapshot.shown
     gui.wait(lambda s: s.solver.snapshot.shown.iteration > before.iteration + 5)
     assert drawn == []
-    gui.type("length", "0.2")
-    gui.frames(2)
-    assert drawn
+    gui.type("length", "0.01")
+    gui.wait(lambda _: drawn)
     cancel(gui)

@@ -46,7 +46,10 @@ def difference(actual, expected, masked=()):
 
 def compared(gui, name, folder, update):
     """What is different between the window and a snapshot, which may be written anew."""
-    gui.wait(lambda s: not gui.window.shown.busy and not s.notices.latest.text)
+    shown = gui.window.shown
+    gui.frames(2)
+    gui.wait(lambda s: not shown.busy and not s.notices.latest.text)
+    gui.wait(lambda _: not shown.quantities.busy)
     gui.frames(5)
     actual, expected = folder / name, SNAPSHOTS / name
     gui.screenshot(actual)

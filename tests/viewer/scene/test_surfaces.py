@@ -72,8 +72,8 @@ def test_overlays_and_clicks_are_where_the_surface_is(scale, offset, tmp_path):
         vertex = int(np.argmax(vertices @ surface.front.direction))
         point = scene.nearest("advected", vertices[vertex]).point
         gui.session.editor.add_point("lines", point)
-        shown = gui.window.shown
-        gui.wait(lambda _: not shown.busy and not shown.quantities.busy)
+        structures = scene.overlays.structures
+        gui.wait(lambda _: {name for _, name, _ in structures()} == {"arrows", "flow lines"})
         gui.frames(3)
         assert {surface for surface, *_ in scene.overlays.structures()} == {"advected"}
         x, y, _ = scene.projected("source", vertices[vertex])[0]

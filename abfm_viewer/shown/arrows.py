@@ -1,0 +1,221 @@
+"""Arrows of a field on a surface: evenly spread, none over another, whole wherever they are seen.
+
+They lie about places that stay the same whatever the field is, and are no longer than these are
+apart, so that each has a disc of its own. All lengths are in square roots of the surface's area.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+import abfm
+from abfm import TriangleMesh
+from abfm.maps import SurfacePoints
+from abfm.maps.spread_points import NEAREST
+from abfm.types import BoolArray, FloatArray, IntArray
+from abfm_viewer.shown.eye import Eye
+from abfm_viewer.shown.ribbons import normals_at
+
+_FARTHEST = 0.13  # are places from each other, however small the picture
+_SPARSE, _DENSE = 60.0, 15.0  # pixels between them at the least and the largest density
+_LEVELS = 2  # of spacings, from one to its double: zooming changes arrows no more often
+_LONGEST = 0.92  # arrow, of the distance between places
+_SHORTEST = 0.25  # of the longest: what is slower has none
+_WILD = 0.001  # of the area: speeds that no more of it has count as the next lower ones
+_FAST = 0.4  # of the squared norm: what as much of it exceeds has the full length
+_SHAFT, _HEAD = 0.055, 0.165  # half widths, of that distance
+_HEAD_LENGTH, _MOST_HEAD = 0.36, 0.55  # of that distance, and of the arrow
+_RIM, _SHARPEST = 0.035, 2.0  # width of a rim, of that distance; and at the tip, of that width
+_THINNEST = 0.6  # of the widths, where arrows are short
+_SHAFT_NODES, _HEAD_NODES = 6, 3
+_HEIGHT, _RIM_HEIGHT = 0.0024, 0.0015  # above the surface, which would hide them where it bends
+_FLATTEST = 0.3  # cosine of the angle at which arrows are seen, near outlines
+
+
+@dataclass(frozen=True)
+class ArrowLook:
+    """How long the longest may be, and how far apart their middles are."""
+
+    length: float
+    spacing: float
+
+
+def arrow_spacing(density: float, scale: float) -> float:
+    """Return how far apart arrows are at a density, 0 to 1, in a picture with so many pixels for a
+    length of 1: about as many pixels whether a surface is large or small.
+    """
+    pixels = _SPARSE * (_DENSE / _SPARSE) ** min(max(density, 0.0), 1.0)
+    level = round(_LEVELS * math.log2(pixels / max(scale, 1e-300))) / _LEVELS
+    return float(min(max(2.0**level, NEAREST), _FARTHEST))
+
+
+@dataclass(frozen=True, eq=False)
+class Arrows:
+    """Arrows on a surface, each straight over the faces: feet, middles and tips (A, 3, 3); and what
+    is drawn of them, M vertices each, with faces (T, 3) of all and which of these are of rims.
+    """
+
+    mesh: TriangleMesh
+    look: ArrowLook
+    ways: FloatArray
+    vertices: FloatArray  # (A, M, 3), on the surface
+    normals: FloatArray  # (A, M, 3), there
+    heights: FloatArray  # (M,), how far above it they are drawn
+    faces: IntArray
+    rims: BoolArray  # (T,)
+
+    def turned(self, eye: Eye) -> FloatArray:
+        """Return the least cosine of the angle at which each arrow is seen, (A,), negative where it
+        looks away; of a surface with boundary both sides are seen.
+        """
+        cosines = (self.normals * eye.towards(self.vertices)).sum(axis=2)
+        return np.asarray((cosines * self._sides(eye)).min(axis=1))
+
+    def hidden(self, eye: Eye) -> BoolArray:
+        """Tell which of them other parts of the surface hide, or a part of them, (A,)."""
+        cosines = self.turned(eye)
+        hidden = cosines <= _FLATTEST
+        places = self._lifted(eye)[~hidden]
+        surface = self.mesh.vertices / self.mesh.length_scale, self.mesh.faces
+        slopes = np.repeat(cosines[~hidden], places.shape[1])
+        covered = eye.hides(surface, places.reshape(-1, 3), slopes)
+        hidden[~hidden] = covered.reshape(places.shape[:2]).any(axis=1)
+        return hidden
+
+    def seen(self, eye: Eye, hidden: BoolArray | None = None) -> FloatArray:
+        """Return the vertices to be drawn, (A M, 3): arrows that an outline would cut, and those
+        that are known to be hidden, are drawn as points.
+        """
+        is_gone = self.turned(eye) <= _FLATTEST
+        if hidden is not None:
+            is_gone |= hidden
+        points = self.ways[:, 1:2]
+        return np.where(is_gone[:, None, None], points, self._lifted(eye)).reshape(-1, 3)
+
+    def _lifted(self, eye: Eye) -> FloatArray:
+        """Return the vertices (A, M, 3) above the surface, on the side that the eye sees."""
+        above = self.heights[:, None] * self.normals
+        return np.asarray(self.vertices + self._sides(eye)[..., None] * above)
+
+    def _sides(self, eye: Eye) -> FloatArray:
+        """Return which sides the eye sees, (A, 1): 1, or -1 where a surface has boundary."""
+        if self.mesh.is_closed:
+            return np.ones((len(self.ways), 1))
+        cosines = (self.normals * eye.towards(self.vertices)).sum(axis=2)
+        return np.where(cosines.sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
+
+
+def arrows_of(
+    mesh: TriangleMesh, velocity: FloatArray, look: ArrowLook, fast: float = 0.0
+) -> Arrows:
+    """Find the arrows of a field (F, 3).
+
+    Their lengths are as speeds are, up to the one that counts as ``fast``, by default the field's
+    own `fast_speed`; much slower places have none.
+    """
+    speed = np.linalg.norm(velocity, axis=1)
+    fast = fast or fast_speed(mesh, speed)
+    relative = velocity / (fast or 1.0)
+    points = abfm.maps.spread_points(mesh).apart(look.spacing)
+    vectors = abfm.flow.vectors_at(mesh, relative, points)
+    if fast > 0 and not vectors.any():  # what moves is smaller than the distance between arrows
+        points = SurfacePoints(mesh, speed.argmax(keepdims=True), np.full((1, 3), 1 / 3))
+        vectors = relative[points.faces]
+    speed_there = np.linalg.norm(vectors, axis=1)
+    kept = np.flatnonzero(speed_there > _SHORTEST)
+    along = vectors[kept] / speed_there[kept, None]
+    lengths = min(look.length, _LONGEST * look.spacing) * np.minimum(speed_there[kept], 1)
+    return _drawn(points[kept], along, lengths, look)
+
+
+def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
+    """Return what of speeds (F,) counts as fast: faces that are faster have a good part of the
+    field's squared norm, wherever that is on the surface. Those of slivers, which run wild, count
+    as their lower neighbours'; 0 if all is still.
+    """
+    descending = np.argsort(-speed, kind="stable")
+    areas = abfm.calculus.face_areas(mesh)[descending] / mesh.length_scale**2
+    tame = min(int(np.searchsorted(np.cumsum(areas), _WILD)), len(speed) - 1)
+    most = float(speed[descending[tame]]) or float(speed.max())
+    if not most:
+        return 0.0
+    norms = np.cumsum(areas * np.minimum(speed[descending] / most, 1) ** 2)
+    return float(min(speed[descending[np.searchsorted(norms, _FAST * norms[-1])]], most))
+
+
+def _drawn(
+    points: SurfacePoints, along: FloatArray, lengths: FloatArray, look: ArrowLook
+) -> Arrows:
+    """Draw arrows of lengths (A,) about points (A,) in directions (A, 3), on the surface."""
+    mesh = points.mesh
+    scale, normals = mesh.length_scale, abfm.calculus.face_normals(mesh)[points.faces]
+    shape, heights, faces, rims = _glyphs(lengths, look.spacing)
+    ends = np.zeros((len(lengths), 2, 2))
+    ends[:, 0, 0], ends[:, 1, 0] = -lengths / 2, lengths / 2
+    places = np.concatenate([ends, shape], axis=1)
+    across = np.cross(normals, along)
+    ways = scale * (places[..., :1] * along[:, None] + places[..., 1:] * across[:, None])
+    count, each = places.shape[:2]
+    starts = points[np.repeat(np.arange(count), each)]
+    stops, inside = abfm.flow.straight_ways(mesh, starts, ways.reshape(-1, 3))
+    whole = inside.reshape(count, each).all(axis=1)
+    at = (stops.positions / scale).reshape(count, each, 3)[whole]
+    turned = normals_at(mesh, stops.faces, stops.barycentric).reshape(count, each, 3)[whole]
+    middles = (points.positions / scale)[whole]
+    vertices = len(heights) * np.arange(len(at))[:, None, None]
+    return Arrows(
+        mesh,
+        look,
+        np.stack([at[:, 0], middles, at[:, 1]], axis=1),
+        at[:, 2:],
+        turned[:, 2:],
+        heights,
+        (vertices + faces).reshape(-1, 3),
+        np.tile(rims, len(at)),
+    )
+
+
+def _glyphs(
+    lengths: FloatArray, spacing: float
+) -> tuple[FloatArray, FloatArray, IntArray, BoolArray]:
+    """Return arrows of lengths (A,) in the plane, (A, M, 2), about their middles along x: one over
+    a larger one, which is its rim; heights (M,), faces (T, 3) and which of these are rims.
+    """
+    length = lengths[:, None]
+    size = spacing * np.clip(np.sqrt(length / (_LONGEST * spacing)), _THINNEST, 1)
+    head, wide = np.minimum(_HEAD_LENGTH * size, _MOST_HEAD * length), _HEAD * size
+    rim = np.full_like(length, _RIM * spacing)
+    # the sides of the head, a rim farther out, meet farther on
+    ahead = rim * np.minimum(np.sqrt(1 + (head / wide) ** 2), _SHARPEST)
+    along_shaft, along_head = np.linspace(0, 1, _SHAFT_NODES), np.linspace(0, 1, _HEAD_NODES)
+    corners, heights, faces, rims = [], [], [], []
+    first = 0
+    for height, more, farther in ((_RIM_HEIGHT, rim, ahead), (_HEIGHT, 0 * rim, 0 * ahead)):
+        neck = length - head
+        whole = head + farther + more
+        shaft = -more + (neck + more) * along_shaft, (_SHAFT * size + more) * np.ones(_SHAFT_NODES)
+        tip = neck - more + whole * along_head, wide / head * whole * (1 - along_head)
+        for x, half in (shaft, tip):
+            nodes = x.shape[1]
+            y = half[..., None] * np.array([-1, 0, 1])
+            x = np.broadcast_to((x - length / 2)[..., None], y.shape)
+            corners.append(np.stack([x, y], axis=-1).reshape(len(length), 3 * nodes, 2))
+            heights.append(np.full(3 * nodes, height))
+            faces.append(first + _strip(nodes))
+            rims.append(np.full(len(faces[-1]), height == _RIM_HEIGHT))
+            first += 3 * nodes
+    return (
+        np.concatenate(corners, axis=1),
+        np.concatenate(heights),
+        np.concatenate(faces),
+        np.concatenate(rims),
+    )
+
+
+def _strip(nodes: int) -> IntArray:
+    """Return the faces of a strip of so many nodes with three vertices each, counterclockwise."""
+    corner = (3 * np.arange(nodes - 1)[:, None] + np.arange(2)).reshape(-1, 1)
+    return np.concatenate([corner + np.array([0, 3, 1]), corner + np.array([1, 3, 4])])

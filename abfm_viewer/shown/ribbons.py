@@ -1,0 +1,38 @@
+"""Flat strips along ways on a surface, in units of the square root of its area."""
+
+import numpy as np
+
+import abfm
+from abfm import TriangleMesh
+from abfm.mesh import per_mesh
+from abfm.types import FloatArray, IntArray
+
+Triangles = tuple[FloatArray, IntArray]
+"""Vertices (V, 3) and faces (F, 3)."""
+
+
+def strips(places: FloatArray, normals: FloatArray, half_widths: FloatArray) -> Triangles:
+    """Make strips of half widths (n, K) through places (n, K, 3), counterclockwise from outside."""
+    count, nodes = half_widths.shape
+    side = half_widths[:, :, None] * unit(np.cross(normals, np.gradient(places, axis=1)))
+    vertices = np.stack([places - side, places + side], axis=2).reshape(-1, 3)
+    first = 2 * (np.arange(nodes - 1) + nodes * np.arange(count)[:, None]).reshape(-1, 1)
+    return vertices, np.concatenate([first + np.array([0, 2, 1]), first + np.array([1, 2, 3])])
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
+
+
+def normals_at(mesh: TriangleMesh, faces: IntArray, barycentric: FloatArray) -> FloatArray:
+    """Return unit normals at points of a surface, which turn smoothly from face to face, (K, 3)."""
+    return unit(np.einsum("kc,kcx->kx", barycentric, vertex_normals(mesh)[mesh.faces[faces]]))
+
+
+@per_mesh
+def vertex_normals(mesh: TriangleMesh) -> FloatArray:
+    return outward(mesh) * abfm.functions.vertex_normals(mesh)
+
+
+def outward(mesh: TriangleMesh) -> int:
+    return -1 if mesh.is_inside_out else 1

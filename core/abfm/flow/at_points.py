@@ -1,0 +1,60 @@
+"""A continuous field at points of a surface, and straight ways from them over its faces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from abfm.calculus.operators import face_frames, hat_gradients
+from abfm.flow.continuous_flow import SmoothFlow, Walker, enter, leave, smooth_flow, walk_straight
+from abfm.maps.surface_points import SurfacePoints
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.numerics.kernels import kernel
+from abfm.types import BoolArray, FloatArray, IndexArray
+
+
+def vectors_at(mesh: TriangleMesh, field: FloatArray, points: SurfacePoints) -> FloatArray:
+    """Return a field (F, 3), made continuous as flow lines have it, at points (P,), (P, 3)."""
+    unit = mesh.normalized()
+    vectors = smooth_flow(unit, field).vectors[points.faces]
+    places = np.empty((len(points.faces), 2))
+    enter(hat_gradients(unit), points.faces, points.barycentric, places)
+    found = vectors[:, 0] + np.einsum("pj,pjk->pk", places, vectors[:, 1:])
+    return np.asarray(np.einsum("pk,pkx->px", found, face_frames(mesh)[points.faces]))
+
+
+def straight_ways(
+    mesh: TriangleMesh, start: SurfacePoints, vectors: FloatArray
+) -> tuple[SurfacePoints, BoolArray]:
+    """Go straight over the faces from points (P,) by vectors (P, 3) of their faces' planes, which
+    give directions and lengths: the straightest ways of Polthier and Schmies, 1998.
+
+    Returns where they end, and which of them met no boundary, (P,); others end where they began.
+    """
+    unit, faces = mesh.normalized(), start.faces.copy()
+    frames = face_frames(mesh)[faces]
+    ways = np.einsum("px,pkx->pk", vectors, frames) / mesh.length_scale
+    places, weights = np.empty((len(faces), 2)), start.barycentric.copy()
+    inside = np.empty(len(faces), dtype=np.bool_)
+    gradients = hat_gradients(unit)
+    enter(gradients, faces, weights, places)
+    walk(_unfolded(unit), faces, places, ways, inside)
+    leave(gradients, faces, places, weights)
+    return SurfacePoints(mesh, faces, weights), inside
+
+
+@per_mesh
+def _unfolded(mesh: TriangleMesh) -> SmoothFlow:
+    """Prepare walks: what they need of a field is the same whatever that is."""
+    return smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
+
+
+@kernel
+def walk(
+    flow: SmoothFlow, faces: IndexArray, places: FloatArray, ways: FloatArray, inside: BoolArray
+) -> None:
+    for i in range(faces.size):
+        x, y, u, v = places[i, 0], places[i, 1], ways[i, 0], ways[i, 1]
+        end = walk_straight(flow, Walker(faces[i], x, y, u, v), False)
+        inside[i] = end.face >= 0
+        if end.face >= 0:
+            faces[i], places[i, 0], places[i, 1] = end.face, end.x, end.y

@@ -1,0 +1,192 @@
+"""Arrows of a field: which way, how long, apart from each other, and whole where they are seen."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+
+from abfm import TriangleMesh
+from abfm.calculus import face_normals
+from abfm.mesh.shapes import five_limbs
+from abfm_viewer.shown.arrows import ArrowLook, arrow_spacing, arrows_of, fast_speed
+from abfm_viewer.shown.eye import Eye
+from abfm_viewer.shown.hidden_points import are_hidden
+from tests.shapes import icosphere, square, torus
+
+BALL, LIMBS, RING = icosphere(4), five_limbs(2000), torus(60, 30)
+LOOK = ArrowLook(length=0.12, spacing=0.06)
+FRONT = Eye(np.eye(3))
+
+
+def rotation(mesh, axis=(0, 0, 1.0)):
+    field = np.cross(axis, mesh.vertices[mesh.faces].mean(axis=1))
+    normals = face_normals(mesh)
+    return field - (field * normals).sum(axis=1, keepdims=True) * normals
+
+
+def lengths(arrows):
+    return np.linalg.norm(np.diff(arrows.ways, axis=1), axis=2).sum(axis=1)
+
+
+def axes(seed):
+    found = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    return found * np.linalg.det(found)
+
+
+def tilted(angle):
+    """Axes of an eye above the x-y plane that came down by an angle."""
+    sine, cosine = np.sin(angle), np.cos(angle)
+    return np.array([[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]])
+
+
+def test_arrows_go_with_the_field_as_far_as_it_is_fast():
+    arrows = arrows_of(BALL, rotation(BALL), LOOK)
+    feet, middles, tips = np.moveaxis(arrows.ways, 1, 0)
+    wanted = np.cross([0, 0, 1.0], BALL.length_scale * middles)
+    speed, along = np.linalg.norm(wanted, axis=1), tips - feet
+    cosines = (along * wanted).sum(axis=1) / np.linalg.norm(along, axis=1) / speed
+    assert cosines.min() > 0.99
+    np.testing.assert_allclose(
+        np.linalg.norm(feet - middles, axis=1), lengths(arrows) / 2, rtol=0.1
+    )
+    slow = speed < 0.8 * fast_speed(BALL, np.linalg.norm(rotation(BALL), axis=1))
+    per_speed = lengths(arrows)[slow] / speed[slow]
+    assert 0.2 < slow.mean() < 0.8
+    np.testing.assert_allclose(per_speed, np.median(per_speed), rtol=0.03)
+    assert lengths(arrows).max() == pytest.approx(0.92 * LOOK.spacing, rel=0.01)
+
+
+@pytest.mark.parametrize("mesh", [BALL, LIMBS], ids=["ball", "limbs"])
+@pytest.mark.parametrize("look", [LOOK, ArrowLook(1.0, 0.03)], ids=["few", "many"])
+def test_no_arrow_lies_over_another(mesh, look):
+    arrows = arrows_of(mesh, rotation(mesh), look)
+    shares = np.linspace(0, 1, 6)[:, None, None]
+    feet, middles, tips = np.moveaxis(arrows.ways, 1, 0)
+    places = np.concatenate([feet + shares * (middles - feet), middles + shares * (tips - middles)])
+    owners = np.tile(np.arange(len(feet)), len(places))
+    normals = arrows.normals.mean(axis=1)
+    apart = cdist(*[places.reshape(-1, 3)] * 2)
+    other_side = normals @ normals.T < -0.5
+    same = owners[:, None] == owners
+    apart[same | other_side[owners[:, None], owners]] = 9
+    assert len(feet) > 100
+    assert apart.min() > 0.06 * look.spacing
+
+
+def test_a_smaller_length_makes_all_shorter():
+    long, short = (arrows_of(BALL, rotation(BALL), ArrowLook(x, 0.06)) for x in (0.03, 0.01))
+    np.testing.assert_allclose(lengths(long), 3 * lengths(short), rtol=0.01)
+    np.testing.assert_allclose(long.ways[:, 1], short.ways[:, 1])
+
+
+def test_places_stay_while_the_field_changes_and_what_is_drawn_turns_and_grows_with_the_mesh():
+    one, other = (
+        arrows_of(BALL, rotation(BALL, axis), LOOK).ways[:, 1] for axis in ((0, 0, 1.0), (1, 0, 0))
+    )
+    both = cdist(one, other).min(axis=1) == 0
+    assert both.mean() > 0.9  # others are where one of the fields is slow
+    again = arrows_of(BALL, rotation(BALL), LOOK)
+    np.testing.assert_array_equal(again.vertices, arrows_of(BALL, rotation(BALL), LOOK).vertices)
+    turn = axes(3)
+    moved = TriangleMesh(50 * BALL.vertices @ turn.T, BALL.faces)
+    there = arrows_of(moved, 7 * rotation(BALL) @ turn.T, LOOK)
+    np.testing.assert_allclose(there.vertices, again.vertices @ turn.T, atol=1e-7)
+
+
+def test_a_field_in_one_place_has_arrows_there_alone_and_one_outlier_changes_nothing():
+    centers = BALL.vertices[BALL.faces].mean(axis=1)
+    local = rotation(BALL) * np.exp(-((centers[:, :1] - 1) ** 2 + centers[:, 2:] ** 2) / 0.05)
+    local += 1e-3 * rotation(BALL)
+    arrows = arrows_of(BALL, local, LOOK)
+    assert 5 < len(arrows.ways) < 0.2 * len(arrows_of(BALL, rotation(BALL), LOOK).ways)
+    assert (arrows.ways[:, 1, 0] > 0).all()
+    wild = rotation(BALL)
+    wild[17] *= 1e6
+    found = np.median(lengths(arrows_of(BALL, wild, LOOK)))
+    assert found == pytest.approx(np.median(lengths(arrows_of(BALL, rotation(BALL), LOOK))))
+    faint = arrows_of(BALL, 1e-100 * rotation(BALL), LOOK)
+    np.testing.assert_allclose(lengths(faint), lengths(arrows_of(BALL, rotation(BALL), LOOK)))
+    assert len(arrows_of(BALL, 0 * wild, LOOK).ways) == 0
+
+
+def test_a_field_that_moves_nothing_but_one_face_has_one_arrow():
+    mesh = icosphere(3)
+    field = np.zeros((len(mesh.faces), 3))
+    a, b, _ = mesh.vertices[mesh.faces[100]]
+    field[100] = 1e-100 * (b - a)
+    assert len(arrows_of(mesh, field, LOOK).ways) == 1
+
+
+def test_a_reference_speed_makes_all_fields_comparable():
+    slow, fast = (arrows_of(BALL, x * rotation(BALL), LOOK, fast=1.0) for x in (0.5, 1.0))
+    assert lengths(slow).max() == pytest.approx(0.5 * lengths(fast).max(), rel=0.01)
+
+
+def test_arrows_lie_close_above_the_surface_also_across_thin_parts():
+    arrows = arrows_of(LIMBS, rotation(LIMBS), LOOK)
+    above = arrows.vertices + arrows.heights[:, None] * arrows.normals
+    unit = LIMBS.normalized()
+    distance = np.sqrt(nearest(unit, above.reshape(-1, 3)))
+    assert distance.max() < 0.0025
+    assert distance.min() > 0.0005
+    a, b, c = np.moveaxis(above.reshape(-1, 3)[arrows.faces], 1, 0)
+    normals = np.cross(b - a, c - a)
+    outwards = (normals * arrows.normals.reshape(-1, 3)[arrows.faces[:, 0]]).sum(axis=1)
+    assert (outwards > -1e-9).mean() > 0.99
+
+
+def nearest(mesh, places):
+    import igl
+
+    return igl.point_mesh_squared_distance(places, mesh.vertices, mesh.faces)[0]
+
+
+@pytest.mark.parametrize("tilt", [1.3, 1.4])
+def test_arrows_are_whole_or_not_there_at_outlines(tilt):
+    """A vertex that is drawn has no face before it, and looks towards the eye."""
+    arrows, eye = arrows_of(RING, rotation(RING), LOOK), Eye(tilted(tilt))
+    hidden = arrows.hidden(eye)
+    drawn = arrows.seen(eye, hidden).reshape(arrows.vertices.shape)
+    is_there = np.ptp(drawn, axis=1).max(axis=1) > 0
+    assert 0.1 < is_there.mean() < 0.5
+    assert not is_there[hidden].any()
+    assert ((arrows.normals @ eye.axes[2]) > 0.29)[is_there].all()
+    places, normals = drawn[is_there].reshape(-1, 3), arrows.normals[is_there].reshape(-1, 3)
+    assert are_hidden(RING.normalized(), places, normals, eye.axes).mean() < 0.002
+    # and what is left out would have been cut, or is near an outline
+    left_out = ~is_there & (arrows.turned(eye) > 0.35)
+    places, normals = (x[left_out] for x in (arrows.vertices, arrows.normals))
+    assert len(places) > 3
+    covered = are_hidden(RING.normalized(), places.reshape(-1, 3), normals.reshape(-1, 3), eye.axes)
+    assert covered.reshape(len(places), -1).any(axis=1).mean() > 0.9
+
+
+def test_an_eye_in_perspective_sees_the_same_from_far_away():
+    arrows = arrows_of(LIMBS, rotation(LIMBS), LOOK)
+    parallel = Eye(axes(1))
+    far = Eye(parallel.axes, 200 * parallel.axes[2])
+    assert (arrows.hidden(far) == arrows.hidden(parallel)).mean() > 0.99
+    near = Eye(parallel.axes, 3 * parallel.axes[2])
+    assert not np.array_equal(near.towards(arrows.ways), parallel.towards(arrows.ways))
+    assert (arrows.hidden(near) == arrows.hidden(parallel)).mean() > 0.85
+
+
+def test_a_surface_with_boundary_has_arrows_on_the_side_that_is_seen_and_none_beyond_it():
+    mesh = square(10)
+    arrows = arrows_of(mesh, np.tile([1.0, 0.5, 0], (len(mesh.faces), 1)), LOOK)
+    assert len(arrows.ways) > 100
+    assert arrows.vertices[..., :2].min() >= -1e-9
+    assert arrows.vertices[..., :2].max() <= 1 + 1e-9
+    for sign in (1, -1):
+        eye = Eye(np.diag([sign, 1.0, sign]))
+        assert not arrows.hidden(eye).any()
+        assert (sign * arrows.seen(eye)[:, 2] > 0.001).all()
+
+
+def test_arrows_are_as_far_apart_in_pixels_on_small_surfaces_as_on_large_ones():
+    scales = np.geomspace(250, 1500, 40)
+    pixels = np.array([scale * arrow_spacing(0.5, scale) for scale in scales])
+    assert 24 < pixels.min() < pixels.max() < 37
+    dense = [arrow_spacing(density, 700) for density in (0.0, 0.5, 1.0)]
+    assert dense[0] > dense[1] > dense[2]
+    assert arrow_spacing(1.0, 1e9) > 0
+    assert arrow_spacing(0.0, 1e-9) < 1
