@@ -12,7 +12,8 @@ import abfm as library
 from abfm import Flow
 from abfm.io import write_surface
 from abfm_viewer import pictures
-from abfm_viewer.cli import main, population
+from abfm_viewer.cli import main
+from abfm_viewer.cli.populations import population
 from abfm_viewer.errors import DrawingError
 from tests.shapes import icosphere
 from tests.viewer.cli.test_report import Page
