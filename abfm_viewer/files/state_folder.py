@@ -28,11 +28,11 @@ class StateFolder:
         )
 
     def recent(self) -> list[Path]:
-        """Files that were opened or saved and still exist, the latest first."""
+        """Files and folders that were opened or saved and still exist, the latest first."""
         found = []
         for name in self._read("recent.json", list):
             with suppress(OSError, ValueError, TypeError):
-                if (path := Path(name)).is_file():
+                if (path := Path(name)).exists():
                     found.append(path)
         return found[:_MOST_RECENT]
 

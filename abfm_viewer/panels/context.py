@@ -1,10 +1,17 @@
 """What panels, menus and keys draw with and act on."""
 
 from abfm_viewer.dialogs import Dialogs
+from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import MESHES, OTHER_MESH, OTHER_SECOND, SessionFiles
+from abfm_viewer.session.session_files import (
+    MESHES,
+    OTHER_MESH,
+    OTHER_SECOND,
+    OTHER_TABLE,
+    SessionFiles,
+)
 from abfm_viewer.shown.shown import Shown
 from abfm_viewer.widgets.toolkit import Ui
 
@@ -18,9 +25,13 @@ class Context:
         self.exporter = Exporter(session.notices.say)
         self.files = SessionFiles(session, state, self.dialogs.ask)
         self.files.ways_out |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}
+        self.files.ways_out[OTHER_TABLE] = self.open_table
 
     def open_mesh(self) -> None:
         self.dialogs.open("Open a mesh", MESHES, self.files.open)
+
+    def open_table(self) -> None:
+        self.dialogs.open("Open a batch or population", NAMES, self.files.open)
 
     def open_second(self) -> None:
         self.dialogs.open("Open a second surface", MESHES, self.files.open_second)
