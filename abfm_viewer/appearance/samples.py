@@ -19,6 +19,11 @@ PAIRS = {
     CORTEX: "A pair of cortices as spheres: sulcal depth of fsaverage5, with nilearn",
 }
 """Surfaces A and B in one document, and a few words for each."""
+POPULATION = "A population"
+POPULATIONS = {POPULATION: "Eight subjects made from a human by known flows, and an odd one"}
+"""Subjects on a template, as a table, and a few words for each."""
+DRAWN = {POPULATION: "human_A.off"}
+"""Samples that have the picture of another one."""
 PICTURES = Path(__file__).with_name("samples.png")
 """Squares of `SIDE` pixels, `COLUMNS` in a row, in the order of the table."""
 TABLE = Path(__file__).with_name("samples.json")

@@ -53,7 +53,9 @@ COLUMNS: Mapping[Name, Column] = {
     ),
     "reason": Column("why", "What does not fit, or why it failed."),
 }
-OF_BATCHES: tuple[Name, ...] = ("name", "verdict", "left", "verified", "folded", "reason")
+OF_BATCHES: tuple[Name, ...] = (
+    *("name", "verdict", "left", "verified", "folded", "log2_area", "reason"),
+)
 OF_POPULATIONS: tuple[Name, ...] = (
     *("name", "verdict", "left", "folded", "log2_area", "correlation", "reason"),
 )

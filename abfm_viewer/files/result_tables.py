@@ -95,7 +95,7 @@ class TableReader:
         except ResultError as error:
             return ResultRow(number, name, "failed", reason=str(error))
         assert facts is not None
-        numbers = facts.mismatch, facts.verified_mismatch, facts.folded
+        numbers = facts.mismatch, facts.verified_mismatch, facts.folded, facts.log2_area
         row = ResultRow(number, name, facts.verdict, *numbers, reason=facts.reason, path=entry.path)
         self._known[entry.path] = row
         return row

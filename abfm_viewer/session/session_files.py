@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -310,6 +311,25 @@ class SessionFiles:
 
         remedies = self._offered("", partial(self.open_made, name, make))
         self._load(Load(f"setting up {name}", read, remedies=remedies))
+
+    def open_made_table(self, name: str, make: Callable[[Path], Path]) -> None:
+        """Open a sample that is made in the background, in a folder that is kept, as a table."""
+        from importlib.metadata import version  # it takes a while to load
+
+        root = self.state.path if self.state else Path(tempfile.mkdtemp())
+        folder = root / "samples" / version("abfm") / "sample"
+
+        def read() -> Do:
+            show_table = self.tables.read(make(folder))
+
+            def show() -> None:
+                show_table()
+                self._samples[self._session.document.identity] = name
+
+            return show
+
+        remedies = self._offered("", partial(self.open_made_table, name, make))
+        self._load(Load(f"setting up {name.lower()}", read, remedies=remedies))
 
     def _load(self, load: Load) -> None:
         self.when_free(load.what, partial(self._session.loading.begin, load))

@@ -274,9 +274,11 @@ class Painter:
             values = np.where(known, found, 0.0)
             if compared.what == "mean":
                 return Paint("vertex values", values, title, colors, self._bar)
-            top = max(float(np.abs(values).max()), _LEAST_RANGE)
+            is_of_faces = compared.what == "areas"
+            areas = abfm.calculus.face_areas if is_of_faces else abfm.calculus.vertex_areas
+            top = max(_most(np.abs(values), areas(session.surface().mesh)), _LEAST_RANGE)
             own = self._ranged(-top if compared.what == "difference" else 0.0, top)
-            kind: PaintKind = "face values" if compared.what == "areas" else "vertex values"
+            kind: PaintKind = "face values" if is_of_faces else "vertex values"
             return Paint(kind, values, title, own, title)
 
         of = compared, channel, title, colors, *self._look

@@ -17,7 +17,16 @@ from abfm.assets import asset_path
 from abfm.parameters import FIGURES, TITLES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.samples import CORTEX, MESHES, PAIRS, PICTURES, part, vertices
+from abfm_viewer.appearance.samples import (
+    CORTEX,
+    DRAWN,
+    MESHES,
+    PAIRS,
+    PICTURES,
+    POPULATIONS,
+    part,
+    vertices,
+)
 from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.scene.opengl import ps
@@ -100,6 +109,12 @@ def cortex_document(view: View) -> tuple[Document, dict[str, FloatArray]]:
     return Document(tuple(surfaces), (depth,), initial="sphere:mirror", view=seen), {}
 
 
+def _population(folder: Path) -> Path:
+    from abfm_viewer.window.population_sample import made_apart  # with all that solves
+
+    return made_apart(folder)
+
+
 class SampleTextures:
     """The pictures, loaded when they are first asked for, and again when polyscope forgot them."""
 
@@ -124,7 +139,7 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
     display = imgui.GetIO().DisplaySize
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
     figures = {f"Figure {n}": capital(TITLES[n]) for n in FIGURES}
-    parts = {"Meshes": MESHES | PAIRS, "Figures of the paper": figures}
+    parts = {"Meshes": MESHES | PAIRS | POPULATIONS, "Figures of the paper": figures}
     room = _SHARE * display[1] - len(parts) * (line + spacing[1])  # below their headings
     columns, height = _FEWEST - 1, 0.0
     while height < line and columns < _MOST:
@@ -141,6 +156,8 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
                 continue
             if name in MESHES:
                 files.open(asset_path(name))
+            elif name in POPULATIONS:
+                files.open_made_table(name, _population)
             elif name in PAIRS:
                 files.open_made(name, partial(pair_document, name))
             else:
@@ -159,7 +176,8 @@ def _is_chosen(
     flags = imgui.ImGuiSelectableFlags_None
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
     ui.remember(name, "item", text="checked" if loaded else "")
-    pictured = name if name in vertices() else name.split(" to ")[-1]  # of two surfaces B
+    # of two surfaces B
+    pictured = DRAWN.get(name) or (name if name in vertices() else name.split(" to ")[-1])
     title = name if pictured != name else f"{name}, {vertices()[name]:,} vertices"
     ui.tip(f"{title}{', loaded' if loaded else ''}: {about}")
     draw_list, side = imgui.GetWindowDrawList(), size[1]
