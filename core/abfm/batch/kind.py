@@ -55,9 +55,11 @@ def facts_of_match(path: Path) -> Facts:
     """Return what the file of a match or of a registration says, or raise a ResultError."""
     names = ("mismatch", "verified_mismatch", "folded")
     with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
-        numbers = (float(archive[name]) if name in archive else math.nan for name in names)
+        mismatch, verified, folded = (
+            float(archive[name]) if name in archive else math.nan for name in names
+        )
         verdict, reason, _ = archive["verdict"].tolist()
-        return Facts(verdict, reason, *numbers, log2_area=_log2_area(archive))
+        return Facts(verdict, reason, mismatch, verified, folded, _log2_area(archive))
 
 
 def _log2_area(archive: Mapping[str, Any]) -> float:
