@@ -13,6 +13,7 @@ Examples:
   abfm-viewer subject.gii template.gii
   abfm-viewer cortex.gii frames.npy
   abfm-viewer match.npz
+  abfm-viewer results
   abfm-viewer project.abfm
 """
 
@@ -32,7 +33,7 @@ def _run(words: list[str]) -> int:
     add = adder(parser)
     add(
         "file",
-        "mesh, project (.abfm) or result (.npz); by default a bundled mesh",
+        "mesh, project (.abfm), result (.npz) or folder of results; by default a bundled mesh",
         "FILE",
         nargs="?",
     )

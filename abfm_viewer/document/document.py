@@ -15,6 +15,7 @@ from abfm_viewer.document.film import FilmSettings, is_of
 
 if TYPE_CHECKING:
     from abfm import Correspondence, Match, Sequence
+    from abfm_viewer.document.comparison import Comparison
     from abfm_viewer.document.film import Film
     from abfm_viewer.document.label_map import LabelMap
 
@@ -308,6 +309,7 @@ class Document:
     landmarks_alone: bool = False  # whether functions do not count, as long as there are landmarks
     initial: str = ""  # word of the map from A to B; empty for one that is chosen by what there is
     labels: LabelMap | None = None  # of the source's surface
+    comparison: Comparison | None = None  # of a subject with its population
     result: Match | None = None
     initial_map: InitialMap | None = None  # that the result began with
     # the step at which the result's match ended, where another one of its path is shown
@@ -361,6 +363,14 @@ class Document:
         """
         return self.surfaces[0 if slot == "source" else -1]
 
+    @property
+    def compared(self) -> Comparison | None:
+        """The comparison, as long as the active channel is the one that it is of."""
+        active, found = self.active, self.comparison
+        if found is None or active is None:
+            return None
+        return found if (active.source, active.target) in found.channels else None
+
     def titled(self, slot: str) -> str:
         """A slot's name, of two surfaces with which of them it shows: ``source on A``, of a film
         which frame or time.
@@ -369,6 +379,8 @@ class Document:
             before = self.film.interval(self.time)
             named = {"source": self.film.frame(before), "target": self.film.frame(before + 1)}
             return named.get(slot) or f"at {self.film.precisely(self.time)}"
+        if self.compared is not None and not (slot == "advected" and self.result):
+            return self.compared.title(slot)
         return f"{slot} on {'A' if slot == 'source' else 'B'}" if self.is_pair else slot
 
     def facing(self, front: Front, slot: str = "advected") -> Document:

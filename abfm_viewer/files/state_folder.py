@@ -28,11 +28,12 @@ class StateFolder:
         )
 
     def recent(self) -> list[Path]:
-        """Files that were opened or saved and still exist, the latest first."""
+        """Files and folders of results that were opened or saved and still exist, latest first."""
         found = []
         for name in self._read("recent.json", list):
             with suppress(OSError, ValueError, TypeError):
-                if (path := Path(name)).is_file():
+                path = Path(name)
+                if path.is_file() or (path / "ledger").is_dir():
                     found.append(path)
         return found[:_MOST_RECENT]
 

@@ -1,6 +1,7 @@
 """What panels, menus and keys draw with and act on."""
 
 from abfm_viewer.dialogs import Dialogs
+from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.exporter import Exporter
 from abfm_viewer.session.film_files import FRAMES
@@ -10,6 +11,7 @@ from abfm_viewer.session.session_files import (
     OTHER_FRAMES,
     OTHER_MESH,
     OTHER_SECOND,
+    OTHER_TABLE,
     SessionFiles,
 )
 from abfm_viewer.shown.shown import Shown
@@ -26,9 +28,13 @@ class Context:
         self.files = SessionFiles(session, state, self.dialogs.ask)
         self.files.ways_out |= {OTHER_MESH: self.open_mesh, OTHER_SECOND: self.open_second}
         self.files.ways_out[OTHER_FRAMES] = self.open_frames
+        self.files.ways_out[OTHER_TABLE] = self.open_table
 
     def open_mesh(self) -> None:
         self.dialogs.open("Open a mesh", MESHES, self.files.open)
+
+    def open_table(self) -> None:
+        self.dialogs.open("Open a batch or population", NAMES, self.files.open)
 
     def open_second(self) -> None:
         self.dialogs.open("Open a second surface", MESHES, self.files.open_second)

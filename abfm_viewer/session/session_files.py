@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -36,6 +37,7 @@ from abfm_viewer.document.document import (
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.document.surface_points import landmarks_of_match, points_of
 from abfm_viewer.document.verdict_words import capital
+from abfm_viewer.files import result_tables
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
 from abfm_viewer.session.film_files import (
     ALONE,
@@ -47,6 +49,7 @@ from abfm_viewer.session.film_files import (
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.initial_maps import GIVEN
 from abfm_viewer.session.loading import OPENING, Load
+from abfm_viewer.session.result_tables import FoundTable, Tables, find_table
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
@@ -58,6 +61,7 @@ MESHES, PROJECT, RESULT = (*READERS, *FREESURFER_SURFACES), ".abfm", ".npz"
 LABELS = (".label.gii", ".gii", ".gii.gz", ".annot")
 LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another mesh...", "Save as..."
 OTHER_SECOND, OTHER_FRAMES = "Open another second surface...", "Open other frames..."
+OTHER_TABLE = "Open another table..."
 """Labels of what can be done about a file."""
 SAVING = "saving"
 """What cards are about."""
@@ -90,12 +94,24 @@ def open_session(
             session.set_surfaces(*session.document.surfaces, Surface(other, second.name))
             session.reset_history()
         return session
-    origin = _origin(path.absolute())
-    document, known = read_document(path)
+    return session_of(read_document(path), _origin(path.absolute()))
+
+
+def session_of(opened: Opened, origin: Origin | None = None) -> Session:
+    """A session that begins with a document."""
+    document, known = opened
     session = Session(document.surface().mesh, document.name)
     session.restore(document, known, origin)
     session.reset_history()
     return session
+
+
+def find_first(path: Path) -> FoundTable | None:
+    """Read a table and its worst row; None where a path is of something else."""
+    path = path.expanduser().absolute()
+    is_own = path.name.lower().endswith(RESULT) and result_tables.is_population(path)
+    place = path if is_own else result_tables.place_of(path)
+    return None if place is None else find_table(place, read_document)
 
 
 def _origin(path: Path) -> Origin | None:
@@ -213,6 +229,7 @@ class SessionFiles:
         self._samples: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self.waiting: Load | None = None
         self.ways_out: dict[str, Do] = {}
+        self.tables = Tables(session, self._load, read_document)
 
     @property
     def sample(self) -> str:
@@ -227,6 +244,9 @@ class SessionFiles:
     def open(self, path: Path) -> None:
         """Open a file in the background; what is open now stays in the history."""
         path = path.expanduser().absolute()
+        if (place := result_tables.place_of(path)) is not None:
+            self._open_table(place)
+            return
         name, known = path.name.lower(), (*MESHES, PROJECT, RESULT)
         if name.endswith(ALONE):
             self.open_frames(path)
@@ -240,6 +260,13 @@ class SessionFiles:
         source = Origin.of(path)  # as it is now
         what = f"opening {path.name}"
         self._load(Load(what, partial(read, path), remedies=remedies, source=source))
+
+    def _open_table(self, place: Path) -> None:
+        """Open a folder of results, or a population's file, as a table beside the surfaces."""
+        remedies = self._offered(OTHER_TABLE, partial(self._open_table, place))
+        self.tables.open(place, remedies)
+        if self.state:
+            self.state.add_recent(place)
 
     def open_second(self, path: Path) -> None:
         """Open a mesh in the background as surface B, to which the present A is registered."""
@@ -349,6 +376,25 @@ class SessionFiles:
         remedies = self._offered("", partial(self.open_made, name, make))
         self._load(Load(f"setting up {name}", read, remedies=remedies))
 
+    def open_made_table(self, name: str, make: Callable[[Path], Path]) -> None:
+        """Open a sample that is made in the background, in a folder that is kept, as a table."""
+        from importlib.metadata import version  # it takes a while to load
+
+        root = self.state.path if self.state else Path(tempfile.mkdtemp())
+        folder = root / "samples" / version("abfm") / "sample"
+
+        def read() -> Do:
+            show_table = self.tables.read(make(folder))
+
+            def show() -> None:
+                show_table()
+                self._samples[self._session.document.identity] = name
+
+            return show
+
+        remedies = self._offered("", partial(self.open_made_table, name, make))
+        self._load(Load(f"setting up {name.lower()}", read, remedies=remedies))
+
     def _load(self, load: Load) -> None:
         self.when_free(load.what, partial(self._session.loading.begin, load))
 
@@ -408,6 +454,7 @@ class SessionFiles:
 
     def update(self) -> None:
         """Take in which files were written, and that a run has ended: call once per frame."""
+        self.tables.update()
         if self.waiting is not None and not self._session.running:
             waiting, self.waiting = self.waiting, None
             waiting.read()()
@@ -416,6 +463,7 @@ class SessionFiles:
             end()
 
     def close(self) -> None:
+        self.tables.close()
         self._writer.shutdown()
 
     def _read_mesh(
@@ -448,6 +496,8 @@ class SessionFiles:
         self._show(path, show, (f"{first.name} is surface A, it is surface B", *mesh.messages))
 
     def _read_document(self, path: Path) -> Do:
+        if result_tables.is_population(path):
+            return self.tables.read(path)
         origin = _origin(path)
         document, known = read_document(path)
 

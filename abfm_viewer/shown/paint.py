@@ -62,6 +62,8 @@ class Painter:
             return paint
         if side:
             return self._of_side(side, source if side == "source" else target, colors)
+        if name == "advected" and (paint := self._compared(colors)) is not None:
+            return paint
         advected = self._shown.flow.advected()
         if advected is None:
             return None
@@ -258,6 +260,32 @@ class Painter:
             return Paint("texture", texture.colors, told, *look)
 
         return self._kept["advected"].get((texture, title, colors), make)
+
+    def _compared(self, colors: ColorRange) -> Paint | None:
+        """Show what a subject of a population is held against; a field takes its place."""
+        session, document = self._session, self._session.document
+        compared, active = document.compared, document.active
+        if compared is None or session.result is not None or session.snapshot is not None:
+            return None
+        assert active is not None
+        channel = compared.channels[active.source, active.target]
+        title = document.titled("advected")
+
+        def make() -> Paint:
+            found = compared.values(channel)
+            known = np.isfinite(found)
+            values = np.where(known, found, 0.0)
+            if compared.what == "mean":
+                return Paint("vertex values", values, title, colors, self._bar)
+            is_of_faces = compared.what == "areas"
+            areas = abfm.calculus.face_areas if is_of_faces else abfm.calculus.vertex_areas
+            top = max(_most(np.abs(values), areas(session.surface().mesh)), _LEAST_RANGE)
+            own = self._ranged(-top if compared.what == "difference" else 0.0, top)
+            kind: PaintKind = "face values" if is_of_faces else "vertex values"
+            return Paint(kind, values, title, own, title)
+
+        of = compared, channel, title, colors, *self._look
+        return self._kept["advected"].get(of, make)
 
     def _blend(self, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
         tau = self._session.tau

@@ -458,9 +458,11 @@ class Ui:
         refusals.left[key] = typed
         return typed
 
-    def live_text(self, label: str, value: str, hint: str, focus: bool) -> str:
+    def live_text(
+        self, label: str, value: str, hint: str, *, focus: bool = False, width: float = 0
+    ) -> str:
         """Draw a box to type into; what it holds now. `focus` puts the keyboard there."""
-        width, caption = self._placed(label)
+        width, caption = self._placed(label, width)
         imgui.SetNextItemWidth(width)
         if focus:
             imgui.SetKeyboardFocusHere()

@@ -35,6 +35,7 @@ _MOUSE = (
     ("Shift+wheel", "wider or narrower Gaussian"),
     ("drag a landmark", "move it along its surface"),
     ("drop files", "open a mesh, a project or a result; two meshes as surfaces A and B; frames"),
+    ("drop a folder", "open the results of a batch or population as a table"),
 )
 _ARROWS = {name: f"{name}Arrow" for name in ("Left", "Right", "Up", "Down")}
 _KEYS = _ARROWS | {"Esc": "Escape"}
@@ -139,8 +140,10 @@ class Actions:
         self.match = solver("match", "Ctrl+Enter", session.match, while_typing=True)
         self.pause = solver("pause or resume", "P", self._pause)
         self.cancel = solver(_ESCAPE, "Esc", self._escape)
-        self.smoother = solver("show a smoother step of the path", "Up", lambda: self._along(-1))
-        self.closer = solver("show a closer step of the path", "Down", lambda: self._along(1))
+        what = "show a smoother step of the path, or the row above"
+        self.smoother = solver(what, "Up", lambda: self._along(-1))
+        what = "show a closer step of the path, or the row below"
+        self.closer = solver(what, "Down", lambda: self._along(1))
         times, step = partial(Action, "Time"), self._step
         self.play = times("play or pause", "Space", session.player.toggle)
         self.back = times("a twentieth of τ back", "Left", lambda: step(-STEP), repeats=True)
@@ -305,7 +308,9 @@ class Actions:
             self._session.cancel()
 
     def _along(self, count: int) -> None:
-        if not self._session.solver.running:
+        if self._files.tables.has_keys:
+            self._files.tables.move(count)
+        elif not self._session.solver.running:
             self._session.steps.show(self._session.steps.shown + count)
 
     def _step(self, share: float) -> None:

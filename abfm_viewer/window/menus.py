@@ -18,6 +18,10 @@ from abfm_viewer.window.actions import Action, Actions
 
 UI_SCALES = (1.0, 1.25, 1.5, 2.0)
 _LONGEST_PATH = 60
+_TABLES = (
+    "What abfm batch, sweep or population wrote, as a table: choose population.npz, subjects.csv, "
+    "summary.csv, or rows.json in the folder ledger. A folder can be dropped on the window, too."
+)
 _FINER = (
     "Of a match that was found on a finer mesh: its functions there, without streaks. All else is "
     "on the mesh itself, where clicks and drags count."
@@ -56,6 +60,9 @@ def _items(ui: Ui, entries: dict[str, Action]) -> None:
 def _file(ui: Ui, actions: Actions) -> None:
     files = actions.context.files
     _items(ui, {"Open mesh...": actions.open_mesh, "Open project...": actions.open_project})
+    if menu_item(ui, "Open batch or population..."):
+        actions.context.open_table()
+    ui.tip(_TABLES)
     _second_surface(ui, actions)
     with menu(ui, "Recent") as is_open:
         if is_open:

@@ -19,10 +19,12 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.samples import (
     CORTEX,
+    DRAWN,
     FILMS,
     MESHES,
     PAIRS,
     PICTURES,
+    POPULATIONS,
     WAVE,
     part,
     vertices,
@@ -112,6 +114,12 @@ def _seen(view: View) -> View:
     return View(**{name: getattr(view, name) for name in _KEPT})
 
 
+def _population(folder: Path) -> Path:
+    from abfm_viewer.window.population_sample import made_apart  # with all that solves
+
+    return made_apart(folder)
+
+
 class SampleTextures:
     """The pictures, loaded when they are first asked for, and again when polyscope forgot them."""
 
@@ -136,7 +144,10 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
     display = imgui.GetIO().DisplaySize
     spacing, line = imgui.GetStyle().ItemSpacing, imgui.GetTextLineHeight()
     figures = {f"Figure {n}": capital(TITLES[n]) for n in FIGURES}
-    parts = {"Meshes": MESHES | PAIRS | FILMS, "Figures of the paper": figures}
+    parts = {
+        "Meshes": MESHES | PAIRS | FILMS | POPULATIONS,
+        "Figures of the paper": figures,
+    }
     room = _SHARE * display[1] - len(parts) * (line + spacing[1])  # below their headings
     columns, height = _FEWEST - 1, 0.0
     while height < line and columns < _MOST:
@@ -155,6 +166,8 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
                 files.open(asset_path(name))
             elif name == WAVE:
                 files.open_made(name.lower(), lambda view: (wave_document(_seen(view)), {}))
+            elif name in POPULATIONS:
+                files.open_made_table(name, _population)
             elif name in PAIRS:
                 files.open_made(name, partial(pair_document, name))
             else:
@@ -173,7 +186,8 @@ def _is_chosen(
     flags = imgui.ImGuiSelectableFlags_None
     chosen = bool(imgui.Selectable(f"##{name}", loaded, flags, size))
     ui.remember(name, "item", text="checked" if loaded else "")
-    pictured = name if name in vertices() else name.split(" to ")[-1]  # of two surfaces B
+    # of two surfaces B
+    pictured = DRAWN.get(name) or (name if name in vertices() else name.split(" to ")[-1])
     title = name if pictured != name else f"{name}, {vertices()[name]:,} vertices"
     ui.tip(f"{title}{', loaded' if loaded else ''}: {about}")
     draw_list, side = imgui.GetWindowDrawList(), size[1]

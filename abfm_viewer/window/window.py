@@ -22,7 +22,7 @@ from abfm_viewer.computing.background import error_line
 from abfm_viewer.computing.freed_memory import keep_little
 from abfm_viewer.document.document import Theme
 from abfm_viewer.files.state_folder import StateFolder
-from abfm_viewer.panels import cards, right_panel, status_line, time_bar
+from abfm_viewer.panels import cards, result_table, right_panel, status_line, time_bar
 from abfm_viewer.panels.context import Context
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.annotations import (
@@ -36,7 +36,7 @@ from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.pacing import Resting
 from abfm_viewer.scene.scene import Scene
 from abfm_viewer.session.session import Session
-from abfm_viewer.session.session_files import OTHER_NAME, open_session
+from abfm_viewer.session.session_files import OTHER_NAME, find_first, open_session, session_of
 from abfm_viewer.widgets import style
 from abfm_viewer.widgets.containers import is_popup_open
 from abfm_viewer.widgets.widget_record import Rect, write_widgets
@@ -53,10 +53,11 @@ _DOUBLE_CLICK_SECONDS = 0.5
 _IDLE_AFTER = 1.0  # seconds without anything that moves
 _PANEL_WIDTH, _WIDEST_PANEL = 380, 0.44
 _STATUS_HEIGHT = 30
+_BUNDLED = "human_fine_A.off"
 
 
 What: TypeAlias = str | Path | TriangleMesh | tuple[str | Path, str | Path] | None
-"""What is opened: a mesh, project or result, or mesh files of surfaces A and B."""
+"""What is opened: a mesh, project, result or folder of results, or meshes of surfaces A and B."""
 
 
 @dataclass(frozen=True)
@@ -65,19 +66,26 @@ class Areas:
     panel: Rect
     time_bar: Rect
     status: Rect
+    table: Rect  # between the surfaces and the time bar, without height where none is open
 
 
-def areas(size: tuple[float, float], menu_height: float, scale: float) -> Areas:
-    """Divide a window: the panel at the right, time bar and status line below, surfaces."""
+def areas(
+    size: tuple[float, float], menu_height: float, scale: float, has_table: bool = False
+) -> Areas:
+    """Divide a window: the panel at the right, time bar and status line below, a table above these,
+    surfaces.
+    """
     width, height = size
     right = max(width - min(_PANEL_WIDTH * scale, _WIDEST_PANEL * width), 1.0)
     status = height - _STATUS_HEIGHT * scale
     bar = status - time_bar.height(right, scale)
+    table = bar - (result_table.height(bar - menu_height, scale) if has_table else 0.0)
     return Areas(
-        scene=(0.0, menu_height, right, max(bar, menu_height + 1)),
+        scene=(0.0, menu_height, right, max(table, menu_height + 1)),
         panel=(right, menu_height, width, status),
         time_bar=(0.0, bar, right, status),
         status=(0.0, status, width, height),
+        table=(0.0, table, right, bar),
     )
 
 
@@ -88,23 +96,31 @@ def open_window(
     state_folder: Path | None = None,
     largest_component: bool = False,
 ) -> Window:
-    """Open the app's window with a mesh, project or result in it; by default with a bundled mesh.
-    Of two mesh files the first is registered to the second.
+    """Open the app's window with a mesh, project, result or table of results in it; by default with
+    a bundled mesh. Of two mesh files the first is registered to the second.
 
     Preferences, recent files and autosaves are kept in the state folder, by default the user's own.
     Raises AbfmError if the file cannot be read, or the machine cannot draw.
     """
-    state = StateFolder(state_folder)
+    state, table = StateFolder(state_folder), None
     if isinstance(what, TriangleMesh):
         session = Session(what, "mesh")
     else:
         given = what if isinstance(what, tuple) else (what,) if what else ()
         paths = [Path(one) for one in given]
-        first, *second = paths or [asset_path("human_fine_A.off")]
-        session = open_session(first, largest_component, *second)
+        first, *second = paths or [asset_path(_BUNDLED)]
+        table = None if second else find_first(first)
+        if table is not None and table.opened is not None:
+            session = session_of(table.opened)
+        else:
+            first = asset_path(_BUNDLED) if table else first
+            session = open_session(first, largest_component, *second)
         for path in paths:
             state.add_recent(path)
-    return Window(session, backend, size, state)
+    window = Window(session, backend, size, state)
+    if table is not None:
+        window.files.tables.take(table)
+    return window
 
 
 class Window(Context):
@@ -253,11 +269,15 @@ class Window(Context):
         if is_live:
             self.guarded("session", self._update)
         io = imgui.GetIO()
-        parts = self.parts = areas(io.DisplaySize, imgui.GetFrameHeight(), view.ui_scale)
+        has_table = self.files.tables.table is not None
+        sizes = io.DisplaySize, imgui.GetFrameHeight(), view.ui_scale
+        parts = self.parts = areas(*sizes, has_table)
         self._draw_scene(parts.scene, is_live)
         with self.ui.disabled(self.dialogs.is_open):
             self.guarded("menu", menus.draw, self.ui, self.actions, self.sample_textures)
             self.guarded("panel", right_panel.draw, self, parts.panel, self.guarded)
+            if has_table:
+                self.guarded("table", result_table.draw, self, parts.table)
             self.guarded("time bar", time_bar.draw, self, parts.time_bar)
             self.guarded("status line", status_line.draw, self, parts.status)
             self.guarded("messages", cards.draw, self, parts.scene)

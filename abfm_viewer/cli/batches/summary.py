@@ -17,17 +17,8 @@ from abfm.errors import one_line
 from abfm.io import write_atomically
 from abfm_viewer import pictures
 from abfm_viewer.cli.batches.page import page
+from abfm_viewer.document.result_table import WORST_FIRST as WORST_FIRST
 
-WORST_FIRST = (
-    "failed",
-    "missing",
-    "impossible",
-    "not reached",
-    "nearly",
-    "registered",
-    "matched",
-)
-"""What rows come to, in the order of the page."""
 GOOD = ("nearly", "registered", "matched")
 """As the exit status has it."""
 _PICTURES = "pictures"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from os import stat
 from pathlib import Path
@@ -15,6 +15,7 @@ from abfm.errors import ParameterError
 from abfm.functions import function
 from abfm.io import results
 from abfm.matching.judging.verdict import confirmed_mismatch
+from abfm.matching.path import PathStep
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -42,6 +43,7 @@ class Facts:
     mismatch: float
     verified_mismatch: float
     folded: float
+    log2_area: float = math.nan  # mean |log2 J|
 
     @property
     def confirmed(self) -> float:
@@ -53,9 +55,19 @@ def facts_of_match(path: Path) -> Facts:
     """Return what the file of a match or of a registration says, or raise a ResultError."""
     names = ("mismatch", "verified_mismatch", "folded")
     with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
-        numbers = (float(archive[name]) if name in archive else math.nan for name in names)
+        mismatch, verified, folded = (
+            float(archive[name]) if name in archive else math.nan for name in names
+        )
         verdict, reason, _ = archive["verdict"].tolist()
-        return Facts(verdict, reason, *numbers)
+        return Facts(verdict, reason, mismatch, verified, folded, _log2_area(archive))
+
+
+def _log2_area(archive: Mapping[str, Any]) -> float:
+    """Return what a match's path tells of its own step; NaN where it has none."""
+    if "path_steps" not in archive or "path_step" not in archive:
+        return math.nan
+    place = [each.name for each in fields(PathStep) if each.name != "velocity"].index("log2_area")
+    return float(archive["path_steps"][int(archive["path_step"])][place])
 
 
 class Kind(NamedTuple):

@@ -12,7 +12,7 @@ FOLDER = Path(__file__).parent
 _OPENING = (
     *("Open a mesh", "Open a second surface", "Open a project or a result", "Open values"),
     *("Open a vertex map", "Open the sphere of", "Open a map from", "Open landmarks"),
-    *("Open labels", "Open frames"),
+    *("Open labels", "Open frames", "Open a batch or population"),
 )
 DYNAMIC = ("File/Recent", *_OPENING)
 _SAVING = ("Save a ", "Save the ", "Save landmarks", "Save carried", "Export the ")
@@ -97,6 +97,7 @@ def _name(widget):
     section = "Save" if widget.section.startswith(_SAVING) else section
     label = "channel" if section == "Functions" and widget.kind == "choice" else widget.label
     label = "step" if widget.kind == "mark" or section == "Match/step" else label
+    label = "row" if (section, widget.kind) == ("table/rows", "choice") else label
     if section == "Save" and widget.kind == "choice":
         label = "file"
     return section, label

@@ -1,0 +1,63 @@
+"""What a subject of a population is held against."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from abfm.types import FloatArray
+
+if TYPE_CHECKING:
+    from abfm import Population
+
+Compared = Literal["difference", "mean", "deviation", "areas"]
+"""What is between a subject and the mean of the others."""
+COMPARED: tuple[Compared, ...] = get_args(Compared)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A subject on the template, between it and the mean of the others what is compared.
+
+    `channels` are numbers of the population's channels by the specs, in the document, of the
+    subject's function and the mean of the others.
+    """
+
+    population: Population
+    subject: int
+    channels: Mapping[tuple[str, str], int]
+    what: Compared = "difference"
+
+    @property
+    def name(self) -> str:
+        return self.population.names[self.subject]
+
+    def title(self, slot: str) -> str:
+        """What a slot shows; a slot of another kind has no other name."""
+        between = {
+            "difference": f"{self.name} less the mean",
+            "mean": f"mean of the {int(self.population.fits.sum())} that fit",
+            "deviation": "standard deviation",
+            "areas": "deviation of log2 J",
+        }
+        titles = {
+            "source": f"{self.name}, carried",
+            "advected": between[self.what],
+            "target": "mean of the others",
+        }
+        return titles.get(slot, slot)
+
+    def values(self, channel: int) -> FloatArray:
+        """What is compared of a channel: (V,), or (F,) of areas; NaN where it is not known."""
+        found = self.population
+        if self.what == "areas":
+            return found.log2_area_deviation
+        if self.what == "mean":
+            return found.mean(channel)
+        if self.what == "deviation":
+            return found.deviation(channel)
+        own = found.values[self.subject, :, channel]
+        return np.asarray(own - found.mean_of_others(self.subject, channel))

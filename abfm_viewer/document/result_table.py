@@ -1,0 +1,156 @@
+"""The results of a batch or of a population as rows, in any order, as far as they are searched."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from abfm_viewer.document.verdict_words import Tone
+
+if TYPE_CHECKING:
+    from abfm import Population
+
+WORST_FIRST = (
+    "failed",
+    "missing",
+    "does not fit",
+    "impossible",
+    "not reached",
+    "nearly",
+    "registered",
+    "matched",
+)
+"""What rows come to, in the order of tables."""
+_GOOD = "registered", "matched"
+Name = Literal[
+    "name", "verdict", "left", "verified", "folded", "log2_area", "correlation", "reason"
+]
+
+
+class Column(NamedTuple):
+    """What a head says, what it means, and how numbers are written."""
+
+    head: str
+    tip: str
+    digits: str = ""  # of numbers; empty for texts
+
+
+COLUMNS: Mapping[Name, Column] = {
+    "name": Column("name", "What the row is called in its table."),
+    "verdict": Column("verdict", "What it came to. The worst come first."),
+    "left": Column("left", "What the flow leaves of the mismatch, relative.", ".2%"),
+    "verified": Column("by flow lines", "The same by the second witness, flow lines.", ".2%"),
+    "folded": Column("folded", "Share of the faces that the map folds.", ".2%"),
+    "log2_area": Column(
+        "|log2 J|", "How much its map changes areas, mean over the surface.", ".2f"
+    ),
+    "correlation": Column(
+        "correlation", "With the mean of the others that fit, on the template.", ".3f"
+    ),
+    "reason": Column("why", "What does not fit, or why it failed."),
+}
+OF_BATCHES: tuple[Name, ...] = (
+    *("name", "verdict", "left", "verified", "folded", "log2_area", "reason"),
+)
+OF_POPULATIONS: tuple[Name, ...] = (
+    *("name", "verdict", "left", "folded", "log2_area", "correlation", "reason"),
+)
+
+
+@dataclass(frozen=True)
+class ResultRow:
+    """A row; numbers that are not known are NaN."""
+
+    number: int  # in its table
+    name: str
+    verdict: str  # one of `WORST_FIRST`
+    left: float = math.nan
+    verified: float = math.nan
+    folded: float = math.nan
+    log2_area: float = math.nan
+    correlation: float = math.nan
+    reason: str = ""
+    path: Path | None = None  # of its result
+
+    @property
+    def key(self) -> tuple[int, str]:
+        """What tells it from other rows, also after its table was read again."""
+        return self.number, self.name
+
+    @property
+    def tone(self) -> Tone:
+        if self.verdict in _GOOD:
+            return "good"
+        return "ink" if self.verdict in ("nearly", "missing") else "failure"
+
+    def told(self, column: Name) -> str:
+        """Return what a cell says."""
+        value = getattr(self, column)
+        if isinstance(value, str):
+            return value
+        return "" if math.isnan(value) else format(value, COLUMNS[column].digits)
+
+    def has(self, words: Sequence[str]) -> bool:
+        """Return whether all words, in lower case, are in its texts."""
+        text = f"{self.name} {self.verdict} {self.reason}".lower()
+        return all(word in text for word in words)
+
+
+@dataclass(frozen=True, eq=False)
+class ResultTable:
+    """Rows, and what they are of; a population's are its subjects, in their order."""
+
+    place: Path  # that was opened: a folder, or a population's file
+    title: str
+    rows: tuple[ResultRow, ...]
+    population: Population | None = None
+
+    @property
+    def columns(self) -> tuple[Name, ...]:
+        return OF_BATCHES if self.population is None else OF_POPULATIONS
+
+    @property
+    def told(self) -> str:
+        """How many rows came to what: ``9 rows: 7 matched, 2 failed``."""
+        count = Counter(row.verdict for row in self.rows)
+        parts = [f"{count[word]} {word}" for word in reversed(WORST_FIRST) if count[word]]
+        noun = "row" if self.population is None else "subject"
+        plural = "" if len(self.rows) == 1 else "s"
+        return f"{len(self.rows)} {noun}{plural}: {', '.join(parts) or 'none'}"
+
+    def find(self, key: tuple[int, str] | None) -> ResultRow | None:
+        return next((row for row in self.rows if row.key == key), None)
+
+    def shown(self, column: Name, falls: bool, search: str) -> tuple[ResultRow, ...]:
+        """Return the rows that have the words that are searched for, sorted by a column.
+
+        Verdicts rise from the worst to the best, and rows of one verdict fall by what is left, of
+        populations rise by their correlation. Unknown numbers come last.
+        """
+        words = search.lower().split()
+        rows = sorted((row for row in self.rows if row.has(words)), key=self._badness)
+        if column == "verdict":
+            return tuple(reversed(rows) if falls else rows)
+        if not COLUMNS[column].digits:
+            rows.sort(key=lambda row: str(getattr(row, column)).casefold(), reverse=falls)
+            return tuple(rows)
+        known = [row for row in rows if not math.isnan(getattr(row, column))]
+        unknown = [row for row in rows if math.isnan(getattr(row, column))]
+        known.sort(key=lambda row: float(getattr(row, column)), reverse=falls)
+        return (*known, *unknown)
+
+    def _badness(self, row: ResultRow) -> tuple[int, float, str]:
+        order = WORST_FIRST.index(row.verdict) if row.verdict in WORST_FIRST else 0
+        if self.population is not None:
+            order = min(order, WORST_FIRST.index("nearly")) if row.verdict in _GOOD else order
+            return order, _or_last(row.correlation), row.name
+        worse = [value for value in (row.left, row.verified) if not math.isnan(value)]
+        return order, -max(worse, default=0.0), row.name
+
+
+def _or_last(value: float) -> float:
+    return -2.0 if math.isnan(value) else value

@@ -1,0 +1,139 @@
+"""Reading the results of a batch or of a population as a table, also while they are made."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from abfm import ResultError
+from abfm.errors import one_line
+from abfm_viewer.document.result_table import ResultRow, ResultTable
+
+if TYPE_CHECKING:
+    from abfm import Population
+    from abfm.batch import Entry
+
+POPULATION = "population.npz"
+NAMES = (POPULATION, "subjects.csv", "summary.csv", "rows.json")
+"""Files of a folder of results by which it is opened; `abfm batch` and `abfm population` write
+them.
+"""
+_LEDGER = "ledger"
+_OWN = "subject_weights.npy"  # what no other kind of file has
+
+
+class _State(NamedTuple):
+    """What was last changed (ns) in a folder of results, or of a population's file."""
+
+    place: Path
+    changed: tuple[int, ...]
+
+
+def place_of(path: Path) -> Path | None:
+    """Return the folder of results that a path is, or is a file of; a population's own file is
+    itself. None for what is no table.
+    """
+    if path.is_dir() or path.name == POPULATION:
+        return path
+    if path.name == "rows.json" and path.parent.name == _LEDGER:
+        return path.parent.parent
+    return path.parent if path.name.lower() in NAMES else None
+
+
+def is_population(path: Path) -> bool:
+    """Return whether a file is one of `Population.save`, by the names of what is in it."""
+    with suppress(OSError, zipfile.BadZipFile), zipfile.ZipFile(path) as archive:
+        return _OWN in archive.namelist()
+    return False
+
+
+class TableReader:
+    """Reads a table, and again what has changed of it."""
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        self._state: _State | None = None
+        self._table: ResultTable | None = None
+        self._known: dict[Path, ResultRow] = {}
+
+    def read(self, anew: bool = True) -> ResultTable:
+        """Return the table, the same object where nothing has changed unless it is read `anew`.
+
+        Raises
+        ------
+        ResultError
+            If there is none, or it is damaged.
+        """
+        state = _state(self.place)
+        if self._table is None or anew or state != self._state:
+            self._table, self._state = self._read(), state
+        return self._table
+
+    def _read(self) -> ResultTable:
+        own = self.place / POPULATION if self.place.is_dir() else self.place
+        if own.is_file():
+            return _of_population(self.place, own)
+        from abfm.batch import Ledger  # with all that solves
+
+        title, entries = Ledger(self.place).kept()
+        rows = tuple(self._row(number, entry) for number, entry in enumerate(entries))
+        return ResultTable(self.place, title, rows)
+
+    def _row(self, number: int, entry: Entry) -> ResultRow:
+        name = one_line(entry.row.name, 200)
+        if entry.path is None:
+            return ResultRow(number, name, entry.state, reason=entry.reason)
+        # files of results are named by what is in them
+        known = self._known.get(entry.path)
+        if known is not None and known.key == (number, name):
+            return known
+        try:
+            facts = entry.facts
+        except ResultError as error:
+            return ResultRow(number, name, "failed", reason=str(error))
+        assert facts is not None
+        numbers = facts.mismatch, facts.verified_mismatch, facts.folded, facts.log2_area
+        row = ResultRow(number, name, facts.verdict, *numbers, reason=facts.reason, path=entry.path)
+        self._known[entry.path] = row
+        return row
+
+
+def _of_population(place: Path, path: Path) -> ResultTable:
+    from abfm import load_population
+
+    found: Population = load_population(path)
+    rows = []
+    for number, name in enumerate(found.names):
+        result = path.parent / f"{found.digests[number]}.npz"
+        verdict = found.verdicts[number] or "failed"
+        rows.append(
+            ResultRow(
+                number,
+                name,
+                verdict if found.fits[number] or verdict == "failed" else "does not fit",
+                float(found.mismatch[number]),
+                math.nan,
+                float(found.folded[number]),
+                float(found.log2_area[number]),
+                float(found.correlation[number]),
+                found.reasons[number],
+                result if found.digests[number] and result.is_file() else None,
+            )
+        )
+    name = path.parent.name if path.name == POPULATION else path.name
+    return ResultTable(place, f"population {name}", tuple(rows), found)
+
+
+def _state(place: Path) -> _State:
+    """Return what tells whether a table has changed; what is written takes a file's place."""
+    looked_at = (place, place / POPULATION, place / _LEDGER, place / _LEDGER / "rows.json")
+    changed = []
+    for path in looked_at if place.is_dir() else (place,):
+        try:
+            changed.append(path.stat().st_mtime_ns)
+        except OSError:
+            changed.append(0)
+    return _State(place, tuple(changed))

@@ -1,0 +1,194 @@
+"""The table of a batch or a population: a click on a row shows its result."""
+
+from __future__ import annotations
+
+import polyscope.imgui as imgui
+
+from abfm_viewer.document.comparison import Compared
+from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow
+from abfm_viewer.panels.context import Context
+from abfm_viewer.session.result_tables import Tables
+from abfm_viewer.widgets.containers import window
+from abfm_viewer.widgets.toolkit import Kind, Ui, pushed
+from abfm_viewer.widgets.widget_record import Rect
+
+_COMPARED: dict[Compared, str] = {
+    "difference": "The subject's values less the mean of the others.",
+    "mean": "The mean of all that fit.",
+    "deviation": "The standard deviation over those who fit.",
+    "areas": "How areas vary over those who fit: the deviation of log2 J.",
+}
+_FLAGS = (
+    imgui.ImGuiTableFlags_Resizable
+    | imgui.ImGuiTableFlags_ScrollY
+    | imgui.ImGuiTableFlags_BordersInnerV
+    | imgui.ImGuiTableFlags_BordersOuter
+    | imgui.ImGuiTableFlags_NoSavedSettings
+    | imgui.ImGuiTableFlags_SizingStretchProp
+)
+_WEIGHTS: dict[Name, float] = {"name": 1.5, "reason": 2.5}
+_NUMBER, _VERDICT = 76, 96  # how wide columns of numbers and verdicts are, at a scale of 1
+_SEARCH, _COMPARE = 140, 110
+_HINT = "in names and reasons"
+_AGAIN = "Read the folder again now; it is looked at every two seconds."
+_CLOSE = "Take the table away; what the surfaces show stays."
+_AROUND = 3  # rows above and below those in sight that are drawn, too
+_HEIGHT, _SHARE, _LEAST = 236, 0.4, 130  # at a scale of 1, and of what is left for surfaces
+
+
+def height(room: float, scale: float) -> float:
+    """Return how high the table is where so many pixels are left for surfaces and it."""
+    return max(min(_HEIGHT * scale, _SHARE * room), min(_LEAST * scale, room / 2))
+
+
+def draw(context: Context, rect: Rect) -> None:
+    ui, tables = context.ui, context.files.tables
+    if imgui.IsMouseClicked(0) and context.ui.record.enabled:
+        x, y = imgui.GetMousePos()
+        tables.has_keys = rect[0] <= x < rect[2] and rect[1] <= y < rect[3]
+    with window(ui, "result table", rect), ui.group("table"):
+        _draw_line(ui, tables)
+        if tables.table is not None:
+            _draw_rows(ui, tables)
+
+
+def _draw_line(ui: Ui, tables: Tables) -> None:
+    """Draw what is above the rows."""
+    table = tables.table
+    assert table is not None
+    buttons = ("Refresh", "Close table")
+    taken = sum(ui.text_width(label) + ui.px(26) for label in buttons)
+    taken += ui.px(_SEARCH) + ui.text_width("search") + ui.px(16)
+    is_of_population = table.population is not None
+    if is_of_population:
+        taken += ui.px(_COMPARE) + ui.text_width("compareRegistration") + ui.px(50)
+    ui.align()
+    room = float(imgui.GetContentRegionAvail()[0]) - taken
+    if room > ui.px(80):
+        kind: Kind = "failure" if tables.error else "ink"
+        ui.line(tables.error or f"{table.title}, {table.told}", kind, room=room)
+        ui.beside()
+    tables.search = ui.live_text("search", tables.search, _HINT, width=ui.px(_SEARCH))
+    if is_of_population:
+        ui.beside_if_fits("compare", is_button=True)
+        told = "What is shown between the subject and the mean of the others."
+        what = ui.combo("compare", tables.compared, _COMPARED, told, width=ui.px(_COMPARE))
+        if what != tables.compared:
+            tables.compare(what)
+        row = tables.chosen
+        tip = "Show the chosen subject on its own surface, with the flow that registers it."
+        ui.beside_if_fits("Registration", is_button=True)
+        enabled = row is not None and row.path is not None
+        if ui.button("Registration", tip, enabled=enabled) and row is not None:
+            tables.open_result(row)
+    ends = ("Refresh", _AGAIN, tables.look_again), ("Close table", _CLOSE, tables.close_table)
+    for label, tip, act in ends:
+        ui.beside_if_fits(label, is_button=True)
+        if ui.button(label, tip):
+            act()
+
+
+def _draw_rows(ui: Ui, tables: Tables) -> None:
+    table, rows = tables.table, tables.rows
+    assert table is not None
+    left, top = imgui.GetCursorScreenPos()
+    width, high = imgui.GetContentRegionAvail()
+    columns = table.columns
+    if not imgui.BeginTable(f"rows of {len(columns)}", len(columns), _FLAGS, (0.0, 0.0)):
+        return
+    try:
+        with ui.record.within("rows", (left, top, left + width, top + high)):
+            _draw_heads(ui, tables, columns)
+            _draw_cells(ui, tables, columns, rows)
+    finally:
+        imgui.EndTable()
+
+
+def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> None:
+    for column in columns:
+        if column in _WEIGHTS:
+            flags, size = imgui.ImGuiTableColumnFlags_WidthStretch, _WEIGHTS[column]
+        else:
+            flags = imgui.ImGuiTableColumnFlags_WidthFixed
+            size = ui.px(_VERDICT if column == "verdict" else _NUMBER)
+        imgui.TableSetupColumn(COLUMNS[column].head, flags, size)
+    imgui.TableSetupScrollFreeze(0, 1)
+    imgui.TableNextRow(imgui.ImGuiTableRowFlags_Headers)
+    for place, column in enumerate(columns):
+        head, tip, _ = COLUMNS[column]
+        imgui.TableSetColumnIndex(place)
+        with pushed({imgui.ImGuiCol_Text: ui.colors.muted}):
+            imgui.TableHeader(head)
+        clicked = imgui.IsItemClicked(0) and ui.record.enabled
+        is_sorted = column == tables.column
+        text = ("falls" if tables.falls else "rises") if is_sorted else ""
+        ui.remember(head, "item", text=text, tip=tip)
+        ui.tip(tip)
+        if is_sorted:
+            _draw_arrow(ui, tables.falls)
+        if clicked:
+            tables.sort(column)
+
+
+def _draw_arrow(ui: Ui, falls: bool) -> None:
+    """Draw at the right of a head which way its column is sorted."""
+    (_, top), (right, bottom) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
+    size, x, y = ui.px(3.5), right - ui.px(7), (top + bottom) / 2
+    tip, base = (y + size, y - size) if falls else (y - size, y + size)
+    ink = imgui.GetColorU32(ui.colors.accent)
+    corners = (x - size, base), (x + size, base), (x, tip)
+    imgui.GetWindowDrawList().AddTriangleFilled(*corners, ink)
+
+
+def _draw_cells(
+    ui: Ui, tables: Tables, columns: tuple[Name, ...], rows: tuple[ResultRow, ...]
+) -> None:
+    """Draw the rows in sight: hundreds of others only take their room."""
+    high = imgui.GetTextLineHeight() + 2 * imgui.GetStyle().CellPadding[1]
+    in_sight = imgui.GetWindowHeight() - high  # below the heads
+    if tables.scrolls:
+        _scroll(tables, rows, high, in_sight)
+    first = min(max(int(imgui.GetScrollY() / high) - _AROUND, 0), len(rows))
+    last = min(first + int(in_sight / high) + 2 * _AROUND + 2, len(rows))
+    if first:
+        imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, first * high)
+    for row in rows[first:last]:
+        imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, high)
+        _draw_row(ui, tables, columns, row)
+    if last < len(rows):
+        imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, (len(rows) - last) * high)
+
+
+def _scroll(tables: Tables, rows: tuple[ResultRow, ...], high: float, in_sight: float) -> None:
+    """Bring the chosen row into sight."""
+    tables.scrolls = False
+    keys = [row.key for row in rows]
+    if tables.cursor not in keys:
+        return
+    top, now = keys.index(tables.cursor) * high, imgui.GetScrollY()
+    if not now <= top <= now + in_sight - 2 * high:
+        imgui.SetScrollY(max(top - in_sight / 2, 0.0))
+
+
+def _draw_row(ui: Ui, tables: Tables, columns: tuple[Name, ...], row: ResultRow) -> None:
+    is_chosen = row.key == tables.cursor
+    flags = imgui.ImGuiSelectableFlags_SpanAllColumns
+    for place, column in enumerate(columns):
+        imgui.TableSetColumnIndex(place)
+        text, room = row.told(column), float(imgui.GetContentRegionAvail()[0])
+        if column == "name":
+            shown = ui.fitted(text, room).replace("##", "# #")  # which would hide the rest
+            clicked = imgui.Selectable(f"{shown}###{row.number}", is_chosen, flags)
+            state = "chosen" if is_chosen else ""
+            tip = "\n\n".join(filter(None, (f"{row.name}: {row.verdict}", row.reason)))
+            ui.remember(row.name, "choice", text=state, tip=tip)
+            ui.tip(tip)
+            if clicked and ui.record.enabled:
+                tables.choose(row)
+            continue
+        if COLUMNS[column].digits:
+            spare = room - ui.text_width(text)
+            imgui.SetCursorPosX(imgui.GetCursorPosX() + max(spare, 0.0))
+        color = getattr(ui.colors, row.tone) if column == "verdict" else ui.colors.ink
+        with pushed({imgui.ImGuiCol_Text: color}):
+            imgui.TextUnformatted(ui.fitted(text, room))

@@ -1,0 +1,293 @@
+"""The table that is open beside the surfaces, and which of its rows they show."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+import abfm
+from abfm.types import FloatArray
+from abfm_viewer.computing.background import Jobs, Latest, Memo
+from abfm_viewer.document.comparison import Compared, Comparison
+from abfm_viewer.document.document import Channel, Document, Identity, Surface
+from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow, ResultTable
+from abfm_viewer.files.result_tables import POPULATION, TableReader
+from abfm_viewer.session.loading import OPENING, Load
+from abfm_viewer.session.session import Session
+
+Opened = tuple[Document, dict[str, FloatArray]]
+Key = tuple[int, str]
+_SECONDS = 2.0  # after which a table is looked at again
+
+
+class FoundTable(NamedTuple):
+    """A table that was read, and the first of its rows that has a result."""
+
+    reader: TableReader
+    table: ResultTable
+    row: ResultRow | None
+    opened: Opened | None
+
+
+def find_table(
+    place: Path, read_document: Callable[[Path], Opened], what: Compared = "difference"
+) -> FoundTable:
+    """Read a table, and its worst row that has a result; AbfmError if it is none."""
+    reader = TableReader(place)
+    table = reader.read()
+    is_there = table.population is not None
+    rows = table.shown("verdict", False, "")
+    row = next((row for row in rows if row.path is not None or _is_known(table, row)), None)
+    if row is None:
+        return FoundTable(reader, table, None, None)
+    opened = (
+        document_of_subject(table, row, what) if is_there else document_of_row(row, read_document)
+    )
+    return FoundTable(reader, table, row, opened)
+
+
+def document_of_row(row: ResultRow, read_document: Callable[[Path], Opened]) -> Opened:
+    """Return a row's result as its file opens, called by the row's name."""
+    assert row.path is not None
+    document, known = read_document(row.path)
+    *others, last = document.surfaces
+    named = replace(last, name=f"B of {row.name}" if others else row.name)
+    return replace(document, surfaces=(*others, named)), known
+
+
+def document_of_subject(table: ResultTable, row: ResultRow, what: Compared) -> Opened:
+    """Return a subject's functions as they were carried to the template, beside the mean of the
+    others; where they are unknown they are filled in from around, and do not count.
+    """
+    found = table.population
+    assert found is not None
+    path = table.place / POPULATION if table.place.is_dir() else table.place
+    known: dict[str, FloatArray] = {}
+
+    def spec(column: str, values: FloatArray) -> str:
+        text = str(abfm.functions.ValuesFile(path=str(path.absolute()), column=column))
+        known[text] = values
+        return text
+
+    counts = np.asarray(found.masks[row.number] * found.template_mask)
+    channels: dict[tuple[str, str], int] = {}
+    listed = []
+    for number, channel in enumerate(found.channels):
+        own = found.values[row.number, :, number]
+        mean = found.mean_of_others(row.number, number)
+        is_known = np.isfinite(own) & np.isfinite(mean)
+        if not is_known.any():  # a channel that is held out and that it does not have
+            continue
+        if not channel.is_held_out:
+            counts = np.where(is_known, counts, 0)
+        columns = f"{row.name}: {channel.name}", f"without {row.name}: {channel.name}"
+        source, target = (
+            spec(column, _filled(found.template, values))
+            for column, values in zip(columns, (own, mean), strict=True)
+        )
+        channels[source, target] = number
+        listed.append(Channel(source, target, weight=0.0 if channel.is_held_out else 1.0))
+    document = Document(
+        (Surface(found.template, f"{row.name} of {table.title}"),),
+        tuple(listed),
+        mask="" if (counts == 1).all() else spec(f"{row.name}: mask", counts),
+        comparison=Comparison(found, row.number, channels, what),
+    )
+    return document, known
+
+
+def _filled(mesh: abfm.TriangleMesh, values: FloatArray) -> FloatArray:
+    known = np.isfinite(values)
+    if known.all():
+        return np.array(values)
+    from abfm.calculus.channels import extend
+
+    return np.asarray(extend(mesh, np.where(known, values, 0), known))
+
+
+def _is_known(table: ResultTable, row: ResultRow) -> bool:
+    """Return whether a subject has values on the template."""
+    found = table.population
+    return found is not None and bool(np.isfinite(found.values[row.number]).any())
+
+
+class Tables:
+    """Opens a table, keeps it as its folder is, and shows its rows.
+
+    `load` takes what is to be read in the background and takes the document's place. `cursor` is
+    the row that was chosen; `has_keys` whether Up and Down move it.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        load: Callable[[Load], None],
+        read_document: Callable[[Path], Opened],
+    ) -> None:
+        self.table: ResultTable | None = None
+        self.column: Name = "verdict"
+        self.falls = False
+        self.search = ""
+        self.compared: Compared = "difference"
+        self.cursor: Key | None = None
+        self.has_keys = self.is_new = False
+        self.scrolls = False  # whether the cursor's row must come into view
+        self._session, self._load, self._read_document = session, load, read_document
+        self._jobs = Jobs(session.at_once)
+        self._latest: Latest[ResultTable] = self._jobs.latest()
+        self._reader: TableReader | None = None
+        self._looks, self._next = 0, 0.0
+        self._rows: Memo[tuple[ResultRow, ...]] = Memo()
+        self._keys: WeakKeyDictionary[Identity, tuple[Path, Key]] = WeakKeyDictionary()
+        self._seen: Identity | None = None
+
+    @property
+    def rows(self) -> tuple[ResultRow, ...]:
+        """Those that are searched for, as they are sorted."""
+        if self.table is None:
+            return ()
+        of = self.column, self.falls, self.search
+        return self._rows.get((self.table, *of), partial(self.table.shown, *of))
+
+    @property
+    def chosen(self) -> ResultRow | None:
+        return None if self.table is None else self.table.find(self.cursor)
+
+    @property
+    def error(self) -> str:
+        """Say why the table cannot be read again."""
+        return self._latest.error
+
+    def open(self, place: Path, remedies: Mapping[str, Callable[[], None]]) -> None:
+        """Open a table in the background, with the worst of its rows that has a result."""
+        what, of = f"opening {place.name}", dict(remedies)
+        self._load(Load(what, partial(self.read, place), remedies=of, source=(place, "table")))
+
+    def read(self, place: Path) -> Callable[[], None]:
+        """Read a table; what is returned shows it."""
+        found = find_table(place, self._read_document, self.compared)
+        return partial(self._show_found, found)
+
+    def _show_found(self, found: FoundTable) -> None:
+        if found.row is not None and found.opened is not None:
+            self._show(found.table, found.row, found.opened)
+        self.take(found)
+        self._session.notices.mend(OPENING)
+        self._session.notices.say(f"opened {found.table.title}: {found.table.told}")
+
+    def take(self, found: FoundTable) -> None:
+        """Begin with a table whose row is shown already."""
+        self.table, self._reader = found.table, found.reader
+        self.column, self.falls, self.search = "verdict", False, ""
+        self.cursor = None if found.row is None else found.row.key
+        self.scrolls = self.has_keys = True
+        self._next = clock.perf_counter() + _SECONDS
+        self._seen = self._session.document.identity
+        if found.row is not None:
+            self._keys[self._seen] = found.table.place, found.row.key
+
+    def close_table(self) -> None:
+        """Take the table away; what the surfaces show stays."""
+        self.table, self._reader, self.cursor, self.has_keys = None, None, None, False
+
+    def sort(self, column: Name) -> None:
+        """Sort by a column, or the other way round; of numbers the largest come first."""
+        if column == self.column:
+            self.falls = not self.falls
+        else:
+            self.column, self.falls = column, bool(COLUMNS[column].digits)
+        self.scrolls = True
+
+    def look_again(self) -> None:
+        """Read the table anew."""
+        self._next = 0.0
+
+    def move(self, step: int) -> None:
+        """Show the row so many below the chosen one."""
+        if not (rows := self.rows):
+            return
+        keys = [row.key for row in rows]
+        place = keys.index(self.cursor) + step if self.cursor in keys else 0
+        if (row := rows[min(max(place, 0), len(rows) - 1)]).key != self.cursor:
+            self.scrolls = True
+            self.choose(row)
+
+    def choose(self, row: ResultRow) -> None:
+        """Show a row's result, or say why there is none."""
+        table = self.table
+        if table is None:
+            return
+        self.cursor, self.has_keys = row.key, True
+        if _is_known(table, row):
+            self._open(row, partial(document_of_subject, table, row, self.compared))
+        else:
+            self.open_result(row)
+
+    def open_result(self, row: ResultRow) -> None:
+        """Show a row's result as its file opens: of a subject its registration."""
+        if row.path is None:
+            why = row.reason or "it has not been solved yet"
+            self._session.notices.say(f"{row.name} has no result to show: {why}")
+            return
+        self._open(row, partial(document_of_row, row, self._read_document))
+
+    def compare(self, what: Compared) -> None:
+        """Hold the subject that is shown, and those that are chosen later, against something."""
+        self.compared = what
+        if (now := self._session.document.comparison) is not None:
+            other = replace(now, what=what)
+            self._session.editor.change(f"compare with the {what}", comparison=other)
+
+    def update(self) -> None:
+        """Take in what has changed in the folder, and which document is shown: once per frame."""
+        if self._reader is None or self.table is None:
+            return
+        if (shown := self._session.document.identity) is not self._seen:
+            self._seen = shown
+            place, key = self._keys.get(shown, (None, None))
+            self.cursor = key if place == self.table.place else None
+            self.scrolls = True
+        if clock.perf_counter() >= self._next and not self._latest.busy:
+            self._looks, self._next = self._looks + 1, clock.perf_counter() + _SECONDS
+        if self._looks:
+            asked = self._reader, self._looks
+            found = self._latest.ask(asked, partial(self._reader.read, anew=False))
+            if found is not None and found.place == self.table.place:
+                self.table = found
+
+    def close(self) -> None:
+        self._jobs.close()
+
+    def _open(self, row: ResultRow, make: Callable[[], Opened]) -> None:
+        table = self.table
+        assert table is not None
+
+        def read() -> Callable[[], None]:
+            return partial(self._show, table, row, make())
+
+        remedies = {"Try again": partial(self._open, row, make)}
+        self._load(Load(f"opening {row.name}", read, remedies=remedies))
+
+    def _show(self, table: ResultTable, row: ResultRow, opened: Opened) -> None:
+        """Show a row's document, as the one before was looked at where it is on the same mesh."""
+        session, (document, known) = self._session, opened
+        now, mesh = session.document.surfaces, document.surfaces[-1].mesh
+        is_same = len(now) == len(document.surfaces) and now[-1].mesh.digest == mesh.digest
+        look = session.view.look if is_same else None
+        large = session.view.large if is_same else ""
+        if is_same and document.comparison is not None:  # the same channel as before
+            channel = min(session.document.channel, len(document.channels) - 1)
+            document = replace(document, channel=channel)
+        view = replace(session.view, look=look, large=large)
+        session.restore(replace(document, view=view), known, None)
+        self._seen = session.document.identity
+        self._keys[self._seen] = table.place, row.key
+        self.cursor = row.key
+        session.notices.say(f"{row.name}: {row.verdict}{f', {row.reason}' if row.reason else ''}")

@@ -1,0 +1,189 @@
+"""A batch and a population open as a table; a click on a row shows what came of it."""
+
+import time
+
+import numpy as np
+import pytest
+
+from abfm import load_population
+from abfm.batch import Ledger, Row
+from abfm.batch.attempt import Task, attempt
+from abfm.io import write_surface
+from abfm_viewer.appearance.samples import POPULATION
+from abfm_viewer.automation import Driver
+from abfm_viewer.window import population_sample
+from tests.shapes import icosphere
+
+SIZE = (900, 640)
+OPTIONS = {"iterations": 15, "refine": 0, "target": "coordinate:y"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two matches, one that fails, and one that was not tried."""
+    folder = tmp_path_factory.mktemp("results")
+    write_surface(folder / "egg.ply", icosphere(2))
+    given = {"mesh": folder / "egg.ply", **OPTIONS}
+    rows = [
+        Row("along x", {**given, "source": "coordinate:x"}),
+        Row("along z", {**given, "source": "coordinate:z"}),
+        Row("gone", {**given, "mesh": folder / "no.ply", "source": "coordinate:x"}),
+        Row("later", {**given, "source": "gaussian:vertex=3,width=0.3"}),
+    ]
+    ledger = Ledger(folder)
+    ledger.make()
+    ledger.write_rows(rows, "three and one")
+    for row in rows[:3]:
+        solve(ledger, row)
+    return folder, rows
+
+
+def solve(ledger, row):
+    ledger.record(row, attempt(Task(row, str(ledger.folder), ledger.make(), {})).record)
+
+
+def rows_of(gui):
+    gui.frames(2)
+    return [
+        w.label for w in gui.window.ui.widgets if w.section == "table/rows" and w.kind == "choice"
+    ]
+
+
+def settle(gui):
+    gui.wait(lambda session: session.loading.now is None)
+
+
+@pytest.fixture(scope="module")
+def opened(folder):
+    with Driver(folder[0], size=SIZE) as gui:
+        yield gui
+
+
+def test_a_folder_of_results_opens_as_a_table_with_its_worst_row(opened, folder):
+    tables = opened.window.files.tables
+    assert rows_of(opened)[:2] == ["gone", "later"]
+    best = [row for row in tables.rows if row.path is not None]
+    assert tables.chosen == best[0]
+    assert opened.session.document.name == best[0].name
+    assert opened.session.result.confirmed_mismatch == max(best[0].left, best[0].verified)
+    assert opened.errors == {}
+
+
+def test_a_click_shows_a_row_and_keys_go_on(opened):
+    tables, session = opened.window.files.tables, opened.session
+    opened.click("along x", "rows")
+    settle(opened)
+    assert session.document.name == "along x"
+    assert opened.text_of("along x", "rows") == "chosen"
+    place = [row.name for row in tables.rows].index("along x")
+    opened.key("up")
+    settle(opened)
+    assert tables.chosen.name == tables.rows[place - 1].name
+    opened.click("gone", "rows")
+    settle(opened)
+    assert session.notices.latest.text.startswith("gone has no result to show: ")
+    assert "no.ply" in session.notices.latest.text
+    opened.menu("Edit", "Undo")
+    opened.frames(2)
+    assert tables.chosen.name == session.document.name
+
+
+def test_heads_sort_and_words_are_searched_for(opened):
+    tables = opened.window.files.tables
+    for head, name in (("left", "left"), ("by flow lines", "verified"), ("|log2 J|", "log2_area")):
+        opened.click(head, "rows")
+        known = [getattr(row, name) for row in tables.rows if row.path is not None]
+        assert known == sorted(known, reverse=True)
+    for head in ("name", "why", "folded"):
+        opened.click(head, "rows")
+    opened.click("name", "rows")
+    assert rows_of(opened) == ["along x", "along z", "gone", "later"]
+    opened.click("name", "rows")
+    assert rows_of(opened) == ["later", "gone", "along z", "along x"]
+    opened.type("search", "along z", enter=False)
+    assert rows_of(opened) == ["along z"]
+    opened.type("search", "")
+    opened.click("verdict", "rows")
+    assert rows_of(opened)[0] == "gone"
+
+
+def test_what_another_process_adds_is_shown(opened, folder):
+    path, rows = folder
+    solve(Ledger(path), rows[3])
+    opened.click("Refresh")
+    opened.wait(lambda s: "1 missing" not in opened.window.files.tables.table.told)
+    opened.click("Close table")
+    opened.frames(2)
+    assert opened.window.files.tables.table is None
+    opened.window.files.open_dropped([path])
+    settle(opened)
+    assert len(rows_of(opened)) == 4
+
+
+def test_hundreds_of_rows_cost_what_is_seen(opened, folder):
+    path, rows = folder
+    many = [Row(f"row {i}", rows[0].options, rows[0].folder) for i in range(500)]
+    Ledger(path).write_rows(many, "many")
+    opened.click("Refresh")
+    opened.wait(lambda s: len(opened.window.files.tables.rows) == 500)
+    assert 0 < len(rows_of(opened)) < 40
+    opened.window.files.tables.move(400)
+    settle(opened)
+    opened.frames(3)
+    assert opened.window.files.tables.chosen.name in rows_of(opened)
+    assert opened.errors == {}
+
+
+def test_a_folder_that_holds_none_says_so(opened, tmp_path):
+    opened.window.files.open(tmp_path)
+    opened.wait(lambda s: s.notices.latest.is_error)
+    assert "holds no batch" in opened.session.notices.latest.text
+
+
+def test_the_sample_of_a_population_shows_who_is_odd(opened):
+    opened.menu("Samples", POPULATION)
+    end = time.monotonic() + 60
+    while opened.window.files.tables.table.population is None:
+        assert time.monotonic() < end, opened.session.notices.latest.text
+        time.sleep(0.2)
+        opened.frames(1)
+    tables, session = opened.window.files.tables, opened.session
+    settle(opened)
+    assert rows_of(opened)[0] == population_sample.ODD
+    assert [row.verdict == "does not fit" for row in tables.rows] == [True] + [False] * 8
+    found = load_population(tables.table.place / population_sample.NAME)
+    odd = found.subject(population_sample.ODD)
+    opened.wait(lambda s: s.values("target") is not None)
+    np.testing.assert_array_equal(session.values("source"), found.values[odd, :, 0])
+    np.testing.assert_array_equal(session.values("target"), found.mean_of_others(odd))
+    shown = {
+        "mean": found.mean(),
+        "deviation": found.deviation(),
+        "areas": found.log2_area_deviation,
+        "difference": found.values[odd, :, 0] - found.mean_of_others(odd),
+    }
+    for what, values in shown.items():
+        opened.choose("compare", what)
+        opened.frames(3)
+        np.testing.assert_array_equal(opened.window.scene.paints["advected"].values, values)
+    for head in ("correlation", "|log2 J|"):
+        opened.click(head, "rows")
+    opened.click("subject 1", "rows")
+    settle(opened)
+    assert session.document.titled("source") == "subject 1, carried"
+    opened.click("Registration")
+    settle(opened)
+    assert session.registration is not None
+    assert tables.chosen.name == "subject 1"
+    assert opened.errors == {}
+
+
+def test_the_menu_opens_a_table_by_a_file_of_its_folder(opened):
+    place = opened.window.files.tables.table.place
+    opened.click("Close table")
+    opened.menu("File", "Open batch or population...")
+    opened.type("folder", str(place), "Open a batch or population")
+    opened.click(population_sample.NAME, "Open a batch or population")
+    opened.click("Open", "Open a batch or population")
+    settle(opened)
+    assert opened.window.files.tables.table.population is not None
