@@ -157,7 +157,7 @@ def save_project(
         result |= {name: getattr(document.result, name) for name in ("parameters", "verdict")}
     arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
     # the surface's name is the document's in the file, and its front the view's
-    kept_apart = ("identity", "surfaces", "result", "runs", "initial_map", "labels")
+    kept_apart = ("identity", "surfaces", "result", "runs", "initial_map", "labels", "comparison")
     plain = to_plain(document, without=kept_apart)
     plain["view"] = to_plain(document.view) | {"front": surface.front}
     content = {
@@ -464,7 +464,8 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
 
 def _dataclass(hint: Any, value: dict[str, Any], where: str, given: dict[str, Any]) -> Any:
     # a document without a result does not load its type
-    unknown_here = {"Match": Any, "Correspondence": Any, "LabelMap": Any}
+    names = "Match", "Correspondence", "LabelMap", "Comparison"
+    unknown_here = dict.fromkeys(names, Any)
     hints = get_type_hints(hint, localns=unknown_here)
     known = {entry.name: entry for entry in fields(hint) if entry.name not in given}
     unknown = sorted(value.keys() - known.keys())
