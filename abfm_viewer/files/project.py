@@ -187,7 +187,7 @@ def save_project(
     arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
     # the surface's name is the document's in the file, and its front the view's
     kept_apart: tuple[str, ...] = ("identity", "surfaces", "result", "runs", "initial_map")
-    kept_apart += ("labels", "film", "settings", "sequence")
+    kept_apart += ("labels", "comparison", "film", "settings", "sequence")
     plain = to_plain(document, without=kept_apart)
     plain["view"] = to_plain(document.view) | {"front": surface.front}
     content = {

@@ -11,6 +11,7 @@ from abfm.batch.attempt import Task, attempt
 from abfm.io import write_surface
 from abfm_viewer.appearance.samples import POPULATION
 from abfm_viewer.automation import Driver
+from abfm_viewer.files.project import load_project
 from abfm_viewer.window import population_sample
 from tests.shapes import icosphere
 
@@ -168,6 +169,13 @@ def test_the_sample_of_a_population_shows_who_is_odd(opened):
         np.testing.assert_array_equal(opened.window.scene.paints["advected"].values, values)
     for head in ("correlation", "|log2 J|"):
         opened.click(head, "rows")
+    # as a project it is an ordinary document
+    path = tables.table.place / "odd.abfm"
+    opened.window.files.save(path)
+    opened.wait(lambda s: not opened.window.files.saving)
+    document, known = load_project(path)
+    assert document.comparison is None
+    np.testing.assert_array_equal(known[document.channels[0].source], found.values[odd, :, 0])
     opened.click("subject 1", "rows")
     settle(opened)
     assert session.document.titled("source") == "subject 1, carried"

@@ -11,7 +11,9 @@ from abfm import load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.experiments import Stage, as_match, script
 from abfm.parameters import FIGURES
-from abfm_viewer.appearance.samples import CORTEX, MESHES, PAIR, PICTURES, SIDE, WAVE, vertices
+    figures = names[len(MESHES) : -2]
+    listed = [*MESHES, PAIR, CORTEX, WAVE, POPULATION, *figures]
+    assert [w.label for w in opened_menu(samples)] == listed
 from abfm_viewer.automation import Driver
 from abfm_viewer.scene.scene import Scene
 from tests.shapes import icosphere
@@ -130,7 +132,8 @@ def test_every_mesh_and_figure_is_there_with_a_picture_of_its_own(samples):
         assert tile[tile[..., 3] > 128, :3].std() > 5
     assert PICTURES.stat().st_size < 100_000
     figures = names[len(MESHES) : -2]
-    assert [w.label for w in opened_menu(samples)] == [*MESHES, PAIR, CORTEX, WAVE, *figures]
+    listed = [*MESHES, PAIR, CORTEX, WAVE, POPULATION, *figures]
+    assert [w.label for w in opened_menu(samples)] == listed
     samples.key("esc")
 
 
