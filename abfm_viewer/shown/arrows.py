@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 import abfm
 from abfm import TriangleMesh
-from abfm.maps import SurfacePoints
-from abfm.maps.spread_points import NEAREST
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.ribbons import normals_at
+
+if TYPE_CHECKING:
+    from abfm.maps import SurfacePoints
 
 _FARTHEST = 0.13  # are places from each other, however small the picture
 _SPARSE, _DENSE = 60.0, 15.0  # pixels between them at the least and the largest density
@@ -49,7 +51,7 @@ def arrow_spacing(density: float, scale: float) -> float:
     """
     pixels = _SPARSE * (_DENSE / _SPARSE) ** min(max(density, 0.0), 1.0)
     level = round(_LEVELS * math.log2(pixels / max(scale, 1e-300))) / _LEVELS
-    return float(min(max(2.0**level, NEAREST), _FARTHEST))
+    return float(min(max(2.0**level, abfm.maps.NEAREST), _FARTHEST))
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +124,7 @@ def arrows_of(
     points = abfm.maps.spread_points(mesh).apart(look.spacing)
     vectors = abfm.flow.vectors_at(mesh, relative, points)
     if fast > 0 and not vectors.any():  # what moves is smaller than the distance between arrows
-        points = SurfacePoints(mesh, speed.argmax(keepdims=True), np.full((1, 3), 1 / 3))
+        points = abfm.maps.SurfacePoints(mesh, speed.argmax(keepdims=True), np.full((1, 3), 1 / 3))
         vectors = relative[points.faces]
     speed_there = np.linalg.norm(vectors, axis=1)
     kept = np.flatnonzero(speed_there > _SHORTEST)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from abfm.numerics.kernels import kernel
+import abfm
 from abfm.types import BoolArray, FloatArray, IntArray
 
 _PIXELS = 1024  # of a map of depths, along its longer side
@@ -56,9 +56,8 @@ class Eye:
         low, high = seen[:, :2].min(axis=0), seen[:, :2].max(axis=0)
         pixel = float((high - low).max()) / _PIXELS
         width, height = (int(n) for n in np.ceil((high - low) / pixel + 1e-9))
-        nearest = np.full((max(height, 1), max(width, 1)), -np.inf)
         seen[:, :2] = (seen[:, :2] - low) / pixel
-        draw_nearest(seen, faces, nearest)
+        nearest = abfm.maps.nearest_depths(seen, faces, max(width, 1), max(height, 1))
         own = self.projected(places)
         column, row = ((own[:, :2] - low) / pixel).astype(np.int64).T
         found = nearest[row.clip(0, len(nearest) - 1), column.clip(0, len(nearest[0]) - 1)]
@@ -68,26 +67,3 @@ class Eye:
         slope = np.sqrt(1 / cosines[is_there] ** 2 - 1)
         hidden[is_there] = self.before(found[is_there], own[is_there, 2]) > _NEARER + length * slope
         return hidden
-
-
-@kernel
-def draw_nearest(seen: FloatArray, faces: IntArray, nearest: FloatArray) -> None:
-    """Draw faces (F, 3) of vertices (V, 3), in pixels, into what is nearest at pixels' middles."""
-    height, width = nearest.shape
-    for f in range(len(faces)):
-        a, b, c = seen[faces[f, 0]], seen[faces[f, 1]], seen[faces[f, 2]]
-        double = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        if double == 0.0:
-            continue
-        left = max(int(np.ceil(min(a[0], b[0], c[0]) - 0.5)), 0)
-        right = min(int(np.floor(max(a[0], b[0], c[0]) - 0.5)), width - 1)
-        low = max(int(np.ceil(min(a[1], b[1], c[1]) - 0.5)), 0)
-        high = min(int(np.floor(max(a[1], b[1], c[1]) - 0.5)), height - 1)
-        for row in range(low, high + 1):
-            for column in range(left, right + 1):
-                x, y = column + 0.5, row + 0.5
-                of_b = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / double
-                of_c = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / double
-                if of_b >= 0.0 and of_c >= 0.0 and of_b + of_c <= 1.0:
-                    near = a[2] + of_b * (b[2] - a[2]) + of_c * (c[2] - a[2])
-                    nearest[row, column] = max(nearest[row, column], near)

@@ -1,4 +1,5 @@
 from .continuous_map import continuous_map as continuous_map
+from .depth_map import nearest_depths as nearest_depths
 from .distortion import Distortion as Distortion
 from .distortion import chord_distortion as chord_distortion
 from .distortion import folds as folds
@@ -15,6 +16,7 @@ from .quality import map_accuracy as map_accuracy
 from .quality import map_quality as map_quality
 from .quality import there_and_back as there_and_back
 from .sphere_embedding import sphere_embedding as sphere_embedding
+from .spread_points import NEAREST as NEAREST
 from .spread_points import SpreadPoints as SpreadPoints
 from .spread_points import spread_points as spread_points
 from .surface_points import SurfacePoints as SurfacePoints

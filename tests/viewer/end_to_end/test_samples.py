@@ -11,9 +11,16 @@ from abfm import load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.experiments import Stage, as_match, script
 from abfm.parameters import FIGURES
-    figures = names[len(MESHES) : -2]
-    listed = [*MESHES, PAIR, CORTEX, WAVE, POPULATION, *figures]
-    assert [w.label for w in opened_menu(samples)] == listed
+from abfm_viewer.appearance.samples import (
+    CORTEX,
+    MESHES,
+    PAIR,
+    PICTURES,
+    POPULATION,
+    SIDE,
+    WAVE,
+    vertices,
+)
 from abfm_viewer.automation import Driver
 from abfm_viewer.scene.scene import Scene
 from tests.shapes import icosphere
