@@ -551,8 +551,8 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
 
 def _dataclass(hint: Any, value: dict[str, Any], where: str, given: dict[str, Any]) -> Any:
     # a document without a result does not load its type
-    unknown_here = {"Match": Any, "Correspondence": Any, "LabelMap": Any}
-    unknown_here |= {"Film": Any, "Sequence": Any}
+    names = "Match", "Correspondence", "LabelMap", "Comparison", "Film", "Sequence"
+    unknown_here: dict[str, Any] = dict.fromkeys(names, Any)
     hints = get_type_hints(hint, localns=unknown_here)
     known = {entry.name: entry for entry in fields(hint) if entry.name not in given}
     unknown = sorted(value.keys() - known.keys())

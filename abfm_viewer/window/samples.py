@@ -37,7 +37,7 @@ from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window.wave import wave_document
 
 _WIDTH, _HEIGHT = 420, 50
-_FEWEST, _MOST = 2, 4  # columns
+_FEWEST, _MOST = 2, 5  # columns
 _SHARE = 0.86  # of the window's height that the menu may take
 _PICTURES = "pictures of the samples"
 _KEPT = (
