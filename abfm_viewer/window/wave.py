@@ -66,7 +66,7 @@ def wave_document(view: View) -> Document:
     from abfm.sequences.frames import checked  # with all that it loads
 
     film = Film("wave", checked(surface.mesh, frames, times, None, None), "s")
-    # a closeness that is met in seconds: without noise a search for one would take minutes
+    # a closeness that is met at once: a search for one takes some ten seconds
     settings = FilmSettings(sigma=_SIGMA)
     return Document((surface,), film=film, settings=settings, time=float(times[0]), view=view)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from abfm.batch.kind import Prepared
 from abfm.batch.ledger import Ledger, Record
 from abfm.batch.rows import Row
-from abfm.errors import AbfmError, one_line
+from abfm.errors import AbfmError, ResultError, one_line
 from abfm.io import temporary_folder
 from abfm.workers.control import CancelledError, Control, present_control
 
@@ -80,30 +80,32 @@ def _solved(task: Task, prepared: Prepared) -> Answer:
         path = ledger.result(prepared.digest)
         if path.is_file():
             return Answer(Record(prepared.digest))
-        _save(prepared, path)
+        _save(task, prepared, path)
         return Answer(Record(prepared.digest, seconds=time.monotonic() - began))
     with temporary_folder(Path(tempfile.gettempdir())) as folder:
         path = folder / "result.npz"
-        _save(prepared, path)
+        _save(task, prepared, path)
         seconds = time.monotonic() - began
         return Answer(Record(prepared.digest, seconds=seconds), path.read_bytes())
 
 
-def _save(prepared: Prepared, path: Path) -> None:
+def _save(task: Task, prepared: Prepared, path: Path) -> None:
     control = present_control() or Control()
     found = prepared.solve(control)
     if control.cancelled:
         raise CancelledError
+    row = task.row
+    if task.contents is None and Row(row.name, row.options, row.folder).key != row.key:
+        raise ResultError("a file of it changed while it was solved; run the same again")
     found.save(path)
 
 
 def _with_contents(row: Row, contents: Mapping[str, bytes], folder: Path) -> Row:
-    """Return the row with files in a folder, those of one folder beside each other."""
-    places, folders = dict[str, str](), dict[str, Path]()
+    """Return the row with files in a folder, each where it is from the others."""
+    places = dict[str, str]()
     for path, content in contents.items():
-        parent, name = os.path.split(path)
-        place = folders.setdefault(parent, folder / str(len(folders)))
-        place.mkdir(exist_ok=True)
-        (place / name).write_bytes(content)
-        places[path] = os.fspath(place / name)
+        place = folder / Path(os.path.normpath(path)).relative_to(Path(path).anchor)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(content)
+        places[path] = os.fspath(place)
     return row.moved(places)

@@ -59,7 +59,9 @@ class Entry:
         return None if self.path is None else KINDS[self.row.kind].facts(self.path)
 
     def load(self) -> Any:
-        """Read the result: a Match, or a Registration. An AbfmError says that there is none."""
+        """Read the result: a Match, a Registration or a Sequence; an AbfmError says that there is
+        none.
+        """
         if self.path is None:
             told = self.reason or "it has not been solved"
             raise ResultError(f"there is no result of {one_line(self.row.name)}: {told}")

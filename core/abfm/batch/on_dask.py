@@ -87,12 +87,12 @@ def _submitted(
     for task in tasks:
         submit(task)
     while waiting:
+        if control.cancelled:
+            client.cancel([future for future, _ in waiting.values()])
+            return
         try:
             key = ended.get(timeout=_EVERY)
         except Empty:
-            if control.cancelled:
-                client.cancel([future for future, _ in waiting.values()])
-                return
             if client.status not in ("running", "connecting"):
                 raise _LostError from None
             continue

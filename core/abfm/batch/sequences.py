@@ -54,7 +54,9 @@ def facts_of_sequence(path: Path) -> Facts:
         kinds = [kind for kind, _, _ in archive["verdicts"].tolist()]
         numbers = [archive[name] for name in ("mismatch", "verified_mismatch", "folded")]
     confirmed = sum(kind in CONFIRMED for kind in kinds)
-    usual = Counter(kinds).most_common(1)[0][0]
+    # as `abfm sequence` has it: by whether most are confirmed
+    is_good = 2 * confirmed >= len(kinds)
+    usual = Counter(k for k in kinds if (k in CONFIRMED) == is_good).most_common(1)[0][0]
     reason = f"flow lines confirm {confirmed} of {len(kinds)} intervals"
     return Facts(usual, reason, *(float(np.nanmedian(each)) for each in numbers))
 

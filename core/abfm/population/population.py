@@ -162,8 +162,8 @@ class Population:
         return statistics.mean(*self._after(channel))
 
     def deviation(self, channel: str | int = 0) -> FloatArray:
-        """The standard deviation over those who fit, (V,), unbiased; NaN where fewer than two are
-        known.
+        """The standard deviation over those who fit, (V,), the root of the unbiased variance; NaN
+        where fewer than two are known.
         """
         return statistics.deviation(*self._after(channel))
 
@@ -215,7 +215,9 @@ class Population:
         return self.names.index(name)
 
     def worst_first(self) -> list[int]:
-        """Return the subjects' numbers: first who does not fit, then by falling correlation."""
+        """Return the subjects' numbers: first who does not fit, then by rising correlation, the
+        least like first.
+        """
         alike = np.nan_to_num(self.correlation, nan=-2)
         return [int(i) for i in np.lexsort((np.array(self.names), alike, self.fits))]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 import shlex
@@ -136,6 +137,11 @@ class Work:
         alike = np.array([each.correlation for each in judged.likeness])
         chosen = np.where(judged.fits & (self.weights > 0) & np.isfinite(alike), alike, -math.inf)
         best = int(np.argmax(chosen))
+        if np.count_nonzero(self.weights) < 2:
+            raise ParameterError(
+                "one subject alone has a weight above 0: give another one too, or the template's "
+                "own functions"
+            )
         if not np.isfinite(chosen[best]):
             told = next((each for each in judged.reasons if each), "their functions are unlike")
             raise ParameterError(f"no subject can be the first target: {told}")
@@ -170,10 +176,10 @@ class Work:
             ) from error
         targets = []
         for c, values in enumerate(target.functions, 1):
-            targets.append(_written(folder / f"round-{number}-{c}.npy", values))
+            targets.append(_written(folder, f"round-{number}-{c}", values))
         mask = None
         if (target.mask != 1).any():
-            mask = _written(folder / f"round-{number}-mask.npy", target.mask)
+            mask = _written(folder, f"round-{number}-mask", target.mask)
         return [self._row(subject, targets, mask) for subject in self.cohort.subjects]
 
     def _row(self, subject: Subject, targets: Sequence[str], mask: str | None) -> Row:
@@ -393,8 +399,12 @@ def _mask(mesh: TriangleMesh, text: str, whose: str) -> FloatArray:
     return found
 
 
-def _written(path: Path, values: FloatArray) -> str:
-    """Write values (V,), and return the text of the function that they are."""
+def _written(folder: Path, name: str, values: FloatArray) -> str:
+    """Write values (V,), and return the text of the function that they are; the file's name tells
+    them from others, which another run in this folder may write meanwhile.
+    """
+    content = hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
+    path = folder / f"{name}-{content[:16]}.npy"
     with write_atomically(path) as temporary:
         np.save(temporary, values)
     return f"file:{quoted(os.fspath(path))}"

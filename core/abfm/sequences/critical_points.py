@@ -22,6 +22,7 @@ from abfm.types import FloatArray, IndexArray, IntArray
 
 Kind = Literal["source", "sink", "spiral", "saddle"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+_ASIDE = 0.36, 0.48, 0.8  # a direction in space that few surfaces lie across
 _STILL = 1e-9  # of the field's root mean square: slower corners have no direction
 
 
@@ -95,13 +96,15 @@ def face_indices(
     areas = face_areas(mesh)
     squares = (to_frame(mesh, field) ** 2).sum(axis=1)
     usual = float(np.sqrt(areas @ squares / areas.sum()))
-    turned = np.angle(np.where(vectors == 0, 1.0, vectors) / middles)
+    still = np.abs(vectors) <= _STILL * usual
+    # a vertex has one vector for all its faces: any direction gives a zero there to one of them
+    aside = corner_vectors(mesh, np.tile(_ASIDE, (len(mesh.faces), 1)))
+    turned = np.angle(np.where(still, aside, vectors) / middles)
     from_first, from_last = turned + half, turned - half
     changes = np.roll(from_last, -1, axis=1) - np.pi - from_first
     changes = np.pi - (np.pi - changes) % (2 * np.pi)  # within (-pi, pi]
     total = (changes.sum(axis=1) + holonomy) / (2 * np.pi)
-    still = (np.abs(vectors) <= _STILL * usual).any(axis=1)
-    return np.where(still, 0, np.rint(total)).astype(np.int64)
+    return np.where(still.all(axis=1), 0, np.rint(total)).astype(np.int64)
 
 
 @per_mesh

@@ -50,7 +50,9 @@ class Point:
 
 
 class Interval:
-    """The minimisation between two frames, in the units of the mesh scaled to unit area."""
+    """The minimisation between two frames, in the units of the mesh scaled to unit area; sigma is
+    absolute.
+    """
 
     def __init__(self, energy: MatchingEnergy, neighbours: Sequence[Neighbour] = ()) -> None:
         self.energy = energy
@@ -119,8 +121,7 @@ class Interval:
         count, mean, derive = len(functions.source), averaging(mesh), gradient(mesh)
         halfway = 0.5 * (at.advected[:count] + functions.target)
         slopes = [(derive @ each).reshape(-1, 2) for each in halfway]
-        unit = functions.function_size if self._is_relative else 1.0
-        weights = functions.weights * (self._tau / (sigma * unit)) ** 2
+        weights = functions.weights * (self._tau / sigma) ** 2
         areas, norm, stiffness = functions.areas, self._norm, self._stiffness
 
         def apply(field: FloatArray) -> FloatArray:
@@ -131,10 +132,6 @@ class Interval:
             return bent
 
         return apply
-
-    @property
-    def _is_relative(self) -> bool:
-        return self.energy.parameters.sigma_unit == "relative"
 
     def _solved(self, bend: Apply, wanted: FloatArray) -> FloatArray:
         """Solve by conjugate gradients, preconditioned by the norm alone."""

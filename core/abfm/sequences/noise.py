@@ -4,12 +4,14 @@ import numpy as np
 from scipy import sparse
 
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 
 
-def noise(mesh: TriangleMesh, functions: FloatArray) -> FloatArray:
+def noise(
+    mesh: TriangleMesh, functions: FloatArray, seen: BoolArray | slice = slice(None)
+) -> FloatArray:
     """Estimate the standard deviation of independent noise on vertices, for functions (..., V),
-    (...,): an upper bound, to which what is bent over single edges adds.
+    (...,): an upper bound, to which what is bent over single edges adds; by the vertices seen.
 
     What a value differs from the mean of its ``n`` neighbours has the variance ``1 + 1/n`` of the
     noise [after Immerkær, Computer Vision and Image Understanding 64 (1996)]; the median over
@@ -18,7 +20,8 @@ def noise(mesh: TriangleMesh, functions: FloatArray) -> FloatArray:
     apart = functions - (_means(mesh) @ functions.reshape(-1, functions.shape[-1]).T).T.reshape(
         functions.shape
     )
-    usual = np.median(np.abs(apart) / np.sqrt(1 + 1 / _neighbours(mesh)), axis=-1)
+    alone = np.abs(apart) / np.sqrt(1 + 1 / _neighbours(mesh))
+    usual = np.median(alone[..., seen], axis=-1)
     return np.asarray(usual / 0.6744897501960817)  # of a normal distribution's deviation
 
 

@@ -30,9 +30,9 @@ from abfm.sequences.critical_points import CriticalPoints, critical_points
 from abfm.sequences.episodes import Episode, episodes
 from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import Frames, checked
-from abfm.sequences.solve import Said, Solver, interval_parameters
+from abfm.sequences.solve import WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
-from abfm.sequences.verdicts import noise_floor, verdict_of
+from abfm.sequences.verdicts import CONFIRMED, noise_floor, verdict_of
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
 from abfm.workers.progress import step
@@ -79,7 +79,7 @@ class Sequence:
     ----------
     mesh : TriangleMesh
     frames : (T, V, C) array
-        As given, and filled in where the mask is 0.
+        As given, and filled in where a value is not finite in some frame.
     times : (T,) array
         Ascending.
     velocity : (T - 1, F, 3) array
@@ -130,13 +130,14 @@ class Sequence:
     @property
     def confirmed(self) -> int:
         """How many intervals flow lines confirm: matched, nearly so, or as close as noise lets."""
-        good = ("matched", "nearly", "registered")
-        return sum(verdict.kind in good for verdict in self.verdicts)
+        return sum(verdict.kind in CONFIRMED for verdict in self.verdicts)
 
     def __getitem__(self, interval: int) -> Match:
         """Return an interval as a match, from its frame to the next, with its field and verdict."""
         i = range(len(self))[interval]
-        parameters = interval_parameters(self._frames, self.parameters, self.sigma, i)
+        # one that was cancelled before there was a sigma has fields of 0
+        sigma = self.sigma if np.isfinite(self.sigma) else WARMEST
+        parameters = interval_parameters(self._frames, self.parameters, sigma, i)
         flow = Flow(self.mesh, self.velocity[i], parameters.tau)
         return Match(
             problem=self._frames.problem(i, parameters),

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from abfm.calculus.vector_fields import to_ambient
+from abfm.errors import ParameterError
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.held_out import without
 from abfm.matching.solving.measures import measured
@@ -66,7 +67,7 @@ class Solver:
         self.frames, self.gamma = frames, gamma
         self.given = parameters
         self.fields = np.zeros((len(frames.durations), len(frames.mesh.faces), 2))
-        self.energies = np.full(len(self.fields), np.nan)  # with half of what ties neighbours
+        self.energies = np.full(len(self.fields), np.nan)  # without what ties neighbours
         self.found = np.zeros(len(self.fields), dtype=bool)
         self.sigma = parameters.sigma or np.nan
 
@@ -172,7 +173,9 @@ class Solver:
         looked_at = _spread(self._changes(), _LOOKED_AT)
         tried = cooling(LEAST, WARMEST)
         left = np.full(len(tried), np.nan)
-        walks = [_Walk(self, i) for i in looked_at]
+        walks = [walk for walk in (_Walk(self, i) for i in looked_at) if walk.can_hold_out]
+        if not walks:
+            raise ParameterError("too few vertices are compared to choose sigma by; give one")
         rest = float(np.sqrt(np.mean([walk.rest**2 for walk in walks])))
         with step("choosing sigma") as tell:
             for number, sigma in enumerate(tried):
@@ -203,6 +206,11 @@ class _Walk:
         self.rest = energy.relative_mismatch(energy.functions.source)
         self._folds = [(Interval(part), hidden) for part, hidden in without(energy)]
         self._fields: list[FloatArray] = [np.zeros(energy.shape[1:])] * len(self._folds)
+
+    @property
+    def can_hold_out(self) -> bool:
+        """Whether there is anything left that could be compared without what is held out."""
+        return bool(self._folds)
 
     def follow(self, sigma: float) -> float:
         """Return the mean square of what is left of what each fold has not seen."""

@@ -20,6 +20,7 @@ from abfm.sequences.critical_points import CriticalPoints, Kind
 from abfm.types import FloatArray, IntArray
 
 _FAR = 6.0  # edges, along edges, that a point may go from one field to the next
+_AT_ONCE = 64  # points whose distances to all vertices are kept
 _MISSED = 1  # fields in a row in which it may be missing
 
 
@@ -113,7 +114,8 @@ def _linked(
     begins = np.array([each.points.nearest_vertices()[i] for each, i in old])
     ends = points.points.nearest_vertices()[new]
     limit = _FAR * edge
-    apart = dijkstra(graph, indices=begins, limit=limit)[:, ends]
+    parts = np.array_split(begins, -(-len(begins) // _AT_ONCE))
+    apart = np.concatenate([dijkstra(graph, indices=p, limit=limit)[:, ends] for p in parts])
     places = np.array([each.points.positions[i] for each, i in old])
     straight = np.linalg.norm(places[:, None] - points.points.positions[new][None], axis=2)
     near = np.isfinite(apart)

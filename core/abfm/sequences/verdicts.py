@@ -24,7 +24,8 @@ def noise_floor(frames: Frames) -> float:
     the root of 2, as both have it.
     """
     problem = frames.problem(0, Parameters())
-    usual = np.array([noise(frames.mesh, frame.T) for frame in frames.values])  # (T, C)
+    seen = slice(None) if frames.mask is None else frames.mask > 0
+    usual = np.array([noise(frames.mesh, frame.T, seen) for frame in frames.values])  # (T, C)
     level = np.sqrt(np.median(usual**2, axis=0))
     even = np.repeat(level[:, None], len(frames.mesh.vertices), axis=1)
     sizes = [problem.functions.norm(np.ascontiguousarray(frame.T)) for frame in frames.values]

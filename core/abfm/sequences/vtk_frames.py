@@ -52,7 +52,10 @@ def _series(file: Path) -> list[Entry]:
         name, time = (entry.get(key) if isinstance(entry, dict) else None for key in _KEYS)
         if not isinstance(name, str) or not isinstance(time, int | float):
             raise ValueError(f"it lists {brief(entry)}; expected the name of a file, and a time")
-        entries.append((float(time), file.parent / name))
+        try:
+            entries.append((float(time), file.parent / name))
+        except OverflowError:
+            raise ValueError(f"it has the time {brief(time)}; expected a number") from None
     return entries
 
 

@@ -8,6 +8,8 @@ import pytest
 import abfm
 from abfm.assets import asset_path
 from abfm.batch import Ledger, Row, run
+from abfm.batch.attempt import Task, attempt
+from abfm.batch.run import seen_here
 from abfm.errors import ParameterError
 from abfm.sequences import defaults, export_pvd
 from tests.core.batch.rows import ONE
@@ -64,6 +66,26 @@ def test_files_of_a_series_belong_to_it(folder):
     content[-30] ^= 1
     parts[0].write_bytes(content)
     assert Row("film", options, folder).key != one
+
+
+def test_a_series_goes_to_who_does_not_see_its_files(folder):
+    found = abfm.sequence(EIGHT, FRAMES, parameters=defaults(sigma=0.5))
+    export_pvd(folder / "s.pvd", found)
+    options = {"mesh": asset_path("eight.off"), "frames": "s.pvd", "array": "frame", "sigma": 0.5}
+    row = Row("film", options, folder)
+    task = Task(row, str(folder / "nowhere"), "somewhere else")
+    answer = attempt(seen_here(task))
+    assert answer.record.reason == ""
+    assert answer.record.digest == row.key
+    assert answer.result
+
+
+def test_files_that_change_meanwhile_are_told(folder):
+    row = film(folder)
+    assert row.key
+    np.save(folder / "f.npy", FRAMES[:1].repeat(3, axis=0))
+    [entry] = run([row], folder / "out", ONE)
+    assert "changed while it was solved" in entry.reason
 
 
 @pytest.mark.parametrize(

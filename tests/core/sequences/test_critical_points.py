@@ -85,6 +85,19 @@ def test_the_gradient_of_a_height_has_a_source_below_and_a_sink_above():
         assert np.linalg.norm(place - side * direction) < 0.02
 
 
+@pytest.mark.parametrize("level", [1, 2, 3])
+def test_zeros_at_vertices_are_found(level):
+    mesh = icosphere(level)
+    about = mesh.vertices[7]
+    height = to_ambient(mesh, (gradient(mesh) @ (mesh.vertices @ about)).reshape(-1, 2))
+    turning = np.cross(about, mesh.vertices[mesh.faces].mean(axis=1))
+    for field, kinds in ((height, ["sink", "source"]), (turning, ["spiral", "spiral"])):
+        found = critical_points(mesh, field)
+        assert sorted(found.kinds) == kinds
+        assert found.index.sum() == 2
+        assert_allclose(np.abs(found.points.positions @ about), 1, atol=0.02)
+
+
 def test_they_go_with_rotations_scales_and_the_sign():
     rng = np.random.default_rng(3)
     function = np.sin(3 * SPHERE.vertices @ rng.standard_normal(3)) + SPHERE.vertices[:, 0]

@@ -11,9 +11,10 @@ from abfm import AbfmError, Control
 from abfm.calculus.operators import curl, divergence, face_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.maps import vertex_points
-from abfm.sequences import defaults, load_sequence
+from abfm.sequences import CONFIRMED, defaults, load_sequence
 from abfm.sequences.frames import checked
 from abfm.sequences.solve import Solver
+from abfm.workers.progress import telling
 from tests.core.sequences.films import SPHERE, coordinates, off, turning
 from tests.core.surfaces import last_order
 from tests.shapes import icosphere
@@ -249,11 +250,51 @@ def test_a_cancelled_sequence_keeps_what_it_found(film):
         control=control,
         on_interval=lambda i: control.cancel() if i == 1 else None,
     )
-    assert np.abs(told.velocity[:2]).min() >= 0
-    assert np.abs(told.velocity[1]).max() > 0
+    assert all(np.abs(field).max() > 0 for field in told.velocity[:2])
     assert_array_equal(told.velocity[2], 0)
     assert told.verdicts[2].kind == "not reached"
     assert told.confirmed == 2
+
+
+def test_one_that_is_cancelled_before_there_is_a_sigma_has_no_motion(film):
+    control = Control()
+
+    def stop(now):
+        if now is not None and "sigma" in now.task:
+            control.cancel()
+
+    with telling(stop):
+        told = abfm.sequence(SPHERE, film[0], control=control)
+    assert np.isnan(told.sigma)
+    assert_array_equal(told.velocity, 0)
+    assert told[0].verdict.kind == "not reached"
+
+
+def test_noise_is_told_by_what_is_compared(film):
+    rng, level = np.random.default_rng(0), 0.3 * film[0].std()
+    noisy = film[0] + level * rng.standard_normal(film[0].shape)
+    for known in (SPHERE.vertices[:, 0] < 2, SPHERE.vertices[:, 0] < 0.2):
+        holes = np.where(known, noisy, np.nan)
+        expected = np.sqrt(2) * level / np.sqrt(np.mean(noisy[:, known] ** 2))
+        told = abfm.sequence(SPHERE, holes, parameters=FAST).noise
+        assert told == pytest.approx(expected, rel=0.2)
+
+
+def test_a_mask_too_small_to_hold_anything_out_is_told(film):
+    mask = np.zeros(len(SPHERE.vertices))
+    mask[3] = 1
+    with pytest.raises(AbfmError, match="too few vertices are compared"):
+        abfm.sequence(SPHERE, film[0], mask=mask)
+    assert abfm.sequence(SPHERE, film[0], parameters=FAST, mask=mask).sigma == FAST.sigma
+
+
+def test_an_interval_whose_change_is_no_motion_is_not_confirmed():
+    frames, _ = turning(SPHERE, 0.06, 6)
+    rng = np.random.default_rng(0)
+    frames = frames + 0.1 * frames.std() * rng.standard_normal(frames.shape)
+    frames[3] = frames.std() * rng.standard_normal(frames.shape[1])
+    kinds = [v.kind for v in abfm.sequence(SPHERE, frames, parameters=FAST).verdicts]
+    assert [kind in CONFIRMED for kind in kinds] == [True, True, False, False, True]
 
 
 def test_files(found, tmp_path):
