@@ -102,7 +102,10 @@ def test_names_of_columns_may_be_written_as_options_or_as_in_python_and_some_rep
             "row 2, column source: unknown function family 'x'",
         ),
         ("mesh,source\nm.off,gaussian:vertex=1,width=2\n", "in double quotes"),
-        ("source,target\ncurvature:mean,curvature:mean\n", "row 1, it is of no kind: fill mesh"),
+        (
+            "source,target\ncurvature:mean,curvature:mean\n",
+            "row 1, it is of no kind: fill frames and mesh (sequence), or mesh (match)",
+        ),
         ('mesh,source\nm.off,"x\n', "line 2: "),
     ],
 )

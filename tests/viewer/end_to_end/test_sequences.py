@@ -296,7 +296,11 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     film.window.files.open(tmp_path / "short.npy")
     film.wait(lambda s: s.notices.cards)
     assert "9" in film.session.notices.cards[0].text
-    film.click("Dismiss")
+    film.click("Open other frames...")
+    film.click("Cancel", "Open frames")
+    film.click("Functions", within="steps")
+    film.click("Open frames...", "Functions")
+    film.click("Cancel", "Open frames")
     mesh = tmp_path / "egg.ply"
     abfm.io.write_surface(mesh, EGG)
     with Driver((mesh, tmp_path / "wave.npy"), size=SIZE) as gui:
@@ -314,6 +318,8 @@ def test_channels_share_fields_and_vertices_without_values_are_left_out(gui, tmp
     gui.choose("channel", "1")
     assert gui.session.document.channel == 1
     np.testing.assert_allclose(shown(gui, "source").values[5:], FRAMES[0, 5:] ** 2)
+    gui.choose("channel", "0")
+    np.testing.assert_allclose(shown(gui, "source").values[5:], FRAMES[0, 5:])
     mask = gui.session.document.film.frames.mask
     assert (mask == 0).nonzero()[0].tolist() == [0, 1, 2, 3, 4]
 

@@ -86,7 +86,8 @@ class Landmarks:
                 [*(f"{axis}_{side}" for side in "ab" for axis in "xyz"), "weight", "name"]
             )
             for row, weight, name in zip(places, self.weights, self.names, strict=True):
-                rows.writerow([*map(repr, [*row.tolist(), float(weight)]), one_line(name)])
+                said = " ".join(name.splitlines())
+                rows.writerow([*map(repr, [*row.tolist(), float(weight)]), said])
 
 
 class _Row(NamedTuple):
