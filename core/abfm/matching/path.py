@@ -77,8 +77,10 @@ def path_arrays(path: Sequence[PathStep], own: int, mesh: TriangleMesh) -> dict[
     """Return what files hold of a path besides the fields of its ``own`` step: a row of numbers a
     step, and the others' fields side by side in single precision, in lengths of the mesh.
     """
-    rows = [[*(getattr(e, name) for name in _NUMBERS), _refined(e, mesh)] for e in path]
-    arrays: dict[str, Any] = {"path_steps": np.array(rows), "path_step": own}
+    rows = np.array([[*(getattr(e, name) for name in _NUMBERS), _refined(e, mesh)] for e in path])
+    # what a step that went astray left may be beyond all numbers
+    rows[~np.isfinite(rows)] = np.nan
+    arrays: dict[str, Any] = {"path_steps": rows, "path_step": own}
     others = [each.velocity for number, each in enumerate(path) if number != own]
     if others:
         fields = np.concatenate(others, axis=1) / mesh.length_scale

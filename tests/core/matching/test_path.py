@@ -125,3 +125,12 @@ def test_damage_to_it_is_refused_in_one_line(longer, tmp_path, name, damage, tol
         load_match(path)
     assert told in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_step_that_went_astray_does_not_keep_a_match_from_its_file(found, tmp_path):
+    wild = PathStep(1.0, 0.1, 0.3, 2 * found.velocity, math.inf, math.inf, 0.5, math.inf, 0.2)
+    replace(found, path=(wild, found.path[found.step]), step=1).save(tmp_path / "m.npz")
+    again = load_match(tmp_path / "m.npz")
+    assert math.isnan(again.path[0].mismatch)
+    assert again.mismatch == found.mismatch
+    assert again.doubt == ""
