@@ -47,6 +47,14 @@ def test_a_mesh_of_several_components_is_opened_by_its_remedy(gui, two_spheres):
     assert cards(gui) == []
 
 
+def test_another_table_may_be_opened_in_place_of_none(gui, tmp_path):
+    gui.window.files.open(tmp_path)
+    gui.wait(lambda s: s.notices.cards)
+    gui.click("Open another table...")
+    assert gui.window.dialogs.is_open
+    gui.click("Cancel", "Open a batch or population")
+
+
 def test_a_bad_file_has_a_card_until_it_is_mended_and_the_newest_one_the_remedy(gui, tmp_path):
     bad = tmp_path / "bad.off"
     bad.write_text("OFF\nnonsense\n")

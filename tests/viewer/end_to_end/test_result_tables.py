@@ -135,14 +135,6 @@ def test_hundreds_of_rows_cost_what_is_seen(opened, folder):
     assert opened.errors == {}
 
 
-def test_another_table_may_be_opened_in_place_of_none(gui, tmp_path):
-    gui.window.files.open(tmp_path)
-    gui.wait(lambda s: s.notices.cards)
-    gui.click("Open another table...")
-    assert gui.window.dialogs.is_open
-    gui.click("Cancel", "Open a batch or population")
-
-
 def test_a_folder_that_holds_none_says_so(opened, tmp_path):
     opened.window.files.open(tmp_path)
     opened.wait(lambda s: s.notices.latest.is_error)
