@@ -24,13 +24,18 @@ from abfm_viewer.document.verdict_words import counted
 _MOST_TOLD = 8  # failed rows
 
 
-def add_cluster(parser: argparse.ArgumentParser) -> None:
-    """Declare who solves, where results go, and what is told."""
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Declare who solves."""
     add = options.adder(parser.add_argument_group("who solves"))
     what = "so many processes of this machine (default: one for each core)"
     add("--jobs", what, "N", type=options.processes)
     add("--scheduler", "a Dask cluster's scheduler instead, such as tcp://10.0.0.1:8786", "ADDRESS")
     add("--scheduler-file", "the same by the file in which it has its address", "FILE", type=Path)
+
+
+def add_cluster(parser: argparse.ArgumentParser) -> None:
+    """Declare who solves, where results go, and what is told."""
+    add_workers(parser)
     add = options.adder(parser.add_argument_group("output"))
     add("--out", "folder for results: made if it is not there", "DIR", type=Path)
     add("--no-pictures", "a summary without pictures, which take a tenth of a second each")

@@ -29,6 +29,7 @@ from abfm.workers.control import CancelledError
 from abfm.workers.progress import Step, telling
 from abfm_viewer import pictures, signals
 from abfm_viewer.cli import options
+from abfm_viewer.cli.batches.running import add_workers
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.populations.page import page
@@ -84,11 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--rounds", what, "N", type=options.count, default=MOST_ROUNDS)
     options.add_max_distortion(add)
     options.add_parameters(parser, options.UNSET)
-    add = options.adder(parser.add_argument_group("who solves"))
-    what = "so many processes of this machine (default: one for each core)"
-    add("--jobs", what, "N", type=options.processes)
-    add("--scheduler", "a Dask cluster's scheduler instead, such as tcp://10.0.0.1:8786", "ADDRESS")
-    add("--scheduler-file", "the same by the file in which it has its address", "FILE", type=Path)
+    add_workers(parser)
     add = options.adder(parser.add_argument_group("output"))
     add("--out", "folder for results: made if it is not there", "DIR", type=Path, required=True)
     add(

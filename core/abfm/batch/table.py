@@ -5,16 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from abfm.batch.columns import Column
 from abfm.batch.kinds import KINDS
 from abfm.batch.rows import Row
 from abfm.errors import ParameterError, brief, did_you_mean, one_line
 from abfm.reading import read_bytes
+
+Read = TypeVar("Read")
 
 NAME = "name"
 """The column with what a row is called."""
@@ -40,42 +42,61 @@ def read_table(path: str | os.PathLike[str]) -> list[Row]:
     ParameterError
         If it cannot be read, or what a cell holds does not fit: in which row and column.
     """
-    name = one_line(path)
+    return of_table(path, rows_of_text)
+
+
+def of_table(path: str | os.PathLike[str], read: Callable[[str, str], Read]) -> Read:
+    """Return what is read of the text of a table, and of the folder where its paths begin; a
+    ParameterError names the table.
+    """
+    name, place = one_line(path), Path(path).expanduser()
     try:
-        text = read_bytes(Path(path).expanduser(), _LARGEST).decode("utf-8-sig")
+        text = read_bytes(place, _LARGEST).decode("utf-8-sig")
     except OSError as error:
         raise ParameterError(f"cannot read table {name}: {one_line(error)}") from error
     except UnicodeDecodeError as error:
         raise ParameterError(f"table {name}: {one_line(error)}; save it as UTF-8") from None
     try:
-        return rows_of_text(text, Path(path).expanduser().absolute().parent)
+        return read(text, os.fspath(place.absolute().parent))
     except ParameterError as error:
         raise ParameterError(f"table {name}: {error}") from None
 
 
 def rows_of_text(text: str, folder: str | os.PathLike[str]) -> list[Row]:
     """Read the text of a table whose paths begin at a folder, see `read_table`."""
-    head = text.lstrip().partition("\n")[0]
-    delimiter = max(_DELIMITERS, key=head.count)
-    lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
-    columns: list[str] | None = None
-    rows: list[Row] = []
-    try:
-        for cells in lines:
-            cells = [cell.strip() for cell in cells]
-            if not any(cells):
-                continue
-            if columns is None:
-                columns = _columns(cells)
-                continue
-            if len(rows) == _MOST_ROWS:
-                raise ParameterError(f"it has more than {_MOST_ROWS} rows")
-            rows.append(_row(columns, cells, len(rows) + 1, folder))
-    except csv.Error as error:
-        raise ParameterError(f"line {lines.line_num}: {one_line(error)}") from None
+    lines = table_cells(text)
+    columns = _columns(next(lines, []))
+    rows = [_row(columns, cells, number, folder) for number, cells in enumerate(lines, 1)]
     if not rows:
         raise ParameterError("it has no rows: expected a line of names of columns, and more below")
     return rows
+
+
+def table_cells(text: str, most: int = _MOST_ROWS) -> Iterator[list[str]]:
+    """Yield the cells of each line that is not empty, the names of the columns first, then at most
+    so many; no line has more cells than there are columns.
+    """
+    head = text.lstrip().partition("\n")[0]
+    delimiter = max(_DELIMITERS, key=head.count)
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+    number, width = -1, 0
+    try:
+        for given in lines:
+            cells = [cell.strip() for cell in given]
+            if not any(cells):
+                continue
+            number += 1
+            width = width or len(cells)
+            if number > most:
+                raise ParameterError(f"it has more than {most} rows")
+            if len(cells) > width:
+                raise ParameterError(
+                    f"row {number}: it has {len(cells)} cells, and there are {width} columns; put "
+                    "a cell with a comma in double quotes"
+                )
+            yield cells
+    except csv.Error as error:
+        raise ParameterError(f"line {lines.line_num}: {one_line(error)}") from None
 
 
 def _columns(cells: Sequence[str]) -> list[str]:
@@ -97,11 +118,6 @@ def _columns(cells: Sequence[str]) -> list[str]:
 def _row(
     columns: Sequence[str], cells: Sequence[str], number: int, folder: str | os.PathLike[str]
 ) -> Row:
-    if len(cells) > len(columns):
-        raise ParameterError(
-            f"row {number}: it has {len(cells)} cells, and there are {len(columns)} columns; put a "
-            "cell with a comma in double quotes"
-        )
     options, name = [], ""
     for place, (column, cell) in enumerate(zip(columns, cells, strict=False), 1):
         if not column and cell:

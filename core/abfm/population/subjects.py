@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -11,15 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abfm.batch.columns import SPEC, absolute
+from abfm.batch.table import of_table, table_cells
 from abfm.errors import AbfmError, ParameterError, brief, one_line
 from abfm.functions import quoted
-from abfm.reading import read_bytes
 
 HELD_OUT = "held-out:"
 """How the column of a channel begins that is carried, but not registered by."""
 _OWN = ("name", "surface", "mask", "weight")
-_LARGEST, _MOST_ROWS = 256 << 20, 100_000
-_DELIMITERS = ",;\t"
+_MOST_ROWS = 100_000
 _LARGEST_WEIGHT = 1e12
 
 
@@ -126,17 +123,7 @@ def read_subjects(path: str | os.PathLike[str]) -> Cohort:
     ParameterError
         If it cannot be read, or what it holds does not fit: in which row and column.
     """
-    name, place = one_line(path), Path(path).expanduser()
-    try:
-        text = read_bytes(place, _LARGEST).decode("utf-8-sig")
-    except OSError as error:
-        raise ParameterError(f"cannot read table {name}: {one_line(error)}") from error
-    except UnicodeDecodeError as error:
-        raise ParameterError(f"table {name}: {one_line(error)}; save it as UTF-8") from None
-    try:
-        return _cohort(text, os.fspath(place.absolute().parent))
-    except ParameterError as error:
-        raise ParameterError(f"table {name}: {error}") from None
+    return of_table(path, _cohort)
 
 
 def function_text(given: str, folder: str | os.PathLike[str]) -> str:
@@ -159,26 +146,11 @@ def function_text(given: str, folder: str | os.PathLike[str]) -> str:
 
 
 def _cohort(text: str, folder: str) -> Cohort:
-    head = text.lstrip().partition("\n")[0]
-    delimiter = max(_DELIMITERS, key=head.count)
-    lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
-    columns: list[str] | None = None
-    subjects: list[Subject] = []
-    try:
-        for cells in lines:
-            cells = [cell.strip() for cell in cells]
-            if not any(cells):
-                continue
-            if columns is None:
-                columns = _columns(cells)
-                continue
-            if len(subjects) == _MOST_ROWS:
-                raise ParameterError(f"it has more than {_MOST_ROWS} rows")
-            subjects.append(_subject(columns, cells, len(subjects) + 1, folder))
-    except csv.Error as error:
-        raise ParameterError(f"line {lines.line_num}: {one_line(error)}") from None
-    if columns is None:
+    lines = table_cells(text, _MOST_ROWS)
+    if (names := next(lines, None)) is None:
         raise ParameterError("it is empty: expected a line of names of columns, and more below")
+    columns = _columns(names)
+    subjects = [_subject(columns, cells, number, folder) for number, cells in enumerate(lines, 1)]
     return Cohort(tuple(map(_channel, _channels(columns))), tuple(subjects))
 
 
@@ -205,11 +177,6 @@ def _channel(column: str) -> Channel:
 
 
 def _subject(columns: Sequence[str], cells: Sequence[str], number: int, folder: str) -> Subject:
-    if len(cells) > len(columns):
-        raise ParameterError(
-            f"row {number}: it has {len(cells)} cells, and there are {len(columns)} columns; put a "
-            "cell with a comma in double quotes"
-        )
     given = dict(zip(columns, cells, strict=False))
     surface = given.get("surface", "")
     return Subject(

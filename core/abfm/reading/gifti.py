@@ -10,13 +10,13 @@ import os
 import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
-from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abfm.reading.door import inflated, most_inflated, open_plain, read_bytes
 from abfm.reading.labels import Color
+from abfm.reading.xml_events import take_events
 
 _INTEGERS = ("uint8", "int8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 _TYPES = {
@@ -65,16 +65,7 @@ def read_gifti(path: str | os.PathLike[str]) -> Gifti:
     """
     content = read_bytes(path)
     reader = _Reader(Path(path), most_inflated(len(content)))
-    parser = expat.ParserCreate()
-    parser.buffer_text = True
-    parser.StartElementHandler = reader.start
-    parser.EndElementHandler = reader.end
-    parser.CharacterDataHandler = reader.characters
-    parser.EntityDeclHandler = reader.entity
-    try:
-        parser.Parse(inflated(content) if content[:2] == b"\x1f\x8b" else content, True)
-    except expat.ExpatError as error:
-        raise ValueError(f"it is no XML, or cut short: {error}") from error
+    take_events(inflated(content) if content[:2] == b"\x1f\x8b" else content, reader)
     return Gifti(reader.arrays, reader.names, reader.colors, reader.time_step)
 
 

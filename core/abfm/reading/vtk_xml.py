@@ -14,13 +14,13 @@ import re
 import sys
 from collections.abc import Callable
 from typing import Any, NamedTuple
-from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief, did_you_mean, one_line
 from abfm.reading.door import inflated, most_inflated, read_bytes
+from abfm.reading.xml_events import take_events
 from abfm.types import FloatArray
 
 _TYPES = {
@@ -136,26 +136,14 @@ class _File:
                 raise ValueError("its appended data does not end: it may be cut off")
             self._appended = content[found.end() : end]
             content = content[: found.end()] + content[end:]
-        self._parse(content)
+        take_events(content, self)
         order = self._head.get("byte_order", "")
         native = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
         self._order = _one_of(_ORDERS, order or native, "byte_order")
         head = _one_of(_HEADS, self._head.get("header_type", "UInt32"), "header_type")
         self._size = np.dtype(self._order + head)
 
-    def _parse(self, content: bytes) -> None:
-        parser = expat.ParserCreate()
-        parser.buffer_text = True
-        parser.StartElementHandler = self._start
-        parser.EndElementHandler = self._ended
-        parser.CharacterDataHandler = self._characters
-        parser.EntityDeclHandler = self._entity
-        try:
-            parser.Parse(content, True)
-        except expat.ExpatError as error:
-            raise ValueError(f"it is no XML, or cut short: {error}") from error
-
-    def _start(self, name: str, attributes: dict[str, str]) -> None:
+    def start(self, name: str, attributes: dict[str, str]) -> None:
         if not self._open:
             if name != "VTKFile":
                 raise ValueError("it is XML, but not VTK's")
@@ -171,11 +159,11 @@ class _File:
             self._array = attributes
             self._text.clear()
 
-    def _characters(self, text: str) -> None:
+    def characters(self, text: str) -> None:
         if self._open[-1] == "DataArray":  # not of what VTK writes into it besides
             self._text.append(text)
 
-    def _ended(self, name: str) -> None:
+    def end(self, name: str) -> None:
         self._open.pop()
         if name != "DataArray":
             return
@@ -188,7 +176,7 @@ class _File:
         if (place := places.get(self._open[-1])) is not None:
             place.append(array)
 
-    def _entity(self, *_: object) -> None:
+    def entity(self, *_: object) -> None:
         raise ValueError("it declares entities, which VTK's files have none of")
 
     def values(self, array: _Array, count: int) -> FloatArray:

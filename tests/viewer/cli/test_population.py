@@ -5,6 +5,7 @@ import json
 import math
 import sys
 
+import nibabel
 import numpy as np
 import pytest
 
@@ -106,7 +107,6 @@ def test_a_table_has_a_line_a_subject_the_worst_first(folder, found):
 
 
 def test_means_are_written_for_other_programs(folder, found):
-    nibabel = pytest.importorskip("nibabel")
     image = nibabel.load(folder / "out" / "mean.shape.gii")
     names = [array.meta["Name"] for array in image.darrays]
     kinds = ("mean", "deviation", "plain_mean")
