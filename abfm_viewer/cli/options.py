@@ -196,3 +196,9 @@ seed = partial(_within, int, 0, 1e39, "a whole number from 0 on")
 count = partial(_within, int, 1, 1_000_000, "a whole number from 1 to 1000000")
 processes = partial(_within, int, 1, 4096, "a number of processes, 1 to 4096")
 texels = partial(_within, int, 4, 16384, "a whole number from 4 to 16384")
+_weight = partial(_within, float, 0, sys.float_info.max, "weights of channels such as 1,0.5")
+
+
+def weights(text: str) -> list[float]:
+    """Read weights of channels: ``1,0.5``."""
+    return [_weight(each) for each in text.split(",")]

@@ -62,6 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "weight of the mismatch at each vertex, not negative: a function or its file",
         "SPEC",
     )
+    add(
+        "--weights",
+        "weight of each channel, not negative (default: 1 each)",
+        "W,W,...",
+        type=options.weights,
+    )
     add = options.adder(parser.add_argument_group("smoothness in time"))
     add(
         "--gamma",
@@ -113,7 +119,14 @@ def run(arguments: argparse.Namespace) -> int:
     with cancelled_by_signals(control, "with what was found") as kept:
         with steps_progress(arguments.quiet):
             found = abfm.sequence(
-                mesh, film.values, times, parameters, arguments.gamma, mask=mask, control=control
+                mesh,
+                film.values,
+                times,
+                parameters,
+                arguments.gamma,
+                mask=mask,
+                weights=arguments.weights,
+                control=control,
             )
         with nullcontext() if arguments.quiet else telling(print_long):
             outputs.write_sequences(

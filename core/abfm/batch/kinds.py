@@ -15,6 +15,7 @@ from abfm.batch.sequences import (
     not_negative,
     positive,
     prepare_sequence,
+    weights,
 )
 from abfm.errors import ParameterError
 from abfm.matching import load_match
@@ -41,6 +42,7 @@ KINDS: Mapping[str, Kind] = {
             "dt": Column("time between two frames", positive),
             "gamma": Column("how much neighbouring fields are held together", not_negative),
             "mask": columns.WEIGHT,
+            "weights": Column("weight of each channel, with blanks between", weights),
             "largest-component": columns.FLAG,
             **{option(name): parameter_columns()[option(name)] for name in TAKEN},
         },

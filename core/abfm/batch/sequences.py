@@ -37,6 +37,7 @@ def prepare_sequence(row: Row) -> Prepared:
             defaults(**parameters_in(given)),
             given.get("gamma", GAMMA),
             mask=weight(mesh, given.get("mask")),
+            weights=given.get("weights"),
             control=control,
         )
 
@@ -69,6 +70,11 @@ def positive(text: str) -> float:
 def not_negative(text: str) -> float:
     """Read a number from 0 on."""
     return _number(text, "of at least 0", lambda number: number >= 0)
+
+
+def weights(text: str) -> list[float]:
+    """Read weights of channels, not negative, with commas or blanks between."""
+    return [not_negative(each) for each in text.replace(",", " ").split()]
 
 
 def _number(text: str, range: str, holds: Any) -> float:

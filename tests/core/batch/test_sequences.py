@@ -46,6 +46,14 @@ def test_a_film_is_solved_as_by_hand_and_told_by_its_intervals(folder):
     assert told.path == again.path
 
 
+def test_channels_have_weights(folder):
+    np.save(folder / "f.npy", np.stack([FRAMES, FRAMES[::-1]], axis=2))
+    [entry] = run([film(folder, weights="1, 0")], folder / "out", ONE)
+    found = entry.load()
+    np.testing.assert_array_equal(found[0].weights, [1, 0])
+    assert found.confirmed == 2
+
+
 def test_its_name_goes_by_what_the_files_hold(folder):
     one = film(folder).key
     assert film(folder, gamma=3).key != one
@@ -93,6 +101,7 @@ def test_files_that_change_meanwhile_are_told(folder):
     [
         ({"dt": 0}, "column dt: .*no number above 0"),
         ({"gamma": -1}, "column gamma: .*of at least 0"),
+        ({"weights": "1 -1"}, "column weights: .*of at least 0"),
         ({"segments": 2}, "column segments: a sequence has no such option"),
         ({"mesh": None}, "a sequence needs it"),
     ],

@@ -89,6 +89,17 @@ def test_machines_are_told_and_parameters_are_taken(files, tmp_path, abfm):
     assert abfm(f"info {tmp_path}/a.npz").out.splitlines()[0].endswith("lines: 4 matched")
 
 
+def test_channels_are_weighed(files, tmp_path, abfm):
+    np.save(tmp_path / "two.npy", np.stack([film(), film()[::-1]], axis=2))
+    words = f"sequence {files}/m.ply {tmp_path}/two.npy --dt 1 {SOLVED} --out {tmp_path}/a.npz"
+    abfm(f"{words} --weights 0,1")
+    backward = load_sequence(tmp_path / "a.npz")
+    abfm(f"{words} --weights 1,0")
+    forward = load_sequence(tmp_path / "a.npz")
+    np.testing.assert_array_equal(forward[0].weights, [1, 0])
+    assert (forward.velocity * backward.velocity).sum() < 0
+
+
 def test_fewer_than_half_confirmed_is_an_exit_status_of_its_own(files, tmp_path, abfm):
     noise = np.random.default_rng(0).normal(size=film().shape)
     noise[:, ::2] *= 40  # which no flow carries
@@ -134,6 +145,8 @@ def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
         ("{m} {f} --tracks {t}/t.csv --intervals {t}/t.csv --out {t}/a.npz", "the same name"),
         ("{m} {f} --dt 0 --out {t}/a.npz", "--dt: 0 is not a number above 0"),
         ("{m} {f} --dt 1 --gamma -1 --out {t}/a.npz", "gamma is -1"),
+        ("{m} {f} --weights 1,-1 --out {t}/a.npz", "-1 is not weights of channels such as 1,0.5"),
+        ("{m} {f} --dt 1 --weights 1,1 --out {t}/a.npz", "one for each channel"),
         ("{m} {f} --alpha -1 --out {t}/a.npz", "alpha is -1"),
         ("{m} {f} --tau 2 --out {t}/a.npz", "'--tau' is not understood"),
         ("{m} {f} --array u --out {t}/a.npz", "has no arrays with names"),
