@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Future, wait
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ from abfm.numerics.factoring_apart import factoring_apart
 from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step, telling
-from abfm.workers.worker import Worker, report, stateless
+from abfm.workers.worker import Worker, WorkerEndedError, report, stateless
 from abfm_viewer.computing.background import THREADS, Memo, error_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.film import FilmSettings
@@ -22,7 +23,11 @@ if TYPE_CHECKING:
     from abfm import Sequence
     from abfm.sequences.frames import Frames
 
-_ENDED = "the process that matches has ended; match again"
+_TRIES = 3  # of a process that ends, such as for want of memory, each from where the last one was
+_ENDED = (
+    f"the process that matches ended {_TRIES} times, as for want of memory; match again to go on "
+    "from what it found"
+)
 
 
 class FilmMatch:
@@ -33,6 +38,8 @@ class FilmMatch:
         self.pair: tuple[int, int] | None = None  # frames to match by themselves, if chosen
         self._began: Document | None = None  # what the run is of
         self._fields: dict[int, FloatArray] = {}  # of the run, by interval
+        # what the run was of that failed last, and what it had found
+        self._left: tuple[object, dict[int, FloatArray]] = None, {}
         self._control = Control()
         self._work: Future[Sequence] | None = None
         self._worker = Worker(stateless, _ENDED)
@@ -48,13 +55,18 @@ class FilmMatch:
         return self.running and self._control.paused
 
     def start(self, document: Document) -> None:
-        """Match all frames of a document's film, unless a run goes on."""
+        """Match all frames of a document's film, unless a run goes on; after what one of the same
+        had found before it failed.
+        """
         if self.running or document.film is None:
             return
-        self._began, self._fields, self._control = document, {}, Control()
+        of, (failed, found) = _of(document), self._left
+        self._began, self._control = document, Control()
+        self._fields, self._left = found if failed == of else {}, (None, {})
         self.step = Step("starting the solver")
-        of = document.film.frames, document.settings
-        self._work = THREADS.submit(self._solve, *of, self._fields, self._control)
+        self._work = THREADS.submit(
+            self._solve, document.film.frames, document.settings, self._fields, self._control
+        )
 
     def pause(self) -> None:
         self._control.pause()
@@ -116,11 +128,12 @@ class FilmMatch:
         if self._work is None or self._began is None or not self._work.done():
             return None
         work, began, film = self._work, self._began, self._began.film
+        fields, self._fields = self._fields, {}
         self._work = self._began = self.step = None
-        self._fields = {}
         try:
             found = work.result()
         except Exception as error:
+            self._left = _of(began), fields
             return began, error_line(error)
         # the frames that it was sent are the document's
         return began, found if film is None else replace(found, _frames=film.frames)
@@ -149,8 +162,18 @@ class FilmMatch:
         def tell(step: Step | None) -> None:
             self.step = step or self.step
 
+        def run() -> Sequence:
+            return self._worker.call(_matched, frames, settings, dict(fields)).result(take)
+
         with telling(tell), controlled(control):
-            return self._worker.call(_matched, frames, settings).result(take)
+            for _ in range(1, _TRIES):
+                with suppress(WorkerEndedError):
+                    return run()
+            return run()
+
+
+def _of(document: Document) -> tuple[object, FilmSettings]:
+    return document.film, document.settings
 
 
 def is_unsolved(verdict: abfm.matching.Verdict) -> bool:
@@ -158,7 +181,9 @@ def is_unsolved(verdict: abfm.matching.Verdict) -> bool:
     return verdict.kind == "not reached" and verdict.reason.startswith("it was not solved")
 
 
-def _matched(_: None, frames: Frames, settings: FilmSettings) -> Sequence:
+def _matched(
+    _: None, frames: Frames, settings: FilmSettings, known: dict[int, FloatArray]
+) -> Sequence:
     values = frames.values if frames.channels_given else frames.values[:, :, 0]
     given = abfm.sequences.defaults(alpha=settings.alpha, sigma=settings.sigma)
     return abfm.sequence(
@@ -169,5 +194,6 @@ def _matched(_: None, frames: Frames, settings: FilmSettings) -> Sequence:
         settings.gamma,
         mask=frames.mask,
         weights=frames.weights,
+        known=known,
         on_field=lambda interval, field: report((interval, field)),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -18,7 +18,7 @@ from abfm.errors import ParameterError, brief
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
 from abfm.io import results
-from abfm.maps.surface_points import SurfacePoints
+from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.matching.judging.verdict import Verdict
 from abfm.matching.match import Match
 from abfm.matching.problem import Problem
@@ -238,12 +238,17 @@ class Sequence:
         """Return when the field is slow, stable, and when it is fast, transient."""
         return episodes(self.times, self.speed)
 
-    def paths(self, points: SurfacePoints, start: float | None = None) -> list[SurfacePoints]:
-        """Carry points from a time, that of the first frame by default, along all fields: where
-        they are at that time, and at each later frame.
+    def paths(
+        self, points: SurfacePoints | ArrayLike, start: float | None = None
+    ) -> list[SurfacePoints]:
+        """Carry points, or vertices (P,) by number, from a time, that of the first frame by
+        default, along all fields: where they are at that time, and at each later frame.
         """
+        given = points if isinstance(points, SurfacePoints) else vertex_points(self.mesh, points)
+        if len(given.mesh.faces) != len(self.mesh.faces):
+            raise ParameterError("the points are of another surface than the film")
         begin = float(self.times[0]) if start is None else float(start)
-        found, first = [points], self.interval(begin)
+        found, first = [given], self.interval(begin)
         for i in range(first, len(self)):
             checkpoint()
             duration = float(self.times[i + 1]) - max(begin, float(self.times[i]))
@@ -270,6 +275,7 @@ def sequence(
     *,
     mask: ArrayLike | None = None,
     weights: ArrayLike | None = None,
+    known: Mapping[int, FloatArray] | None = None,
     on_interval: Callable[[int], object] | None = None,
     on_field: Callable[[int, FloatArray], object] | None = None,
     control: Control | None = None,
@@ -299,6 +305,9 @@ def sequence(
         Weight of the mismatch at each vertex, not negative.
     weights : (C,) array, optional
         Weight of each channel.
+    known : mapping of int, optional
+        Fields (F, 3), by the number of their interval, that ``on_field`` was told in a run of the
+        same frames and parameters which did not come to its end: it goes on after them.
     on_interval : callable, optional
         Called with the number of each interval when it is first solved, in this thread.
     on_field : callable, optional
@@ -329,7 +338,9 @@ def sequence(
     with controlled(control):
         try:
             film = checked(mesh, frames, times, mask, weights)
-            solver = Solver(film, given, float(gamma))
+            unit = film.mesh.length_scale
+            earlier, noise = _earlier(film, known or {}), noise_floor(film)
+            solver = Solver(film, given, float(gamma), earlier, noise)
         except CancelledError:
             raise ParameterError("the sequence was cancelled before it began") from None
 
@@ -337,7 +348,7 @@ def sequence(
             if on_interval is not None:
                 on_interval(i)
             if on_field is not None:
-                on_field(i, to_ambient(film.mesh, solver.fields[i]) * film.mesh.length_scale)
+                on_field(i, to_ambient(film.mesh, solver.fields[i]) * unit)
 
         try:
             solver.run(tell)
@@ -367,10 +378,9 @@ def _told(solver: Solver) -> Sequence:
     }
     velocity = to_ambient(film.mesh, solver.fields) * unit
     velocity.flags.writeable = False
-    floor = noise_floor(film)
     known = zip(said, solver.found.tolist(), strict=True)
     verdicts = tuple(
-        verdict_of(film.problem(i, solver.parameters(i)), each, floor, found)
+        verdict_of(film.problem(i, solver.parameters(i)), each, solver.noise, found)
         for i, (each, found) in enumerate(known)
     )
     return Sequence(
@@ -379,10 +389,22 @@ def _told(solver: Solver) -> Sequence:
         parameters=solver.given,
         gamma=solver.gamma,
         sigma=float(solver.sigma),
-        noise=floor,
+        noise=solver.noise,
         verdicts=verdicts,
         **numbers,
     )
+
+
+def _earlier(film: Frames, known: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
+    """Return fields of an earlier run as the solver has them, (F, 2)."""
+    shape, count, unit = film.mesh.faces.shape, len(film.durations), film.mesh.length_scale
+    for i, found in known.items():
+        if i not in range(count) or found.shape != shape or not np.isfinite(found).all():
+            raise ParameterError(
+                f"known: interval {brief(i)} has a field {found.shape}; expected intervals 0 to "
+                f"{count - 1} with finite fields {shape}, as an earlier run told them"
+            )
+    return {i: to_frame(film.mesh, found / unit) for i, found in known.items()}
 
 
 def _checked_parameters(parameters: Parameters) -> Parameters:

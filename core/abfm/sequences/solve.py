@@ -1,16 +1,17 @@
-"""The fields of all intervals together: each near those beside it, in sweeps through time; and the
-sigma that what is held out bears.
+"""The fields of all intervals together: each near those beside it, in sweeps through time; the
+sigma that what is held out bears; and a search where frames are far apart.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from abfm.calculus.vector_fields import to_ambient
+from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import ParameterError
+from abfm.matching.match import match
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.held_out import without
 from abfm.matching.solving.measures import measured
@@ -28,6 +29,13 @@ LEAST = 0.1
 _LOOKED_AT = 3  # intervals by which sigma is chosen
 _FEW = 3  # steps with each sigma there
 _NOTHING = 0.01  # share of what any sigma explains of the variance that was held out
+_FAR = Parameters(sigma=0.3, segments=1, refine=0)
+"""Those of a match that looks for what is far."""
+OFTEN = 1.3
+"""Times what noise leaves, within which nothing but noise is left."""
+_MUCH = 0.2  # of what differed at first: where more is left, it is looked for further away
+_HARDLY = 0.6  # of what was held out: where more is left by any sigma, too
+_IN_VAIN = 3  # searches, after which no more are made
 _SWEEPS = 4  # at most
 _SETTLED = 0.01  # share of its energy that a sweep gains, which is then the last
 
@@ -63,13 +71,23 @@ def interval_parameters(
 class Solver:
     """Finds fields (T - 1, F, 2) of the mesh scaled to unit area, per unit of time."""
 
-    def __init__(self, frames: Frames, parameters: Parameters, gamma: float) -> None:
+    def __init__(
+        self,
+        frames: Frames,
+        parameters: Parameters,
+        gamma: float,
+        known: Mapping[int, FloatArray] | None = None,
+        noise: float = 0.0,
+    ) -> None:
         self.frames, self.gamma = frames, gamma
         self.given = parameters
+        self._known = known or {}  # fields (F, 2) by interval, that were found before
+        self.noise = noise  # what it leaves of an interval, as a mismatch
         self.fields = np.zeros((len(frames.durations), len(frames.mesh.faces), 2))
         self.energies = np.full(len(self.fields), np.nan)  # without what ties neighbours
         self.found = np.zeros(len(self.fields), dtype=bool)
         self.sigma = parameters.sigma or np.nan
+        self._in_vain = 0  # searches
 
     def run(self, on_interval: Callable[[int], object]) -> None:
         """Go through all intervals; what is there when it is cancelled stays."""
@@ -79,13 +97,38 @@ class Solver:
         with step("following the frames") as tell:
             for i in range(count):
                 checkpoint()
-                start = self.fields[i - 1] if i else None
-                self._keep(i, self._interval(i, [i - 1] if i else []).find(*self._sigmas(i), start))
+                self._keep(i, self._found(i))
                 self.found[i] = True
                 tell((i + 1) / count)
                 on_interval(i)
         if self.gamma and count > 1:
             self._settle()
+
+    def _found(self, i: int) -> Point:
+        """Return the field of an interval from that of the one before; where frames are far apart
+        by way of no warmer sigma, which draws back; else from a match that looks further.
+        """
+        last, warmest = self._sigmas(i)
+        start = self.fields[i - 1] if i else None
+        interval = self._interval(i, [i - 1] if i else [])
+        if i in self._known:
+            return interval.go_on(last, self._known[i], 0)
+        found = interval.find(last, warmest, start)
+        if start is not None and self._is_far(i, found):
+            found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
+        if self._is_far(i, found) and self._in_vain < _IN_VAIN:
+            further = interval.go_on(last, _searched(interval.energy))
+            if further.energy < found.energy and not self._is_far(i, further):
+                self._in_vain = 0
+                return further
+            self._in_vain += 1
+        return found
+
+    def _is_far(self, i: int, found: Point) -> bool:
+        """Tell whether much of an interval is left that is not noise."""
+        energy = self._energy(i)
+        first, left = map(energy.relative_mismatch, (energy.functions.source, found.at.advected))
+        return left > max(_MUCH * first, OFTEN * self.noise)
 
     def _settle(self) -> None:
         """Sweep back and forth until the energy of all hardly falls."""
@@ -171,18 +214,17 @@ class Solver:
         on a few intervals in which much changes, spread over time.
         """
         looked_at = _spread(self._changes(), _LOOKED_AT)
-        tried = cooling(LEAST, WARMEST)
-        left = np.full(len(tried), np.nan)
         walks = [walk for walk in (_Walk(self, i) for i in looked_at) if walk.can_hold_out]
         if not walks:
             raise ParameterError("too few vertices are compared to choose sigma by; give one")
         rest = float(np.sqrt(np.mean([walk.rest**2 for walk in walks])))
+        tried = cooling(LEAST, WARMEST)
         with step("choosing sigma") as tell:
-            for number, sigma in enumerate(tried):
-                left[number] = np.sqrt(np.mean([walk.follow(sigma) for walk in walks]))
-                tell((number + 1) / len(tried))
-                if number > int(np.nanargmin(left)):
-                    break
+            left = _left(walks, tried, tell)
+            if np.nanmin(left) > max(_HARDLY * rest, OFTEN * self.noise):
+                for walk in walks:
+                    walk.look_further()
+                left = min(left, _left(walks, tried, tell), key=np.nanmin)
         least = float(np.nanmin(left))
         enough = least**2 + _NOTHING * max(rest**2 - least**2, 0.0)
         return tried[int(np.flatnonzero(left**2 <= enough)[0])]
@@ -196,6 +238,26 @@ class Solver:
         return np.array(changes)
 
 
+def _searched(energy: MatchingEnergy) -> FloatArray:
+    """Return the field (F, 2) of an ordinary match, which looks further."""
+    parameters = replace(_FAR, tau=energy.parameters.tau)
+    found = match(energy.problem.with_parameters(parameters))
+    return to_frame(energy.mesh, found.velocity[0] / energy.length_scale)
+
+
+def _left(
+    walks: Sequence[_Walk], sigmas: Sequence[float], tell: Callable[[float], None]
+) -> FloatArray:
+    """Return what each sigma leaves of what was held out, (S,); NaN once less of it leaves more."""
+    left = np.full(len(sigmas), np.nan)
+    for number, sigma in enumerate(sigmas):
+        left[number] = np.sqrt(np.mean([walk.follow(sigma) for walk in walks]))
+        tell((number + 1) / len(sigmas))
+        if number > int(np.nanargmin(left)) and not walks[0].is_far:
+            break
+    return left
+
+
 class _Walk:
     """Follows sigma down on one interval, without the patches of each fold in turn."""
 
@@ -206,18 +268,29 @@ class _Walk:
         self.rest = energy.relative_mismatch(energy.functions.source)
         self._folds = [(Interval(part), hidden) for part, hidden in without(energy)]
         self._fields: list[FloatArray] = [np.zeros(energy.shape[1:])] * len(self._folds)
+        self._starts: list[FloatArray] = []
 
     @property
     def can_hold_out(self) -> bool:
         """Whether there is anything left that could be compared without what is held out."""
         return bool(self._folds)
 
+    @property
+    def is_far(self) -> bool:
+        """Whether each sigma begins at what was found further away, which warm ones lose."""
+        return bool(self._starts)
+
+    def look_further(self) -> None:
+        """Begin with each sigma at what a match finds without the patches of each fold."""
+        self._starts = [_searched(interval.energy) for interval, _ in self._folds]
+
     def follow(self, sigma: float) -> float:
         """Return the mean square of what is left of what each fold has not seen."""
         sigma, left = self._of(sigma, self._duration), []
         for number, (interval, hidden) in enumerate(self._folds):
             checkpoint()
-            found = interval.go_on(sigma, self._fields[number], _FEW)
+            start = (self._starts or self._fields)[number]
+            found = interval.go_on(sigma, start, _FEW)
             self._fields[number] = found.field
             count = len(self._functions.source)
             carried = found.at.advected[:count]

@@ -11,9 +11,8 @@ from abfm.matching.solving.record import StopReason
 from abfm.parameters import Parameters
 from abfm.sequences.frames import Frames
 from abfm.sequences.noise import noise
-from abfm.sequences.solve import Said
+from abfm.sequences.solve import OFTEN, Said
 
-_OFTEN = 1.3  # times what noise leaves, within which nothing but noise is left
 _EXPLAINED = 0.6  # of what differed at first: where more is left, motion explains little
 CONFIRMED = ("matched", "nearly", "registered")
 """Kinds of verdicts by which flow lines confirm an interval."""
@@ -47,8 +46,8 @@ def verdict_of(problem: Problem, said: Said, floor: float, found: bool) -> Verdi
     left = verdicts.confirmed_mismatch(said.mismatch, said.verified_mismatch)
     first = functions.relative_mismatch(functions.source)
     change = told.reason.partition(": ")[0]
-    if left <= _OFTEN * floor and told.kind not in CONFIRMED:
+    if left <= OFTEN * floor and told.kind not in CONFIRMED:
         return Verdict("registered", f"{change}: no more is left than noise leaves", "")
-    if told.kind == "registered" and left > max(_OFTEN * floor, _EXPLAINED * first):
+    if told.kind == "registered" and left > max(OFTEN * floor, _EXPLAINED * first):
         return Verdict("not reached", f"{change}: most of what changes is no motion", "")
     return told if told.kind in CONFIRMED else replace(told, advice="", remedies=())

@@ -214,6 +214,9 @@ def test_path_lines_turn_with_the_pattern():
     turned = np.angle((x + 1j * y) / (a + 1j * b))
     assert np.median(np.abs(turned - 0.4)) < 0.04
     later = found.paths(start, 2.5)
+    for other, told in ((np.eye(3), "whole numbers"), (vertex_points(icosphere(1)), "another")):
+        with pytest.raises(AbfmError, match=told):
+            found.paths(other)
     assert len(later) == 3
     x, y, _ = later[-1].positions.T
     assert np.median(np.abs(np.angle((x + 1j * y) / (a + 1j * b)) - 0.15)) < 0.02
@@ -256,6 +259,22 @@ def test_a_cancelled_sequence_keeps_what_it_found(film):
     assert told.confirmed == 2
 
 
+def test_a_run_goes_on_after_the_fields_of_an_earlier_one(film, found):
+    told, solved = {}, []
+    abfm.sequence(SPHERE, film[0], parameters=FAST, on_field=told.setdefault)
+    before = abfm.sequence(SPHERE, film[0], parameters=FAST, gamma=0).velocity
+    told[1] = before[2]  # which no run would find there
+    again = abfm.sequence(SPHERE, film[0], None, FAST, 0, known=told, on_interval=solved.append)
+    assert_allclose(again.velocity[1], before[2], atol=1e-14)
+    assert solved == [0, 1, 2]
+    del told[1]
+    again = abfm.sequence(SPHERE, film[0], parameters=FAST, known={0: told[0]})
+    assert_allclose(again.velocity, found.velocity, atol=1e-12)
+    for other in ({3: told[0]}, {0: told[0][1:]}, {0: np.nan * told[0]}):
+        with pytest.raises(AbfmError, match="expected intervals 0 to 2 with finite fields"):
+            abfm.sequence(SPHERE, film[0], parameters=FAST, known=other)
+
+
 def test_one_that_is_cancelled_before_there_is_a_sigma_has_no_motion(film):
     control = Control()
 
@@ -286,6 +305,19 @@ def test_a_mask_too_small_to_hold_anything_out_is_told(film):
     with pytest.raises(AbfmError, match="too few vertices are compared"):
         abfm.sequence(SPHERE, film[0], mask=mask)
     assert abfm.sequence(SPHERE, film[0], parameters=FAST, mask=mask).sigma == FAST.sigma
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_frames_far_apart_are_looked_for(noise):
+    rng, width, angle = np.random.default_rng(0), 0.4, 1.6  # four times the width
+    turns = [[np.cos(angle * t), np.sin(angle * t), 0] for t in range(3)]
+    frames = [np.exp(-((SPHERE.vertices - c) ** 2).sum(axis=1) / (2 * width**2)) for c in turns]
+    frames += noise * rng.standard_normal((3, len(SPHERE.vertices)))
+    found = abfm.sequence(SPHERE, frames)
+    assert found.confirmed == 2
+    paths = found.paths([int(np.argmax(SPHERE.vertices @ turns[0]))])
+    for point, centre in zip(paths, turns, strict=True):
+        assert np.linalg.norm(point.positions[0] - centre) < 0.5 * width
 
 
 def test_an_interval_whose_change_is_no_motion_is_not_confirmed():
