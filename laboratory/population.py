@@ -38,12 +38,14 @@ from abfm import (
     register,
     register_population,
 )
-from abfm.batch import Cluster
+from abfm.batch import Cluster, Entry, Ledger, Row
+from abfm.batch.attempt import Task, attempt
 from abfm.calculus.operators import face_areas, gradient, vertex_areas
 from abfm.functions import quoted
 from abfm.io import write_surface
 from abfm.io.sheets import Panel, Sheet, Values
 from abfm.population import Channel, Cohort, Settings, Subject
+from abfm.population.work import Work
 from abfm.types import FloatArray
 from abfm_viewer.files.outputs import write_picture
 from abfm_viewer.pictures import figure_picture
@@ -291,11 +293,14 @@ class Cost(NamedTuple):
 
     vertices: float
     register: float
-    carry: float  # in each round
-    part: float  # position and value, at the end
+    carry: float  # in each round, by who registers
+    part: float  # position and value, at the end, by who registers
+    add: float  # to the means in each round, by one process
+    add_parted: float
     worker: float  # the most memory of a process that registers
     client: float  # memory that a subject adds to that of who makes the means
     file: float
+    carried: float  # bytes of its files besides those of registrations, in each round
 
 
 def costs(coarse: bool) -> Cost:
@@ -303,6 +308,23 @@ def costs(coarse: bool) -> Cost:
     words = [sys.executable, "-m", "laboratory.population", "--cost", "coarse" if coarse else "own"]
     told = subprocess.run(words, check=True, capture_output=True, text=True).stdout
     return Cost(*map(float, told.split()))
+
+
+class _Timed:
+    """Solves rows in this process, and tells the seconds of that from those of who asks."""
+
+    def __init__(self, folder: Path) -> None:
+        self.ledger, self.solving = Ledger(folder), dict[str, float]()
+        self._identity = self.ledger.make()
+
+    def __call__(self, rows: Sequence[Row], task: str) -> list[Entry]:
+        tasks = [Task(row, str(self.ledger.folder), self._identity) for row in rows]
+        self.ledger.entries(rows)  # as `abfm.batch.run` asks first
+        start = process_time()
+        for each in tasks:
+            attempt(each)
+        self.solving[task] = process_time() - start
+        return self.ledger.entries(rows)
 
 
 def _measured(coarse: bool) -> Cost:
@@ -318,21 +340,27 @@ def _measured(coarse: bool) -> Cost:
         folder = Path(name)
         cohort, template = written(population, folder)
         cohort = Cohort(cohort.channels, cohort.subjects[:3])
-        own = {"depth": _file(folder / "own.npy")}
-
-        def timed(rounds: int) -> tuple[float, Population]:
-            settings = Settings(own, bound=0.0, rounds=rounds)
-            start = process_time()  # of this process, which registers nothing
-            found = register_population(cohort, template, folder / "out", settings, Cluster(jobs=1))
-            return (process_time() - start) / len(cohort.subjects), found
-
-        timed(2)
-        (once, _), (twice, found) = timed(1), timed(2)
+        settings = Settings({"depth": _file(folder / "own.npy")})
+        registering = _Timed(folder / "out")
+        for tried in ("kernels are compiled", "measured"):
+            carrying = _Timed(folder / tried)
+            work = Work(cohort, template, folder / "out", settings, carrying)
+            entries = registering(work.rows(work.first_target(), 1), "registering")
+            start = process_time()
+            found = work.round(entries, None, 1)
+            middle = process_time()
+            work.phases(entries, found)
+            ends = middle - start, process_time() - middle
+        carry, part = carrying.solving.values()
         file = max(each.stat().st_size for each in (folder / "out").glob("*.npz"))
-    arrays = (found.values, found.before, found.masks, found.masks_before)
-    client = sum(each.nbytes for each in arrays) / len(found.names) + 8 * 4 * len(mesh.faces)
-    carry = twice - once
-    return Cost(len(mesh.vertices), seconds, carry, once - carry, worker, client, file)
+        kept = max(each.stat().st_size for each in carrying.ledger.folder.glob("*.npz"))
+    count = len(cohort.subjects)
+    client = sum(each.nbytes for each in (*found.before, *found.after, found.log2_areas)) / count
+    carry, part, add, add_parted = (
+        each / count for each in (carry, part, ends[0] - carry, ends[1] - part)
+    )
+    times = seconds, carry, part, add, add_parted
+    return Cost(len(mesh.vertices), *times, worker, client, file, kept)
 
 
 def plan(found: Sequence[Cost]) -> str:
@@ -340,21 +368,23 @@ def plan(found: Sequence[Cost]) -> str:
     rows = []
     for cost in found:
         for workers in _WORKERS:
-            registering = _ROUNDS * math.ceil(_PLANNED / workers) * cost.register
-            means = _PLANNED * (_ROUNDS * cost.carry + cost.part)
+            each = _ROUNDS * (cost.register + cost.carry) + cost.part
+            by_workers = math.ceil(_PLANNED / workers) * each
+            adding = _PLANNED * (_ROUNDS * cost.add + cost.add_parted)
             rows.append(
                 (
                     f"{cost.vertices:,.0f}",
                     str(workers),
                     f"{cost.register:.1f}",
                     f"{cost.carry:.2f} and {cost.part:.2f}",
-                    _minutes(registering),
-                    _minutes(means),
-                    _minutes(registering + means),
+                    f"{cost.add:.3f} and {cost.add_parted:.3f}",
+                    _minutes(by_workers),
+                    _minutes(adding),
+                    _minutes(by_workers + adding),
                     f"{cost.worker / _MB:.0f}",
                     f"{min(workers, _PLANNED) * cost.worker / _MB / 1000:.1f}",
                     f"{_PLANNED * cost.client / _MB:.0f}",
-                    f"{_ROUNDS * _PLANNED * cost.file / _MB / 1000:.1f}",
+                    f"{_ROUNDS * _PLANNED * (cost.file + cost.carried) / _MB / 1000:.1f}",
                 )
             )
     heads = (
@@ -362,8 +392,9 @@ def plan(found: Sequence[Cost]) -> str:
         "workers",
         "s to register",
         "s to carry, and to part",
-        "registering",
-        "means",
+        "s to add both",
+        "workers take",
+        "means take",
         "in all",
         "MB a worker",
         "GB all workers",

@@ -51,7 +51,9 @@ def population_pictures(
     the machine cannot draw.
     """
     mesh = found.template
-    views, aspect = both_sides({mesh: best_front(mesh, _known(found.mean()), up=up)})
+    views, aspect = both_sides(
+        {mesh: best_front(mesh, _known(found.mean(found.main_channel)), up=up)}
+    )
     size = width, max(round(width / aspect), 1)
     channels = [_channel(found, c) for c in range(min(len(found.channels), MOST_CHANNELS))]
     tried = (_misfit(found, i) for i in found.worst_first() if not found.fits[i])
@@ -106,12 +108,15 @@ def _areas(found: Population) -> Planned:
 
 
 def _misfit(found: Population, i: int) -> Planned | None:
-    """Plan a subject beside the others' mean, by the first channel; None where it has no map."""
-    name = found.channels[0].name
-    before, after = found.before[i, :, 0], found.values[i, :, 0]
+    """Plan a subject beside the others' mean, by the first channel that it was registered by; None
+    where it has no map.
+    """
+    c = found.main_channel
+    name = found.channels[c].name
+    before, after = found.before[i, :, c], found.values[i, :, c]
     if not np.isfinite(after).any():
         return None
-    others = found.mean_of_others(i)
+    others = found.mean_of_others(i, c)
     shown = [_known(each) for each in (before, after, others)]
     titles = "at first", "registered", "mean of the others"
     panels = tuple(

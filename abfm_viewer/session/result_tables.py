@@ -93,7 +93,7 @@ def document_of_subject(table: ResultTable, row: ResultRow, what: Compared) -> O
             for column, values in zip(columns, (own, mean), strict=True)
         )
         channels[source, target] = number
-        listed.append(Channel(source, target, weight=0.0 if channel.is_held_out else 1.0))
+        listed.append(Channel(source, target, weight=float(found.channel_weights[number])))
     document = Document(
         (Surface(found.template, f"{row.name} of {table.title}"),),
         tuple(listed),

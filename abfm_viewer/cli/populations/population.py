@@ -10,7 +10,7 @@ import math
 import re
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import fields
 from pathlib import Path
@@ -52,11 +52,13 @@ The first line of SUBJECTS.csv names its columns; paths begin at the table's fol
   name        of the subject
   surface     its mesh file; the template itself where it is empty, or there is no such column
   mask        how much its vertices count, not negative: a file or a function
+  landmarks   a file of points of it and of the template that belong together, as of `abfm register`
   weight      how much it counts in the mean (1); one of weight 0 is judged, too
   {HELD_OUT}NAME  a channel that is carried, but not registered by: its correlation with the mean of
               the others, before and after, is its score
   NAME        any other is a channel to register by: a file of values, or a function as text
-Registrations are rows of a batch in DIR, each DIR/<digest>.npz: run again, it does nothing twice.
+Registrations are rows of a batch in DIR, each DIR/<digest>.npz, and so is what is carried by them,
+in DIR/carried: run again, it does nothing twice.
 Written are DIR/population.npz, subjects.csv, mean.vtu, and for a GIFTI template mean.shape.gii, and
 the page population.html.
 
@@ -65,7 +67,7 @@ the last round; 4 when a subject could not be registered; 2 for bad input, of wh
 solved; and 130 or 143 after Ctrl-C or SIGTERM.
 """
 _WIDTH = 400
-_OURS = ("round", "comparing", "carrying", "parting")
+_OURS = ("round", "comparing", "carrying", "summing", "parting")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,6 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--mask", "how much the template's vertices count, not negative: a function or file", "SPEC"
     )
+    what = "how much a channel counts, above 0, beside the others that are registered by (1)"
+    add("--weight", what, "NAME=N", action="append", default=[])
     add("--initial", "the initial maps, as of `abfm register`", "WORD[:...]")
     what = f"end when the mean changes by less, over its deviation (default: {BOUND:g})"
     add("--bound", what, "X", type=options.bound, default=BOUND)
@@ -136,12 +140,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
-    functions = {}
-    for given in arguments.function:
-        name, equals, text = given.partition("=")
-        if not equals or not text:
-            raise UsageError(f"--function {one_line(given, 40)}: expected NAME=SPEC")
-        functions[name] = function_text(text, Path.cwd())
+    functions = {
+        name: function_text(text, Path.cwd())
+        for name, text in _named("--function", arguments.function, "SPEC")
+    }
+    weights = {}
+    for name, text in _named("--weight", arguments.weight, "N"):
+        try:
+            weights[name] = float(text)
+        except ValueError:
+            told = f"--weight {one_line(name, 40)}={one_line(text, 40)}"
+            raise UsageError(f"{told}: expected a number after =") from None
     given = {
         entry.name.replace("_", "-"): "auto" if value is None else value
         for entry in fields(Parameters)
@@ -156,7 +165,21 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         given,
         arguments.bound,
         arguments.rounds,
+        weights,
     )
+
+
+def _named(option: str, given: Sequence[str], what: str) -> Iterator[tuple[str, str]]:
+    """Yield the names of channels and what an option says of each, at most once."""
+    seen = set[str]()
+    for each in given:
+        name, equals, text = each.partition("=")
+        if not equals or not name or not text:
+            raise UsageError(f"{option} {one_line(each, 40)}: expected NAME={what}")
+        if name in seen:
+            raise UsageError(f"{option} {one_line(name, 40)}: it is given twice")
+        seen.add(name)
+        yield name, text
 
 
 @contextmanager
@@ -189,6 +212,7 @@ def _facts(found: Population, arguments: argparse.Namespace, seconds: float) -> 
             {
                 "name": channel.name,
                 "held_out": channel.is_held_out,
+                "weight": float(found.channel_weights[c]),
                 **{name: _number(value) for name, value in phase.items()},
                 "before": before,
                 "after": after,
@@ -210,6 +234,7 @@ def _facts(found: Population, arguments: argparse.Namespace, seconds: float) -> 
                     "displacement",
                     "log2_area",
                     "folded",
+                    "landmarks",
                 )
             },
             "scores": {

@@ -6,6 +6,7 @@ from .ledger import Ledger as Ledger
 from .rows import Row as Row
 from .rows import problem_row as problem_row
 from .run import Cluster as Cluster
+from .run import Workers as Workers
 from .run import run as run
 from .table import combinations as combinations
 from .table import read_table as read_table

@@ -95,7 +95,7 @@ def _save(task: Task, prepared: Prepared, path: Path) -> None:
     if control.cancelled:
         raise CancelledError
     row = task.row
-    if task.contents is None and Row(row.name, row.options, row.folder).key != row.key:
+    if task.contents is None and type(row)(row.name, row.options, row.folder).key != row.key:
         raise ResultError("a file of it changed while it was solved; run the same again")
     found.save(path)
 

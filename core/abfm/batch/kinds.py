@@ -85,10 +85,10 @@ KINDS: Mapping[str, Kind] = {
 """All kinds of rows, by name; a row is of the first whose first needed column it fills."""
 
 
-def kind_of_columns(given: Collection[str]) -> str:
+def kind_of_columns(given: Collection[str], kinds: Mapping[str, Kind] = KINDS) -> str:
     """Return the kind of row that fills such columns, or raise a ParameterError."""
-    for name, kind in KINDS.items():
+    for name, kind in kinds.items():
         if kind.needs[0] in given:
             return name
-    ways = ", or ".join(f"{' and '.join(kind.needs)} ({name})" for name, kind in KINDS.items())
+    ways = ", or ".join(f"{' and '.join(kind.needs)} ({name})" for name, kind in kinds.items())
     raise ParameterError(f"it is of no kind: fill {ways}")

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from abfm.batch.kind import Facts
-from abfm.batch.kinds import KINDS
 from abfm.batch.rows import Row
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.io import write_atomically
@@ -56,16 +55,16 @@ class Entry:
     @property
     def facts(self) -> Facts | None:
         """What the result came to; None where there is none."""
-        return None if self.path is None else KINDS[self.row.kind].facts(self.path)
+        return None if self.path is None else self.row.declared.facts(self.path)
 
     def load(self) -> Any:
-        """Read the result: a Match, a Registration or a Sequence; an AbfmError says that there is
+        """Read the result, such as a Match or a Registration; an AbfmError says that there is
         none.
         """
         if self.path is None:
             told = self.reason or "it has not been solved"
             raise ResultError(f"there is no result of {one_line(self.row.name)}: {told}")
-        return KINDS[self.row.kind].load(self.path)
+        return self.row.declared.load(self.path)
 
 
 class Ledger:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _EVERY = 0.1  # seconds between two looks at whether it is to go on
 _CLOSING = 2.0  # seconds for saying goodbye
 _LOGGERS = "distributed", "tornado", "asyncio"
+_ALIVE = "running", "connecting"  # states of a client
 _MOST_STARTS = 4  # of a cluster that dies, without a row between
 
 
@@ -32,29 +33,46 @@ class _LostError(Exception):
     """The scheduler is gone."""
 
 
-def solve(tasks: list[Task], notes: Notes, control: Control, cluster: Cluster) -> None:
-    """Solve tasks, and take down what comes of each as it comes."""
-    if find_spec("distributed") is None:
-        raise AbfmError(
-            'several processes need dask.distributed: pip install "abfm[cluster]", or say --jobs 1'
-        )
-    left = {task.row.key: task for task in tasks}
-    starts = 0
+class OnDask:
+    """A Dask cluster that solves tasks, to be used in a ``with``: it is connected to, or started
+    where it is this machine's, when there are first some, and kept for the next ones.
+    """
 
-    def done(task: Task) -> None:
-        nonlocal starts
+    def __init__(self, cluster: Cluster) -> None:
+        self.cluster, self._client, self._processes = cluster, None, 0
+        self._quiet, self._connection = ExitStack(), ExitStack()
+
+    def __enter__(self) -> OnDask:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._disconnect()
+        self._quiet.close()
+
+    def solve(self, tasks: list[Task], notes: Notes, control: Control) -> None:
+        """Solve tasks, and take down what comes of each as it comes."""
+        if find_spec("distributed") is None:
+            raise AbfmError(
+                'several processes need dask.distributed: pip install "abfm[cluster]", or say '
+                "--jobs 1"
+            )
+        left = {task.row.key: task for task in tasks}
         starts = 0
-        del left[task.row.key]
 
-    ledger = notes.ledger
-    with ExitStack() as quiet:
+        def done(task: Task) -> None:
+            nonlocal starts
+            starts = 0
+            del left[task.row.key]
+
+        ledger = notes.ledger
         while left and not control.cancelled:
             starts += 1
             try:
-                with _connected(cluster, ledger, len(left), quiet) as client:
-                    _submitted(client, list(left.values()), notes, done, control)
+                client = self._connected(ledger, len(left))
+                _submitted(client, list(left.values()), notes, done, control)
             except _LostError as error:
-                if not cluster.is_local:
+                self._disconnect()
+                if not self.cluster.is_local:
                     raise ResultError(
                         f"the scheduler does not answer any more; {len(left)} rows are left: run "
                         "the same again to go on"
@@ -64,6 +82,21 @@ def solve(tasks: list[Task], notes: Notes, control: Control, cluster: Cluster) -
                         f"the processes of this machine ended {starts} times before a row was "
                         f"done; see {one_line(_log(ledger))}, or say --jobs 1"
                     ) from error
+
+    def _connected(self, ledger: Ledger, tasks: int) -> Client:
+        """Return the client, of a cluster of as many processes as so many tasks can use."""
+        wanted = min(self.cluster.processes, tasks) if self.cluster.is_local else 0
+        client: Client | None = self._client
+        if client is None or client.status not in _ALIVE or wanted > self._processes:
+            self._disconnect()
+            connection = _connected(self.cluster, ledger, wanted, self._quiet)
+            client = self._client = self._connection.enter_context(connection)
+            self._processes = wanted
+        return client
+
+    def _disconnect(self) -> None:
+        self._client = None
+        self._connection.close()
 
 
 def _submitted(
@@ -93,7 +126,7 @@ def _submitted(
         try:
             key = ended.get(timeout=_EVERY)
         except Empty:
-            if client.status not in ("running", "connecting"):
+            if client.status not in _ALIVE:
                 raise _LostError from None
             continue
         future, task = waiting.pop(key)
@@ -124,15 +157,17 @@ def _answer(future: Future[Any]) -> Answer:
 
 
 @contextmanager
-def _connected(cluster: Cluster, ledger: Ledger, tasks: int, quiet: ExitStack) -> Iterator[Client]:
-    """Yield a client of the cluster, which is started where it is this machine's, and have nothing
-    logged until all ends.
+def _connected(
+    cluster: Cluster, ledger: Ledger, processes: int, quiet: ExitStack
+) -> Iterator[Client]:
+    """Yield a client of the cluster, which is started where it is this machine's, with so many
+    processes, and have nothing logged until all ends.
     """
     process = None
     try:
         if cluster.is_local:
             process = OwnProcess(MODULE, ONE_THREAD)
-            process.send(Wanted(min(cluster.processes, tasks), os.fspath(_log(ledger)), TRIES))
+            process.send(Wanted(processes, os.fspath(_log(ledger)), TRIES))
         from distributed import Client  # which takes a while, as the process does to start
 
         quiet.enter_context(_silent())

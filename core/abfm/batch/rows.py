@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 from urllib.parse import unquote
 
 from abfm.batch.columns import absolute
-from abfm.batch.kind import Prepared
+from abfm.batch.kind import Kind, Prepared
 from abfm.batch.kinds import KINDS, kind_of_columns
 from abfm.errors import ParameterError, brief, did_you_mean
 from abfm.matching.problem import Problem
@@ -41,6 +41,8 @@ class Saved(Protocol):
 class Row:
     """A problem as a row of a table has it. Nothing is read before it is asked for.
 
+    A subclass with ``kinds`` of its own is a row that no table has.
+
     Parameters
     ----------
     name : str
@@ -63,6 +65,7 @@ class Row:
     options: tuple[tuple[str, str], ...]
     folder: str
     kind: str
+    kinds: ClassVar[Mapping[str, Kind]] = KINDS
 
     def __init__(
         self,
@@ -73,8 +76,8 @@ class Row:
         pairs = options.items() if isinstance(options, Mapping) else options
         given = tuple((column, _text(value)) for column, value in pairs)
         given = tuple((column, text) for column, text in given if text)
-        kind = kind_of_columns([column for column, _ in given])
-        known = KINDS[kind].columns
+        kind = kind_of_columns([column for column, _ in given], self.kinds)
+        known = self.kinds[kind].columns
         seen = set[str]()
         for column, text in given:
             if column not in known:
@@ -88,18 +91,23 @@ class Row:
                 known[column].read(text)
             except ValueError as error:
                 raise ParameterError(f"column {column}: {error}") from None
-        missing = [column for column in KINDS[kind].needs if column not in seen]
+        missing = [column for column in self.kinds[kind].needs if column not in seen]
         if missing:
             raise ParameterError(f"column {missing[0]}: a {kind} needs it, and it is empty")
         folder = os.path.abspath(os.path.expanduser(folder))
         self.__dict__.update(name=str(name), options=given, folder=folder, kind=kind)
-        KINDS[kind].check(self.values())
+        self.declared.check(self.values())
+
+    @property
+    def declared(self) -> Kind:
+        """What all rows of its kind share."""
+        return self.kinds[self.kind]
 
     def values(self) -> dict[str, Any]:
         """Return the options' values by column, repeated ones as lists; names of files that are in
         them are absolute.
         """
-        return _values(self.kind, self._resolved())
+        return self._values(self._resolved())
 
     @cached_property
     def key(self) -> str:
@@ -107,7 +115,7 @@ class Row:
         is not read, such as a file that is missing, has a key, too.
         """
         told = [self.kind, version("abfm")]
-        columns = KINDS[self.kind].columns
+        columns = self.declared.columns
         for column, text in sorted(self._resolved()):
             hashed = columns[column].renamed(text, _content)
             told.append(f"{column} {columns[column].read(hashed)!r}")
@@ -122,7 +130,7 @@ class Row:
 
     def prepared(self) -> Prepared:
         """Read what it names; an AbfmError tells why that cannot be."""
-        return KINDS[self.kind].prepare(self)
+        return self.declared.prepare(self)
 
     def solve(self, control: Control | None = None) -> Saved:
         """Solve it here and now."""
@@ -140,30 +148,40 @@ class Row:
             found.update(dict.fromkeys(_with_companions(path)))
             return path
 
-        columns = KINDS[self.kind].columns
+        columns = self.declared.columns
         for column, text in self._resolved():
             columns[column].renamed(text, note)
         return list(found)
 
     def moved(self, places: Mapping[str, str]) -> Row:
         """Return the same row with files, by their absolute names, elsewhere."""
-        columns = KINDS[self.kind].columns
+        columns = self.declared.columns
         options = [
             (column, columns[column].renamed(text, lambda path: places.get(path, path)))
             for column, text in self._resolved()
         ]
-        other = Row(self.name, options, self.folder)
+        other = type(self)(self.name, options, self.folder)
         other.__dict__.update(written=self.written, key=self.key)
         return other
 
     @cached_property
     def written(self) -> dict[str, Any]:
         """The options' values by column as they were written, which results tell of functions."""
-        return _values(self.kind, self.options)
+        return self._values(self.options)
 
     def _resolved(self) -> list[tuple[str, str]]:
-        columns, rename = KINDS[self.kind].columns, absolute(self.folder)
+        columns, rename = self.declared.columns, absolute(self.folder)
         return [(column, columns[column].renamed(text, rename)) for column, text in self.options]
+
+    def _values(self, options: Iterable[tuple[str, str]]) -> dict[str, Any]:
+        columns, found = self.declared.columns, dict[str, Any]()
+        for column, text in options:
+            value = columns[column].read(text)
+            if columns[column].repeats:
+                found.setdefault(column, []).append(value)
+            else:
+                found[column] = value
+        return found
 
 
 def problem_row(
@@ -185,17 +203,6 @@ def problem_row(
         problem.save(path)
     options = {"problem": path, "max-distortion": max_distortion}
     return Row(name or problem.digest[:8], options, folder)
-
-
-def _values(kind: str, options: Iterable[tuple[str, str]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for column, text in options:
-        value = KINDS[kind].columns[column].read(text)
-        if KINDS[kind].columns[column].repeats:
-            found.setdefault(column, []).append(value)
-        else:
-            found[column] = value
-    return found
 
 
 def _text(value: Any) -> str:

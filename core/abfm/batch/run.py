@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from abfm.batch.attempt import Answer, Task, attempt
 from abfm.batch.ledger import Entry, Ledger, Record
@@ -14,6 +16,9 @@ from abfm.errors import ParameterError, brief
 from abfm.reading import read_bytes
 from abfm.workers.control import Control
 from abfm.workers.worker import Worker, WorkerEndedError, stateless
+
+if TYPE_CHECKING:
+    from abfm.batch.on_dask import OnDask
 
 ONE_THREAD = {
     f"{name}_NUM_THREADS": "1" for name in ("OMP", "MKL", "OPENBLAS", "NUMBA", "VECLIB_MAXIMUM")
@@ -111,24 +116,69 @@ def run(
     AbfmError
         If the folder cannot be written to, or there is no such cluster.
     """
-    rows, control = list(rows), control or Control()
-    ledger, cluster = Ledger(folder), cluster or Cluster()
-    identity = ledger.make()
-    wanted = {row.key: row for row in rows if ledger.entry(row).state != "done"}
-    tasks = [Task(row, os.fspath(ledger.folder), identity) for row in wanted.values()]
-    for row in wanted.values():
-        ledger.forget(row)
-    notes = Notes(ledger, on_change)
-    if not tasks or control.cancelled:
-        pass
-    elif cluster.is_local and min(cluster.processes, len(tasks)) == 1:
-        _by_one(tasks, notes, control)
-    else:
-        # not where one process does it all
-        from abfm.batch import on_dask
+    with Workers(cluster) as workers:
+        return workers.run(rows, folder, on_change=on_change, control=control)
 
-        on_dask.solve(tasks, notes, control, cluster)
-    return ledger.entries(rows)
+
+class Workers:
+    """Who solves rows, to be used in a ``with``: its processes are started when there is first
+    something to solve, and kept from one `run` to the next.
+
+    Parameters
+    ----------
+    cluster : Cluster, optional
+        By default this machine's cores.
+    """
+
+    def __init__(self, cluster: Cluster | None = None) -> None:
+        self.cluster, self._open = cluster or Cluster(), ExitStack()
+        self._one: Worker[None] | None = None
+        self._dask: OnDask | None = None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def run(
+        self,
+        rows: Iterable[Row],
+        folder: str | os.PathLike[str],
+        *,
+        on_change: Callable[[Entry], object] = lambda entry: None,
+        control: Control | None = None,
+    ) -> list[Entry]:
+        """Solve rows that have no result in a folder yet, see `abfm.batch.run`."""
+        rows, control, ledger = list(rows), control or Control(), Ledger(folder)
+        identity = ledger.make()
+        wanted = {row.key: row for row in rows if ledger.entry(row).state != "done"}
+        tasks = [Task(row, os.fspath(ledger.folder), identity) for row in wanted.values()]
+        for row in wanted.values():
+            ledger.forget(row)
+        notes = Notes(ledger, on_change)
+        if not tasks or control.cancelled:
+            pass
+        elif self.cluster.is_local and min(self.cluster.processes, len(tasks)) == 1:
+            self._by_one(tasks, notes, control)
+        else:
+            self._by_many(tasks, notes, control)
+        return ledger.entries(rows)
+
+    def _by_one(self, tasks: list[Task], notes: Notes, control: Control) -> None:
+        if self._one is None:
+            self._one = self._open.enter_context(closing(Worker(stateless, ENDED, ONE_THREAD)))
+        _by_one(self._one, tasks, notes, control)
+        if control.cancelled:
+            self._one = None
+
+    def _by_many(self, tasks: list[Task], notes: Notes, control: Control) -> None:
+        # not where one process does it all
+        from abfm.batch.on_dask import OnDask
+
+        if self._dask is None:
+            self._dask = self._open.enter_context(OnDask(self.cluster))
+        self._dask.solve(tasks, notes, control)
 
 
 class Notes:
@@ -152,13 +202,14 @@ class Notes:
         self._on_change(self.ledger.record(task.row, answer.record))
 
 
-def _by_one(tasks: list[Task], notes: Notes, control: Control) -> None:
-    """Solve in one process, which is replaced when it dies."""
-    worker, over = Worker(stateless, ENDED, ONE_THREAD), threading.Event()
+def _by_one(worker: Worker[None], tasks: list[Task], notes: Notes, control: Control) -> None:
+    """Solve in one process, which is replaced when it dies, and ended when no more is wanted."""
+    over = threading.Event()
 
     def close() -> None:
         over.wait()
-        worker.close()  # who waits for the row under way is told
+        if control.cancelled:
+            worker.close()  # who waits for the row under way is told
 
     def watch(control: Control) -> None:
         if control.cancelled:

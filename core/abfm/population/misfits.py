@@ -32,10 +32,10 @@ class Likeness:
     Attributes
     ----------
     correlation : float
-        With the mean of the others; of several channels the mean.
+        With the mean of the others; of several channels the mean, by their weights.
     distance : float
         From it, over its deviation over the surface, in L2; of several channels the root of the
-        mean square.
+        mean square, by their weights.
     log2_area : float
         Mean of ``|log2 J|``, by which its map changes areas.
     folded : float
@@ -64,6 +64,7 @@ class Compared(NamedTuple):
     masks: FloatArray  # (N, V): how much each is known at each vertex, not negative
     weights: FloatArray  # (N,): how much each counts for the others; those of 0 are judged, too
     areas: FloatArray  # (V,)
+    channel_weights: Sequence[float]
 
     def seen(self, subject: int) -> FloatArray:
         """Return the areas (V,) of where a subject is known."""
@@ -134,8 +135,12 @@ def _likeness(
     ]
     alike = [correlation(*pair) for pair in pairs]
     apart = [relative_distance(*pair) ** 2 for pair in pairs]
+    weights = compared.channel_weights
     return Likeness(
-        float(np.mean(alike)), math.sqrt(np.mean(apart)), of_map.log2_area, of_map.folded
+        float(np.average(alike, weights=weights)),
+        math.sqrt(np.average(apart, weights=weights)),
+        of_map.log2_area,
+        of_map.folded,
     )
 
 

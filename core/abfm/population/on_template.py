@@ -9,13 +9,15 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from abfm.calculus.operators import face_areas
+from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.functions import function
 from abfm.io import results
 from abfm.maps.distortion import Map
 from abfm.maps.point_maps import PointMap
-from abfm.maps.surface_points import SurfacePoints, vertex_points
+from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh
-from abfm.population.misfits import Likeness
 from abfm.reading import from_json
 from abfm.registration import Registration
 from abfm.registration.correspondence import Correspondence
@@ -40,46 +42,52 @@ class Own(NamedTuple):
     values: FloatArray
     mask: FloatArray
 
-
-class Registered(NamedTuple):
-    """A subject, by its initial map and registered."""
-
-    before: OnTemplate
-    after: OnTemplate
-    log2_area: FloatArray  # (F,)
-    folded: float
-    verdict: str
-    mismatch: float
-
-    def likeness(self, areas: FloatArray) -> Likeness:
-        """Return what its map says of whether it fits, by areas of faces (F,)."""
-        changed = float(np.average(np.abs(self.log2_area), weights=areas))
-        return Likeness(math.nan, math.nan, changed, self.folded)
+    @classmethod
+    def of(cls, mesh: TriangleMesh, texts: Sequence[str], mask: str | None) -> Own:
+        """Evaluate functions as texts, of which those that are unknown are empty."""
+        unknown = np.full(len(mesh.vertices), np.nan)
+        columns = [function(mesh, text) if text else unknown for text in texts]
+        return cls(mesh, np.stack(columns, axis=1), checked_mask(mesh, mask, "it"))
 
 
-def registered(found: Registration, own: Own, template: TriangleMesh, shift: Shift) -> Registered:
-    """Carry a subject by its maps, and measure what they do."""
-    before, after = maps(found, own, template, shift)
-    there = after(vertex_points(template))
-    whole = Correspondence(
-        PointMap(template, own.mesh, there.faces, there.barycentric, carried=after)
-    )
-    ratios = np.clip(whole.distortion().area, _LEAST_LOG2, _MOST_LOG2)
-    return Registered(
-        carried(before(vertex_points(template)), own),
-        carried(there, own),
-        np.log2(ratios),
+class MapFacts(NamedTuple):
+    """What a subject's map does; NaN where it is unknown."""
+
+    folded: float = math.nan  # share of the faces, 0 to 1, that its flow folds
+    mismatch: float = math.nan  # that its registration leaves, by the worse witness
+    # root of the mean square of the field without the mean field, in sqrt(area)
+    displacement: float = math.nan
+    landmarks: float = math.nan  # how far they are left, on average, in sqrt(area)
+
+
+def map_facts(
+    found: Registration, points: PointMap, drift: FloatArray
+) -> tuple[FloatArray, MapFacts]:
+    """Return log2 J of the template's faces, (F,), by where its vertices lie on a subject, and what
+    the map does, of which the mean field ``drift`` (F, 3) was taken off.
+    """
+    template = points.domain
+    ratios = Correspondence(points).distortion().area
+    squares = ((displacement(found) - drift) ** 2).sum(axis=1)
+    left = found.landmark_errors
+    numbers = (
         found.match.folded,
-        found.match.verdict.kind,
         found.match.confirmed_mismatch,
+        math.sqrt(np.average(squares, weights=face_areas(template))) / template.length_scale,
+        math.nan if left is None else float(left.mean()),
     )
+    # as of flow lines that lead too far
+    known = (number if math.isfinite(number) else math.nan for number in numbers)
+    return np.log2(np.clip(ratios, _LEAST_LOG2, _MOST_LOG2)), MapFacts(*known)
 
 
-def maps(found: Registration, own: Own, template: TriangleMesh, shift: Shift) -> tuple[Map, Map]:
+def maps(
+    found: Registration, surface: TriangleMesh, template: TriangleMesh, shift: Shift
+) -> tuple[Map, Map]:
     """Return where on a subject points of the template lie: by the initial map, and along the mean
     field, back along the subject's flow, and then by that.
     """
-    match, initial = found.match, found.initial.between(own.mesh, template)
+    match, initial = found.match, found.initial.between(surface, template)
     lines = ContinuousFlow(template, match.fine_velocity, match.parameters.tau)
     return initial.points.at, lambda points: initial.points.at(lines.origins(shift(points)))
 
@@ -106,10 +114,28 @@ def stacked(found: Sequence[OnTemplate]) -> tuple[FloatArray, FloatArray]:
     return np.stack([each.values for each in found]), np.stack([each.mask for each in found])
 
 
-def mean_field(path: Path) -> FloatArray:
-    """Return the displacement per unit of time 1, (F, 3), of a registration's file: its fields'
+def checked_mask(mesh: TriangleMesh, text: str | None, whose: str) -> FloatArray:
+    """Evaluate a mask (V,), 1 where there is none; a ParameterError says what is wrong with it."""
+    if not text:
+        return np.ones(len(mesh.vertices))
+    found = function(mesh, text)
+    if (found < 0).any() or not found.any():
+        raise ParameterError(
+            f"the mask of {whose} is negative somewhere, or 0 everywhere; give one that counts "
+            "some vertices"
+        )
+    return found
+
+
+def displacement(found: Registration) -> FloatArray:
+    """Return the displacement per unit of time 1, (F, 3), of a registration's flow: its fields'
     mean over time, times tau.
     """
+    return np.asarray(found.match.parameters.tau * found.match.velocity.mean(axis=0))
+
+
+def displacement_in(path: Path) -> FloatArray:
+    """Return the `displacement` of a registration's file, of which nothing else is read."""
     with results.open_archive(path, results.REGISTRATION.name, results.MEND) as archive:
         fields, parameters = archive["velocity"], str(archive["parameters"])
     tau = float(from_json(parameters)["tau"])

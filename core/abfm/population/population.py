@@ -14,11 +14,12 @@ from abfm.io import results
 from abfm.io.results import Entry, Kind
 from abfm.mesh import TriangleMesh
 from abfm.population import statistics
+from abfm.population.on_template import MapFacts
 from abfm.population.statistics import Others, Phase
 from abfm.population.subjects import Channel
 from abfm.types import BoolArray, FloatArray
 
-_NUMBERS = ("correlation", "distance", "log2_area", "folded", "displacement", "mismatch")
+_NUMBERS = ("correlation", "distance", "log2_area", *MapFacts._fields)
 _LARGEST = results.LARGEST
 _TEXTS, _UNKNOWN = Entry("text", ("N",)), {"may_be_unknown": True}
 _VALUES = Entry("real", ("N", "V", "C"), low=-_LARGEST, high=_LARGEST, **_UNKNOWN)
@@ -35,6 +36,7 @@ POPULATION = Kind(
         "fits": Entry("boolean", ("N",)),
         "channels": Entry("text", ("C",)),
         "held_out": Entry("boolean", ("C",)),
+        "channel_weights": Entry("real", ("C",), low=0),
         "before": _VALUES,
         "values": _VALUES,
         "masks_before": _MASKS,
@@ -65,6 +67,8 @@ class Population:
         Of the N subjects.
     weights : (N,) array
         How much each counts in means, if it fits.
+    channel_weights : (C,) array
+        How much each channel counted; 0 where it is held out.
     fits : (N,) array of bool
         Who counts in the mean.
     reasons : tuple of str
@@ -80,9 +84,9 @@ class Population:
         How much each subject is known at each vertex, by its mask, carried alike.
     template_mask : (V,) array
         How much vertices of the template count.
-    numbers : (N, 6) array
+    numbers : (N, 7) array
         For each subject what ``correlation``, ``distance``, ``log2_area``, ``folded``,
-        ``displacement`` and ``mismatch`` are.
+        ``mismatch``, ``displacement`` and ``landmarks`` are.
     phases : (C, 4) array
         For each channel what `phase_and_amplitude` tells.
     log2_area_mean, log2_area_deviation : (F,) arrays
@@ -98,6 +102,7 @@ class Population:
     channels: tuple[Channel, ...]
     names: tuple[str, ...]
     weights: FloatArray = field(repr=False)
+    channel_weights: FloatArray = field(repr=False)
     fits: BoolArray = field(repr=False)
     reasons: tuple[str, ...] = field(repr=False)
     verdicts: tuple[str, ...] = field(repr=False)
@@ -124,7 +129,7 @@ class Population:
     @property
     def correlation(self) -> FloatArray:
         """Of each subject with the mean of the others that fit, (N,), mean over channels that it
-        was registered by.
+        was registered by, by their weights.
         """
         return self._number("correlation")
 
@@ -154,6 +159,18 @@ class Population:
     def mismatch(self) -> FloatArray:
         """What each registration leaves, by the worse witness, (N,)."""
         return self._number("mismatch")
+
+    @property
+    def landmarks(self) -> FloatArray:
+        """How far landmarks are left from their places on the template, (N,), on average, in
+        sqrt(area); NaN where there are none.
+        """
+        return self._number("landmarks")
+
+    @property
+    def main_channel(self) -> int:
+        """The number of the first channel that subjects were registered by."""
+        return int(np.flatnonzero(self.channel_weights)[0])
 
     def mean(self, channel: str | int = 0) -> FloatArray:
         """The mean of a channel, by name or number, over those who fit, (V,); NaN where nobody is

@@ -10,13 +10,14 @@ with displacements; first order, as the mean of fields is not the field of a mea
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from abfm.batch import Cluster, Entry, Ledger, Row, run
+from abfm.batch import Cluster, Entry, Ledger, Row, Workers
+from abfm.population.carrying import FOLDER, Carrying
 from abfm.population.population import Population
 from abfm.population.settings import Settings
 from abfm.population.subjects import Cohort
@@ -38,9 +39,9 @@ def register_population(
 ) -> Population:
     """Register subjects to a template by their functions, and make their mean.
 
-    Each registration of each round is a row of a batch, whose results are in the folder: run again,
-    it does nothing twice, and it gives the same bits, whoever solves them and in whatever order the
-    subjects stand.
+    Each registration of each round, and what each subject is when it is carried by it, is a row of
+    a batch, whose results are in the folder: run again, it does nothing twice, and it gives the
+    same bits, whoever solves them and in whatever order the subjects stand.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ def register_population(
     cluster : Cluster, optional
         Who solves the rows; by default this machine's cores.
     on_change : callable
-        Called with each entry of the batch as it comes.
+        Called with the entry of each registration as it comes.
     control : Control, optional
         To end before all is done, by a `CancelledError`; what is done is kept.
 
@@ -66,19 +67,21 @@ def register_population(
     # sums come out alike in whatever order the table has them
     order = sorted(range(len(cohort.subjects)), key=lambda i: cohort.subjects[i].name)
     by_name = Cohort(cohort.channels, tuple(cohort.subjects[i] for i in order))
-    work = Work(by_name, Path(template), Path(folder), settings or Settings())
-    solver = _Solver(work.folder, cluster, on_change, control or Control())
-    with controlled(solver.control):
+    control = control or Control()
+    with Workers(cluster) as workers, controlled(control):
+        solver = _Solver(Path(folder), workers, on_change, control)
+        work = Work(by_name, Path(template), Path(folder), settings or Settings(), solver.carried)
         target, changes = work.first_target(), list[float]()
         fits: BoolArray | None = None
         while True:
-            entries = solver.solved(work.rows(target, len(changes) + 1), len(changes) + 1)
-            found = work.round(entries, fits)
+            number = len(changes) + 1
+            entries = solver.registered(work.rows(target, number), number)
+            found = work.round(entries, fits, number)
             fits = found.judged.fits
             mean = found.target(work)
-            changes.append(mean.distance(target, work.areas))
+            changes.append(mean.distance(target, work.areas, work.channel_weights))
             target = mean
-            if changes[-1] <= work.settings.bound or len(changes) == work.settings.rounds:
+            if changes[-1] <= work.settings.bound or number == work.settings.rounds:
                 phases = work.phases(entries, found)
                 return found.population(work, changes, phases, np.argsort(order))
 
@@ -88,23 +91,31 @@ class _Solver:
     """Who solves the rows of a round, and who is told of it."""
 
     folder: Path
-    cluster: Cluster | None
+    workers: Workers
     on_change: Callable[[Entry], object]
     control: Control
 
-    def solved(self, rows: list[Row], number: int) -> list[Entry]:
+    def registered(self, rows: Sequence[Row], number: int) -> list[Entry]:
         ledger = Ledger(self.folder)
         ledger.make()
         ledger.write_rows(rows, f"round {number} of a population")  # for abfm batch --status
-        with step(f"round {number}: registering", len(rows), f" {len(rows)} subjects") as done:
+        return self._solved(rows, self.folder, f"round {number}: registering", self.on_change)
+
+    def carried(self, rows: Sequence[Carrying], task: str) -> list[Entry]:
+        return self._solved(rows, self.folder / FOLDER, task, lambda entry: None)
+
+    def _solved(
+        self, rows: Sequence[Row], folder: Path, task: str, tell: Callable[[Entry], object]
+    ) -> list[Entry]:
+        with step(task, len(rows), f" {len(rows)} subjects") as done:
             count = 0
 
-            def tell(entry: Entry) -> None:
+            def told(entry: Entry) -> None:
                 nonlocal count
                 count += 1
                 done(count / len(rows))
-                self.on_change(entry)
+                tell(entry)
 
-            entries = run(rows, self.folder, self.cluster, on_change=tell, control=self.control)
+            entries = self.workers.run(rows, folder, on_change=told, control=self.control)
         checkpoint()
         return entries

@@ -12,12 +12,12 @@ from abfm.batch.columns import SPEC, absolute
 from abfm.batch.table import of_table, table_cells
 from abfm.errors import AbfmError, ParameterError, brief, one_line
 from abfm.functions import quoted
+from abfm.population.settings import LARGEST_WEIGHT
 
 HELD_OUT = "held-out:"
 """How the column of a channel begins that is carried, but not registered by."""
-_OWN = ("name", "surface", "mask", "weight")
+_OWN = ("name", "surface", "mask", "weight", "landmarks")
 _MOST_ROWS = 100_000
-_LARGEST_WEIGHT = 1e12
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,9 @@ class Subject:
         How much its vertices count: a function, not negative; empty for 1 everywhere.
     weight : float
         How much it counts in means; one of weight 0 is registered and judged all the same.
+    landmarks : str
+        A file of points of it and of the template that belong together, see
+        `abfm.registration.read_landmarks`; empty for none.
     """
 
     name: str
@@ -51,6 +54,7 @@ class Subject:
     surface: str = ""
     mask: str = ""
     weight: float = 1.0
+    landmarks: str = ""
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ class Cohort:
         if all(channel.is_held_out for channel in self.channels):
             raise ParameterError(
                 "there is no channel to register by: give a column with functions, not "
-                f"beginning with {HELD_OUT}"
+                f"beginning with {HELD_OUT}; landmarks alone make no mean to register to"
             )
         _require_once("channel", [channel.name for channel in self.channels])
         _require_once("subject", [subject.name for subject in self.subjects])
@@ -86,10 +90,10 @@ class Cohort:
 
     def _check(self, subject: Subject) -> None:
         told = f"subject {one_line(subject.name, 60)}"
-        if not math.isfinite(subject.weight) or not 0 <= subject.weight <= _LARGEST_WEIGHT:
+        if not math.isfinite(subject.weight) or not 0 <= subject.weight <= LARGEST_WEIGHT:
             raise ParameterError(
                 f"{told} has weight {subject.weight:g}; expected a number from 0 to "
-                f"{_LARGEST_WEIGHT:g}"
+                f"{LARGEST_WEIGHT:g}"
             )
         if len(subject.functions) != len(self.channels):
             raise ParameterError(
@@ -113,8 +117,9 @@ def read_subjects(path: str | os.PathLike[str]) -> Cohort:
     """Read a table of subjects; relative paths in it begin at its folder.
 
     The first line names the columns: ``name``, and maybe ``surface`` (a mesh file, the template
-    where it is empty), ``mask`` and ``weight``; each other one is a channel by its name, held out
-    where it begins with ``held-out:``. A cell of a channel, or of masks, is a file of values or a
+    where it is empty), ``mask``, ``weight`` and ``landmarks`` (a file, see
+    `abfm.registration.read_landmarks`); each other one is a channel by its name, held out where it
+    begins with ``held-out:``. A cell of a channel, or of masks, is a file of values or a
     function as text. Commas, semicolons or tabs separate cells, as in the first line; one with a
     comma in it stands in double quotes. Empty lines are skipped.
 
@@ -178,13 +183,17 @@ def _channel(column: str) -> Channel:
 
 def _subject(columns: Sequence[str], cells: Sequence[str], number: int, folder: str) -> Subject:
     given = dict(zip(columns, cells, strict=False))
-    surface = given.get("surface", "")
+    surface, landmarks = (
+        absolute(folder)(path) if (path := given.get(column)) else ""
+        for column in ("surface", "landmarks")
+    )
     return Subject(
         given.get("name") or f"row {number}",
         tuple(_value(given, column, number, folder) for column in _channels(columns)),
-        absolute(folder)(surface) if surface else "",
+        surface,
         _value(given, "mask", number, folder),
         _weight(given.get("weight", ""), number),
+        landmarks,
     )
 
 

@@ -18,6 +18,7 @@ def compared(values, weights=None, masks=None):
         np.ones(values.shape) if masks is None else masks,
         np.ones(count) if weights is None else np.asarray(weights, dtype=float),
         AREAS,
+        [1.0],
     )
 
 

@@ -8,13 +8,13 @@ from scipy.spatial.transform import Rotation
 
 import abfm
 from abfm import AbfmError, Flow, ParameterError, TriangleMesh, load_population
-from abfm.batch import Entry, Ledger
+from abfm.batch import Entry, Ledger, Workers
 from abfm.batch.attempt import Task, attempt
 from abfm.calculus.operators import vertex_areas
 from abfm.functions import quoted
 from abfm.io import write_surface
 from abfm.mesh.shapes import even_sphere
-from abfm.population import Channel, Cohort, Settings, Subject, rounds
+from abfm.population import Channel, Cohort, Settings, Subject
 from abfm.workers.control import CancelledError, Control
 from tests.shapes import icosphere
 
@@ -45,18 +45,18 @@ def names():
     """Solve rows here; names of those that were."""
     names = []
 
-    def run(rows, folder, cluster=None, *, on_change, control):
+    def run(self, rows, folder, *, on_change, control):
         ledger = Ledger(folder)
         identity = ledger.make()
         for row in rows:
             if ledger.entry(row).state != "done" and not control.cancelled:
-                names.append(row.name)
+                names.append(row.name if row.kind == "registration" else f"{row.name}, carried")
                 record = attempt(Task(row, str(ledger.folder), identity, {})).record
                 on_change(ledger.record(row, record))
         return ledger.entries(rows)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rounds, "run", run)
+        patch.setattr(Workers, "run", run)
         yield names
 
 
@@ -223,12 +223,15 @@ def test_fields_are_those_that_made_the_subjects(usual, kept):
 def test_it_goes_on_and_does_nothing_twice(kept, usual, solved):
     again = kept.registered(held_out=["label"])
     assert solved == []
-    result = kept.folder / "out" / f"{usual.digests[2]}.npz"
-    content = result.read_bytes()
-    result.unlink()
+    results = [kept.folder / "out" / f"{usual.digests[2]}.npz"]
+    results += sorted((kept.folder / "out" / "carried").glob("*.npz"))[:3]
+    contents = [result.read_bytes() for result in results]
+    for result in results:
+        result.unlink()
     third = kept.registered(held_out=["label"])
-    assert solved == ["over"]
-    assert result.read_bytes() == content
+    assert len(solved) == 4
+    assert [name for name in solved if not name.endswith(", carried")] == ["over"]
+    assert [result.read_bytes() for result in results] == contents
     for other in (again, third):
         other.save(kept.folder / "other.npz")
         usual.save(kept.folder / "usual.npz")
@@ -365,16 +368,123 @@ def test_subjects_on_other_surfaces_come_by_initial_maps(tmp_path):
     assert error(found.mean()) < 0.08
 
 
-def test_initial_maps_that_need_functions_are_refused_without_the_templates(tmp_path):
+@pytest.mark.parametrize(("word", "needs"), [("embedding", "functions"), ("landmarks", "landm")])
+def test_initial_maps_that_need_functions_are_refused_without_the_templates(tmp_path, word, needs):
     place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
-    with pytest.raises(ParameterError, match="'embedding' is found by functions on both surfaces"):
-        place.registered(Settings(initial="embedding"))
+    told = rf"'{word}' is found by {needs}.*--function NAME=SPEC.*landmarks of each subject"
+    with pytest.raises(ParameterError, match=told):
+        place.registered(Settings(initial=word))
+
+
+@pytest.mark.parametrize("word", ["embedding", "landmarks"])
+def test_landmarks_find_initial_maps_without_the_templates_functions(tmp_path, word):
+    """Of surfaces that were turned, so that nothing else tells how they lie."""
+    place, other = Place(tmp_path, icosphere(2)), even_sphere(120)
+    turn = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
+    surface, marks = tmp_path / "other.ply", tmp_path / "marks.csv"
+    write_surface(surface, TriangleMesh(other.vertices @ turn.T, other.faces))
+    # places on the turned sphere and on the template
+    points = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-0.6, 0, 0.8]])
+    np.savetxt(marks, np.column_stack([points @ turn.T, points]), delimiter=",")
+    for name in ("one", "other"):
+        values = height(other.vertices)
+        place.add(name, values, surface=str(surface), landmarks=str(marks))
+    found = place.registered(Settings(initial=word, options=BRIEF, rounds=1))
+    truth = height(icosphere(2).vertices)
+    assert np.std(found.plain_mean() - truth) < 0.15 * np.std(truth)
+    assert found.correlation == pytest.approx(1, abs=0.01)
+    assert (found.landmarks < 0.05).all()
+
+
+def test_landmarks_take_points_where_functions_tell_nothing(tmp_path, solved):
+    """Functions of height alone do not tell of a turn about the vertical, which landmarks do."""
+    place, axis = Place(tmp_path), np.array([0.0, 0.0, 1.0])
+    turn = Rotation.from_rotvec(0.25 * axis).as_matrix()
+    near = np.argsort(np.abs(MESH.vertices[:, 2]), kind="stable")[:60:6]
+    marks = tmp_path / "marks.csv"
+
+    def mark(points):
+        np.savetxt(marks, np.column_stack([points, MESH.vertices[near]]), delimiter=",")
+
+    mark(MESH.vertices[near] @ turn.T)
+    for name in "ab":
+        place.add(name, MESH.vertices[:, 2], landmarks=str(marks) if name == "b" else "")
+    own = Settings({"height": "coordinate:z"}, options=BRIEF, rounds=1)
+    found = place.registered(own)
+    assert np.isnan(found.landmarks).tolist() == [True, False]
+    assert found.landmarks[1] < 0.01
+    assert found.displacement[1] > 0.02
+    # what is in the file counts, not its name
+    solved.clear()
+    mark(MESH.vertices[near])
+    other = place.registered(own)
+    assert [name for name in solved if not name.endswith(", carried")] == ["b"]
+    assert other.displacement[1] < 0.1 * found.displacement[1]
+
+
+def test_eigenfunctions_find_the_first_target_without_the_templates_functions(tmp_path):
+    """On surfaces that are no spheres, so that there is one way to lay them on each other."""
+    ball = icosphere(2)
+    x, y, z = ball.vertices.T
+    sizes = np.stack([1 + 0.3 * z, 1.4 + 0.2 * x, 2 + 0 * y], axis=1)
+    place = Place(tmp_path, TriangleMesh(ball.vertices * sizes, ball.faces))
+    for name in "ab":
+        place.add(name, height(ball.vertices))
+    found = place.registered(Settings(initial="spectral", options=BRIEF, rounds=1))
+    assert np.std(found.mean() - height(ball.vertices)) < 0.1 * np.std(height(ball.vertices))
+
+
+def test_weights_of_channels_say_which_of_them_subjects_follow(tmp_path):
+    """Two channels tell of opposite motions; the one that weighs more is followed."""
+    place, still = Place(tmp_path), pushed(FIELDS["still"], height)
+    for name in ("plus", "minus"):
+        place.add(name, pushed(FIELDS[name], height), pushed(-FIELDS[name], label))
+    place.add("still", still, label(MESH.vertices))
+    channels = Channel("height"), Channel("label")
+    cohort = Cohort(channels, tuple(place.subjects))
+    own = {"height": place.file("h", still), "label": place.file("l", label(MESH.vertices))}
+
+    def registered(**weights):
+        settings = Settings(own, options=BRIEF, rounds=1, weights=weights)
+        return abfm.register_population(cohort, place.template, place.folder / "out", settings)
+
+    first, second = registered(label=1e-3), registered(height=1e-3)
+    left = [[error(found.values[0, :, 0]) for found in (first, second)]]
+    left += [[error(found.values[0, :, 1], label) for found in (second, first)]]
+    for follows, does_not in left:
+        assert follows < 0.5 * does_not
+    assert first.channel_weights.tolist() == [1, 1e-3]
+    # how like the others it is counts channels alike
+    scores = np.stack([first.scores(c)[:, 1] for c in range(2)])
+    assert first.correlation == pytest.approx(np.average(scores, axis=0, weights=[1, 1e-3]))
+    rows = Ledger(place.folder / "out").kept()[1]
+    assert [each[0] for each in rows[0].row.options].count("channel") == 2
+
+
+def test_weights_that_say_nothing_change_no_row(tmp_path, solved):
+    place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
+    place.registered(Settings(options=BRIEF, rounds=1))
+    solved.clear()
+    place.registered(Settings(options=BRIEF, rounds=1, weights={"height": 1.0}))
+    assert solved == []
+
+
+def test_who_cannot_be_carried_is_told_and_stops_nobody(tmp_path):
+    place, gone = Place(tmp_path), f"file:{tmp_path}/gone.npy"
+    for name in "abc":
+        place.add(name, height(MESH.vertices), label(MESH.vertices))
+    place.subjects[1] = Subject("b", (place.subjects[1].functions[0], gone))
+    found = place.registered(held_out=["label"])
+    assert found.fits.tolist() == [True, False, True]
+    assert "it was not carried" in found.reasons[1]
+    assert "gone.npy" in found.reasons[1]
+    assert found.digests[1] == ""
 
 
 @pytest.mark.parametrize(
     ("functions", "told"),
     [
-        ({"depth": "coordinate:x"}, "the template has a function 'depth', and there is no such"),
+        ({"depth": "coordinate:x"}, "there is a function of 'depth', and no such channel"),
         ({"height": ""}, "the template has no function 'height'"),
     ],
 )
@@ -384,6 +494,15 @@ def test_functions_of_the_template_are_those_of_channels(tmp_path, functions, to
         place.registered(Settings(functions))
 
 
+def test_weights_are_those_of_channels_to_register_by(tmp_path):
+    place = Place(tmp_path)
+    for name in "ab":
+        place.add(name, height(MESH.vertices), label(MESH.vertices))
+    for name in ("label", "heigth"):
+        with pytest.raises(ParameterError, match=f"there is a weight of '{name}', and no such"):
+            place.registered(Settings(weights={name: 2.0}), held_out=["label"])
+
+
 @pytest.mark.parametrize(
     ("settings", "told"),
     [
@@ -391,6 +510,9 @@ def test_functions_of_the_template_are_those_of_channels(tmp_path, functions, to
         ({"rounds": 1.5}, "rounds is 1.5"),
         ({"bound": -1.0}, "bound is -1.0"),
         ({"bound": float("nan")}, "bound is nan"),
+        ({"weights": {"height": 0.0}}, "channel height has weight 0.0; expected a number above 0"),
+        ({"weights": {"height": float("nan")}}, "channel height has weight nan"),
+        ({"weights": {"height": "2"}}, "channel height has weight '2'"),
     ],
 )
 def test_settings_are_checked(settings, told):
@@ -427,9 +549,10 @@ def test_it_ends_when_asked_and_goes_on_later(tmp_path, solved):
         place.add(name, pushed(FIELDS[name], height))
     with pytest.raises(CancelledError):
         place.registered(on_change=lambda entry: control.cancel(), control=control)
-    assert len(solved) == 1
+    assert len(solved) == 4  # three of them to find the first target
     found = place.registered(Settings(options=BRIEF, rounds=1))
-    assert sorted(solved) == ["minus", "plus", "still"]
+    registered = [name for name in solved if not name.endswith(", carried")]
+    assert sorted(registered) == ["minus", "plus", "still"]
     assert found.fits.all()
 
 

@@ -200,7 +200,15 @@ def test_a_subject_that_cannot_be_registered_is_told(abfm, folder, found):
         ("population table.csv --template template.gii --out out --function depth", "NAME=SPEC"),
         (
             "population table.csv --template template.gii --out out --function depht=coordinate:x",
-            "there is no such channel to register by (did you mean 'depth'?)",
+            "and no such channel to register by (did you mean 'depth'?)",
+        ),
+        ("population table.csv --template template.gii --out out --weight depth", "NAME=N"),
+        ("population table.csv --template template.gii --out out --weight depth=much", "a number"),
+        ("population table.csv --template template.gii --out out --weight depth=0", "above 0"),
+        (
+            "population table.csv --template template.gii --out out --weight depth=1 "
+            "--weight depth=2",
+            "--weight depth: it is given twice",
         ),
         ("population table.csv --template template.gii --out out --mask nonsense", "nonsense"),
         ("population table.csv --template template.gii --out out --bound -1", "--bound"),

@@ -1,0 +1,204 @@
+"""Rows that carry a subject to the template: the steps of a round besides registrations. They are
+in a folder of results of their own, and in no table.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from abfm.batch import Row, columns
+from abfm.batch.columns import SPEC, Column, Rename
+from abfm.batch.kind import Kind, Prepared, mesh_of_row
+from abfm.errors import ParameterError, ResultError, brief
+from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.io import results
+from abfm.io.results import Entry
+from abfm.maps.point_maps import PointMap
+from abfm.maps.surface_points import SurfacePoints, vertex_points
+from abfm.mesh import TriangleMesh
+from abfm.population.on_template import (
+    MapFacts,
+    OnTemplate,
+    Own,
+    carried,
+    edge_middles,
+    map_facts,
+    maps,
+)
+from abfm.reading import array_from, read_bytes
+from abfm.registration import load_registration
+from abfm.registration.initial import initial_map, read_landmarks
+from abfm.registration.initial.given import Given
+from abfm.registration.initial.landmarks_only import FEWEST
+from abfm.types import FloatArray
+from abfm.workers.control import Control, controlled
+
+FOLDER = "carried"
+"""Folder, in that of a population, of what these rows come to."""
+_LARGEST_DRIFT = 1 << 32  # bytes of its file
+_VALUES = Entry("real", ("P", "C"), low=-results.LARGEST, high=results.LARGEST, may_be_unknown=True)
+_CARRIED = results.Kind(
+    "file of a subject on a template",
+    {
+        "before": _VALUES,
+        "before_mask": Entry("real", ("P",), low=0),
+        "after": _VALUES._replace(required=False),
+        "after_mask": Entry("real", ("P",), low=0, required=False),
+        "log2_area": Entry("real", ("F",), required=False),
+        "verdict": Entry("text", ()),
+        # the last one is required: damage to a zip's directory can hide the last entry
+        "numbers": Entry("real", (len(MapFacts._fields),), may_be_unknown=True),
+    },
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """A subject on the template, at P points: by its initial map; and registered, where the row has
+    a registration.
+
+    Attributes
+    ----------
+    before, after : OnTemplate
+    log2_area : (F,) array
+        Of the faces of the template, where the points are its vertices.
+    verdict : str
+        Of the registration.
+    facts : MapFacts
+        What its map does.
+    """
+
+    before: OnTemplate
+    after: OnTemplate | None = None
+    log2_area: FloatArray | None = None
+    verdict: str = ""
+    facts: MapFacts = MapFacts()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
+        arrays: dict[str, Any] = {"before": self.before.values, "before_mask": self.before.mask}
+        if self.after is not None:
+            arrays |= {"after": self.after.values, "after_mask": self.after.mask}
+        if self.log2_area is not None:
+            arrays["log2_area"] = self.log2_area
+        arrays |= {"verdict": np.array(self.verdict), "numbers": np.array(self.facts)}
+        results.save_arrays(path, arrays, _CARRIED)
+
+
+def load_carried(path: Path) -> Carried:
+    """Read a file of `Carried.save`; ResultError if it is missing, damaged, or none."""
+    arrays = results.load_arrays(path, _CARRIED)
+    before, after = (
+        OnTemplate(arrays[name], arrays[f"{name}_mask"]) if name in arrays else None
+        for name in ("before", "after")
+    )
+    assert before is not None
+    facts = MapFacts(*arrays["numbers"].tolist())
+    return Carried(before, after, arrays.get("log2_area"), str(arrays["verdict"]), facts)
+
+
+def _functions(text: str) -> tuple[str, ...]:
+    try:
+        texts = tuple(shlex.split(text))
+    except ValueError as error:
+        raise ParameterError(f"{brief(text)} are no functions in quotes: {error}") from None
+    for each in filter(None, texts):
+        SPEC.read(each)
+    return texts
+
+
+def _renamed_functions(text: str, rename: Rename) -> str:
+    return shlex.join(each and SPEC.renamed(each, rename) for each in _functions(text))
+
+
+def _prepare(row: Row) -> Prepared:
+    given = row.values()
+
+    def solve(control: Control | None) -> Carried:
+        with controlled(control or Control()):
+            template = mesh_of_row(given["template"], given)
+            own = Own.of(
+                mesh_of_row(given["surface"], given), given["functions"], given.get("mask")
+            )
+            if "registration" in given:
+                return _registered(own, template, given)
+            first = _first_points(own.mesh, template, given)
+            return Carried(carried(first, own))
+
+    return Prepared(row.key, solve)
+
+
+def _first_points(
+    surface: TriangleMesh, template: TriangleMesh, given: Mapping[str, Any]
+) -> SurfacePoints:
+    """Return where on a subject the template's vertices lie by an initial map without functions,
+    since none of the template are known yet.
+    """
+    word, marks = given.get("initial"), None
+    if "landmarks" in given:
+        marks = read_landmarks(surface, template, given["landmarks"])
+    is_embedded = word is not None and word.partition(":")[0] == "embedding"
+    if is_embedded and (marks is None or len(marks) < FEWEST):
+        raise ParameterError(
+            f"an initial map by embedding without the template's functions needs {FEWEST} "
+            "landmarks or more"
+        )
+    found = initial_map(word, Given(surface, template, landmarks=marks))
+    return found.correspondence.points.points
+
+
+def _registered(own: Own, template: TriangleMesh, given: Mapping[str, Any]) -> Carried:
+    drift = array_from(read_bytes(given["drift"], _LARGEST_DRIFT))
+    if drift.shape != (len(template.faces), 3):
+        raise ResultError("the mean field is of another template; run the same again")
+    registration = load_registration(given["registration"])
+    shift = ContinuousFlow(template, drift, 1.0).destinations
+    before, after = maps(registration, own.mesh, template, shift)
+    if given.get("at") == "edges":
+        points = edge_middles(template)
+        return Carried(carried(before(points), own), carried(after(points), own))
+    points = vertex_points(template)
+    there = after(points)
+    whole = PointMap(template, own.mesh, there.faces, there.barycentric, carried=after)
+    log2_area, facts = map_facts(registration, whole, drift)
+    return Carried(
+        carried(before(points), own),
+        carried(there, own),
+        log2_area,
+        registration.verdict.kind,
+        facts,
+    )
+
+
+class Carrying(Row):
+    """A subject that is carried to the template: by an initial map that takes no functions, or by a
+    registration and along the mean field, as ``drift`` has it, at vertices or in the middles of
+    edges.
+    """
+
+    kinds: ClassVar[Mapping[str, Kind]] = {
+        "carrying": Kind(
+            ("surface", "template", "functions"),
+            {
+                "surface": columns.FILE,
+                "template": columns.FILE,
+                "functions": Column("of channels, in quotes", _functions, _renamed_functions),
+                "mask": SPEC,
+                "initial": columns.INITIAL,
+                "landmarks": columns.FILE,
+                "registration": columns.FILE,
+                "drift": columns.FILE,
+                "at": Column("vertices, or edges"),
+            },
+            _prepare,
+            load_carried,
+            check=lambda values: None,
+        )
+    }
