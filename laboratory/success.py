@@ -1,24 +1,35 @@
 """How often matches succeed: random problems by several versions, side by side."""
 
 import math
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from statistics import median
 from time import perf_counter
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 from zlib import crc32
 
 import numpy as np
 
-from abfm import AbfmError, ParameterError, Parameters, Problem, TriangleMesh, function
+from abfm import (
+    AbfmError,
+    Control,
+    ParameterError,
+    Parameters,
+    Problem,
+    TriangleMesh,
+    batch,
+    function,
+)
+from abfm.batch import Cluster, Entry
 from abfm.calculus import geodesic_distance
-from abfm.flow.exponential import counted_row_products
+from abfm.io import temporary_folder
 from abfm.maps import SymmetryError, detect_symmetry
 from abfm.matching.solvability import RESOLVED, range_bound, resolution, unmatched
 from abfm.types import FloatArray
-from laboratory.common import LEVEL, aligned, in_words, machine, markdown, watched_match
-from laboratory.meshes import torus
+from laboratory.common import LEVEL, aligned, in_words, machine, markdown
 
 Row = dict[str, Any]
 Tell = Callable[[str], None]
@@ -67,6 +78,7 @@ _TURN: tuple[Family, ...] = (
     *("gaussian", "one to two", "disc", "gaussian", "eigenfunction"),
     *("gaussian", "one to two", "descriptor", "gaussian", "disc"),
 )
+_SAID_EVERY = 5.0  # seconds
 _HIGHEST = 8  # of the eigenfunctions matched
 # of the most possible: how far the two targets of one source are from each other
 _APART = (0.5, 1.0)
@@ -207,11 +219,12 @@ class Record:
     evaluations: int = 0
     # of ``D_v``, by advections and adjoints; factorisations and flow lines come on top
     row_products: int = 0
-    # as `Watched` has them, on a mesh of which nothing was known, without the verification here
+    # of a process that matched nothing else meanwhile, on a mesh of which nothing was known, until
+    # the result was written; without the verification here
     seconds: float = math.nan
     seconds_to_level: float = math.nan
     refined: int = 0  # how often the mesh was subdivided, as of `abfm.Match`
-    stop_reason: str = ""  # as `abfm.Match.stop_reason`, or "time limit", or the error
+    stop_reason: str = ""  # as `abfm.Match.stop_reason`, or the error
     verdict: str = ""  # kind of `abfm.Match.verdict`; empty where there was an error
 
     def to_dict(self) -> dict[str, Any]:
@@ -229,35 +242,28 @@ class Record:
         return {**numbers, "arrived": arrived, "success": success, "confirmed": confirmed}
 
 
-def run_trial(
-    trial: Trial,
-    parameters: Parameters,
-    limit: float = 120.0,
-    stopped: Callable[[], bool] = lambda: False,
-) -> Record:
-    """Match for so many seconds at the most, or until it is stopped, and verify."""
-    old = trial.mesh  # of which something was computed already
-    numbers = old.vertex_ids, old.file_vertex_count
-    mesh = TriangleMesh(old.vertices, old.faces, numbers=numbers)
-    start = perf_counter()
-    with counted_row_products() as products:
-        try:
-            stated = Problem(mesh, trial.source, trial.target, parameters)
-            watched = watched_match(stated, limit, stopped=stopped)
-        except AbfmError as error:
-            seconds, count = perf_counter() - start, products.count
-            return Record(stop_reason=str(error), seconds=seconds, row_products=count)
-    found, last = watched.found, watched.last
-    late = watched.to_end > limit and found.stop_reason == "cancelled"
-    record = Record(
+def record_of(entry: Entry) -> Record:
+    """Return what came of a problem's row, and verify it."""
+    cost = entry.record
+    spent = Record(
+        evaluations=cost.evaluations or 0,
+        row_products=cost.row_products or 0,
+        seconds=_known(cost.seconds),
+        seconds_to_level=_known(cost.seconds_to_goal),
+        stop_reason=entry.reason,
+    )
+    if entry.path is None:
+        return spent
+    try:
+        found = entry.load()
+    except AbfmError as error:
+        return replace(spent, stop_reason=str(error))
+    record = replace(
+        spent,
         mismatch=found.mismatch,
-        iterations=last.iteration if last else 0,
-        evaluations=last.evaluations if last else 0,
-        row_products=products.count,
-        seconds=watched.to_end,
-        seconds_to_level=watched.to_level,
+        iterations=len(found.energy_history) - 1,
         refined=found.refined,
-        stop_reason="time limit" if late else found.stop_reason,
+        stop_reason=found.stop_reason,
         verdict=found.verdict.kind,
     )
     with suppress(AbfmError):  # of fields along which flow lines do not end
@@ -265,6 +271,21 @@ def run_trial(
         folded, overturned = said.folded, said.overturned
         return replace(record, verified=said.mismatch, folded=folded, overturned=overturned)
     return record
+
+
+def _known(number: float | None) -> float:
+    return math.nan if number is None else number
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where problems are matched, by whom, and how to end that early; without a folder nothing is
+    kept.
+    """
+
+    folder: Path | None = None
+    cluster: Cluster = Cluster(jobs=1)
+    control: Control = field(default_factory=Control)
 
 
 @dataclass(frozen=True)
@@ -301,57 +322,111 @@ class Selection:
         }
 
 
+class _Posed(NamedTuple):
+    """A problem as the report has it, and a row of a batch for each version, by its name."""
+
+    described: Row
+    rows: dict[str, batch.Row]
+
+
 def run_success(
     meshes: Mapping[str, TriangleMesh],
     tell: Tell = lambda line: None,
     selection: Selection = Selection(),
     versions: Mapping[str, Parameters] = VERSIONS,
-    stopped: Callable[[], bool] = lambda: False,
+    place: Place = Place(),
 ) -> dict[str, Any]:
     """Match all problems by all versions, the first of which the others are compared with; `tell`
     is told in one line what came out of each.
 
+    Each is matched as a row of a batch, to its end, so that what comes is the same whatever else
+    runs, but for seconds; what a folder has of an earlier run is not matched again.
+
     Only numbers, text, lists and dictionaries come: ``rows``, with the ``problem`` and a record
-    under the name of every version, then ``settings`` and ``machine``. If it was stopped, which is
-    asked again and again, ``interrupted`` is true and rows are those that were finished.
+    under the name of every version, then ``settings`` and ``machine``. If it was cancelled,
+    ``interrupted`` is true and rows are those that were finished.
     """
-    rows: list[Row] = []
-    tell("compiling")  # a mesh that has a coarser one needs all there is
-    places = ("gaussian:vertex=0,width=0.2", "gaussian:vertex=4,width=0.2")
-    warm_up = Trial("", 0, torus(120, 50), "gaussian", *places)
-    for parameters in versions.values():
-        short = replace(parameters, iterations=4, stage_iterations=1)
-        run_trial(warm_up, short, stopped=stopped)
-    problems = [*success_problems(meshes, selection.seed, selection.count)][selection.places]
-    for number, problem in enumerate(problems, 1):
-        try:
-            row: Row = {"problem": problem.to_dict()}
-        except AbfmError as error:  # of meshes on which its functions are none
-            tell(f"{number}/{len(problems)} left out: {problem.mesh_name}: {error}")
-            continue
-        if selection.solvable and not row["problem"]["solvable"]:
-            continue
-        for name, parameters in versions.items():
-            if not stopped():
-                row[name] = run_trial(problem, parameters, stopped=stopped).to_dict()
-        if stopped():
-            break
-        rows.append(row)
-        tell(f"{number}/{len(problems)} {_line(row, versions)}")
+    with ExitStack() as opened:
+        if place.folder is None:
+            folder = opened.enter_context(temporary_folder(Path(tempfile.gettempdir())))
+            place = replace(place, folder=folder)
+        posed = _posed(meshes, tell, selection, versions, place)
+        rows = _solved(posed, tell, versions, place)
     of_versions = {name: parameters.to_dict() for name, parameters in versions.items()}
-    return selection.report(rows, stopped(), meshes, level=LEVEL, versions=of_versions)
+    stopped = place.control.cancelled
+    return selection.report(rows, stopped, meshes, level=LEVEL, versions=of_versions)
+
+
+def _posed(
+    meshes: Mapping[str, TriangleMesh],
+    tell: Tell,
+    selection: Selection,
+    versions: Mapping[str, Parameters],
+    place: Place,
+) -> list[_Posed]:
+    """State problems and write them into the folder."""
+    assert place.folder is not None
+    found, said = [], 0.0
+    problems = [*success_problems(meshes, selection.seed, selection.count)][selection.places]
+    for number, trial in enumerate(problems):
+        if place.control.cancelled:
+            break
+        if perf_counter() - said > _SAID_EVERY:
+            said = perf_counter()
+            tell(f"stating problems: {number} of {len(problems)}")
+        try:
+            described = trial.to_dict()
+            if selection.solvable and not described["solvable"]:
+                continue
+            stated = Problem(trial.mesh, trial.source, trial.target)
+        except AbfmError as error:  # of meshes on which its functions are none
+            tell(f"left out: {trial.mesh_name}: {error}")
+            continue
+        rows = {
+            name: batch.problem_row(
+                stated.with_parameters(parameters), place.folder, f"{trial.mesh_name} {name}"
+            )
+            for name, parameters in versions.items()
+        }
+        found.append(_Posed(described, rows))
+    return found
+
+
+def _solved(
+    posed: Sequence[_Posed], tell: Tell, versions: Mapping[str, Parameters], place: Place
+) -> list[Row]:
+    """Return the report's rows of problems that all versions were tried on."""
+    assert place.folder is not None
+    found: dict[int, Row] = {}
+    came = dict[str, Row]()  # records by keys of rows
+
+    def note(entry: Entry) -> None:
+        came[entry.row.key] = record_of(entry).to_dict()
+        for number, problem in enumerate(posed):
+            is_whole = all(row.key in came for row in problem.rows.values())
+            if is_whole and number not in found:
+                of_versions = {name: came[row.key] for name, row in problem.rows.items()}
+                found[number] = {"problem": problem.described, **of_versions}
+                tell(f"{len(found)}/{len(posed)} {_line(found[number], versions)}")
+
+    rows = [row for problem in posed for row in problem.rows.values()]
+    for entry in batch.Ledger(place.folder).entries(rows):
+        if entry.state == "done" and entry.row.key not in came and not place.control.cancelled:
+            note(entry)
+    batch.run(rows, place.folder, place.cluster, on_change=note, control=place.control)
+    return [found[number] for number in sorted(found)]
 
 
 def _line(row: Row, versions: Mapping[str, Parameters]) -> str:
-    def digits(value: float | None) -> str:
-        return "none" if value is None else f"{value:.2g}"
+    def digits(value: float | None, form: str = ".2g") -> str:
+        return "none" if value is None else f"{value:{form}}"
 
     problem = row["problem"]
     kind = [problem["mesh"], problem["family"]]
     kind += [f"{problem['width']:g}", problem["distance"]] if problem["width"] else []
     results = [
         f"{name} {digits(row[name]['mismatch'])} ({digits(row[name]['verified'])}) "
-        f"{row[name]['seconds']:.1f} s"
+        f"{digits(row[name]['seconds'], '.1f')} s"
         for name in versions
     ]
     return f"{', '.join(kind)}: {'; '.join(results)}"
@@ -449,9 +524,10 @@ def _cells(name: str, group: list[Row], versions: list[str]) -> list[str]:
         one alone costs.
         """
         if first == last:
-            return middle([row[last][key] for row in among])
+            return middle([row[last][key] for row in among if row[last][key] is not None])
         pairs = [(row[first], row[last]) for row in among]
-        both = [a[key] / b[key] for a, b in pairs if a["arrived"] and b["arrived"] and b[key]]
+        arrived = [(a[key], b[key]) for a, b in pairs if a["arrived"] and b["arrived"]]
+        both = [cost / other for cost, other in arrived if cost and other]
         return middle(both)
 
     return [
@@ -473,7 +549,7 @@ def _context(report: dict[str, Any]) -> list[str]:
     """Say what the columns mean, and where this was measured."""
     settings, rows = report["settings"], report["rows"]
     versions = list(settings["versions"])
-    sums = [f"{sum(row[version]['seconds'] for row in rows):.0f} s" for version in versions]
+    sums = [f"{sum(row[version]['seconds'] or 0 for row in rows):.0f} s" for version in versions]
     first, last = versions[0], versions[-1]
     costs = "Products (of rows of D_v), seconds: "
     if first == last:

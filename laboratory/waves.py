@@ -1,28 +1,32 @@
 """Known waves on a cortex: the fields of `abfm.sequence` beside linear Horn-Schunck, and films.
 
     python -m laboratory.waves [--surface white_left.gii.gz] [--film MESH FRAMES.npy SECONDS ...]
-        [--write docs/sequences.md --picture docs/images/waves.png]
+        [--folder DIR] [--jobs N] [--write docs/sequences.md --picture docs/images/waves.png]
 
-The surface is by default nilearn's white one of fsaverage5, left. Films are measured as they are:
-how many intervals flow lines confirm, and which tracks there are.
+The surface is by default nilearn's white one of fsaverage5, left. Waves are solved on all cores,
+and kept in the folder, so that it goes on where it was stopped. Films are measured as they are, by
+this process alone: how many intervals flow lines confirm, and which tracks there are.
 """
 
 from __future__ import annotations
 
 import argparse
 import resource
+import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
 from abfm import TriangleMesh, load_mesh, sequence
 from abfm.baselines import horn_schunck
+from abfm.batch import Cluster, Row, run
 from abfm.calculus import eigenbasis
 from abfm.calculus.operators import edge_lengths, face_areas, gradient
 from abfm.calculus.vector_fields import to_ambient
@@ -33,6 +37,7 @@ from laboratory.common import put_between, told_table
 KINDS = ("travelling", "rotating", "source and sink")
 NOISES = (0.0, 0.1, 0.3)  # standard deviation, of the frames'
 DISPLACEMENTS = (0.5, 1.0, 2.0, 4.0)  # root mean square from frame to frame, in mean edges
+GAMMAS = (0.0, 1.0)  # frame by frame, and together
 SMOOTHNESS = (0.001, 0.01, 0.1, 1.0)  # of Horn-Schunck, of which the best is told
 FRAMES, WAVELENGTH = 6, 16.0  # mean edges, where the phase has its mean slope
 MARKS = ("<!-- tables of laboratory.waves -->", "<!-- end of the tables -->")
@@ -126,20 +131,49 @@ class Result:
         return [*head, *(f"{x:.1f}°" for x in angles), *(f"{100 * x:.1f}%" for x in speeds)]
 
 
-def measured(mesh: TriangleMesh) -> Iterator[Result]:
-    """Measure all waves with all amounts of noise; what Horn-Schunck has is that of the smoothness
-    that is best for the wave, by the known field.
-    """
+class Noisy(NamedTuple):
+    """A wave, its standard deviation of noise, and its frames (T, V) with that."""
+
+    wave: Wave
+    noise: float
+    frames: FloatArray
+
+    def rows(self, surface: Path, folder: Path) -> list[Row]:
+        """Return rows of a batch that solve it frame by frame, and together."""
+        name = f"{self.wave.kind}, {self.wave.displacement:g} edges, {100 * self.noise:g}% noise"
+        path = folder / f"{name}.npy"
+        np.save(path, self.frames)
+        options = {"mesh": surface, "frames": path}
+        return [Row(f"{name}, gamma {g:g}", {**options, "gamma": g}) for g in GAMMAS]
+
+
+def noisy(mesh: TriangleMesh) -> Iterator[Noisy]:
+    """Yield all waves with all amounts of noise."""
     for kind in KINDS:
         for displacement in DISPLACEMENTS:
             wave = Wave(mesh, kind, displacement)
             for noise in NOISES:
                 rng = np.random.default_rng(0)
                 scatter = noise * wave.frames.std() * rng.standard_normal(wave.frames.shape)
-                yield Result(kind, noise, displacement, _errors(wave, wave.frames + scatter))
+                yield Noisy(wave, noise, wave.frames + scatter)
 
 
-def _errors(wave: Wave, frames: FloatArray) -> FloatArray:
+def measured(surface: Path, folder: Path, cluster: Cluster) -> Iterator[Result]:
+    """Measure all waves, whose films are solved by a batch and kept in a folder; what Horn-Schunck
+    has is that of the smoothness that is best for the wave, by the known field.
+    """
+    waves = [*noisy(load_mesh(surface))]
+    rows = [row for each in waves for row in each.rows(surface, folder)]
+    entries = iter(run(rows, folder, cluster, on_change=lambda e: print(e.row.name, flush=True)))
+    for each in waves:
+        wave, found = each.wave, [next(entries).load().velocity for _ in GAMMAS]
+        yield Result(wave.kind, each.noise, wave.displacement, _errors(wave, each.frames, found))
+
+
+def _errors(wave: Wave, frames: FloatArray, found: Sequence[FloatArray]) -> FloatArray:
+    """Return errors (3, 2), with the fields (T - 1, F, 3) that were found frame by frame, and
+    together.
+    """
     steps = range(len(frames) - 1)
     linear = [
         [wave.errors(i, horn_schunck(wave.mesh, frames[i], frames[i + 1], 1.0, s)) for i in steps]
@@ -148,8 +182,7 @@ def _errors(wave: Wave, frames: FloatArray) -> FloatArray:
     means = np.mean(linear, axis=1)  # (S, 2)
     best = means[means.prod(axis=1).argmin()]
     alone, together = (
-        np.mean([wave.errors(i, found.velocity[i]) for i in steps], axis=0)
-        for found in (sequence(wave.mesh, frames, gamma=gamma) for gamma in (0.0, 1.0))
+        np.mean([wave.errors(i, velocity[i]) for i in steps], axis=0) for velocity in found
     )
     return np.array([best, alone, together])
 
@@ -243,18 +276,22 @@ def main() -> None:
     for name in ("write", "picture"):
         parser.add_argument(f"--{name}", type=Path)
     parser.add_argument("--films-only", action="store_true")
+    parser.add_argument("--folder", type=Path, help="for what is solved of the waves; kept")
+    parser.add_argument("--jobs", type=int, help="so many processes (default: one for each core)")
     given = parser.parse_args()
     parts, results = [], list[Result]()
     if not given.films_only:
-        mesh = load_mesh(given.surface or fsaverage5())
 
-        def rows() -> Iterator[list[str]]:
-            for result in measured(mesh):
+        def rows(folder: Path) -> Iterator[list[str]]:
+            for result in measured(given.surface or fsaverage5(), folder, Cluster(given.jobs)):
                 results.append(result)
                 yield result.row()
 
         parts.append("Median errors of the angle (first three), and of the speed:")
-        parts.append(told_table(_HEADS, rows()))
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = Path(given.folder or temporary)
+            folder.mkdir(parents=True, exist_ok=True)
+            parts.append(told_table(_HEADS, rows(folder)))
         if given.picture:
             drawn(results, given.picture)
     if given.film:

@@ -9,6 +9,7 @@ from pathlib import Path
 from abfm import Control, TriangleMesh
 from abfm.io import write_atomically
 from abfm_viewer import signals
+from abfm_viewer.cli.batches.running import add_workers, cluster_of
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.match import Kept, cancelled_by_signals
 from abfm_viewer.cli.options import adder, count, positive, seed
@@ -28,8 +29,10 @@ how even its frames are during a solve.
 With --success it tries random problems on many meshes, near and far, wide and narrow, and counts
 how often the solver succeeds with its default parameters and how often it did as it was before:
 about ten minutes. A success leaves at most 0.05 by both witnesses, the discrete flow and flow
-lines; beside it stands how often flow lines leave at most 0.1. Every problem is the same whatever
-else runs. After Ctrl-C it reports what is finished.
+lines; beside it stands how often flow lines leave at most 0.1. Every problem is a row of a batch,
+solved to its end on all cores, or by --jobs or a cluster, and the same whatever else runs, but for
+its seconds: for those take --jobs 1, alone on the machine. After Ctrl-C it reports what is
+finished; with --out the same again goes on with what is missing.
 
 With --measured it matches functions as measured ones are: random smooth textures, carried along
 random flows that are known, with 20% of noise. It tells how far the map that the defaults find is
@@ -43,6 +46,7 @@ Examples:
   abfm bench --arrival
   abfm bench --viewer
   abfm bench --success
+  abfm bench --success --out trials --jobs 2
   abfm bench --success --only-given --meshes a.off --problems 10 --part 1/2 --json 1.json
   abfm bench --success --versions now --only-given --meshes humans/ others/ --json now.json
   abfm bench --measured --only-given --meshes humans/ --problems 2
@@ -79,16 +83,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     choose("--problems", "problems on each mesh (default: 6)", "N", type=count, default=6)
     choose("--seed", "another number gives other problems (default: 0)", type=seed, default=0)
     choose("--part", "only every N-th problem, from the K-th", "K/N", type=_part, default=(1, 1))
+    choose("--out", "with --success: folder for results, to go on with", "DIR", type=Path)
     add("--json", "print one JSON object, or write it to FILE", "FILE", nargs="?", const="")
     add("--quiet", "no progress")
+    add_workers(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    if find_spec("laboratory") is None:
-        raise UsageError(
-            "measurements are run from the repository, and this is an installation without it: "
-            "clone it, and type ./run once, then .venv/bin/abfm bench"
-        )
+    _check(arguments)
     import laboratory
 
     kept, control = Kept(), Control()
@@ -109,9 +111,8 @@ def run(arguments: argparse.Namespace) -> int:
         with cancelled_by_signals(control, "with what was finished") as kept:
             if arguments.success:
                 versions = {name: success.VERSIONS[name] for name in sorted(arguments.versions)}
-                report = success.run_success(
-                    meshes, tell, selection, versions, lambda: control.cancelled
-                )
+                place = success.Place(arguments.out, cluster_of(arguments), control)
+                report = success.run_success(meshes, tell, selection, versions, place)
                 text = success.format_success(report)
             else:
                 report = measured.run_measured(meshes, tell, selection, lambda: control.cancelled)
@@ -131,6 +132,17 @@ def run(arguments: argparse.Namespace) -> int:
             temporary.write_text(as_json)
     print(as_json if arguments.json == "" else text)
     return 0 if kept.number is None else signals.status(kept.number)
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    if find_spec("laboratory") is None:
+        raise UsageError(
+            "measurements are run from the repository, and this is an installation without it: "
+            "clone it, and type ./run once, then .venv/bin/abfm bench"
+        )
+    given = (arguments.jobs, arguments.scheduler, arguments.scheduler_file, arguments.out)
+    if any(given) and not arguments.success:
+        raise UsageError("--jobs, --scheduler, --scheduler-file and --out go with --success")
 
 
 def _meshes(arguments: argparse.Namespace) -> dict[str, TriangleMesh]:

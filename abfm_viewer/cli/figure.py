@@ -7,19 +7,23 @@ import base64
 import io
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from html import escape
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from abfm import AbfmError, TriangleMesh, experiments
+from abfm import AbfmError, Match, TriangleMesh, experiments
+from abfm.batch import Row
 from abfm.errors import printable
-from abfm.experiments import Measure
+from abfm.experiments import Findings, Measure, Script, Sought
 from abfm.io import write_atomically
 from abfm.parameters import FIGURES, NOTE, TABLE_1, TITLES
 from abfm_viewer import pictures
 from abfm_viewer.cli import options
+from abfm_viewer.cli.batches.running import add_workers, solved
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.errors import DrawingError
@@ -36,11 +40,14 @@ holds what was measured, with the bounds that it keeps or not, whether the paper
 and what colours do not show. `all` also writes index.html, a page with everything.
 
 The meshes are bundled or generated; --mesh computes the figure on another one. All figures take a
-few minutes.
+few minutes. What they match comes by a batch first, on all cores or a cluster, into DIR/matches,
+which `abfm batch --status` tells of: whatever was killed goes on with what is missing when it is
+run again. So does one figure with --jobs, --scheduler or --scheduler-file.
 
 Examples:
   abfm figure 3 --out figures
   abfm figure all --out figures
+  abfm figure all --out figures --jobs 2
   abfm figure 1 --mesh bunny.obj --out figures
 """
 _STYLE = """
@@ -71,6 +78,7 @@ _TABLE_1 = {
 }
 """The columns of the paper's Table 1: parameters and their titles."""
 _WORDS = {True: "yes", False: "no"}
+_MATCHES = "matches"
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--up", "axis that points upwards (default: y for a --mesh)", choices=("x", "y", "z"))
     add("--json", "print one JSON object with everything that was measured")
     add("--quiet", "no progress")
+    add_workers(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -107,20 +116,19 @@ def run(arguments: argparse.Namespace) -> int:
     mesh = options.mesh(arguments) if arguments.mesh else None
     index = arguments.out / "index.html"
     outputs.make_folder(arguments.out)
-    for path in [_file(arguments.out, n, suffix) for n in numbers for suffix in (".png", ".json")]:
+    written = [_file(arguments.out, n, suffix) for n in numbers for suffix in (".png", ".json")]
+    for path in [*written, *([index] if all_wanted else [])]:
         outputs.check(path, [path.suffix])
-    if all_wanted:
-        outputs.check(index, [".html"])
+    name = Path(arguments.mesh).name if arguments.mesh else ""
+    figures = [_Figure(number, mesh, name) for number in numbers]
+    if all_wanted or any((arguments.jobs, arguments.scheduler, arguments.scheduler_file)):
+        status = _match_by_batch(figures, arguments)
+        if status is not None:
+            return status
     entries = []
-    for number in numbers:
-        entry = _compute(number, mesh, arguments)
-        picture = _file(arguments.out, number, ".png")
-        if entry.picture is not None:
-            outputs.write_picture(picture, entry.picture)
-        else:
-            picture.unlink(missing_ok=True)  # that of an earlier run shows another mesh
-        text = json.dumps(_described(entry), indent=1) + "\n"
-        _write_text(_file(arguments.out, number, ".json"), text)
+    for figure in figures:
+        entry = _compute(figure, arguments)
+        _write(entry, arguments.out)
         if not arguments.json:
             _print(entry)
         entries.append(entry)
@@ -133,20 +141,83 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _write(entry: Entry, folder: Path) -> None:
+    picture = _file(folder, entry.number, ".png")
+    if entry.picture is not None:
+        outputs.write_picture(picture, entry.picture)
+    else:
+        picture.unlink(missing_ok=True)  # that of an earlier run shows another mesh
+    text = json.dumps(_described(entry), indent=1) + "\n"
+    _write_text(_file(folder, entry.number, ".json"), text)
+
+
 def _file(folder: Path, number: int, suffix: str) -> Path:
     return folder / f"figure-{number}{suffix}"
 
 
-def _compute(number: int, mesh: TriangleMesh | None, arguments: argparse.Namespace) -> Entry:
-    """Run a figure's script; of all, one that a mesh does not allow is told on the page."""
+class _Figure:
+    """A figure's script under way."""
+
+    def __init__(self, number: int, mesh: TriangleMesh | None, name: str) -> None:
+        self.number = number
+        self.tell: Callable[[str, float], None] = lambda text, share: None
+        self.stage = experiments.Stage(mesh, name, report=lambda *now: self.tell(*now))
+        self.matched: Callable[[Sequence[Sought]], Sequence[Match]] = self.stage.match
+        self._error: AbfmError | None = None
+
+    @cached_property
+    def script(self) -> Script:
+        return experiments.script(self.number, self.stage)
+
+    @cached_property
+    def sought(self) -> Sequence[Sought]:
+        """What it waits for."""
+        return experiments.sought_by(self.script)
+
+    def state(self) -> Sequence[Sought]:
+        """Run it until it waits, and return for what; an error waits for `findings`."""
+        try:
+            return self.sought
+        except AbfmError as error:
+            self._error = error
+            return ()
+
+    def findings(self) -> Findings:
+        if self._error is not None:
+            raise self._error
+        matches = self.matched(self.sought)
+        return experiments.findings_of(self.script, matches)
+
+
+def _match_by_batch(figures: Sequence[_Figure], arguments: argparse.Namespace) -> int | None:
+    """Have all that figures wait for matched; the exit status of a signal, if one came."""
+    folder, rows = arguments.out / _MATCHES, dict[_Figure, list[Row]]()
+    with share_progress("figures", arguments.quiet) as report:
+        for done, figure in enumerate(figures):
+            report(f"stating what figure {figure.number} matches", done / len(figures))
+            rows[figure] = experiments.rows_of(figure.number, figure.state(), folder)
+    of_all = [row for own in rows.values() for row in own]
+    entries, status = solved(of_all, "Matches of the figures", folder, arguments)
+    known = iter(entries)
+    for figure, own in rows.items():
+        came = list(islice(known, len(own)))
+        figure.matched = partial(experiments.matches_of, entries=came)
+    if status is not None:
+        print("run the same again to go on: what is done is kept", file=sys.stderr)
+    return status
+
+
+def _compute(figure: _Figure, arguments: argparse.Namespace) -> Entry:
+    """Run a script to its end; of all, one that a mesh does not allow is told on the page."""
+    number, on_mesh = figure.number, figure.stage.mesh is not None
     title, claim = TITLES[number], experiments.claim(number)
-    name = Path(arguments.mesh).name if arguments.mesh else ""
     try:
         with share_progress(f"figure {number}", arguments.quiet) as report:
-            stage = experiments.Stage(mesh, name, report=report)
-            findings = experiments.findings_of(experiments.script(number, stage))
+            figure.tell = report
+            findings = figure.findings()
             report("drawing", 1.0)
-            sheet = replace(findings.sheet, up=arguments.up or ("y" if mesh else findings.sheet.up))
+            up = arguments.up or ("y" if on_mesh else findings.sheet.up)
+            sheet = replace(findings.sheet, up=up)
             notes, picture, problem = pictures.captions(sheet), None, ""
             try:
                 picture = pictures.figure_picture(sheet, notes)

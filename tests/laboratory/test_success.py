@@ -7,11 +7,22 @@ from itertools import product
 import numpy as np
 import pytest
 
-from abfm import ParameterError, Parameters, TriangleMesh
+from abfm import Control, ParameterError, Parameters, Problem, TriangleMesh
+from abfm.batch import Ledger, problem_row
+from abfm.batch import ledger as ledgers
+from abfm.batch.attempt import Task, attempt
 from abfm.calculus.geodesics import geodesic_distance
 from laboratory import success
 from laboratory.common import LEVEL
-from laboratory.success import BEFORE, VERSIONS, Record, Selection, Trial, run_success, run_trial
+from laboratory.success import (
+    BEFORE,
+    VERSIONS,
+    Place,
+    Record,
+    Selection,
+    record_of,
+    run_success,
+)
 from tests.shapes import icosphere, square
 
 SHORT = {name: replace(each, iterations=15, refine=0) for name, each in VERSIONS.items()}
@@ -24,8 +35,14 @@ def told():
 
 
 @pytest.fixture(scope="module")
-def report(told):
-    return run_success({"ball": BALL}, told.append, Selection(count=2), SHORT)
+def folder(tmp_path_factory):
+    """What is solved for the report."""
+    return tmp_path_factory.mktemp("report")
+
+
+@pytest.fixture(scope="module")
+def report(told, folder):
+    return run_success({"ball": BALL}, told.append, Selection(count=2), SHORT, Place(folder))
 
 
 def problems(count, seed=0, **meshes):
@@ -81,10 +98,17 @@ def test_before_is_the_solver_without_what_came_later():
     assert VERSIONS["now"] == Parameters()
 
 
-def test_record_says_what_came_out_and_what_it_cost():
+def tried(folder, parameters, source, target, mesh=BALL):
+    """The record of a problem that is solved here and now."""
+    ledger = Ledger(folder)
+    row = problem_row(Problem(mesh, source, target, parameters), folder)
+    attempt(Task(row, folder, ledger.make()))
+    return record_of(ledger.entry(row))
+
+
+def test_record_says_what_came_out_and_what_it_cost(tmp_path):
     places = ("gaussian:vertex=0,width=0.2", "gaussian:vertex=12,width=0.2")
-    problem = Trial("ball", 0, BALL, "gaussian", *places)
-    record, again = (run_trial(problem, BEFORE) for _ in range(2))
+    record, again = (tried(tmp_path / name, BEFORE, *places) for name in "ab")
     assert record.mismatch <= LEVEL
     assert 0 < record.seconds_to_level <= record.seconds
     assert record.evaluations >= record.iterations > 0
@@ -92,38 +116,35 @@ def test_record_says_what_came_out_and_what_it_cost():
     assert record.row_products > record.evaluations * len(BALL.vertices)
     times = {"seconds": record.seconds, "seconds_to_level": record.seconds_to_level}
     assert replace(again, **times) == record
-    hasty = run_trial(problem, BEFORE, limit=1e-9)
-    assert (hasty.stop_reason, hasty.iterations) == ("time limit", 0)
 
 
-def test_solvable_problems_alone_may_be_selected():
+def test_solvable_problems_alone_may_be_selected(tmp_path):
     at_rest = {"now": Parameters(iterations=0, refine=0)}
     selections = (success.Selection(count=9, solvable=wanted) for wanted in (False, True))
     whole, some = (
-        [row["problem"] for row in run_success({"ball": BALL}, print, one, at_rest)["rows"]]
-        for one in selections
+        [row["problem"] for row in run_success({"ball": BALL}, print, *given)["rows"]]
+        for given in ((one, at_rest, Place(tmp_path)) for one in selections)
     )
     assert some == [problem for problem in whole if problem["solvable"]]
     assert 0 < len(some) < len(whole)
 
 
-def test_functions_are_evaluated_anew_on_finer_meshes():
+def test_functions_are_evaluated_anew_on_finer_meshes(tmp_path):
     places = "indicator:vertex=1,radius=0.4", "indicator:vertex=31,radius=0.4"
     loose = TriangleMesh([*BALL.vertices[:1] + 9, *BALL.vertices], BALL.faces + 1)
-    records = [
-        run_trial(Trial("", 0, mesh, "disc", *places), Parameters()) for mesh in (loose, BALL)
-    ]
+    records = [tried(tmp_path, Parameters(), *places, mesh) for mesh in (loose, BALL)]
     for record in records:  # of jumps, which are none between values that are interpolated
         assert record.verified > LEVEL
         assert record.refined == 0
 
 
-@pytest.mark.filterwarnings("ignore:overflow")
-def test_what_no_solver_takes_is_recorded_as_such():
-    problem = Trial("ball", 0, BALL, "gaussian", "expression:1e200*x", "expression:1e200*y")
-    record = run_trial(problem, BEFORE).to_dict()
-    assert "whose squares over- or underflow" in record["stop_reason"]
-    assert record["mismatch"] is None
+def test_what_fails_is_recorded_as_such(tmp_path):
+    ledger = Ledger(tmp_path)
+    ledger.make()
+    row = problem_row(Problem(BALL, "coordinate:x", "coordinate:y"), tmp_path)
+    record = record_of(ledger.record(row, ledgers.Record(reason="out of memory"))).to_dict()
+    assert record["stop_reason"] == "out of memory"
+    assert record["mismatch"] is record["seconds"] is None
     assert not record["success"]
     assert not record["confirmed"]
 
@@ -140,20 +161,23 @@ def test_report_is_whole_survives_json_and_every_problem_is_told(report, told):
         found = "mismatch verified folded row_products seconds refined stop_reason verdict"
         assert set(found.split()) <= row["now"].keys()
     assert report["settings"]["meshes"] == {"ball": 162}
-    assert [line.split()[0] for line in told] == ["compiling", "1/2", "2/2"]
+    assert [line.split()[0] for line in told] == ["stating", "1/2", "2/2"]
     assert all("before" in line and "now" in line for line in told[1:])
 
 
-def test_parts_and_their_reports_put_together_are_the_whole(report):
-    def part(**selection):
-        return run_success({"ball": BALL}, selection=Selection(**selection), versions=SHORT)
+def test_parts_and_their_reports_put_together_are_the_whole(report, folder):
+    ended = Control()
+    ended.cancel()
+
+    def part(place=None, **selection):
+        chosen, place = Selection(**selection), place or Place(folder)
+        return run_success({"ball": BALL}, selection=chosen, versions=SHORT, place=place)
 
     whole = success.merged([part(count=2, part=(k, 2)) for k in (1, 2)])
     for found, wanted in zip(whole["rows"], report["rows"], strict=True):
-        assert found["problem"] == wanted["problem"]
-        assert found["now"]["mismatch"] == wanted["now"]["mismatch"]
+        assert found == wanted
     with pytest.raises(ParameterError, match="different seed"):
-        success.merged([report, part(count=1, seed=1)])
+        success.merged([report, part(Place(control=ended), seed=1)])
     with pytest.raises(ParameterError, match="at least one"):
         success.merged([])
 
@@ -232,16 +256,25 @@ def test_one_version_alone_is_told_in_seconds(made):
     assert "Products (of rows of D_v), seconds: medians" in success.format_success(made)
 
 
-@pytest.mark.parametrize(
-    ("most", "finished", "words"),
-    [(2, 1, "1 problems"), (1, 0, "0 of 0")],
-    ids=["later", "at once"],
-)
-def test_what_was_finished_is_kept_when_it_is_stopped(most, finished, words):
-    told = []
-    chosen, stopped = Selection(count=2), lambda: len(told) >= most
-    report = run_success({"ball": BALL}, told.append, chosen, SHORT, stopped)
-    assert report["interrupted"]
-    assert len(report["rows"]) == finished
-    assert [line.split()[0] for line in told] == ["compiling", "1/2"][:most]
-    assert words in success.format_success(report)
+def test_what_was_finished_is_kept_when_it_is_stopped_and_gone_on_with(report, tmp_path):
+    chosen, told, control = Selection(count=2), [], Control()
+
+    def tell(line):
+        told.append(line.split()[0])
+        if line.startswith("1/2"):
+            control.cancel()
+
+    part = run_success({"ball": BALL}, tell, chosen, SHORT, Place(tmp_path, control=control))
+    assert part["interrupted"]
+    assert [row["problem"] for row in part["rows"]] == [report["rows"][0]["problem"]]
+    assert told == ["stating", "1/2"]
+    assert "1 problems" in success.format_success(part)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")}
+    whole = run_success({"ball": BALL}, tell, chosen, SHORT, Place(tmp_path))
+    assert not whole["interrupted"]
+    assert before.items() <= {p: p.stat().st_mtime_ns for p in tmp_path.glob("*.npz")}.items()
+    assert whole["rows"][0] == part["rows"][0]  # with its seconds, which the ledger has
+    assert len({path.name for path in tmp_path.glob("*.npz")}) == 4
+    at_once = run_success({"ball": BALL}, tell, chosen, SHORT, Place(control=control))
+    assert at_once["rows"] == []
+    assert "0 of 0" in success.format_success(at_once)

@@ -49,14 +49,24 @@ def cluster_of(arguments: argparse.Namespace) -> Cluster:
 
 def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int:
     """Solve what is missing, write the summary, tell it, and return the exit status."""
-    cluster, control, began = cluster_of(arguments), Control(), time.perf_counter()
-    ledger = Ledger(arguments.out)
+    began = time.perf_counter()
+    entries, status = solved(rows, title, arguments.out, arguments)
+    return tell_all(entries, title, arguments, time.perf_counter() - began, status)
+
+
+def solved(
+    rows: Sequence[Row], title: str, folder: Path, arguments: argparse.Namespace
+) -> tuple[list[Entry], int | None]:
+    """Solve what is missing in a folder, with progress; return what has come of all rows, and the
+    exit status of a signal, if one came.
+    """
+    cluster, control, ledger = cluster_of(arguments), Control(), Ledger(folder)
     ledger.make()
     ledger.write_rows(rows, title)
     known = ledger.entries(rows)
     left = len({entry.row.key for entry in known if entry.state != "done"})
-    if left < len(rows) and not arguments.quiet:
-        there = sum(entry.state == "done" for entry in known)
+    there = sum(entry.state == "done" for entry in known)
+    if there and not arguments.quiet:
         print(f"{there} of {counted(len(rows), 'row')} are there already", file=sys.stderr)
     with (
         cancelled_by_signals(control, "with the rows that are done") as kept,
@@ -67,8 +77,7 @@ def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int
             report(_line(told_of([entry])[0]))
 
         entries = run(rows, ledger.folder, cluster, on_change=tell, control=control)
-    status = signals.status(kept.number) if kept.number is not None else None
-    return tell_all(entries, title, arguments, time.perf_counter() - began, status)
+    return entries, signals.status(kept.number) if kept.number is not None else None
 
 
 def tell_all(

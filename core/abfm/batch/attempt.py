@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import tempfile
 import time
@@ -10,10 +11,11 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from abfm.batch.kind import Prepared
+from abfm.batch.kind import Cost, Prepared
 from abfm.batch.ledger import Ledger, Record
 from abfm.batch.rows import Row
 from abfm.errors import AbfmError, ResultError, one_line
+from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
 from abfm.workers.control import CancelledError, Control, present_control
 
@@ -75,29 +77,32 @@ def _answer(task: Task) -> Answer:
 
 def _solved(task: Task, prepared: Prepared) -> Answer:
     """Have the result in the folder; its bytes where that is not seen."""
-    ledger, began = Ledger(task.folder), time.monotonic()
+    ledger = Ledger(task.folder)
     if ledger.is_seen(task.identity):
         path = ledger.result(prepared.digest)
         if path.is_file():
             return Answer(Record(prepared.digest))
-        _save(task, prepared, path)
-        return Answer(Record(prepared.digest, seconds=time.monotonic() - began))
+        return Answer(_save(task, prepared, path))
     with temporary_folder(Path(tempfile.gettempdir())) as folder:
         path = folder / "result.npz"
-        _save(task, prepared, path)
-        seconds = time.monotonic() - began
-        return Answer(Record(prepared.digest, seconds=seconds), path.read_bytes())
+        return Answer(_save(task, prepared, path), path.read_bytes())
 
 
-def _save(task: Task, prepared: Prepared, path: Path) -> None:
-    control = present_control() or Control()
-    found = prepared.solve(control)
+def _save(task: Task, prepared: Prepared, path: Path) -> Record:
+    """Solve, write the result, and return what it took."""
+    control, cost, began = present_control() or Control(), Cost(), time.monotonic()
+    with counted_row_products() as products:
+        found = prepared.solve(control, cost)
     if control.cancelled:
         raise CancelledError
     row = task.row
     if task.contents is None and type(row)(row.name, row.options, row.folder).key != row.key:
         raise ResultError("a file of it changed while it was solved; run the same again")
     found.save(path)
+    seconds = time.monotonic() - began
+    return Record(
+        prepared.digest, seconds=seconds, row_products=products.count, **dataclasses.asdict(cost)
+    )
 
 
 def _with_contents(row: Row, contents: Mapping[str, bytes], folder: Path) -> Row:

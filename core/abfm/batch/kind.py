@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -16,6 +17,7 @@ from abfm.functions import function
 from abfm.io import results
 from abfm.matching.judging.verdict import confirmed_mismatch
 from abfm.matching.path import PathStep
+from abfm.matching.solving.record import Iteration
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -27,11 +29,31 @@ if TYPE_CHECKING:
 _MESHES_KEPT = 3  # by a process, with what was computed from them
 
 
+@dataclass
+class Cost:
+    """What it takes to solve a row that is a match, told while it is solved; None is unknown."""
+
+    evaluations: int | None = None  # of energy and gradient, up to the last iterate
+    seconds_to_goal: float | None = None  # until the mismatch on the mesh itself was the goal
+
+    def watch(self, goal: float) -> Callable[[Iteration], None]:
+        """Return what is to be called after every iteration of a match."""
+        began = time.monotonic()
+
+        def heard(now: Iteration) -> None:
+            self.evaluations = now.evaluations
+            there = now.level == now.levels - 1 and now.mismatch <= goal
+            if there and self.seconds_to_goal is None:
+                self.seconds_to_goal = time.monotonic() - began
+
+        return heard
+
+
 class Prepared(NamedTuple):
     """What a row is when all is read: the name of its result, and what finds it."""
 
     digest: str
-    solve: Callable[[Control | None], Saved]
+    solve: Callable[[Control | None, Cost], Saved]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import os
 import secrets
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,6 +31,10 @@ class Record:
     reason: str = ""  # why it failed
     tries: int = 1  # in the run that wrote this
     seconds: float | None = None  # that solving took; None if it was there, or did not come so far
+    # of matches, as `Cost` has them; and whatever runs beside, as `RowProducts` has them, of rows
+    evaluations: int | None = None
+    seconds_to_goal: float | None = None
+    row_products: int | None = None
 
 
 @dataclass(frozen=True)
@@ -127,12 +131,7 @@ class Ledger:
     def record(self, row: Row, record: Record) -> Entry:
         """Write what is known of a row, and return it."""
         if record.reason:
-            record = Record(
-                record.digest,
-                one_line(record.reason, _LONGEST_REASON),
-                record.tries,
-                record.seconds,
-            )
+            record = replace(record, reason=one_line(record.reason, _LONGEST_REASON))
         self._write(self._place(row.key), asdict(record))
         return self.entry(row)
 

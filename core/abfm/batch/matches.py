@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm.batch.columns import parameters_in
-from abfm.batch.kind import Prepared, channels, mesh_of_row, weight
+from abfm.batch.kind import Cost, Prepared, channels, mesh_of_row, weight
 from abfm.errors import ParameterError, ResultError, one_line
 from abfm.matching import bounded, load_match
 from abfm.matching.match import match
@@ -59,8 +59,9 @@ def check_match(given: Mapping[str, Any]) -> None:
 
 
 def _matched(problem: Problem, most: float | None) -> Prepared:
-    def solve(control: Control | None) -> Saved:
-        found = match(problem, control=control)
+    def solve(control: Control | None, cost: Cost) -> Saved:
+        watch = cost.watch(problem.parameters.goal)
+        found = match(problem, on_iteration=watch, control=control)
         return found if most is None else bounded(found, most, control=control)
 
     if most is None:

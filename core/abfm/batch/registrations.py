@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from abfm.batch.columns import parameters_in
-from abfm.batch.kind import Prepared, channels, mesh_of_row, weight
+from abfm.batch.kind import Cost, Prepared, channels, mesh_of_row, weight
 from abfm.errors import ParameterError
 from abfm.matching.match import match
 from abfm.parameters import Parameters
@@ -25,7 +25,7 @@ def prepare_registration(row: Row) -> Prepared:
     """
     given = row.values()
 
-    def solve(control: Control | None) -> Saved:
+    def solve(control: Control | None, cost: Cost) -> Saved:
         a, b = (mesh_of_row(given[side], given) for side in "ab")
         sources, targets, weights = channels(given)
         prepared = prepare(
@@ -40,7 +40,8 @@ def prepare_registration(row: Row) -> Prepared:
             weights=weights or None,
         )
         parameters = replace(prepared.problem.parameters, **parameters_in(given))
-        found = match(prepared.problem.with_parameters(parameters), control=control)
+        watch, problem = cost.watch(parameters.goal), prepared.problem.with_parameters(parameters)
+        found = match(problem, on_iteration=watch, control=control)
         registration = prepared.matched_by(found)
         most = given.get("max-distortion")
         return registration if most is None else within(registration, most, control)

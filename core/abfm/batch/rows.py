@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Protocol
 from urllib.parse import unquote
 
 from abfm.batch.columns import absolute
-from abfm.batch.kind import Kind, Prepared
+from abfm.batch.kind import Cost, Kind, Prepared
 from abfm.batch.kinds import KINDS, kind_of_columns
 from abfm.errors import ParameterError, brief, did_you_mean
 from abfm.matching.problem import Problem
@@ -132,9 +132,9 @@ class Row:
         """Read what it names; an AbfmError tells why that cannot be."""
         return self.declared.prepare(self)
 
-    def solve(self, control: Control | None = None) -> Saved:
-        """Solve it here and now."""
-        return self.prepared().solve(control)
+    def solve(self, control: Control | None = None, cost: Cost | None = None) -> Saved:
+        """Solve it here and now, and tell what it costs."""
+        return self.prepared().solve(control, cost or Cost())
 
     def told(self) -> dict[str, Any]:
         """Return what it is made of, as plain lists and texts."""

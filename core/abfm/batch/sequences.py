@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm.batch.columns import parameters_in
-from abfm.batch.kind import Facts, Prepared, mesh_of_row, weight
+from abfm.batch.kind import Cost, Facts, Prepared, mesh_of_row, weight
 from abfm.errors import ParameterError, brief
 from abfm.io import results
 from abfm.sequences import CONFIRMED, GAMMA, defaults, read_frames, sequence
@@ -24,7 +24,7 @@ def prepare_sequence(row: Row) -> Prepared:
     """Name it by what the row and its files say."""
     given = row.values()
 
-    def solve(control: Control | None) -> Saved:
+    def solve(control: Control | None, cost: Cost) -> Saved:
         mesh = mesh_of_row(given["mesh"], given)
         film = read_frames(given["frames"], mesh, given.get("array"))
         step, times = given.get("dt"), film.times

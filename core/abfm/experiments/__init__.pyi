@@ -1,9 +1,15 @@
+from .by_batch import matches_of as matches_of
+from .by_batch import rows_of as rows_of
 from .vocabulary import Example as Example
 from .vocabulary import Findings as Findings
 from .vocabulary import Measure as Measure
+from .vocabulary import Script as Script
+from .vocabulary import Sought as Sought
 from .vocabulary import Stage as Stage
 from .vocabulary import as_match as as_match
 from .vocabulary import claim as claim
+from .vocabulary import example_of as example_of
 from .vocabulary import findings_of as findings_of
 from .vocabulary import script as script
+from .vocabulary import sought_by as sought_by
 from .vocabulary import stated_apart as stated_apart

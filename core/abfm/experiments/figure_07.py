@@ -4,7 +4,16 @@ import numpy as np
 
 from abfm import Problem, TriangleMesh, function
 from abfm.calculus import cotangent_laplacian, l2_norm, vertex_areas
-from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage, sized, witnessed
+from abfm.experiments.vocabulary import (
+    Example,
+    Findings,
+    Measure,
+    Script,
+    Sought,
+    Stage,
+    sized,
+    witnessed,
+)
 from abfm.io.sheets import Panel, Sheet, Values
 from abfm.mesh.shapes import five_limbs
 from abfm.parameters import TABLE_1
@@ -27,7 +36,7 @@ def figure_7(stage: Stage) -> Script:
     problem = Problem(mesh, f, g, p)
     yield Example(problem, name, (("eigenfunction:7", target),))
 
-    found = stage.match(problem)
+    [found] = yield [Sought(problem)]
     stage.report("verifying", 0.95)
     witnesses, label, note = witnessed(found)
     path = found.advect(np.linspace(0, p.tau, p.segments + 1))

@@ -5,7 +5,7 @@ import numpy as np
 from abfm import Flow, Problem, TriangleMesh, function
 from abfm.experiments import vocabulary as words
 from abfm.experiments.fields import root_mean_square, slopes, speed, stream_field
-from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage
+from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Sought, Stage
 from abfm.io.sheets import Panel, Sheet, Streaks, Values
 from abfm.parameters import TABLE_1
 from abfm.types import FloatArray
@@ -29,7 +29,7 @@ def figure_8(stage: Stage) -> Script:
     problem = Problem(mesh, f, g, parameters)
     yield Example(problem, name, ((source, "file:advected.npy"),))
 
-    found = stage.match(problem)
+    [found] = yield [Sought(problem)]
     stage.report("verifying", 0.95)
     witnesses, label, note = words.witnessed(found)
     velocity, given, matched = found.velocity[0], hidden.velocity[0], found.advected[:, 0]

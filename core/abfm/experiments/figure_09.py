@@ -11,7 +11,7 @@ from abfm.assets import asset_path
 from abfm.calculus import averaging, face_normals
 from abfm.calculus.geodesics import exact_distances
 from abfm.experiments import vocabulary as words
-from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage
+from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Sought, Stage
 from abfm.flow import flow_lines
 from abfm.functions import read_vertex_map
 from abfm.io.sheets import Coordinates, Panel, Sheet, Streaks, Values
@@ -38,14 +38,27 @@ def figure_9(stage: Stage) -> Script:
     example = scene.example(p)
     yield example
 
-    found = stage.match(example.problem, shares=(0.0, 0.3))
+    sought = [Sought(example.problem, share=0.3)]
+    if scene.rotates:
+        alone = scene.problem([scene.bump(scene.marks[0])], p)
+        uncooled = replace(p, cooling_stages=1, iterations=min(p.iterations, 150))
+        hotter = scene.problem(scene.places(), uncooled)
+        sought += [Sought(alone, "one function", 0.2), Sought(hotter, "without cooling", 0.25)]
+    if stage.mesh is None:
+        # a function and its mirror image, and the mirror as a map, which is out of reach
+        short = replace(p, iterations=15) if stage.small else p
+        human = words.bundled("human_A.off")
+        mirror = Symmetric(human, "human_A.off", maps.detect_symmetry(human, "mirror"))
+        mirrored = mirror.problem(mirror.places(), short)
+        sought.append(Sought(mirror.example(short).problem, "mirror", 0.1))
+        sought.append(Sought(mirrored, "mirror, as a map", 0.1))
+    found, *others = yield sought
+
+    stage.report("following the map", 0.95)
     rows, measures = [function_row(found), scene.map_row(found)], scene.measured(found)
     judged = words.maps_of_flow(found, "the map", _MEASURED)
     if scene.rotates:
-        alone = scene.problem([scene.bump(scene.marks[0])], p)
-        one = stage.match(alone, "one function", (0.35, 0.5))
-        uncooled = replace(p, cooling_stages=1, iterations=min(p.iterations, 150))
-        hot = stage.match(scene.problem(scene.places(), uncooled), "without cooling", (0.5, 0.75))
+        one, hot = others[:2]
         of_one, of_hot = scene.mean_errors(one, hot)
         energies = [match.energy_history[-1, 0] for match in (hot, found)]
         measures += [
@@ -55,13 +68,8 @@ def figure_9(stage: Stage) -> Script:
             Measure("map error without cooling, mean", of_hot),
         ]
     if stage.mesh is None:
-        # a function and its mirror image, and the mirror as a map, which is out of reach
-        p = replace(p, iterations=15) if stage.small else p
-        human = words.bundled("human_A.off")
-        mirror = Symmetric(human, "human_A.off", maps.detect_symmetry(human, "mirror"))
+        bumps, as_map = others[-2:]
         image = mirror.symmetry.vertex_map
-        bumps = stage.match(mirror.example(p).problem, "mirror", (0.75, 0.85))
-        as_map = stage.match(mirror.problem(mirror.places(), p), "mirror, as a map", (0.85, 1.0))
         of_bumps, of_map = mirror.mean_errors(bumps, as_map)
         other = read_vertex_map(human, str(asset_path("human.symperm.txt"))) != image
         goal = Panel(human, Coordinates(human.vertices[image]), "the mirror as a map", "target")
@@ -91,7 +99,8 @@ def figure_10(stage: Stage) -> Script:
     example = scene.example(TABLE_1[10].parameters(iterations=iterations))
     yield example
 
-    found = stage.match(example.problem, shares=(0.0, 0.9))
+    [found] = yield [Sought(example.problem, share=0.9)]
+    stage.report("following the map", 0.9)
     of_maps, notes = words.map_findings(words.maps_of_flow(found, "the map", _MEASURED))
     sides, normals = mesh.edge_faces[~mesh.is_boundary_edge], face_normals(mesh)
     steep = (normals[sides[:, 0]] * normals[sides[:, 1]]).sum(axis=1) < np.cos(np.pi / 4)

@@ -2,6 +2,7 @@
 those of the true map, cut off at more. ``docs/figures/figure-13.md`` says how maps are read off.
 """
 
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from abfm import Match, MeshError, PointMap, Problem, TriangleMesh, advect, maps
 from abfm.baselines.reduced_basis import ReducedEnergy, ReducedMatch, reduced_match
 from abfm.calculus import l2_norm, unit_eigenbasis, vertex_areas
 from abfm.experiments import vocabulary as words
-from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Stage
+from abfm.experiments.vocabulary import Example, Findings, Measure, Script, Sought, Stage
 from abfm.flow import flow_lines
 from abfm.io.sheets import Checker, Curve, Panel, Plot, Sheet, Values
 from abfm.maps import MapQuality, SurfacePoints, functional_map, point_map
@@ -44,6 +45,7 @@ _PAIRS = (  # a map with a flow, and what the same data give without one, read o
     (AGAIN + NEIGHBOURS, ZOOM_OUT),
 )
 _ALL_UP_TO, _MEASURED = 1500, 500  # vertices whose errors are measured
+_FROM = {BOTH: START, AGAIN: ZOOM_OUT}  # matches that begin at maps
 _BOUND = 0.05
 _ERRORS = np.linspace(0, 0.15, 301)
 
@@ -56,7 +58,7 @@ def figure_11(stage: Stage) -> Script:
     yield example
 
     a, b, problem = poses.a, poses.b, example.problem
-    found = stage.match(problem, "matching two functions", (0.0, 1.0))
+    [found] = yield [Sought(problem, "matching two functions")]
     of_maps, notes = words.map_findings(words.maps_of_flow(found, "the flow on B"))
     weights = vertex_areas(b.normalized())
     before, after = (
@@ -91,7 +93,7 @@ def figure_12(stage: Stage) -> Script:
     yield example
 
     a, b, problem = poses.a, poses.b, example.problem
-    found = compare(poses, problem, stage)
+    found = yield from compare(poses, problem, stage)
     source, target = problem.source, problem.target
     longest, second, _ = by_extent(a).tolist()
 
@@ -138,7 +140,7 @@ def figure_13(stage: Stage) -> Script:
     example = poses.example(TABLE_1[12], [0, 1, 2], stage.small)
     yield example
 
-    found = compare(poses, example.problem, stage)
+    found = yield from compare(poses, example.problem, stage)
     most = _ALL_UP_TO if len(poses.b.vertices) <= _ALL_UP_TO else _MEASURED
     accuracies = {}
     for number, (name, points) in enumerate(found.maps.items()):
@@ -291,27 +293,55 @@ class Comparison:
     setting: str
 
 
-def compare(poses: Poses, problem: Problem, stage: Stage) -> Comparison:
-    """Match by all methods; kept with the mesh, so that the second figure need not wait."""
-    a, b, p, k = poses.a, poses.b, problem.parameters, len(poses.wanted)
-    key = (__name__, p, poses.wanted.shape)
+def compare(
+    poses: Poses, problem: Problem, stage: Stage
+) -> Generator[Sequence[Sought], Sequence[Match], Comparison]:
+    """Match by all methods, as a part of a script; kept with the mesh for the other figure."""
+    b, key = poses.b, (__name__, problem.parameters, poses.wanted.shape)
     if key in b.cache:
-        kept: Comparison = b.cache[key]
-        return kept
-    source, target, longest = problem.source, problem.target, by_extent(a)[:1]
-    alone = Problem(b, source[:, longest], target[:, longest], p)
-    one = stage.match(alone, "matching one function", (0.0, 0.2))
-    three = stage.match(problem, "matching three functions", (0.2, 0.4))
-    read = without_flow(poses, target)
-    cut = cut_off(a, k)
-    for name, start, text, shares in (
-        (BOTH, poses.start, "matching three functions, cut off", (0.4, 0.6)),
-        (AGAIN, read[ZOOM_OUT], "refining a good map", (0.6, 0.8)),
-    ):
-        # sources are cut off as the targets are, so that a true start has nothing to correct
-        found = stage.match(Problem(b, start.pull_back(cut), target, p), text, shares)
+        yield ()
+    else:
+        without = without_flow(poses, problem.target)
+        matches = yield sought_on(poses, problem, without)
+        if key not in b.cache:  # by the other figure meanwhile
+            b.cache[key] = compared(poses, problem, stage, without, matches)
+    kept: Comparison = b.cache[key]
+    return kept
+
+
+def sought_on(poses: Poses, problem: Problem, without: Mapping[str, PointMap]) -> list[Sought]:
+    """Return the matches that are compared: one function, all, and all cut off by each of `_FROM`.
+
+    There sources are cut off as the targets are, so that a true start has nothing to correct.
+    """
+    b, p, target, longest = poses.b, problem.parameters, problem.target, by_extent(poses.a)[:1]
+    alone = Problem(b, problem.source[:, longest], target[:, longest], p)
+    cut = cut_off(poses.a, len(poses.wanted))
+    by_both, again = (
+        Problem(b, without[start].pull_back(cut), target, p) for start in _FROM.values()
+    )
+    return [
+        Sought(alone, "matching one function", 0.2),
+        Sought(problem, "matching three functions", 0.2),
+        Sought(by_both, "matching three functions, cut off", 0.2),
+        Sought(again, "refining a good map", 0.2),
+    ]
+
+
+def compared(
+    poses: Poses,
+    problem: Problem,
+    stage: Stage,
+    without: Mapping[str, PointMap],
+    matches: Sequence[Match],
+) -> Comparison:
+    """Read the maps off the matches that were `sought_on`, and match in the reduced basis."""
+    a, b, p, k, source = poses.a, poses.b, problem.parameters, len(poses.wanted), problem.source
+    one, three, *others = matches
+    read = dict(without)
+    for (name, start), found in zip(_FROM.items(), others, strict=True):
         read[name] = closest_cut_off(poses, found.advected)
-        read |= by_flow(start, k, name, found)
+        read |= by_flow(without[start], k, name, found)
     stage.report("matching in a reduced basis", 0.8)
     count, begin = min(_FIELDS, k // 2), functional_map(poses.start, k)
     reduced = reduced_match(ReducedEnergy(b, begin, poses.wanted, replace(p, sigma=_SIGMA), count))
@@ -334,10 +364,7 @@ def compare(poses: Poses, problem: Problem, stage: Stage) -> Comparison:
         "targets are; the start map composed with exact flow lines; or nearest neighbours by "
         "the flow's functional map"
     )
-    b.cache[key] = compared = Comparison(
-        one, three, one_carries, reduced, reduced_functions, read, qualities, setting
-    )
-    return compared
+    return Comparison(one, three, one_carries, reduced, reduced_functions, read, qualities, setting)
 
 
 def without_flow(poses: Poses, target: FloatArray) -> dict[str, PointMap]:

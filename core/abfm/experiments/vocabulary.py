@@ -1,4 +1,8 @@
-"""The words of a figure's script: it yields its problem, then computes, measures and draws."""
+"""The words of a figure's script: it yields its problem and what is to be matched, then computes,
+measures and draws.
+"""
+
+from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -41,21 +45,26 @@ class Stage:
         """Return the mesh that is given and its name, or else the figure's own."""
         return (make(*arguments), name) if self.mesh is None else (self.mesh, self.name)
 
-    def match(
-        self,
-        problem: Problem,
-        text: str = "matching",
-        shares: tuple[float, float] = (0.0, 0.95),
-        on_iteration: Callable[[Iteration], None] = lambda now: None,
-    ) -> Match:
-        """Match, and report of it from one share to another."""
-        limit, (begin, end) = max(problem.parameters.iterations, 1), shares
+    def match(self, sought: Sequence[Sought]) -> list[Match]:
+        """Match one after the other, here and now, and report of it."""
+        found, begin = list[Match](), 0.0
+        for each in sought:
+            found.append(match(each.problem, on_iteration=self._heard(each, begin)))
+            begin += each.share
+        return found
 
-        def heard(now: Iteration) -> None:
-            on_iteration(now)
-            self.report(text, begin + (end - begin) * now.iteration / limit)
+    def _heard(self, sought: Sought, begin: float) -> Callable[[Iteration], None]:
+        limit = max(sought.problem.parameters.iterations, 1)
+        return lambda now: self.report(sought.text, begin + sought.share * now.iteration / limit)
 
-        return match(problem, on_iteration=heard)
+
+@dataclass(frozen=True, eq=False)
+class Sought:
+    """A match that a script waits for, in a few words, and its share in the figure's work."""
+
+    problem: Problem
+    text: str = "matching"
+    share: float = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +133,10 @@ class Findings:
     setting: str
 
 
-Script = Generator[Example, None, Findings]
-
+Script = Generator[Example | Sequence[Sought], Sequence[Match], Findings]
+"""It yields its `Example` and then, unless that has a flow, all matches that it waits for, which it
+is sent in their order: whoever runs it has them found, as one likes.
+"""
 
 _TOGETHER = {3: 1, 10: 9, 12: 11, 13: 11}  # figures in the module of another
 _CLAIMS = {
@@ -165,14 +176,30 @@ def claim(figure: int) -> str:
     return _CLAIMS[figure]
 
 
-def findings_of(script: Script) -> Findings:
-    """Run a script to its end."""
-    while True:
-        try:
-            next(script)
-        except StopIteration as end:
-            found: Findings = end.value
-            return found
+def example_of(script: Script) -> Example:
+    """Begin a script: what it is about."""
+    example = next(script)
+    assert isinstance(example, Example)
+    return example
+
+
+def sought_by(script: Script) -> Sequence[Sought]:
+    """Run a script, from its beginning, until it waits for matches."""
+    if example_of(script).flow is not None:
+        return ()
+    sought = next(script)
+    assert not isinstance(sought, Example)
+    return sought
+
+
+def findings_of(script: Script, matches: Sequence[Match]) -> Findings:
+    """Run a script to its end, with the matches that it waits for."""
+    try:
+        script.send(matches)
+    except StopIteration as end:
+        found: Findings = end.value
+        return found
+    raise AssertionError("a script waits once")
 
 
 def stated_apart(figure: int) -> tuple[Example, Match | None]:
@@ -185,7 +212,7 @@ def stated_apart(figure: int) -> tuple[Example, Match | None]:
 
 
 def _stated(_: None, figure: int) -> tuple[Example, Match | None]:
-    example = next(script(figure, Stage()))
+    example = example_of(script(figure, Stage()))
     return example, as_match(example)
 
 

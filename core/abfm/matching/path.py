@@ -83,9 +83,17 @@ def path_arrays(path: Sequence[PathStep], own: int, mesh: TriangleMesh) -> dict[
     arrays: dict[str, Any] = {"path_steps": rows, "path_step": own}
     others = [each.velocity for number, each in enumerate(path) if number != own]
     if others:
-        fields = np.concatenate(others, axis=1) / mesh.length_scale
-        arrays["path_velocity"] = fields.astype(np.float32)
+        arrays["path_velocity"] = _single(np.concatenate(others, axis=1), mesh)
     return arrays
+
+
+def as_kept(velocity: FloatArray, mesh: TriangleMesh) -> FloatArray:
+    """Return fields (N, 4^k F, 3) as files keep those of steps that are not the match's own."""
+    return _single(velocity, mesh).astype(np.float64) * mesh.length_scale
+
+
+def _single(velocity: FloatArray, mesh: TriangleMesh) -> NDArray[np.float32]:
+    return (velocity / mesh.length_scale).astype(np.float32)
 
 
 def path_of(

@@ -15,7 +15,7 @@ import numpy as np
 
 from abfm.batch import Row, columns
 from abfm.batch.columns import SPEC, Column, Rename
-from abfm.batch.kind import Kind, Prepared, mesh_of_row
+from abfm.batch.kind import Cost, Kind, Prepared, mesh_of_row
 from abfm.errors import ParameterError, ResultError, brief
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.io import results
@@ -121,7 +121,7 @@ def _renamed_functions(text: str, rename: Rename) -> str:
 def _prepare(row: Row) -> Prepared:
     given = row.values()
 
-    def solve(control: Control | None) -> Carried:
+    def solve(control: Control | None, cost: Cost) -> Carried:
         with controlled(control or Control()):
             template = mesh_of_row(given["template"], given)
             own = Own.of(

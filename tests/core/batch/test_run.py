@@ -8,7 +8,7 @@ import pytest
 
 import abfm
 from abfm.assets import asset_path
-from abfm.batch import Cluster, Ledger, Row, kind_of_columns, run
+from abfm.batch import Cluster, Cost, Ledger, Row, kind_of_columns, run
 from abfm.batch.attempt import Task, attempt
 from abfm.batch.run import ENDED, seen_here
 from abfm.errors import ParameterError, ResultError
@@ -88,6 +88,21 @@ def test_results_are_what_is_solved_alone_and_are_named_by_their_problem(done, t
     assert (facts.verdict, facts.reason) == (match.verdict.kind, match.verdict.reason)
     assert facts.confirmed == match.confirmed_mismatch
     assert facts.folded == match.folded
+
+
+def test_what_it_cost_is_known_beside_the_result(done):
+    by_name = {entry.row.name: entry for entry in done[2]}
+    match, cost = by_name["first"].load(), by_name["first"].record
+    assert cost.evaluations > len(match.energy_history) - 1
+    assert cost.row_products > cost.evaluations * len(match.mesh.vertices)
+    assert cost.row_products % len(match.mesh.vertices) == 0
+    assert by_name["both"].record.evaluations > 0
+    assert by_name["far"].record.evaluations is None
+    assert match.mismatch > match.parameters.goal
+    assert cost.seconds_to_goal is None
+    easy = Cost()
+    pair(target=1, goal=1).solve(cost=easy)  # beside the source
+    assert easy.seconds_to_goal > 0
 
 
 def test_a_registration_is_what_register_finds(done, tmp_path):

@@ -3,7 +3,7 @@
 import math
 from functools import cache
 
-from abfm.experiments import Stage, script
+from abfm.experiments import Stage, example_of, findings_of, script
 
 
 def quiet(text, share):
@@ -13,17 +13,16 @@ def quiet(text, share):
 
 
 def stated(figure, mesh=None):
-    return next(script(figure, Stage(mesh, small=True)))
+    return example_of(script(figure, Stage(mesh, small=True)))
 
 
 def run(figure, mesh=None):
     """What a figure is about and what it finds, all of it finite."""
-    whole = script(figure, Stage(mesh, small=True, report=quiet))
-    example = next(whole)
-    try:
-        next(whole)
-    except StopIteration as end:
-        findings = end.value
+    stage = Stage(mesh, small=True, report=quiet)
+    whole = script(figure, stage)
+    example = example_of(whole)
+    matches = stage.match(next(whole)) if example.flow is None else ()
+    findings = findings_of(whole, matches)
     assert all(math.isfinite(measure.to_dict()["value"]) for measure in findings.measures)
     return example, findings
 

@@ -37,7 +37,8 @@ def small(monkeypatch):
 @pytest.fixture
 def known(small, monkeypatch):
     """What 7 finds on its own mesh is at hand."""
-    monkeypatch.setattr(experiments, "findings_of", lambda script: ran(7)[1])
+    monkeypatch.setattr(experiments, "sought_by", lambda script: ())
+    monkeypatch.setattr(experiments, "findings_of", lambda script, matches: ran(7)[1])
 
 
 def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, abfm):
@@ -65,7 +66,7 @@ def test_outputs_say_what_the_sheet_does_also_without_opengl(known, tmp_path, ab
     assert "Figure 7" in (tmp_path / "index.html").read_text()
     found = ran(7)[1]
     noted = replace(found, sheet=replace(found.sheet, notes=("no map",)))
-    monkeypatch.setattr(experiments, "findings_of", lambda script: noted)
+    monkeypatch.setattr(experiments, "findings_of", lambda script, matches: noted)
     said = abfm(f"figure all --out {tmp_path} --quiet")
     assert "no map" in json.loads((tmp_path / "figure-7.json").read_text())["notes"]
     assert "no map" in (tmp_path / "index.html").read_text()
@@ -75,6 +76,26 @@ def test_outputs_say_what_the_sheet_does_also_without_opengl(known, tmp_path, ab
     bare = tmp_path / "bare"
     assert "cannot draw without OpenGL" in abfm(f"figure 7 --out {bare} --quiet").err
     assert [path.name for path in bare.iterdir()] == ["figure-7.json"]
+
+
+def test_all_are_matched_by_a_batch_and_nothing_twice(small, tmp_path, abfm, monkeypatch):
+    monkeypatch.setattr(pictures, "figure_picture", lambda *sheet: Image.new("RGB", (4, 3)))
+    words = f"figure all --out {tmp_path} --jobs 1"
+    first = abfm(words)
+    assert "1 of 1: figure 7, matching: " in first.err
+    described = json.loads((tmp_path / "figure-7.json").read_text())
+    # in this process or in another one, solved or read: the same numbers
+    assert described["measures"] == [measure.to_dict() for measure in ran(7)[1].measures]
+    [result] = (tmp_path / "matches").glob("*.npz")
+    assert result.stem == ran(7)[0].problem.digest
+    before = result.read_bytes()
+    again = abfm(words)
+    assert "1 of 1 row are there already" in again.err
+    assert again.out == first.out
+    result.unlink()
+    assert abfm(f"figure 7 --out {tmp_path} --jobs 1 --quiet").err == ""
+    assert result.read_bytes() == before
+    assert json.loads((tmp_path / "figure-7.json").read_text()) == described
 
 
 def test_another_mesh_stands_upright_or_is_refused_with_the_reason(small, tmp_path, abfm):

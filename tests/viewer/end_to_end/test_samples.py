@@ -9,7 +9,7 @@ from PIL import Image
 
 from abfm import load_mesh
 from abfm.assets import asset_names, asset_path
-from abfm.experiments import Stage, as_match, script
+from abfm.experiments import Stage, as_match, example_of, script
 from abfm.parameters import FIGURES
 from abfm_viewer.appearance.samples import (
     CORTEX,
@@ -49,7 +49,7 @@ def wait(gui, condition, seconds=60):
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_figure_is_ready_to_match(samples, figure, monkeypatch):
-    example = next(script(figure, Stage()))
+    example = example_of(script(figure, Stage()))
     problem, flow = example.problem, example.flow
     if figure not in APART:
         received = pickle.loads(pickle.dumps((example, as_match(example))))

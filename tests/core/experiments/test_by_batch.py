@@ -1,0 +1,42 @@
+"""What a script waits for, matched by a batch: the same findings, bit for bit."""
+
+import pytest
+
+from abfm import AbfmError, batch
+from abfm.batch import Cluster
+from abfm.batch.ledger import Record
+from abfm.experiments import Stage, findings_of, matches_of, rows_of, script, sought_by
+from tests.core.experiments.small import run, values
+from tests.shapes import torus
+
+MESH = torus(16, 8)
+
+
+@pytest.fixture
+def waiting():
+    """A script with several stages, and what it waits for."""
+    whole = script(1, Stage(MESH, small=True))
+    return whole, sought_by(whole)
+
+
+def test_findings_do_not_tell_whether_a_match_was_read(waiting, tmp_path):
+    whole, sought = waiting
+    rows = rows_of(1, sought, tmp_path)
+    entries = batch.run(rows, tmp_path, Cluster(jobs=1))
+    assert entries[0].digest == sought[0].problem.digest
+    matches = matches_of(sought, entries)
+    assert matches[0].problem is sought[0].problem
+    found = values(findings_of(whole, matches))
+    assert sum(name.startswith("drift of the mass at tau") for name in found) == 2
+    assert found == values(run(1, MESH)[1])
+
+
+def test_what_was_not_matched_is_told(waiting, tmp_path):
+    _, sought = waiting
+    rows, ledger = rows_of(1, sought, tmp_path), batch.Ledger(tmp_path)
+    ledger.make()
+    with pytest.raises(AbfmError, match="it has not been matched"):
+        matches_of(sought, ledger.entries(rows))
+    lost = ledger.record(rows[0], Record(reason="no memory"))
+    with pytest.raises(AbfmError, match=r"^no memory$"):
+        matches_of(sought, [lost])
