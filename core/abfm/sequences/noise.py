@@ -6,6 +6,8 @@ from scipy import sparse
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import BoolArray, FloatArray
 
+_ROUNDED = 1e-12  # of the largest value: less is rounding
+
 
 def noise(
     mesh: TriangleMesh, functions: FloatArray, seen: BoolArray | slice = slice(None)
@@ -17,12 +19,22 @@ def noise(
     noise [after Immerkær, Computer Vision and Image Understanding 64 (1996)]; the median over
     vertices is taken, so that jumps do not count.
     """
-    apart = functions - (_means(mesh) @ functions.reshape(-1, functions.shape[-1]).T).T.reshape(
-        functions.shape
-    )
-    alone = np.abs(apart) / np.sqrt(1 + 1 / _neighbours(mesh))
-    usual = np.median(alone[..., seen], axis=-1)
+    usual = np.median(_alone(mesh, functions)[..., seen], axis=-1)
     return np.asarray(usual / 0.6744897501960817)  # of a normal distribution's deviation
+
+
+def flat(mesh: TriangleMesh, functions: FloatArray) -> BoolArray:
+    """Return where functions (..., V) are as their neighbours, (..., V): noise never is, but what
+    was put in place of values is.
+    """
+    sizes = np.abs(functions).max(axis=-1, keepdims=True)
+    return np.asarray(_alone(mesh, functions) <= _ROUNDED * sizes)
+
+
+def _alone(mesh: TriangleMesh, functions: FloatArray) -> FloatArray:
+    rows = functions.reshape(-1, functions.shape[-1])
+    apart = functions - (_means(mesh) @ rows.T).T.reshape(functions.shape)
+    return np.asarray(np.abs(apart) / np.sqrt(1 + 1 / _neighbours(mesh)))
 
 
 @per_mesh

@@ -32,7 +32,7 @@ from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import Frames, checked
 from abfm.sequences.solve import WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
-from abfm.sequences.verdicts import CONFIRMED, noise_floor, verdict_of
+from abfm.sequences.verdicts import CONFIRMED, noise_floor, noise_levels, verdict_of
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
 from abfm.workers.progress import step
@@ -92,7 +92,8 @@ class Sequence:
         Of each interval, as in `Match`: by the discrete flow, by flow lines, and the share of faces
         that these fold; NaN where unknown.
     noise : float
-        What independent noise on vertices leaves of any interval, at most, as a mismatch.
+        What independent noise on vertices leaves of an interval, at most, as a mismatch: the median
+        over intervals, of which each is judged by its own.
     verdicts : tuple of Verdict
         What each interval came to.
     sigma : float
@@ -367,20 +368,19 @@ def _told(solver: Solver) -> Sequence:
     }
     velocity = to_ambient(film.mesh, solver.fields) * unit
     velocity.flags.writeable = False
-    floor = noise_floor(film)
-    known = zip(said, solver.found.tolist(), strict=True)
-    verdicts = tuple(
-        verdict_of(film.problem(i, solver.parameters(i)), each, floor, found)
-        for i, (each, found) in enumerate(known)
-    )
+    levels, floors, verdicts = noise_levels(film), list[float](), list[Verdict]()
+    for i, each in enumerate(said):
+        problem = film.problem(i, solver.parameters(i))
+        floors.append(noise_floor(problem.functions, levels))
+        verdicts.append(verdict_of(problem, each, levels, bool(solver.found[i])))
     return Sequence(
         _frames=film,
         velocity=velocity,
         parameters=solver.given,
         gamma=solver.gamma,
         sigma=float(solver.sigma),
-        noise=floor,
-        verdicts=verdicts,
+        noise=float(np.median(floors)),
+        verdicts=tuple(verdicts),
         **numbers,
     )
 
