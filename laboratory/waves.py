@@ -22,33 +22,21 @@ from time import perf_counter
 import numpy as np
 
 from abfm import TriangleMesh, load_mesh, sequence
-from abfm.baselines import horn_schunck
 from abfm.calculus import eigenbasis
 from abfm.calculus.operators import edge_lengths, face_areas, gradient
 from abfm.calculus.vector_fields import to_ambient
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.types import BoolArray, FloatArray
 from laboratory.common import put_between, told_table
+from laboratory.motion import HEADS, Result, angles, compared
 
 KINDS = ("travelling", "rotating", "source and sink")
 NOISES = (0.0, 0.1, 0.3)  # standard deviation, of the frames'
 DISPLACEMENTS = (0.5, 1.0, 2.0, 4.0)  # root mean square from frame to frame, in mean edges
-SMOOTHNESS = (0.001, 0.01, 0.1, 1.0)  # of Horn-Schunck, of which the best is told
 FRAMES, WAVELENGTH = 6, 16.0  # mean edges, where the phase has its mean slope
 MARKS = ("<!-- tables of laboratory.waves -->", "<!-- end of the tables -->")
 _FLAT = 0.5  # of the root mean square of the slope: less is not told
 _SLOW = 0.2  # the same of the speed
-_HEADS = (
-    "wave",
-    "noise",
-    "edges",
-    "Horn-Schunck",
-    "frame by frame",
-    "together",
-    "Horn-Schunck",
-    "frame by frame",
-    "together",
-)
 
 
 @dataclass(frozen=True)
@@ -106,24 +94,8 @@ class Wave:
         told = self.told(frame)
         a, b = found[told], self.field[told]
         sizes, wanted = (np.linalg.norm(v, axis=1) for v in (a, b))
-        cosines = np.einsum("fx,fx->f", a, b) / np.maximum(sizes * wanted, 1e-300)
-        angles = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
-        return float(np.median(angles)), float(np.median(np.abs(sizes - wanted) / wanted))
-
-
-@dataclass(frozen=True)
-class Result:
-    """Errors (3, 2) of Horn-Schunck, frame by frame, and together: angle and speed."""
-
-    kind: str
-    noise: float
-    displacement: float
-    errors: FloatArray
-
-    def row(self) -> list[str]:
-        angles, speeds = self.errors.T
-        head = [self.kind, f"{100 * self.noise:g}%", f"{self.displacement:g}"]
-        return [*head, *(f"{x:.1f}°" for x in angles), *(f"{100 * x:.1f}%" for x in speeds)]
+        off = np.abs(sizes - wanted) / wanted
+        return float(np.median(angles(a, b))), float(np.median(off))
 
 
 def measured(mesh: TriangleMesh) -> Iterator[Result]:
@@ -136,22 +108,8 @@ def measured(mesh: TriangleMesh) -> Iterator[Result]:
             for noise in NOISES:
                 rng = np.random.default_rng(0)
                 scatter = noise * wave.frames.std() * rng.standard_normal(wave.frames.shape)
-                yield Result(kind, noise, displacement, _errors(wave, wave.frames + scatter))
-
-
-def _errors(wave: Wave, frames: FloatArray) -> FloatArray:
-    steps = range(len(frames) - 1)
-    linear = [
-        [wave.errors(i, horn_schunck(wave.mesh, frames[i], frames[i + 1], 1.0, s)) for i in steps]
-        for s in SMOOTHNESS
-    ]
-    means = np.mean(linear, axis=1)  # (S, 2)
-    best = means[means.prod(axis=1).argmin()]
-    alone, together = (
-        np.mean([wave.errors(i, found.velocity[i]) for i in steps], axis=0)
-        for found in (sequence(wave.mesh, frames, gamma=gamma) for gamma in (0.0, 1.0))
-    )
-    return np.array([best, alone, together])
+                errors = compared(mesh, wave.frames + scatter, wave.errors)
+                yield Result(kind, noise, displacement, errors)
 
 
 def drawn(results: list[Result], path: Path) -> None:
@@ -254,7 +212,7 @@ def main() -> None:
                 yield result.row()
 
         parts.append("Median errors of the angle (first three), and of the speed:")
-        parts.append(told_table(_HEADS, rows()))
+        parts.append(told_table(("wave", *HEADS), rows()))
         if given.picture:
             drawn(results, given.picture)
     if given.film:
