@@ -14,7 +14,7 @@ import argparse
 import resource
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
@@ -25,7 +25,6 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm import TriangleMesh, load_mesh, sequence
-from abfm.baselines import horn_schunck
 from abfm.batch import Cluster, Row, run
 from abfm.calculus import eigenbasis
 from abfm.calculus.operators import edge_lengths, face_areas, gradient
@@ -33,27 +32,15 @@ from abfm.calculus.vector_fields import to_ambient
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.types import BoolArray, FloatArray
 from laboratory.common import put_between, told_table
+from laboratory.motion import GAMMAS, HEADS, Result, angles, compared
 
 KINDS = ("travelling", "rotating", "source and sink")
 NOISES = (0.0, 0.1, 0.3)  # standard deviation, of the frames'
 DISPLACEMENTS = (0.5, 1.0, 2.0, 4.0)  # root mean square from frame to frame, in mean edges
-GAMMAS = (0.0, 1.0)  # frame by frame, and together
-SMOOTHNESS = (0.001, 0.01, 0.1, 1.0)  # of Horn-Schunck, of which the best is told
 FRAMES, WAVELENGTH = 6, 16.0  # mean edges, where the phase has its mean slope
 MARKS = ("<!-- tables of laboratory.waves -->", "<!-- end of the tables -->")
 _FLAT = 0.5  # of the root mean square of the slope: less is not told
 _SLOW = 0.2  # the same of the speed
-_HEADS = (
-    "wave",
-    "noise",
-    "edges",
-    "Horn-Schunck",
-    "frame by frame",
-    "together",
-    "Horn-Schunck",
-    "frame by frame",
-    "together",
-)
 
 
 @dataclass(frozen=True)
@@ -111,24 +98,8 @@ class Wave:
         told = self.told(frame)
         a, b = found[told], self.field[told]
         sizes, wanted = (np.linalg.norm(v, axis=1) for v in (a, b))
-        cosines = np.einsum("fx,fx->f", a, b) / np.maximum(sizes * wanted, 1e-300)
-        angles = np.degrees(np.arccos(np.clip(cosines, -1, 1)))
-        return float(np.median(angles)), float(np.median(np.abs(sizes - wanted) / wanted))
-
-
-@dataclass(frozen=True)
-class Result:
-    """Errors (3, 2) of Horn-Schunck, frame by frame, and together: angle and speed."""
-
-    kind: str
-    noise: float
-    displacement: float
-    errors: FloatArray
-
-    def row(self) -> list[str]:
-        angles, speeds = self.errors.T
-        head = [self.kind, f"{100 * self.noise:g}%", f"{self.displacement:g}"]
-        return [*head, *(f"{x:.1f}°" for x in angles), *(f"{100 * x:.1f}%" for x in speeds)]
+        off = np.abs(sizes - wanted) / wanted
+        return float(np.median(angles(a, b))), float(np.median(off))
 
 
 class Noisy(NamedTuple):
@@ -159,32 +130,14 @@ def noisy(mesh: TriangleMesh) -> Iterator[Noisy]:
 
 
 def measured(surface: Path, folder: Path, cluster: Cluster) -> Iterator[Result]:
-    """Measure all waves, whose films are solved by a batch and kept in a folder; what Horn-Schunck
-    has is that of the smoothness that is best for the wave, by the known field.
-    """
+    """Measure all waves, whose films are solved by a batch and kept in a folder."""
     waves = [*noisy(load_mesh(surface))]
     rows = [row for each in waves for row in each.rows(surface, folder)]
     entries = iter(run(rows, folder, cluster, on_change=lambda e: print(e.row.name, flush=True)))
     for each in waves:
-        wave, found = each.wave, [next(entries).load().velocity for _ in GAMMAS]
-        yield Result(wave.kind, each.noise, wave.displacement, _errors(wave, each.frames, found))
-
-
-def _errors(wave: Wave, frames: FloatArray, found: Sequence[FloatArray]) -> FloatArray:
-    """Return errors (3, 2), with the fields (T - 1, F, 3) that were found frame by frame, and
-    together.
-    """
-    steps = range(len(frames) - 1)
-    linear = [
-        [wave.errors(i, horn_schunck(wave.mesh, frames[i], frames[i + 1], 1.0, s)) for i in steps]
-        for s in SMOOTHNESS
-    ]
-    means = np.mean(linear, axis=1)  # (S, 2)
-    best = means[means.prod(axis=1).argmin()]
-    alone, together = (
-        np.mean([wave.errors(i, velocity[i]) for i in steps], axis=0) for velocity in found
-    )
-    return np.array([best, alone, together])
+        wave, found = each.wave, [next(entries).load() for _ in GAMMAS]
+        errors = compared(found, wave.errors)
+        yield Result(wave.kind, each.noise, wave.displacement, errors)
 
 
 def drawn(results: list[Result], path: Path) -> None:
@@ -291,7 +244,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(given.folder or temporary)
             folder.mkdir(parents=True, exist_ok=True)
-            parts.append(told_table(_HEADS, rows(folder)))
+            parts.append(told_table(("wave", *HEADS), rows(folder)))
         if given.picture:
             drawn(results, given.picture)
     if given.film:

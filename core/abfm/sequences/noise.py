@@ -3,8 +3,12 @@
 import numpy as np
 from scipy import sparse
 
+from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh, per_mesh
+from abfm.sequences.frames import Frames
 from abfm.types import BoolArray, FloatArray
+
+_ROUNDED = 1e-12  # of the largest value: less is rounding
 
 
 def noise(
@@ -17,12 +21,45 @@ def noise(
     noise [after Immerkær, Computer Vision and Image Understanding 64 (1996)]; the median over
     vertices is taken, so that jumps do not count.
     """
-    apart = functions - (_means(mesh) @ functions.reshape(-1, functions.shape[-1]).T).T.reshape(
-        functions.shape
-    )
-    alone = np.abs(apart) / np.sqrt(1 + 1 / _neighbours(mesh))
-    usual = np.median(alone[..., seen], axis=-1)
+    usual = np.median(_alone(mesh, functions)[..., seen], axis=-1)
     return np.asarray(usual / 0.6744897501960817)  # of a normal distribution's deviation
+
+
+def noise_levels(frames: Frames) -> FloatArray:
+    """Return the standard deviation of independent noise of each channel at each vertex, (C, V):
+    one for all that are compared, and 0 where no frame has any, as activity below a threshold.
+    """
+    mesh, rows = frames.mesh, [np.ascontiguousarray(frame.T) for frame in frames.values]
+    noisy = ~np.logical_and.reduce([flat(mesh, row) for row in rows])  # (C, V)
+    if frames.mask is not None:
+        noisy &= frames.mask > 0
+    levels = np.zeros(noisy.shape)
+    for channel, seen in enumerate(noisy):
+        if seen.any():
+            usual = np.array([noise(mesh, row[channel], seen) for row in rows])
+            levels[channel, seen] = np.sqrt(np.median(usual**2))
+    return levels
+
+
+def noise_floor(functions: FunctionTerm, levels: FloatArray) -> float:
+    """Return what noise of levels (C, V) leaves between two frames, at most, as a mismatch: the
+    root of 2, as both have it.
+    """
+    return float(np.sqrt(2) * functions.relative_size(levels))
+
+
+def flat(mesh: TriangleMesh, functions: FloatArray) -> BoolArray:
+    """Return where functions (..., V) are as their neighbours, (..., V): noise never is, but what
+    was put in place of values is.
+    """
+    sizes = np.abs(functions).max(axis=-1, keepdims=True)
+    return np.asarray(_alone(mesh, functions) <= _ROUNDED * sizes)
+
+
+def _alone(mesh: TriangleMesh, functions: FloatArray) -> FloatArray:
+    rows = functions.reshape(-1, functions.shape[-1])
+    apart = functions - (_means(mesh) @ rows.T).T.reshape(functions.shape)
+    return np.asarray(np.abs(apart) / np.sqrt(1 + 1 / _neighbours(mesh)))
 
 
 @per_mesh

@@ -30,9 +30,10 @@ from abfm.sequences.critical_points import CriticalPoints, critical_points
 from abfm.sequences.episodes import Episode, episodes
 from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import Frames, checked
+from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.solve import WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
-from abfm.sequences.verdicts import CONFIRMED, noise_floor, verdict_of
+from abfm.sequences.verdicts import CONFIRMED, verdict_of
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
 from abfm.workers.progress import step
@@ -92,7 +93,8 @@ class Sequence:
         Of each interval, as in `Match`: by the discrete flow, by flow lines, and the share of faces
         that these fold; NaN where unknown.
     noise : float
-        What independent noise on vertices leaves of any interval, at most, as a mismatch.
+        What independent noise on vertices leaves of an interval, at most, as a mismatch: the median
+        over intervals, of which each is judged by its own.
     verdicts : tuple of Verdict
         What each interval came to.
     sigma : float
@@ -339,8 +341,8 @@ def sequence(
         try:
             film = checked(mesh, frames, times, mask, weights)
             unit = film.mesh.length_scale
-            earlier, noise = _earlier(film, known or {}), noise_floor(film)
-            solver = Solver(film, given, float(gamma), earlier, noise)
+            earlier, levels = _earlier(film, known or {}), noise_levels(film)
+            solver = Solver(film, given, float(gamma), earlier, levels)
         except CancelledError:
             raise ParameterError("the sequence was cancelled before it began") from None
 
@@ -378,19 +380,19 @@ def _told(solver: Solver) -> Sequence:
     }
     velocity = to_ambient(film.mesh, solver.fields) * unit
     velocity.flags.writeable = False
-    known = zip(said, solver.found.tolist(), strict=True)
-    verdicts = tuple(
-        verdict_of(film.problem(i, solver.parameters(i)), each, solver.noise, found)
-        for i, (each, found) in enumerate(known)
-    )
+    verdicts, floors = list[Verdict](), list[float]()
+    for i, each in enumerate(said):
+        problem = film.problem(i, solver.parameters(i))
+        floors.append(noise_floor(problem.functions, solver.levels))
+        verdicts.append(verdict_of(problem, each, solver.levels, bool(solver.found[i])))
     return Sequence(
         _frames=film,
         velocity=velocity,
         parameters=solver.given,
         gamma=solver.gamma,
         sigma=float(solver.sigma),
-        noise=solver.noise,
-        verdicts=verdicts,
+        noise=float(np.median(floors)),
+        verdicts=tuple(verdicts),
         **numbers,
     )
 

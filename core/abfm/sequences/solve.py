@@ -18,6 +18,7 @@ from abfm.matching.solving.measures import measured
 from abfm.parameters import Parameters
 from abfm.sequences.frames import Frames
 from abfm.sequences.interval import Interval, Neighbour, Point, cooling
+from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -77,12 +78,12 @@ class Solver:
         parameters: Parameters,
         gamma: float,
         known: Mapping[int, FloatArray] | None = None,
-        noise: float = 0.0,
+        levels: FloatArray | None = None,
     ) -> None:
         self.frames, self.gamma = frames, gamma
         self.given = parameters
         self._known = known or {}  # fields (F, 2) by interval, that were found before
-        self.noise = noise  # what it leaves of an interval, as a mismatch
+        self.levels = noise_levels(frames) if levels is None else levels
         self.fields = np.zeros((len(frames.durations), len(frames.mesh.faces), 2))
         self.energies = np.full(len(self.fields), np.nan)  # without what ties neighbours
         self.found = np.zeros(len(self.fields), dtype=bool)
@@ -128,7 +129,7 @@ class Solver:
         """Tell whether much of an interval is left that is not noise."""
         energy = self._energy(i)
         first, left = map(energy.relative_mismatch, (energy.functions.source, found.at.advected))
-        return left > max(_MUCH * first, OFTEN * self.noise)
+        return left > max(_MUCH * first, OFTEN * noise_floor(energy.functions, self.levels))
 
     def _settle(self) -> None:
         """Sweep back and forth until the energy of all hardly falls."""
@@ -217,11 +218,11 @@ class Solver:
         walks = [walk for walk in (_Walk(self, i) for i in looked_at) if walk.can_hold_out]
         if not walks:
             raise ParameterError("too few vertices are compared to choose sigma by; give one")
-        rest = float(np.sqrt(np.mean([walk.rest**2 for walk in walks])))
+        rest, noise = np.sqrt(np.mean([(walk.rest**2, walk.noise**2) for walk in walks], axis=0))
         tried = cooling(LEAST, WARMEST)
         with step("choosing sigma") as tell:
             left = _left(walks, tried, tell)
-            if np.nanmin(left) > max(_HARDLY * rest, OFTEN * self.noise):
+            if np.nanmin(left) > max(_HARDLY * rest, OFTEN * noise):
                 for walk in walks:
                     walk.look_further()
                 left = min(left, _left(walks, tried, tell), key=np.nanmin)
@@ -266,6 +267,7 @@ class _Walk:
         self._functions, self._of = energy.functions, solver._of
         self._duration = energy.parameters.tau
         self.rest = energy.relative_mismatch(energy.functions.source)
+        self.noise = noise_floor(energy.functions, solver.levels)
         self._folds = [(Interval(part), hidden) for part, hidden in without(energy)]
         self._fields: list[FloatArray] = [np.zeros(energy.shape[1:])] * len(self._folds)
         self._starts: list[FloatArray] = []

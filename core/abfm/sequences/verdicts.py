@@ -2,39 +2,28 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from abfm.matching.judging import verdict as verdicts
 from abfm.matching.judging.verdict import Outcome, Verdict
 from abfm.matching.problem import Problem
+from abfm.matching.solvability import range_bound
+from abfm.matching.solving.course import NEARLY
 from abfm.matching.solving.record import StopReason
-from abfm.parameters import Parameters
-from abfm.sequences.frames import Frames
-from abfm.sequences.noise import noise
+from abfm.matching.terms.functions import FunctionTerm
+from abfm.sequences.noise import noise_floor
 from abfm.sequences.solve import OFTEN, Said
+from abfm.types import FloatArray
 
-_EXPLAINED = 0.6  # of what differed at first: where more is left, motion explains little
+# of what differed at first, or would if all were squeezed away: more is left where motion
+# explains little
+_EXPLAINED = 0.6
+_NOTHING_BUT_NOISE = 0.85  # of the deviation, which is three quarters of the variance
 CONFIRMED = ("matched", "nearly", "registered")
 """Kinds of verdicts by which flow lines confirm an interval."""
 
 
-def noise_floor(frames: Frames) -> float:
-    """Return what independent noise on vertices leaves between two frames, at most, as a mismatch:
-    the root of 2, as both have it.
-    """
-    problem = frames.problem(0, Parameters())
-    seen = slice(None) if frames.mask is None else frames.mask > 0
-    usual = np.array([noise(frames.mesh, frame.T, seen) for frame in frames.values])  # (T, C)
-    level = np.sqrt(np.median(usual**2, axis=0))
-    even = np.repeat(level[:, None], len(frames.mesh.vertices), axis=1)
-    sizes = [problem.functions.norm(np.ascontiguousarray(frame.T)) for frame in frames.values]
-    whole = float(np.sqrt(np.mean(np.square(sizes))))
-    return float(np.sqrt(2) * problem.functions.norm(even) / whole) if whole > 0 else 0.0
-
-
-def verdict_of(problem: Problem, said: Said, floor: float, found: bool) -> Verdict:
+def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) -> Verdict:
     """Return what an interval came to: as of any match, but that nothing more is asked of it than
-    its noise allows.
+    its noise, of levels (C, V), allows.
     """
     functions = problem.functions
     if not found:
@@ -44,10 +33,42 @@ def verdict_of(problem: Problem, said: Said, floor: float, found: bool) -> Verdi
     )
     told = verdicts.advice(functions, outcome, problem.parameters)
     left = verdicts.confirmed_mismatch(said.mismatch, said.verified_mismatch)
-    first = functions.relative_mismatch(functions.source)
+    often = OFTEN * noise_floor(functions, levels)
     change = told.reason.partition(": ")[0]
-    if left <= OFTEN * floor and told.kind not in CONFIRMED:
-        return Verdict("registered", f"{change}: no more is left than noise leaves", "")
-    if told.kind == "registered" and left > max(OFTEN * floor, _EXPLAINED * first):
+    if functions.norm(levels) > _NOTHING_BUT_NOISE * functions.function_size:
+        why = "nothing but noise is there, and no motion can be told"
+        return Verdict("not reached", f"{change}: {why}", "")
+    if left <= often and told.kind not in CONFIRMED:
+        told = Verdict("registered", f"{change}: no more is left than noise leaves", "")
+    first = functions.relative_mismatch(functions.source)
+    explained = _EXPLAINED * min(first, _left_by_none(functions))
+    if told.kind in CONFIRMED and left > max(often, explained):
         return Verdict("not reached", f"{change}: most of what changes is no motion", "")
+    if told.kind in CONFIRMED and _loses_values(functions, levels):
+        return Verdict("not reached", f"{change}: the target lacks values of the source", "")
     return told if told.kind in CONFIRMED else replace(told, advice="", remedies=())
+
+
+def _left_by_none(functions: FunctionTerm) -> float:
+    """Return the mismatch of a constant, the mean of the target: what differs of a bump from one
+    that is elsewhere is more, and falls to this where the flow does no more than make it small.
+    """
+    size = functions.norm(functions.target)
+    if size == 0:
+        return float("inf")
+    relative = functions.relative_size(functions.target)
+    return relative * functions.deviation(functions.target) / size
+
+
+def _loses_values(functions: FunctionTerm, levels: FloatArray) -> bool:
+    """Tell whether the film run backwards would be impossible, by more than noise of levels (C, V):
+    forwards, what vanishes can be squeezed to little, but no flow takes its values away.
+    """
+    back = FunctionTerm(
+        functions.mesh,
+        functions.target.T,
+        functions.source.T,
+        functions.mask,
+        functions.weights,
+    )
+    return range_bound(back) > max(NEARLY, OFTEN * noise_floor(back, levels))

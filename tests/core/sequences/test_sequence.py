@@ -13,7 +13,9 @@ from abfm.calculus.vector_fields import to_frame
 from abfm.maps import vertex_points
 from abfm.sequences import CONFIRMED, defaults, load_sequence
 from abfm.sequences.frames import checked
-from abfm.sequences.solve import Solver
+from abfm.sequences.noise import noise_levels
+from abfm.sequences.solve import Said, Solver
+from abfm.sequences.verdicts import verdict_of
 from abfm.workers.progress import telling
 from tests.core.sequences.films import SPHERE, coordinates, off, turning
 from tests.core.surfaces import last_order
@@ -327,6 +329,61 @@ def test_an_interval_whose_change_is_no_motion_is_not_confirmed():
     frames[3] = frames.std() * rng.standard_normal(frames.shape[1])
     kinds = [v.kind for v in abfm.sequence(SPHERE, frames, parameters=FAST).verdicts]
     assert [kind in CONFIRMED for kind in kinds] == [True, True, False, False, True]
+
+
+def bumps(places, width=0.35, noise=0.05):
+    """Frames of a bump at these angles on the equator, with noise; none where that is NaN."""
+    x, y, _ = SPHERE.vertices.T
+    frames = [np.exp(-0.5 * (np.hypot(x - np.cos(a), y - np.sin(a)) / width) ** 2) for a in places]
+    scatter = np.random.default_rng(0).standard_normal((len(places), len(x)))
+    return np.nan_to_num(frames) + noise * scatter
+
+
+def test_what_squeezes_a_bump_is_no_motion_to_a_smaller_one_elsewhere():
+    frames = np.concatenate([bumps([0], 0.4), bumps([3], 0.2)])
+    film = checked(SPHERE, frames, None, None, None)
+    problem = film.problem(0, FAST)
+    functions = problem.functions
+    gone = functions.source * 0.01  # as if all of it were squeezed away
+    left = functions.relative_mismatch(gone)
+    assert left < 1.1 < 0.6 * functions.relative_mismatch(functions.source)
+    said = Said(gone, np.zeros((2, 3)), left, left, 0.0)
+    assert verdict_of(problem, said, noise_levels(film), True).kind == "not reached"
+
+
+def test_a_field_that_explains_nothing_of_small_changes_confirms_nothing():
+    frames, still = turning(SPHERE, 0.07, 3, coordinates)[0], defaults(sigma=30)
+    assert abfm.sequence(SPHERE, frames, parameters=FAST).confirmed == 2
+    told = abfm.sequence(SPHERE, frames, parameters=still)
+    assert told.mismatch.max() < 0.1
+    assert told.confirmed == 0
+    assert "no motion" in told.verdicts[0].reason
+
+
+def test_an_interval_is_judged_by_its_own_noise():
+    none = np.nan
+    film = bumps([0, 0.2, 0.4, none, none, none, 0, 0.2])
+    found = abfm.sequence(SPHERE, film, parameters=FAST)
+    # where there is nothing but noise, no motion is told; what goes away or comes from nowhere does
+    # not move
+    kinds = [v.kind for v in found.verdicts]
+    assert [kind in CONFIRMED for kind in kinds] == [True, True, *4 * [False], True]
+    assert (kinds[2], kinds[5]) == ("not reached", "impossible")
+    assert "the target lacks values of the source" in found.verdicts[2].reason
+    assert all("nothing but noise" in v.reason for v in found.verdicts[3:5])
+    # an offset adds nothing to what is told of them
+    lifted = abfm.sequence(SPHERE, film[:3] + 100.0, parameters=FAST)
+    assert lifted.confirmed == 2
+    deviations = film[1:3].std(axis=1)
+    assert lifted.noise == pytest.approx(np.sqrt(2) * 0.05 / deviations.mean(), rel=0.2)
+
+
+def test_noise_is_told_though_most_of_the_surface_is_below_a_threshold():
+    seen, film = SPHERE.vertices[:, 0] > 0.5, bumps([0, 0.1, 0.2])
+    told = abfm.sequence(SPHERE, np.where(seen, film, 0.0), parameters=FAST).noise
+    known = abfm.sequence(SPHERE, np.where(seen, film, np.nan), parameters=FAST).noise
+    assert seen.mean() < 0.3
+    assert told == pytest.approx(known, rel=0.3)
 
 
 def test_files(found, tmp_path):
