@@ -265,7 +265,7 @@ def drawn(maps: Maps, surface: TriangleMesh, path: Path, noise: float = 0.05) ->
             _draw_frame(plot, surface, maps.seen, film.frames[i, :, 0])
             told = stimulus.told(stimulus.shown(centres[i : i + 1])[0])
             _draw_arrows(plot, maps, surface, film.velocity[i], told)
-    figure.savefig(path, dpi=115)
+    figure.savefig(path, dpi=90)
 
 
 def _draw_frame(plot: Axes, surface: TriangleMesh, seen: BoolArray, values: FloatArray) -> None:
