@@ -16,6 +16,7 @@ from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.held_out import without
 from abfm.matching.solving.measures import measured
 from abfm.parameters import Parameters
+from abfm.sequences.explained import OFTEN, explains_little
 from abfm.sequences.frames import Frames
 from abfm.sequences.interval import Interval, Neighbour, Point, cooling
 from abfm.sequences.noise import noise_floor, noise_levels
@@ -32,8 +33,6 @@ _FEW = 3  # steps with each sigma there
 _NOTHING = 0.01  # share of what any sigma explains of the variance that was held out
 _FAR = Parameters(sigma=0.3, segments=1, refine=0)
 """Those of a match that looks for what is far."""
-OFTEN = 1.3
-"""Times what noise leaves, within which nothing but noise is left."""
 _MUCH = 0.2  # of what differed at first: where more is left, it is looked for further away
 _HARDLY = 0.6  # of what was held out: where more is left by any sigma, too
 _IN_VAIN = 3  # searches, after which no more are made
@@ -89,6 +88,7 @@ class Solver:
         self.found = np.zeros(len(self.fields), dtype=bool)
         self.sigma = parameters.sigma or np.nan
         self._in_vain = 0  # searches
+        self._alone = np.zeros(len(self.fields), dtype=bool)  # no motion, which ties to none
 
     def run(self, on_interval: Callable[[int], object]) -> None:
         """Go through all intervals; what is there when it is cancelled stays."""
@@ -98,12 +98,18 @@ class Solver:
         with step("following the frames") as tell:
             for i in range(count):
                 checkpoint()
-                self._keep(i, self._found(i))
+                self._keep(i, found := self._found(i))
+                self._alone[i] = self._is_no_motion(i, found)
                 self.found[i] = True
                 tell((i + 1) / count)
                 on_interval(i)
         if self.gamma and count > 1:
             self._settle()
+
+    def _is_no_motion(self, i: int, found: Point) -> bool:
+        energy = self._energy(i)
+        left = energy.relative_mismatch(found.at.advected)
+        return explains_little(energy.functions, self.levels, left)
 
     def _found(self, i: int) -> Point:
         """Return the field of an interval from that of the one before; where frames are far apart
@@ -153,16 +159,18 @@ class Solver:
         """Energy of all intervals together, with what ties them."""
         norm = MatchingEnergy(self.frames.problem(0, self.parameters(0))).regularizer()
         tied = 0.0
-        for i, between in enumerate(self._between):
+        for i in range(len(self.fields) - 1):
             apart = self.fields[i + 1] - self.fields[i]
-            tied += 0.5 * self.gamma * between * float((apart * norm.apply(apart)).sum())
+            tied += 0.5 * self._tie(i, i + 1) * float((apart * norm.apply(apart)).sum())
         return float(self.energies.sum() + tied)
 
-    @property
-    def _between(self) -> FloatArray:
-        """The mean duration of each interval and the next, (T - 2,)."""
-        durations = self.frames.durations
-        return 0.5 * (durations[1:] + durations[:-1])
+    def _tie(self, i: int, j: int) -> float:
+        """How much the fields of neighbouring intervals are held together: gamma times their mean
+        duration, where both are motions.
+        """
+        if self._alone[i] or self._alone[j]:
+            return 0.0
+        return self.gamma * 0.5 * float(self.frames.durations[i] + self.frames.durations[j])
 
     def parameters(self, interval: int) -> Parameters:
         """Return those of the problem of an interval."""
@@ -177,11 +185,8 @@ class Solver:
 
     def _interval(self, i: int, beside: Sequence[int]) -> Interval:
         """Return the minimisation of an interval, near the fields of those beside it."""
-        duration, between = float(self.frames.durations[i]), self._between
-        neighbours = [
-            Neighbour(self.fields[j], self.gamma * float(between[min(i, j)]) / duration)
-            for j in beside
-        ]
+        duration = float(self.frames.durations[i])
+        neighbours = [Neighbour(self.fields[j], self._tie(i, j) / duration) for j in beside]
         return Interval(self._energy(i), neighbours)
 
     def _sigmas(self, i: int) -> tuple[float, float]:

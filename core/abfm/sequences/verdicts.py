@@ -9,13 +9,11 @@ from abfm.matching.solvability import range_bound
 from abfm.matching.solving.course import NEARLY
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
+from abfm.sequences.explained import OFTEN, explains_little
 from abfm.sequences.noise import noise_floor
-from abfm.sequences.solve import OFTEN, Said
+from abfm.sequences.solve import Said
 from abfm.types import FloatArray
 
-# of what differed at first, or would if all were squeezed away: more is left where motion
-# explains little
-_EXPLAINED = 0.6
 _NOTHING_BUT_NOISE = 0.85  # of the deviation, which is three quarters of the variance
 CONFIRMED = ("matched", "nearly", "registered")
 """Kinds of verdicts by which flow lines confirm an interval."""
@@ -33,31 +31,17 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
     )
     told = verdicts.advice(functions, outcome, problem.parameters)
     left = verdicts.confirmed_mismatch(said.mismatch, said.verified_mismatch)
-    often = OFTEN * noise_floor(functions, levels)
     change = told.reason.partition(": ")[0]
     if functions.norm(levels) > _NOTHING_BUT_NOISE * functions.function_size:
         why = "nothing but noise is there, and no motion can be told"
         return Verdict("not reached", f"{change}: {why}", "")
-    if left <= often and told.kind not in CONFIRMED:
+    if left <= OFTEN * noise_floor(functions, levels) and told.kind not in CONFIRMED:
         told = Verdict("registered", f"{change}: no more is left than noise leaves", "")
-    first = functions.relative_mismatch(functions.source)
-    explained = _EXPLAINED * min(first, _left_by_none(functions))
-    if told.kind in CONFIRMED and left > max(often, explained):
+    if told.kind in CONFIRMED and explains_little(functions, levels, left):
         return Verdict("not reached", f"{change}: most of what changes is no motion", "")
     if told.kind in CONFIRMED and _loses_values(functions, levels):
         return Verdict("not reached", f"{change}: the target lacks values of the source", "")
     return told if told.kind in CONFIRMED else replace(told, advice="", remedies=())
-
-
-def _left_by_none(functions: FunctionTerm) -> float:
-    """Return the mismatch of a constant, the mean of the target: what differs of a bump from one
-    that is elsewhere is more, and falls to this where the flow does no more than make it small.
-    """
-    size = functions.norm(functions.target)
-    if size == 0:
-        return float("inf")
-    relative = functions.relative_size(functions.target)
-    return relative * functions.deviation(functions.target) / size
 
 
 def _loses_values(functions: FunctionTerm, levels: FloatArray) -> bool:

@@ -339,6 +339,18 @@ def bumps(places, width=0.35, noise=0.05):
     return np.nan_to_num(frames) + noise * scatter
 
 
+def test_what_is_no_motion_ties_to_no_neighbour():
+    moved = bumps([0, 0.2, 0.4], noise=0)
+    other = np.exp(-((SPHERE.vertices[:, 2] - 1) ** 2) / 0.1) * [[2.0], [2.1], [2.2]]
+    whole = abfm.sequence(SPHERE, np.concatenate([moved, other]), parameters=FAST)
+    assert whole.verdicts[2].kind == "impossible"
+    scale = checked(SPHERE, whole.frames[:, :, 0], None, None, None).deviation
+    alone = abfm.sequence(
+        SPHERE, moved, parameters=replace(FAST, sigma=0.3 * scale, sigma_unit="absolute")
+    )
+    assert_allclose(whole.velocity[:2], alone.velocity, atol=1e-9)
+
+
 def test_what_squeezes_a_bump_is_no_motion_to_a_smaller_one_elsewhere():
     frames = np.concatenate([bumps([0], 0.4), bumps([3], 0.2)])
     film = checked(SPHERE, frames, None, None, None)
