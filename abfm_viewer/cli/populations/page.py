@@ -20,9 +20,12 @@ if TYPE_CHECKING:
 
 Facts = Mapping[str, Any]
 _STYLE = """
+.wide { overflow-x: auto; }
 table.subjects { width: 100%; }
-table.subjects td { padding: .35rem 0 .35rem 1rem; }
-table.subjects td:first-child { width: 40%; overflow-wrap: anywhere; padding-left: 0; }
+table.subjects td { padding: .35rem 0 .35rem 1rem; white-space: nowrap; }
+table.subjects td:first-child {
+  width: 40%; min-width: 14rem; white-space: normal; overflow-wrap: anywhere; padding-left: 0;
+}
 table.subjects th { vertical-align: bottom; }
 .name { font-weight: 600; } .reason { font-size: .87rem; }
 tr.odd td, tr.odd .reason { color: var(--bad); }
@@ -92,7 +95,7 @@ def _subjects(told: Facts) -> str:
         "distance",
         "left",
         "moved",
-        "|log2 J|",
+        "|log2\u00a0J|",
         "folded",
         *(["landmarks"] if has_landmarks else []),
         *(f"{name}, held out" for name in held),
@@ -122,8 +125,8 @@ def _subjects(told: Facts) -> str:
         + "of channels that are held out, the correlation before and after."
     )
     return (
-        f'<h2>Subjects</h2><p>{text}</p><table class="subjects"><thead><tr>{head}</tr></thead>'
-        f"<tbody>{''.join(lines)}</tbody></table>"
+        f'<h2>Subjects</h2><p>{text}</p><div class="wide"><table class="subjects">'
+        f"<thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
     )
 
 
