@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+import abfm
 from abfm import Sequence
 from abfm.sequences import KINDS
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 from abfm_viewer.document.verdict_words import counted
 
 _LEAST = 3  # intervals that a track has
@@ -20,6 +21,7 @@ _LEAST = 3  # intervals that a track has
 def facts(sequence: Sequence) -> dict[str, Any]:
     """Return what machines are told: plain numbers and texts, None for unknown ones."""
     speed = _speeds(sequence)
+    steep = _steep(sequence)
     return {
         "vertices": len(sequence.mesh.vertices),
         "faces": len(sequence.mesh.faces),
@@ -31,7 +33,11 @@ def facts(sequence: Sequence) -> dict[str, Any]:
         "noise": sequence.noise,
         "intervals": len(sequence),
         "confirmed": sequence.confirmed,
-        "speed": {"median": float(np.median(speed)), "maximum": float(speed.max())},
+        "speed": {
+            "median": float(np.median(speed)),
+            "median_where_steep": float(np.median(speed[steep])) if steep.any() else None,
+            "maximum": float(speed.max()),
+        },
         "mismatch": [_known(each) for each in sequence.mismatch.tolist()],
         "verified_mismatch": [_known(each) for each in sequence.verified_mismatch.tolist()],
         "folded": [_known(each) for each in sequence.folded.tolist()],
@@ -45,7 +51,8 @@ def facts(sequence: Sequence) -> dict[str, Any]:
 
 def lines(sequence: Sequence, unit: str) -> list[str]:
     """Return the same for people; ``unit`` is that of time: ``second``, or another word."""
-    times, speed = sequence.times, _speeds(sequence)
+    times, speed, steep = sequence.times, _speeds(sequence), _steep(sequence)
+    seen = f"{np.median(speed[steep]):.3g} where frames are steep, " if steep.any() else ""
     others = Counter(verdict.kind for verdict in sequence.verdicts)
     kinds = ", ".join(f"{count} {kind}" for kind, count in others.most_common())
     tracks = [counted(count, kind) for kind, count in _tracks(sequence).items() if count]
@@ -55,8 +62,8 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
         f"{counted(len(times), 'frame')} from {times[0]:.6g} to {times[-1]:.6g}, on a mesh of "
         f"{len(sequence.mesh.faces):,} faces; sigma {sequence.sigma:.3g}, gamma "
         f"{sequence.gamma:.3g}, noise leaves {sequence.noise:.2g}",
-        f"speed: median {np.median(speed):.3g}, at most {speed.max():.3g}, in the mesh's unit per "
-        f"{unit}",
+        f"speed: median {seen}{np.median(speed):.3g} everywhere, at most {speed.max():.3g}, in the "
+        f"mesh's unit per {unit}",
         f"tracks through {_LEAST} intervals or more: {', '.join(tracks) or 'none'}",
     ]
     if episodes := sequence.episodes():
@@ -68,6 +75,19 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
 
 def _speeds(sequence: Sequence) -> FloatArray:
     return np.asarray(np.linalg.norm(sequence.velocity, axis=2))
+
+
+def _steep(sequence: Sequence) -> BoolArray:
+    """Return where the frame that an interval begins with is steeper than its root mean square,
+    (T - 1, F): elsewhere a field is what is smooth beside it.
+    """
+    mesh = sequence.mesh
+    areas, derive = abfm.calculus.face_areas(mesh), abfm.calculus.gradient(mesh)
+    found = []
+    for frame in sequence.frames[:-1]:
+        squares = ((derive @ frame).reshape(len(mesh.faces), -1) ** 2).sum(axis=1)
+        found.append(squares > areas @ squares / areas.sum())
+    return np.array(found)
 
 
 def _tracks(sequence: Sequence) -> dict[str, int]:

@@ -83,8 +83,6 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check(out, _TABLES)
     elif arguments.carry or arguments.functional_map is not None:
         raise UsageError("--carry and --functional-map need --out, where the table goes")
-    elif truth is None:
-        raise UsageError("nothing to do: give --out, --truth or both")
     if is_correspondence(arguments.input):
         return _of_two_surfaces(arguments)
     match = load_match(arguments.input)

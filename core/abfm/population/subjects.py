@@ -202,10 +202,10 @@ def _value(given: Mapping[str, str], column: str, number: int, folder: str) -> s
     try:
         return function_text(text, folder) if text else ""
     except AbfmError as error:
-        raise ParameterError(
-            f"row {number}, column {one_line(column, 60)}: there is no file {brief(text)}, and as "
-            f"a function it is none: {error}"
-        ) from None
+        why = f"there is no file {brief(text)}"
+        if ":" in text or not Path(text).suffix:
+            why += f", and as a function it is none: {error}"
+        raise ParameterError(f"row {number}, column {one_line(column, 60)}: {why}") from None
 
 
 def _weight(text: str, number: int) -> float:

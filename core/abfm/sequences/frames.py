@@ -88,7 +88,14 @@ def checked(
         )
     restricted = np.stack([mesh.restrict(frame) for frame in given])
     frames = restricted.reshape(*restricted.shape[:2], -1)
-    known: BoolArray = np.asarray(np.isfinite(frames).all(axis=(0, 2)))
+    finite = np.isfinite(frames)
+    if len(nowhere := np.flatnonzero(~finite.any(axis=(1, 2)))):
+        named = ", ".join(map(str, nowhere[:5])) + ", ..." * (len(nowhere) > 5)
+        raise FunctionError(
+            f"frame {named} has no finite value: leave out such frames, numbered from 0, and give "
+            "the times of the others"
+        )
+    known: BoolArray = np.asarray(finite.all(axis=(0, 2)))
     if not known.any():
         raise FunctionError("no vertex has values that are finite in all frames")
     if not known.all():

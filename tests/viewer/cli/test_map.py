@@ -36,6 +36,7 @@ def test_the_map_is_half_a_turn_works_in_functions_and_its_errors_are_told(turne
         assert "folded faces: 0 of 1280\nthere and back: median 0.00" in said.out
         assert said.out.endswith(f"\nwrote {tmp_path / name}\n")
         assert said.err == ""
+    assert "folded faces: 0 of 1280" in abfm(f"map {turned}").out  # which needs no file
     mesh, found = load_match(turned).mesh, np.load(tmp_path / "map.npy")
     places = mesh.vertices * [-1, -1, 1]
     assert np.abs(mesh.vertices[found] - places).max() < 0.1
@@ -121,7 +122,6 @@ def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("", "nothing to do"),
         ("--carry uv.npy", "need --out"),
         ("--functional-map 5", "need --out"),
         ("--out map.obj", "must end in .txt, .csv, .npy"),

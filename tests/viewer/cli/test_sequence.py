@@ -80,6 +80,8 @@ def test_machines_are_told_and_parameters_are_taken(files, tmp_path, abfm):
     assert facts["verdicts"] == [each.kind for each in found.verdicts]
     np.testing.assert_array_equal(facts["verified_mismatch"], found.verified_mismatch)
     assert facts["speed"]["maximum"] == np.linalg.norm(found.velocity, axis=2).max()
+    # the pattern turns; where it is flat the field is what is smooth
+    assert facts["speed"]["median_where_steep"] != facts["speed"]["median"] > 0
     assert facts["tracks"]["spiral"] == len([t for t in found.tracks() if t.kind == "spiral"])
     assert facts["film"].endswith("f.npz")
     again = json.loads(abfm(f"info {tmp_path}/a.npz --json").out)

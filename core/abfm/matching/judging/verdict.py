@@ -17,6 +17,7 @@ from abfm.types import FloatArray
 Kind = Literal["matched", "nearly", "registered", "not reached", "impossible"]
 
 _GAINED = 0.03  # of the first mismatch: less is no registration
+_GAINED_OF_UNLIKE = 0.1  # the same where as much is left as the functions themselves are
 _MOST_LOG2 = 100.0  # of a change of areas that is told
 FOLDED = 0.1  # share of the faces beyond which a map is not to be trusted; an exact flow folds none
 # an energy still falls that has fallen by this share within so many iterations
@@ -285,7 +286,9 @@ class _Case:
     def registered(self) -> Verdict | None:
         """Measured functions, which match as far as they are alike."""
         outcome = self.outcome
-        gained = max(outcome.mismatch, outcome.verified) < (1 - _GAINED) * self.first_of_functions
+        left = max(outcome.mismatch, outcome.verified)
+        least = _GAINED if left < 1 else _GAINED_OF_UNLIKE
+        gained = left < (1 - least) * self.first_of_functions
         is_sound = self.known and gained and not outcome.folded > FOLDED
         if self.by_size_alone == "matched" or not is_sound or outcome.stop_reason.is_early:
             return None

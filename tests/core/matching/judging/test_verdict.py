@@ -418,3 +418,13 @@ def test_parameters_at_their_ends_cost_no_result(extreme, size):
     made = Remedies(FunctionTerm(EGG, size * x, size * y), parameters)
     for name in ("more_time", "smoother", "closer", "colder", "further", "refine"):
         replace(parameters, **getattr(made, name)().parameters)
+
+
+@pytest.mark.parametrize(("left", "kind"), [(0.85, "registered"), (0.95, "not reached")])
+def test_measured_functions_that_stay_as_unlike_are_not_registered(left, kind):
+    f, g = np.random.default_rng(0).normal(size=(2, 1, len(SPHERE.vertices)))
+    functions = FunctionTerm(SPHERE.normalized(), f[0], g[0])
+    mismatch = left * functions.relative_mismatch(functions.source)
+    assert mismatch > 1
+    outcome = Outcome(f, mismatch, StopReason.NO_PROGRESS, mismatch, 0.0)
+    assert advice(functions, outcome, Parameters()).kind == kind
