@@ -27,7 +27,8 @@ MOST_CHANNELS = 4
 MOST_MISFITS = 4
 """The most subjects that are drawn by themselves."""
 _HIDDEN = 0.2, 99.8  # percentiles of functions at the ends of the colours: noise has few extremes
-_LEAST_RANGE = 0.5  # of logarithms: less hardly shows anywhere else
+_SHOWN_FACES = 98  # percent whose areas are between the ends of the colours: tiny faces vary most
+_LEAST_RANGE = 0.25  # of logarithms: less hardly shows anywhere else
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +98,7 @@ def _areas(found: Population) -> Planned:
         for each, title in zip((mean, deviation), titles, strict=True)
     )
     ends = [
-        max(math.ceil(2 * float(np.abs(_without_extremes(each)).max())) / 2, _LEAST_RANGE)
+        max(math.ceil(4 * float(np.percentile(np.abs(each), _SHOWN_FACES))) / 4, _LEAST_RANGE)
         for each in (mean, deviation)
     ]
     ranges = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
@@ -20,9 +20,12 @@ if TYPE_CHECKING:
 
 Facts = Mapping[str, Any]
 _STYLE = """
+.wide { overflow-x: auto; }
 table.subjects { width: 100%; }
-table.subjects td { padding: .35rem 0 .35rem 1rem; }
-table.subjects td:first-child { width: 40%; overflow-wrap: anywhere; padding-left: 0; }
+table.subjects td { padding: .35rem 0 .35rem 1rem; white-space: nowrap; }
+table.subjects td:first-child {
+  width: 40%; min-width: 14rem; white-space: normal; overflow-wrap: anywhere; padding-left: 0;
+}
 table.subjects th { vertical-align: bottom; }
 .name { font-weight: 600; } .reason { font-size: .87rem; }
 tr.odd td, tr.odd .reason { color: var(--bad); }
@@ -74,9 +77,8 @@ def _numbers(told: Facts) -> str:
     fitting = sum(each["fits"] for each in told["subjects"])
     cells = [("subjects that fit", f"{fitting} of {len(told['subjects'])}")]
     for each in told["channels"]:
-        held = ", held out" if each["held_out"] else ""
-        told_scores = f"{_number(each['before'])} → {_number(each['after'])}"
-        cells.append((f"{each['name']}{held}: like the others", told_scores))
+        scores = _both((each["before"], each["after"]))
+        cells.append((f"{_channel_name(each)}: like the others", scores))
     cells.append(("areas: deviation of log2 J", _number(told["log2_area_deviation"])))
     items = "".join(
         f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in cells
@@ -86,14 +88,16 @@ def _numbers(told: Facts) -> str:
 
 def _subjects(told: Facts) -> str:
     held = [each["name"] for each in told["channels"] if each["held_out"]]
+    has_landmarks = any(each["landmarks"] is not None for each in told["subjects"])
     heads = (
         "",
         "like the others",
         "distance",
         "left",
         "moved",
-        "|log2 J|",
+        "|log2\u00a0J|",
         "folded",
+        *(["landmarks"] if has_landmarks else []),
         *(f"{name}, held out" for name in held),
     )
     lines = []
@@ -106,7 +110,8 @@ def _subjects(told: Facts) -> str:
         folded = "-" if each["folded"] is None else f"{100 * each['folded']:.2g}%"
         numbers = [_number(each[name]) for name in ("correlation", "distance", "mismatch")]
         numbers += [_number(each["displacement"]), _number(each["log2_area"]), folded]
-        numbers += [" → ".join(map(_number, each["scores"][name])) for name in held]
+        numbers += [_number(each["landmarks"])] if has_landmarks else []
+        numbers += [_both(each["scores"][name]) for name in held]
         cells = "".join(f"<td>{escape(cell)}</td>" for cell in numbers)
         mark = "" if each["fits"] else ' class="odd"'
         lines.append(f"<tr{mark}><td>{words}</td>{cells}</tr>")
@@ -115,12 +120,13 @@ def _subjects(told: Facts) -> str:
         "Who does not fit first, then those that are least like the others: their correlation with "
         "the mean of the others that fit, and how far they are from it, over its deviation. Left "
         "is the mismatch of the registration; moved how far the flow moves the subject, of √area; "
-        "|log2 J| how much it changes areas; of channels that are held out, the correlation before "
-        "and after."
+        "|log2 J| how much it changes areas; "
+        + ("landmarks how far these are left on average, of √area; " if has_landmarks else "")
+        + "of channels that are held out, the correlation before and after."
     )
     return (
-        f'<h2>Subjects</h2><p>{text}</p><table class="subjects"><thead><tr>{head}</tr></thead>'
-        f"<tbody>{''.join(lines)}</tbody></table>"
+        f'<h2>Subjects</h2><p>{text}</p><div class="wide"><table class="subjects">'
+        f"<thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table></div>"
     )
 
 
@@ -134,9 +140,10 @@ def _channels(told: Facts, pictures: PopulationPictures | None) -> str:
             else _number(each[name])
             for name in ("phase", "amplitude")
         ]
-        name = f"{each['name']}, held out" if each["held_out"] else each["name"]
         ends = (_number(each["before"]), _number(each["after"]))
-        rows.append((name, _number(each["total"]), *shares, _number(each["factor"]), *ends))
+        rows.append(
+            (_channel_name(each), _number(each["total"]), *shares, _number(each["factor"]), *ends)
+        )
     text = (
         "The variance over subjects, per area, is position, which registering removes, and value, "
         "which it leaves, as Kneip and Ramsay (2008) part them; C_R is how much larger squares are "
@@ -175,5 +182,16 @@ def _misfits(told: Facts, pictures: PopulationPictures | None) -> str:
     return f"<h2>Who does not fit</h2>{sections}"
 
 
+def _channel_name(told: Facts) -> str:
+    if told["held_out"]:
+        return f"{told['name']}, held out"
+    return told["name"] if told["weight"] == 1 else f"{told['name']}, weight {told['weight']:g}"
+
+
+def _both(ends: Sequence[float | None]) -> str:
+    """Return what is before and after, or that neither is known."""
+    return " → ".join(map(_number, ends)) if any(end is not None for end in ends) else "-"
+
+
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
+    return "-" if value is None else f"{round(value, 3) + 0.0:.3f}"  # and not -0.000

@@ -74,7 +74,7 @@ class Cohort:
     def __post_init__(self) -> None:
         if len(self.subjects) < 2:
             raise ParameterError(
-                f"there are {len(self.subjects)} subjects; a population has two or more"
+                f"subjects: {len(self.subjects)}; a population has two or more"
             )
         if all(channel.is_held_out for channel in self.channels):
             raise ParameterError(

@@ -7,7 +7,7 @@ import pytest
 from distributed import LocalCluster
 
 import abfm
-from abfm.batch import Cluster, Row, run
+from abfm.batch import Cluster, Row, Workers, on_dask, run
 from abfm.batch.run import ENDED
 from abfm.errors import AbfmError, ResultError
 from abfm.workers.process import ProcessEndedError
@@ -86,6 +86,21 @@ def test_a_cluster_elsewhere_writes_where_it_sees_the_folder_else_sends(
     assert [entry.state for entry in entries] == ["done"] * 4 + ["failed"]
     assert "no such file" in entries[-1].reason
     assert results(tmp_path / "out") == alone
+
+
+def test_a_cluster_is_kept_from_one_run_to_the_next(alone, elsewhere, tmp_path, monkeypatch):
+    made, usual = [], on_dask._client
+    monkeypatch.setattr(on_dask, "_client", lambda *given: made.append(usual(*given)) or made[-1])
+    with Workers(Cluster(scheduler=elsewhere.scheduler_address)) as workers:
+        for rows in (ROWS[:2], ROWS):
+            entries = workers.run(rows, tmp_path)
+            assert [entry.state for entry in entries] == ["done"] * len(rows)
+        assert results(tmp_path) == alone
+        assert len(made) == 1
+        made[0].close()  # as when it loses the scheduler
+        (entry,) = workers.run([pair("one more", 4, 11)], tmp_path)
+        assert entry.state == "done"
+    assert [client.status for client in made] == ["closed", "closed"]
 
 
 def test_a_scheduler_that_goes_is_told_with_what_is_left(elsewhere, tmp_path, capfd):

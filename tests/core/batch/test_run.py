@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 from dataclasses import asdict
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 import abfm
 from abfm.assets import asset_path
-from abfm.batch import Cluster, Cost, Ledger, Row, kind_of_columns, run
+from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, run
 from abfm.batch.attempt import Task, attempt
 from abfm.batch.run import ENDED, seen_here
 from abfm.errors import ParameterError, ResultError
@@ -74,6 +75,34 @@ def test_rows_that_fail_are_told_and_stop_no_others(done):
     assert by_name["again"].path == by_name["first"].path
     with pytest.raises(ResultError, match="no result of far: there is no vertex"):
         by_name["far"].load()
+
+
+def test_processes_are_kept_from_one_run_to_the_next_and_replaced_after_a_cancelled_one(
+    tmp_path, monkeypatch
+):
+    made, module = [], sys.modules["abfm.batch.run"]
+    usual, control = module.Worker, abfm.Control()
+
+    def make(*given):
+        made.append(usual(*given))
+        return made[-1]
+
+    monkeypatch.setattr(module, "Worker", make)
+    with Workers(ONE) as workers:
+        (first,) = workers.run([pair("first")], tmp_path)
+        assert workers.run([pair("first")], tmp_path) == [first]
+        workers.run([pair("second", 3, 12)], tmp_path / "other")
+        assert len(made) == 1
+        rows = [pair("third", 5, 13), pair("fourth", 6, 14)]
+        entries = workers.run(
+            rows, tmp_path, control=control, on_change=lambda entry: control.cancel()
+        )
+        assert [entry.state for entry in entries] == ["done", "missing"]
+        assert [entry.state for entry in workers.run(rows, tmp_path)] == ["done", "done"]
+    assert len(made) == 2
+    for worker in made:
+        with pytest.raises(WorkerEndedError):
+            worker.call(print)
 
 
 def test_results_are_what_is_solved_alone_and_are_named_by_their_problem(done, tmp_path):

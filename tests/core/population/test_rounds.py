@@ -2,6 +2,8 @@
 process: that others solve them alike is tested with batches.
 """
 
+import shlex
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,11 +12,13 @@ import abfm
 from abfm import AbfmError, Flow, ParameterError, TriangleMesh, load_population
 from abfm.batch import Entry, Ledger, Workers
 from abfm.batch.attempt import Task, attempt
+from abfm.batch.run import seen_here
 from abfm.calculus.operators import vertex_areas
 from abfm.functions import quoted
 from abfm.io import write_surface
 from abfm.mesh.shapes import even_sphere
 from abfm.population import Channel, Cohort, Settings, Subject
+from abfm.population.carrying import Carrying, load_carried
 from abfm.workers.control import CancelledError, Control
 from tests.shapes import icosphere
 
@@ -237,6 +241,40 @@ def test_it_goes_on_and_does_nothing_twice(kept, usual, solved):
         usual.save(kept.folder / "usual.npz")
         one, two = ((kept.folder / f"{name}.npz").read_bytes() for name in ("usual", "other"))
         assert one == two
+
+
+@pytest.mark.parametrize("at", ["", "edges"])
+def test_what_is_carried_is_the_same_where_files_are_sent(kept, usual, tmp_path, at):
+    """As to workers that see no folder; also of a subject without a channel that is held out."""
+    out, first = kept.folder / "out", kept.subjects[0]
+    row = Carrying(
+        "plus",
+        {
+            "surface": kept.template,
+            "template": kept.template,
+            "functions": shlex.join((first.functions[0], "")),
+            "mask": "expression:1 + 0.5*x",
+            "registration": out / f"{usual.digests[0]}.npz",
+            "drift": next((out / "targets").glob("round-2-drift-*.npy")),
+            "at": at,
+        },
+    )
+    here = Ledger(tmp_path)
+    attempt(Task(row, str(here.folder), here.make()))
+    sent = attempt(seen_here(Task(row, str(tmp_path / "nowhere"), "unknown")))
+    assert sent.result == here.entry(row).path.read_bytes()
+    found = here.entry(row).load()
+    assert len(found.before.mask) == len(MESH.edges if at else MESH.vertices)
+    assert np.isnan(found.after.values).all(axis=0).tolist() == [False, True]
+    assert found.after.mask.min() < 0.9 < 1.1 < found.after.mask.max()
+
+
+def test_damaged_files_of_what_is_carried_are_told(kept, usual, tmp_path):
+    path = next((kept.folder / "out" / "carried").glob("*.npz"))
+    damaged = tmp_path / "carried.npz"
+    damaged.write_bytes(path.read_bytes()[:-300])
+    with pytest.raises(AbfmError, match="no file of a subject on a template of abfm, or damaged"):
+        load_carried(damaged)
 
 
 def test_the_order_of_subjects_says_nothing(kept, usual, solved):

@@ -19,10 +19,10 @@ def written(folder, text):
 def test_a_table_names_files_and_functions_beside_it(tmp_path):
     (tmp_path / "a, b.npy").touch()
     text = (
-        "Name;surface;sulc;held-out:label;MASK;weight\n"
-        "one;sub/one.off;a, b.npy;file:label.csv;known.txt + indicator:vertex=3;2\n"
+        "Name;surface;sulc;held-out:label;MASK;weight;Landmarks\n"
+        "one;sub/one.off;a, b.npy;file:label.csv;known.txt + indicator:vertex=3;2;marks/one.csv\n"
         "\n"
-        "two;;gaussian:vertex=3,width=0.1;;;\n"
+        "two;;gaussian:vertex=3,width=0.1;;;;\n"
     )
     (tmp_path / "known.txt + indicator:vertex=3").touch()
     found = read_subjects(written(tmp_path, text))
@@ -34,6 +34,7 @@ def test_a_table_names_files_and_functions_beside_it(tmp_path):
     assert str(tmp_path / "label.csv") in one.functions[1]
     assert str(tmp_path / "known.txt") in one.mask
     assert one.weight == 2
+    assert one.landmarks == str(tmp_path / "marks/one.csv")
     assert two == Subject("two", ("gaussian:vertex=3,width=0.1", ""))
 
 
@@ -46,8 +47,9 @@ def test_rows_without_a_name_have_their_number(tmp_path):
     ("text", "told"),
     [
         ("", "it is empty"),
-        ("name,f\none,coordinate:x\n", "there are 1 subjects"),
+        ("name,f\none,coordinate:x\n", "subjects: 1; a population has two or more"),
         ("name,held-out:f\none,coordinate:x\ntwo,coordinate:x\n", "no channel to register by"),
+        ("name,landmarks\none,a.csv\ntwo,b.csv\n", "landmarks alone make no mean"),
         ("name,f\none,coordinate:x\none,coordinate:x\n", "two subjects are called one"),
         ("name,f,f\none,coordinate:x,coordinate:x\n", "two columns are called f"),
         ("f,held-out:f\ncoordinate:x,coordinate:x\ncoordinate:x,\n", "two channels are called f"),

@@ -146,6 +146,28 @@ def test_pictures_show_means_deviations_areas_and_the_odd_one(page):
     assert np.abs(own - other).mean() > 10
 
 
+def test_weights_and_landmarks_are_told(abfm, folder, monkeypatch):
+    """Of two channels and two subjects, of which one has landmarks, in a folder beside its file."""
+    (folder / "marks").mkdir(exist_ok=True)
+    (folder / "marks" / "one.csv").write_text("\n".join(f"{k},{k}" for k in (0, 40, 90)))
+    lines = ["name;depth;edge;landmarks"]
+    lines += [f"s{k};{k}.npy;{k}.csv;{'marks/one.csv' if k == 1 else ''}" for k in (1, 2)]
+    (folder / "two.csv").write_text("\r\n".join(lines), encoding="utf-8-sig")
+    monkeypatch.chdir(folder.parent)
+    words = f"population {folder}/two.csv --template {folder}/template.gii --no-pictures --json"
+    said = abfm(f"{words} --weight edge=0.25 --out {folder}/two {BRIEF}", status=3)
+    facts = json.loads(said.out)
+    assert [each["weight"] for each in facts["channels"]] == [1, 0.25]
+    left = {each["name"]: each["landmarks"] for each in facts["subjects"]}
+    assert left["s2"] is None
+    assert left["s1"] < 0.02
+    found = library.load_population(folder / "two" / "population.npz")
+    assert found.landmarks[0] == left["s1"]
+    page = Page((folder / "two" / "population.html").read_text(encoding="utf-8"))
+    assert "edge, weight 0.25" in page.text
+    assert f"{left['s1']:.3f}" in page.text
+
+
 def test_running_again_solves_nothing_and_says_the_same(abfm, folder, found, monkeypatch):
     def refuse(*arguments):
         raise AssertionError("a row was solved again")
