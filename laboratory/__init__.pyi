@@ -1,6 +1,7 @@
 from . import measured as measured
 from . import meshes as meshes
 from . import success as success
+from . import trials as trials
 from . import window as window
 from .arrival import format_arrival as format_arrival
 from .arrival import run_arrival as run_arrival

@@ -1,8 +1,9 @@
 """How far maps between functions as measured ones are end from the truth: known flows and noise."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
+from pathlib import Path
 from statistics import median
 from typing import Any
 from zlib import crc32
@@ -11,16 +12,15 @@ import numpy as np
 from scipy import sparse
 
 from abfm import AbfmError, Flow, Match, Parameters, PointMap, Problem, TriangleMesh
+from abfm.batch import Entry, problem_row
 from abfm.calculus import to_ambient
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.matching.objective.regularizer import regularizer
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray
-from laboratory.common import aligned, in_words, watched_match
+from laboratory.common import aligned, in_words
 from laboratory.success import Selection
-
-Row = dict[str, Any]
-Tell = Callable[[str], None]
+from laboratory.trials import Place, Posed, Row, Tell, by_batch
 
 SIGMAS = (6.0, 2.0, 1.0, 0.5, 0.25, 0.1)
 """Given values of sigma, the best of which the default is compared with."""
@@ -38,7 +38,7 @@ NEAR = 1.1
 ALL = Selection()
 """Six problems on each mesh."""
 
-_LIMIT = 120.0  # seconds of a match
+_DEFAULTS = "defaults"
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,33 +109,40 @@ def apart(first: PointMap, second: PointMap) -> float:
     return float(np.average(distances, weights=vertex_areas(mesh)) / mesh.length_scale)
 
 
-def run_trial(trial: Trial, stopped: Callable[[], bool] = lambda: False) -> Row:
-    """Match by defaults and by every sigma of `SIGMAS`, and hold the maps against the true one."""
+def posed(trial: Trial, folder: Path) -> Posed:
+    """State a trial with defaults and with every sigma of `SIGMAS`; maps are held against the true
+    one.
+    """
     flow, f = trial.flow(), trial.texture()
     truth = flow.point_map()
     g = truth.pull_back(f) + trial.noise()
-    row: Row = {
-        "problem": {
-            **trial.to_dict(),
-            "error": apart(truth, PointMap.of_vertices(trial.mesh, trial.mesh)),
-            "log2_area": flow.distortion().log2_area.mean,
-        },
-        "fixed": {},
+    described = {
+        **trial.to_dict(),
+        "error": apart(truth, PointMap.of_vertices(trial.mesh, trial.mesh)),
+        "log2_area": flow.distortion().log2_area.mean,
     }
-    for sigma in (None, *SIGMAS):
-        if stopped():
-            break
-        try:
-            stated = Problem(trial.mesh, f, g, Parameters(sigma=sigma))
-            watched = watched_match(stated, _LIMIT, stopped=stopped)
-            found = {**_found(watched.found, truth), "seconds": watched.to_end}
-        except AbfmError as error:  # also of fields along which flow lines do not end
-            found = {"error": None, "verdict": str(error)}
-        if sigma is None:
-            row["defaults"] = found
-        else:
-            row["fixed"][f"{sigma:g}"] = found
-    return row
+    wanted = {_DEFAULTS: None, **{f"{sigma:g}": sigma for sigma in SIGMAS}}
+    matches = {
+        name: problem_row(
+            Problem(trial.mesh, f, g, Parameters(sigma=sigma)),
+            folder,
+            f"{trial.mesh_name}, sigma {name}",
+        )
+        for name, sigma in wanted.items()
+    }
+
+    def judge(entries: Mapping[str, Entry]) -> Row:
+        found = {name: _of_entry(entry, truth) for name, entry in entries.items()}
+        return {"problem": described, "fixed": found, _DEFAULTS: found.pop(_DEFAULTS)}
+
+    return Posed(matches, judge)
+
+
+def _of_entry(entry: Entry, truth: PointMap) -> Row:
+    try:
+        return {**_found(entry.load(), truth), "seconds": entry.record.seconds}
+    except AbfmError as error:  # also of fields along which flow lines do not end
+        return {"error": None, "verdict": str(error)}
 
 
 def _found(match: Match, truth: PointMap) -> Row:
@@ -162,22 +169,25 @@ def run_measured(
     meshes: Mapping[str, TriangleMesh],
     tell: Tell = lambda line: None,
     selection: Selection = ALL,
-    stopped: Callable[[], bool] = lambda: False,
+    place: Place | None = None,
 ) -> dict[str, Any]:
-    """Match all problems, one after the other; `tell` is told in one line what came out of each.
+    """Match all problems; `tell` is told in one line what came out of each.
 
     Only numbers, text, lists and dictionaries come: ``rows``, ``interrupted``, ``settings`` and
     ``machine``, as `laboratory.success.run_success` has them.
     """
-    rows: list[Row] = []
-    problems = measured_problems(meshes, selection.seed, selection.count)[selection.places]
-    for number, problem in enumerate(problems, 1):
-        row = run_trial(problem, stopped)
-        if stopped():
-            break
-        rows.append(row)
-        tell(f"{number}/{len(problems)} {', '.join(_cells(row))}")
-    return selection.report(rows, stopped(), meshes, noise=NOISE)
+    place = place or Place()
+
+    def pose(folder: Path) -> Iterator[Posed]:
+        drawn = measured_problems(meshes, selection.seed, selection.count)
+        for trial in drawn[selection.places]:
+            try:
+                yield posed(trial, folder)
+            except AbfmError as error:  # of meshes on which there is no such flow
+                tell(f"left out: {trial.mesh_name}: {error}")
+
+    rows = by_batch(pose, lambda row: ", ".join(_cells(row)), tell, place)
+    return selection.report(rows, place.control.cancelled, meshes, noise=NOISE)
 
 
 _HEADER = (
@@ -209,7 +219,7 @@ def _cells(row: Row) -> list[str]:
         true,
         f"{found['log2_area']:.3f}",
         found["verdict"],
-        f"{found['seconds']:.1f}",
+        "-" if found["seconds"] is None else f"{found['seconds']:.1f}",
     ]
 
 

@@ -1,38 +1,31 @@
 """How often matches succeed: random problems by several versions, side by side."""
 
 import math
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
-from dataclasses import asdict, dataclass, field, replace
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
-from time import perf_counter
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 from zlib import crc32
 
 import numpy as np
 
 from abfm import (
     AbfmError,
-    Control,
     ParameterError,
     Parameters,
     Problem,
     TriangleMesh,
-    batch,
     function,
 )
-from abfm.batch import Cluster, Entry
+from abfm.batch import Entry, problem_row
 from abfm.calculus import geodesic_distance
-from abfm.io import temporary_folder
 from abfm.maps import SymmetryError, detect_symmetry
 from abfm.matching.solvability import RESOLVED, range_bound, resolution, unmatched
 from abfm.types import FloatArray
 from laboratory.common import LEVEL, aligned, in_words, machine, markdown
-
-Row = dict[str, Any]
-Tell = Callable[[str], None]
+from laboratory.trials import Place, Posed, Row, Tell, by_batch
 
 BEFORE = Parameters(
     reach=0.0,
@@ -78,7 +71,6 @@ _TURN: tuple[Family, ...] = (
     *("gaussian", "one to two", "disc", "gaussian", "eigenfunction"),
     *("gaussian", "one to two", "descriptor", "gaussian", "disc"),
 )
-_SAID_EVERY = 5.0  # seconds
 _HIGHEST = 8  # of the eigenfunctions matched
 # of the most possible: how far the two targets of one source are from each other
 _APART = (0.5, 1.0)
@@ -278,17 +270,6 @@ def _known(number: float | None) -> float:
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where problems are matched, by whom, and how to end that early; without a folder nothing is
-    kept.
-    """
-
-    folder: Path | None = None
-    cluster: Cluster = Cluster(jobs=1)
-    control: Control = field(default_factory=Control)
-
-
-@dataclass(frozen=True)
 class Selection:
     """Which problems: `seed` and `count` on each mesh, and of ``part = (k, n)`` only every n-th,
     from the k-th, which is 1 for the first; or those alone that are known to be solvable.
@@ -322,99 +303,52 @@ class Selection:
         }
 
 
-class _Posed(NamedTuple):
-    """A problem as the report has it, and a row of a batch for each version, by its name."""
-
-    described: Row
-    rows: dict[str, batch.Row]
-
-
 def run_success(
     meshes: Mapping[str, TriangleMesh],
     tell: Tell = lambda line: None,
     selection: Selection = Selection(),
     versions: Mapping[str, Parameters] = VERSIONS,
-    place: Place = Place(),
+    place: Place | None = None,
 ) -> dict[str, Any]:
     """Match all problems by all versions, the first of which the others are compared with; `tell`
     is told in one line what came out of each.
-
-    Each is matched as a row of a batch, to its end, so that what comes is the same whatever else
-    runs, but for seconds; what a folder has of an earlier run is not matched again.
 
     Only numbers, text, lists and dictionaries come: ``rows``, with the ``problem`` and a record
     under the name of every version, then ``settings`` and ``machine``. If it was cancelled,
     ``interrupted`` is true and rows are those that were finished.
     """
-    with ExitStack() as opened:
-        if place.folder is None:
-            folder = opened.enter_context(temporary_folder(Path(tempfile.gettempdir())))
-            place = replace(place, folder=folder)
-        posed = _posed(meshes, tell, selection, versions, place)
-        rows = _solved(posed, tell, versions, place)
+    place = place or Place()
+
+    def pose(folder: Path) -> Iterator[Posed]:
+        drawn = success_problems(meshes, selection.seed, selection.count)
+        for trial in [*drawn][selection.places]:
+            try:
+                described = trial.to_dict()
+                if selection.solvable and not described["solvable"]:
+                    continue
+                yield _posed(trial, described, versions, folder)
+            except AbfmError as error:  # of meshes on which its functions are none
+                tell(f"left out: {trial.mesh_name}: {error}")
+
+    rows = by_batch(pose, lambda row: _line(row, versions), tell, place)
     of_versions = {name: parameters.to_dict() for name, parameters in versions.items()}
     stopped = place.control.cancelled
     return selection.report(rows, stopped, meshes, level=LEVEL, versions=of_versions)
 
 
-def _posed(
-    meshes: Mapping[str, TriangleMesh],
-    tell: Tell,
-    selection: Selection,
-    versions: Mapping[str, Parameters],
-    place: Place,
-) -> list[_Posed]:
-    """State problems and write them into the folder."""
-    assert place.folder is not None
-    found, said = [], 0.0
-    problems = [*success_problems(meshes, selection.seed, selection.count)][selection.places]
-    for number, trial in enumerate(problems):
-        if place.control.cancelled:
-            break
-        if perf_counter() - said > _SAID_EVERY:
-            said = perf_counter()
-            tell(f"stating problems: {number} of {len(problems)}")
-        try:
-            described = trial.to_dict()
-            if selection.solvable and not described["solvable"]:
-                continue
-            stated = Problem(trial.mesh, trial.source, trial.target)
-        except AbfmError as error:  # of meshes on which its functions are none
-            tell(f"left out: {trial.mesh_name}: {error}")
-            continue
-        rows = {
-            name: batch.problem_row(
-                stated.with_parameters(parameters), place.folder, f"{trial.mesh_name} {name}"
-            )
-            for name, parameters in versions.items()
-        }
-        found.append(_Posed(described, rows))
-    return found
+def _posed(trial: Trial, described: Row, versions: Mapping[str, Parameters], folder: Path) -> Posed:
+    """State a problem for each version."""
+    stated = Problem(trial.mesh, trial.source, trial.target)
+    matches = {
+        name: problem_row(stated.with_parameters(each), folder, f"{trial.mesh_name} {name}")
+        for name, each in versions.items()
+    }
 
+    def judge(entries: Mapping[str, Entry]) -> Row:
+        records = {name: record_of(entry).to_dict() for name, entry in entries.items()}
+        return {"problem": described, **records}
 
-def _solved(
-    posed: Sequence[_Posed], tell: Tell, versions: Mapping[str, Parameters], place: Place
-) -> list[Row]:
-    """Return the report's rows of problems that all versions were tried on."""
-    assert place.folder is not None
-    found: dict[int, Row] = {}
-    came = dict[str, Row]()  # records by keys of rows
-
-    def note(entry: Entry) -> None:
-        came[entry.row.key] = record_of(entry).to_dict()
-        for number, problem in enumerate(posed):
-            is_whole = all(row.key in came for row in problem.rows.values())
-            if is_whole and number not in found:
-                of_versions = {name: came[row.key] for name, row in problem.rows.items()}
-                found[number] = {"problem": problem.described, **of_versions}
-                tell(f"{len(found)}/{len(posed)} {_line(found[number], versions)}")
-
-    rows = [row for problem in posed for row in problem.rows.values()]
-    for entry in batch.Ledger(place.folder).entries(rows):
-        if entry.state == "done" and entry.row.key not in came and not place.control.cancelled:
-            note(entry)
-    batch.run(rows, place.folder, place.cluster, on_change=note, control=place.control)
-    return [found[number] for number in sorted(found)]
+    return Posed(matches, judge)
 
 
 def _line(row: Row, versions: Mapping[str, Parameters]) -> str:

@@ -36,7 +36,8 @@ finished; with --out the same again goes on with what is missing.
 
 With --measured it matches functions as measured ones are: random smooth textures, carried along
 random flows that are known, with 20% of noise. It tells how far the map that the defaults find is
-from the true one, beside the best of six values of sigma: about ten minutes. Ctrl-C as above.
+from the true one, beside the best of six values of sigma: about ten minutes. Rows of a
+batch, as above.
 
 With --arrival it measures how soon a match is there on ever finer meshes, now and as it was before:
 a few minutes.
@@ -83,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     choose("--problems", "problems on each mesh (default: 6)", "N", type=count, default=6)
     choose("--seed", "another number gives other problems (default: 0)", type=seed, default=0)
     choose("--part", "only every N-th problem, from the K-th", "K/N", type=_part, default=(1, 1))
-    choose("--out", "with --success: folder for results, to go on with", "DIR", type=Path)
+    choose("--out", "folder for results, to go on with", "DIR", type=Path)
     add("--json", "print one JSON object, or write it to FILE", "FILE", nargs="?", const="")
     add("--quiet", "no progress")
     add_workers(parser)
@@ -108,14 +109,14 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.seed, arguments.problems, arguments.part, arguments.solvable
         )
         meshes = _meshes(arguments)
+        place = laboratory.trials.Place(arguments.out, cluster_of(arguments), control)
         with cancelled_by_signals(control, "with what was finished") as kept:
             if arguments.success:
                 versions = {name: success.VERSIONS[name] for name in sorted(arguments.versions)}
-                place = success.Place(arguments.out, cluster_of(arguments), control)
                 report = success.run_success(meshes, tell, selection, versions, place)
                 text = success.format_success(report)
             else:
-                report = measured.run_measured(meshes, tell, selection, lambda: control.cancelled)
+                report = measured.run_measured(meshes, tell, selection, place)
                 text = measured.format_measured(report)
     elif arguments.arrival:
         report = laboratory.run_arrival(tell)
@@ -141,8 +142,10 @@ def _check(arguments: argparse.Namespace) -> None:
             "clone it, and type ./run once, then .venv/bin/abfm bench"
         )
     given = (arguments.jobs, arguments.scheduler, arguments.scheduler_file, arguments.out)
-    if any(given) and not arguments.success:
-        raise UsageError("--jobs, --scheduler, --scheduler-file and --out go with --success")
+    if any(given) and not (arguments.success or arguments.measured):
+        raise UsageError(
+            "--jobs, --scheduler, --scheduler-file and --out go with --success or --measured"
+        )
 
 
 def _meshes(arguments: argparse.Namespace) -> dict[str, TriangleMesh]:

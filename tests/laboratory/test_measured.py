@@ -6,10 +6,11 @@ from itertools import product
 import numpy as np
 import pytest
 
-from abfm import PointMap
+from abfm import Control, PointMap
 from abfm.calculus.operators import vertex_areas
 from laboratory import measured
 from laboratory.success import Selection
+from laboratory.trials import Place
 from tests.shapes import icosphere
 
 BALL = icosphere(3)
@@ -84,7 +85,9 @@ def test_what_fails_and_what_is_stopped_is_told(report):
     text = measured.format_measured(alone)
     assert "too fast" in text
     assert "0 of 1; median ratio none" in text
-    stopped = measured.run_measured({"ball": BALL}, stopped=lambda: True)
+    ended = Control()
+    ended.cancel()
+    stopped = measured.run_measured({"ball": BALL}, place=Place(control=ended))
     assert stopped["interrupted"]
     assert stopped["rows"] == []
     assert "0 problems" in measured.format_measured(stopped)

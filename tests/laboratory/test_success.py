@@ -17,12 +17,12 @@ from laboratory.common import LEVEL
 from laboratory.success import (
     BEFORE,
     VERSIONS,
-    Place,
     Record,
     Selection,
     record_of,
     run_success,
 )
+from laboratory.trials import Place
 from tests.shapes import icosphere, square
 
 SHORT = {name: replace(each, iterations=15, refine=0) for name, each in VERSIONS.items()}

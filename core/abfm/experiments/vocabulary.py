@@ -192,8 +192,12 @@ def sought_by(script: Script) -> Sequence[Sought]:
     return sought
 
 
-def findings_of(script: Script, matches: Sequence[Match]) -> Findings:
-    """Run a script to its end, with the matches that it waits for."""
+def findings_of(script: Script, matches: Sequence[Match] | None = None) -> Findings:
+    """Run a script to its end: one that waits, with the matches that it waits for; without these
+    from its beginning, and they are found here and now.
+    """
+    if matches is None:
+        matches = Stage().match(sought_by(script))
     try:
         script.send(matches)
     except StopIteration as end:

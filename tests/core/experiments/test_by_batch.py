@@ -6,7 +6,7 @@ from abfm import AbfmError, batch
 from abfm.batch import Cluster
 from abfm.batch.ledger import Record
 from abfm.experiments import Stage, findings_of, matches_of, rows_of, script, sought_by
-from tests.core.experiments.small import run, values
+from tests.core.experiments.small import values
 from tests.shapes import torus
 
 MESH = torus(16, 8)
@@ -28,7 +28,7 @@ def test_findings_do_not_tell_whether_a_match_was_read(waiting, tmp_path):
     assert matches[0].problem is sought[0].problem
     found = values(findings_of(whole, matches))
     assert sum(name.startswith("drift of the mass at tau") for name in found) == 2
-    assert found == values(run(1, MESH)[1])
+    assert found == values(findings_of(script(1, Stage(MESH, small=True))))
 
 
 def test_what_was_not_matched_is_told(waiting, tmp_path):

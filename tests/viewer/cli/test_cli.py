@@ -490,7 +490,7 @@ def test_bench_prints_its_report_and_counts_successes(abfm, monkeypatch, tmp_pat
 
 def test_bench_measures_errors_of_maps(abfm, monkeypatch):
     monkeypatch.setattr("laboratory.measured.SIGMAS", (3.0,))
-    told = abfm(f"bench --measured --only-given --problems 1 --meshes {EIGHT} --json")
+    told = abfm(f"bench --measured --jobs 1 --only-given --problems 1 --meshes {EIGHT} --json")
     (row,) = json.loads(told.out)["rows"]
     assert row["fixed"].keys() == {"3"}
     assert "1/1 eight.off" in told.err
