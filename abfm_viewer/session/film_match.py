@@ -33,6 +33,7 @@ class FilmMatch:
         self.pair: tuple[int, int] | None = None  # frames to match by themselves, if chosen
         self._began: Document | None = None  # what the run is of
         self._fields: dict[int, FloatArray] = {}  # of the run, by interval
+        self._fast = 0.0  # the largest of what counted as fast in the run's fields
         self._control = Control()
         self._work: Future[Sequence] | None = None
         self._worker = Worker(stateless, _ENDED)
@@ -52,6 +53,7 @@ class FilmMatch:
         if self.running or document.film is None:
             return
         self._began, self._fields, self._control = document, {}, Control()
+        self._fast = 0.0
         self.step = Step("starting the solver")
         of = document.film.frames, document.settings
         self._work = THREADS.submit(self._solve, *of, self._fields, self._control)
@@ -70,6 +72,12 @@ class FilmMatch:
     def found(self, document: Document) -> int:
         """Return how many fields a run of the document has found."""
         return len(self._fields) if self._is_of(document) else 0
+
+    def fast(self, document: Document) -> float:
+        """Return what counts as fast in any of the fields that a run of the document has found, 0
+        without any; it only grows.
+        """
+        return self._fast if self.found(document) else 0.0
 
     def words(self, document: Document) -> str:
         """Return in a line what a run does."""
@@ -144,6 +152,10 @@ class FilmMatch:
     ) -> Sequence:
         def take(found: tuple[int, FloatArray]) -> None:
             interval, field = found
+            speed = np.linalg.norm(field, axis=1)
+            fast = abfm.calculus.fast_speed(frames.mesh, speed)
+            if fields is self._fields:  # else another run has begun
+                self._fast = max(self._fast, fast)
             fields[interval] = field
 
         def tell(step: Step | None) -> None:
