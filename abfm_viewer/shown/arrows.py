@@ -32,9 +32,10 @@ _HEAD_LENGTH, _MOST_HEAD = 0.36, 0.55  # of that distance, and of the arrow
 _RIM, _SHARPEST = 0.035, 2.0  # width of a rim, of that distance; and at the tip, of that width
 _THINNEST = 0.6  # of the widths, where arrows are short
 _SHAFT_NODES, _HEAD_NODES = 6, 3
-_HEIGHT, _RIM_HEIGHT = 0.0024, 0.0015  # above the surface, which would hide them where it bends
-_FLATTEST = 0.3  # cosine of the angle at which arrows are seen, near outlines
-_STEEPEST = 0.4  # cosine of the angle by which the surface turns between an arrow's middle and ends
+_HEIGHT, _RIM_HEIGHT = 0.04, 0.025  # of that distance: above the surface, which bends
+_HIGHEST, _HIGHEST_RIM = 0.0024, 0.0015
+_FLATTEST = 0.4  # cosine of the angle at which arrows are seen, near outlines
+_STEEPEST = 0.6  # cosine of the angle by which the surface turns between an arrow's middle and ends
 _FINER = 0.5  # of their distance: how near to each other places are of which some are chosen
 _AROUND = 8  # directions in which a disc is looked at
 
@@ -179,7 +180,7 @@ def _sights(points: SurfacePoints, radius: float, eye: Eye) -> IntArray:
         cosines *= np.where(cosines[:, :1] < 0, -1.0, 1.0)
     seen &= cosines > _FLATTEST
     surface = mesh.vertices / mesh.length_scale, mesh.faces
-    lifted = discs[seen] + _HEIGHT * eye.towards(discs[seen])
+    lifted = discs[seen] + _HIGHEST * eye.towards(discs[seen])
     seen[seen] = ~eye.hides(surface, lifted, cosines[seen])
     return np.asarray(seen[:, 0] * (1 + seen[:, 1:].sum(axis=1)))
 
@@ -208,7 +209,9 @@ def _drawn(
     turned = normals_at(mesh, stops.faces, stops.barycentric).reshape(count, each, 3)
     own = normals_at(mesh, points.faces, points.barycentric)[:, None]
     whole &= _is_flat(np.concatenate([own, turned], axis=1)).all(axis=1)
-    at, turned = (stops.positions / scale).reshape(count, each, 3)[whole], turned[whole]
+    at = (stops.positions / scale).reshape(count, each, 3)
+    whole &= ~_sinks(at[:, 2:], turned[:, 2:], heights, faces)
+    at, turned = at[whole], turned[whole]
     middles = (points.positions / scale)[whole]
     vertices = len(heights) * np.arange(len(at))[:, None, None]
     return Arrows(
@@ -221,6 +224,19 @@ def _drawn(
         (vertices + faces).reshape(-1, 3),
         np.tile(rims, len(at)),
     )
+
+
+def _sinks(
+    places: FloatArray, normals: FloatArray, heights: FloatArray, faces: IntArray
+) -> BoolArray:
+    """Tell which arrows, with vertices (A, M, 3) and faces (T, 3), the surface comes through, (A,),
+    if it bends between vertices at one sharp edge, halfway.
+    """
+    sinks = np.zeros(len(places), dtype=bool)
+    for one, other in (faces[:, [0, 1]].T, faces[:, [1, 2]].T, faces[:, [2, 0]].T):
+        step, turn = places[:, other] - places[:, one], normals[:, other] - normals[:, one]
+        sinks |= ((step * turn).sum(axis=2) / 4 > heights[one]).any(axis=1)
+    return sinks
 
 
 def _glyphs(
@@ -238,7 +254,8 @@ def _glyphs(
     along_shaft, along_head = np.linspace(0, 1, _SHAFT_NODES), np.linspace(0, 1, _HEAD_NODES)
     corners, heights, faces, rims = [], [], [], []
     first = 0
-    for height, more, farther in ((_RIM_HEIGHT, rim, ahead), (_HEIGHT, 0 * rim, 0 * ahead)):
+    above, above_rim = min(_HEIGHT * spacing, _HIGHEST), min(_RIM_HEIGHT * spacing, _HIGHEST_RIM)
+    for height, more, farther in ((above_rim, rim, ahead), (above, 0 * rim, 0 * ahead)):
         neck = length - head
         whole = head + farther + more
         shaft = -more + (neck + more) * along_shaft, (_SHAFT * size + more) * np.ones(_SHAFT_NODES)
@@ -250,7 +267,7 @@ def _glyphs(
             corners.append(np.stack([x, y], axis=-1).reshape(len(length), 3 * nodes, 2))
             heights.append(np.full(3 * nodes, height))
             faces.append(first + _strip(nodes))
-            rims.append(np.full(len(faces[-1]), height == _RIM_HEIGHT))
+            rims.append(np.full(len(faces[-1]), height == above_rim))
             first += 3 * nodes
     return (
         np.concatenate(corners, axis=1),
