@@ -31,10 +31,11 @@ _SHAFT, _HEAD = 0.055, 0.165  # half widths, of that distance
 _HEAD_LENGTH, _MOST_HEAD = 0.36, 0.55  # of that distance, and of the arrow
 _RIM, _SHARPEST = 0.035, 2.0  # width of a rim, of that distance; and at the tip, of that width
 _THINNEST = 0.6  # of the widths, where arrows are short
-_SHAFT_NODES, _HEAD_NODES = 6, 3
+_SHAFT_NODES, _HEAD_NODES = 8, 6
 _HEIGHT, _RIM_HEIGHT = 0.04, 0.025  # of that distance: above the surface, which bends
 _HIGHEST, _HIGHEST_RIM = 0.0024, 0.0015
-_FLATTEST = 0.4  # cosine of the angle at which arrows are seen, near outlines
+_NEARER, _NEAREST = 0.13, 0.008  # of that distance, and at most: what is less far before a place
+_FLATTEST = 0.3  # cosine of the angle at which arrows are seen, near outlines
 _STEEPEST = 0.6  # cosine of the angle by which the surface turns between an arrow's middle and ends
 _FINER = 0.5  # of their distance: how near to each other places are of which some are chosen
 _AROUND = 8  # directions in which a disc is looked at
@@ -86,7 +87,8 @@ class Arrows:
         places = self._lifted(eye)[~hidden]
         surface = self.mesh.vertices / self.mesh.length_scale, self.mesh.faces
         slopes = np.repeat(cosines[~hidden], places.shape[1])
-        covered = eye.hides(surface, places.reshape(-1, 3), slopes)
+        slack = _slack(self.look.spacing)
+        covered = eye.hides(surface, places.reshape(-1, 3), slopes, slack)
         hidden[~hidden] = covered.reshape(places.shape[:2]).any(axis=1)
         return hidden
 
@@ -181,8 +183,13 @@ def _sights(points: SurfacePoints, radius: float, eye: Eye) -> IntArray:
     seen &= cosines > _FLATTEST
     surface = mesh.vertices / mesh.length_scale, mesh.faces
     lifted = discs[seen] + _HIGHEST * eye.towards(discs[seen])
-    seen[seen] = ~eye.hides(surface, lifted, cosines[seen])
+    seen[seen] = ~eye.hides(surface, lifted, cosines[seen], _slack(2 * radius))
     return np.asarray(seen[:, 0] * (1 + seen[:, 1:].sum(axis=1)))
+
+
+def _slack(spacing: float) -> float:
+    """Return how far before a place on a surface what is seen still lies on it."""
+    return min(_NEARER * spacing, _NEAREST)
 
 
 def _is_flat(normals: FloatArray) -> BoolArray:
@@ -209,9 +216,7 @@ def _drawn(
     turned = normals_at(mesh, stops.faces, stops.barycentric).reshape(count, each, 3)
     own = normals_at(mesh, points.faces, points.barycentric)[:, None]
     whole &= _is_flat(np.concatenate([own, turned], axis=1)).all(axis=1)
-    at = (stops.positions / scale).reshape(count, each, 3)
-    whole &= ~_sinks(at[:, 2:], turned[:, 2:], heights, faces)
-    at, turned = at[whole], turned[whole]
+    at, turned = (stops.positions / scale).reshape(count, each, 3)[whole], turned[whole]
     middles = (points.positions / scale)[whole]
     vertices = len(heights) * np.arange(len(at))[:, None, None]
     return Arrows(
@@ -224,19 +229,6 @@ def _drawn(
         (vertices + faces).reshape(-1, 3),
         np.tile(rims, len(at)),
     )
-
-
-def _sinks(
-    places: FloatArray, normals: FloatArray, heights: FloatArray, faces: IntArray
-) -> BoolArray:
-    """Tell which arrows, with vertices (A, M, 3) and faces (T, 3), the surface comes through, (A,),
-    if it bends between vertices at one sharp edge, halfway.
-    """
-    sinks = np.zeros(len(places), dtype=bool)
-    for one, other in (faces[:, [0, 1]].T, faces[:, [1, 2]].T, faces[:, [2, 0]].T):
-        step, turn = places[:, other] - places[:, one], normals[:, other] - normals[:, one]
-        sinks |= ((step * turn).sum(axis=2) / 4 > heights[one]).any(axis=1)
-    return sinks
 
 
 def _glyphs(

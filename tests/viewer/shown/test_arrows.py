@@ -150,13 +150,13 @@ def test_arrows_are_whole_or_not_there_at_outlines(tilt):
     is_there = np.ptp(drawn, axis=1).max(axis=1) > 0
     assert 0.1 < is_there.mean() < 0.5
     assert not is_there[hidden].any()
-    assert ((arrows.normals @ eye.axes[2]) > 0.39)[is_there].all()
+    assert ((arrows.normals @ eye.axes[2]) > 0.29)[is_there].all()
     places, normals = drawn[is_there].reshape(-1, 3), arrows.normals[is_there].reshape(-1, 3)
     assert are_hidden(RING.normalized(), places, normals, eye.axes).mean() < 0.002
     # and what is left out would have been cut, or is near an outline
-    left_out = ~is_there & (arrows.turned(eye) > 0.45)
+    left_out = ~is_there & (arrows.turned(eye) > 0.35)
     places, normals = (x[left_out] for x in (arrows.vertices, arrows.normals))
-    assert len(places) > 2
+    assert len(places) > 3
     covered = are_hidden(RING.normalized(), places.reshape(-1, 3), normals.reshape(-1, 3), eye.axes)
     assert covered.reshape(len(places), -1).any(axis=1).mean() > 0.9
 
@@ -233,8 +233,7 @@ def test_places_in_plain_sight_stay_while_the_surface_turns():
 
 def test_an_arrow_does_not_go_around_a_sharp_edge():
     mesh = icosphere(0)
-    eye = Eye(axes(5))
-    arrows = arrows_of(mesh, rotation(mesh), ArrowLook(1.0, 0.3), eye)
+    arrows = arrows_of(mesh, rotation(mesh), ArrowLook(1.0, 0.13), Eye(axes(5)))
     cosines = np.einsum("amx,anx->amn", arrows.normals, arrows.normals)
     assert len(arrows.ways)
     assert cosines.min() > 2 * 0.6**2 - 1  # both within one angle of their middle
