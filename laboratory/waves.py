@@ -1,11 +1,13 @@
 """Known waves on a cortex: the fields of `abfm.sequence` beside linear Horn-Schunck, and films.
 
     python -m laboratory.waves [--surface white_left.gii.gz] [--film MESH FRAMES.npy SECONDS ...]
-        [--folder DIR] [--jobs N] [--write docs/sequences.md --picture docs/images/waves.png]
+        [--folder DIR] [--jobs N] [--write docs/sequences.md]
+        [--picture docs/images/waves.png] [--tracks docs/images/tracks.png]
 
 The surface is by default nilearn's white one of fsaverage5, left. Waves are solved on all cores,
 and kept in the folder, so that it goes on where it was stopped. Films are measured as they are, by
-this process alone: how many intervals flow lines confirm, and which tracks there are.
+this process alone: how many intervals flow lines confirm, and which tracks there are; those of the
+first are drawn.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from abfm.calculus.vector_fields import to_ambient
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.types import BoolArray, FloatArray
 from laboratory.common import put_between, told_table
+from laboratory.film_tracks import draw_tracks
 from laboratory.motion import GAMMAS, HEADS, Result, angles, compared
 
 KINDS = ("travelling", "rotating", "source and sink")
@@ -172,8 +175,10 @@ def drawn(results: list[Result], path: Path) -> None:
     figure.savefig(path, dpi=115)
 
 
-def film_row(mesh_path: str, frames_path: str, seconds: str) -> list[str]:
-    """Return what a sequence says of a film of which nothing is known."""
+def film_row(
+    mesh_path: str, frames_path: str, seconds: str, picture: Path | None = None
+) -> list[str]:
+    """Return what a sequence says of a film of which nothing is known, and draw its tracks."""
     mesh = load_mesh(mesh_path, largest_component=True)
     frames = np.load(frames_path)
     start = perf_counter()
@@ -183,6 +188,8 @@ def film_row(mesh_path: str, frames_path: str, seconds: str) -> list[str]:
     kinds = Counter(track.kind for track in tracks)
     longest = max((len(track) for track in tracks), default=0)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    if picture:
+        draw_tracks(found, picture)
     return [
         Path(frames_path).stem,
         f"{len(frames)} of {len(mesh.vertices):,}",
@@ -226,7 +233,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--surface", type=Path)
     parser.add_argument("--film", nargs=3, action="append", default=[])
-    for name in ("write", "picture"):
+    for name in ("write", "picture", "tracks"):
         parser.add_argument(f"--{name}", type=Path)
     parser.add_argument("--films-only", action="store_true")
     parser.add_argument("--folder", type=Path, help="for what is solved of the waves; kept")
@@ -248,7 +255,12 @@ def main() -> None:
         if given.picture:
             drawn(results, given.picture)
     if given.film:
-        parts += ["Films:", told_table(_FILM_HEADS, (film_row(*film) for film in given.film))]
+        pictures = given.tracks, *[None] * (len(given.film) - 1)
+        films = zip(given.film, pictures, strict=True)
+        rows_of_films = (
+            film_row(mesh, frames, seconds, picture) for (mesh, frames, seconds), picture in films
+        )
+        parts += ["Films:", told_table(_FILM_HEADS, rows_of_films)]
     if given.write:
         put_between(given.write, MARKS, parts)
 

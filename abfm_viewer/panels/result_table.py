@@ -5,7 +5,7 @@ from __future__ import annotations
 import polyscope.imgui as imgui
 
 from abfm_viewer.document.comparison import Compared
-from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow
+from abfm_viewer.document.result_table import COLUMNS, WORST_FIRST, Name, ResultRow
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.result_tables import Tables
 from abfm_viewer.widgets.containers import window
@@ -26,9 +26,13 @@ _FLAGS = (
     | imgui.ImGuiTableFlags_NoSavedSettings
     | imgui.ImGuiTableFlags_SizingStretchProp
 )
-_WEIGHTS: dict[Name, float] = {"name": 1.5, "reason": 2.5}
-_NUMBER, _VERDICT = 76, 96  # how wide columns of numbers and verdicts are, at a scale of 1
-_SEARCH, _COMPARE = 140, 110
+_WEIGHTS: dict[Name, float] = {"name": 2.0, "reason": 2.5}
+_LEAST_TEXT = 110  # how wide names and reasons are at least, at a scale of 1
+_ARROW = 14  # beside a head, the same
+_COMPARE = 110
+_WIDEST = "100.00%"  # number
+_FIRST_TO_GO: tuple[Name, ...] = ("folded", "log2_area", "verified", "left")
+"""Columns that are left out where there is no room for names; a row's tip tells them then."""
 _HINT = "in names and reasons"
 _AGAIN = "Read the folder again now; it is looked at every two seconds."
 _CLOSE = "Take the table away; what the surfaces show stays."
@@ -58,7 +62,8 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
     assert table is not None
     buttons = ("Refresh", "Close table")
     taken = sum(ui.text_width(label) + ui.px(26) for label in buttons)
-    taken += ui.px(_SEARCH) + ui.text_width("search") + ui.px(16)
+    search = ui.text_width(_HINT) + 2 * imgui.GetStyle().FramePadding[0] + ui.px(2)
+    taken += search + ui.text_width("search") + ui.px(16)
     is_of_population = table.population is not None
     if is_of_population:
         taken += ui.px(_COMPARE) + ui.text_width("compareRegistration") + ui.px(50)
@@ -68,7 +73,7 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
         kind: Kind = "failure" if tables.error else "ink"
         ui.line(tables.error or f"{table.title}, {table.told}", kind, room=room)
         ui.beside()
-    tables.search = ui.live_text("search", tables.search, _HINT, width=ui.px(_SEARCH))
+    tables.search = ui.live_text("search", tables.search, _HINT, width=search)
     if is_of_population:
         ui.beside_if_fits("compare", is_button=True)
         told = "What is shown between the subject and the mean of the others."
@@ -93,7 +98,7 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
     assert table is not None
     left, top = imgui.GetCursorScreenPos()
     width, high = imgui.GetContentRegionAvail()
-    columns = table.columns
+    columns = _fitting(ui, table.columns, width)
     if not imgui.BeginTable(f"rows of {len(columns)}", len(columns), _FLAGS, (0.0, 0.0)):
         return
     try:
@@ -104,13 +109,32 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
         imgui.EndTable()
 
 
+def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...]:
+    """Return the columns for which there is room beside names and reasons."""
+    style = imgui.GetStyle()
+    padding = 2 * style.CellPadding[0] + 1
+    for column in (None, *_FIRST_TO_GO):
+        columns = tuple(each for each in columns if each != column)
+        widths = [ui.px(_LEAST_TEXT) if each in _WEIGHTS else _width(ui, each) for each in columns]
+        if sum(widths) + padding * len(widths) + style.ScrollbarSize <= width:
+            break
+    return columns
+
+
+def _width(ui: Ui, column: Name) -> float:
+    """Return the width that a column's head and texts need."""
+    words = WORST_FIRST if column == "verdict" else (_WIDEST,)
+    head = ui.text_width(COLUMNS[column].head) + ui.px(_ARROW)
+    return max(head, *map(ui.text_width, words))
+
+
 def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> None:
     for column in columns:
         if column in _WEIGHTS:
             flags, size = imgui.ImGuiTableColumnFlags_WidthStretch, _WEIGHTS[column]
         else:
             flags = imgui.ImGuiTableColumnFlags_WidthFixed
-            size = ui.px(_VERDICT if column == "verdict" else _NUMBER)
+            size = _width(ui, column)
         imgui.TableSetupColumn(COLUMNS[column].head, flags, size)
     imgui.TableSetupScrollFreeze(0, 1)
     imgui.TableNextRow(imgui.ImGuiTableRowFlags_Headers)
@@ -180,7 +204,12 @@ def _draw_row(ui: Ui, tables: Tables, columns: tuple[Name, ...], row: ResultRow)
             shown = ui.fitted(text, room).replace("##", "# #")  # which would hide the rest
             clicked = imgui.Selectable(f"{shown}###{row.number}", is_chosen, flags)
             state = "chosen" if is_chosen else ""
-            tip = "\n\n".join(filter(None, (f"{row.name}: {row.verdict}", row.reason)))
+            left_out = (each for each in _FIRST_TO_GO[::-1] if each not in columns)
+            numbers = [
+                f"{COLUMNS[each].head} {told}" for each in left_out if (told := row.told(each))
+            ]
+            parts = f"{row.name}: {row.verdict}", ", ".join(numbers), row.reason
+            tip = "\n\n".join(filter(None, parts))
             ui.remember(row.name, "choice", text=state, tip=tip)
             ui.tip(tip)
             if clicked and ui.record.enabled:

@@ -8,6 +8,7 @@ from itertools import cycle
 import numpy as np
 from PIL import Image
 
+from abfm.calculus.speeds import fast_speed
 from abfm.io.sheets import Checker, Coordinates, Panel, Sheet, Streaks, Values
 from abfm.mesh import TriangleMesh
 from abfm.streaks.line_integral import line_integral_convolution
@@ -18,7 +19,7 @@ from abfm_viewer.document.document import Front, triple
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.scene import opengl, overlays
 from abfm_viewer.scene.surfaces import Camera, fitted, look, register, show
-from abfm_viewer.shown.arrows import ArrowLook, arrows_of
+from abfm_viewer.shown.arrows import ArrowLook, arrow_spacing, arrows_of
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.paint import Paint, PaintKind
 from abfm_viewer.shown.ribbons import unit
@@ -35,7 +36,7 @@ POINT_COLORS = (
     (0.0, 0.4, 0.8),
 )
 _RIM = (1.0, 1.0, 1.0)
-_ARROWS = ArrowLook(length=0.12, spacing=0.08)
+_ARROW, _DENSITY = 0.12, 0.15  # the longest, of sqrt(area), and how many
 _POINT, _LINE = 0.022, 0.005  # radii, of sqrt(area)
 _TEXELS = 2048
 _SQUARE = 0.5  # of a checkerboard, in its coordinates
@@ -76,23 +77,40 @@ def panel_pictures(
 ) -> list[Image.Image]:
     """Draw all panels of a sheet, in sizes (width, height) in pixels, on a transparent ground."""
     pictures: dict[int, Image.Image] = {}
+    fast = _fast(sheet)
     for size in dict.fromkeys(sizes):  # the canvas is made once for each size
         with canvas(*size):
             for number, panel in enumerate(_panels(sheet)):
                 if sizes[number] == size:
-                    _show(panel, ranges, views[panel.mesh])
+                    _show(panel, ranges, views[panel.mesh], size[1], fast.get(panel.mesh, 0.0))
                     pictures[number] = Image.fromarray(drawn(transparent=True))
     return [pictures[number] for number in range(len(sizes))]
 
 
-def _show(panel: Panel, ranges: Mapping[str, ColorRange], view: Camera) -> None:
+def _fast(sheet: Sheet) -> dict[TriangleMesh, float]:
+    """Return what counts as fast on each mesh: lengths of arrows compare from panel to panel."""
+    found = defaultdict[TriangleMesh, float](float)
+    for panel in _panels(sheet):
+        if panel.arrows is not None:
+            speed = np.linalg.norm(panel.arrows, axis=1)
+            found[panel.mesh] = max(found[panel.mesh], fast_speed(panel.mesh, speed))
+    return found
+
+
+def _show(
+    panel: Panel, ranges: Mapping[str, ColorRange], view: Camera, height: int, fast: float
+) -> None:
+    """Draw a panel, so many pixels high."""
     mesh = panel.mesh
     opengl.clear()
     look(view, mesh)
     surface = register("surface", mesh)
     show(surface, mesh, _paint(panel, ranges), square=_SQUARE)
     if panel.arrows is not None:
-        arrows, eye = arrows_of(mesh, panel.arrows, _ARROWS), _eye(view, mesh)
+        eye = _eye(view, mesh)
+        scale = mesh.length_scale * height / view.height
+        spacing = arrow_spacing(_DENSITY, scale)
+        arrows = arrows_of(mesh, panel.arrows, ArrowLook(_ARROW, spacing), eye, fast)
         if len(arrows.ways):
             overlays.draw_arrows("arrows", arrows, _INK, _RIM)
             overlays.see_arrows("arrows", arrows, eye, arrows.hidden(eye))

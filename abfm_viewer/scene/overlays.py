@@ -13,14 +13,14 @@ import abfm
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.appearance import theme
-from abfm_viewer.computing.background import same
+from abfm_viewer.computing.background import Memo, same
 from abfm_viewer.scene.opengl import MATERIAL, ps
 from abfm_viewer.scene.surfaces import viewport
 from abfm_viewer.shown.arrows import Arrows
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.paint import Paint
 from abfm_viewer.shown.ribbons import Triangles, normals_at, outward, strips, unit
-from abfm_viewer.shown.shown import Shown
+from abfm_viewer.shown.shown import Field, Shown
 from abfm_viewer.shown.tracks import KINDS
 
 _ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
@@ -192,10 +192,10 @@ class Overlays:
     def __init__(self, shown: Shown, tell: Callable[[str], object]) -> None:
         self._shown, self._tell = shown, tell  # what is drawn anew
         self._drawn: dict[str, tuple[str, tuple[object, ...]]] = {}  # on what, and made of what
-        self._arrows: Arrows | None = None  # those drawn last
+        self._eye = Memo[Eye]()
         self._arrows_seen: object = None  # how they were seen
+        self._field: Field | None = None  # whose arrows are shown
         self._scale = 1.0
-        self.is_behind = False  # arrows are still of another look than the user's
 
     def update(
         self, meshes: Meshes, paints: Mapping[str, Paint], of_flow: bool, scale: float
@@ -212,11 +212,18 @@ class Overlays:
 
     def look(self, axes: FloatArray) -> None:
         """Show the arrows that are seen whole, by axes (3, 3) to the right, up, and towards."""
-        arrows = self._arrows
-        if _ARROWS not in self._drawn or arrows is None:
+        quantities, view = self._shown.quantities, self._shown.session.view
+        eye = self._eye.get((axes.tobytes(),), lambda: Eye(axes))
+        field = self._field
+        arrows = None if field is None else quantities.arrows(field, self._scale, eye)
+        if arrows is None or not len(arrows.ways):
+            self._remove(_ARROWS)
             return
-        eye = Eye(axes)
-        hidden = self._shown.quantities.hidden_arrows(arrows, eye)
+        if self._is_new("advected", _ARROWS, (arrows, view.theme)):
+            colors = theme.palette(view.theme)
+            draw_arrows(_ARROWS, arrows, theme.linear(colors.ink), theme.linear(colors.ground))
+            self._arrows_seen = None
+        hidden = quantities.hidden_arrows(arrows, eye)
         seen = arrows, hidden, axes.tobytes()
         if not same(seen, self._arrows_seen):
             self._arrows_seen = seen
@@ -238,16 +245,7 @@ class Overlays:
     def _draw_of_flow(self, mesh: TriangleMesh, of_flow: bool, has_source: bool) -> None:
         quantities, view = self._shown.quantities, self._shown.session.view
         colors = theme.palette(view.theme)
-        arrows = quantities.arrows(self._scale) if view.arrows and of_flow else None
-        is_wanted = view.arrows and of_flow and quantities.field() is not None
-        self.is_behind = is_wanted and (
-            arrows is None or arrows.look != quantities.arrow_look(self._scale)
-        )
-        if arrows is None or not len(arrows.ways):
-            self._remove(_ARROWS)
-        elif self._is_new("advected", _ARROWS, (arrows, view.theme)):
-            draw_arrows(_ARROWS, arrows, theme.linear(colors.ink), theme.linear(colors.ground))
-            self._arrows, self._arrows_seen = arrows, None
+        self._field = quantities.field() if view.arrows and of_flow else None
         marker = theme.linear(colors.marker)
         paths = tuple(quantities.paths()) if of_flow else ()
         lines = tuple(quantities.lines()) if of_flow else ()

@@ -94,7 +94,7 @@ class Scene:
             of_flow = earlier is None or earlier.view is not view or not self.pacing.begins
             scale = self.view.scale / self.pixels
             self.overlays.update(self._meshes, self.paints, of_flow, scale)
-            self._changed = self.overlays.is_behind
+            self._changed = False
         self._place()
 
     def mesh(self, name: str) -> TriangleMesh:

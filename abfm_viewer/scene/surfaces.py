@@ -126,6 +126,12 @@ class Camera:
     angle: float
     aspect: float
 
+    @property
+    def height(self) -> float:
+        """How much it sees from below to above, where it looks at."""
+        distance = math.dist(self.position, self.target)
+        return 2 * distance * math.tan(math.radians(self.angle / 2))
+
 
 def fitted(
     vertices: FloatArray, front: Front, aspect: float | None, angle: float, margin: float

@@ -40,6 +40,7 @@ class FilmMatch:
         self._fields: dict[int, FloatArray] = {}  # of the run, by interval
         # what the run was of that failed last, and what it had found
         self._left: tuple[object, dict[int, FloatArray]] = None, {}
+        self._fast = 0.0  # the largest of what counted as fast in the run's fields
         self._control = Control()
         self._work: Future[Sequence] | None = None
         self._worker = Worker(stateless, _ENDED)
@@ -61,7 +62,7 @@ class FilmMatch:
         if self.running or document.film is None:
             return
         of, (failed, found) = _of(document), self._left
-        self._began, self._control = document, Control()
+        self._began, self._control, self._fast = document, Control(), 0.0
         self._fields, self._left = found if failed == of else {}, (None, {})
         self.step = Step("starting the solver")
         self._work = THREADS.submit(
@@ -82,6 +83,12 @@ class FilmMatch:
     def found(self, document: Document) -> int:
         """Return how many fields a run of the document has found."""
         return len(self._fields) if self._is_of(document) else 0
+
+    def fast(self, document: Document) -> float:
+        """Return what counts as fast in any of the fields that a run of the document has found, 0
+        without any; it only grows.
+        """
+        return self._fast if self.found(document) else 0.0
 
     def words(self, document: Document) -> str:
         """Return in a line what a run does."""
@@ -157,6 +164,10 @@ class FilmMatch:
     ) -> Sequence:
         def take(found: tuple[int, FloatArray]) -> None:
             interval, field = found
+            speed = np.linalg.norm(field, axis=1)
+            fast = abfm.calculus.fast_speed(frames.mesh, speed)
+            if fields is self._fields:  # else another run has begun
+                self._fast = max(self._fast, fast)
             fields[interval] = field
 
         def tell(step: Step | None) -> None:

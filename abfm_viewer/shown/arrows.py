@@ -1,7 +1,8 @@
 """Arrows of a field on a surface: evenly spread, none over another, whole wherever they are seen.
 
 They lie about places that stay the same whatever the field is, and are no longer than these are
-apart, so that each has a disc of its own. All lengths are in square roots of the surface's area.
+apart, so that each has a disc of its own. An eye gets places whose discs it sees; those in plain
+sight stay the same while the surface turns. All lengths are in square roots of the surface's area.
 """
 
 from __future__ import annotations
@@ -26,15 +27,18 @@ _SPARSE, _DENSE = 60.0, 15.0  # pixels between them at the least and the largest
 _LEVELS = 2  # of spacings, from one to its double: zooming changes arrows no more often
 _LONGEST = 0.92  # arrow, of the distance between places
 _SHORTEST = 0.25  # of the longest: what is slower has none
-_WILD = 0.001  # of the area: speeds that no more of it has count as the next lower ones
-_FAST = 0.4  # of the squared norm: what as much of it exceeds has the full length
 _SHAFT, _HEAD = 0.055, 0.165  # half widths, of that distance
 _HEAD_LENGTH, _MOST_HEAD = 0.36, 0.55  # of that distance, and of the arrow
 _RIM, _SHARPEST = 0.035, 2.0  # width of a rim, of that distance; and at the tip, of that width
 _THINNEST = 0.6  # of the widths, where arrows are short
-_SHAFT_NODES, _HEAD_NODES = 6, 3
-_HEIGHT, _RIM_HEIGHT = 0.0024, 0.0015  # above the surface, which would hide them where it bends
+_SHAFT_NODES, _HEAD_NODES = 8, 6
+_HEIGHT, _RIM_HEIGHT = 0.04, 0.025  # of that distance: above the surface, which bends
+_HIGHEST, _HIGHEST_RIM = 0.0024, 0.0015
+_NEARER, _NEAREST = 0.13, 0.008  # of that distance, and at most: what is less far before a place
 _FLATTEST = 0.3  # cosine of the angle at which arrows are seen, near outlines
+_STEEPEST = 0.6  # cosine of the angle by which the surface turns between an arrow's middle and ends
+_FINER = 0.5  # of their distance: how near to each other places are of which some are chosen
+_AROUND = 8  # directions in which a disc is looked at
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,8 @@ class Arrows:
         places = self._lifted(eye)[~hidden]
         surface = self.mesh.vertices / self.mesh.length_scale, self.mesh.faces
         slopes = np.repeat(cosines[~hidden], places.shape[1])
-        covered = eye.hides(surface, places.reshape(-1, 3), slopes)
+        slack = _slack(self.look.spacing)
+        covered = eye.hides(surface, places.reshape(-1, 3), slopes, slack)
         hidden[~hidden] = covered.reshape(places.shape[:2]).any(axis=1)
         return hidden
 
@@ -111,17 +116,21 @@ class Arrows:
 
 
 def arrows_of(
-    mesh: TriangleMesh, velocity: FloatArray, look: ArrowLook, fast: float = 0.0
+    mesh: TriangleMesh,
+    velocity: FloatArray,
+    look: ArrowLook,
+    eye: Eye | None = None,
+    fast: float = 0.0,
 ) -> Arrows:
-    """Find the arrows of a field (F, 3).
+    """Find the arrows of a field (F, 3) about `places`.
 
     Their lengths are as speeds are, up to the one that counts as ``fast``, by default the field's
-    own `fast_speed`; much slower places have none.
+    own `abfm.calculus.fast_speed`; much slower places have none.
     """
     speed = np.linalg.norm(velocity, axis=1)
-    fast = fast or fast_speed(mesh, speed)
+    fast = fast or abfm.calculus.fast_speed(mesh, speed)
     relative = velocity / (fast or 1.0)
-    points = abfm.maps.spread_points(mesh).apart(look.spacing)
+    points = places(mesh, look.spacing, eye)
     vectors = abfm.flow.vectors_at(mesh, relative, points)
     if fast > 0 and not vectors.any():  # what moves is smaller than the distance between arrows
         points = abfm.maps.SurfacePoints(mesh, speed.argmax(keepdims=True), np.full((1, 3), 1 / 3))
@@ -133,19 +142,59 @@ def arrows_of(
     return _drawn(points[kept], along, lengths, look)
 
 
-def fast_speed(mesh: TriangleMesh, speed: FloatArray) -> float:
-    """Return what of speeds (F,) counts as fast: faces that are faster have a good part of the
-    field's squared norm, wherever that is on the surface. Those of slivers, which run wild, count
-    as their lower neighbours'; 0 if all is still.
+def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> SurfacePoints:
+    """Return points of which no two are nearer than a spacing, while every place is about as near
+    to one of them: for an eye first those around which it sees most of a disc, that is flat enough.
     """
-    descending = np.argsort(-speed, kind="stable")
-    areas = abfm.calculus.face_areas(mesh)[descending] / mesh.length_scale**2
-    tame = min(int(np.searchsorted(np.cumsum(areas), _WILD)), len(speed) - 1)
-    most = float(speed[descending[tame]]) or float(speed.max())
-    if not most:
-        return 0.0
-    norms = np.cumsum(areas * np.minimum(speed[descending] / most, 1) ** 2)
-    return float(min(speed[descending[np.searchsorted(norms, _FAST * norms[-1])]], most))
+    spread = abfm.maps.spread_points(mesh)
+    if eye is None:
+        return spread.apart(spacing)
+    finer = np.arange(spread.count(_FINER * spacing))
+    sights = _sights(spread.points[finer], spacing / 2, eye)
+    # what is not seen is there nevertheless, as the surface may turn
+    candidates = finer[(sights > 0) | (finer < spread.count(spacing))]
+    order = candidates[np.argsort(-sights[candidates], kind="stable")]
+    return spread.points[spread.thinned(order, spacing)]
+
+
+def _sights(points: SurfacePoints, radius: float, eye: Eye) -> IntArray:
+    """Count of discs about points (P,) in how many directions an eye sees them, (P,); 0 where it
+    does not see the middle.
+    """
+    mesh, count = points.mesh, len(points.faces)
+    frames = abfm.calculus.face_frames(mesh)[points.faces]
+    angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    circle = radius * mesh.length_scale * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ways = np.einsum("ak,pkx->pax", circle, frames).reshape(-1, 3)
+    ends, inside = abfm.flow.straight_ways(mesh, points[np.repeat(np.arange(count), _AROUND)], ways)
+    at = [
+        (each.positions / mesh.length_scale, normals_at(mesh, each.faces, each.barycentric))
+        for each in (points, ends)
+    ]
+    discs, normals = (
+        np.concatenate([middle[:, None], around.reshape(count, _AROUND, 3)], axis=1)
+        for middle, around in zip(*at, strict=True)
+    )
+    seen = _is_flat(normals)
+    seen[:, 1:] &= inside.reshape(count, _AROUND)
+    cosines = (normals * eye.towards(discs)).sum(axis=2)
+    if not mesh.is_closed:
+        cosines *= np.where(cosines[:, :1] < 0, -1.0, 1.0)
+    seen &= cosines > _FLATTEST
+    surface = mesh.vertices / mesh.length_scale, mesh.faces
+    lifted = discs[seen] + _HIGHEST * eye.towards(discs[seen])
+    seen[seen] = ~eye.hides(surface, lifted, cosines[seen], _slack(2 * radius))
+    return np.asarray(seen[:, 0] * (1 + seen[:, 1:].sum(axis=1)))
+
+
+def _slack(spacing: float) -> float:
+    """Return how far before a place on a surface what is seen still lies on it."""
+    return min(_NEARER * spacing, _NEAREST)
+
+
+def _is_flat(normals: FloatArray) -> BoolArray:
+    """Tell of normals (A, M, 3), a middle's first, which ones hardly turn from it, (A, M)."""
+    return np.asarray((normals * normals[:, :1]).sum(axis=2) > _STEEPEST)
 
 
 def _drawn(
@@ -164,8 +213,10 @@ def _drawn(
     starts = points[np.repeat(np.arange(count), each)]
     stops, inside = abfm.flow.straight_ways(mesh, starts, ways.reshape(-1, 3))
     whole = inside.reshape(count, each).all(axis=1)
-    at = (stops.positions / scale).reshape(count, each, 3)[whole]
-    turned = normals_at(mesh, stops.faces, stops.barycentric).reshape(count, each, 3)[whole]
+    turned = normals_at(mesh, stops.faces, stops.barycentric).reshape(count, each, 3)
+    own = normals_at(mesh, points.faces, points.barycentric)[:, None]
+    whole &= _is_flat(np.concatenate([own, turned], axis=1)).all(axis=1)
+    at, turned = (stops.positions / scale).reshape(count, each, 3)[whole], turned[whole]
     middles = (points.positions / scale)[whole]
     vertices = len(heights) * np.arange(len(at))[:, None, None]
     return Arrows(
@@ -195,7 +246,8 @@ def _glyphs(
     along_shaft, along_head = np.linspace(0, 1, _SHAFT_NODES), np.linspace(0, 1, _HEAD_NODES)
     corners, heights, faces, rims = [], [], [], []
     first = 0
-    for height, more, farther in ((_RIM_HEIGHT, rim, ahead), (_HEIGHT, 0 * rim, 0 * ahead)):
+    above, above_rim = min(_HEIGHT * spacing, _HIGHEST), min(_RIM_HEIGHT * spacing, _HIGHEST_RIM)
+    for height, more, farther in ((above_rim, rim, ahead), (above, 0 * rim, 0 * ahead)):
         neck = length - head
         whole = head + farther + more
         shaft = -more + (neck + more) * along_shaft, (_SHAFT * size + more) * np.ones(_SHAFT_NODES)
@@ -207,7 +259,7 @@ def _glyphs(
             corners.append(np.stack([x, y], axis=-1).reshape(len(length), 3 * nodes, 2))
             heights.append(np.full(3 * nodes, height))
             faces.append(first + _strip(nodes))
-            rims.append(np.full(len(faces[-1]), height == _RIM_HEIGHT))
+            rims.append(np.full(len(faces[-1]), height == above_rim))
             first += 3 * nodes
     return (
         np.concatenate(corners, axis=1),

@@ -10,7 +10,6 @@ import abfm
 from abfm.types import BoolArray, FloatArray, IntArray
 
 _PIXELS = 1024  # of a map of depths, along its longer side
-_NEARER = 0.008  # of sqrt(area): what is less far before a place lies on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +46,10 @@ class Eye:
         surface: tuple[FloatArray, IntArray],
         places: FloatArray,
         cosines: FloatArray,
+        slack: float,
     ) -> BoolArray:
         """Tell which of the places (P, 3) a surface, by vertices (V, 3) and faces, has before them,
-        (P,); the surface is seen there at angles of these cosines (P,), more than 0.
+        farther than the slack, (P,); it is seen there at angles of these cosines (P,), more than 0.
         """
         vertices, faces = surface
         seen = self.projected(vertices)
@@ -65,5 +65,5 @@ class Eye:
         # a pixel's middle may be nearer than a place beside it on the same slope
         length = pixel if self.place is None else pixel / own[is_there, 2]
         slope = np.sqrt(1 / cosines[is_there] ** 2 - 1)
-        hidden[is_there] = self.before(found[is_there], own[is_there, 2]) > _NEARER + length * slope
+        hidden[is_there] = self.before(found[is_there], own[is_there, 2]) > slack + length * slope
         return hidden

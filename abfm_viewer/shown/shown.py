@@ -15,7 +15,7 @@ from abfm.mesh import TriangleMesh
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer import shown
 from abfm_viewer.appearance.colormaps import ColorRange
-from abfm_viewer.computing.background import Jobs, Latest, Memo
+from abfm_viewer.computing.background import Jobs, Latest
 from abfm_viewer.document.document import (
     HODGE_PARTS,
     SIDES,
@@ -24,7 +24,7 @@ from abfm_viewer.document.document import (
 )
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
-from abfm_viewer.shown.arrows import ArrowLook, Arrows, arrow_spacing, arrows_of, fast_speed
+from abfm_viewer.shown.arrows import ArrowLook, Arrows, arrow_spacing, arrows_of
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.landmarks import ShownLandmarks
 from abfm_viewer.shown.shown_flow import FlowState, ShownFlow
@@ -63,7 +63,7 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
     velocity, shares, note, fast = flow.velocity[segment], {}, "", 0.0
     if part == "whole" and len(flow.velocity) > 1:
         speeds = np.linalg.norm(flow.velocity, axis=2)
-        fast = max(fast_speed(flow.mesh, speed) for speed in speeds)
+        fast = max(abfm.calculus.fast_speed(flow.mesh, speed) for speed in speeds)
     if part == "commuting":
         velocity, bracket = commuting(flow, segment)
         note = f"norm of the bracket relative to both fields: {bracket:.3g}, 0 if they commute"
@@ -108,8 +108,14 @@ def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Fiel
     return Field(mesh, carried, speed, unit="the source's unit per length", dimension=-1)
 
 
-def field_arrows(field: Field, look: ArrowLook) -> Arrows:
-    return arrows_of(field.mesh, field.velocity, look, field.fast)
+def fastest(sequence: abfm.Sequence) -> float:
+    """What counts as fast in any interval of a film."""
+    speeds = (np.linalg.norm(field, axis=1) for field in sequence.velocity)
+    return max(abfm.calculus.fast_speed(sequence.mesh, speed) for speed in speeds)
+
+
+def field_arrows(field: Field, look: ArrowLook, eye: Eye, fast: float) -> Arrows:
+    return arrows_of(field.mesh, field.velocity, look, eye, fast)
 
 
 def derivative(field: Field, kind: Coloring) -> FloatArray:
@@ -173,8 +179,8 @@ class FieldQuantities(Jobs):
         self._field: Latest[Field] = self.latest()
         self._scalar: Latest[FloatArray] = self.latest()
         self._arrows: Latest[Arrows] = self.latest()
+        self._fastest: Latest[float] = self.latest()
         self._hidden_arrows: Latest[BoolArray] = self.latest()
-        self._eye: Memo[Eye] = Memo()
         self._chords: Latest[abfm.maps.Distortion] = self.latest()
         self._quality: Latest[abfm.maps.FlowMapQuality] = self.latest()
         self._streaks: Latest[Streaks] = self.latest()
@@ -208,24 +214,33 @@ class FieldQuantities(Jobs):
             return None
         return self._scalar.newest(field.mesh, derivative, field, self._session.view.coloring)
 
-    def arrows(self, scale: float) -> Arrows | None:
-        """Return the field's arrows for a picture with so many pixels for a length of sqrt(area),
-        lately of an earlier field; None before there are any.
+    def arrows(self, field: Field, scale: float, eye: Eye) -> Arrows | None:
+        """Return a field's arrows for an eye that sees so many pixels for a length of sqrt(area),
+        lately those of an earlier field or eye; None before there are any.
         """
-        if (field := self.field()) is None:
-            return None
-        return self._arrows.newest(field.mesh, field_arrows, field, self.arrow_look(scale))
-
-    def arrow_look(self, scale: float) -> ArrowLook:
         view = self._session.view
-        return ArrowLook(view.arrow_length, arrow_spacing(view.arrow_density, scale))
+        look = ArrowLook(view.arrow_length, arrow_spacing(view.arrow_density, scale))
+        if (fast := self._fast(field)) is None:
+            return self._arrows.value
+        return self._arrows.newest(field.mesh, field_arrows, field, look, eye, fast)
+
+    def _fast(self, field: Field) -> float | None:
+        """Return what speed counts as fast, 0 for the field's own; None before that is known.
+
+        It is one for all intervals of a film: the largest, which only grows while a run goes on.
+        """
+        document = self._session.document
+        if document.film is None or self._session.view.part not in ("whole", *HODGE_PARTS):
+            return field.fast
+        if (found := self._session.film_match.fast(document)) or document.sequence is None:
+            return found
+        return self._fastest.newest(document.film, fastest, document.sequence)
 
     def hidden_arrows(self, arrows: Arrows, eye: Eye) -> BoolArray | None:
         """Tell which arrows the surface hides from an eye, lately from an earlier one, (A,); None
         before that is known of any.
         """
-        kept = self._eye.get((eye.axes.tobytes(),), lambda: eye)
-        return self._hidden_arrows.newest(arrows, Arrows.hidden, arrows, kept)
+        return self._hidden_arrows.newest(arrows, Arrows.hidden, arrows, eye)
 
     def map_quality(self) -> abfm.maps.FlowMapQuality | None:
         """Judge the map of the shown time; while that moves, and lately, that of an earlier one."""

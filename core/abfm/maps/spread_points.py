@@ -10,7 +10,7 @@ from abfm.calculus.operators import face_areas, face_normals
 from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel
-from abfm.types import FloatArray, IndexArray
+from abfm.types import FloatArray, IndexArray, IntArray
 
 NEAREST = 0.014
 """How near to each other points may be, in square roots of the area."""
@@ -22,18 +22,31 @@ _OPPOSITE = -0.5  # cosine of normals: points that look away from each other are
 class SpreadPoints:
     """Points (P,) of a surface, each of them the farthest one from those before it, and how far
     that is, ``gaps`` (P,), descending, in square roots of the area; infinite where none before it
-    looks the same way.
+    looks the same way. ``normals`` (P, 3) turn smoothly from face to face.
     """
 
     points: SurfacePoints
     gaps: FloatArray
+    normals: FloatArray
 
     def apart(self, spacing: float) -> SurfacePoints:
         """Return points no two of which are nearer than a spacing, in square roots of the area,
         while every place is about as near to one of them. The spacing is at least `NEAREST`; points
         of a larger one are among those of a smaller one.
         """
-        return self.points[np.arange(np.count_nonzero(self.gaps >= spacing))]
+        return self.points[np.arange(self.count(spacing))]
+
+    def count(self, spacing: float) -> int:
+        """Return how many points are `apart`: the first ones."""
+        return int(np.count_nonzero(self.gaps >= spacing))
+
+    def thinned(self, order: IntArray, spacing: float) -> IntArray:
+        """Return of points by number, (N,), one after the other those that are no nearer than a
+        spacing to one that was taken before.
+        """
+        unit = self.points[order].positions / self.points.mesh.length_scale
+        taken = np.empty(len(order), dtype=np.int64)
+        return order[taken[: _first_come(unit, self.normals[order], spacing, taken)]]
 
 
 @per_mesh
@@ -52,7 +65,8 @@ def spread_points(mesh: TriangleMesh) -> SpreadPoints:
     normals = _smooth_normals(unit, candidates)
     count = farthest_first(candidates.positions, normals, NEAREST, order, gaps)
     chosen = candidates[order[:count]]
-    return SpreadPoints(SurfacePoints(mesh, chosen.faces, chosen.barycentric), gaps[:count])
+    points = SurfacePoints(mesh, chosen.faces, chosen.barycentric)
+    return SpreadPoints(points, gaps[:count], normals[order[:count]])
 
 
 def _smooth_normals(mesh: TriangleMesh, points: SurfacePoints) -> FloatArray:
@@ -94,3 +108,24 @@ def farthest_first(
                 farthest = i
         chosen = farthest
     return order.size
+
+
+@kernel
+def _first_come(places: FloatArray, normals: FloatArray, spacing: float, taken: IndexArray) -> int:
+    """Write which of the places (n, 3) are taken; return how many these are."""
+    count = 0
+    for i in range(len(places)):
+        is_free = True
+        for k in range(count):
+            square, cosine = 0.0, 0.0
+            for x in range(3):
+                square += (places[i, x] - places[taken[k], x]) ** 2
+                cosine += normals[i, x] * normals[taken[k], x]
+            # what is taken as it is has its gap to rounding alone
+            if square < 0.999999 * spacing * spacing and cosine > _OPPOSITE:
+                is_free = False
+                break
+        if is_free:
+            taken[count] = i
+            count += 1
+    return count

@@ -11,11 +11,13 @@ from abfm.batch.attempt import Task, attempt
 from abfm.io import write_surface
 from abfm_viewer.appearance.samples import POPULATION
 from abfm_viewer.automation import Driver
+from abfm_viewer.document.result_table import OF_BATCHES
 from abfm_viewer.files.project import load_project
+from abfm_viewer.panels import result_table
 from abfm_viewer.window import population_sample
 from tests.shapes import icosphere
 
-SIZE = (900, 640)
+SIZE = (1180, 640)
 OPTIONS = {"iterations": 15, "refine": 0, "target": "coordinate:y"}
 
 
@@ -106,6 +108,26 @@ def test_heads_sort_and_words_are_searched_for(opened):
     opened.type("search", "")
     opened.click("verdict", "rows")
     assert rows_of(opened)[0] == "gone"
+
+
+def heads_of(gui):
+    gui.frames(2)
+    found = [w for w in gui.window.ui.widgets if w.section == "table/rows" and w.kind == "item"]
+    return {head.label: head.rect[2] - head.rect[0] for head in found}
+
+
+def test_names_keep_their_room_and_a_tip_tells_of_columns_that_have_none(opened, monkeypatch):
+    every = heads_of(opened)
+    assert len(every) == len(OF_BATCHES)
+    monkeypatch.setattr(result_table, "_LEAST_TEXT", every["name"] + 5)
+    heads = heads_of(opened)
+    assert set(every) - set(heads) == {"folded"}
+    assert heads["name"] > every["name"]
+    row = next(r for r in opened.window.files.tables.rows if r.name == "along x")
+    tip = next(w.tip for w in opened.window.ui.widgets if w.label == "along x")
+    assert f"folded {row.told('folded')}" in tip
+    monkeypatch.undo()
+    assert set(heads_of(opened)) == set(every)
 
 
 def test_what_another_process_adds_is_shown(opened, folder):

@@ -5,9 +5,10 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from abfm import TriangleMesh
-from abfm.calculus import face_normals
+from abfm.calculus import face_normals, fast_speed
+from abfm.maps import spread_points
 from abfm.mesh.shapes import five_limbs
-from abfm_viewer.shown.arrows import ArrowLook, arrow_spacing, arrows_of, fast_speed
+from abfm_viewer.shown.arrows import ArrowLook, arrow_spacing, arrows_of, places
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.hidden_points import are_hidden
 from tests.shapes import icosphere, square, torus
@@ -190,3 +191,49 @@ def test_arrows_are_as_far_apart_in_pixels_on_small_surfaces_as_on_large_ones():
     assert dense[0] > dense[1] > dense[2]
     assert arrow_spacing(1.0, 1e9) > 0
     assert arrow_spacing(0.0, 1e-9) < 1
+
+
+def test_an_eye_gets_more_whole_arrows_and_every_place_one_nearby():
+    whole, look = np.zeros(2), ArrowLook(1.0, 0.12)
+    for seed in range(3):
+        eye = Eye(axes(seed))
+        for way in eye.axes:  # all arrows are of the full length
+            for k, own in enumerate((None, eye)):
+                arrows = arrows_of(LIMBS, rotation(LIMBS, way), look, own, fast=1e-9)
+                whole[k] += (~arrows.hidden(eye)).sum()
+        spread = spread_points(LIMBS).points.positions
+        apart = cdist(spread, places(LIMBS, look.spacing, eye).positions) / LIMBS.length_scale
+        assert apart.min(axis=1).max() < 1.5 * look.spacing
+    assert whole[1] > 1.1 * whole[0]
+
+
+@pytest.mark.parametrize("eye", [None, Eye(axes(4))], ids=["no eye", "an eye"])
+def test_places_are_apart_on_each_side_of_a_thin_part(eye):
+    points, normals = places(LIMBS, 0.06, eye), spread_points(LIMBS).normals
+    spread = spread_points(LIMBS).points.positions
+    normals = normals[cdist(points.positions, spread).argmin(axis=1)]
+    at = points.positions / LIMBS.length_scale
+    apart = cdist(at, at) + 9 * ((normals @ normals.T <= -0.5) | np.eye(len(at), dtype=bool))
+    assert apart.min() > 0.06 * (1 - 1e-5)
+    assert len(at) > 100
+
+
+def test_places_in_plain_sight_stay_while_the_surface_turns():
+    seen = []
+    for angle in (0.0, 0.1):
+        eye = Eye(tilted(angle))
+        found = places(BALL, 0.05, eye).positions
+        seen.append(found[found @ eye.axes[2] > 0.75])
+    both = cdist(*seen).min(axis=1) == 0
+    assert len(both) > 25
+    assert both.mean() > 0.8
+    base = spread_points(BALL).apart(0.05).positions
+    assert (cdist(seen[0], base).min(axis=1) == 0).all()
+
+
+def test_an_arrow_does_not_go_around_a_sharp_edge():
+    mesh = icosphere(0)
+    arrows = arrows_of(mesh, rotation(mesh), ArrowLook(1.0, 0.13), Eye(axes(5)))
+    cosines = np.einsum("amx,anx->amn", arrows.normals, arrows.normals)
+    assert len(arrows.ways)
+    assert cosines.min() > 2 * 0.6**2 - 1  # both within one angle of their middle
