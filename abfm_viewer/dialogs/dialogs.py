@@ -70,7 +70,7 @@ class Question:
             width = max(map(ui.text_width, self.answers)) + ui.px(32)
             for number, answer in enumerate(self.answers):
                 if number:
-                    ui.beside()
+                    ui.beside_if_fits(answer, is_button=True, width=width)
                 if ui.button(answer, primary=number == 0, width=width):
                     chosen = answer
             if imgui.IsKeyPressed(imgui.ImGuiKey_Enter, False):
