@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -72,7 +72,19 @@ SAVING = "saving"
 Do = Callable[[], None]
 Opened = tuple[Document, dict[str, FloatArray]]
 """A document, and the values of its functions from files (see `Functions`)."""
-Ask = Callable[[str, str, Mapping[str, Do | None]], None]
+
+
+class Ask(Protocol):
+    """Puts a question to the user, as `Dialogs.ask` does."""
+
+    def __call__(
+        self,
+        title: str,
+        text: str,
+        buttons: Mapping[str, Do | None],
+        instead: Callable[[], Do | None] = ...,
+        /,
+    ) -> None: ...
 
 
 def open_session(
@@ -445,7 +457,24 @@ class SessionFiles:
             "best field so far stays, and Undo returns to it."
         )
         answers = {"End the run": partial(self.end_run, what, do), "Go back": None}
-        self._ask("End the run?", text, answers)
+
+        def instead() -> Do | None:
+            return None if self._session.running else partial(self._do_after_run, what, do)
+
+        self._ask("End the run?", text, answers, instead)
+
+    def _do_after_run(self, what: str, do: Do) -> None:
+        """Do what takes the document's place, though a run has ended before its end was agreed to:
+        what it found is asked for.
+        """
+        if not self._session.saves.unsaved:
+            do()
+            return
+        text = (
+            f"The run of {self._session.document.name} has ended meanwhile, and what it found is "
+            f"in no file. {capital(what)} takes its place; Undo returns to it."
+        )
+        self._ask("Go on?", text, {"Go on": do, "Go back": None})
 
     def end_run(self, what: str, then: Do) -> None:
         self._session.cancel()

@@ -370,10 +370,11 @@ def test_opening_during_a_run_asks_but_not_for_what_is_refused(desk, small, tmp_
         "drop": lambda: desk.files.open_dropped([small]),
     }[what]
     opening()
-    [(title, text, answers)] = desk.questions
+    [(title, text, answers, instead)] = desk.questions
     assert title == "End the run?"
     assert "sphere.off is being matched" in text
     assert answers["Go back"] is None
+    assert instead() is None
     for _ in range(10):
         desk.update()
     assert session.solver.running
@@ -383,6 +384,26 @@ def test_opening_during_a_run_asks_but_not_for_what_is_refused(desk, small, tmp_
     assert [result is not None for result in results(desk)] == [True]
     session.undo()
     assert session.result.velocity.any()
+
+
+def test_a_question_about_a_run_that_has_ended_is_asked_anew(desk, small):
+    session = desk.session
+    session.editor.amend(parameters=ENDLESS)
+    solving(session)
+    desk.files.open(small)
+    [(*_, instead)] = desk.questions
+    session.cancel()
+    desk.wait(lambda: not session.running)
+    found = session.result
+    desk.questions.clear()
+    instead()()
+    [(title, text, answers)] = desk.questions
+    assert (title, list(answers)) == ("Go on?", ["Go on", "Go back"])
+    assert text.startswith("The run of sphere.off has ended meanwhile, and what it found is in no")
+    assert session.loading.now is None
+    answers["Go on"]()
+    desk.settle()
+    assert (session.document.name, results(desk)) == ("small.off", [found])
 
 
 def test_a_run_does_not_start_while_its_mesh_is_about_to_be_replaced(desk, small):
