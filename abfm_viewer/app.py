@@ -27,6 +27,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(words: list[str]) -> int:
     from abfm_viewer import window
+    from abfm_viewer.cli.exit_status import UsageError
     from abfm_viewer.cli.options import Parser, adder
 
     parser = Parser(prog="abfm-viewer", description=_DESCRIPTION)
@@ -39,12 +40,17 @@ def _run(words: list[str]) -> int:
     )
     about = "a second mesh, to which the first is registered, or frames of a film on the mesh"
     add("second", about, "B", nargs="?")
+    add("--array", "which array of frames in a .npz, or in VTK's files", "NAME")
     add("--largest-component", "of several components use the largest")
     parser.set_defaults(parser=parser)
     arguments = parser.parse_whole(words)
     if any(name.startswith("NUMBA_") for name in os.environ):
         import_module("abfm.numerics.kernels")  # which refuses settings before a window is there
     what = (arguments.file, arguments.second) if arguments.second else arguments.file
+    if arguments.array is not None:
+        if not arguments.second:
+            raise UsageError("--array chooses one of the frames' arrays: give a mesh and frames")
+        what = (*what, arguments.array)
     window.open_window(
         what, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component
     ).run()

@@ -55,22 +55,25 @@ class Message:
 
 @dataclass(frozen=True)
 class Question:
-    """A text and the labels of its answers: Enter takes the first one, Esc the last."""
+    """A text, in words that hold now, and the labels of its answers: Enter takes the first one, Esc
+    the last.
+    """
 
     title: str
-    text: str
+    text: str | Callable[[], str]
     answers: Sequence[str]
+    instead: Callable[[], Callable[[], None] | None] = lambda: None
 
     def draw(self, ui: Ui) -> str | None:
         """Draw the question; the answer that was chosen in this frame."""
         with dialog(ui, self.title, _QUESTION_WIDTH):
-            ui.note(self.text, "ink")
+            ui.note(self.text if isinstance(self.text, str) else self.text(), "ink")
             imgui.Dummy((0, ui.px(4)))
             chosen = None
             width = max(map(ui.text_width, self.answers)) + ui.px(32)
             for number, answer in enumerate(self.answers):
                 if number:
-                    ui.beside()
+                    ui.beside_if_fits(answer, is_button=True, width=width)
                 if ui.button(answer, primary=number == 0, width=width):
                     chosen = answer
             if imgui.IsKeyPressed(imgui.ImGuiKey_Enter, False):
@@ -105,15 +108,23 @@ class Dialogs:
         choice = FileChoice(self._begin(), suffixes, saving=True, name=name)
         self._choose(title, choice, on_path)
 
-    def ask(self, title: str, text: str, buttons: Mapping[str, Callable[[], None] | None]) -> None:
-        """Ask a question: Enter presses the first button, Esc the last; None does nothing."""
+    def ask(
+        self,
+        title: str,
+        text: str | Callable[[], str],
+        buttons: Mapping[str, Callable[[], None] | None],
+        instead: Callable[[], Callable[[], None] | None] = lambda: None,
+    ) -> None:
+        """Ask a question: Enter presses the first button, Esc the last; None does nothing. When its
+        premise has gone, so does it, and what there is to do `instead` is done.
+        """
 
         def answered(label: str) -> None:
             self._close()
             if (act := buttons[label]) is not None:
                 act()
 
-        self._open.append((Question(title, text, tuple(buttons)), answered))
+        self._open.append((Question(title, text, tuple(buttons), instead), answered))
 
     def show(self, title: str, lines: Sequence[Line], copied: str = "") -> None:
         """Show paragraphs and rows of two columns, or headings; with a text to be `copied`."""
@@ -123,6 +134,10 @@ class Dialogs:
         if not self._open:
             return
         front, answered = self._open[-1]
+        if isinstance(front, Question) and (do := front.instead()) is not None:
+            self._close()
+            do()
+            return
         try:
             answer = front.draw(ui)
         except Exception:  # a dialog that cannot be drawn must not hold the window

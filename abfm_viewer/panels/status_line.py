@@ -41,6 +41,8 @@ def _state(context: Context) -> str:
     is_playing = session.document.film is not None and session.player.playing
     if context.shown.busy and not is_playing:  # else it would flicker
         return context.shown.busy
+    if is_playing and context.shown.quantities.convolving:
+        return "computing streaks; each interval has them when it is played again"
     if session.document.sequence is not None:
         told = confirmed(session.document.sequence)
         return f"{told}{', outdated' if session.document.is_film_outdated else ''}"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 import abfm
-from abfm import TriangleMesh
+from abfm import ResultError, TriangleMesh
+from abfm.reading import read_gifti
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.document.film import Film, FilmSettings
@@ -21,16 +23,49 @@ FRAMES = (
     *(".pvd", ".series", ".vtu", ".vtp"),
 )
 """Suffixes of files that may hold frames; those of `ALONE` hold nothing else that is opened."""
-ALONE = (".npy", ".stc", ".pvd", ".series", ".vtu", ".vtp", ".func.gii", ".func.gii.gz")
+ALONE = (
+    *(".npy", ".csv", ".txt", ".mgh", ".mgz", ".stc", ".pvd", ".series", ".vtu", ".vtp"),
+    *(".func.gii", ".func.gii.gz"),
+)
+_OF_RESULTS = {"velocity", "vertices", "a_vertices", "subject_weights"}
+_POINTS = "NIFTI_INTENT_POINTSET"
 
 
-def read_film(path: Path, mesh: TriangleMesh) -> tuple[Film, tuple[str, ...]]:
+def is_named_as_frames(path: Path) -> bool:
+    """Return whether a name says that a file holds frames, and nothing else that is opened."""
+    return path.name.lower().endswith(ALONE)
+
+
+def is_no_surface(path: Path) -> bool:
+    """Return whether a file is of GIFTI without a surface in it, as those of frames are."""
+    if not path.name.lower().endswith((".gii", ".gii.gz")):
+        return False
+    try:
+        return all(each.intent != _POINTS for each in read_gifti(path).arrays)
+    except (OSError, ValueError):  # which reading it as a mesh tells
+        return False
+
+
+def is_result(path: Path) -> bool:
+    """Return whether a file is no .npz of frames alone, or damaged."""
+    if not path.name.lower().endswith(".npz"):
+        return True
+    from abfm.io import results  # with all that it loads
+
+    with suppress(ResultError), results.open_archive(path, "result", results.MEND) as archive:
+        return not _OF_RESULTS.isdisjoint(archive)
+    return True
+
+
+def read_film(
+    path: Path, mesh: TriangleMesh, array: str | None = None
+) -> tuple[Film, tuple[str, ...]]:
     """Read frames on a mesh, and what a user should know of them; FunctionError if there are none
-    for it.
+    for it, a `SeveralArraysError` if there are several arrays and none is chosen.
     """
     from abfm.sequences.frames import checked  # with all that it loads
 
-    found = abfm.sequences.read_frames(path, mesh)
+    found = abfm.sequences.read_frames(path, mesh, array)
     frames = checked(mesh, found.values, found.times, None, None)
     return film_of(path.name, frames), found.notes
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 import abfm
 from abfm import AbfmError, FunctionError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
+from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh.files import READERS
 from abfm.reading import FREESURFER_SURFACES
 from abfm.types import FloatArray
@@ -44,6 +45,9 @@ from abfm_viewer.session.film_files import (
     document_of_film,
     document_of_pair,
     document_of_sequence,
+    is_named_as_frames,
+    is_no_surface,
+    is_result,
     read_film,
 )
 from abfm_viewer.session.functions import known_values
@@ -68,23 +72,43 @@ SAVING = "saving"
 Do = Callable[[], None]
 Opened = tuple[Document, dict[str, FloatArray]]
 """A document, and the values of its functions from files (see `Functions`)."""
-Ask = Callable[[str, str, Mapping[str, Do | None]], None]
+
+
+class Ask(Protocol):
+    """Puts a question to the user, as `Dialogs.ask` does."""
+
+    def __call__(
+        self,
+        title: str,
+        text: str,
+        buttons: Mapping[str, Do | None],
+        instead: Callable[[], Do | None] = ...,
+        /,
+    ) -> None: ...
 
 
 def open_session(
-    path: Path, largest_component: bool = False, second: Path | None = None
+    path: Path,
+    largest_component: bool = False,
+    second: Path | None = None,
+    array: str | None = None,
 ) -> Session:
-    """A session that begins with a file, or a mesh and a second one, read now; AbfmError if it
-    cannot be read.
+    """A session that begins with a file, or a mesh and a second one or frames, of which an `array`
+    may be chosen, read now; AbfmError if it cannot be read.
     """
+    _check_alone(path)
     is_document = path.name.lower().endswith((PROJECT, RESULT))
-    has_frames = second is not None and second.name.lower().endswith(ALONE)
+    has_frames = second is not None and (
+        second.name.lower().endswith((*ALONE, RESULT)) or is_no_surface(second)
+    )
+    if array is not None and not has_frames:
+        raise AbfmError(f"there are no frames of which an array {brief(array)} could be chosen")
     if second is not None and is_document:
         raise AbfmError(f"{path.name} is no mesh; give two meshes, or one project or result")
     if not is_document:
         session = Session(load_mesh(path, largest_component=largest_component), path.name)
         if second is not None and has_frames:
-            film, notes = read_film(second, session.surface().mesh)
+            film, notes = read_film(second, session.surface().mesh, array)
             shown = document_of_film(film, session.surface(), session.view)
             session.restore(shown, {}, None)
             session.reset_history()
@@ -95,6 +119,15 @@ def open_session(
             session.reset_history()
         return session
     return session_of(read_document(path), _origin(path.absolute()))
+
+
+def _check_alone(path: Path) -> None:
+    """Refuse frames without a mesh, which must come first."""
+    if is_named_as_frames(path) or not is_result(path):
+        raise AbfmError(
+            f"{one_line(path.name)} may hold frames, but no mesh for them: give the mesh first, as "
+            f"in: abfm-viewer MESH {one_line(path.name)}"
+        )
 
 
 def session_of(opened: Opened, origin: Origin | None = None) -> Session:
@@ -248,11 +281,12 @@ class SessionFiles:
             self._open_table(place)
             return
         name, known = path.name.lower(), (*MESHES, PROJECT, RESULT)
-        if name.endswith(ALONE):
+        if is_named_as_frames(path):
             self.open_frames(path)
             return
         if not name.endswith(known):
-            text = f"{path.name} cannot be opened: expected a file that ends in {', '.join(known)}"
+            told = ", ".join((*known, *ALONE))
+            text = f"{path.name} cannot be opened: expected a file that ends in {told}"
             self._session.notices.say(text, True, OPENING, self._offered(OTHER_MESH))
             return
         read = self._read_document if name.endswith((PROJECT, RESULT)) else self._read_mesh
@@ -276,25 +310,40 @@ class SessionFiles:
         what = f"opening {path.name} as second surface"
         self._load(Load(what, read, remedies=remedies, source=(Origin.of(path), "second")))
 
-    def open_frames(self, path: Path) -> None:
-        """Open frames in the background, on the mesh that is open, or surface A."""
-        path = path.expanduser().absolute()
-        session, surface = self._session, self._session.surface("source")
-
-        def read() -> Do:
-            film, notes = read_film(path, surface.mesh)
-
-            def show() -> None:
-                here = next((one for one in session.document.surfaces if one == surface), surface)
-                view = replace(session.view, coloring="function", large="")
-                shown = document_of_film(film, here, view)
-                self._show(path, partial(session.restore, shown, {}, None), notes)
-
-            return show
-
-        remedies = self._offered(OTHER_FRAMES, partial(self.open_frames, path))
-        what, source = f"opening {path.name}", (Origin.of(path), surface.mesh.digest)
+    def open_frames(self, path: Path, array: str | None = None) -> None:
+        """Open frames in the background, on the mesh that is open, or surface A; of several arrays
+        that which is chosen.
+        """
+        path, surface = path.expanduser().absolute(), self._session.surface("source")
+        remedies = self._offered(OTHER_FRAMES, partial(self.open_frames, path, array))
+        what, source = f"opening {path.name}", (Origin.of(path), surface.mesh.digest, array)
+        read = partial(self._read_frames, path, surface, array)
         self._load(Load(what, read, remedies=remedies, source=source))
+
+    def _read_frames(self, path: Path, surface: Surface, array: str | None = None) -> Do:
+        session = self._session
+        try:
+            film, notes = read_film(path, surface.mesh, array)
+        except SeveralArraysError as error:
+            return partial(self._ask_array, path, error.names)
+
+        def show() -> None:
+            here = next((one for one in session.document.surfaces if one == surface), surface)
+            view = replace(session.view, coloring="function", large="")
+            shown = document_of_film(film, here, view)
+            self._show(path, partial(session.restore, shown, {}, None), notes)
+
+        return show
+
+    def _ask_array(self, path: Path, names: tuple[str, ...]) -> None:
+        """Let the user choose which of a file's arrays is the film."""
+        name = one_line(path.name, 60)
+        self._session.notices.say(f"{name} has {len(names)} arrays: choose one of them")
+        answers: dict[str, Do | None] = {
+            one_line(each, 40): partial(self.open_frames, path, each) for each in names
+        }
+        text = f"{name} has several arrays. Which one is the function that changes in time?"
+        self._ask("Which array?", text, answers | {"Open none": None})
 
     def match_frames(self, first: int, last: int) -> None:
         """Make a match of its own of two frames of the film that is open."""
@@ -344,7 +393,7 @@ class SessionFiles:
 
     def open_dropped(self, paths: list[Path]) -> None:
         """Open two meshes as surfaces A and B, and of other files the first."""
-        frames = [path for path in paths if path.name.lower().endswith(ALONE)]
+        frames = [path for path in paths if is_named_as_frames(path) or not is_result(path)]
         meshes = [path for path in paths if path.name.lower().endswith(MESHES)]
         if len(paths) == 2 and len(frames) == len(set(meshes) - set(frames)) == 1:
             [mesh] = set(meshes) - set(frames)
@@ -408,7 +457,24 @@ class SessionFiles:
             "best field so far stays, and Undo returns to it."
         )
         answers = {"End the run": partial(self.end_run, what, do), "Go back": None}
-        self._ask("End the run?", text, answers)
+
+        def instead() -> Do | None:
+            return None if self._session.running else partial(self._do_after_run, what, do)
+
+        self._ask("End the run?", text, answers, instead)
+
+    def _do_after_run(self, what: str, do: Do) -> None:
+        """Do what takes the document's place, though a run has ended before its end was agreed to:
+        what it found is asked for.
+        """
+        if not self._session.saves.unsaved:
+            do()
+            return
+        text = (
+            f"The run of {self._session.document.name} has ended meanwhile, and what it found is "
+            f"in no file. {capital(what)} takes its place; Undo returns to it."
+        )
+        self._ask("Go on?", text, {"Go on": do, "Go back": None})
 
     def end_run(self, what: str, then: Do) -> None:
         self._session.cancel()
@@ -470,6 +536,8 @@ class SessionFiles:
         self, path: Path, show_mesh: Callable[[Path, TriangleMesh], None] | None = None
     ) -> Do:
         show_mesh = show_mesh or self._show_mesh
+        if is_no_surface(path):
+            return self._read_frames(path, self._session.surface("source"))
         try:
             return partial(show_mesh, path, load_mesh(path))
         except MeshError as error:
@@ -498,6 +566,8 @@ class SessionFiles:
     def _read_document(self, path: Path) -> Do:
         if result_tables.is_population(path):
             return self.tables.read(path)
+        if not is_result(path):
+            return self._read_frames(path, self._session.surface("source"))
         origin = _origin(path)
         document, known = read_document(path)
 

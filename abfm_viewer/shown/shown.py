@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -35,6 +36,7 @@ _LARGEST = 15_000
 # along a side; fewer in the window, where textures change while one looks
 _TEXELS, _TEXELS_OF_PICTURES = 1024, 2048
 _LEAST_TEXELS_PER_FACE, _MOST_TEXELS = 12, 16384
+_MOST_KEPT = 300_000_000  # bytes of streaks of a film's intervals
 _PHASES = 16  # of moving streaks that are computed; those between are blended
 _SHOWN_PHASES = 32  # of moving streaks in the window
 _EXACT = 1e-6
@@ -49,6 +51,8 @@ class Field:
     speed: FloatArray  # (F,)
     shares: dict[FieldPart, float] = field(default_factory=dict)
     unit: str = "the mesh's length per time"  # of the speed
+    of: FloatArray | None = None  # of a film's interval, of whose field it is a part
+    part: FieldPart = "whole"
     note: str = ""  # what else is to be said, if anything
     dimension: int = 1  # the power of a length in the unit
     fast: float = 0.0  # of all fields in a row, for arrows' lengths; 0 where they are its own
@@ -76,6 +80,11 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
         velocity = parts[part]
     speed = np.linalg.norm(velocity, axis=1)
     return Field(flow.mesh, velocity, speed, shares, note=note, fast=fast)
+
+
+def _field_of_film(flow: FlowState, segment: int, part: FieldPart) -> Field:
+    assert not callable(flow.found)
+    return replace(field_part(flow, segment, part), of=flow.found, part=part)
 
 
 def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
@@ -131,6 +140,7 @@ class Streaks:
     field: Field
     atlas: abfm.streaks.TextureAtlas
     images: NDArray[np.uint8]
+    look: tuple[bool, bool] = (False, False)  # whether they fade, and move
 
     def at(self, phase: float) -> NDArray[np.uint8]:
         place = phase % 1 * len(self.images)
@@ -162,7 +172,12 @@ def convolved(field: Field, size: int, fade: bool, moving: bool) -> Streaks:
     rounded = [
         (255 * image + np.float32(0.5)).astype(np.uint8) for image in images.reshape(-1, size, size)
     ]
-    return Streaks(field, atlas, np.stack(rounded))
+    return Streaks(field, atlas, np.stack(rounded), (fade, moving))
+
+
+def _key_of(field: Field, look: tuple[bool, bool]) -> tuple[object, ...]:
+    """Return what streaks of a film's interval are kept by, with what they are of."""
+    return id(field.of if field.of is not None else field), field.part, *look
 
 
 def coloured(streaks: Streaks, phase: float, values: FloatArray, colors: ColorRange) -> Texture:
@@ -184,6 +199,7 @@ class FieldQuantities(Jobs):
         self._chords: Latest[abfm.maps.Distortion] = self.latest()
         self._quality: Latest[abfm.maps.FlowMapQuality] = self.latest()
         self._streaks: Latest[Streaks] = self.latest()
+        self._kept_streaks: OrderedDict[tuple[object, ...], Streaks] = OrderedDict()
         self._texture: Latest[Texture] = self.latest()
         self._lines: Latest[list[abfm.flow.FlowLine]] = self.latest()
         self._paths: Latest[list[abfm.flow.FlowLine]] = self.latest()
@@ -207,7 +223,8 @@ class FieldQuantities(Jobs):
             return self._field.newest(flow.mesh, carried_gradient, flow, source, time)
         last = flow.count - 1
         segment = min(int(time / flow.parameters.tau * flow.count * (1 - 1e-12)), last)
-        return self._field.newest(flow.mesh, field_part, flow, segment, part)
+        make = _field_of_film if self._session.document.film is not None else field_part
+        return self._field.newest(flow.mesh, make, flow, segment, part)
 
     def scalar(self) -> FloatArray | None:
         if (field := self.field()) is None:
@@ -268,17 +285,40 @@ class FieldQuantities(Jobs):
         if field is None or self._session.solver.running:
             return None
         is_film = self._session.document.film is not None
-        # a film has many fields
-        size = _TEXELS_OF_PICTURES if self.at_once and not is_film else _TEXELS
-        # streaks of an earlier interval stay until the next ones are there
         about = field.mesh if is_film else field
-        streaks = self._streaks.newest(about, convolved, field, size, view.fade, view.animate)
+        if is_film:
+            streaks = self._streaks_of_film(field, view.fade, view.animate)
+        else:
+            size = _TEXELS_OF_PICTURES if self.at_once else _TEXELS
+            streaks = self._streaks.newest(about, convolved, field, size, view.fade, view.animate)
         if streaks is None:
             return None
         phase = 0.0 if len(streaks.images) == 1 else self._session.player.phase
         if not self.at_once:
             phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
         return self._texture.newest(about, coloured, streaks, phase, values, colors)
+
+    def _streaks_of_film(self, field: Field, fade: bool, moving: bool) -> Streaks | None:
+        """Return the streaks of an interval, which are kept for when it is shown again.
+
+        While a film plays they are None where they are still to be computed; else those of an
+        earlier interval stay until then.
+        """
+        kept, key = self._kept_streaks, _key_of(field, (fade, moving))
+        if key in kept:
+            kept.move_to_end(key)
+            return kept[key]
+        make = partial(convolved, field, _TEXELS, fade, moving)
+        found, last = self._streaks.ask((field, fade, moving), make), self._streaks.value
+        if last is not None and last.field.of is not None and last.field.mesh is field.mesh:
+            if any(each.field.mesh is not field.mesh for each in kept.values()):
+                kept.clear()  # those of another film
+            kept[_key_of(last.field, last.look)] = last
+            while len(kept) > max(_MOST_KEPT // last.images.nbytes, 4):
+                kept.popitem(last=False)
+        if found is None and not self._session.player.playing:
+            return last if last is not None and last.field.mesh is field.mesh else None
+        return found
 
     def lines(self) -> list[abfm.flow.FlowLine]:
         """Follow the points that were clicked on, against the flow for tau, and with it."""
@@ -381,8 +421,11 @@ class Shown:
 
     @property
     def is_ready(self) -> bool:
-        """Return whether the flow can be played: the player waits for what it would show."""
-        return self.flow.is_ready and not self.quantities.convolving
+        """Return whether the flow can be played: the player waits for what it would show. A film,
+        with fields of its own in each interval, is played without streaks until they are there.
+        """
+        is_film = self.session.document.film is not None
+        return self.flow.is_ready and (is_film or not self.quantities.convolving)
 
     @property
     def busy(self) -> str:

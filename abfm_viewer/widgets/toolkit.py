@@ -194,12 +194,15 @@ class Ui:
         """Put what is drawn next on the same line."""
         imgui.SameLine(0, spacing)
 
-    def beside_if_fits(self, label: str, is_button: bool = False) -> None:
-        """Put the next checkbox, or a button, on the same line where there is room."""
+    def beside_if_fits(self, label: str, is_button: bool = False, width: float = 0) -> None:
+        """Put the next checkbox, or a button, perhaps of a width of its own, on the same line where
+        there is room.
+        """
         right = imgui.GetCursorScreenPos()[0] + imgui.GetContentRegionAvail()[0]
         style = imgui.GetStyle()
         more = style.ItemSpacing[0] + 2 * style.FramePadding[0] if is_button else self.px(42)
-        if imgui.GetItemRectMax()[0] + self.text_width(label) + more <= right + 1:
+        taken = width + style.ItemSpacing[0] if width else self.text_width(label) + more
+        if imgui.GetItemRectMax()[0] + taken <= right + 1:
             self.beside()
 
     def room_beside(self, label: str) -> float:

@@ -237,7 +237,8 @@ class Actions:
             self._close()
         elif not self._dialogs.is_asking(_QUIT):
             answers = {"Save": self._save_and_close, "Don't save": self._close, "Go back": None}
-            self._dialogs.ask(_QUIT, what_would_be_lost(self._session), answers)
+            text = partial(what_would_be_lost, self._session)  # which runs that end change
+            self._dialogs.ask(_QUIT, text, answers)
 
     def _save_and_close(self) -> None:
         is_at_work = self._session.solver.running and self._session.solver.snapshot is not None

@@ -16,6 +16,7 @@ from PIL import Image
 
 from abfm import TriangleMesh
 from abfm.assets import asset_path
+from abfm.errors import SeveralArraysError
 from abfm.io import write_atomically
 from abfm_viewer import signals
 from abfm_viewer.computing.background import error_line
@@ -56,8 +57,10 @@ _STATUS_HEIGHT = 30
 _BUNDLED = "human_fine_A.off"
 
 
-What: TypeAlias = str | Path | TriangleMesh | tuple[str | Path, str | Path] | None
-"""What is opened: a mesh, project, result or folder of results, or meshes of surfaces A and B."""
+What: TypeAlias = str | Path | TriangleMesh | tuple[str | Path, ...] | None
+"""What is opened: a mesh, project, result or folder of results, or meshes of surfaces A and B; or a
+mesh and frames, perhaps with the array of these.
+"""
 
 
 @dataclass(frozen=True)
@@ -97,29 +100,37 @@ def open_window(
     largest_component: bool = False,
 ) -> Window:
     """Open the app's window with a mesh, project, result or table of results in it; by default with
-    a bundled mesh. Of two mesh files the first is registered to the second.
+    a bundled mesh. Of two mesh files the first is registered to the second; of
+    frames with several arrays one is asked for, unless it is given.
 
     Preferences, recent files and autosaves are kept in the state folder, by default the user's own.
     Raises AbfmError if the file cannot be read, or the machine cannot draw.
     """
-    state, table = StateFolder(state_folder), None
+    state, table, ambiguous = StateFolder(state_folder), None, None
     if isinstance(what, TriangleMesh):
         session = Session(what, "mesh")
     else:
         given = what if isinstance(what, tuple) else (what,) if what else ()
-        paths = [Path(one) for one in given]
+        paths, array = [Path(one) for one in given[:2]], str(given[2]) if given[2:] else None
         first, *second = paths or [asset_path(_BUNDLED)]
         table = None if second else find_first(first)
         if table is not None and table.opened is not None:
             session = session_of(table.opened)
         else:
             first = asset_path(_BUNDLED) if table else first
-            session = open_session(first, largest_component, *second)
+            try:
+                beside = second[0] if second else None
+                session = open_session(first, largest_component, beside, array)
+            except SeveralArraysError:
+                ambiguous = beside
+                session = open_session(first, largest_component)
         for path in paths:
             state.add_recent(path)
     window = Window(session, backend, size, state)
     if table is not None:
         window.files.tables.take(table)
+    if ambiguous is not None:
+        window.files.open_frames(ambiguous)
     return window
 
 

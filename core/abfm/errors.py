@@ -28,6 +28,18 @@ class FunctionError(AbfmError):
     """A function specification or array that does not give one finite value per vertex."""
 
 
+class SeveralArraysError(FunctionError):
+    """A file with several arrays, none of which was chosen; `names` are theirs."""
+
+    def __init__(self, message: object, names: Iterable[str]) -> None:
+        super().__init__(message)
+        self.names = tuple(names)
+
+    def of(self, whose: str) -> "SeveralArraysError":
+        """Return the same, said of a file that is named."""
+        return SeveralArraysError(f"{whose}: {one_line(self, 400)}", self.names)
+
+
 class ParameterError(AbfmError):
     """A parameter outside its range."""
 

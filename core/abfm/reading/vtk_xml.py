@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.errors import brief, did_you_mean, one_line
+from abfm.errors import SeveralArraysError, brief, did_you_mean, one_line
 from abfm.reading.door import inflated, most_inflated, read_bytes
 from abfm.reading.xml_events import take_events
 from abfm.types import FloatArray
@@ -76,7 +76,8 @@ def read_grid(path: str | os.PathLike[str], name: str | None = None) -> Grid:
     names = [array.attributes.get("Name", "") for array in file.point_data]
     if name is None and len(names) != 1:
         listed = ", ".join(one_line(each, 30) for each in names[:8]) or "none"
-        raise ValueError(f"it has {len(names)} arrays of point data: {listed}; choose one of them")
+        text = f"it has {len(names)} arrays of point data: {listed}; choose one of them"
+        raise SeveralArraysError(text, names) if names else ValueError(text)
     if name is not None and name not in names:
         listed = ", ".join(one_line(each, 30) for each in names[:8]) or "none"
         raise ValueError(

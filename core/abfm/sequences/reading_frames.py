@@ -6,12 +6,12 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.errors import FunctionError, brief, did_you_mean, one_line
+from abfm.errors import FunctionError, SeveralArraysError, brief, did_you_mean, one_line
 from abfm.functions import read_table
 from abfm.io import results
 from abfm.mesh import TriangleMesh
@@ -52,7 +52,8 @@ def read_frames(
     Raises
     ------
     FunctionError
-        If the file is missing or damaged, or holds no frames of that mesh.
+        If the file is missing or damaged, or holds no frames of that mesh; a `SeveralArraysError`
+        if it may hold them in several arrays, and none is chosen.
     """
     name = os.fspath(path)
     ending = next((each for each in ENDINGS if name.lower().endswith(each)), None)
@@ -63,6 +64,8 @@ def read_frames(
             raise ValueError(f"a file {ending} has no arrays with names, such as {brief(array)}")
         found = _READERS[ending](Path(os.path.expanduser(name)), mesh, array)
         return _checked(found, mesh)
+    except SeveralArraysError as error:
+        raise error.of(f"frames {brief(name)}") from error
     except OSError as error:
         raise FunctionError(f"frames {brief(name)} cannot be read: {one_line(error)}") from error
     except ValueError as error:  # of the readers, or one of ours
@@ -107,17 +110,34 @@ def _npz(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
             archive = results.Archive(opened)
             alone = next(iter(archive)) if len(archive) == 1 else "frames"
             if (name := array or alone) not in archive:
-                listed = ", ".join(one_line(each, 30) for each in sorted(archive)[:8]) or "none"
-                hint = did_you_mean(name, archive)
-                raise ValueError(f"it has no array {brief(name)}{hint}; there is {listed}")
+                _refuse(archive, name, mesh if array is None else None)
             values, times = archive[name], archive.get("times")
-        except OSError:
+        except (OSError, SeveralArraysError):
             raise
         except Exception as error:  # damage makes anything of the readers of zips
             raise ValueError(one_line(error, 300)) from error
     if times is not None and (times.dtype.kind not in "iuf" or times.ndim != 1):
         raise ValueError(f"its times are {times.dtype} of shape {times.shape}; expected (T,)")
     return FramesFile(values, None if times is None else times.astype(np.float64))
+
+
+def _refuse(archive: results.Archive, name: str, mesh: TriangleMesh | None) -> NoReturn:
+    """Say that there is no such array; on a mesh which ones may be its frames."""
+    listed = ", ".join(one_line(each, 30) for each in sorted(archive)[:8]) or "none"
+    text = f"it has no array {brief(name)}{did_you_mean(name, archive)}; there is {listed}"
+    if "velocity" in archive:
+        raise ValueError(f"it is a result, and holds no frames: {text}")
+    films = [each for each in sorted(archive) if mesh and _may_be_frames(archive, each, mesh)]
+    raise SeveralArraysError(f"{text}; choose one of them", films) if films else ValueError(text)
+
+
+def _may_be_frames(archive: results.Archive, name: str, mesh: TriangleMesh) -> bool:
+    try:
+        values = archive[name]
+    except Exception:  # damage, or an array of objects
+        return False
+    sizes = {len(mesh.vertices), mesh.file_vertex_count}
+    return values.ndim in (2, 3) and values.dtype.kind in "biuf" and bool(sizes & {*values.shape})
 
 
 def _table(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:

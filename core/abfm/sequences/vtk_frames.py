@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from abfm.errors import brief, one_line
+from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh import TriangleMesh
 from abfm.reading import Grid, from_json, read_bytes, read_collection, read_grid
 from abfm.sequences.frames_file import FramesFile
@@ -125,6 +125,8 @@ def _grid(file: Path, mesh: TriangleMesh, array: str | None) -> Grid:
         grid = read_grid(file, array)
     except OSError as error:
         raise ValueError(f"{name} cannot be read: {one_line(error)}") from error
+    except SeveralArraysError as error:
+        raise error.of(name) from error
     except ValueError as error:
         raise ValueError(f"{name}: {one_line(error, 300)}") from error
     if len(grid.points) not in (len(mesh.vertices), mesh.file_vertex_count):

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm import load_sequence
 from abfm.calculus.channels import extend
-from abfm.errors import AbfmError, FunctionError
+from abfm.errors import AbfmError, FunctionError, SeveralArraysError
 from abfm.io import write_stc
 from abfm.sequences import read_frames, source_frames
 from tests.core.reading.hostile import npy_of, one_byte_changed
@@ -192,6 +192,20 @@ def test_lists_of_vtk_say_files_and_times(tmp_path):
         assert_array_equal(found.values, FILM)
         assert_array_equal(found.times, TIMES)
         assert found.notes == ()
+
+
+def test_arrays_that_may_be_frames_are_named_where_none_is_chosen(tmp_path):
+    others = {"faces": MESH.faces, "words": np.array(["a"])}
+    np.savez(tmp_path / "two.npz", v=FILM, u=FILM.T, **others)
+    for path, names in ((tmp_path / "two.npz", ("u", "v")), (series(tmp_path)[1], ("u", "other"))):
+        with pytest.raises(SeveralArraysError, match=f"{re.escape(path.name)}'") as caught:
+            read_frames(path, MESH)
+        assert caught.value.names == names
+        assert_array_equal(read_frames(path, MESH, "u").values, FILM)
+    np.savez(tmp_path / "match.npz", velocity=np.zeros((1, 4, 3)), source=CHANNELS[0])
+    with pytest.raises(FunctionError, match="it is a result, and holds no frames") as caught:
+        read_frames(tmp_path / "match.npz", MESH)
+    assert not isinstance(caught.value, SeveralArraysError)
 
 
 def test_a_numbered_file_stands_for_all_of_its_series(tmp_path):

@@ -239,3 +239,16 @@ def test_opening_during_a_run_asks_in_the_window(running, tmp_path):
     gui.wait(lambda s: s.document.name == "b.off")
     gui.key("ctrl+z")
     assert gui.session.result is not None
+
+
+def test_a_question_changes_when_the_run_that_it_is_about_ends(running, tmp_path):
+    gui, path = running, off_file(tmp_path / "b.off", icosphere(1))
+    gui.window._dropped([str(path)])
+    gui.wait(lambda _: gui.window.dialogs.is_asking("End the run?"))
+    gui.session.cancel()
+    gui.wait(lambda _: gui.window.dialogs.is_asking("Go on?"))
+    assert not gui.window.dialogs.is_asking("End the run?")
+    gui.click("Go back", within="Go on?")
+    assert gui.session.result is not None
+    gui.window._dropped([str(path)])
+    gui.wait(lambda s: s.document.name == "b.off")

@@ -303,9 +303,14 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     film.click("Cancel", "Open frames")
     mesh = tmp_path / "egg.ply"
     abfm.io.write_surface(mesh, EGG)
-    with Driver((mesh, tmp_path / "wave.npy"), size=SIZE) as gui:
-        assert gui.session.document.name == "wave.npy on egg.ply"
+    np.savez(tmp_path / "two.npz", u=FRAMES, v=-FRAMES)
+    with Driver((mesh, tmp_path / "two.npz"), size=SIZE) as gui:
+        gui.wait(lambda _: gui.window.dialogs.is_open)
+        gui.click("v", "Which array?")
+        gui.wait(lambda s: s.document.film is not None)
+        assert gui.session.document.name == "two.npz on egg.ply"
         assert not gui.session.saves.unsaved
+        np.testing.assert_array_equal(gui.session.document.film.columns[0][0], -FRAMES[0])
 
 
 def test_channels_share_fields_and_vertices_without_values_are_left_out(gui, tmp_path):

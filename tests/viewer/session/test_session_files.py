@@ -5,10 +5,11 @@ import time
 from dataclasses import replace
 from functools import partial
 
+import nibabel
 import numpy as np
 import pytest
 
-from abfm import MeshError, Parameters, Problem, load_match, match
+from abfm import AbfmError, MeshError, Parameters, Problem, load_match, match
 from abfm_viewer.document.document import Channel
 from abfm_viewer.files.project import load_project
 from abfm_viewer.session import session_files
@@ -223,6 +224,79 @@ def test_a_session_begins_with_any_kind_of_file_and_nothing_to_undo(desk, tmp_pa
         open_session(tmp_path / "missing.off")
 
 
+def frames_of(desk):
+    """The values of the film that is open, (T, V)."""
+    desk.wait(lambda: desk.session.document.film is not None)
+    return desk.session.document.film.frames.values[:, :, 0]
+
+
+@pytest.mark.parametrize("name", ["f.npz", "f.csv", "f.txt", "f.npy", "f.gii"])
+def test_every_file_of_frames_opens_alone_beside_its_mesh_and_by_words(desk, tmp_path, name):
+    mesh, path = desk.session.surface().mesh, tmp_path / name
+    frames = np.float32(np.random.default_rng(3).normal(size=(3, len(mesh.vertices))))
+    if name.endswith(".gii"):
+        arrays = [nibabel.gifti.GiftiDataArray(frame) for frame in frames]
+        nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), path)
+    elif name.endswith(".npz"):
+        np.savez(path, frames=frames, times=[0, 0.5, 1])
+    elif name.endswith(".npy"):
+        np.save(path, frames)
+    else:
+        np.savetxt(path, frames.T, delimiter="," if name.endswith("csv") else " ")
+    file = tmp_path / "mesh.off"
+    file.write_text(off_text(mesh.vertices, mesh.faces))
+    session = open_session(file, False, path)
+    assert session.document.name == f"{name} on mesh.off"
+    assert session.document.film.unit == ("s" if name.endswith(".npz") else "")
+    session.close()
+    desk.files.open(path)
+    np.testing.assert_allclose(frames_of(desk), frames, atol=1e-6)
+    desk.files.open(file)
+    desk.settle()
+    desk.files.open_dropped([path, file])
+    np.testing.assert_allclose(frames_of(desk), frames, atol=1e-6)
+    if not name.endswith(".gii"):
+        with pytest.raises(AbfmError, match=f"give the mesh first, as in: abfm-viewer MESH {name}"):
+            open_session(path)
+
+
+def test_of_several_arrays_one_is_asked_for_or_chosen_by_words(desk, tmp_path):
+    mesh, path = desk.session.surface().mesh, tmp_path / "two.npz"
+    frames = np.random.default_rng(4).normal(size=(3, len(mesh.vertices)))
+    np.savez(path, u=frames, v=-frames)
+    desk.files.open(path)
+    desk.wait(lambda: desk.questions)
+    [(title, text, answers)] = desk.questions
+    assert (title, list(answers)) == ("Which array?", ["u", "v", "Open none"])
+    assert text.startswith("two.npz has several arrays")
+    answers["v"]()
+    np.testing.assert_array_equal(frames_of(desk), -frames)
+    file = tmp_path / "mesh.off"
+    file.write_text(off_text(mesh.vertices, mesh.faces))
+    session = open_session(file, False, path, "u")
+    np.testing.assert_array_equal(session.document.film.frames.values[:, :, 0], frames)
+    session.close()
+    with pytest.raises(AbfmError, match="there are no frames of which an array 'u'"):
+        open_session(file, array="u")
+
+
+def test_tables_and_archives_without_frames_are_told_as_what_they_are(desk, tmp_path):
+    np.savez(tmp_path / "x.npz", x=np.zeros(3))
+    (tmp_path / "words.csv").write_text("name,mesh\na,b.off\n")
+    (tmp_path / "cut.npz").write_bytes(b"PK")
+    for name, told in (
+        ("x.npz", "it is an array of float64 of shape (3,); expected real numbers (T, V)"),
+        ("words.csv", "is not a table of numbers"),
+        ("cut.npz", "damaged or cut short"),
+    ):
+        desk.session.notices.mend("opening")
+        desk.files.open(tmp_path / name)
+        desk.wait(lambda: desk.session.notices.cards)
+        [card] = desk.session.notices.cards
+        assert name in card.text
+        assert told in card.text
+
+
 def test_a_result_that_was_left_is_unsaved_until_it_is_saved(solved, small, tmp_path):
     session, found = solved.session, solved.session.result
     solved.open(small)
@@ -296,10 +370,11 @@ def test_opening_during_a_run_asks_but_not_for_what_is_refused(desk, small, tmp_
         "drop": lambda: desk.files.open_dropped([small]),
     }[what]
     opening()
-    [(title, text, answers)] = desk.questions
+    [(title, text, answers, instead)] = desk.questions
     assert title == "End the run?"
     assert "sphere.off is being matched" in text
     assert answers["Go back"] is None
+    assert instead() is None
     for _ in range(10):
         desk.update()
     assert session.solver.running
@@ -309,6 +384,26 @@ def test_opening_during_a_run_asks_but_not_for_what_is_refused(desk, small, tmp_
     assert [result is not None for result in results(desk)] == [True]
     session.undo()
     assert session.result.velocity.any()
+
+
+def test_a_question_about_a_run_that_has_ended_is_asked_anew(desk, small):
+    session = desk.session
+    session.editor.amend(parameters=ENDLESS)
+    solving(session)
+    desk.files.open(small)
+    [(*_, instead)] = desk.questions
+    session.cancel()
+    desk.wait(lambda: not session.running)
+    found = session.result
+    desk.questions.clear()
+    instead()()
+    [(title, text, answers)] = desk.questions
+    assert (title, list(answers)) == ("Go on?", ["Go on", "Go back"])
+    assert text.startswith("The run of sphere.off has ended meanwhile, and what it found is in no")
+    assert session.loading.now is None
+    answers["Go on"]()
+    desk.settle()
+    assert (session.document.name, results(desk)) == ("small.off", [found])
 
 
 def test_a_run_does_not_start_while_its_mesh_is_about_to_be_replaced(desk, small):

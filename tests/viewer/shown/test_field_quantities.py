@@ -1,5 +1,7 @@
 """What is told of the field, computed in the background once for the same field."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,11 +9,13 @@ import abfm
 from abfm import AbfmError, Parameters
 from abfm.calculus import commuting_fields, gradient, pushforward, relative_bracket, to_ambient
 from abfm_viewer.appearance.colormaps import color_range, linear_table
+from abfm_viewer.session.film_files import document_of_sequence
 from abfm_viewer.shown import shown as shown_module
 from abfm_viewer.shown.shown import carried_gradient
 from abfm_viewer.shown.shown_flow import FlowState
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
+from tests.core.sequences.turning_film import solved
 from tests.core.streaks.texel_weights import texel_weights
 from tests.shapes import icosphere
 from tests.viewer.sessions import SPHERE, matched, until
@@ -81,6 +85,46 @@ def test_what_is_still_to_come_is_said(session, shown, held):
     may_convolve.set()
     texture(shown)
     assert shown.busy == ""
+
+
+def test_a_film_plays_without_streaks_until_they_are_there_and_keeps_them(
+    session, shown, held, convolutions
+):
+    document = document_of_sequence(solved(), Path("film.npz"))
+    session.restore(document, {}, None)
+    session.editor.set_view("show", streaks=True)
+    colors = color_range(*document.film.columns[0])
+    begins, may_convolve = held(abfm.streaks, "line_integral_convolution")
+
+    def at(time):
+        session.editor.amend(time=time)
+        return shown.quantities.texture(shown.flow.advected(), colors)
+
+    session.player.toggle()
+    times = document.film.middles.tolist()
+    until(lambda: at(times[0]) is not None or begins.is_set(), session)
+    assert at(times[0]) is None
+    assert (shown.quantities.convolving, shown.is_ready) == (True, True)
+    may_convolve.set()
+    velocity = document.sequence.velocity
+
+    def of_interval(interval):
+        """The streaks of an interval, as soon as they are shown."""
+        found = None
+
+        def is_there():
+            nonlocal found
+            found = at(times[interval])
+            return found and np.array_equal(found.streaks.field.velocity, velocity[interval])
+
+        until(is_there, session)
+        return found.streaks
+
+    found = [of_interval(interval) for interval in range(len(times))]
+    count = len(convolutions)
+    assert all(of_interval(k) is streaks for k, streaks in enumerate(found))
+    assert len(convolutions) == count == len(times)
+    session.player.toggle()
 
 
 def test_coloured_streaks_are_those_of_the_function_and_darker_and_others_grey(session, shown):
