@@ -73,9 +73,7 @@ class Cohort:
 
     def __post_init__(self) -> None:
         if len(self.subjects) < 2:
-            raise ParameterError(
-                f"subjects: {len(self.subjects)}; a population has two or more"
-            )
+            raise ParameterError(f"subjects: {len(self.subjects)}; a population has two or more")
         if all(channel.is_held_out for channel in self.channels):
             raise ParameterError(
                 "there is no channel to register by: give a column with functions, not "
