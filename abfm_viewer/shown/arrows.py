@@ -17,7 +17,7 @@ import abfm
 from abfm import TriangleMesh
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.shown.eye import Eye
-from abfm_viewer.shown.ribbons import normals_at
+from abfm_viewer.shown.ribbons import normals_at, outward
 
 if TYPE_CHECKING:
     from abfm.maps import SurfacePoints
@@ -215,7 +215,10 @@ def _drawn(
     whole = inside.reshape(count, each).all(axis=1)
     turned = normals_at(mesh, stops.faces, stops.barycentric).reshape(count, each, 3)
     own = normals_at(mesh, points.faces, points.barycentric)[:, None]
-    whole &= _is_flat(np.concatenate([own, turned], axis=1)).all(axis=1)
+    # the faces' own, too: vertices' normals say little of a ridge
+    facets = abfm.calculus.face_normals(mesh)[stops.faces].reshape(count, each, 3) * outward(mesh)
+    for there in (turned, facets):
+        whole &= _is_flat(np.concatenate([own, there], axis=1)).all(axis=1)
     at, turned = (stops.positions / scale).reshape(count, each, 3)[whole], turned[whole]
     middles = (points.positions / scale)[whole]
     vertices = len(heights) * np.arange(len(at))[:, None, None]
