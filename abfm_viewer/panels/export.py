@@ -96,7 +96,8 @@ def _draw_film(context: Context) -> None:
 
     def save(path: Path) -> None:
         if sequence is not None and film is not None:
-            context.exporter.save_sequence(path, sequence, film.unit)
+            kept = partial(session.saves.exported_film, session.document)
+            context.exporter.save_sequence(path, sequence, film.unit, kept)
 
     def save_tracks(path: Path) -> None:
         if sequence is not None:

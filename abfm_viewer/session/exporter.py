@@ -123,10 +123,14 @@ class Exporter:
 
         self._start(path, REGISTERED, write)
 
-    def save_sequence(self, path: Path, found: abfm.Sequence, unit: str) -> None:
+    def save_sequence(
+        self, path: Path, found: abfm.Sequence, unit: str, kept: Callable[[], None]
+    ) -> None:
         def write() -> None:
             outputs.check_sequence(path)
             outputs.write_sequence(path, found, unit=unit)
+            if path.suffix == RESULT:
+                kept()
 
         self._start(path, SEQUENCES, write)
 

@@ -27,6 +27,9 @@ _CONTENT = (
     "points",
 )
 """What besides the result would be lost; the view and the time do not count."""
+_FOUND = "result", "sequence"
+_IN_SEQUENCES = "film", "settings", "sequence"
+"""What files of sequences hold."""
 
 
 class Saves:
@@ -40,6 +43,7 @@ class Saves:
         self._saved: dict[Identity, tuple[Document | None, Origin | None]] = {}
         self._left: dict[Identity, Document] = {}
         self._exported: Match | None = None
+        self._exported_film: Document | None = None
         self.mark(editor.document, None)
 
     @property
@@ -67,7 +71,8 @@ class Saves:
             has_other = left.result is not None and left.result is not document.result
             is_film = left.sequence is not None and left.sequence is not document.sequence
             has_other = has_other or is_film
-            if is_elsewhere or (has_other and not differs):
+            is_lost = self._differs(left)
+            if is_lost and (is_elsewhere or (has_other and not differs)):
                 found.append(left)
         return tuple(found)
 
@@ -83,6 +88,31 @@ class Saves:
     def exported(self, result: Match) -> None:
         """Remember that a result is in a file of its own, the latest such."""
         self._exported = result
+
+    def exported_film(self, document: Document) -> None:
+        """Remember that a document's frames, fields and settings are in a file, the latest such."""
+        if not document.is_film_outdated:  # else the file has the settings of the fields
+            self._exported_film = document
+
+    def changes(self, document: Document) -> tuple[str, ...]:
+        """Return which parts of a document are in no file, by their names in it."""
+        saved, exported = self._of(document)[0], self._exported_film
+        if exported is None or exported.sequence is not document.sequence:
+            exported = None
+        elif saved is None:  # of another launch: what it has besides
+            saved = Document(document.surfaces)
+
+        def is_in(file: Document | None, name: str) -> bool:
+            if file is None:
+                return False
+            mine, other = getattr(document, name), getattr(file, name)
+            return mine is other if name in _FOUND else bool(mine == other)
+
+        return tuple(
+            name
+            for name in (*_CONTENT, *_FOUND)
+            if not (is_in(saved, name) or (name in _IN_SEQUENCES and is_in(exported, name)))
+        )
 
     def origin(self, document: Document) -> Origin | None:
         """The project file of a document, as it was when it was last read or written here."""
@@ -128,11 +158,7 @@ class Saves:
         self.mark(self._editor.document, origin)
 
     def _differs(self, document: Document) -> bool:
-        if (saved := self._of(document)[0]) is None:
-            return True
-        changed = any(getattr(document, name) != getattr(saved, name) for name in _CONTENT)
-        is_other = document.result is not saved.result or document.sequence is not saved.sequence
-        return changed or is_other
+        return self.changes(document) != ()
 
     def _of(self, document: Document) -> tuple[Document | None, Origin | None]:
         return self._saved.get(document.identity, (None, None))

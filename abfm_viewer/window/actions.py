@@ -24,6 +24,13 @@ _ESCAPE = (
     "close a menu; else take a message away; else show all surfaces; else cancel, and keep the "
     "best field, from which Continue goes on"
 )
+_OF_FILMS = {
+    "film": "times of its frames",
+    "settings": "parameters that were changed",
+    "lines": "lines that were clicked on",
+    "points": "points that are followed",
+}
+"""What of a film may be in no file though its fields are."""
 _QUIT = "Save before closing?"
 _MOUSE = (
     ("drag on a surface", "turn them all, each in its place"),
@@ -92,16 +99,21 @@ def what_would_be_lost(session: Session) -> str:
         name = session.document.name
         said.append(f"{name} is being matched; the best field so far is in no file.")
     for document in session.saves.unsaved_documents:
-        if running and document.identity is session.document.identity:
-            continue
-        if document.film is not None and document.sequence is not None:
-            said.append(f"The film {document.name} with its fields is in no file.")
-        elif document.result is not None and session.saves.has_new_result(document):
-            found = headline(document.result)
-            said.append(f"The match of {document.name} ({found}) is in no file.")
-        else:
-            said.append(f"{document.name} has changes that are in no file.")
+        if not (running and document.identity is session.document.identity):
+            said.append(_lost_of(document, session))
     return " ".join(said)
+
+
+def _lost_of(document: Document, session: Session) -> str:
+    changes = session.saves.changes(document)
+    if document.film is not None:
+        if document.sequence is not None and "sequence" in changes:
+            return f"The film {document.name} with its fields is in no file."
+        told = ", ".join(words for name, words in _OF_FILMS.items() if name in changes)
+        return f"Of the film {document.name} are in no file: {told or 'changes'}."
+    if document.result is not None and session.saves.has_new_result(document):
+        return f"The match of {document.name} ({headline(document.result)}) is in no file."
+    return f"{document.name} has changes that are in no file."
 
 
 class Actions:

@@ -15,6 +15,7 @@ from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.film_match import is_unsolved
 from abfm_viewer.session.session_files import open_session
 from abfm_viewer.window import wave
+from abfm_viewer.window.actions import what_would_be_lost
 from abfm_viewer.window.wave import drifting_wave, turning_wave
 from tests.viewer.end_to_end.test_export import exported
 from tests.viewer.sessions import EGG, SIZE
@@ -267,6 +268,11 @@ def test_projects_sequences_and_movies_of_films_are_written_and_read(solved, tmp
     assert document.sequence.verdicts == found.verdicts
     assert not document.is_film_outdated
     solved.click("Export", within="steps")
+    session.editor.set_film(gamma=2.0)
+    told = "Of the film wave.npy on mesh are in no file: parameters that were changed."
+    assert what_would_be_lost(session) == told
+    session.undo()
+    assert not session.saves.unsaved
     exported(solved, "Save sequence...", tmp_path / "film.npz")
     np.testing.assert_array_equal(
         abfm.load_sequence(tmp_path / "film.npz").velocity, found.velocity

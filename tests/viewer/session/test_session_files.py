@@ -105,7 +105,8 @@ def test_save_goes_to_the_file_of_the_document_that_undo_came_back_to(desk, tmp_
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
-        ("notes.txt", b"", "expected a file that ends in .obj, .off"),
+        ("notes.md", b"", "expected a file that ends in .obj, .off"),
+        ("notes.txt", b"a b", "notes.txt' is not a table of numbers"),
         ("broken.off", b"OFF 3", "broken.off"),
         ("broken.abfm", b"PK", "broken.abfm"),
         ("broken.npz", b"PK", "broken.npz"),
