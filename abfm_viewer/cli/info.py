@@ -15,21 +15,24 @@ from abfm import (
     load_correspondence,
     load_match,
     load_mesh,
+    load_population,
     load_sequence,
 )
 from abfm.errors import printable
 from abfm.maps.symmetry import KINDS, Kind, SymmetryError, detect_symmetry
+from abfm.population import is_population
 from abfm.registration import is_correspondence
 from abfm.sequences import is_sequence
 from abfm_viewer.cli import options, results
 from abfm_viewer.cli.films import results as sequence_results
+from abfm_viewer.cli.populations import results as population_results
 from abfm_viewer.document import verdict_words
 
 SUMMARY = "what a mesh is and what the solver would object to, or what a result holds"
 DESCRIPTION = """\
 Say what a mesh is, what was repaired, and what the solver would object to (then the exit status is
 2); or what a result came to, with the steps of its path, a star before the one that it is; or what
-a map between two surfaces does.
+a map between two surfaces does, or who fits a population and what varies in it.
 
 Examples:
   abfm info spot.obj
@@ -65,6 +68,8 @@ def _of_result(arguments: argparse.Namespace) -> int:
     name = arguments.mesh
     if is_sequence(name):
         return _of_sequence(arguments)
+    if is_population(name):
+        return _of_population(arguments)
     found = load_correspondence(name) if is_correspondence(name) else None
     if found is not None and not isinstance(found, Registration):
         return _of_map(arguments, found)
@@ -90,6 +95,17 @@ def _of_sequence(arguments: argparse.Namespace) -> int:
         print(json.dumps({"result": name, **sequence_results.facts(sequence)}))
         return 0
     first, *others = sequence_results.lines(sequence, "unit of time")
+    print("\n".join([f"{printable(name)}: {first}", *others]))
+    return 0
+
+
+def _of_population(arguments: argparse.Namespace) -> int:
+    name = arguments.mesh
+    facts = population_results.facts(load_population(name))
+    if arguments.json:
+        print(json.dumps({"result": name, **facts}))
+        return 0
+    first, *others = population_results.lines(facts)
     print("\n".join([f"{printable(name)}: {first}", *others]))
     return 0
 

@@ -6,7 +6,6 @@ import argparse
 import csv
 import io
 import json
-import math
 import re
 import sys
 import time
@@ -32,6 +31,7 @@ from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_workers
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
+from abfm_viewer.cli.populations import results
 from abfm_viewer.cli.populations.page import page
 from abfm_viewer.cli.progress import share_progress
 from abfm_viewer.errors import DrawingError
@@ -128,12 +128,20 @@ def run(arguments: argparse.Namespace) -> int:
         except CancelledError:
             print("run the same again to go on: what is done is kept", file=sys.stderr)
             return signals.status(kept.number or 0)
-    facts = _facts(found, arguments, time.perf_counter() - began)
+    facts = {
+        "table": printable(arguments.table.name),
+        "template": printable(Path(arguments.template).name),
+        "bound": arguments.bound,
+        **results.facts(found),
+        "seconds": time.perf_counter() - began,
+    }
     written = _write(found, facts, arguments)
     if arguments.json:
         print(json.dumps(facts | {"outputs": list(map(str, written))}))
     else:
-        print("\n".join(_lines(found, facts, written)))
+        names = ", ".join(map(printable, written))
+        told = [*results.lines(facts), f"in {facts['seconds']:.1f} s; wrote {names}"]
+        print("\n".join(told))
     if not all(found.digests):
         return FAILED
     return 0 if found.changes[-1] <= settings.bound else UNMATCHED
@@ -200,65 +208,6 @@ def _tell_failure(entry: Entry) -> None:
         print(f"note: {printable(entry.row.name)} failed: {entry.reason}", file=sys.stderr)
 
 
-def _facts(found: Population, arguments: argparse.Namespace, seconds: float) -> dict[str, Any]:
-    """Return all that is told, as plain numbers and texts; None for unknown numbers."""
-    scores = [found.scores(c) for c in range(len(found.channels))]
-    channels = []
-    for c, channel in enumerate(found.channels):
-        known = scores[c][found.fits]
-        before, after = (_mean(each) for each in known.T)
-        phase = found.phase_and_amplitude(c)._asdict()
-        channels.append(
-            {
-                "name": channel.name,
-                "held_out": channel.is_held_out,
-                "weight": float(found.channel_weights[c]),
-                **{name: _number(value) for name, value in phase.items()},
-                "before": before,
-                "after": after,
-            }
-        )
-    subjects = [
-        {
-            "name": found.names[i],
-            "fits": bool(found.fits[i]),
-            "reason": found.reasons[i] or None,
-            "verdict": found.verdicts[i] or None,
-            "weight": float(found.weights[i]),
-            **{
-                name: _number(getattr(found, name)[i])
-                for name in (
-                    "correlation",
-                    "distance",
-                    "mismatch",
-                    "displacement",
-                    "log2_area",
-                    "folded",
-                    "landmarks",
-                )
-            },
-            "scores": {
-                channel.name: list(map(_number, scores[c][i]))
-                for c, channel in enumerate(found.channels)
-            },
-            "digest": found.digests[i] or None,
-        }
-        for i in found.worst_first()
-    ]
-    return {
-        "table": printable(arguments.table.name),
-        "template": printable(Path(arguments.template).name),
-        "vertices": len(found.template.vertices),
-        "faces": len(found.template.faces),
-        "changes": list(map(_number, found.changes)),
-        "bound": arguments.bound,
-        "log2_area_deviation": _mean(found.log2_area_deviation),
-        "channels": channels,
-        "subjects": subjects,
-        "seconds": seconds,
-    }
-
-
 def _write(
     found: Population, facts: Mapping[str, Any], arguments: argparse.Namespace
 ) -> list[Path]:
@@ -319,41 +268,3 @@ def _table(facts: Mapping[str, Any]) -> str:
         cells = [*(subject[name] for name in own), *scores]
         writer.writerow(["" if cell is None else cell for cell in cells])
     return text.getvalue()
-
-
-def _lines(found: Population, facts: Mapping[str, Any], written: list[Path]) -> list[str]:
-    """Return what came of it, for people."""
-    count, rounds = int(found.fits.sum()), len(found.changes)
-    lines = [
-        f"{count} of {len(found.names)} subjects fit; the mean changed by {found.changes[-1]:.2g} "
-        f"of its deviation in the last of {rounds} rounds, in {facts['seconds']:.1f} s"
-    ]
-    for each in facts["channels"]:
-        parts = [
-            f"correlation with the mean of the others {_told(each['before'])} before, "
-            f"{_told(each['after'])} after"
-        ]
-        if each["total"]:
-            share = each["phase"] / each["total"]
-            parts.insert(0, f"{100 * share:.0f}% of the variance is position")
-        held = ", held out" if each["held_out"] else ""
-        lines.append(f"{printable(each['name'])}{held}: {'; '.join(parts)}")
-    lines += [
-        f"left out: {printable(each['name'])}: {each['reason']}"
-        for each in facts["subjects"]
-        if not each["fits"]
-    ]
-    return [*lines, f"wrote {', '.join(printable(path) for path in written)}"]
-
-
-def _told(value: float | None) -> str:
-    return "unknown" if value is None else f"{value:.3f}"
-
-
-def _mean(values: Any) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else None
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

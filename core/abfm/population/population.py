@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -279,8 +280,17 @@ class Population:
         )
 
 
+def is_population(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a file holds a population; ResultError if it cannot be read."""
+    with results.open_archive(path, POPULATION.name, results.MEND) as archive:
+        return "subject_weights" in archive and "template_mask" in archive
+
+
 def load_population(path: str | os.PathLike[str]) -> Population:
-    """Read a file of `Population.save`; ResultError if it is missing, damaged, or none."""
+    """Read a file of `Population.save`, or that in a folder of results; ResultError if it is
+    missing, damaged, or none.
+    """
+    path = Path(path) / "population.npz" if Path(path).is_dir() else path
     arrays: dict[str, Any] = results.load_arrays(path, POPULATION)
     try:
         template = results.mesh_of({name: arrays.pop(name) for name in results.MESH_ENTRIES})

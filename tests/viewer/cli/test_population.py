@@ -191,6 +191,19 @@ def test_registrations_of_the_last_round_are_a_batch(abfm, folder, found):
     assert {row["name"] for row in said["rows"]} == set(found.names)
 
 
+def test_info_says_what_the_run_said(abfm, folder, told, found):
+    path = folder / "out" / "population.npz"
+    again = json.loads(abfm(f"info {path} --json").out)
+    assert again.pop("result") == str(path)
+    own = {name: told[0][name] for name in ("table", "template", "bound", "seconds", "outputs")}
+    assert {**again, **own} == told[0]
+    lines = abfm(f"info {path}").out.splitlines()
+    count = int(found.fits.sum())
+    assert lines[0].startswith(f"{path}: {count} of 6 subjects fit; the mean changed by ")
+    assert lines[-1].startswith(f"left out: {NAME}: ")
+    assert library.load_population(folder / "out").names == found.names
+
+
 def test_a_page_without_a_screen_has_no_pictures(abfm, folder, found, monkeypatch):
     def refuse(*arguments):
         raise DrawingError("there is no screen")
