@@ -237,11 +237,11 @@ class FieldQuantities(Jobs):
         """
         view = self._session.view
         look = ArrowLook(view.arrow_length, arrow_spacing(view.arrow_density, scale))
-        if (fast := self._fast(field)) is None:
+        if (fast := self.fast(field)) is None:
             return self._arrows.value
         return self._arrows.newest(field.mesh, field_arrows, field, look, eye, fast)
 
-    def _fast(self, field: Field) -> float | None:
+    def fast(self, field: Field) -> float | None:
         """Return what speed counts as fast, 0 for the field's own; None before that is known.
 
         It is one for all intervals of a film: the largest, which only grows while a run goes on.

@@ -14,6 +14,8 @@ from abfm_viewer.panels.right_panel import OF_FILMS
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.film_match import is_unsolved
 from abfm_viewer.session.session_files import open_session
+from abfm_viewer.shown.eye import Eye
+from abfm_viewer.shown.shown import fastest
 from abfm_viewer.window import wave
 from abfm_viewer.window.actions import what_would_be_lost
 from abfm_viewer.window.wave import drifting_wave, turning_wave
@@ -24,6 +26,7 @@ WINDOW = (1000, 700)  # where the plot is seen as a whole
 COUNT, STEP = 5, 0.05
 TIMES = STEP * np.arange(COUNT)
 DIRECTIONS = EGG.vertices / np.linalg.norm(EGG.vertices, axis=1)[:, None]
+FRONT = Eye(np.eye(3))
 FRAMES = turning_wave(DIRECTIONS, TIMES)[0]
 
 
@@ -126,6 +129,14 @@ def test_all_frames_are_matched_and_what_is_between_is_carried_from_both_sides(s
     assert solved.window.shown.flow.state.found is session.film_match.field(session.document, 3)
     solved.click("Look", within="steps")
     solved.check("arrows")
+    # one scale for all intervals
+    quantities = solved.window.shown.quantities
+    solved.wait(
+        lambda _: quantities.field() and quantities.arrows(quantities.field(), 300.0, FRONT)
+    )
+    speeds = [np.linalg.norm(field, axis=1) for field in sequence.velocity]
+    fast = max(abfm.calculus.fast_speed(sequence.mesh, speed) for speed in speeds)
+    assert fastest(sequence) == quantities.fast(quantities.field()) == pytest.approx(fast)
     solved.check("streaks")
     solved.type("time", "1.5")
     assert shown(solved).kind == "texture"
