@@ -7,6 +7,8 @@ import math
 import os
 import shlex
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import TypeAlias
 
@@ -14,10 +16,11 @@ import numpy as np
 
 from abfm.batch import Entry, Row
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
-from abfm.errors import ParameterError, ResultError, brief, did_you_mean, one_line
+from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
 from abfm.functions import function, quoted
 from abfm.io.atomic import write_atomically
 from abfm.mesh import load_mesh
+from abfm.parameters import Parameters
 from abfm.population.carrying import Carried, Carrying
 from abfm.population.misfits import Compared, Likeness, judge
 from abfm.population.on_template import MapFacts, OnTemplate, checked_mask, displacement_in, stacked
@@ -26,6 +29,7 @@ from abfm.population.settings import Settings
 from abfm.population.statistics import Moments, phase_and_amplitude
 from abfm.population.subjects import Cohort, Subject
 from abfm.population.target import Target
+from abfm.sequences.noise import noise
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -34,6 +38,7 @@ Solve: TypeAlias = Callable[[Sequence[Carrying], str], list[Entry]]
 """Returns what has come of rows, in their order; the text says what is done, for progress."""
 _TARGETS = "targets"  # folder of the functions that subjects are registered to, and of mean fields
 _LOOKS = 3  # at who fits, in a round, each with the mean field of those who did before
+_LISTENED_TO = 3  # subjects, for noise
 _BY_FUNCTIONS = "embedding", "landmarks"  # initial maps of which none is found without
 
 
@@ -69,6 +74,21 @@ class Work:
         self.mask = checked_mask(self.template, settings.mask, "the template")
         self.areas = vertex_areas(self.template) * self.mask
         self.weights = np.array([subject.weight for subject in cohort.subjects])
+
+    @cached_property
+    def goal(self) -> float:
+        """How close registrations come, unless that is given, where functions do not count as
+        measured, as on coarse meshes: no closer than the noise of the first subjects.
+        """
+        levels = []
+        for subject in self.cohort.subjects[:_LISTENED_TO]:
+            with suppress(AbfmError):  # which its registration tells
+                mesh = load_mesh(subject.surface or self.path)
+                texts = [subject.functions[c] for c in self.cohort.registered_by]
+                f = np.stack([function(mesh, each) for each in texts])
+                levels.append(float(np.sqrt(np.mean((noise(mesh, f) / f.std(axis=1)) ** 2))))
+        known = [level for level in levels if math.isfinite(level)]
+        return max(Parameters.goal, float(np.median(known or [0.0])))
 
     def first_target(self) -> Target:
         """Return the template's own functions, or those of the subject that is most like the plain
@@ -145,7 +165,10 @@ class Work:
         ]
         pairs += [("mask-a", subject.mask), ("mask-b", mask), ("landmarks", subject.landmarks)]
         pairs.append(("initial", self.settings.initial))
-        pairs += self.settings.options.items()
+        options = dict(self.settings.options)
+        if self.goal > Parameters.goal:
+            options.setdefault("goal", self.goal)
+        pairs += options.items()
         return Row(subject.name, pairs)
 
     def _carrying(self, subject: Subject, **by: object) -> Carrying:

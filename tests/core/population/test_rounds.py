@@ -19,6 +19,8 @@ from abfm.io import write_surface
 from abfm.mesh.shapes import even_sphere
 from abfm.population import Channel, Cohort, Settings, Subject
 from abfm.population.carrying import Carrying, load_carried
+from abfm.population.target import Target
+from abfm.population.work import Work
 from abfm.workers.control import CancelledError, Control
 from tests.shapes import icosphere
 
@@ -610,3 +612,25 @@ def test_noise_is_value_and_not_position(tmp_path):
     of_noise = 0.75 * noise**2  # of four subjects: n - 1 of n
     assert phase.total == pytest.approx(position + of_noise / 2, rel=0.1)
     assert 0.7 * position < phase.phase < 1.1 * position  # registering leaves some of it
+
+
+def test_registrations_come_no_closer_than_noise(tmp_path):
+    rng, path = np.random.default_rng(0), tmp_path / "template.ply"
+    write_surface(path, MESH)
+    smooth, texts = height(MESH.vertices), {}
+    for level in (0.0, 0.2):
+        noisy = smooth + level * smooth.std() * rng.standard_normal((4, len(smooth)))
+        for number, values in enumerate(noisy):
+            np.save(tmp_path / f"{number}-{level}.npy", values)
+        texts[level] = [f"file:{quoted(str(tmp_path / f'{n}-{level}.npy'))}" for n in range(4)]
+
+    def options(level, settings):
+        subjects = tuple(Subject(str(n), (text,)) for n, text in enumerate(texts[level]))
+        cohort = Cohort((Channel("height"),), subjects)
+        work = Work(cohort, path, tmp_path / "out", settings, lambda rows, told: [])
+        target = Target(smooth[None], np.ones(len(smooth)))
+        return dict(work.rows(target, 1)[0].options)
+
+    assert "goal" not in options(0.0, Settings())
+    assert float(options(0.2, Settings())["goal"]) == pytest.approx(0.2, rel=0.3)
+    assert options(0.2, Settings(options={"goal": 0.07}))["goal"] == "0.07"
