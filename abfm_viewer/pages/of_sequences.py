@@ -222,7 +222,7 @@ def _keys(film: Filmed, times: FloatArray) -> tuple[FloatArray, FloatArray, str]
         )
     between = min(max((most - 1) // max(len(times) - 1, 1), 1), _MOST_BETWEEN)
     keys, values = [times[0]], [frames[0]]
-    with step("carrying frames"):
+    with step("carrying frames") as tell:
         for number, (start, end) in enumerate(pairwise(times), 1):
             checkpoint()
             for share in range(1, between):
@@ -231,4 +231,5 @@ def _keys(film: Filmed, times: FloatArray) -> tuple[FloatArray, FloatArray, str]
                 values.append(carried.reshape(frames.shape[1], -1)[:, :MOST_CHANNELS])
             keys.append(end)
             values.append(frames[number])
+            tell(number / (len(times) - 1))
     return np.array(keys), np.stack(values), ""

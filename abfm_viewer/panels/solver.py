@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 import polyscope.imgui as imgui
@@ -120,8 +121,10 @@ def _draw_progress(ui: Ui, session: Session) -> None:
 
 
 def draw_step(ui: Ui, step: Step) -> None:
-    """Draw a bar, empty where nobody knows how long it takes, and what is being done."""
-    imgui.ProgressBar(step.share() or 0.0, (-1, ui.px(_BAR)), "")
+    """Draw a bar, which runs where nobody knows how long it takes, and what is being done."""
+    share = step.share()
+    running = -0.5 * (time.monotonic() - step.began)
+    imgui.ProgressBar(running if share is None else share, (-1, ui.px(_BAR)), "")
     ui.note(capital(step.words()))
 
 

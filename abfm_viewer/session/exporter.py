@@ -22,7 +22,8 @@ from abfm import AbfmError
 from abfm.io import temporary_folder, write_atomically
 from abfm.numerics.factoring_apart import factoring_apart
 from abfm.types import FloatArray
-from abfm.workers.progress import Step
+from abfm.workers.control import Control, controlled
+from abfm.workers.progress import Step, telling
 from abfm_viewer.computing.background import THREADS, error_line
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.label_map import LabelMap
@@ -82,9 +83,14 @@ class Exporter:
         self._work: Future[None] | None = None
         self._cancelled = False
         self._task, self._began = "", 0.0
+        self._told: Step | None = None  # what writing is at, if it says so
+        self._control = Control()
 
     @property
     def step(self) -> Step:
+        """What is written, and how far that is, or what it is at."""
+        if (told := self._told) is not None:
+            return replace(told, task=f"{self._task}: {told.task}")
         return Step(self._task, done=self.progress or None, began=self._began)
 
     @property
@@ -152,6 +158,7 @@ class Exporter:
     def cancel(self) -> None:
         """End the export; nothing is written, and an older file stays."""
         self._cancelled = True
+        self._control.cancel()
         if (process := self._process) is not None:
             process.kill()  # all that it has written is in the folder that is removed with it
 
@@ -168,12 +175,15 @@ class Exporter:
             return
         self.progress, self.message, self.failed, self._cancelled = 0.0, "", False, False
         self._task, self._began = f"writing {path.name}", time.monotonic()
+        self._told, self._control = None, Control()
+        control = self._control
 
         @factoring_apart()
         def work() -> None:
             try:
                 outputs.check(path, suffixes)
-                write()
+                with telling(self._tell), controlled(control):
+                    write()
                 self.progress, self.message = 1.0, f"saved {path}"
             except Exception as error:
                 self.failed = not self._cancelled
@@ -181,6 +191,9 @@ class Exporter:
             self._say(self.message, self.failed)
 
         self._work = THREADS.submit(work)
+
+    def _tell(self, step: Step | None) -> None:
+        self._told = step
 
     def _render(self, path: Path, document: Document, known: Known, words: list[str]) -> None:
         """Draw a copy of the document in a process of its own; put the file in place when whole."""

@@ -8,9 +8,10 @@ import hashlib
 import inspect
 import os
 import sys
+import threading
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -18,11 +19,13 @@ from scipy import sparse
 
 from abfm.errors import AbfmError
 from abfm.types import FloatArray, IndexArray
+from abfm.workers.progress import step
 
 try:
     with warnings.catch_warnings():
         warnings.filterwarnings("error", "Environment variable", RuntimeWarning)
         import numba
+        import numba.core.event
         from numba.core.dispatcher import Dispatcher
 except (RuntimeWarning, ValueError) as error:
     settings = ", ".join(f"{k}={v!r}" for k, v in os.environ.items() if k.startswith("NUMBA_"))
@@ -33,6 +36,25 @@ except (RuntimeWarning, ValueError) as error:
     ) from error
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+
+
+class _Compiling(numba.core.event.Listener):
+    """Tells who waits that a kernel is compiled, which takes seconds, once on a machine."""
+
+    def __init__(self) -> None:
+        self._told = threading.local()
+
+    def on_start(self, event: object) -> None:
+        told = ExitStack()
+        told.enter_context(step("compiling, once on this machine"))
+        self._told.all = [*getattr(self._told, "all", []), told]
+
+    def on_end(self, event: object) -> None:
+        self._told.all.pop().close()
+
+
+_listen: Callable[[str, object], None] = numba.core.event.register
+_listen("numba:compile", _Compiling())
 
 
 class _Cache:

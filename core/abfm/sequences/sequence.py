@@ -367,7 +367,9 @@ def _told(solver: Solver) -> Sequence:
     said: list[Said] = []
     with step("checking by flow lines") as tell, ThreadPoolExecutor(_THREADS) as threads:
         try:
-            for found in threads.map(solver.said, range(count)):
+            said.append(solver.said(0))  # in this thread, which tells of kernels that are compiled
+            tell(1 / count)
+            for found in threads.map(solver.said, range(1, count)):
                 said.append(found)
                 tell(len(said) / count)
                 checkpoint()

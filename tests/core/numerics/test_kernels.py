@@ -5,10 +5,13 @@ import inspect
 import os
 import pkgutil
 
+import numba
 import pytest
 from numba.core.dispatcher import Dispatcher
 
 import abfm
+import abfm.numerics.kernels  # which listens
+from abfm.workers.progress import telling
 from tests.processes import python
 
 
@@ -69,3 +72,12 @@ def test_settings_that_numba_does_not_take_are_refused_in_one_line(value):
     assert done.stderr == ""
     assert done.stdout.startswith("numba does not take what the environment says")
     assert f"(NUMBA_NUM_THREADS='{value}')" in done.stdout
+
+
+def test_who_waits_is_told_that_a_kernel_is_compiled():
+    twice = numba.njit(lambda x: 2 * x)  # which is not kept on disk, as kernels are
+    told = []
+    with telling(told.append):
+        for _ in range(2):
+            assert twice(3) == 6
+    assert [each and each.task for each in told] == ["compiling, once on this machine", None]

@@ -1,5 +1,6 @@
 """Exports beside the running app: the process that draws, its progress, and its end."""
 
+import threading
 import time
 from dataclasses import replace
 
@@ -9,10 +10,13 @@ import pytest
 
 import abfm
 from abfm.numerics.factoring_apart import is_factored_apart
+from abfm.workers.control import checkpoint
+from abfm.workers.progress import step
 from abfm_viewer.document.document import SIDES, Channel, Document, Surface
 from abfm_viewer.files import outputs
 from abfm_viewer.session.exporter import Exporter, MovieSettings, PictureSettings
 from tests.shapes import icosphere
+from tests.viewer.sessions import until
 
 CHANNEL = Channel("gaussian:x=1,y=0,z=0,width=0.2", "gaussian:x=0,y=1,z=0,width=0.2")
 
@@ -118,3 +122,27 @@ def test_exports_factor_large_systems_apart(exporter, document, out, monkeypatch
     exporter.save_result(out / "a.npz", document.result, lambda result: None)
     exporter.wait()
     assert asked == [True]
+
+
+def test_writing_tells_what_it_is_at_and_ends_when_it_is_cancelled(exporter, out, monkeypatch):
+    goes_on, written = threading.Event(), []
+
+    def write(path, found, unit):
+        with step("path lines") as tell:
+            tell(0.25)
+            assert goes_on.wait(60)
+            checkpoint()
+        written.append(path)
+
+    monkeypatch.setattr(outputs, "write_sequence", write)
+    for is_cancelled in (False, True):
+        goes_on.clear()
+        exporter.save_sequence(out / "a.html", None, "s", lambda: None)
+        until(lambda: exporter.step.done == 0.25)
+        assert exporter.step.task == "writing a.html: path lines"
+        if is_cancelled:
+            exporter.cancel()
+        goes_on.set()
+        exporter.wait()
+    assert exporter.said == [(f"saved {out / 'a.html'}", False), ("export cancelled", False)]
+    assert written == [out / "a.html"]
