@@ -33,6 +33,8 @@ table.rows thead th { background: #fff; position: sticky; top: 0; vertical-align
 .options span { display: inline-block; margin-right: .9em; }
 .none { color: var(--muted); font-size: .85rem; text-align: center; background: var(--panel);
   border-radius: 6px; padding: 1.3rem 0; }
+table.grid th, table.grid td { padding: .35rem 0 .35rem 1.6rem; text-align: right; }
+table.grid th:first-child { padding-left: 0; text-align: left; }
 .wrapped td { overflow-wrap: anywhere; }
 @media print { table.rows thead th { position: static; } }
 """
@@ -56,6 +58,7 @@ def page(
         _counts(counts),
         f'<ul class="warnings"><li>No pictures: {escape(why_none)}</li></ul>' if why_none else "",
         _options(shared),
+        _grid(rows),
         _table(rows, shared, pictures),
         f"<footer>abfm {escape(version('abfm'))}</footer>",
         facts_block({"title": title, "rows": [row.to_dict() for row in rows]}),
@@ -98,6 +101,49 @@ def _options(shared: Sequence[tuple[str, str]]) -> str:
         f"<tr><td>{escape(column)}</td><td>{escape(text)}</td></tr>" for column, text in shared
     )
     return f'<h2>Of all rows</h2><table class="words wrapped">{lines}</table>'
+
+
+def _grid(rows: Sequence[Told]) -> str:
+    """Return what came of all combinations of two options at a glance; nothing where the rows are
+    not that.
+    """
+    every = [dict(row.entry.row.options) for row in rows]
+    varied = [name for name in every[0] if len({each.get(name) for each in every}) > 1]
+    if len(varied) != 2:
+        return ""
+    down, across = varied
+    found = {(o.get(down, ""), o.get(across, "")): row for o, row in zip(every, rows, strict=True)}
+    downs, acrosses = (sorted({pair[i] for pair in found}, key=_by_size) for i in range(2))
+    if len(found) < len(rows) or len(found) < len(downs) * len(acrosses):
+        return ""
+    head = "".join(f"<th>{escape(across)} {escape(text)}</th>" for text in acrosses)
+    lines = "".join(
+        f"<tr><th>{escape(down)} {escape(one)}</th>"
+        + "".join(_glance(found[one, other]) for other in acrosses)
+        + "</tr>"
+        for one in downs
+    )
+    return (
+        "<h2>At a glance</h2>"
+        "<p>What is left by the worse witness, and the mean |log2 J| of the map.</p>"
+        f'<table class="grid"><thead><tr><th></th>{head}</tr></thead><tbody>{lines}</tbody></table>'
+    )
+
+
+def _by_size(text: str) -> tuple[float, str]:
+    try:
+        return float(text), ""
+    except ValueError:
+        return float("inf"), text
+
+
+def _glance(row: Told) -> str:
+    facts, tone = row.facts, _tone(row.verdict)
+    if facts is None:
+        return f'<td class="word {tone}">{escape(_word(row.verdict))}</td>'
+    areas = f"{facts.log2_area:.2f}" if facts.log2_area == facts.log2_area else "-"
+    left = f"{100 * facts.confirmed:.2g}%"
+    return f'<td><span class="word {tone}">{left}</span> {areas}</td>'
 
 
 def _table(

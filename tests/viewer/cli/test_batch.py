@@ -105,6 +105,7 @@ def test_the_page_has_the_worst_first_a_picture_a_row_and_nothing_outside_it(sol
     assert "table.csv" in page.text
     assert "Not reached" in page.text
     assert "no picture" in page.text
+    assert "At a glance" not in page.text  # of sweeps
     facts = json.loads(page.facts)
     assert [row["name"] for row in facts["rows"]] == page.names
     verdicts = [WORST_FIRST.index(row["verdict"]) for row in facts["rows"]]
@@ -160,7 +161,13 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     )
     assert match.weights.tolist() == [1, 0.5]
     assert not (tmp_path / "out" / "pictures").exists()
-    assert "no picture" in Page(tmp_path / "out" / "summary.html").text
+    text = Page(tmp_path / "out" / "summary.html").text
+    assert "no picture" in text
+    grid = text.partition("At a glance")[2].partition("Rows")[0]
+    places = [grid.index(each) for each in (*targets, "alpha 0.1", "alpha 0.2")]
+    assert places == sorted(places)
+    left = max(float(rows[0][name]) for name in ("mismatch", "verified_mismatch"))
+    assert f"{100 * left:.2g}%" in grid
 
 
 @pytest.mark.parametrize(
