@@ -69,6 +69,10 @@ class Channel:
     target: str
     weight: float = 1.0
 
+    @property
+    def specs(self) -> tuple[str, str]:
+        return self.source, self.target
+
     def spec(self, side: Side) -> str:
         return self.source if side == "source" else self.target
 
@@ -321,6 +325,7 @@ class Document:
     sequence: Sequence | None = None  # a film's result
     lines: tuple[Point, ...] = ()  # where flow lines start
     points: tuple[Point, ...] = ()  # that are followed, at time 0
+    called: dict[str, str] = field(default_factory=dict)  # functions of results, by their specs
     view: View = field(default_factory=View)
     identity: Identity = field(default_factory=Identity)
 

@@ -75,6 +75,7 @@ class ResultRow:
     correlation: float = math.nan
     reason: str = ""
     path: Path | None = None  # of its result
+    texts: tuple[tuple[str, str], ...] = ()  # of its channels: sources and targets, as written
 
     @property
     def key(self) -> tuple[int, str]:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from abfm import ResultError
+from abfm import AbfmError, ResultError
 from abfm.errors import one_line
 from abfm_viewer.document.result_table import ResultRow, ResultTable
 
@@ -96,16 +96,28 @@ class TableReader:
             return ResultRow(number, name, "failed", reason=str(error))
         assert facts is not None
         numbers = facts.mismatch, facts.verified_mismatch, facts.folded, facts.log2_area
-        row = ResultRow(number, name, facts.verdict, *numbers, reason=facts.reason, path=entry.path)
+        told = facts.reason, entry.path, _texts(entry)
+        row = ResultRow(number, name, facts.verdict, *numbers, math.nan, *told)
         self._known[entry.path] = row
         return row
+
+
+def _texts(entry: Entry) -> tuple[tuple[str, str], ...]:
+    """Return what a row says of its channels; nothing of a film."""
+    from abfm.batch.kind import channels
+
+    try:
+        sources, targets, _ = channels(entry.row.written)
+    except AbfmError:  # of another version
+        return ()
+    return tuple(zip(sources, targets, strict=True))
 
 
 def _of_population(place: Path, path: Path) -> ResultTable:
     from abfm import load_population
 
     found: Population = load_population(path)
-    rows = []
+    rows, matched = [], [channel for channel in found.channels if not channel.is_held_out]
     for number, name in enumerate(found.names):
         result = path.parent / f"{found.digests[number]}.npz"
         verdict = found.verdicts[number] or "failed"
@@ -121,6 +133,7 @@ def _of_population(place: Path, path: Path) -> ResultTable:
                 float(found.correlation[number]),
                 found.reasons[number],
                 result if found.digests[number] and result.is_file() else None,
+                tuple((channel.name, channel.name) for channel in matched),
             )
         )
     name = path.parent.name if path.name == POPULATION else path.name

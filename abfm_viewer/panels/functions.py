@@ -12,7 +12,7 @@ import abfm
 from abfm import FunctionError, TriangleMesh, functions
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import gaussians
-from abfm_viewer.document.document import SIDES, Side
+from abfm_viewer.document.document import SIDES, Document, Side
 from abfm_viewer.document.verdict_words import sentence
 from abfm_viewer.panels import initial_map, landmarks
 from abfm_viewer.panels.context import Context
@@ -99,8 +99,9 @@ def _draw_channels(context: Context) -> None:
     several = len(session.channels) > 1
     for number, channel in enumerate(session.channels if several else ()):
         weight = "" if channel.weight == 1 else f", weight {channel.weight:g}"
-        source, target = (_short(functions.parse(channel.spec(side))) for side in SIDES)
-        label = f"{number + 1}: {source} to {target}{weight}"
+        source, target = (_called(session.document, spec) for spec in channel.specs)
+        both = source if source == target else f"{source} to {target}"
+        label = f"{number + 1}: {both}{weight}"
         if ui.row(label, number == session.document.channel)[0]:
             editor.select(channel=number, bump=0)
     buttons = (
@@ -119,6 +120,15 @@ def _draw_channels(context: Context) -> None:
         if changed is not None:
             with ui.refusals.refusing("weight"):
                 editor.set_weight(changed, "weight")
+
+
+def _called(document: Document, spec: str) -> str:
+    """Return a function in a word or two; of a result as its table calls it."""
+    text = document.called.get(spec, spec)
+    try:
+        return _short(functions.parse(text))
+    except FunctionError:  # the name of a channel
+        return cut(text, _LONGEST, len)
 
 
 def _short(tree: functions.Spec) -> str:
@@ -189,7 +199,10 @@ class _Side:
 
     def _draw_heading(self) -> None:
         ui, bump = self._ui, self._bump
-        color, title = getattr(ui.colors, self._side), self._session.document.titled(self._side)
+        document = self._session.document
+        color, title = getattr(ui.colors, self._side), document.titled(self._side)
+        if self._spec in document.called:
+            title = f"{title}: {_called(document, self._spec)}"
         if bump is None:
             ui.heading(title, color)
             return

@@ -69,15 +69,18 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
         taken += ui.px(_COMPARE) + ui.text_width("compareRegistration") + ui.px(50)
     ui.align()
     room = float(imgui.GetContentRegionAvail()[0]) - taken
-    if room > ui.px(80):
-        kind: Kind = "failure" if tables.error else "ink"
-        ui.line(tables.error or f"{table.title}, {table.told}", kind, room=room)
+    kind: Kind = "failure" if tables.error or tables.unshown else "ink"
+    told = tables.error or tables.told
+    if ui.text_width(told) <= room:
+        ui.line(told, kind, room=room)
         ui.beside()
+    else:
+        ui.line(told, kind, room=float(imgui.GetContentRegionAvail()[0]))
     tables.search = ui.live_text("search", tables.search, _HINT, width=search)
     if is_of_population:
         ui.beside_if_fits("compare", is_button=True)
-        told = "What is shown between the subject and the mean of the others."
-        what = ui.combo("compare", tables.compared, _COMPARED, told, width=ui.px(_COMPARE))
+        tip = "What is shown between the subject and the mean of the others."
+        what = ui.combo("compare", tables.compared, _COMPARED, tip, width=ui.px(_COMPARE))
         if what != tables.compared:
             tables.compare(what)
         row = tables.chosen

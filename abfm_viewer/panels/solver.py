@@ -11,6 +11,7 @@ import abfm
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
+from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.document.verdict_words import capital, sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.intervals import confirmed
@@ -31,6 +32,7 @@ _FOLLOW_TIP = (
     "While it runs, another parameter or function restarts the solver from the field that it has "
     "by then. A new smoothness is taken when the mouse lets go of the slider."
 )
+_GOOD = "registered", "matched", "nearly"
 _WARM_TIP = (
     "Match goes on from the present result instead of from zero, with σ at its last value. Good "
     "after small changes; start from zero where it got stuck."
@@ -49,7 +51,11 @@ def draw(context: Context) -> None:
         if height + line <= room:
             height, lines = height + line, 2
     with child(ui, "state", height, border=False):  # always as high: what is below must not jump
-        if session.document.film is not None:
+        if (row := context.files.tables.unshown) is not None:
+            _line(ui, f"{row.name}: {row.verdict}", "failure")
+            _line(ui, sentence(row.reason or "it has no result yet"), "ink", 2)
+            _line(ui, f"The surfaces still show {session.document.name}.", most=2)
+        elif session.document.film is not None:
             _draw_film(ui, session, lines or _MOST_LINES)
         elif session.solver.running:
             _draw_progress(ui, session)
@@ -163,6 +169,8 @@ def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
     result, solver = session.result, session.solver
     if solver.failed:
         _line(ui, f"The solver stopped: {solver.reason}", "failure", _MOST_LINES)
+    elif result is None and (compared := session.document.compared) is not None:
+        _draw_compared(ui, compared)
     elif result is None:
         failed = session.problem_told != ""
         _line(ui, "No match yet", "ink")
@@ -190,6 +198,19 @@ def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
         has_more = session.outdated or verdict_words.advice(result)
         _line(ui, numbers, most=1 if has_more else _MOST_LINES)
         _draw_remedies(ui, session, result, _MOST_LINES)
+
+
+def _draw_compared(ui: Ui, compared: Comparison) -> None:
+    """Say what a subject that is shown on the template has come to."""
+    found, number = compared.population, compared.subject
+    verdict = found.verdicts[number] or "failed"
+    is_good = verdict in _GOOD and bool(found.fits[number])
+    misfit = "" if found.fits[number] else ", does not fit"
+    _line(ui, f"{compared.name}: {verdict}{misfit}", "good" if is_good else "failure")
+    if found.reasons[number]:
+        _line(ui, sentence(found.reasons[number]), "ink", 2)
+    about = "As it was carried to the template. Registration, in the table, shows the flow."
+    _line(ui, about, most=2)
 
 
 def _draw_remedies(ui: Ui, session: Session, result: Match, lines: int) -> None:

@@ -26,6 +26,7 @@ class Load:
     what: str
     read: Callable[[], Callable[[], None]]
     replaces: bool = True
+    takes_long: bool = False  # so that nothing takes its place unasked
     remedies: WaysOut = field(default_factory=dict)
     source: object = None
     started: float = field(default_factory=time.perf_counter, init=False)
@@ -67,7 +68,8 @@ class Loading:
         return self._reader.step if self._reader else None
 
     def begin(self, load: Load) -> None:
-        self._notices.say(f"{load.what} ...")
+        given_up = f", instead of {self.now.what}" if self.now and self.now is not load else ""
+        self._notices.say(f"{load.what}{given_up} ...")
         self._give_up()
         reader = self._readers.get(load.key)
         if reader is None or not reader.is_at_work:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, WeakSet
 
 import numpy as np
 
@@ -59,7 +59,22 @@ def document_of_row(row: ResultRow, read_document: Callable[[Path], Opened]) -> 
     document, known = read_document(row.path)
     *others, last = document.surfaces
     named = replace(last, name=f"B of {row.name}" if others else row.name)
-    return replace(document, surfaces=(*others, named)), known
+    film = None if document.film is None else replace(document.film, name=row.name)
+    return replace(
+        document,
+        surfaces=(*others, named),
+        film=film,
+        runs=tuple(replace(run, label=row.name) for run in document.runs),
+        called=_called(document.channels, row.texts),
+    ), known
+
+
+def _called(channels: tuple[Channel, ...], texts: tuple[tuple[str, str], ...]) -> dict[str, str]:
+    """Return how functions are called, by their specs, where the table says so of each."""
+    if len(channels) != len(texts):
+        return {}
+    pairs = zip(channels, texts, strict=True)
+    return {spec: text for one, of in pairs for spec, text in zip(one.specs, of, strict=True)}
 
 
 def document_of_subject(table: ResultTable, row: ResultRow, what: Compared) -> Opened:
@@ -78,7 +93,7 @@ def document_of_subject(table: ResultTable, row: ResultRow, what: Compared) -> O
 
     counts = np.asarray(found.masks[row.number] * found.template_mask)
     channels: dict[tuple[str, str], int] = {}
-    listed = []
+    listed, called = [], dict[str, str]()
     for number, channel in enumerate(found.channels):
         own = found.values[row.number, :, number]
         mean = found.mean_of_others(row.number, number)
@@ -94,13 +109,20 @@ def document_of_subject(table: ResultTable, row: ResultRow, what: Compared) -> O
         )
         channels[source, target] = number
         listed.append(Channel(source, target, weight=float(found.channel_weights[number])))
+        called |= dict.fromkeys((source, target), channel.name)
     document = Document(
         (Surface(found.template, f"{row.name} of {table.title}"),),
         tuple(listed),
         mask="" if (counts == 1).all() else spec(f"{row.name}: mask", counts),
         comparison=Comparison(found, row.number, channels, what),
+        called=called,
     )
     return document, known
+
+
+def _why(row: ResultRow) -> str:
+    """Return why a row has no result."""
+    return row.reason or "it has not been solved yet"
 
 
 def _filled(mesh: abfm.TriangleMesh, values: FloatArray) -> FloatArray:
@@ -147,6 +169,7 @@ class Tables:
         self._rows: Memo[tuple[ResultRow, ...]] = Memo()
         self._keys: WeakKeyDictionary[Identity, tuple[Path, Key]] = WeakKeyDictionary()
         self._seen: Identity | None = None
+        self._beside: WeakSet[Identity] = WeakSet()  # of documents that the table is beside
 
     @property
     def rows(self) -> tuple[ResultRow, ...]:
@@ -164,6 +187,35 @@ class Tables:
     def error(self) -> str:
         """Say why the table cannot be read again."""
         return self._latest.error
+
+    @property
+    def is_beside(self) -> bool:
+        """Whether the table is of what the surfaces show, and not of another document."""
+        if self.table is None:
+            return False
+        shown = self._session.document.identity
+        place, _ = self._keys.get(shown, (None, None))
+        return shown in self._beside or place == self.table.place
+
+    @property
+    def unshown(self) -> ResultRow | None:
+        """The chosen row, if it has no result, so that the surfaces show something else."""
+        row = self.chosen if self.is_beside else None
+        if row is None or row.path is not None or self.table is None:
+            return None
+        return None if _is_known(self.table, row) else row
+
+    @property
+    def told(self) -> str:
+        """What is said above the rows: that the chosen one is not shown, or what all came to."""
+        if (row := self.unshown) is not None:
+            return f"{row.name} has no result: {self._session.document.name} is still shown"
+        return "" if self.table is None else f"{self.table.told}; {self.table.title}"
+
+    def stay_beside(self, document: Document) -> None:
+        """Keep the table beside what was made of the document that it is beside."""
+        if self.is_beside:
+            self._beside.add(document.identity)
 
     def open(self, place: Path, remedies: Mapping[str, Callable[[], None]]) -> None:
         """Open a table in the background, with the worst of its rows that has a result."""
@@ -190,6 +242,7 @@ class Tables:
         self.scrolls = self.has_keys = True
         self._next = clock.perf_counter() + _SECONDS
         self._seen = self._session.document.identity
+        self._beside = WeakSet([self._seen])
         if found.row is not None:
             self._keys[self._seen] = found.table.place, found.row.key
 
@@ -233,8 +286,8 @@ class Tables:
     def open_result(self, row: ResultRow) -> None:
         """Show a row's result as its file opens: of a subject its registration."""
         if row.path is None:
-            why = row.reason or "it has not been solved yet"
-            self._session.notices.say(f"{row.name} has no result to show: {why}")
+            told = f"{row.name} has no result to show: {_why(row)}"
+            self._session.notices.say(f"{told}; {self._session.document.name} is still shown")
             return
         self._open(row, partial(document_of_row, row, self._read_document))
 
@@ -251,9 +304,14 @@ class Tables:
             return
         if (shown := self._session.document.identity) is not self._seen:
             self._seen = shown
+            self.has_keys = self.has_keys and self.is_beside
             place, key = self._keys.get(shown, (None, None))
             self.cursor = key if place == self.table.place else None
             self.scrolls = True
+        elif self._session.loading.now is None and self.unshown is None:
+            place, key = self._keys.get(shown, (None, None))
+            if place == self.table.place and self.cursor is not None:  # else nobody chose one
+                self.cursor = key  # though another one was chosen, which was not opened after all
         if clock.perf_counter() >= self._next and not self._latest.busy:
             self._looks, self._next = self._looks + 1, clock.perf_counter() + _SECONDS
         if self._looks:
@@ -288,6 +346,7 @@ class Tables:
         view = replace(session.view, look=look, large=large)
         session.restore(replace(document, view=view), known, None)
         self._seen = session.document.identity
+        self._beside.add(self._seen)
         self._keys[self._seen] = table.place, row.key
         self.cursor = row.key
         session.notices.say(f"{row.name}: {row.verdict}{f', {row.reason}' if row.reason else ''}")

@@ -350,7 +350,13 @@ class SessionFiles:
         document, film = self._session.document, self._session.document.film
         if film is not None:
             name = f"{film.frame(first)} to {film.frame(last)}"
-            self.open_made(name, lambda view: document_of_pair(document, first, last))
+
+            def make(_: View) -> Opened:
+                made, known = document_of_pair(document, first, last)
+                self.tables.stay_beside(made)
+                return made, known
+
+            self.open_made(name, make)
 
     def _open_pair(self, first: Path, second: Path) -> None:
         def show(path: Path, mesh: TriangleMesh) -> None:
@@ -442,13 +448,18 @@ class SessionFiles:
             return show
 
         remedies = self._offered("", partial(self.open_made_table, name, make))
-        self._load(Load(f"setting up {name.lower()}", read, remedies=remedies))
+        what = f"setting up {name.lower()}"
+        self._load(Load(what, read, takes_long=True, remedies=remedies))
 
     def _load(self, load: Load) -> None:
         self.when_free(load.what, partial(self._session.loading.begin, load))
 
     def when_free(self, what: str, do: Do) -> None:
         """Do something that takes the document's place; a run is ended only if the user says so."""
+        now = self._session.loading.now
+        if now is not None and now.takes_long:
+            self._ask_to_give_up(now, what, do)
+            return
         if not self._session.running:
             do()
             return
@@ -462,6 +473,21 @@ class SessionFiles:
             return None if self._session.running else partial(self._do_after_run, what, do)
 
         self._ask("End the run?", text, answers, instead)
+
+    def _ask_to_give_up(self, now: Load, what: str, do: Do) -> None:
+        loading = self._session.loading
+
+        def instead() -> Do | None:
+            told = f"{what} was not begun, as {now.what} has ended"
+            return None if loading.now is now else partial(self._session.notices.say, told)
+
+        def give_up() -> None:
+            loading.cancel()
+            self.when_free(what, do)
+
+        text = f"{capital(now.what)} takes a while, and goes on. {capital(what)} ends it."
+        answers = {f"End {now.what}": give_up, "Go back": None}
+        self._ask("End what is being set up?", text, answers, instead)
 
     def _do_after_run(self, what: str, do: Do) -> None:
         """Do what takes the document's place, though a run has ended before its end was agreed to:

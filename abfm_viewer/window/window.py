@@ -280,7 +280,7 @@ class Window(Context):
         if is_live:
             self.guarded("session", self._update)
         io = imgui.GetIO()
-        has_table = self.files.tables.table is not None
+        has_table = self.files.tables.is_beside
         sizes = io.DisplaySize, imgui.GetFrameHeight(), view.ui_scale
         parts = self.parts = areas(*sizes, has_table)
         self._draw_scene(parts.scene, is_live)

@@ -14,6 +14,7 @@ from abfm_viewer.automation import Driver
 from abfm_viewer.document.result_table import OF_BATCHES
 from abfm_viewer.files.project import load_project
 from abfm_viewer.panels import result_table
+from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window import population_sample
 from tests.shapes import icosphere
 
@@ -86,9 +87,24 @@ def test_a_click_shows_a_row_and_keys_go_on(opened):
     settle(opened)
     assert session.notices.latest.text.startswith("gone has no result to show: ")
     assert "no.ply" in session.notices.latest.text
+    assert tables.told == f"gone has no result: {session.document.name} is still shown"
     opened.menu("Edit", "Undo")
     opened.frames(2)
     assert tables.chosen.name == session.document.name
+    assert tables.told == f"{tables.table.told}; three and one"
+
+
+def test_the_table_goes_with_its_rows_and_comes_back_with_undo(opened, tmp_path):
+    tables = opened.window.files.tables
+    write_surface(tmp_path / "other.ply", icosphere(1))
+    opened.window.files.open(tmp_path / "other.ply")
+    opened.wait(lambda s: s.document.name == "other.ply" and s.channels)
+    assert rows_of(opened) == []
+    assert not tables.is_beside
+    opened.key("ctrl+z")
+    while opened.session.document.name == "other.ply":
+        opened.key("ctrl+z")
+    assert len(rows_of(opened)) == 4
 
 
 def test_heads_sort_and_words_are_searched_for(opened):
@@ -163,7 +179,18 @@ def test_a_folder_that_holds_none_says_so(opened, tmp_path):
     assert "holds no batch" in opened.session.notices.latest.text
 
 
-def test_the_sample_of_a_population_shows_who_is_odd(opened):
+def texts(gui, monkeypatch):
+    """What panels write in a frame."""
+    said, note = [], Ui.note
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            Ui, "note", lambda ui, text, *kind: (said.append(text), note(ui, text, *kind))
+        )
+        gui.frames(1)
+    return said
+
+
+def test_the_sample_of_a_population_shows_who_is_odd(opened, monkeypatch):
     opened.menu("Samples", POPULATION)
     end = time.monotonic() + 60
     while opened.window.files.tables.table.population is None:
@@ -198,6 +225,11 @@ def test_the_sample_of_a_population_shows_who_is_odd(opened):
     document, known = load_project(path)
     assert document.comparison is None
     np.testing.assert_array_equal(known[document.channels[0].source], found.values[odd, :, 0])
+    assert document.called == session.document.called
+    assert set(session.document.called.values()) == {"bands"}
+    notes_now = texts(opened, monkeypatch)
+    assert f"{population_sample.ODD}: registered, does not fit" in notes_now
+    assert "No match yet" not in notes_now
     opened.click("subject 1", "rows")
     settle(opened)
     assert session.document.titled("source") == "subject 1, carried"

@@ -407,6 +407,36 @@ def test_a_question_about_a_run_that_has_ended_is_asked_anew(desk, small):
     assert (session.document.name, results(desk)) == ("small.off", [found])
 
 
+@pytest.mark.parametrize("is_over", [False, True])
+def test_what_is_being_set_up_ends_only_if_the_user_says_so(desk, small, is_over):
+    may_end = threading.Event()
+
+    def make(folder):
+        may_end.wait(60)
+        raise AbfmError("none was made")
+
+    desk.files.open_made_table("A population", make)
+    desk.files.open(small)
+    [(title, text, answers, instead)] = desk.questions
+    assert title == "End what is being set up?"
+    assert text.endswith("Opening small.off ends it.")
+    assert answers["Go back"] is None
+    assert instead() is None
+    loading = desk.session.loading
+    if is_over:
+        may_end.set()
+        desk.wait(lambda: loading.now is None)
+        instead()()
+        told = "opening small.off was not begun, as setting up a population has ended"
+        assert desk.session.notices.latest.text == told
+    else:
+        assert loading.now.what == "setting up a population"
+        answers["End setting up a population"]()
+        may_end.set()
+        desk.settle()
+    assert (desk.session.document.name == "small.off") != is_over
+
+
 def test_a_run_does_not_start_while_its_mesh_is_about_to_be_replaced(desk, small):
     session = desk.session
     desk.files.open(small)

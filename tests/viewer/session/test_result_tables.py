@@ -1,0 +1,60 @@
+"""Rows and subjects are called as their table calls them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from abfm.batch import Ledger, Row
+from abfm.population import Channel as PopulationChannel
+from abfm_viewer.document.document import Channel, Document, Surface
+from abfm_viewer.document.result_table import ResultRow, ResultTable
+from abfm_viewer.files.result_tables import _texts
+from abfm_viewer.session.film_files import document_of_sequence
+from abfm_viewer.session.result_tables import document_of_row, document_of_subject
+from tests.core.sequences.turning_film import solved
+from tests.shapes import icosphere
+
+
+def test_a_film_is_called_by_its_row():
+    path = Path("85b823f4.npz")
+    row = ResultRow(0, "f1", "matched", path=path)
+    document, _ = document_of_row(row, lambda path: (document_of_sequence(solved(), path), {}))
+    assert document.name == "f1"
+    assert not document.is_film_outdated
+
+
+def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
+    given = {"a": "a.off", "b": "b.off", "source": "curvature:mean", "target": "file:b.npy"}
+    texts = _texts(Ledger(tmp_path).entry(Row("r", given)))
+    assert texts == (("curvature:mean", "file:b.npy"),)
+    assert _texts(Ledger(tmp_path).entry(Row("f", {"mesh": "a.off", "frames": "f.npy"}))) == ()
+    row = ResultRow(0, "r", "matched", path=Path("e11a.npz"), texts=texts)
+    opened = Document((Surface(icosphere(1), "e11a.npz"),), (Channel("one", "two"),))
+    document, _ = document_of_row(row, lambda _: (opened, {}))
+    assert document.called == {"one": "curvature:mean", "two": "file:b.npy"}
+    two = replace(row, texts=(*texts, *texts))  # of another number of channels
+    assert document_of_row(two, lambda _: (opened, {}))[0].called == {}
+
+
+class _Population:
+    """As much of one as a document needs."""
+
+    def __init__(self):
+        self.template = icosphere(1)
+        count = len(self.template.vertices)
+        self.channels = tuple(map(PopulationChannel, ("sulc", "curv", "thick")))
+        self.values = np.random.default_rng(0).normal(size=(2, count, 3))
+        self.masks, self.template_mask = np.ones((2, count)), np.ones(count)
+        self.channel_weights = np.ones(3)
+
+    def mean_of_others(self, subject, channel):
+        return self.values[1 - subject, :, channel]
+
+
+def test_channels_of_a_subject_are_called_by_their_names():
+    table = ResultTable(Path("pop"), "population pop", (), _Population())
+    row = ResultRow(0, "sub-0", "registered")
+    document, _ = document_of_subject(table, row, "difference")
+    names = [[document.called[spec] for spec in channel.specs] for channel in document.channels]
+    assert names == [[name, name] for name in ("sulc", "curv", "thick")]
