@@ -1,6 +1,7 @@
 """The file dialog: a path to type, a list to click, a name when saving, and what they lead to."""
 
 import os
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from abfm_viewer.widgets.toolkit import Ui
 
 MOST = 10_000
 """Entries of a folder that are listed."""
+_ENDING = re.compile(r"\.[A-Za-z][A-Za-z0-9]{0,4}")  # of names, of any kind of files
 _WIDTH, _HEIGHT = 640, 480
 _ROWS_AROUND = 200  # rows above and below the visible ones that are drawn too
 
@@ -79,7 +81,7 @@ class FileChoice:
     """A folder, of whose entries one is `selected`, and why the last step was refused.
 
     A file for `saving` need not exist: its `name` is typed, and gets the first of the suffixes if
-    it has none of them.
+    it has no ending; another ending than these is refused.
     """
 
     folder: Path
@@ -146,7 +148,15 @@ class FileChoice:
     @property
     def final_name(self) -> str:
         name = self.name.strip()
-        return name if not name or has_suffix(name, self.suffixes) else name + self.suffixes[0]
+        is_whole = not name or has_suffix(name, self.suffixes) or self.has_other_ending
+        return name if is_whole else name + self.suffixes[0]
+
+    @property
+    def has_other_ending(self) -> bool:
+        """Whether the name of a file to save ends as those of another kind do."""
+        name = self.name.strip()
+        is_known = not self.suffixes or has_suffix(name, self.suffixes)
+        return not is_known and _ENDING.fullmatch(Path(name).suffix) is not None
 
     def close(self) -> None:
         self._listing.close()
@@ -166,7 +176,10 @@ class FileChoice:
     def _named(self) -> Path | None:
         try:
             path = self.folder / Path(self.final_name).expanduser()
-            if path.name.startswith("."):
+            if self.has_other_ending:
+                known = ", ".join(self.suffixes)
+                self.error = f"{path.name}: expected a name that ends in {known}, or has no ending"
+            elif path.name.startswith("."):
                 name = self.name.strip()
                 self.error = f"{name}: begin the name with no dot, which hides files"
             elif path.is_dir():

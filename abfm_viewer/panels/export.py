@@ -16,7 +16,6 @@ from abfm_viewer.session.exporter import (
     MOVIES,
     PICTURES,
     REGISTERED,
-    SEQUENCES,
     TABLES,
     Exporter,
     Known,
@@ -34,8 +33,9 @@ _REGISTRATION = (
 )
 _SEQUENCE = (
     "Frames and the fields between them (.npz), for ParaView (.pvd), a page that plays it (.html), "
-    "or the speed at vertices (.stc, .gii)."
+    "or the speed at vertices (-lh.stc or -rh.stc by the hemisphere, .gii)."
 )
+_ENDINGS = (".npz", ".pvd", "-lh.stc", "-rh.stc", ".gii", ".html")
 _TRACKS = "Critical points, a line for each in each interval (.csv)."
 _INTERVALS = "Speed, energy, what is left and the verdict of each interval (.csv)."
 _ACROSS, _DOWN = Range(320, 7680, whole=True), Range(240, 4320, whole=True)
@@ -49,17 +49,19 @@ def draw(context: Context) -> None:
         drawn(path, document, partial(known_values, document, session.functions_of(document)))
 
     ask = context.dialogs.save
+    # what is saved meanwhile waits its turn, as the settings do
     with ui.disabled(exporter.running):
         _draw_size(ui, exporter)
-        if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
-            ask("Save a picture", PICTURES, "picture.png", partial(save, exporter.save_picture))
-        ui.heading("movie")
+    if ui.button("Save picture...", "The surfaces as they are now (.png), without the panels."):
+        ask("Save a picture", PICTURES, "picture.png", partial(save, exporter.save_picture))
+    ui.heading("movie")
+    with ui.disabled(exporter.running):
         _draw_movie(ui, session, exporter)
-        tip = "The flow from one time to another (.mp4 or .gif), every frame computed exactly."
-        if ui.button("Save movie...", tip):
-            ask("Save a movie", MOVIES, "movie.mp4", partial(save, exporter.save_movie))
-        ui.heading("data")
-        _draw_data(context)
+    tip = "The flow from one time to another (.mp4 or .gif), every frame computed exactly."
+    if ui.button("Save movie...", tip):
+        ask("Save a movie", MOVIES, "movie.mp4", partial(save, exporter.save_movie))
+    ui.heading("data")
+    _draw_data(context)
     _draw_state(ui, session, exporter)
 
 
@@ -112,7 +114,7 @@ def _draw_film(context: Context) -> None:
     is_there = sequence is not None
     later = "" if is_there else " There are fields after a match."
     for label, tip, title, suffixes, name, do in (
-        ("Save sequence...", _SEQUENCE, "Save the sequence", SEQUENCES, "sequence.npz", save),
+        ("Save sequence...", _SEQUENCE, "Save the sequence", _ENDINGS, "sequence.npz", save),
         ("Save tracks...", _TRACKS, "Save the tracks", TABLES, "tracks.csv", save_tracks),
         ("Save intervals...", _INTERVALS, "Save a table", TABLES, "intervals.csv", save_intervals),
     ):

@@ -9,13 +9,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import abfm
 from abfm import AbfmError
@@ -64,8 +65,15 @@ class MovieSettings:
     turntable: float = 0.0
 
 
+class _Export(NamedTuple):
+    path: Path
+    suffixes: tuple[str, ...]
+    write: Callable[[], None]
+
+
 class Exporter:
-    """One export at a time; `progress` is the share of the frames that are drawn, 0 to 1.
+    """One export at a time, the others after it; `progress` is the share of the frames that are
+    drawn, 0 to 1.
 
     `message` says at its end what was written, or why nothing was, if it `failed` or was cancelled;
     `say` is told, too. The window's size is that of the part with the surfaces, in pixels.
@@ -85,17 +93,22 @@ class Exporter:
         self._task, self._began = "", 0.0
         self._told: Step | None = None  # what writing is at, if it says so
         self._control = Control()
+        self._lock = threading.Lock()
+        self._waiting: list[_Export] = []
+        self._is_running = False
 
     @property
     def step(self) -> Step:
         """What is written, and how far that is, or what it is at."""
+        count = len(self._waiting)
+        task = f"{self._task}, {count} more after it" if count else self._task
         if (told := self._told) is not None:
-            return replace(told, task=f"{self._task}: {told.task}")
-        return Step(self._task, done=self.progress or None, began=self._began)
+            return replace(told, task=f"{task}: {told.task}")
+        return Step(task, done=self.progress or None, began=self._began)
 
     @property
     def running(self) -> bool:
-        return self._work is not None and not self._work.done()
+        return self._is_running
 
     def save_picture(self, path: Path, document: Document, known: Known) -> None:
         words = [*self.picture.words(), *(["--transparent"] if self.picture.transparent else [])]
@@ -157,8 +170,10 @@ class Exporter:
 
     def cancel(self) -> None:
         """End the export; nothing is written, and an older file stays."""
-        self._cancelled = True
-        self._control.cancel()
+        with self._lock:
+            self._waiting.clear()
+            self._cancelled = True
+            self._control.cancel()
         if (process := self._process) is not None:
             process.kill()  # all that it has written is in the folder that is removed with it
 
@@ -171,26 +186,42 @@ class Exporter:
         self.wait()
 
     def _start(self, path: Path, suffixes: tuple[str, ...], write: Callable[[], None]) -> None:
-        if self.running:
-            return
+        """Write a file, or have it written after those that are under way."""
+        with self._lock:
+            export = _Export(path, suffixes, write)
+            if self.running:
+                self._waiting.append(export)
+            else:
+                self._begin(export)
+                self._is_running = True
+                self._work = THREADS.submit(self._write_all, export)
+
+    def _begin(self, export: _Export) -> None:
         self.progress, self.message, self.failed, self._cancelled = 0.0, "", False, False
-        self._task, self._began = f"writing {path.name}", time.monotonic()
+        self._task, self._began = f"writing {export.path.name}", time.monotonic()
         self._told, self._control = None, Control()
-        control = self._control
 
-        @factoring_apart()
-        def work() -> None:
-            try:
-                outputs.check(path, suffixes)
-                with telling(self._tell), controlled(control):
-                    write()
-                self.progress, self.message = 1.0, f"saved {path}"
-            except Exception as error:
-                self.failed = not self._cancelled
-                self.message = "export cancelled" if self._cancelled else error_line(error)
-            self._say(self.message, self.failed)
+    @factoring_apart()
+    def _write_all(self, export: _Export) -> None:
+        while True:
+            self._write(export)
+            with self._lock:
+                if not self._waiting:
+                    self._is_running = False
+                    return
+                export = self._waiting.pop(0)
+                self._begin(export)
 
-        self._work = THREADS.submit(work)
+    def _write(self, export: _Export) -> None:
+        try:
+            outputs.check(export.path, export.suffixes)
+            with telling(self._tell), controlled(self._control):
+                export.write()
+            self.progress, self.message = 1.0, f"saved {export.path}"
+        except Exception as error:
+            self.failed = not self._cancelled
+            self.message = "export cancelled" if self._cancelled else error_line(error)
+        self._say(self.message, self.failed)
 
     def _tell(self, step: Step | None) -> None:
         self._told = step

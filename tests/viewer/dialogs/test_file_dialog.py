@@ -146,7 +146,6 @@ def test_a_file_that_vanished_is_refused_and_the_list_read_anew(folder):
         (" work ", "work.off"),
         ("work.obj", "work.obj"),
         ("work.OFF", "work.OFF"),
-        ("work.txt", "work.txt.off"),
         ("v1.2", "v1.2.off"),
         ("Apple/work", "Apple/work.off"),
     ],
@@ -188,3 +187,22 @@ def test_a_slow_folder_does_not_hold_the_window(folder, monkeypatch):
     may_answer.set()
     assert "b.off" in listed(choice)
     choice.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "taken"),
+    [
+        ("w", "w.npz"),
+        ("w.npz", "w.npz"),
+        ("w-lh.stc", "w-lh.stc"),
+        ("sub-01.2", "sub-01.2.npz"),  # which is a number
+        ("w.stc", None),
+        ("w.xyz", None),
+    ],
+)
+def test_a_name_to_save_gets_an_ending_or_is_refused_with_another_one(tmp_path, name, taken):
+    choice = FileChoice(tmp_path, (".npz", "-lh.stc", ".html"), saving=True, name=name)
+    assert choice.confirm() == (taken and tmp_path / taken)
+    told = f"{name}: expected a name that ends in .npz, -lh.stc, .html, or has no ending"
+    assert choice.error == ("" if taken else told)
+    assert choice.final_name == (taken or name)

@@ -146,3 +146,33 @@ def test_writing_tells_what_it_is_at_and_ends_when_it_is_cancelled(exporter, out
         exporter.wait()
     assert exporter.said == [(f"saved {out / 'a.html'}", False), ("export cancelled", False)]
     assert written == [out / "a.html"]
+
+
+def test_what_is_saved_meanwhile_is_written_after_it(exporter, out, monkeypatch):
+    may_write, written = threading.Event(), []
+
+    def write(path, found, unit):
+        assert may_write.wait(60)
+        checkpoint()
+        written.append(path.name)
+
+    monkeypatch.setattr(outputs, "write_sequence", write)
+
+    def save(*names):
+        for name in names:
+            exporter.save_sequence(out / name, None, "s", lambda: None)
+
+    save("a.html", "b.pvd", "c.npz")
+    assert exporter.step.task == "writing a.html, 2 more after it"
+    may_write.set()
+    exporter.wait()
+    assert written == ["a.html", "b.pvd", "c.npz"]
+    assert [text for text, _ in exporter.said] == [f"saved {out / name}" for name in written]
+    assert not exporter.running
+    may_write.clear()
+    save("d.html", "e.npz")
+    exporter.cancel()
+    may_write.set()
+    exporter.wait()
+    assert exporter.said[3:] == [("export cancelled", False)]
+    assert len(written) == 3
