@@ -374,6 +374,12 @@ def test_a_field_that_explains_nothing_of_small_changes_confirms_nothing():
     assert "no motion" in told.verdicts[0].reason
 
 
+def test_frames_that_are_constant_are_still_whatever_their_value():
+    for value in (0.0, 1.0):
+        found = abfm.sequence(SPHERE, np.full((3, len(SPHERE.vertices)), value))
+        assert [v.kind for v in found.verdicts] == ["matched", "matched"]
+
+
 def test_an_interval_is_judged_by_its_own_noise():
     none = np.nan
     film = bumps([0, 0.2, 0.4, none, none, none, 0, 0.2])
