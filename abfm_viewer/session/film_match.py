@@ -61,9 +61,10 @@ class FilmMatch:
         """
         if self.running or document.film is None:
             return
-        of, (failed, found) = _of(document), self._left
-        self._began, self._control, self._fast = document, Control(), 0.0
-        self._fields, self._left = found if failed == of else {}, (None, {})
+        (failed, found), self._left = self._left, (None, {})
+        if failed != _of(document):
+            found, self._fast = {}, 0.0
+        self._began, self._control, self._fields = document, Control(), found
         self.step = Step("starting the solver")
         self._work = THREADS.submit(
             self._solve, document.film.frames, document.settings, self._fields, self._control

@@ -86,9 +86,11 @@ class Work:
                 mesh = load_mesh(subject.surface or self.path)
                 texts = [subject.functions[c] for c in self.cohort.registered_by]
                 f = np.stack([function(mesh, each) for each in texts])
-                levels.append(float(np.sqrt(np.mean((noise(mesh, f) / f.std(axis=1)) ** 2))))
-        known = [level for level in levels if math.isfinite(level)]
-        return max(Parameters.goal, float(np.median(known or [0.0])))
+                sizes = f.std(axis=1)
+                if sizes.all():  # of constants registrations tell
+                    levels.append(float(np.sqrt(np.mean((noise(mesh, f) / sizes) ** 2))))
+        # more than 1 is a bound on noise, and no goal
+        return min(max(Parameters.goal, float(np.median(levels or [0.0]))), 1.0)
 
     def first_target(self) -> Target:
         """Return the template's own functions, or those of the subject that is most like the plain

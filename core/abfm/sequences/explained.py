@@ -9,6 +9,7 @@ OFTEN = 1.3
 # of what differed at first, or would if all were squeezed away: more is left where motion
 # explains little
 _EXPLAINED = 0.6
+_ROUNDED = 1e-9  # a mismatch that is rounding, as of constants
 
 
 def explains_little(functions: FunctionTerm, levels: FloatArray, left: float) -> bool:
@@ -17,7 +18,7 @@ def explains_little(functions: FunctionTerm, levels: FloatArray, left: float) ->
     """
     first = functions.relative_mismatch(functions.source)
     explained = _EXPLAINED * min(first, _left_by_none(functions))
-    return left > max(OFTEN * noise_floor(functions, levels), explained)
+    return left > max(OFTEN * noise_floor(functions, levels), explained, _ROUNDED)
 
 
 def _left_by_none(functions: FunctionTerm) -> float:

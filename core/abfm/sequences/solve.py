@@ -119,7 +119,9 @@ class Solver:
         start = self.fields[i - 1] if i else None
         interval = self._interval(i, [i - 1] if i else [])
         if i in self._known:
-            return interval.go_on(last, self._known[i], 0)
+            found = interval.go_on(last, self._known[i], 0)
+            self._in_vain += self._is_far(i, found)  # as it was searched for then
+            return found
         found = interval.find(last, warmest, start)
         if start is not None and self._is_far(i, found):
             found = min(found, interval.go_on(last, start), key=lambda point: point.energy)

@@ -634,3 +634,21 @@ def test_registrations_come_no_closer_than_noise(tmp_path):
     assert "goal" not in options(0.0, Settings())
     assert float(options(0.2, Settings())["goal"]) == pytest.approx(0.2, rel=0.3)
     assert options(0.2, Settings(options={"goal": 0.07}))["goal"] == "0.07"
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_goal_is_one_though_functions_are_nothing_but_noise_or_constant(tmp_path):
+    rng, path = np.random.default_rng(0), tmp_path / "template.ply"
+    write_surface(path, MESH)
+    noisy = rng.standard_normal((2, len(MESH.vertices)))
+    for number, values in enumerate((*noisy, np.ones(len(MESH.vertices)))):
+        np.save(tmp_path / f"{number}.npy", values)
+    texts = [f"file:{quoted(str(tmp_path / f'{number}.npy'))}" for number in range(3)]
+
+    def goal(*texts):
+        subjects = tuple(Subject(str(n), (text,)) for n, text in enumerate(texts))
+        cohort = Cohort((Channel("height"),), subjects)
+        return Work(cohort, path, tmp_path / "out", SHORT, lambda rows, told: []).goal
+
+    assert 0.9 < goal(*texts) <= 1
+    assert goal(texts[2], texts[2]) == abfm.Parameters.goal

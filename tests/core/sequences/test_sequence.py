@@ -277,6 +277,17 @@ def test_a_run_goes_on_after_the_fields_of_an_earlier_one(film, found):
             abfm.sequence(SPHERE, film[0], parameters=FAST, known=other)
 
 
+def test_a_run_that_goes_on_searches_no_more_often_than_the_whole():
+    """Bumps that jump and change, which are searched for in vain, and one that jumps alone."""
+    places, sizes = [0, 3, 1.5, 0.5, 0, 1.6], [0.4, 0.2, 0.6, 0.25, 0.4, 0.4]
+    heights = [1, 2, 0.7, 3, 1, 1]
+    frames = [h * bumps([a], w, 0)[0] for a, w, h in zip(places, sizes, heights, strict=True)]
+    told = {}
+    whole = abfm.sequence(SPHERE, frames, None, FAST, 0, on_field=told.setdefault)
+    again = abfm.sequence(SPHERE, frames, None, FAST, 0, known={i: told[i] for i in range(3)})
+    assert_allclose(again.velocity, whole.velocity, atol=1e-6)
+
+
 def test_one_that_is_cancelled_before_there_is_a_sigma_has_no_motion(film):
     control = Control()
 
@@ -372,6 +383,12 @@ def test_a_field_that_explains_nothing_of_small_changes_confirms_nothing():
     assert told.mismatch.max() < 0.1
     assert told.confirmed == 0
     assert "no motion" in told.verdicts[0].reason
+
+
+def test_frames_that_are_constant_are_still_whatever_their_value():
+    for value in (0.0, 1.0):
+        found = abfm.sequence(SPHERE, np.full((3, len(SPHERE.vertices)), value))
+        assert [v.kind for v in found.verdicts] == ["matched", "matched"]
 
 
 def test_an_interval_is_judged_by_its_own_noise():

@@ -59,11 +59,13 @@ def test_what_a_run_found_that_failed_is_there_for_the_next_one(whole):
     last = None
     for _ in range(3):
         last = kill(match, last)
+    fast = match.fast(DOCUMENT)
     assert "ended 3 times" in ended(match)
     assert match.found(DOCUMENT) == 0
     other = replace(DOCUMENT, settings=FilmSettings(sigma=0.3))
     match.start(DOCUMENT)
     assert match.found(DOCUMENT) >= 3
+    assert match.fast(DOCUMENT) >= fast > 0
     np.testing.assert_allclose(ended(match).velocity, whole.velocity, atol=1e-12)
     match.start(other)
     assert match.found(other) == 0
