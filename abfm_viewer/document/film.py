@@ -40,6 +40,11 @@ class Film:
         return len(self.frames.values)
 
     @property
+    def unit_of_speed(self) -> str:
+        """That of all speeds that are told of a film."""
+        return f"the mesh's unit per {'second' if self.unit else 'frame'}"
+
+    @property
     def times(self) -> FloatArray:
         return self.frames.times
 

@@ -158,9 +158,8 @@ def _layer(name: str, values: FloatArray, times: FloatArray, unit: str) -> Layer
 
 def _speed(sequence: abfm.Sequence, labels: Labels) -> str:
     """Return the median over time of the root mean square over the surface."""
-    unit = f"/{labels.unit_of_time}" if labels.unit_of_time else " per unit of time"
-    relative = float(np.median(sequence.speed)) / sequence.mesh.length_scale
-    return f"{relative:.3g} √area{unit}"
+    unit = {"": "unit of time", "s": "second"}.get(labels.unit_of_time, labels.unit_of_time)
+    return f"{float(np.median(sequence.speed)):.3g}, in the mesh's unit per {unit}"
 
 
 def _tracks(sequence: abfm.Sequence) -> list[Ways]:

@@ -25,8 +25,8 @@ _NONE = (
 )
 _VIEWS = {
     "what is left": "Of each interval: by the discrete flow, and by flow lines.",
-    "speed": "Root mean square of the speed over the surface, in lengths per time; shaded where it "
-    "is slow (stable) or fast (transient).",
+    "speed": "Root mean square of the speed over the surface, in the mesh's unit per second, or "
+    "per frame where there are no times; shaded where it is slow (stable) or fast (transient).",
 }
 _SIZE, _MOST_DOTS = 2.6, 60
 
@@ -75,7 +75,8 @@ def _speeds(context: Context, film: Film) -> None:
     speeds = context.session.film_match.speeds(document)
     episodes = context.shown.tracks.episodes()
     colors = {"stable": (*ui.colors.flow[:3], 0.18), "transient": (*ui.colors.marker[:3], 0.18)}
-    plots.legend(ui, {"speed": ui.colors.flow} | (colors if episodes else {}))
+    legend = {f"speed, in {film.unit_of_speed}": ui.colors.flow}
+    plots.legend(ui, legend | (colors if episodes else {}))
     with plots.plot(ui, "interval plot") as is_drawn:
         if not is_drawn:
             return
@@ -154,7 +155,7 @@ def _words(context: Context, film: Film, at: int) -> str:
     speed = session.film_match.speeds(session.document)[at]
     sequence = session.document.sequence
     if np.isfinite(speed):
-        lines.append(f"speed {speed:.3g} in lengths per {'second' if film.unit else 'frame'}")
+        lines.append(f"speed {speed:.3g}, in {film.unit_of_speed}")
     if sequence is not None and not is_unsolved(sequence.verdicts[at]):
         left, by_lines = float(sequence.mismatch[at]), float(sequence.verified_mismatch[at])
         told = f", by flow lines {share(by_lines)}" if np.isfinite(by_lines) else ""

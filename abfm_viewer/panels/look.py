@@ -12,7 +12,7 @@ from abfm_viewer.widgets.widget_record import Range
 
 _COLORINGS: dict[Coloring, str] = {
     "function": "The advected function itself.",
-    "speed": "How fast the field is, in sqrt(area) per time.",
+    "speed": "How fast the field is; of a film in the mesh's unit, else in sqrt(area), per time.",
     "divergence": "Where the flow spreads (positive) and where it gathers.",
     "curl": "Where the flow turns, and which way.",
     "coordinates": "The coordinates as red, green and blue, carried by the flow.",

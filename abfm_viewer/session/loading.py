@@ -68,8 +68,9 @@ class Loading:
         return self._reader.step if self._reader else None
 
     def begin(self, load: Load) -> None:
-        given_up = f", instead of {self.now.what}" if self.now and self.now is not load else ""
-        self._notices.say(f"{load.what}{given_up} ...")
+        given_up = self.replacing if self.now is not load else ""
+        instead = f", instead of {given_up}" if given_up else ""
+        self._notices.say(f"{load.what}{instead} ...")
         self._give_up()
         reader = self._readers.get(load.key)
         if reader is None or not reader.is_at_work:

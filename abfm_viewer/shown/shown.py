@@ -40,6 +40,7 @@ _MOST_KEPT = 300_000_000  # bytes of streaks of a film's intervals
 _PHASES = 16  # of moving streaks that are computed; those between are blended
 _SHOWN_PHASES = 32  # of moving streaks in the window
 _EXACT = 1e-6
+_FASTEST = 1e30  # that cards know
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +59,13 @@ class Field:
     fast: float = 0.0  # of all fields in a row, for arrows' lengths; 0 where they are its own
 
     def relative_speed(self) -> tuple[FloatArray, str]:
-        """Return the speed (F,) with sqrt(area) as the unit of length, and its unit."""
+        """Return the speed (F,) with sqrt(area) as the unit of length, and its unit; of a film in
+        the mesh's unit, unless graphics cards know no such numbers.
+        """
+        if self.of is not None and self.speed.max() < _FASTEST:
+            return self.speed, self.unit
         unit = self.unit.replace("the mesh's length", "length").replace("length", "sqrt(area)")
+        unit = unit.replace("the mesh's unit", "sqrt(area)")
         return self.speed * self.mesh.length_scale**-self.dimension, unit
 
 
@@ -82,9 +88,9 @@ def field_part(flow: FlowState, segment: int, part: FieldPart) -> Field:
     return Field(flow.mesh, velocity, speed, shares, note=note, fast=fast)
 
 
-def _field_of_film(flow: FlowState, segment: int, part: FieldPart) -> Field:
+def _field_of_film(flow: FlowState, segment: int, part: FieldPart, unit: str) -> Field:
     assert not callable(flow.found)
-    return replace(field_part(flow, segment, part), of=flow.found, part=part)
+    return replace(field_part(flow, segment, part), of=flow.found, part=part, unit=unit)
 
 
 def commuting(flow: FlowState, segment: int) -> tuple[FloatArray, float]:
@@ -223,8 +229,10 @@ class FieldQuantities(Jobs):
             return self._field.newest(flow.mesh, carried_gradient, flow, source, time)
         last = flow.count - 1
         segment = min(int(time / flow.parameters.tau * flow.count * (1 - 1e-12)), last)
-        make = _field_of_film if self._session.document.film is not None else field_part
-        return self._field.newest(flow.mesh, make, flow, segment, part)
+        if (film := self._session.document.film) is not None:
+            of = flow, segment, part, film.unit_of_speed
+            return self._field.newest(flow.mesh, _field_of_film, *of)
+        return self._field.newest(flow.mesh, field_part, flow, segment, part)
 
     def scalar(self) -> FloatArray | None:
         if (field := self.field()) is None:

@@ -407,6 +407,15 @@ def test_a_question_about_a_run_that_has_ended_is_asked_anew(desk, small):
     assert (session.document.name, results(desk)) == ("small.off", [found])
 
 
+def test_what_is_given_up_for_another_file_is_said(desk, small, tmp_path):
+    desk.files.open(tmp_path / "first.off")
+    desk.files.open(small)
+    said = desk.session.notices.latest.text
+    assert said == "opening small.off, instead of opening first.off ..."
+    desk.settle()
+    assert desk.session.document.name == "small.off"
+
+
 @pytest.mark.parametrize("is_over", [False, True])
 def test_what_is_being_set_up_ends_only_if_the_user_says_so(desk, small, is_over):
     may_end = threading.Event()

@@ -11,7 +11,7 @@ from abfm.calculus import commuting_fields, gradient, pushforward, relative_brac
 from abfm_viewer.appearance.colormaps import color_range, linear_table
 from abfm_viewer.session.film_files import document_of_sequence
 from abfm_viewer.shown import shown as shown_module
-from abfm_viewer.shown.shown import carried_gradient
+from abfm_viewer.shown.shown import Field, carried_gradient
 from abfm_viewer.shown.shown_flow import FlowState
 from abfm_viewer.shown.streak_texture import SHADE, streak_texture
 from tests.core.fields import rotation_field
@@ -281,3 +281,15 @@ def test_optimal_transport_at_a_time_after_another_one_was_asked_for(session, sh
     assert values(0.5) is half
     assert not transport.busy
     until(lambda: values(0.9) is not half, session)
+
+
+def test_speeds_of_a_film_are_in_the_unit_of_its_mesh_as_far_as_cards_know_such_numbers():
+    mesh, unit = icosphere(1), "the mesh's unit per second"
+    velocity = np.ones((len(mesh.faces), 3))
+    speed = np.linalg.norm(velocity, axis=1)
+    film = Field(mesh, velocity, speed, unit=unit, of=velocity)
+    assert film.relative_speed()[1] == unit
+    np.testing.assert_array_equal(film.relative_speed()[0], speed)
+    fast = Field(mesh, velocity, 1e31 * speed, unit=unit, of=velocity)
+    assert fast.relative_speed()[1] == "sqrt(area) per second"
+    np.testing.assert_allclose(fast.relative_speed()[0], 1e31 * speed / mesh.length_scale)
