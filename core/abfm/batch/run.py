@@ -168,9 +168,11 @@ class Workers:
     def _by_one(self, tasks: list[Task], notes: Notes, control: Control) -> None:
         if self._one is None:
             self._one = self._open.enter_context(closing(Worker(stateless, ENDED, ONE_THREAD)))
-        _by_one(self._one, tasks, notes, control)
-        if control.cancelled:
-            self._one = None
+        try:
+            _by_one(self._one, tasks, notes, control)
+        finally:
+            if control.cancelled:
+                self._one = None
 
     def _by_many(self, tasks: list[Task], notes: Notes, control: Control) -> None:
         # not where one process does it all

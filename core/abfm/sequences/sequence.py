@@ -286,7 +286,7 @@ def sequence(
 
     It minimises, over the fields ``v_i`` of the intervals of length ``d_i``,
     ``sum_i d_i/2 ||v_i||^2 + 1/(2 sigma^2 d_i) ||f_i o phi_i^-1 - f_(i+1)||^2
-    + gamma/2 sum_i (d_i + d_(i+1))/2 ||v_i - v_(i+1)||^2``
+    + gamma/2 sum_i min(d_i, d_(i+1)) ||v_i - v_(i+1)||^2``
     with the norm of fields of the paper (Eq. 2), ``phi_i`` the flow of ``v_i`` over its interval,
     and sigma in deviations of the frames: for small displacements this is optical flow on a surface
     [Lefèvre & Baillet, IEEE TPAMI 30 (2008)], here without its linearisation.

@@ -167,12 +167,12 @@ class Solver:
         return float(self.energies.sum() + tied)
 
     def _tie(self, i: int, j: int) -> float:
-        """How much the fields of neighbouring intervals are held together: gamma times their mean
-        duration, where both are motions.
+        """How much the fields of neighbouring intervals are held together: gamma times the shorter
+        one's duration, where both are motions; a gap is not to be as fast as what is beside it.
         """
         if self._alone[i] or self._alone[j]:
             return 0.0
-        return self.gamma * 0.5 * float(self.frames.durations[i] + self.frames.durations[j])
+        return self.gamma * float(min(self.frames.durations[i], self.frames.durations[j]))
 
     def parameters(self, interval: int) -> Parameters:
         """Return those of the problem of an interval."""

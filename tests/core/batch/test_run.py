@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from concurrent.futures import Future
 from dataclasses import asdict
 
 import numpy as np
@@ -103,6 +104,39 @@ def test_processes_are_kept_from_one_run_to_the_next_and_replaced_after_a_cancel
     for worker in made:
         with pytest.raises(WorkerEndedError):
             worker.call(print)
+
+
+def test_a_process_is_replaced_that_was_ended_though_it_was_told_by_an_error(tmp_path, monkeypatch):
+    made, control = [], abfm.Control()
+
+    class Here:
+        """A worker in this process, which says no more once it is closed."""
+
+        def __init__(self, *given):
+            self.is_closed = False
+            made.append(self)
+
+        def call(self, function, *arguments):
+            if self.is_closed:
+                raise WorkerEndedError
+            answer = Future()
+            answer.set_result(function(None, *arguments))
+            return answer
+
+        def close(self):
+            self.is_closed = True
+
+    def refuse(entry):
+        control.cancel()
+        raise OSError("no space left")
+
+    monkeypatch.setattr(sys.modules["abfm.batch.run"], "Worker", Here)
+    with Workers(ONE) as workers:
+        with pytest.raises(OSError, match="no space"):
+            workers.run([pair("first")], tmp_path, on_change=refuse, control=control)
+        (entry,) = workers.run([pair("second", 3, 12)], tmp_path)
+    assert entry.state == "done"
+    assert [each.is_closed for each in made] == [True, True]
 
 
 def test_results_are_what_is_solved_alone_and_are_named_by_their_problem(done, tmp_path):

@@ -364,6 +364,14 @@ def test_what_is_no_motion_ties_to_no_neighbour():
     assert apart < 0.05 * np.linalg.norm(alone.velocity)
 
 
+def test_a_gap_in_time_is_matched_though_its_field_is_slow_beside_others():
+    frames, _ = turning(SPHERE, 0.1, 4)
+    found = abfm.sequence(SPHERE, frames, [0, 1, 101, 102], FAST)
+    assert found.confirmed == 3
+    assert found.mismatch.max() < 0.02
+    assert found.speed[[0, 2]] == pytest.approx(100 * found.speed[1], rel=0.2)
+
+
 def test_what_squeezes_a_bump_is_no_motion_to_a_smaller_one_elsewhere():
     frames = np.concatenate([bumps([0], 0.4), bumps([3], 0.2)])
     film = checked(SPHERE, frames, None, None, None)
