@@ -123,9 +123,11 @@ class Solver:
             self._in_vain += self._is_far(i, found)  # as it was searched for then
             return found
         found = interval.find(last, warmest, start)
-        if start is not None and self._is_far(i, found):
+        if self._in_vain >= _IN_VAIN or not self._is_far(i, found):
+            return found
+        if start is not None:
             found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
-        if self._is_far(i, found) and self._in_vain < _IN_VAIN:
+        if self._is_far(i, found):
             further = interval.go_on(last, _searched(interval.energy))
             if further.energy < found.energy and not self._is_far(i, further):
                 self._in_vain = 0
