@@ -249,10 +249,12 @@ class Solver:
 
 
 def _searched(energy: MatchingEnergy) -> FloatArray:
-    """Return the field (F, 2) of an ordinary match, which looks further."""
-    parameters = replace(_FAR, tau=energy.parameters.tau)
-    found = match(energy.problem.with_parameters(parameters))
-    return to_frame(energy.mesh, found.velocity[0] / energy.length_scale)
+    """Return the field (F, 2) of an ordinary match, which looks further: one over a time of 1,
+    whatever the interval's, by which the balance of its terms would be another.
+    """
+    found = match(energy.problem.with_parameters(_FAR))
+    speed = found.parameters.tau / (energy.parameters.tau * energy.length_scale)
+    return to_frame(energy.mesh, found.velocity[0] * speed)
 
 
 def _left(

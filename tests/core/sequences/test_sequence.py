@@ -320,13 +320,13 @@ def test_a_mask_too_small_to_hold_anything_out_is_told(film):
     assert abfm.sequence(SPHERE, film[0], parameters=FAST, mask=mask).sigma == FAST.sigma
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.05])
-def test_frames_far_apart_are_looked_for(noise):
+@pytest.mark.parametrize(("noise", "step"), [(0.0, 1.0), (0.05, 0.001)])
+def test_frames_far_apart_are_looked_for_whatever_the_unit_of_time(noise, step):
     rng, width, angle = np.random.default_rng(0), 0.4, 1.6  # four times the width
     turns = [[np.cos(angle * t), np.sin(angle * t), 0] for t in range(3)]
     frames = [np.exp(-((SPHERE.vertices - c) ** 2).sum(axis=1) / (2 * width**2)) for c in turns]
     frames += noise * rng.standard_normal((3, len(SPHERE.vertices)))
-    found = abfm.sequence(SPHERE, frames)
+    found = abfm.sequence(SPHERE, frames, step * np.arange(3))
     assert found.confirmed == 2
     paths = found.paths([int(np.argmax(SPHERE.vertices @ turns[0]))])
     for point, centre in zip(paths, turns, strict=True):
