@@ -240,10 +240,14 @@ class Solver:
         return tried[int(np.flatnonzero(left**2 <= enough)[0])]
 
     def _changes(self) -> FloatArray:
-        """How much each interval changes, (T - 1,)."""
-        values, durations = self.frames.values, self.frames.durations
+        """How much each interval changes of what is compared, (T - 1,)."""
+        frames, durations = self.frames, self.frames.durations
+        counts = np.sqrt(frames.weights) * np.ones((len(frames.mesh.vertices), 1))
+        if frames.mask is not None:
+            counts *= np.sqrt(frames.mask)[:, None]
         changes = [
-            np.linalg.norm(values[i + 1] - values[i]) / durations[i] for i in range(len(durations))
+            np.linalg.norm(counts * (frames.values[i + 1] - frames.values[i])) / durations[i]
+            for i in range(len(durations))
         ]
         return np.array(changes)
 

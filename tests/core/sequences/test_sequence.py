@@ -312,6 +312,23 @@ def test_noise_is_told_by_what_is_compared(film):
         assert told == pytest.approx(expected, rel=0.2)
 
 
+def test_sigma_is_chosen_by_intervals_in_which_what_is_compared_changes(film):
+    frames, seen = film[0], SPHERE.vertices[:, 0] < 0.2
+    other = np.random.default_rng(0).standard_normal(frames.shape)
+    both = np.stack([frames, other], axis=2)
+    plain, weighed, masked, unseen = (
+        Solver(checked(SPHERE, values, None, mask, weights), FAST, 0.0)._changes()
+        for values, mask, weights in (
+            (frames, None, None),
+            (both, None, [1, 0]),
+            (frames, seen, None),
+            (np.where(seen, frames, other), seen, None),
+        )
+    )
+    assert_allclose(weighed, plain)
+    assert_allclose(unseen, masked)
+
+
 def test_a_mask_too_small_to_hold_anything_out_is_told(film):
     mask = np.zeros(len(SPHERE.vertices))
     mask[3] = 1
