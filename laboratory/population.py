@@ -323,7 +323,7 @@ class _Timed:
         start = process_time()
         for each in tasks:
             attempt(each)
-        self.solving[task] = process_time() - start
+        self.solving[task] = self.solving.get(task, 0.0) + process_time() - start
         return self.ledger.entries(rows)
 
 

@@ -82,6 +82,8 @@ class OnDask:
                         f"the processes of this machine ended {starts} times before a row was "
                         f"done; see {one_line(_log(ledger))}, or say --jobs 1"
                     ) from error
+        if control.cancelled and self.cluster.is_local:
+            self._disconnect()  # rows under way would go on before those of the next run
 
     def _connected(self, ledger: Ledger, tasks: int) -> Client:
         """Return the client, of a cluster of as many processes as so many tasks can use."""

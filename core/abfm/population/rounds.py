@@ -108,7 +108,8 @@ class _Solver:
         self, rows: Sequence[Row], folder: Path, task: str, tell: Callable[[Entry], object]
     ) -> list[Entry]:
         with step(task, len(rows), f" {len(rows)} subjects") as done:
-            count = 0
+            ledger = Ledger(folder)
+            count = len(rows) - len({r.key for r in rows if ledger.entry(r).state != "done"})
 
             def told(entry: Entry) -> None:
                 nonlocal count

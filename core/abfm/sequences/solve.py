@@ -232,8 +232,9 @@ class Solver:
         with step("choosing sigma") as tell:
             left = _left(walks, tried, tell)
             if np.nanmin(left) > max(_HARDLY * rest, OFTEN * noise):
-                for walk in walks:
-                    walk.look_further()
+                with step("looking further"):
+                    for walk in walks:
+                        walk.look_further()
                 left = min(left, _left(walks, tried, tell), key=np.nanmin)
         least = float(np.nanmin(left))
         enough = least**2 + _NOTHING * max(rest**2 - least**2, 0.0)

@@ -15,7 +15,7 @@ from abfm_viewer.document.film import Film, FilmSettings
 from abfm_viewer.session.film_match import FilmMatch
 from tests.viewer.sessions import SPHERE, until
 
-TURNED = [SPHERE.vertices[:, 0] * np.cos(a) + SPHERE.vertices[:, 1] * np.sin(a) for a in range(12)]
+TURNED = [SPHERE.vertices[:, 0] * np.cos(a) + SPHERE.vertices[:, 1] * np.sin(a) for a in range(24)]
 FRAMES = np.array([np.exp(2 * each) for each in TURNED])
 DOCUMENT = Document(
     (Surface(SPHERE, "sphere"),),
@@ -49,7 +49,7 @@ def test_a_run_goes_on_where_its_process_ended(whole):
     kill(match)
     found = ended(match)
     np.testing.assert_allclose(found.velocity, whole.velocity, atol=1e-12)
-    assert found.confirmed == whole.confirmed == 11
+    assert found.confirmed == whole.confirmed == 23
     match.close()
 
 
