@@ -110,7 +110,8 @@ def test_without_the_app_only_what_draws_is_missing(installed, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["demo.npz"]
     result, vertex_map = tmp_path / "demo.npz", tmp_path / "map.csv"
     assert installed("abfm", "map", result, "--out", vertex_map, **without).returncode == 0
-    figure = installed("abfm", "figure", "3", "--quiet", "--out", tmp_path, **without)
+    words = ("figure", "3", "--mesh", ROOT / "assets" / "eight.off", "--quiet", "--out", tmp_path)
+    figure = installed("abfm", *words, **without)
     assert figure.stderr.strip().endswith(wanted)
     render = ["abfm", "render", result, "--out"]
     assert installed(*render, tmp_path / "a.html", **without).stdout.startswith("wrote ")

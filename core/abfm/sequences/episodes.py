@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from abfm.types import FloatArray, IntArray
 
@@ -58,6 +57,9 @@ def episodes(times: FloatArray, speed: FloatArray) -> list[Episode]:
 
 def _peaks(values: FloatArray, least: float) -> IntArray:
     """Return maxima that stand out by so much, ends of the time among them."""
+    # takes as long to load as all else that a row of a batch needs, and most look for no episodes
+    from scipy.signal import find_peaks
+
     low = values.min() - 2 * least
     padded = np.concatenate([[low], values, [low]])
     return np.asarray(find_peaks(padded, prominence=least)[0] - 1)

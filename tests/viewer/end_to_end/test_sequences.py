@@ -1,11 +1,14 @@
 """Films: frames are opened, all of them matched, played, looked at and saved."""
 
+from contextlib import closing
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import abfm
+from abfm.workers.worker import Worker, stateless
 from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.film import FilmSettings
@@ -32,19 +35,25 @@ FRAMES = turning_wave(DIRECTIONS, TIMES)[0]
 
 @pytest.fixture
 def film(gui, tmp_path):
-    """The app with five frames of a wave on the egg, opened by the menu."""
+    """The app with five frames of a wave on the egg."""
     np.save(tmp_path / "wave.npy", FRAMES)
-    gui.menu("File", "Open frames...")
-    gui.click("wave.npy")
-    gui.click("Open")
+    gui.window.files.open(tmp_path / "wave.npy")
     gui.wait(lambda s: s.document.film is not None)
     gui.session.editor.set_film(sigma=0.1)
     return gui
 
 
+@pytest.fixture(scope="module")
+def process():
+    """Matches films of one window after the other: it takes longer to start than they do."""
+    with closing(Worker(stateless, "it has ended")) as worker:
+        yield SimpleNamespace(call=worker.call, close=lambda: None)
+
+
 @pytest.fixture
-def solved(film):
+def solved(film, process):
     """The same after its match."""
+    film.session.film_match._worker = process
     film.click("Match all frames")
     film.wait(lambda s: not s.running)
     return film
@@ -58,6 +67,16 @@ def settled(gui):
 def shown(gui, slot="advected"):
     settled(gui)
     return gui.window.scene.paints[slot]
+
+
+def test_frames_are_opened_by_the_menu(gui, tmp_path):
+    np.save(tmp_path / "wave.npy", FRAMES)
+    gui.menu("File", "Open frames...")
+    gui.click("wave.npy")
+    gui.click("Open")
+    gui.wait(lambda s: s.document.film is not None)
+    np.testing.assert_array_equal(gui.session.document.film.frames.values[:, :, 0], FRAMES)
+    assert gui.session.document.name == "wave.npy on mesh"
 
 
 def test_frames_show_as_they_are_and_blended_until_they_are_matched(film):
