@@ -25,7 +25,7 @@ from abfm_viewer.window.wave import drifting_wave, turning_wave
 from tests.viewer.end_to_end.test_export import exported
 from tests.viewer.sessions import EGG, SIZE
 
-WINDOW = (1000, 700)  # where the plot is seen as a whole
+WINDOW = (800, 560)  # where the plot is seen as a whole
 COUNT, STEP = 5, 0.05
 TIMES = STEP * np.arange(COUNT)
 DIRECTIONS = EGG.vertices / np.linalg.norm(EGG.vertices, axis=1)[:, None]
