@@ -13,6 +13,7 @@ from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import ParameterError
 from abfm.matching.match import match
 from abfm.matching.objective.matching_energy import MatchingEnergy
+from abfm.matching.solvability import is_measured
 from abfm.matching.solving.held_out import without
 from abfm.matching.solving.measures import measured
 from abfm.parameters import Parameters
@@ -35,6 +36,7 @@ _FAR = Parameters(sigma=0.3, segments=1, refine=0)
 """Those of a match that looks for what is far."""
 _MUCH = 0.2  # of what differed at first: where more is left, it is looked for further away
 _HARDLY = 0.6  # of what was held out: where more is left by any sigma, too
+_WORTH = 0.5  # of the energy
 _IN_VAIN = 3  # searches, after which no more are made
 _SWEEPS = 4  # at most
 _SETTLED = 0.01  # share of its energy that a sweep gains, which is then the last
@@ -129,11 +131,19 @@ class Solver:
             found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
         if self._is_far(i, found):
             further = interval.go_on(last, _searched(interval.energy))
-            if further.energy < found.energy and not self._is_far(i, further):
+            enough = self._share_that_is_worth_it(i, found) * found.energy
+            if further.energy < enough and not self._is_far(i, further):
                 self._in_vain = 0
                 return further
             self._in_vain += 1
         return found
+
+    def _share_that_is_worth_it(self, i: int, found: Point) -> float:
+        """How much of the energy of what is near may be left by what is far: of measured functions,
+        of which all is not to be had, and of which the near explains some, half.
+        """
+        is_part = is_measured(self._energy(i).functions)
+        return _WORTH if is_part and not self._is_no_motion(i, found) else 1.0
 
     def _is_far(self, i: int, found: Point) -> bool:
         """Tell whether much of an interval is left that is not noise."""
