@@ -250,5 +250,10 @@ def test_a_question_changes_when_the_run_that_it_is_about_ends(running, tmp_path
     assert not gui.window.dialogs.is_asking("End the run?")
     gui.click("Go back", within="Go on?")
     assert gui.session.result is not None
+    gui.session.match()
+    gui.wait(lambda s: s.solver.running)
     gui.window._dropped([str(path)])
+    gui.wait(lambda _: gui.window.dialogs.is_asking("End the run?"))
+    gui.session.cancel()
+    gui.click("Go on", within="Go on?")
     gui.wait(lambda s: s.document.name == "b.off")

@@ -343,8 +343,18 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     np.savez(tmp_path / "two.npz", u=FRAMES, v=-FRAMES)
     with Driver((mesh, tmp_path / "two.npz"), size=SIZE) as gui:
         gui.wait(lambda _: gui.window.dialogs.is_open)
-        gui.click("v", "Which array?")
-        gui.wait(lambda s: s.document.film is not None)
+        gui.click("Open none", "Which array?")
+        assert gui.session.document.film is None
+        for name, sign in (("u", 1), ("v", -1)):
+            gui.window.files.open(tmp_path / "two.npz")
+            gui.wait(lambda _: gui.window.dialogs.is_asking("Which array?"))
+            gui.click(name, "Which array?")
+            gui.wait(lambda s: s.document.film is not None)
+            gui.wait(
+                lambda s, sign=sign: (
+                    s.document.film.frames.values[0, :, 0] == sign * FRAMES[0]
+                ).all()
+            )
         assert gui.session.document.name == "two.npz on egg.ply"
         assert not gui.session.saves.unsaved
         np.testing.assert_array_equal(gui.session.document.film.columns[0][0], -FRAMES[0])
