@@ -42,7 +42,7 @@ KINDS: Mapping[str, Kind] = {
             "dt": Column("time between two frames", positive),
             "gamma": Column("how much neighbouring fields are held together", not_negative),
             "mask": columns.WEIGHT,
-            "weights": Column("weight of each channel, with blanks between", weights),
+            "weights": Column("weight of each channel, with commas or blanks between", weights),
             "largest-component": columns.FLAG,
             **{option(name): parameter_columns()[option(name)] for name in TAKEN},
         },

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from abfm.calculus.operators import adjacency
 from abfm.errors import FunctionError
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
@@ -41,10 +42,8 @@ def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArr
     """Keep the known values; every other vertex becomes the mean of its neighbours, (V,)."""
     if known.all():
         return values
-    i, j = mesh.edges.T
-    ends, size = (np.r_[i, j], np.r_[j, i]), len(values)
-    adjacency = sparse.csr_array((np.ones(2 * len(i)), ends), shape=(size, size))
-    laplacian = sparse.csr_array(sparse.diags_array(adjacency.sum(axis=1)) - adjacency)
+    joined = adjacency(mesh)
+    laplacian = sparse.csr_array(sparse.diags_array(joined.sum(axis=1)) - joined)
     rows = laplacian[~known]
     filled = values.copy()
     filled[~known] = factor(rows[:, ~known])(-(rows[:, known] @ values[known]))

@@ -94,6 +94,14 @@ def edge_lengths(mesh: TriangleMesh) -> FloatArray:
 
 
 @per_mesh
+def adjacency(mesh: TriangleMesh) -> Matrix:
+    """Return which vertices an edge joins, (V, V), as 1."""
+    i, j = mesh.edges.T
+    ends, size = (np.r_[i, j], np.r_[j, i]), len(mesh.vertices)
+    return Matrix((np.ones(2 * len(i)), ends), shape=(size, size))
+
+
+@per_mesh
 def mollified_shapes(mesh: TriangleMesh) -> NormShapes:
     """Return what a norm of fields is made of. Faces whose height is less than 1e-5 of their
     longest edge are stretched across it to that height, as in the mollification of Sharp and Crane

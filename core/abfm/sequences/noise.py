@@ -3,6 +3,7 @@
 import numpy as np
 from scipy import sparse
 
+from abfm.calculus.operators import adjacency
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.sequences.frames import Frames
@@ -69,7 +70,4 @@ def _neighbours(mesh: TriangleMesh) -> FloatArray:
 
 @per_mesh
 def _means(mesh: TriangleMesh) -> sparse.csr_array:
-    i, j = mesh.edges.T
-    ends, size = (np.r_[i, j], np.r_[j, i]), len(mesh.vertices)
-    adjacency = sparse.csr_array((np.ones(2 * len(i)), ends), shape=(size, size))
-    return sparse.csr_array(sparse.diags_array(1 / _neighbours(mesh)) @ adjacency)
+    return sparse.csr_array(sparse.diags_array(1 / _neighbours(mesh)) @ adjacency(mesh))

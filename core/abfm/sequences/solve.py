@@ -101,15 +101,14 @@ class Solver:
             for i in range(count):
                 checkpoint()
                 self._keep(i, found := self._found(i))
-                self._alone[i] = self._is_no_motion(i, found)
+                self._alone[i] = self._is_no_motion(self._energy(i), found)
                 self.found[i] = True
                 tell((i + 1) / count)
                 on_interval(i)
         if self.gamma and count > 1:
             self._settle()
 
-    def _is_no_motion(self, i: int, found: Point) -> bool:
-        energy = self._energy(i)
+    def _is_no_motion(self, energy: MatchingEnergy, found: Point) -> bool:
         left = energy.relative_mismatch(found.at.advected)
         return explains_little(energy.functions, self.levels, left)
 
@@ -120,34 +119,34 @@ class Solver:
         last, warmest = self._sigmas(i)
         start = self.fields[i - 1] if i else None
         interval = self._interval(i, [i - 1] if i else [])
+        energy = interval.energy
         if i in self._known:
             found = interval.go_on(last, self._known[i], 0)
-            self._in_vain += self._is_far(i, found)  # as it was searched for then
+            self._in_vain += self._is_far(energy, found)  # as it was searched for then
             return found
         found = interval.find(last, warmest, start)
-        if self._in_vain >= _IN_VAIN or not self._is_far(i, found):
+        if self._in_vain >= _IN_VAIN or not self._is_far(energy, found):
             return found
         if start is not None:
             found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
-        if self._is_far(i, found):
-            further = interval.go_on(last, _searched(interval.energy))
-            enough = self._share_that_is_worth_it(i, found) * found.energy
-            if further.energy < enough and not self._is_far(i, further):
+        if self._is_far(energy, found):
+            further = interval.go_on(last, _searched(energy))
+            enough = self._share_that_is_worth_it(energy, found) * found.energy
+            if further.energy < enough and not self._is_far(energy, further):
                 self._in_vain = 0
                 return further
             self._in_vain += 1
         return found
 
-    def _share_that_is_worth_it(self, i: int, found: Point) -> float:
+    def _share_that_is_worth_it(self, energy: MatchingEnergy, found: Point) -> float:
         """How much of the energy of what is near may be left by what is far: of measured functions,
         of which all is not to be had, and of which the near explains some, half.
         """
-        is_part = is_measured(self._energy(i).functions)
-        return _WORTH if is_part and not self._is_no_motion(i, found) else 1.0
+        is_part = is_measured(energy.functions)
+        return _WORTH if is_part and not self._is_no_motion(energy, found) else 1.0
 
-    def _is_far(self, i: int, found: Point) -> bool:
+    def _is_far(self, energy: MatchingEnergy, found: Point) -> bool:
         """Tell whether much of an interval is left that is not noise."""
-        energy = self._energy(i)
         first, left = map(energy.relative_mismatch, (energy.functions.source, found.at.advected))
         return left > max(_MUCH * first, OFTEN * noise_floor(energy.functions, self.levels))
 
