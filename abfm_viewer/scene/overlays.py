@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,9 @@ _LIFT = 0.0025  # of sqrt(area): a flat strip is hidden by the surface where tha
 _HEAD_WIDTH, _HEAD_LENGTH = 2.6, 7.5  # in half widths of the shaft
 _LONGEST_HEAD = 0.55  # of a line
 _HEAD_NODES = 4
-_APART, _NODE = 0.16, 0.012  # of sqrt(area): heads along a line, and the nodes of its ribbon
+_SHARP = 0.7  # cosine of a turn that a strip would break at
+_AROUND, _UNEVEN = 12, (0.1, 0.2, 0.3)  # corners of a disc, and what is along no normal
+_APART, _NODE = 0.16, 0.008  # of sqrt(area): heads along a line, and the nodes of its ribbon
 _THIN, _ISOLINE, _POINT = 0.0025, 0.0016, 0.014  # half widths of lines, radii of points
 _TRACK, _CRITICAL = 0.005, 0.02  # the same of tracks and of critical points now
 
@@ -89,23 +92,58 @@ def evenly_spread(mesh: TriangleMesh, density: float) -> IntArray:
 
 
 def line_ribbons(courses: Iterable[Course], half_width: float) -> Triangles:
-    """A line along each way, with heads that say which way it goes."""
+    """A line along each way, round at sharp turns, with heads that say which way it goes."""
     parts: list[Triangles] = []
     shares = np.linspace(0, 1, _HEAD_NODES)
     for course in courses:
-        length = float(course.lengths[-1])
-        nodes = course.at(np.linspace(0, length, max(int(np.ceil(length / _NODE)), 1) + 1))
-        half_widths = np.full((1, len(nodes.places)), half_width)
-        parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
-        head = min(_HEAD_LENGTH * half_width, _LONGEST_HEAD * length)
+        length, ends = float(course.lengths[-1]), _straight(course)
+        for start, end in pairwise(ends):
+            nodes = course.at(
+                np.linspace(start, end, max(int(np.ceil((end - start) / _NODE)), 1) + 1)
+            )
+            half_widths = np.full((1, len(nodes.places)), half_width)
+            parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
+        parts.append(_discs(course.at(ends[1:-1]), half_width))
+        head = min(_HEAD_LENGTH * half_width, _LONGEST_HEAD * float(np.diff(ends).max()))
         widest = _HEAD_WIDTH * head / _HEAD_LENGTH
         count = max(round(length / _APART), 1)
         for middle in (np.arange(count) + 0.5) * length / count:
-            start = min(max(middle - head / 2, 0.0), length - head)
+            start = _with_room(ends, float(middle) - head / 2, head)
             nodes = course.at(start + head * shares)
             half_widths = widest * (1 - shares)[None]
             parts.append(_strips(nodes.places[None], nodes.normals[None], half_widths))
     return _joined(parts)
+
+
+def _straight(course: Course) -> FloatArray:
+    """Return lengths between which a course nowhere turns sharply, from 0 to all of it."""
+    lengths = course.lengths
+    moved = np.flatnonzero(np.diff(lengths, prepend=-1.0) > 0)
+    along = unit(np.diff(course.places[moved], axis=0))
+    turns = (along[1:] * along[:-1]).sum(axis=1) < _SHARP
+    return np.concatenate([[0.0], lengths[moved[1:-1][turns]], lengths[-1:]])
+
+
+def _with_room(ends: FloatArray, start: float, length: float) -> float:
+    """Return the place nearest to a start from which a part of a length has no sharp turn."""
+    first, last = ends[:-1], ends[1:] - length
+    room = last >= first - 1e-12
+    places = np.clip(start, first[room], np.maximum(last, first)[room])
+    return float(places[np.argmin(np.abs(places - start))])
+
+
+def _discs(nodes: Course, radius: float) -> Triangles:
+    """Fans about places, flat on the surface."""
+    one = unit(np.cross(nodes.normals, np.roll(nodes.normals, 1, axis=1) + _UNEVEN))
+    other = np.cross(nodes.normals, one)
+    angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    ring = np.cos(angles)[:, None] * one[:, None] + np.sin(angles)[:, None] * other[:, None]
+    middles = (nodes.places + _LIFT * nodes.normals)[:, None]
+    vertices = np.concatenate([middles, middles + radius * ring], axis=1)
+    rim = np.arange(_AROUND)
+    fan = np.stack([np.zeros_like(rim), 1 + rim, 1 + (rim + 1) % _AROUND], axis=1)
+    firsts = (1 + _AROUND) * np.arange(len(vertices))[:, None, None]
+    return vertices.reshape(-1, 3), (firsts + fan).reshape(-1, 3)
 
 
 def isoline_ribbons(

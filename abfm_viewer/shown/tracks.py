@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from abfm.sequences import Episode, Track
 
 KINDS = ("source", "sink", "spiral", "saddle")
-_PIECE = 0.02  # of sqrt(area): between points of a way, which else would cut through the surface
+_PIECE = 0.01  # of sqrt(area): between points of a way, which else would cut through the surface
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,3 +106,25 @@ def test_ribbons_face_outwards_so_that_none_on_the_far_side_peeps_over_an_edge()
         outwards = (np.cross(b - a, c - a) * (a + b + c)).sum(axis=1)
         assert (outwards > 0).sum() > 0.8 * len(faces)  # tips and corners have no area
         assert (outwards >= -1e-15).all()
+
+
+def test_a_line_is_as_wide_as_elsewhere_where_it_turns_sharply():
+    corners = np.array([[0, 0], [0.1, 0.01], [0, 0.03], [0, 0.03], [0.12, 0.06], [0.12, 0.2]])
+    places = np.column_stack([corners, np.zeros(len(corners))])
+    course = overlays.Course(places, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
+    vertices, faces = overlays.line_ribbons([course], HALF)
+    a, b, c = np.moveaxis(vertices[faces][..., :2], 1, 0)
+
+    def cross(one, other):
+        return one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
+
+    assert (cross(b - a, c - a) >= -1e-15).all()
+    angles = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    around_turns = (corners[1:-1, None] + 0.95 * HALF * circle).reshape(-1, 1, 2)
+    sides = [cross(q - p, around_turns - p) for p, q in ((a, b), (b, c), (c, a))]
+    assert (np.min(sides, axis=0) >= -1e-12).any(axis=1).all()
+    steps = np.linspace(0, 1, 400)[:, None, None]
+    line = (corners[:-1] + steps * np.diff(corners, axis=0)).reshape(-1, 2)
+    away = np.linalg.norm(vertices[:, None, :2] - line, axis=2).min(axis=1)
+    assert np.quantile(away, 0.9) < 1.01 * HALF < away.max() < 3 * HALF  # but for heads
