@@ -34,9 +34,12 @@ def on_ground(colormap: str, is_dark: bool) -> str:
 
 
 def color_range(*functions: FloatArray) -> ColorRange:
-    """Find one range, about 0 for both signs, or from 0 where values begin just above it."""
-    low = min(float(function.min()) for function in functions)
-    high = max(float(function.max()) for function in functions)
+    """Find one range of all that is finite, about 0 for both signs, or from 0 where values begin
+    just above it.
+    """
+    known = [function[np.isfinite(function)] for function in functions]
+    low = min((float(values.min()) for values in known if values.size), default=0.0)
+    high = max((float(values.max()) for values in known if values.size), default=0.0)
     largest = max(-low, high)
     if min(-low, high) > 0.05 * largest:
         return ColorRange("abfm diverging", -largest, largest)

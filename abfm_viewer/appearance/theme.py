@@ -81,13 +81,13 @@ LANDMARKS = tuple(map(_color, _OF_LANDMARKS))
 CRITICAL = {
     kind: _color(code)
     for kind, code in {
-        "source": "d1495b",
-        "sink": "2f6fdb",
+        "source": "f2b805",
+        "sink": "1c7c3c",
         "spiral": "8a3ffc",
-        "saddle": "e08a00",
+        "saddle": "d91a99",
     }.items()
 }
-"""Of critical points, by their kinds, on light and dark grounds."""
+"""Of critical points, by their kinds, apart from the colours of functions."""
 ON_LANDMARKS: Color = (1.0, 1.0, 1.0, 1.0)
 
 

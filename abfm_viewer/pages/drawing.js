@@ -6,7 +6,7 @@ const SURFACE = {
     uniform float share, low, high, none;
     layout(location = 0) in vec3 position; layout(location = 1) in vec3 normal;
     layout(location = 2) in vec2 keys;
-    out vec3 facing; out float place; out float missing;
+    out vec3 facing; out float place; out float known;
     vec4 seen(vec3 point, float nearer) {
       vec3 eye = turn * point;
       float w = distance - eye.z, near = distance - radius, far = distance + radius;
@@ -14,75 +14,90 @@ const SURFACE = {
       return vec4(eye.xy * scale * distance + pan * w, depth, w);
     }
     void main() {
-      missing = keys.x == none || keys.y == none ? 1.0 : 0.0;
-      place = (mix(keys.x, keys.y, share) - low) / (high - low);
+      known = keys.x == none || keys.y == none ? 0.0 : 1.0;
+      place = known * (mix(keys.x, keys.y, share) - low) / (high - low);
       facing = turn * normal;
       gl_Position = seen(position, 0.0);
     }`,
   // the light of the app's surfaces, in linear light, on the colours of the colour bar
   fragment: `
     uniform sampler2D colors;
-    in vec3 facing; in float place; in float missing; out vec4 color;
+    in vec3 facing; in float place; in float known; out vec4 color;
     void main() {
       vec3 normal = normalize(facing + vec3(0.0, 0.0, 1e-20));
       if (!gl_FrontFacing) normal = -normal;
       float wrapped = 0.5 + 0.5 * dot(normal, vec3(-0.35, 0.55, 0.76));
       float light = (0.35 + 0.65 * wrapped) * (0.75 + 0.25 * max(normal.z, 0.0));
-      vec3 own = texture(colors, vec2((clamp(place, 0.0, 1.0) * 255.0 + 0.5) / 256.0, 0.5)).rgb;
-      if (missing > 0.5) own = vec3(0.55);
+      // at an edge to no value, what is known goes on to the middle
+      float there = clamp(place / max(known, 1e-6), 0.0, 1.0);
+      vec3 own = texture(colors, vec2((there * 255.0 + 0.5) / 256.0, 0.5)).rgb;
+      if (known < 0.5) own = vec3(0.55);
       vec3 lit = own * light;
       color = vec4(mix(12.92 * lit, 1.055 * pow(lit, vec3(1.0 / 2.4)) - 0.055,
         step(0.0031308, lit)), 1.0);
     }`,
 };
 
-// A way from one place to another between two times: a line that grows and fades, or a disc on it.
+// A way from one place to another between two times: a line that grows and fades, round where it
+// turns; or a disc on it; or an arrow, the while.
+const [LINE, DISC, ARROW] = [0, 1, 2];
 const WAY = {
   vertex: `
     uniform mat3 turn; uniform vec2 scale, pan, pixel; uniform float distance, radius;
-    uniform float now, tail, width; uniform bool isDisc;
+    uniform float now, tail, width; uniform int kind;
     layout(location = 0) in vec3 start; layout(location = 1) in vec3 end;
-    layout(location = 2) in vec2 times;
-    out vec2 corner; out float age;
+    layout(location = 2) in vec2 times; layout(location = 3) in vec3 normal;
+    out vec2 spot; out float age; flat out float len;
     vec4 seen(vec3 point) {
       vec3 eye = turn * point;
       float w = distance - eye.z, near = distance - radius, far = distance + radius;
-      float depth = ((far + near) * w - 2.0 * far * near) / (far - near) - (isDisc ? 0.03 : 0.012) * w;
+      float depth = ((far + near) * w - 2.0 * far * near) / (far - near) - (kind == 1 ? 0.03 : 0.012) * w;
       return vec4(eye.xy * scale * distance + pan * w, depth, w);
     }
     void main() {
-      corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+      vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
       float span = max(times.y - times.x, 1e-9);
       float first = clamp((now - tail - times.x) / span, 0.0, 1.0);
       float last = clamp((now - times.x) / span, 0.0, 1.0);
-      vec4 place;
-      if (isDisc) {
-        place = seen(mix(start, end, last));
-        place.xy += corner * width * pixel * place.w;
-        if (now < times.x || now > times.y) place = vec4(0.0, 0.0, 2.0, 1.0);
-        age = 0.0;
-      } else {
-        vec4 one = seen(mix(start, end, first)), other = seen(mix(start, end, last));
-        vec2 along = (other.xy / other.w - one.xy / one.w) / pixel;
-        along = length(along) > 1e-6 ? normalize(along) : vec2(1.0, 0.0);
-        float share = 0.5 + 0.5 * corner.x;
-        place = corner.x < 0.0 ? one : other;
-        place.xy += (vec2(-along.y, along.x) * corner.y + along * corner.x * 0.5) * 0.5 * width
-          * pixel * place.w;
-        age = (now - times.x - mix(first, last, share) * span) / tail;
-        if (last <= first) place = vec4(0.0, 0.0, 2.0, 1.0);
+      bool isPresent = times.x <= now && now <= times.y;
+      bool isShown = kind == 0 ? last > first : isPresent;
+      if (kind == 1) first = last;
+      if (kind == 2) {
+        first = 0.0;
+        last = 1.0;
+        // none that an outline would cut
+        isShown = isPresent && (now < times.y || times.y >= 1.0) && abs((turn * normal).z) > 0.3;
       }
-      gl_Position = place;
+      vec4 one = seen(mix(start, end, first)), other = seen(mix(start, end, last));
+      vec2 along = (other.xy / other.w - one.xy / one.w) / pixel;
+      len = length(along);
+      along = len > 1e-6 ? along / len : vec2(1.0, 0.0);
+      float reach = 1.0 + width * (kind == 0 ? 0.5 : kind == 1 ? 1.0 : 2.2);
+      spot = corner * reach + vec2(corner.x < 0.0 ? 0.0 : len, 0.0);
+      vec4 place = corner.x < 0.0 ? one : other;
+      place.xy += (along * corner.x + vec2(-along.y, along.x) * corner.y) * reach * pixel * place.w;
+      age = kind == 0 ? (now - times.x - mix(first, last, 0.5 + 0.5 * corner.x) * span) / tail : 0.0;
+      gl_Position = isShown ? place : vec4(0.0, 0.0, 2.0, 1.0);
     }`,
+  // how far outside of the shape a pixel is
   fragment: `
-    uniform vec3 ink; uniform bool isDisc; uniform float width, opacity;
-    in vec2 corner; in float age; out vec4 color;
+    uniform vec3 ink; uniform int kind; uniform float width, opacity;
+    in vec2 spot; in float age; flat in float len; out vec4 color;
     void main() {
-      float off = isDisc ? length(corner) * width : abs(corner.y) * width * 0.5;
-      float edge = isDisc ? width : width * 0.5;
-      float cover = clamp(edge - off + 0.5, 0.0, 1.0);
-      vec3 own = isDisc && off > edge - min(1.6, 0.3 * edge) ? vec3(1.0) : ink;
-      color = vec4(own, cover * opacity * (isDisc ? 1.0 : clamp(1.0 - age, 0.0, 1.0)));
+      float off = length(vec2(spot.x - clamp(spot.x, 0.0, len), spot.y)), rim = 0.0;
+      if (kind == 0) off -= 0.5 * width;
+      else if (kind == 1) {
+        off -= width;
+        rim = -min(1.6, 0.3 * width);
+      } else {
+        float head = min(4.5 * width, 0.6 * len), half_width = 0.45 * head, side = abs(spot.y);
+        float shaft = max(max(side - 0.5 * width, -spot.x), spot.x - len + 0.5 * head);
+        float tip = dot(vec2(spot.x - len, side), normalize(vec2(half_width, head)));
+        off = min(shaft, max(len - head - spot.x, tip)) - 1.0;
+        rim = -1.0;
+      }
+      vec3 own = mix(ink, vec3(1.0), rim < 0.0 ? clamp(off - rim + 0.5, 0.0, 1.0) : 0.0);
+      color = vec4(own, clamp(0.5 - off, 0.0, 1.0) * opacity * clamp(1.0 - age, 0.0, 1.0));
       if (color.a < 0.01) discard;
     }`,
 };
@@ -109,7 +124,7 @@ class Drawing {
     const gl = this.gl, made = gl.createProgram();
     for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
       const shader = gl.createShader(kind);
-      gl.shaderSource(shader, "#version 300 es\nprecision highp float;" + text);
+      gl.shaderSource(shader, "#version 300 es\nprecision highp float; precision highp int;" + text);
       gl.compileShader(shader);
       gl.attachShader(made, shader);
     }
@@ -176,13 +191,13 @@ class Drawing {
     const gl = this.gl, array = gl.createVertexArray(), places = unpackedFloats(data, way.places);
     gl.bindVertexArray(array);
     this.buffer(places);
-    [3, 3, 2].forEach((size, place) => {
+    [3, 3, 2, 3].forEach((size, place) => {
       gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, size, gl.FLOAT, false, 32, 12 * place);
+      gl.vertexAttribPointer(place, size, gl.FLOAT, false, 44, [0, 12, 24, 32][place]);
       gl.vertexAttribDivisor(place, 1);
     });
     gl.bindVertexArray(null);
-    return { ...way, array, count: places.length / 8 };
+    return { ...way, array, count: places.length / 11 };
   }
 
   /** Makes sure of the two keys around a time, and returns the share of the second. */
@@ -227,10 +242,10 @@ class Drawing {
     gl.uniform1f(places.radius, camera.radius);
   }
 
-  drawSurface(panel, number, box, camera, { time, layer: chosen }) {
+  drawSurface(panel, number, box, camera, { share: now, layer: chosen }) {
     const gl = this.gl, { made, places } = this.surface;
     const layer = panel.layers[Math.min(chosen, panel.layers.length - 1)];
-    const share = this.hold(panel, layer, time);
+    const share = this.hold(panel, layer, now);
     gl.useProgram(made);
     this.look(this.surface, number, box, camera);
     gl.uniform1f(places.share, share);
@@ -244,21 +259,21 @@ class Drawing {
     gl.disable(gl.CULL_FACE);
   }
 
-  drawWays(panel, number, box, camera, { time, hidden }) {
+  drawWays(panel, number, box, camera, { share, hidden }) {
     const gl = this.gl, { made, places } = this.way;
     const shown = panel.ways.filter((way) => way.count && !hidden.has(way.name));
     if (!shown.length) return;
     gl.useProgram(made);
     this.look(this.way, number, box, camera);
     gl.uniform2f(places.pixel, 2 / box[2], 2 / box[3]);
-    gl.uniform1f(places.now, time);
+    gl.uniform1f(places.now, share);
     gl.enable(gl.BLEND);
     gl.depthMask(false);
-    for (const isDisc of [0, 1])
+    for (const kind of [LINE, ARROW, DISC])
       for (const way of shown) {
-        const width = isDisc ? way.disc : way.line;
+        const width = [way.line, way.disc, way.arrow][kind];
         if (!width) continue;
-        gl.uniform1i(places.isDisc, isDisc);
+        gl.uniform1i(places.kind, kind);
         gl.uniform1f(places.width, width * camera.density);
         gl.uniform1f(places.tail, way.tail);
         gl.uniform1f(places.opacity, way.opacity);

@@ -22,7 +22,7 @@ from abfm_viewer.computing.registered import (
     functions_on_a,
 )
 from abfm_viewer.document import verdict_words
-from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Ways, spread
+from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Ways
 
 _FRAMES = 7, 41  # fewest and most keys of what is carried
 _MOST_VALUES = 3_000_000  # in all keys of all functions: about as many bytes of a page
@@ -120,7 +120,8 @@ def _moving(
 def _lines(match: Match) -> list[Ways]:
     """Return flow lines from places spread over the surface, and from the landmarks."""
     mesh, tau = match.mesh, match.parameters.tau
-    seeds = abfm.maps.vertex_points(mesh, spread(mesh.vertices, _LINES))
+    spread = abfm.maps.spread_points(mesh)
+    seeds = spread.points[np.arange(min(_LINES, len(spread.gaps)))]
     paths = _walked(match, seeds)
     least = _LEAST * mesh.length_scale
     far = [each for each in paths if np.linalg.norm(np.diff(each[1], axis=0), axis=1).sum() > least]

@@ -17,10 +17,12 @@ from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
+from abfm_viewer.appearance.theme import CRITICAL
 from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.computing.films import fast_in
 from abfm_viewer.computing.registered import MOST_CHANNELS
 from abfm_viewer.document.verdict_words import Tone, share
-from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways, spread
+from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 
 # in all keys of all functions, and of a part of the field; a value is two bytes of a page
 MOST_VALUES, MOST_OF_A_PART = 4_000_000, 500_000
@@ -29,16 +31,12 @@ _SECONDS_A_FRAME, _SHORTEST, _LONGEST = 0.15, 4.0, 30.0
 _TAIL = 0.2  # of the whole time that a track is seen after
 _LINES, _MOST_PIECES = 140, 15_000  # path lines, and pieces of all of them
 _LIFE = 10  # intervals that a path line goes on
+_ARROWS, _MOST_ARROWS = 480, 40_000  # in an interval, and in all
+_LONGEST, _SHORTEST = 0.92, 0.2  # arrow, of the distance between two; of the longest
+_FLATTEST = 0.6  # cosine of the angle by which the surface turns along an arrow
 _MOSTLY = 0.5  # of the intervals
 _SHOWN = 99.5  # percentile at the ends of the colours
 _TONES: dict[str, Tone] = {"matched": "good", "registered": "good", "nearly": "ink"}
-# apart from the colours of functions
-_COLORS: dict[str, Color] = {
-    "source": (0.95, 0.72, 0.02),
-    "sink": (0.11, 0.49, 0.24),
-    "spiral": (0.54, 0.25, 0.99),
-    "saddle": (0.85, 0.1, 0.6),
-}
 _INK: Color = (0.11, 0.13, 0.17)
 
 
@@ -72,8 +70,8 @@ class Labels:
 
 @dataclass(frozen=True)
 class Told:
-    """What is said of a film: of all of it, and of each interval with its tone; and layers that may
-    be chosen besides its channels.
+    """What is said of a film: of all of it, and of each interval with its tone; layers that may be
+    chosen besides its channels; and notes.
     """
 
     headline: str = ""
@@ -81,11 +79,13 @@ class Told:
     intervals: Sequence[tuple[str, Tone]] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
     layers: Sequence[Layer] = ()
+    notes: Sequence[str] = ()
 
 
 def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = None) -> Page:
     """Return the page of a sequence: its frames and what is carried between them, what each
-    interval came to, critical points on their tracks, path lines, and divergence and curl.
+    interval came to, arrows of its field, path lines, critical points on their tracks, and
+    divergence and curl.
     """
     labels = labels or Labels()
     share, middles = sequence.confirmed / len(sequence), sequence.middles
@@ -97,8 +97,10 @@ def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = N
         [(_came_to(sequence, i), _TONES.get(v.kind, "failure")) for i, v in _verdicts(sequence)],
         {"median speed": _speed(sequence, labels)},
         [_layer(name, values, middles, unit) for name, values in parts.items()],
+        [_about_arrows(sequence, labels)],
     )
-    return film_page(sequence, title, told, [_path_lines(sequence), *_tracks(sequence)], labels)
+    ways = [_arrows(sequence), _path_lines(sequence), *_tracks(sequence)]
+    return film_page(sequence, title, told, ways, labels)
 
 
 def film_page(
@@ -118,7 +120,8 @@ def film_page(
         Layer(name, frames[:, :, c], color_range(frames[:, :, c]), keys, labels.unit)
         for c, name in enumerate([*labels.names, *usual[len(labels.names) :]][:count])
     ]
-    front = best_front(mesh, frames[:, :, 0].std(axis=0), up=labels.up)
+    known = np.nan_to_num(frames[:, :, 0], posinf=0.0, neginf=0.0)
+    front = best_front(mesh, (known / (np.abs(known).max() or 1.0)).std(axis=0), up=labels.up)
     spans = [
         Span(start, end, f"interval {number}: {text}", tone)
         for number, ((start, end), (text, tone)) in enumerate(
@@ -127,11 +130,26 @@ def film_page(
     ]
     seconds = min(max(_SECONDS_A_FRAME * len(times), _SHORTEST), _LONGEST)
     ticks = times.tolist()
-    clock = Clock(ticks[0], ticks[-1], seconds, labels.unit_of_time, ticks=ticks, spans=spans)
-    about = f"{len(times)} frames on a surface of {len(mesh.vertices):,} vertices"
+    clock = None
+    if len(times) > 1:
+        clock = Clock(ticks[0], ticks[-1], seconds, labels.unit_of_time, ticks=ticks, spans=spans)
+    about = (
+        f"{len(times)} frame{'s' if clock else ''} on a surface of {len(mesh.vertices):,} vertices"
+    )
     panel = Panel("", mesh, [*layers, *told.layers], front, ways)
     notes = [thinned] if thinned else []
-    return Page(title, told.headline, [panel], clock, told.tone, about, told.facts, notes)
+    if (given := np.asarray(film.frames).reshape(*film.frames.shape[:2], -1).shape[2]) > count:
+        notes.append(f"these are the first {count} of {given} channels")
+    return Page(
+        title,
+        told.headline,
+        [panel],
+        clock,
+        told.tone,
+        about,
+        told.facts,
+        [*notes, *told.notes],
+    )
 
 
 def _verdicts(sequence: abfm.Sequence) -> Iterator[tuple[int, Verdict]]:
@@ -158,8 +176,12 @@ def _layer(name: str, values: FloatArray, times: FloatArray, unit: str) -> Layer
 
 def _speed(sequence: abfm.Sequence, labels: Labels) -> str:
     """Return the median over time of the root mean square over the surface."""
+    return f"{float(np.median(sequence.speed)):.3g}, {_unit_of_speed(labels)}"
+
+
+def _unit_of_speed(labels: Labels) -> str:
     unit = {"": "unit of time", "s": "second"}.get(labels.unit_of_time, labels.unit_of_time)
-    return f"{float(np.median(sequence.speed)):.3g}, in the mesh's unit per {unit}"
+    return f"in the mesh's unit per {unit}"
 
 
 def _tracks(sequence: abfm.Sequence) -> list[Ways]:
@@ -168,10 +190,48 @@ def _tracks(sequence: abfm.Sequence) -> list[Ways]:
         kinds[track.kind].append((track.times, track.points.positions))
     tail = _TAIL * float(np.ptp(sequence.times))
     return [
-        Ways.along(f"{kind}s", kinds[kind], color, tail=tail)
-        for kind, color in _COLORS.items()
+        Ways.along(f"{kind}s", kinds[kind], color[:3], tail=tail)
+        for kind, color in CRITICAL.items()
         if kind in kinds
     ]
+
+
+def _arrows(sequence: abfm.Sequence) -> Ways:
+    """Return arrows of each interval's field about places that stay the same, no longer than these
+    are apart; none where it is slow, where they would meet a boundary, or leave the surface.
+    """
+    mesh, times = sequence.mesh, sequence.times
+    spread, fast = abfm.maps.spread_points(mesh), fast_in(sequence) or 1.0
+    count = min(_ARROWS, max(_MOST_ARROWS // len(sequence), 1), len(spread.gaps))
+    points, normals = spread.points[np.arange(count)], spread.normals[:count]
+    longest = _LONGEST * mesh.length_scale * min(float(spread.gaps[count - 1]), 0.2)
+    face_normals = abfm.calculus.face_normals(mesh)
+    parts: list[tuple[FloatArray, ...]] = []
+    with step("arrows") as tell:
+        for number, velocity in enumerate(sequence.velocity):
+            checkpoint()
+            vectors = abfm.flow.vectors_at(mesh, velocity, points) / fast
+            speed = np.linalg.norm(vectors, axis=1)
+            vectors *= (longest * np.minimum(1.0, 1 / np.maximum(speed, 1e-300)))[:, None]
+            seen, tips = speed > _SHORTEST, []
+            for side in (-0.5, 0.5):
+                found, inside = abfm.flow.straight_ways(mesh, points, side * vectors)
+                turned = (face_normals[found.faces] * normals).sum(axis=1)
+                seen &= inside & (turned > _FLATTEST)
+                tips.append(found.positions)
+            spans = np.broadcast_to(times[number : number + 2], (count, 2))
+            parts.append(tuple(each[seen] for each in (*tips, spans, normals)))
+            tell((number + 1) / len(sequence))
+    starts, ends, spans, turned = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return Ways("arrows", starts, ends, spans, _INK, disc=0.0, line=0.0, arrow=2.0, normals=turned)
+
+
+def _about_arrows(sequence: abfm.Sequence, labels: Labels) -> str:
+    return (
+        f"arrows are the field of each interval, the longest ones where it has a speed of "
+        f"{fast_in(sequence):.3g} or more ({_unit_of_speed(labels)}), and none where it has less "
+        f"than {100 * _SHORTEST:.0f}% of that"
+    )
 
 
 def _path_lines(sequence: abfm.Sequence) -> Ways:
@@ -180,7 +240,8 @@ def _path_lines(sequence: abfm.Sequence) -> Ways:
     """
     mesh, times = sequence.mesh, sequence.times
     count = min(_LINES, _MOST_PIECES // len(sequence))
-    seeds = abfm.maps.vertex_points(mesh, spread(mesh.vertices, count))
+    spread = abfm.maps.spread_points(mesh)
+    seeds = spread.points[np.arange(min(count, len(spread.gaps)))]
     ages = np.arange(len(seeds.faces)) % _LIFE
     faces, barycentric = seeds.faces, seeds.barycentric
     starts, ends, spans = [], [], []
@@ -203,7 +264,9 @@ def _path_lines(sequence: abfm.Sequence) -> Ways:
             tell((number + 1) / len(sequence))
     tail = _LIFE / 2 * float(np.ptp(times)) / len(sequence)
     pieces = np.concatenate(starts), np.concatenate(ends), np.concatenate(spans)
-    return Ways("path lines", *pieces, _INK, tail=tail, disc=2.2, line=1.6, opacity=0.75)
+    return Ways(
+        "path lines", *pieces, _INK, tail=tail, disc=2.2, line=1.6, opacity=0.75, shown=False
+    )
 
 
 def _keys(film: Filmed, times: FloatArray) -> tuple[FloatArray, FloatArray, str]:

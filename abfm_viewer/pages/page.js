@@ -1,13 +1,26 @@
 // Wires the page: data, drawing, camera, player, colour bars, keyboard.
 
 const element = (id) => document.getElementById(id);
-const written = (value) => Number(value.toPrecision(3)).toString().replace("-", "\u2212");
+
+/** A number with so many digits, short where it is huge or tiny. */
+function written(value, digits = 3) {
+  const rounded = Number(value.toPrecision(digits)), size = Math.abs(rounded);
+  const isPlain = size === 0 || (1e-4 <= size && size < 10 ** Math.max(digits, 6));
+  const text = isPlain ? String(rounded) : rounded.toExponential().replace("e+", "e");
+  return text.replaceAll("-", "\u2212");
+}
+
+/** How many digits tell numbers of a range apart. */
+function digitsIn([low, high]) {
+  const beyond = Math.log10(Math.max(Math.abs(low), Math.abs(high)) / (high - low));
+  return Math.min(3 + Math.max(Math.ceil(beyond), 0), 15) || 3;
+}
 
 function told(problem) {
   element("problem").textContent = problem;
   element("problem").hidden = false;
-  element("stage").hidden = true;
-  element("controls").hidden = true;
+  element("stage").hidden = element("controls").hidden = true;
+  document.body.className = "failed";
 }
 
 async function main() {
@@ -39,7 +52,7 @@ async function main() {
   let isAsked = false;
   function draw() {
     isAsked = false;
-    drawing.draw(boxes(camera.density), camera, state);
+    drawing.draw(boxes(camera.density), camera, { ...state, share: player.share });
     values.draw();
     document.body.dataset.drawn = String(state.time);
   }
@@ -74,7 +87,7 @@ async function main() {
     ask();
   });
   follow(element("stage"), camera, panelAt, ask);
-  const values = new Values(drawing.panels, camera, state, player.clock, panelAt);
+  const values = new Values(drawing.panels, camera, state, player, panelAt);
   choices(page, state, () => {
     bars(page, state.layer);
     arrange();
@@ -126,11 +139,13 @@ function bars(page, layer) {
     const bar = box.appendChild(document.createElement("div"));
     bar.className = "bar";
     const whose = seen.size > 1 ? `${titles.join(", ")}: ` : "";
-    add("what", `${whose}${own.name}${own.unit ? `, ${own.unit}` : ""}`);
+    const what = add("what", `${whose}${own.name}${own.unit ? `, ${own.unit}` : ""}`);
+    what.title = what.textContent;
     const [low, high] = own.ends;
     add("strip").style.backgroundImage =
       `linear-gradient(to right, ${page.gradients[own.colormap].join(", ")})`;
-    for (const value of [low, (low + high) / 2, high]) add("end", written(value));
+    for (const value of [low, low / 2 + high / 2, high])
+      add("end", written(value, digitsIn(own.ends)));
   }
 }
 
@@ -150,7 +165,8 @@ function choices(page, state, changed) {
     const label = element("ways").appendChild(document.createElement("label"));
     const box = label.appendChild(document.createElement("input"));
     box.type = "checkbox";
-    box.checked = true;
+    box.checked = way.shown;
+    if (!way.shown) state.hidden.add(way.name);
     const dot = label.appendChild(document.createElement("i"));
     dot.style.background = `rgb(${way.color.map((c) => Math.round(255 * c)).join(" ")})`;
     label.append(way.name);

@@ -12,7 +12,7 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from importlib.metadata import version
 from pathlib import Path
@@ -71,8 +71,13 @@ class Ways:
         When each piece begins and ends; a disc is at its place on the piece in between.
     tail : float
         How long after it was gone along a piece is seen, fading.
-    disc, line : float
-        Radius of the disc and width of the line in pixels, 0 for none.
+    disc, line, arrow : float
+        Radius of the disc, and widths of the line and of the shaft of an arrow that is there
+        between the two times, in pixels; 0 for none.
+    normals : (S, 3) array, optional
+        Of the surface there: arrows are not seen where it is steep, as an outline would cut them.
+    shown : bool
+        Whether it is seen before anybody asks for it.
     """
 
     name: str
@@ -84,10 +89,13 @@ class Ways:
     disc: float = 4.5
     line: float = 2.5
     opacity: float = 1.0
+    arrow: float = 0.0
+    normals: FloatArray | None = None
+    shown: bool = True
 
     @classmethod
     def along(
-        cls, name: str, paths: Sequence[tuple[ArrayLike, ArrayLike]], color: Color, **look: float
+        cls, name: str, paths: Sequence[tuple[ArrayLike, ArrayLike]], color: Color, **look: Any
     ) -> Ways:
         """Make ways of paths, each of times (N,) and points (N, 3), N at least 2."""
         pieces = [(np.asarray(t, float), np.asarray(p, float)) for t, p in paths if np.size(t) > 1]
@@ -95,7 +103,8 @@ class Ways:
         ends = [np.zeros((0, 3)), *(points[1:] for _, points in pieces)]
         spans = [np.stack([times[:-1], times[1:]], axis=1) for times, _ in pieces]
         times = np.concatenate([np.zeros((0, 2)), *spans])
-        return cls(name, np.concatenate(starts), np.concatenate(ends), times, color, **look)
+        ways = cls(name, np.concatenate(starts), np.concatenate(ends), times, color)
+        return replace(ways, **look)
 
     @classmethod
     def points(
@@ -214,6 +223,7 @@ class _Told:
 
     def __init__(self, page: Page, store: Store) -> None:
         self._page, self._store = page, store
+        self._clock = page.clock or Clock(0.0, 1.0)
         self._meshes: dict[TriangleMesh, int] = {}
         self._colormaps: dict[str, int] = {}
 
@@ -224,8 +234,14 @@ class _Told:
             "meshes": [self._mesh(mesh) for mesh in self._meshes],
             "colormaps": [self._store.add(_bytes(name)) for name in self._colormaps],
             "gradients": [_gradient(name) for name in self._colormaps],
-            "clock": _clock(self._page.clock),
+            "clock": _clock(self._clock),
         }
+
+    def _shares(self, times: ArrayLike) -> FloatArray:
+        """Return times as shares of the clock's: single precision cannot tell dates apart."""
+        start, end = self._clock.start, self._clock.end
+        shares = (np.asarray(times, dtype=float) - start) / (end - start)
+        return np.clip(shares, -_FULL_TAIL, _FULL_TAIL)
 
     def _mesh(self, mesh: TriangleMesh) -> dict[str, Any]:
         drawn = drawn_mesh(mesh)
@@ -254,7 +270,7 @@ class _Told:
         values, colors = np.atleast_2d(layer.values)[:, origin], layer.colors
         found = quantised(values)
         colormap = self._colormaps.setdefault(colors.colormap, len(self._colormaps))
-        times = None if layer.times is None else np.asarray(layer.times, dtype=np.float32)
+        times = None if layer.times is None else self._shares(layer.times).astype(np.float32)
         if (1 if times is None else len(times)) != len(values):
             given = "no times" if times is None else f"{len(times)} times"
             raise ParameterError(f"{layer.name} has {len(values)} frames, and {given}")
@@ -273,14 +289,19 @@ class _Told:
 
     def _ways(self, ways: Ways, mesh: TriangleMesh) -> dict[str, Any]:
         ends = [_placed(mesh, np.asarray(each)) for each in (ways.starts, ways.ends)]
+        normals = np.zeros_like(ends[0]) if ways.normals is None else ways.normals
         return {
             "name": ways.name,
             "color": list(ways.color),
-            "tail": ways.tail,
+            "tail": min(ways.tail / (self._clock.end - self._clock.start), _FULL_TAIL),
             "disc": ways.disc,
             "line": ways.line,
+            "arrow": ways.arrow,
+            "shown": ways.shown,
             "opacity": ways.opacity,
-            "places": self._store.add(np.hstack([*ends, ways.times]).astype(np.float32)),
+            "places": self._store.add(
+                np.hstack([*ends, self._shares(ways.times), normals]).astype(np.float32)
+            ),
         }
 
 
@@ -290,19 +311,7 @@ def _placed(mesh: TriangleMesh, points: FloatArray) -> FloatArray:
     return np.asarray((points - middle) / mesh.length_scale)
 
 
-def spread(points: FloatArray, count: int) -> IntArray:
-    """Return the numbers of points, each as far as can be from those before (Gonzalez 1985)."""
-    chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
-    away = np.full(len(points), np.inf)
-    for _ in range(min(count, len(points)) - 1):
-        np.minimum(away, ((points - points[chosen[-1]]) ** 2).sum(axis=1), out=away)
-        chosen.append(int(np.argmax(away)))
-    return np.array(chosen)
-
-
-def _clock(clock: Clock | None) -> dict[str, Any]:
-    if clock is None:
-        clock = Clock(0.0, 1.0)
+def _clock(clock: Clock) -> dict[str, Any]:
     return {
         "start": clock.start,
         "end": clock.end,

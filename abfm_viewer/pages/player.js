@@ -25,6 +25,12 @@ class Player {
     this.go(this.time);
   }
 
+  /** How far the time is from the start to the end, 0 to 1: of the keys and ways, all times. */
+  get share() {
+    const { start, end } = this.clock;
+    return (this.time - start) / (end - start);
+  }
+
   /** Draws ticks at frames, and what is said of the times between them. */
   marks() {
     const { start, end, ticks, spans } = this.clock, box = document.getElementById("ticks");
@@ -93,9 +99,11 @@ class Player {
   go(time) {
     const { start, end, unit, spans } = this.clock;
     this.time = Math.min(Math.max(time, start), end);
-    this.bar.valueAsNumber = (this.time - start) / (end - start);
-    const digits = Math.min(Math.max(Math.ceil(-Math.log10((end - start) / 60)), 0), 6);
-    const told = `${this.time.toFixed(digits)}${unit ? ` ${unit}` : ""}`;
+    this.bar.valueAsNumber = this.share;
+    const digits = Math.max(Math.ceil(-Math.log10((end - start) / 60)), 0);
+    const number = digits > 6 ? written(this.time, digitsIn([start, end]))
+      : this.time.toFixed(digits).replace("-", "\u2212");
+    const told = `${number}${unit ? ` ${unit}` : ""}`;
     this.bar.setAttribute("aria-valuetext", told);
     document.getElementById("now").textContent = told;
     const here = spans.find((span) => span.start <= this.time && this.time <= span.end);

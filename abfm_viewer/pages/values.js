@@ -4,8 +4,8 @@ const NEAR = 10; // pixels that a vertex may be from the mouse
 const STILL = 4; // pixels that a click may move
 
 class Values {
-  constructor(panels, camera, state, clock, panelAt) {
-    Object.assign(this, { panels, camera, state, clock, panelAt });
+  constructor(panels, camera, state, player, panelAt) {
+    Object.assign(this, { panels, camera, state, player, panelAt });
     this.under = this.chosen = null; // the vertex under the mouse, and the one that was clicked on
     this.stage = element("stage");
     this.tip = element("tip");
@@ -52,9 +52,10 @@ class Values {
 
   told({ number, vertex }) {
     const panel = this.panels[number], layer = this.layer(panel);
-    const { first, second, share } = around(layer.times, this.state.time);
+    const { first, second, share } = around(layer.times, this.player.share);
     const [a, b] = [this.at(panel, first, vertex), this.at(panel, second, vertex)];
-    const text = a === null || b === null ? "no value" : written(a + share * (b - a));
+    const text = a === null || b === null ? "no value"
+      : written(a + share * (b - a), digitsIn(layer.ends));
     return `vertex ${panel.mesh.ids[vertex]}: ${text}${layer.unit ? ` ${layer.unit}` : ""}`;
   }
 
@@ -81,20 +82,20 @@ class Values {
     this.plot.hidden = element("mark").hidden = !found;
     if (!found) return;
     element("of").textContent = this.told(found);
-    const { start, end } = this.clock, { times } = this.layer(panel);
+    const { times, ends } = this.layer(panel);
     const keys = times ? [...times.keys()] : [0];
     const values = keys.map((key) => this.at(panel, key, found.vertex));
     const known = values.filter((value) => value !== null);
     const low = Math.min(...known), span = Math.max(...known) - low || 1;
-    const x = (time) => (100 * (time - start)) / (end - start);
     const y = (value) => 46 - (42 * (value - low)) / span;
     const places = keys.flatMap((key, i) =>
-      values[i] === null ? [] : [`${x(times ? times[key] : start)},${y(values[i])}`]);
+      values[i] === null ? [] : [`${times ? 100 * times[key] : 0},${y(values[i])}`]);
     if (!times && known.length) places.push(`100,${y(known[0])}`);
     element("curve").setAttribute("points", places.join(" "));
-    for (const name of ["x1", "x2"]) element("cursor").setAttribute(name, x(this.state.time));
-    element("most").textContent = known.length ? written(Math.max(...known)) : "";
-    element("least").textContent = known.length ? written(low) : "";
+    for (const name of ["x1", "x2"]) element("cursor").setAttribute(name, 100 * this.player.share);
+    const labels = { most: Math.max(...known), least: low };
+    for (const [name, value] of Object.entries(labels))
+      element(name).textContent = known.length ? written(value, digitsIn(ends)) : "";
     this.mark(found, panel);
   }
 

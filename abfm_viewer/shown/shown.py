@@ -17,6 +17,7 @@ from abfm.types import BoolArray, FloatArray
 from abfm_viewer import shown
 from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing.films import fast_in
 from abfm_viewer.document.document import (
     HODGE_PARTS,
     SIDES,
@@ -123,12 +124,6 @@ def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Fiel
     return Field(mesh, carried, speed, unit="the source's unit per length", dimension=-1)
 
 
-def fastest(sequence: abfm.Sequence) -> float:
-    """What counts as fast in any interval of a film."""
-    speeds = (np.linalg.norm(field, axis=1) for field in sequence.velocity)
-    return max(abfm.calculus.fast_speed(sequence.mesh, speed) for speed in speeds)
-
-
 def field_arrows(field: Field, look: ArrowLook, eye: Eye, fast: float) -> Arrows:
     return arrows_of(field.mesh, field.velocity, look, eye, fast)
 
@@ -200,7 +195,7 @@ class FieldQuantities(Jobs):
         self._field: Latest[Field] = self.latest()
         self._scalar: Latest[FloatArray] = self.latest()
         self._arrows: Latest[Arrows] = self.latest()
-        self._fastest: Latest[float] = self.latest()
+        self._fast_in: Latest[float] = self.latest()
         self._hidden_arrows: Latest[BoolArray] = self.latest()
         self._chords: Latest[abfm.maps.Distortion] = self.latest()
         self._quality: Latest[abfm.maps.FlowMapQuality] = self.latest()
@@ -259,7 +254,7 @@ class FieldQuantities(Jobs):
             return field.fast
         if (found := self._session.film_match.fast(document)) or document.sequence is None:
             return found
-        return self._fastest.newest(document.film, fastest, document.sequence)
+        return self._fast_in.newest(document.film, fast_in, document.sequence)
 
     def hidden_arrows(self, arrows: Arrows, eye: Eye) -> BoolArray | None:
         """Tell which arrows the surface hides from an eye, lately from an earlier one, (A,); None

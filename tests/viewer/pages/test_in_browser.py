@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from itertools import pairwise
 from threading import Thread
 
 import numpy as np
@@ -274,6 +275,120 @@ def test_no_value_is_grey(open_page):
     ours = surface[surface.min(axis=2) < 250]
     is_grey = np.ptp(ours, axis=1) < 8
     assert 0.4 < is_grey.mean() < 0.6
+
+
+def test_what_is_known_goes_on_to_the_edge_of_what_is_not(open_page):
+    """There is no third colour between grey and the value."""
+    shown = open_page(page(Panel("ball", BALL, [Layer("f", sided(np.nan, 0.0), COLORS)], FRONT)))
+    surface = shown.surface(across=0.6)
+    hues = np.ptp(surface[surface.min(axis=2) < 250], axis=1)
+    assert hues.max() < np.ptp(told(0.0)) + 12 < np.ptp(told(1.0)) - 50
+
+
+@pytest.mark.parametrize("start", [1.7e9, 0.0, -3e4])
+@pytest.mark.parametrize("unit", [1e-3, 1e-9])
+def test_times_of_any_size_are_told_apart(open_page, start, unit):
+    times = start + (unit if abs(start) < 1e4 else 1e-3) * (TIMES - 10)
+    ways = [Ways.points("dot", np.array([[0.0, 0.0, 1.0]]), times[[1, 1]], RED, disc=8.0)]
+    layer = Layer("f", even(0.0, 1.0, 0.4), COLORS, times)
+    clock = Clock(times[0], times[-1], ticks=times)
+    shown = open_page(page(Panel("ball", BALL, [layer], FRONT, ways), clock=clock))
+    shown.press(Keys.ARROW_RIGHT)
+    shown.until(lambda: shown.drawn() == times[1])
+    surface = shown.surface(across=0.2)
+    np.testing.assert_allclose(np.median(surface.reshape(-1, 3), axis=0), told(1.0), atol=4)
+    assert (surface[:, :, 0] > 240).sum() > 50  # the dot
+    texts = {shown.find("#now").text}
+    shown.press(Keys.END)
+    shown.until(lambda: shown.drawn() == times[-1])
+    texts.add(shown.find("#now").text)
+    assert len(texts) == 2
+    assert all(len(text) < 20 for text in texts)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (-1e12, 1e12, ["−1e12", "0", "1e12"]),
+        (-1000001.0, -999999.0, ["−1000001", "−1000000", "−999999"]),
+        (0.0, 2e-7, ["0", "1e−7", "2e−7"]),
+        (1012.0, 1013.0, ["1012", "1012.5", "1013"]),
+    ],
+)
+def test_ends_of_a_colour_bar_are_short_and_told_apart(open_page, low, high, expected):
+    values = low + (high - low) * sided(0.0, 1.0)
+    layer = Layer("f", values, ColorRange("viridis", low, high))
+    shown = open_page(page(Panel("ball", BALL, [layer], FRONT)))
+    ends = shown.driver.find_elements("css selector", ".end")
+    assert [each.text for each in ends] == expected
+    boxes = shown.boxes(".end")
+    assert all(one[2] <= other[0] for one, other in pairwise(boxes))
+
+
+def test_arrows_are_there_in_their_interval_where_the_surface_faces_the_eye(open_page):
+    feet, tips = np.array([[-0.2, 0.0, 1.1]] * 2), np.array([[0.2, 0.0, 1.1], [-0.2, 0.4, 1.1]])
+    ways = [
+        Ways(
+            "arrows",
+            feet,
+            tips,
+            np.array([TIMES[:2], TIMES[1:]]),
+            RED,
+            disc=0.0,
+            line=0.0,
+            arrow=6.0,
+            normals=np.array([[0.0, 0.0, 1.0]] * 2),
+        ),
+        Ways(
+            "steep",
+            feet,
+            tips,
+            np.array([TIMES[[0, 2]]] * 2),
+            (0.0, 0.0, 1.0),
+            disc=0.0,
+            line=0.0,
+            arrow=6.0,
+            normals=np.array([[1.0, 0.0, 0.0]] * 2),
+        ),
+    ]
+    light = Layer("f", even(0.0)[0], COLORS)
+    shown = open_page(page(Panel("ball", BALL, [light], FRONT, ways)))
+
+    def reds():
+        colors = shown.surface(across=0.8)
+        assert not ((colors[:, :, 2] > 200) & (colors[:, :, :2].max(axis=2) < 60)).any()
+        return np.nonzero((colors[:, :, 0] > 200) & (colors[:, :, 1:].max(axis=2) < 60))
+
+    def widths(rows, columns):
+        return [np.ptp(rows[columns == column]) + 1 for column in np.unique(columns)]
+
+    rows, columns = reds()
+    assert np.ptp(columns) > 3 * np.ptp(rows)  # it lies
+    wide = widths(rows, columns)
+    assert np.median(wide[: len(wide) // 3]) == pytest.approx(6, abs=1.5)  # shaft
+    assert max(wide[len(wide) // 2 :]) > 12  # head
+    assert wide[-1] < 5  # tip
+    shown.go(Keys.ARROW_RIGHT, 11.0)  # the next one from its first moment on
+    rows, columns = reds()
+    assert np.ptp(rows) > 3 * np.ptp(columns)  # it stands
+    shown.go(Keys.END, 14.0)
+    assert len(reds()[0]) == len(rows)
+
+
+def test_lines_are_round_where_they_turn(open_page):
+    """At a sharp turn there is no notch: the corner has as much ink around it as a disc."""
+    corner, width = np.array([0.0, 0.0, 1.1]), 16.0
+    for turned in (-0.4, 0.3):
+        points = np.array([[-0.5, -0.1, 1.1], corner, [turned, 0.5, 1.1]])
+        ways = [Ways.along("way", [(TIMES, points)], RED, disc=0.0, line=width)]
+        light = Layer("f", even(0.0)[0], COLORS)
+        shown = open_page(page(Panel("ball", BALL, [light], FRONT, ways)))
+        shown.go(Keys.END, 14.0)
+        colors = shown.surface(across=0.5)
+        rows, columns = np.mgrid[: colors.shape[0], : colors.shape[1]]
+        far = np.hypot(rows - colors.shape[0] / 2 + 0.5, columns - colors.shape[1] / 2 + 0.5)
+        disc = colors[far < width / 2 - 1.5]
+        assert ((disc[:, 0] > 240) & (disc[:, 1:].max(axis=1) < 60)).all()
 
 
 def test_points_come_and_go_and_ways_grow(open_page):

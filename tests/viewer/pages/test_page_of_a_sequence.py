@@ -1,12 +1,14 @@
 """The page of a sequence: frames, what is carried between them, path lines, critical points."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import abfm
-from abfm_viewer.pages import Labels, sequence_page
+from abfm_viewer.computing.films import fast_in
+from abfm_viewer.pages import Labels, Told, film_page, sequence_page
 from tests.shapes import icosphere
 
 COUNT = 5
@@ -48,9 +50,37 @@ def test_its_other_layers_are_parts_of_the_field_at_the_middles_of_intervals(seq
         assert (layer.colors.low, layer.unit) == (-layer.colors.high, "1/s")
 
 
-def test_path_lines_go_on_about_as_the_sequence_carries_points(sequence, page):
+def test_arrows_are_the_field_of_each_interval_on_the_surface(sequence, page):
     ways = page.panels[0].ways[0]
-    assert ways.name == "path lines"
+    assert (ways.name, ways.shown, ways.disc, ways.line) == ("arrows", True, 0.0, 0.0)
+    assert ways.name in page.notes[0].lower()
+    places = abfm.maps.spread_points(sequence.mesh).points[np.arange(480)]
+    fast = fast_in(sequence)
+    for interval, velocity in enumerate(sequence.velocity):
+        mine = ways.times[:, 0] == sequence.times[interval]
+        along = ways.ends[mine] - ways.starts[mine]
+        middles = (ways.starts[mine] + ways.ends[mine]) / 2
+        apart = np.linalg.norm(middles[:, None] - places.positions, axis=2)
+        which, lengths = apart.argmin(axis=1), np.linalg.norm(along, axis=1)
+        assert len(set(which)) == len(which) > 20
+        assert apart.min(axis=1).max() < 0.1 * lengths.max()  # chords of a ball
+        field = abfm.flow.vectors_at(sequence.mesh, velocity, places)
+        speed = np.linalg.norm(field, axis=1)
+        cosines = (along * field[which]).sum(axis=1) / (lengths * speed[which])
+        assert cosines.min() > 0.99
+        relative = np.minimum(speed / fast, 1)
+        np.testing.assert_allclose(lengths / lengths.max(), relative[which], atol=0.02)
+        assert relative[which].min() > 0.2
+        assert (relative > 0.21).sum() == (relative[which] > 0.21).sum()  # the ball has no edge
+        np.testing.assert_allclose(np.linalg.norm(ways.starts[mine], axis=1), 1, atol=0.01)
+    gaps = abfm.maps.spread_points(sequence.mesh).gaps[479] * sequence.mesh.length_scale
+    assert lengths.max() < gaps
+    assert set(map(tuple, ways.times)) == set(pairwise(sequence.times))
+
+
+def test_path_lines_go_on_about_as_the_sequence_carries_points(sequence, page):
+    ways = page.panels[0].ways[1]
+    assert (ways.name, ways.shown) == ("path lines", False)
     per = len(ways.starts) // (COUNT - 1)
     starts, ends = (each.reshape(COUNT - 1, per, 3) for each in (ways.starts, ways.ends))
     np.testing.assert_array_equal(ways.times.reshape(COUNT - 1, per, 2)[2, 0], sequence.times[2:4])
@@ -64,7 +94,7 @@ def test_path_lines_go_on_about_as_the_sequence_carries_points(sequence, page):
 
 
 def test_tracks_are_those_of_critical_points(sequence, page):
-    drawn = {ways.name: ways for ways in page.panels[0].ways[1:]}
+    drawn = {ways.name: ways for ways in page.panels[0].ways[2:]}
     tracks = sequence.tracks()
     assert set(drawn) == {f"{track.kind}s" for track in tracks}
     pieces = sum(len(track) - 1 for track in tracks)
@@ -83,3 +113,44 @@ def test_every_interval_is_told_on_the_bar(sequence, page):
         assert span.text.endswith("% left")
     json.dumps(page.clock.ticks)
     assert "a bump" in page.html()
+
+
+class Film:
+    """A film of what nobody solved, blended between frames."""
+
+    mesh = icosphere(2)
+
+    def __init__(self, times, frames):
+        self.times, self.frames = np.array(times), frames
+
+    def at(self, t):
+        return np.mean(self.frames, axis=0)
+
+
+def test_a_film_of_one_frame_stands_still():
+    mesh = Film.mesh
+    page = film_page(Film([3.0], mesh.vertices[None, :, 0]), "a frame", Told())
+    assert page.clock is None
+    assert page.about.startswith("1 frame on ")
+    assert "a frame" in page.html()
+
+
+def test_values_that_are_missing_change_neither_colours_nor_the_front():
+    frames = np.stack([Film.mesh.vertices[:, 0], Film.mesh.vertices[:, 1]])
+    whole = film_page(Film([0.0, 1.0], frames), "a film", Told())
+    holes = frames.copy()
+    holes[:, np.abs(frames).max(axis=0) < 0.3] = np.nan
+    holes[1, np.argmin(np.abs(frames[1]))] = np.inf
+    page = film_page(Film([0.0, 1.0], holes), "a film", Told())
+    assert page.panels[0].layers[0].colors == whole.panels[0].layers[0].colors
+    assert np.isnan(page.panels[0].layers[0].values).any()
+    assert "NaN" not in page.html().split('id="page"')[1].split("</script>")[0]
+    nothing = film_page(Film([0.0, 1.0], np.full_like(frames, np.nan)), "a film", Told())
+    assert nothing.panels[0].layers[0].colors.low < nothing.panels[0].layers[0].colors.high
+
+
+def test_channels_beyond_the_first_four_are_told():
+    frames = np.stack([Film.mesh.vertices] * 2)
+    for times, told in ((1, []), (2, ["these are the first 4 of 6 channels"])):
+        page = film_page(Film([0.0, 1.0], np.tile(frames, (1, 1, times))), "a film", Told())
+        assert list(page.notes) == told
