@@ -12,6 +12,7 @@ import numpy as np
 
 import abfm
 from abfm import TriangleMesh
+from abfm.calculus.operators import vertex_areas
 from abfm.matching.judging.verdict import Verdict, confirmed_mismatch
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
@@ -97,7 +98,7 @@ def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = N
         [(_came_to(sequence, i), _TONES.get(v.kind, "failure")) for i, v in _verdicts(sequence)],
         {"median speed": _speed(sequence, labels)},
         [_layer(name, values, middles, unit) for name, values in parts.items()],
-        [_about_arrows(sequence, labels)],
+        [_about_arrows(sequence, labels), *_about_mask(sequence)],
     )
     ways = [_arrows(sequence), _path_lines(sequence), *_tracks(sequence)]
     return film_page(sequence, title, told, ways, labels)
@@ -133,9 +134,8 @@ def film_page(
     clock = None
     if len(times) > 1:
         clock = Clock(ticks[0], ticks[-1], seconds, labels.unit_of_time, ticks=ticks, spans=spans)
-    about = (
-        f"{len(times)} frame{'s' if clock else ''} on a surface of {len(mesh.vertices):,} vertices"
-    )
+    count_of_frames = f"{len(times)} frame{'s' if clock else ''}"
+    about = f"A film of {count_of_frames} on a surface of {len(mesh.vertices):,} vertices"
     panel = Panel("", mesh, [*layers, *told.layers], front, ways)
     notes = [thinned] if thinned else []
     if (given := np.asarray(film.frames).reshape(*film.frames.shape[:2], -1).shape[2]) > count:
@@ -232,6 +232,17 @@ def _about_arrows(sequence: abfm.Sequence, labels: Labels) -> str:
         f"{fast_in(sequence):.3g} or more ({_unit_of_speed(labels)}), and none where it has less "
         f"than {100 * _SHORTEST:.0f}% of that"
     )
+
+
+def _about_mask(sequence: abfm.Sequence) -> list[str]:
+    mask = sequence.between(0, 1).mask
+    if mask is None or mask.all():
+        return []
+    areas = vertex_areas(sequence.mesh)
+    return [
+        f"{share(float(areas[mask == 0].sum() / areas.sum()))} of the surface has no weight and is "
+        "not compared; values that were missing there are filled in from around"
+    ]
 
 
 def _path_lines(sequence: abfm.Sequence) -> Ways:

@@ -15,7 +15,8 @@ from abfm.errors import one_line
 from abfm.io.results import MEND, SEQUENCE, load_arrays, mesh_of
 from abfm.io.sheets import Panel, Sheet, Values
 from abfm.sequences import is_sequence
-from abfm_viewer.appearance.colormaps import ColorRange, color_range
+from abfm.types import FloatArray
+from abfm_viewer.appearance.colormaps import color_range
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.pictures.panels import panel_pictures
 from abfm_viewer.scene.surfaces import Camera, fitted
@@ -27,62 +28,61 @@ _TOGETHER = 24  # results that are drawn on one canvas, which takes long to make
 _KEPT = 50  # meshes whose cameras are known
 
 
-class _Seen(NamedTuple):
+class _Shown(NamedTuple):
+    path: Path
     mesh: TriangleMesh
-    camera: Camera
+    functions: list[FloatArray]  # three
+    labels: tuple[str, str, str]
 
 
 def row_pictures(paths: Sequence[Path]) -> Iterator[tuple[Path, Image.Image | ResultError]]:
     """Yield the picture of each result, of a match or of a registration's match on B, on white, or
-    why there is none. A `DrawingError` says why the machine cannot draw.
+    why there is none; all on a mesh are seen from where much of their functions is. A
+    `DrawingError` says why the machine cannot draw.
     """
-    seen: dict[str, _Seen] = {}
+    seen: dict[str, TriangleMesh] = {}
+    cameras: dict[TriangleMesh, Camera] = {}
     for start in range(0, len(paths), _TOGETHER):
-        read: list[tuple[Path, tuple[Panel, ...]]] = []
-        ranges: dict[str, ColorRange] = {}
-        for number, path in enumerate(paths[start : start + _TOGETHER]):
+        read: list[_Shown] = []
+        for path in paths[start : start + _TOGETHER]:
             try:
-                panels, colors = _panels(path, f"function {number}", seen)
+                read.append(_read(path, seen))
             except ResultError as error:
                 yield path, error
-            else:
-                read.append((path, panels))
-                ranges |= colors
-        every = [panel for _, panels in read for panel in panels]
-        if every:
-            views = {one.mesh: one.camera for one in seen.values()}
-            drawn = iter(panel_pictures(Sheet((tuple(every),)), [SIZE] * len(every), ranges, views))
-            for path, panels in read:
-                yield path, _side_by_side([next(drawn) for _ in panels])
+        for mesh in {one.mesh: None for one in read if one.mesh not in cameras}:
+            functions = [f for one in read if one.mesh is mesh for f in one.functions[::2]]
+            front, aspect = best_front(mesh, *functions), SIZE[0] / SIZE[1]
+            cameras[mesh] = fitted(mesh.vertices, front, aspect, _FIELD_OF_VIEW, _MARGIN)
+        if read:
+            bars = [f"function {number}" for number in range(len(read))]
+            every = tuple(
+                Panel(one.mesh, Values(values, bar), label)
+                for one, bar in zip(read, bars, strict=True)
+                for values, label in zip(one.functions, one.labels, strict=True)
+            )
+            colors = [color_range(*one.functions[::2]) for one in read]
+            ranges = dict(zip(bars, colors, strict=True))
+            drawn = iter(panel_pictures(Sheet((every,)), [SIZE] * len(every), ranges, cameras))
+            for one in read:
+                yield one.path, _side_by_side([next(drawn) for _ in one.labels])
         if len(seen) > _KEPT:
             seen.clear()
+            cameras.clear()
 
 
-def _panels(
-    path: Path, bar: str, seen: dict[str, _Seen]
-) -> tuple[tuple[Panel, ...], dict[str, ColorRange]]:
+def _read(path: Path, seen: dict[str, TriangleMesh]) -> _Shown:
     if is_sequence(path):
         arrays, labels = load_arrays(path, SEQUENCE), ("first frame", "middle", "last frame")
         frames = arrays["frames"][:, :, 0]
-        source, advected, target = (frames[i] for i in (0, len(frames) // 2, -1))
+        functions = [frames[i] for i in (0, len(frames) // 2, -1)]
     else:
         arrays, labels = load_arrays(path), ("source", "carried", "target")
-        source, advected, target = (arrays[name][:, 0] for name in ("source", "advected", "target"))
+        functions = [arrays[name][:, 0] for name in ("source", "advected", "target")]
     try:
         mesh = mesh_of(arrays)
     except ValueError as error:
         raise ResultError(f"{one_line(path)}: {one_line(error)}; {MEND}") from error
-    if mesh.digest not in seen:
-        front = best_front(mesh, target)
-        aspect = SIZE[0] / SIZE[1]
-        camera = fitted(mesh.vertices, front, aspect, _FIELD_OF_VIEW, _MARGIN)
-        seen[mesh.digest] = _Seen(mesh, camera)
-    mesh = seen[mesh.digest].mesh
-    panels = tuple(
-        Panel(mesh, Values(values, bar), label)
-        for values, label in zip((source, advected, target), labels, strict=True)
-    )
-    return panels, {bar: color_range(source, target)}
+    return _Shown(path, seen.setdefault(mesh.digest, mesh), functions, labels)
 
 
 def _side_by_side(pictures: Sequence[Image.Image]) -> Image.Image:

@@ -37,7 +37,18 @@ table.grid th, table.grid td { padding: .35rem 0 .35rem 1.6rem; text-align: righ
 table.grid th:first-child { padding-left: 0; text-align: left; }
 .wrapped td { overflow-wrap: anywhere; }
 @media print { table.rows thead th { position: static; } }
+@media (max-width: 40rem) {
+  table.rows, table.rows tbody, table.rows tr, table.rows td { display: block; border: 0; }
+  table.rows thead { display: none; }
+  table.rows tr { border-bottom: 1px solid var(--line); padding: .7rem 0; }
+  table.rows td:nth-child(n) { padding: 0; width: auto; white-space: normal; text-align: left; }
+  table.rows td:first-child img { width: 100%; max-width: 18.6rem; }
+  table.rows td:nth-child(n + 3) { display: inline-block; margin-right: 1.1rem; font-size: .87rem; }
+  table.rows td:nth-child(n + 3)::before { content: attr(data-of) " "; color: var(--muted); }
+}
 """
+_PICTURES = {"sequence": "first, middle, last frame"}
+_HEADS = ("source, carried, target", "", "mismatch", "by flow lines", "folded", "seconds")
 
 
 def page(
@@ -53,7 +64,7 @@ def page(
     told = ", ".join(_counted(count, kind) for kind, count in kinds.items())
     about = f"{told}; those that came least far are first."
     parts = [
-        f"<h1>{escape(title)}</h1>",
+        f"<h1>Batch: {escape(title)}</h1>",
         f'<p class="muted">{escape(about)}</p>',
         _counts(counts),
         f'<ul class="warnings"><li>No pictures: {escape(why_none)}</li></ul>' if why_none else "",
@@ -63,7 +74,7 @@ def page(
         f"<footer>abfm {escape(version('abfm'))}</footer>",
         facts_block({"title": title, "rows": [row.to_dict() for row in rows]}),
     ]
-    return document(title, parts, _STYLE)
+    return document(f"Batch: {title}", parts, _STYLE)
 
 
 def _counted(number: int, kind: str) -> str:
@@ -149,7 +160,8 @@ def _glance(row: Told) -> str:
 def _table(
     rows: Sequence[Told], shared: Sequence[tuple[str, str]], pictures: Mapping[str, bytes]
 ) -> str:
-    heads = ("source, carried, target", "", "mismatch", "by flow lines", "folded", "seconds")
+    of_pictures = {_PICTURES.get(row.entry.row.kind, _HEADS[0]) for row in rows}
+    heads = ("; ".join(sorted(of_pictures, reverse=True)), *_HEADS[1:])
     head = "".join(f"<th>{escape(each)}</th>" for each in heads)
     lines = "\n".join(_line(row, shared, pictures) for row in rows)
     return (
@@ -162,7 +174,7 @@ def _line(row: Told, shared: Sequence[tuple[str, str]], pictures: Mapping[str, b
     entry, facts = row.entry, row.facts
     small = pictures.get(entry.digest)
     drawn = (
-        png(small, f"{entry.row.name}: source, carried, target")
+        png(small, f"{entry.row.name}: {_PICTURES.get(entry.row.kind, _HEADS[0])}")
         if small and facts
         else '<div class="none">no picture</div>'
     )
@@ -182,7 +194,10 @@ def _line(row: Told, shared: Sequence[tuple[str, str]], pictures: Mapping[str, b
     if facts is not None:
         numbers = (_number(facts.mismatch), _number(facts.verified_mismatch), _folded(facts.folded))
     seconds = "-" if entry.record.seconds is None else f"{entry.record.seconds:.1f}"
-    cells = "".join(f"<td>{each}</td>" for each in (drawn, words, *numbers, seconds))
+    cells = "".join(
+        f'<td data-of="{of}">{each}</td>'
+        for of, each in zip(_HEADS, (drawn, words, *numbers, seconds), strict=True)
+    )
     return f"<tr>{cells}</tr>"
 
 

@@ -50,14 +50,16 @@ dl div { border: 1px solid var(--line); border-radius: 6px; padding: .45rem .7re
 dt { font-size: .8rem; }
 dd { margin: 0; font-size: 1.15rem; font-weight: 600; white-space: nowrap; }
 dd.bad { color: var(--bad); }
-.row { display: grid; gap: .3rem .8rem; }
+.row { display: grid; gap: .3rem .8rem; align-items: end;
+  grid-template-columns: repeat(var(--columns), minmax(0, 1fr)); }
 figure { margin: 0; break-inside: avoid; } figcaption { text-align: center; font-weight: 600; }
 figure img { display: block; width: 100%; }
 .bars { display: flex; flex-wrap: wrap; gap: .3rem 2.5rem; margin: .5rem 0;
   font-variant-numeric: tabular-nums; }
 .bars span { display: flex; align-items: center; gap: .5rem; }
 .bars img { width: 11rem; height: .8rem; border: 1px solid var(--line); }
-.half { display: grid; grid-template-columns: 1fr 1fr; gap: 1rem 2rem; align-items: start; }
+.half { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr));
+  gap: 1rem 2rem; align-items: start; }
 th[colspan] { text-align: center; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .5rem 0; }
 th, td { text-align: right; padding: .2rem 0 .2rem 1.1rem; border-bottom: 1px solid var(--line);
@@ -73,7 +75,9 @@ footer { margin-top: 2.5rem; color: var(--muted); font-size: .85rem; }
   dt { font-size: 7pt; } dd { font-size: 10pt; } table { font-size: 8pt; }
   th, td { padding-left: .7rem; }
   section, .verdict, tr, .bars { break-inside: avoid; } h2, h3 { break-after: avoid; } }
-@media (max-width: 40rem) { .half { grid-template-columns: 1fr; } }
+@media (max-width: 40rem) { body { padding: 1rem .9rem 2rem; } dd { white-space: normal; }
+  .half { grid-template-columns: minmax(0, 1fr); } table { display: block; overflow-x: auto; }
+  .row { grid-template-columns: repeat(auto-fill, minmax(7rem, 1fr)); } }
 """
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
@@ -335,7 +339,7 @@ def pictures_row(row: Row) -> str:
         for each in row.drawings
     )
     bars = "".join(map(_bar, row.bars))
-    style = f"grid-template-columns: repeat({columns}, 1fr); max-width: {widest}"
+    style = f"--columns: {columns}; max-width: {widest}"
     return f'<div class="row" style="{style}">{figures}</div>' + (
         f'<div class="bars">{bars}</div>' if bars else ""
     )

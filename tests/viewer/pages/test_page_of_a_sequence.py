@@ -53,7 +53,8 @@ def test_its_other_layers_are_parts_of_the_field_at_the_middles_of_intervals(seq
 def test_arrows_are_the_field_of_each_interval_on_the_surface(sequence, page):
     ways = page.panels[0].ways[0]
     assert (ways.name, ways.shown, ways.disc, ways.line) == ("arrows", True, 0.0, 0.0)
-    assert ways.name in page.notes[0].lower()
+    [note] = page.notes
+    assert note.startswith("arrows are ")
     places = abfm.maps.spread_points(sequence.mesh).points[np.arange(480)]
     fast = fast_in(sequence)
     for interval, velocity in enumerate(sequence.velocity):
@@ -115,6 +116,16 @@ def test_every_interval_is_told_on_the_bar(sequence, page):
     assert "a bump" in page.html()
 
 
+def test_what_is_not_compared_is_told(sequence):
+    mesh = sequence.mesh
+    frames = np.where(mesh.vertices[:, 2] < -0.5, np.nan, sequence.frames[:2, :, 0])
+    masked = abfm.sequence(mesh, frames, parameters=abfm.sequences.defaults(sigma=0.3))
+    notes = sequence_page(masked, "a bump", Labels()).notes
+    share, rest = notes[1].split("% ")
+    assert rest.startswith("of the surface has no weight")
+    assert float(share) == pytest.approx(25, abs=2)  # Archimedes' hat box
+
+
 class Film:
     """A film of what nobody solved, blended between frames."""
 
@@ -131,7 +142,7 @@ def test_a_film_of_one_frame_stands_still():
     mesh = Film.mesh
     page = film_page(Film([3.0], mesh.vertices[None, :, 0]), "a frame", Told())
     assert page.clock is None
-    assert page.about.startswith("1 frame on ")
+    assert page.about.startswith("A film of 1 frame on ")
     assert "a frame" in page.html()
 
 
