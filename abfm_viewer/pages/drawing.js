@@ -41,6 +41,7 @@ const SURFACE = {
 // A way from one place to another between two times: a line that grows and fades, round where it
 // turns; or a disc on it; or an arrow, the while.
 const [LINE, DISC, ARROW] = [0, 1, 2];
+const ATTRIBUTES = [3, 3, 2, 3], WIDE = 11; // numbers of each attribute, and of all
 const WAY = {
   vertex: `
     uniform mat3 turn; uniform vec2 scale, pan, pixel; uniform float distance, radius;
@@ -190,14 +191,31 @@ class Drawing {
   ways(way, data) {
     const gl = this.gl, array = gl.createVertexArray(), places = unpackedFloats(data, way.places);
     gl.bindVertexArray(array);
-    this.buffer(places);
-    [3, 3, 2, 3].forEach((size, place) => {
+    const buffer = this.buffer(places), count = places.length / WIDE;
+    for (const place of ATTRIBUTES.keys()) {
       gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, size, gl.FLOAT, false, 44, [0, 12, 24, 32][place]);
       gl.vertexAttribDivisor(place, 1);
-    });
+    }
     gl.bindVertexArray(null);
-    return { ...way, array, count: places.length / 11 };
+    const [starts, ends] = [6, 7].map((at) =>
+      Float32Array.from({ length: count }, (_, i) => places[WIDE * i + at]));
+    return { ...way, array, buffer, count, starts, ends };
+  }
+
+  /** Draws of pieces, which begin one after the other, those that are seen at a time. */
+  drawPieces({ array, buffer, count, starts, ends }, time, tail) {
+    const gl = this.gl, now = Math.fround(time); // as the graphics card compares it
+    const first = ends.findIndex((end) => end + tail >= now);
+    const after = starts.findIndex((start) => start > now), last = after < 0 ? count : after;
+    if (first < 0 || last <= first) return;
+    gl.bindVertexArray(array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    let offset = 4 * WIDE * first;
+    ATTRIBUTES.forEach((size, place) => {
+      gl.vertexAttribPointer(place, size, gl.FLOAT, false, 4 * WIDE, offset);
+      offset += 4 * size;
+    });
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, last - first);
   }
 
   /** Makes sure of the two keys around a time, and returns the share of the second. */
@@ -278,8 +296,7 @@ class Drawing {
         gl.uniform1f(places.tail, way.tail);
         gl.uniform1f(places.opacity, way.opacity);
         gl.uniform3fv(places.ink, way.color);
-        gl.bindVertexArray(way.array);
-        gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, way.count);
+        this.drawPieces(way, share, kind === LINE ? way.tail : 0);
       }
     gl.depthMask(true);
     gl.disable(gl.BLEND);

@@ -290,6 +290,8 @@ class _Told:
     def _ways(self, ways: Ways, mesh: TriangleMesh) -> dict[str, Any]:
         ends = [_placed(mesh, np.asarray(each)) for each in (ways.starts, ways.ends)]
         normals = np.zeros_like(ends[0]) if ways.normals is None else ways.normals
+        pieces = np.hstack([*ends, self._shares(ways.times), normals]).astype(np.float32)
+        in_time = np.argsort(pieces[:, 6], kind="stable")  # the page draws those until now
         return {
             "name": ways.name,
             "color": list(ways.color),
@@ -299,9 +301,7 @@ class _Told:
             "arrow": ways.arrow,
             "shown": ways.shown,
             "opacity": ways.opacity,
-            "places": self._store.add(
-                np.hstack([*ends, self._shares(ways.times), normals]).astype(np.float32)
-            ),
+            "places": self._store.add(pieces[in_time]),
         }
 
 
