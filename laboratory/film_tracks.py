@@ -14,12 +14,13 @@ from abfm import Sequence, TriangleMesh
 from abfm.maps import project_onto_surface
 from abfm.sequences import Track
 from abfm_viewer.appearance.theme import CRITICAL, linear
+from abfm_viewer.computing.films import Way, ways_of
 from abfm_viewer.document.document import Front, triple
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.scene import opengl, overlays
 from abfm_viewer.scene.surfaces import fitted, look, register, show, viewport
 from abfm_viewer.shown.paint import Paint
-from abfm_viewer.shown.tracks import KINDS, Way, way_of
+from abfm_viewer.shown.tracks import KINDS
 
 _LONGEST, _NEXT = 30, 60  # tracks that are drawn, and that are drawn thin
 _SIZE, _ANGLE, _MARGIN = (900, 720), 18.0, 0.03  # pixels, degrees, share of the surface
@@ -38,7 +39,7 @@ def draw_tracks(film: Sequence, path: Path) -> None:
     from matplotlib.lines import Line2D
 
     found = film.tracks()[: _LONGEST + _NEXT]
-    ways = [way_of(_smooth(track)) for track in found]
+    ways = ways_of([_smooth(track) for track in found])
     figure = Figure(figsize=(10, 4.75))
     for number, (name, direction) in enumerate(_SIDES.items()):
         plot = figure.add_axes((0.5 * number, 0.14, 0.5, 0.8))

@@ -1,8 +1,21 @@
-"""How the fields of a film compare."""
+"""How the fields of a film compare, and where its critical points go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 import abfm
+from abfm.types import FloatArray
+
+if TYPE_CHECKING:
+    from abfm.maps import SurfacePoints
+    from abfm.sequences import Track
+
+_PIECE = 0.01  # of sqrt(area): between points of a way, which else would cut through the surface
 
 
 def fast_in(sequence: abfm.Sequence) -> float:
@@ -12,3 +25,46 @@ def fast_in(sequence: abfm.Sequence) -> float:
     speeds = (np.linalg.norm(field, axis=1) for field in sequence.velocity)
     fast = [abfm.calculus.fast_speed(sequence.mesh, speed) for speed in speeds]
     return float(np.linalg.norm(fast) / np.sqrt(len(fast)))
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A critical point's places at times (K,), close enough to be joined, and what it mostly is."""
+
+    kind: str
+    times: FloatArray
+    points: SurfacePoints
+
+    def at(self, time: float, slack: float) -> FloatArray | None:
+        """Return where it is at a time (3,); None before it comes and after it has gone, but for
+        half an interval.
+        """
+        if not self.times[0] - slack <= time <= self.times[-1] + slack:
+            return None
+        places = self.points.positions
+        return np.array([np.interp(time, self.times, places[:, axis]) for axis in range(3)])
+
+
+def ways_of(tracks: Sequence[Track]) -> list[Way]:
+    """Return the ways of tracks, between their points on the surface."""
+    if not tracks:
+        return []
+    mesh, between, times = tracks[0].points.mesh, [], []
+    for track in tracks:
+        places = track.points.positions
+        steps = np.linalg.norm(np.diff(places, axis=0), axis=1) / (_PIECE * mesh.length_scale)
+        counts = np.maximum(np.ceil(steps), 1).astype(int)
+        along = np.concatenate(
+            [k + np.arange(count) / count for k, count in enumerate(counts.tolist())]
+            + [np.array([len(places) - 1.0])]
+        )
+        rows = np.arange(float(len(places)))
+        columns = [np.interp(along, rows, places[:, axis]) for axis in range(3)]
+        between.append(np.stack(columns, axis=1))
+        times.append(np.interp(along, rows, track.times))
+    points = abfm.maps.project_onto_surface(mesh, np.concatenate(between))
+    ends = np.cumsum([len(each) for each in between])
+    return [
+        Way(track.kind, each, points[np.arange(end - len(each), end)])
+        for track, each, end in zip(tracks, times, ends, strict=True)
+    ]

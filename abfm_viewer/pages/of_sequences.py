@@ -20,7 +20,7 @@ from abfm.workers.progress import step
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 from abfm_viewer.appearance.theme import CRITICAL
 from abfm_viewer.computing.defaults import best_front
-from abfm_viewer.computing.films import fast_in
+from abfm_viewer.computing.films import fast_in, ways_of
 from abfm_viewer.computing.registered import MOST_CHANNELS
 from abfm_viewer.document.verdict_words import Tone, share
 from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
@@ -186,8 +186,8 @@ def _unit_of_speed(labels: Labels) -> str:
 
 def _tracks(sequence: abfm.Sequence) -> list[Ways]:
     kinds: dict[str, list[tuple[FloatArray, FloatArray]]] = defaultdict(list)
-    for track in sequence.tracks():
-        kinds[track.kind].append((track.times, track.points.positions))
+    for way in ways_of(sequence.tracks()):
+        kinds[way.kind].append((way.times, way.points.positions))
     tail = _TAIL * float(np.ptp(sequence.times))
     return [
         Ways.along(f"{kind}s", kinds[kind], color[:3], tail=tail)

@@ -98,8 +98,15 @@ def test_tracks_are_those_of_critical_points(sequence, page):
     drawn = {ways.name: ways for ways in page.panels[0].ways[2:]}
     tracks = sequence.tracks()
     assert set(drawn) == {f"{track.kind}s" for track in tracks}
-    pieces = sum(len(track) - 1 for track in tracks)
-    assert sum(len(ways.starts) for ways in drawn.values()) == pieces
+    for name, ways in drawn.items():
+        own = [track for track in tracks if f"{track.kind}s" == name]
+        gone = sum(np.ptp(track.times) for track in own)
+        assert np.ptp(ways.times, axis=1).sum() == pytest.approx(gone)
+        for track in own:
+            away = np.linalg.norm(ways.starts[:, None] - track.points.positions[:-1], axis=2)
+            assert away.min(axis=0).max() < 1e-9
+        steps = np.linalg.norm(ways.ends - ways.starts, axis=1)
+        assert steps.max() < 0.03 * sequence.mesh.length_scale
 
 
 def test_every_interval_is_told_on_the_bar(sequence, page):
