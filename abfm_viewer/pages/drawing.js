@@ -91,8 +91,9 @@ const WAY = {
         off -= width;
         rim = -min(1.6, 0.3 * width);
       } else {
-        float head = min(4.5 * width, 0.6 * len), half_width = 0.45 * head, side = abs(spot.y);
-        float shaft = max(max(side - 0.5 * width, -spot.x), spot.x - len + 0.5 * head);
+        float wide = min(width, 0.16 * len), head = min(4.5 * wide, 0.6 * len);
+        float half_width = 0.45 * head, side = abs(spot.y);
+        float shaft = max(max(side - 0.5 * wide, -spot.x), spot.x - len + 0.5 * head);
         float tip = dot(vec2(spot.x - len, side), normalize(vec2(half_width, head)));
         off = min(shaft, max(len - head - spot.x, tip)) - 1.0;
         rim = -1.0;

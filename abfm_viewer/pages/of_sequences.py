@@ -227,10 +227,12 @@ def _arrows(sequence: abfm.Sequence) -> Ways:
 
 
 def _about_arrows(sequence: abfm.Sequence, labels: Labels) -> str:
+    if not (fast := fast_in(sequence)):
+        return "nothing moves: there are no arrows"
     return (
         f"arrows are the field of each interval, the longest ones where it has a speed of "
-        f"{fast_in(sequence):.3g} or more ({_unit_of_speed(labels)}), and none where it has less "
-        f"than {100 * _SHORTEST:.0f}% of that"
+        f"{fast:.3g} or more ({_unit_of_speed(labels)}), and none where it has less than "
+        f"{100 * _SHORTEST:.0f}% of that"
     )
 
 

@@ -133,6 +133,14 @@ def test_what_is_not_compared_is_told(sequence):
     assert float(share) == pytest.approx(25, abs=2)  # Archimedes' hat box
 
 
+def test_a_film_in_which_nothing_moves_says_so():
+    still = abfm.sequence(Film.mesh, np.repeat(Film.mesh.vertices[None, :, 0], 3, axis=0))
+    page = sequence_page(still, "still")
+    assert page.notes == ["nothing moves: there are no arrows"]
+    assert len(page.panels[0].ways[0].starts) == 0
+    assert "nothing moves" in page.html().lower()
+
+
 class Film:
     """A film of what nobody solved, blended between frames."""
 
