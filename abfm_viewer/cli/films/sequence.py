@@ -5,6 +5,7 @@ import json
 import sys
 import time
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 import abfm
 from abfm import Control, Sequence
 from abfm.errors import printable
-from abfm.sequences import ENDINGS, GAMMA, TAKEN, defaults, read_frames
+from abfm.sequences import ENDINGS, GAMMA, TAKEN, Unfinished, defaults, read_frames
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals
@@ -41,7 +42,8 @@ numbered .vtu or .vtp files.
 
 The exit status is 0 when flow lines confirm at least half of the intervals, 3 when they confirm
 fewer, 2 for bad input, and 130 or 143 when Ctrl-C or SIGTERM ended the run: what was found is
-written, and the fields of other intervals are 0.
+written, and the fields of other intervals are 0. Beside the first output, a file FILE-*.unfinished
+keeps what is found until all is written: the same command goes on from it, whatever ended the run.
 """
 
 
@@ -116,6 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
     for path in arguments.out:
         if path.suffix == ".stc" and times is not None:
             abfm.io.even_step(path, (times[1:] + times[:-1]) / 2)
+    unfinished = Unfinished(arguments.out[0], partial(_tell_of_earlier, len(film.values) - 1))
     with cancelled_by_signals(control, "with what was found") as kept:
         with steps_progress(arguments.quiet):
             found = abfm.sequence(
@@ -126,6 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.gamma,
                 mask=mask,
                 weights=arguments.weights,
+                unfinished=unfinished,
                 control=control,
             )
         with nullcontext() if arguments.quiet else telling(print_long):
@@ -136,6 +140,8 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.intervals,
                 "s" if unit == "second" else "",
             )
+        if kept.number is None:
+            unfinished.remove()
     seconds, written = time.perf_counter() - start, [*arguments.out, *tables]
     if arguments.json:
         own = {"mesh": arguments.mesh, "film": arguments.frames}
@@ -143,7 +149,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps({**own, **sequence_results.facts(found), **told}))
     else:
         names = ", ".join(map(printable, written))
-        begin = [] if kept.number is None else ["cancelled: what was not solved has no motion"]
+        begin = [] if kept.number is None else [_cancelled(unfinished)]
         lines = [*begin, *sequence_results.lines(found, unit), f"in {seconds:.1f} s; wrote {names}"]
         print("\n".join(lines))
     return _status(found, kept.number)
@@ -159,6 +165,18 @@ def _times(
         told = "note: the file says no times: frames count as 1 apart; --dt gives seconds"
         print(told, file=sys.stderr)
     return of_file, "frame" if of_file is None else "second"
+
+
+def _tell_of_earlier(intervals: int, found: int) -> None:
+    told = f"note: going on after the {found} of {intervals} intervals that an earlier run found"
+    print(told, file=sys.stderr, flush=True)
+
+
+def _cancelled(unfinished: Unfinished) -> str:
+    told = "cancelled: what was not solved has no motion"
+    if unfinished.path is None or not unfinished.path.exists():
+        return told
+    return f"{told}; the same command goes on, by {printable(unfinished.path)}"
 
 
 def _status(found: Sequence, signal: int | None) -> int:

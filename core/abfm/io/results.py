@@ -267,6 +267,14 @@ def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
         )
 
 
+def pieces(arrays: Arrays) -> Iterator[bytes]:
+    """Yield what names arrays by their content, the same in every process and on every machine."""
+    for name, value in sorted(arrays.items()):
+        array = value.astype(value.dtype.newbyteorder("<"))
+        yield f"{name} {array.dtype.str} {array.shape}\n".encode()
+        yield array.tobytes()
+
+
 def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:
     """Add a member ``name.npy`` for each; the same arrays give the same bytes."""
     for name, array in arrays.items():

@@ -33,6 +33,7 @@ from abfm.sequences.frames import Frames, checked
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.solve import WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
+from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import CONFIRMED, verdict_of
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
@@ -278,6 +279,7 @@ def sequence(
     mask: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     known: Mapping[int, FloatArray] | None = None,
+    unfinished: Unfinished | None = None,
     on_interval: Callable[[int], object] | None = None,
     on_field: Callable[[int, FloatArray], object] | None = None,
     control: Control | None = None,
@@ -310,6 +312,9 @@ def sequence(
     known : mapping of int, optional
         Fields (F, 3), by the number of their interval, that ``on_field`` was told in a run of the
         same frames and parameters which did not come to its end: it goes on after them.
+    unfinished : Unfinished, optional
+        A file for what is found meanwhile, from which the next run of the same goes on where this
+        one was killed or cancelled. ``unfinished.remove()`` is for when the result is safe.
     on_interval : callable, optional
         Called with the number of each interval when it is first solved, in this thread.
     on_field : callable, optional
@@ -343,6 +348,8 @@ def sequence(
             unit = film.mesh.length_scale
             earlier, levels = _earlier(film, known or {}), noise_levels(film)
             solver = Solver(film, given, float(gamma), earlier, levels)
+            keep = unfinished or Unfinished()
+            keep.take_up(solver)
         except CancelledError:
             raise ParameterError("the sequence was cancelled before it began") from None
 
@@ -353,9 +360,10 @@ def sequence(
                 on_field(i, to_ambient(film.mesh, solver.fields[i]) * unit)
 
         try:
-            solver.run(tell)
+            solver.run(tell, lambda: keep.keep(solver, at_once=False))
         except CancelledError:
             control = Control()  # what was found is told though it was cancelled
+        keep.keep(solver)
     with controlled(control):
         return _told(solver)
 

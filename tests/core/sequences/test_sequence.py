@@ -17,7 +17,7 @@ from abfm.sequences.noise import noise_levels
 from abfm.sequences.solve import Said, Solver
 from abfm.sequences.verdicts import verdict_of
 from abfm.workers.progress import telling
-from tests.core.sequences.films import SPHERE, coordinates, off, turning
+from tests.core.sequences.films import SPHERE, bumps, coordinates, off, turning
 from tests.core.surfaces import last_order
 from tests.shapes import icosphere
 
@@ -357,14 +357,6 @@ def test_an_interval_whose_change_is_no_motion_is_not_confirmed():
     frames[3] = frames.std() * rng.standard_normal(frames.shape[1])
     kinds = [v.kind for v in abfm.sequence(SPHERE, frames, parameters=FAST).verdicts]
     assert [kind in CONFIRMED for kind in kinds] == [True, True, False, False, True]
-
-
-def bumps(places, width=0.35, noise=0.05):
-    """Frames of a bump at these angles on the equator, with noise; none where that is NaN."""
-    x, y, _ = SPHERE.vertices.T
-    frames = [np.exp(-0.5 * (np.hypot(x - np.cos(a), y - np.sin(a)) / width) ** 2) for a in places]
-    scatter = np.random.default_rng(0).standard_normal((len(places), len(x)))
-    return np.nan_to_num(frames) + noise * scatter
 
 
 def test_what_is_no_motion_ties_to_no_neighbour():

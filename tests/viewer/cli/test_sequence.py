@@ -188,3 +188,23 @@ def test_a_signal_keeps_what_was_found(number, files, tmp_path):
     assert 40 <= np.count_nonzero(solved) < 399
     kinds = np.array([verdict.kind for verdict in found.verdicts])
     assert set(kinds[~solved]) == {"not reached"}
+    [kept] = tmp_path.glob("a.npz-*.unfinished")
+    assert f"; the same command goes on, by {kept}" in told
+
+
+def test_a_run_that_is_killed_goes_on(files, tmp_path, abfm):
+    times = 0.01 * np.arange(30)
+    np.savez(tmp_path / "f.npz", frames=film(times=times), times=times)
+    words = f"sequence {files}/m.ply {tmp_path}/f.npz {SOLVED} --out {tmp_path}/"
+    abfm(f"{words}whole.npz")
+    process = start(*f"{words}a.npz".split())
+    while not [*tmp_path.glob("a.npz-*.unfinished")]:
+        assert process.poll() is None
+    process.kill()
+    process.communicate()
+    assert not (tmp_path / "a.npz").exists()
+    told = abfm(f"{words}a.npz").err.splitlines()
+    assert told[0].startswith("note: going on after the ")
+    assert told[0].endswith(" of 29 intervals that an earlier run found")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
+    assert not [*tmp_path.glob("*.unfinished")]
