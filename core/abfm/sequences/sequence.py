@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import Matrix, curl, divergence, face_areas
 from abfm.calculus.vector_fields import helmholtz_hodge, to_ambient, to_frame
-from abfm.errors import ParameterError, brief
+from abfm.errors import FunctionError, ParameterError, brief
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
 from abfm.io import results
@@ -23,6 +24,7 @@ from abfm.matching.judging.verdict import Verdict
 from abfm.matching.match import Match
 from abfm.matching.problem import Problem
 from abfm.matching.solving.record import StopReason
+from abfm.matching.terms.functions import LARGEST
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.parameters import Parameters
@@ -31,7 +33,7 @@ from abfm.sequences.episodes import Episode, episodes
 from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import Frames, checked
 from abfm.sequences.noise import noise_floor, noise_levels
-from abfm.sequences.solve import WARMEST, Said, Solver, interval_parameters
+from abfm.sequences.solve import LEAST, WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
 from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import CONFIRMED, verdict_of
@@ -345,6 +347,7 @@ def sequence(
     with controlled(control):
         try:
             film = checked(mesh, frames, times, mask, weights)
+            _refuse_extremes(film, given)
             unit = film.mesh.length_scale
             earlier, levels = _earlier(film, known or {}), noise_levels(film)
             solver = Solver(film, given, float(gamma), earlier, levels)
@@ -405,6 +408,25 @@ def _told(solver: Solver) -> Sequence:
         verdicts=tuple(verdicts),
         **numbers,
     )
+
+
+def _refuse_extremes(film: Frames, given: Parameters) -> None:
+    """Raise FunctionError where values, or times, are so large or small that squares overflow."""
+    largest = float(np.abs(film.values).max())
+    relative = replace(given, sigma_unit="relative")
+    sigmas = {LEAST, WARMEST, given.sigma if given == relative and given.sigma else LEAST}
+    shortest, longest = int(film.durations.argmin()), int(film.durations.argmax())
+    try:
+        if largest > LARGEST:
+            raise ParameterError
+        for interval, sigma in product((shortest, longest), sorted(sigmas)):
+            interval_parameters(film, relative, sigma, interval)
+    except ParameterError:
+        raise FunctionError(
+            f"frames have values of up to {largest:.3g}, at times {film.durations[shortest]:.3g} "
+            "apart: squares of such numbers over- or underflow; scale all values, or all times, by "
+            "one factor, which changes no flow"
+        ) from None
 
 
 def _earlier(film: Frames, known: Mapping[int, FloatArray]) -> dict[int, FloatArray]:

@@ -288,6 +288,29 @@ def test_a_run_that_goes_on_searches_no_more_often_than_the_whole():
     assert_allclose(again.velocity, whole.velocity, atol=1e-6)
 
 
+@pytest.mark.parametrize(("values", "time"), [(1e20, 1e-15), (1e-20, 1e15)])
+def test_flows_are_the_same_whatever_the_units(values, time, film, found):
+    told = abfm.sequence(SPHERE, values * film[0], time * np.arange(4), FAST)
+    assert_allclose(time * told.velocity, found.velocity, rtol=1e-9, atol=1e-11)
+    assert told.verdicts == found.verdicts
+
+
+@pytest.mark.parametrize(
+    ("values", "time", "told"),
+    [
+        (1e90, 1, "values of up to 1.78e.90, at times 1 apart"),
+        (1e-90, 1, "values of up to 1.78e-90"),
+        (1e160, 1, "values of up to 1.78e.160"),
+        (1, 1e-60, "at times 1e-60 apart"),
+        (1, 1e60, "at times 1e.60 apart"),
+    ],
+)
+def test_numbers_whose_squares_overflow_are_told(values, time, told, film):
+    for given in (FAST, defaults(sigma=0.3, sigma_unit="absolute"), None):
+        with pytest.raises(AbfmError, match=f"{told}.*; scale all values, or all times, by one"):
+            abfm.sequence(SPHERE, values * film[0], time * np.arange(4), given)
+
+
 def test_one_that_is_cancelled_before_there_is_a_sigma_has_no_motion(film):
     control = Control()
 
