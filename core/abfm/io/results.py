@@ -255,6 +255,11 @@ def open_archive(path: Path, what: str, cure: str) -> Iterator[Archive]:
         ) from error
 
 
+def is_own(archive: Mapping[str, Any]) -> bool:
+    """Tell whether an archive is one of `save_arrays`, whatever arrays others give such names."""
+    return "format_version" in archive
+
+
 def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
     """Refuse a newer format (ResultError), or what is no version (ValueError)."""
     if type(version) is not int or version < 1:

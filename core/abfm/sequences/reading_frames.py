@@ -125,8 +125,8 @@ def _refuse(archive: results.Archive, name: str, mesh: TriangleMesh | None) -> N
     """Say that there is no such array; on a mesh which ones may be its frames."""
     listed = ", ".join(one_line(each, 30) for each in sorted(archive)[:8]) or "none"
     text = f"it has no array {brief(name)}{did_you_mean(name, archive)}; there is {listed}"
-    if "velocity" in archive:
-        raise ValueError(f"it is a result, and holds no frames: {text}")
+    if results.is_own(archive):
+        raise ValueError(f"it is a file of abfm's own, and holds no frames: {text}")
     films = [each for each in sorted(archive) if mesh and _may_be_frames(archive, each, mesh)]
     raise SeveralArraysError(f"{text}; choose one of them", films) if films else ValueError(text)
 

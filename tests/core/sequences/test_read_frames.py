@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm import load_sequence
 from abfm.calculus.channels import extend
-from abfm.errors import AbfmError, FunctionError, SeveralArraysError
+from abfm.errors import AbfmError, FunctionError, ResultError, SeveralArraysError
 from abfm.io import write_stc
-from abfm.sequences import read_frames, source_frames
+from abfm.sequences import is_sequence, read_frames, source_frames
 from tests.core.reading.hostile import npy_of, one_byte_changed
 from tests.core.reading.vtk_files import vtk_bytes
 from tests.core.sequences.turning_film import MESH, TIMES, film, solved
@@ -194,16 +194,24 @@ def test_lists_of_vtk_say_files_and_times(tmp_path):
         assert found.notes == ()
 
 
+def test_frames_and_fields_of_others_are_no_sequence(tmp_path):
+    np.savez(tmp_path / "a.npz", frames=FILM, velocity=np.zeros((4, 20, 3)), vertices=MESH.vertices)
+    assert_array_equal(read_frames(tmp_path / "a.npz", MESH).values, FILM)
+    assert not is_sequence(tmp_path / "a.npz")
+    with pytest.raises(ResultError, match="no sequence file of abfm"):
+        load_sequence(tmp_path / "a.npz")
+
+
 def test_arrays_that_may_be_frames_are_named_where_none_is_chosen(tmp_path):
-    others = {"faces": MESH.faces, "words": np.array(["a"])}
+    others = {"faces": MESH.faces, "words": np.array(["a"]), "velocity": np.zeros((1, 4, 3))}
     np.savez(tmp_path / "two.npz", v=FILM, u=FILM.T, **others)
     for path, names in ((tmp_path / "two.npz", ("u", "v")), (series(tmp_path)[1], ("u", "other"))):
         with pytest.raises(SeveralArraysError, match=f"{re.escape(path.name)}'") as caught:
             read_frames(path, MESH)
         assert caught.value.names == names
         assert_array_equal(read_frames(path, MESH, "u").values, FILM)
-    np.savez(tmp_path / "match.npz", velocity=np.zeros((1, 4, 3)), source=CHANNELS[0])
-    with pytest.raises(FunctionError, match="it is a result, and holds no frames") as caught:
+    solved()[0].save(tmp_path / "match.npz")
+    with pytest.raises(FunctionError, match="abfm's own, and holds no frames") as caught:
         read_frames(tmp_path / "match.npz", MESH)
     assert not isinstance(caught.value, SeveralArraysError)
 
