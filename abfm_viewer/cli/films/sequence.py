@@ -61,7 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--array", "which array of a .npz, or of VTK's point data", "NAME")
     add(
         "--mask",
-        "weight of the mismatch at each vertex, not negative: a function or its file",
+        "weight of the mismatch at each vertex, not negative, 0 where values are not known: a "
+        "function or its file",
         "SPEC",
     )
     add(

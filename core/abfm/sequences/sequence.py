@@ -83,7 +83,7 @@ class Sequence:
     ----------
     mesh : TriangleMesh
     frames : (T, V, C) array
-        As given, and filled in where a value is not finite in some frame.
+        As given, and filled in where a value is not finite in some frame, or the mask is 0.
     times : (T,) array
         Ascending.
     velocity : (T - 1, F, 3) array
@@ -308,7 +308,7 @@ def sequence(
     gamma : float
         How much neighbouring fields are held together; 0 is frame by frame.
     mask : (V,) array, optional
-        Weight of the mismatch at each vertex, not negative.
+        Weight of the mismatch at each vertex, not negative; where it is 0, values are not known.
     weights : (C,) array, optional
         Weight of each channel.
     known : mapping of int, optional
@@ -413,6 +413,8 @@ def _told(solver: Solver) -> Sequence:
 def _refuse_extremes(film: Frames, given: Parameters) -> None:
     """Raise FunctionError where values, or times, are so large or small that squares overflow."""
     largest = float(np.abs(film.values).max())
+    with np.errstate(over="ignore"):
+        _ = film.deviation  # which refuses masks
     relative = replace(given, sigma_unit="relative")
     sigmas = {LEAST, WARMEST, given.sigma if given == relative and given.sigma else LEAST}
     shortest, longest = int(film.durations.argmin()), int(film.durations.argmax())

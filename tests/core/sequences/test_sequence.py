@@ -12,11 +12,13 @@ from abfm.calculus.operators import curl, divergence, face_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.maps import vertex_points
 from abfm.sequences import CONFIRMED, defaults, load_sequence
+from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import checked
 from abfm.sequences.noise import noise_levels
 from abfm.sequences.solve import Said, Solver
 from abfm.sequences.verdicts import verdict_of
 from abfm.workers.progress import telling
+from tests.core.sequences import turning_film
 from tests.core.sequences.films import SPHERE, bumps, coordinates, off, turning
 from tests.core.surfaces import last_order
 from tests.shapes import icosphere
@@ -163,6 +165,27 @@ def test_channels_masks_and_weights(film, found):
         away = np.linalg.norm((told.velocity[0] - found.velocity[0])[seen], axis=1)
         apart.append(np.median(away) / usual)
     assert apart[1] < 0.1 < apart[0]
+
+
+def test_what_a_mask_leaves_out_is_as_what_is_not_known_bit_for_bit():
+    """Else it would be carried to what is compared, and count in what is taken for noise."""
+    seen, frames = turning_film.MESH.vertices[:, 0] < 0.5, turning_film.film()
+    whole = abfm.sequence(turning_film.MESH, np.where(seen, frames, np.nan))
+    assert whole.confirmed == 4
+    for spoiled in (np.inf, 1e200, -3.0):
+        given = np.where(seen, frames, spoiled)
+        told = sequence_arrays(abfm.sequence(turning_film.MESH, given, mask=seen))
+        for name, array in sequence_arrays(whole).items():
+            assert_array_equal(told[name], array, err_msg=name)
+
+
+def test_a_channel_that_does_not_count_changes_nothing(film, found):
+    for other in (np.full_like(film[0], np.nan), 1e20 * np.roll(film[0], 7, axis=1)):
+        both = np.stack([film[0], other], axis=2)
+        told = abfm.sequence(SPHERE, both, parameters=FAST, weights=[1, 0])
+        assert_allclose(told.velocity, found.velocity, atol=1e-12)
+        assert told.verdicts == found.verdicts
+        assert told.noise == pytest.approx(found.noise, rel=1e-12)
 
 
 def test_what_is_not_finite_is_not_compared(film, found):
@@ -484,6 +507,9 @@ def test_files(found, tmp_path):
         (np.zeros((2, 642)), {"gamma": -1}, "gamma is -1"),
         (np.zeros((2, 642)), {"gamma": np.nan}, "gamma is nan"),
         (np.zeros((2, 642)), {"mask": np.ones(3)}, "one per vertex"),
+        (np.zeros((2, 642)), {"mask": np.zeros(642)}, "give weights above 0 where there are"),
+        (np.ones((2, 642)), {"mask": np.arange(642) - 1.0}, "mask must be finite, not negative"),
+        (np.zeros((2, 642)), {"times": [-1e308, 1e308]}, "must be finite"),
         (np.zeros((2, 642)), {"weights": [1, 2]}, "one for each channel"),
         (np.zeros((2, 642)), {"parameters": abfm.Parameters(segments=2)}, "does not take segments"),
     ],
