@@ -145,8 +145,13 @@ def _times(given: ArrayLike | None, count: int) -> FloatArray:
         )
     with np.errstate(all="ignore"):
         durations = np.diff(times)
-    if not (np.isfinite(durations).all() and (durations > 0).all()):
-        raise ParameterError("times must be finite, and each later than the one before")
+    wrong = np.flatnonzero(~(np.isfinite(durations) & (durations > 0)))
+    if len(wrong):
+        one, other = times[wrong[0] : wrong[0] + 2]
+        raise ParameterError(
+            f"times must be finite, and each later than the one before: of frame {wrong[0]} it is "
+            f"{one:g}, of the next {other:g}"
+        )
     return times.copy()
 
 
