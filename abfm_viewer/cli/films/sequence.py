@@ -4,7 +4,7 @@ import argparse
 import json
 import sys
 import time
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import abfm
 from abfm import Control, Sequence
 from abfm.errors import printable
 from abfm.sequences import ENDINGS, GAMMA, TAKEN, Unfinished, defaults, read_frames
+from abfm.sequences.vtk_frames import VTK_ENDINGS, files_of_film
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals
@@ -104,6 +105,8 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check_sequence(path)
     for path in tables:
         outputs.check(path, (".csv",))
+    for path in (*arguments.out, *tables):
+        outputs.check_not_read(path, _read(arguments))
     if len({*arguments.out, *tables}) < len(arguments.out) + len(tables):
         raise UsageError("two outputs have the same name; give each its own")
     given = {name: getattr(arguments, name) for name in TAKEN}
@@ -154,6 +157,15 @@ def run(arguments: argparse.Namespace) -> int:
         lines = [*begin, *sequence_results.lines(found, unit), f"in {seconds:.1f} s; wrote {names}"]
         print("\n".join(lines))
     return _status(found, kept.number)
+
+
+def _read(arguments: argparse.Namespace) -> list[str | Path | None]:
+    """Return the files that are read, as far as they can be told."""
+    parts = list[Path]()
+    if arguments.frames.lower().endswith(VTK_ENDINGS):
+        with suppress(OSError, ValueError):  # which reading them tells
+            parts = files_of_film(Path(arguments.frames))
+    return [arguments.mesh, arguments.frames, arguments.mask, *parts]
 
 
 def _times(

@@ -158,6 +158,10 @@ def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
         ("{m} {t}/none.npy --out {t}/a.npz", "cannot be read: No such file"),
         ("{m} {t}/back.npz --out {t}/a.npz", "times must be finite, and each later"),
         ("{m} {t}/uneven.npz --out {t}/a.npz --out {t}/a-lh.stc", "times are not evenly spaced"),
+        ("{m} {t}/back.npz --out {t}/back.npz", "back.npz: it is read; choose another name"),
+        ("{m} {t}/x.pvd --array u --out {t}/x.pvd", "x.pvd: it is read"),
+        ("{m} {t}/x/x_1.vtu --out {t}/x.pvd", "x.pvd: its x_1.vtu is read"),
+        ("{m} {f} --mask {t}/t.csv --intervals {t}/t.csv --out {t}/a.npz", "t.csv: it is read"),
         ("{m} {f}", "the following arguments are required: --out"),
     ],
 )
@@ -166,9 +170,13 @@ def test_what_does_not_fit_is_refused_in_a_line(words, told, files, tmp_path, ab
     np.save(tmp_path / "short.npy", film()[:, :9])
     np.savez(tmp_path / "uneven.npz", frames=film(), times=TIMES**3)
     np.savez(tmp_path / "back.npz", frames=film(), times=TIMES[::-1])
+    (tmp_path / "x").mkdir()
+    for name in ("x.pvd", "x/x_1.vtu", "t.csv"):
+        (tmp_path / name).write_text("theirs")
     line = words.format(m=files / "m.ply", f=files / "f.npy", t=tmp_path)
     assert told in abfm(f"sequence {line}", status=2).err
     assert not (tmp_path / "a.npz").exists()
+    assert (tmp_path / "x.pvd").read_text() == (tmp_path / "t.csv").read_text() == "theirs"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
