@@ -364,14 +364,16 @@ def sequence(
 
         try:
             solver.run(tell, lambda: keep.keep(solver, at_once=False))
+            keep.keep(solver)
         except CancelledError:
             control = Control()  # what was found is told though it was cancelled
-        keep.keep(solver)
+            keep.keep(solver)
+            keep = Unfinished()  # what is told of fields that are not final is not kept
     with controlled(control):
-        return _told(solver)
+        return _told(solver, keep)
 
 
-def _told(solver: Solver) -> Sequence:
+def _told(solver: Solver, keep: Unfinished) -> Sequence:
     """Return the sequence with what its witnesses say."""
     film, unit = solver.frames, solver.frames.mesh.length_scale
     count = len(solver.fields)
@@ -383,6 +385,7 @@ def _told(solver: Solver) -> Sequence:
             for found in threads.map(solver.said, range(1, count)):
                 said.append(found)
                 tell(len(said) / count)
+                keep.keep(solver, at_once=False)
                 checkpoint()
         except CancelledError:
             threads.shutdown(cancel_futures=True)

@@ -39,6 +39,7 @@ _HARDLY = 0.6  # of what was held out: where more is left by any sigma, too
 _WORTH = 0.5  # of the energy
 _IN_VAIN = 3  # searches, after which no more are made
 _SWEEPS = 4  # at most
+_WITNESSED = ("verified_mismatch", "folded")
 _SETTLED = 0.01  # share of its energy that a sweep gains, which is then the last
 
 
@@ -93,6 +94,8 @@ class Solver:
         self.alone = np.zeros(len(self.fields), dtype=bool)  # no motion, which ties to none
         self.swept = 0  # intervals, in all sweeps
         self.before = np.nan  # energy of all, when the last sweep began
+        # what flow lines leave of each interval, and the share of faces that they fold
+        self.witnessed = np.full((len(self.fields), 2), np.nan)
 
     def run(
         self, on_interval: Callable[[int], object], on_step: Callable[[], object] = lambda: None
@@ -226,16 +229,11 @@ class Solver:
         objective = energy.objective(sigma)
         rest, at = (objective.evaluate(x[None]) for x in (np.zeros_like(field), field))
         energies = np.array([(e.energy, e.regularity, e.mismatch) for e in (rest, at)])
-        told = {}
-        if by_flow_lines and self.found[i]:
+        if by_flow_lines and self.found[i] and np.isnan(self.witnessed[i]).any():
             told = measured(energy, to_ambient(energy.mesh, field)[None])
-        names = ("verified_mismatch", "folded")
-        return Said(
-            at.advected,
-            energies,
-            energy.left(at),
-            **{name: told[name] for name in names if name in told},
-        )
+            self.witnessed[i] = [told.get(name, np.nan) for name in _WITNESSED]
+        known = zip(_WITNESSED, self.witnessed[i].tolist(), strict=True)
+        return Said(at.advected, energies, energy.left(at), **dict(known))
 
     def _chosen_sigma(self) -> float:
         """Return the largest sigma that explains of what was held out nearly as much as any does:

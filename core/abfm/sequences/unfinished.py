@@ -33,6 +33,7 @@ _KIND = results.Kind(
         "in_vain": Entry("integer", (), low=0),
         "swept": Entry("integer", (), low=0),
         "before": Entry("real", (), may_be_unknown=True),
+        "witnessed": Entry("real", ("K", 2), low=0, may_be_unknown=True),
     },
 )
 
@@ -74,6 +75,7 @@ class Unfinished:
                 known = slice(len(fields))
                 solver.fields[known], solver.energies[known] = fields, found["energies"]
                 solver.alone[known], solver.found[known] = found["alone"], True
+                solver.witnessed[known] = found["witnessed"]
                 solver.sigma, solver.before = float(found["sigma"]), float(found["before"])
                 solver.in_vain, solver.swept = int(found["in_vain"]), int(found["swept"])
                 self._on_found(len(fields))
@@ -95,6 +97,7 @@ class Unfinished:
             "in_vain": solver.in_vain,
             "swept": solver.swept,
             "before": solver.before,
+            "witnessed": solver.witnessed[known],
         }
         with suppress(ResultError):
             results.save_arrays(self.path, arrays, _KIND)
