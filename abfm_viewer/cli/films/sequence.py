@@ -181,7 +181,7 @@ def _times(
 
 
 def _tell_of_earlier(intervals: int, found: int) -> None:
-    told = f"note: going on after the {found} of {intervals} intervals that an earlier run found"
+    told = f"note: going on after {found} of {intervals} intervals, which an earlier run found"
     print(told, file=sys.stderr, flush=True)
 
 
