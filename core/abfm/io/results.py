@@ -272,12 +272,12 @@ def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
         )
 
 
-def pieces(arrays: Arrays) -> Iterator[bytes]:
+def pieces(arrays: Arrays) -> Iterator[bytes | memoryview]:
     """Yield what names arrays by their content, the same in every process and on every machine."""
     for name, value in sorted(arrays.items()):
-        array = value.astype(value.dtype.newbyteorder("<"))
-        yield f"{name} {array.dtype.str} {array.shape}\n".encode()
-        yield array.tobytes()
+        array = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
+        yield f"{name} {array.dtype.str} {value.shape}\n".encode()
+        yield array.reshape(-1).view(np.uint8).data
 
 
 def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:
