@@ -78,6 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Match and write; 3 when the target was not reached, 128 and its number after a signal."""
     for path in arguments.out:
         outputs.check(path, outputs.WRITTEN)
+        outputs.check_not_read(path, [arguments.mesh])
     if arguments.path is not None:
         outputs.check(arguments.path, (".csv",))
         if arguments.path in arguments.out:

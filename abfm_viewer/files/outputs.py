@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import tempfile
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -42,6 +42,17 @@ def check_folder(path: Path) -> None:
     if not path.parent.is_dir():
         raise ResultError(f"cannot write {path}: there is no folder {path.parent}; make it first")
     abfm.io.check_writable(path)
+
+
+def check_not_read(path: Path, read: Iterable[str | Path | None]) -> None:
+    """Refuse a path, with the frames beside a .pvd, of a file that the same command reads."""
+    for other in (Path(each).expanduser() for each in read if each is not None):
+        frame = path.with_suffix("") / other.name
+        written = [path, frame] if path.suffix == ".pvd" else [path]
+        for place in written:
+            if other.exists() and place.exists() and place.samefile(other):
+                named = "it" if place is path else f"its {other.name}"
+                raise ResultError(f"cannot write {path}: {named} is read; choose another name")
 
 
 def check_registered(path: Path) -> None:

@@ -27,7 +27,6 @@ ALONE = (
     *(".npy", ".csv", ".txt", ".mgh", ".mgz", ".stc", ".pvd", ".series", ".vtu", ".vtp"),
     *(".func.gii", ".func.gii.gz"),
 )
-_OF_RESULTS = {"velocity", "vertices", "a_vertices", "subject_weights"}
 _POINTS = "NIFTI_INTENT_POINTSET"
 
 
@@ -47,13 +46,13 @@ def is_no_surface(path: Path) -> bool:
 
 
 def is_result(path: Path) -> bool:
-    """Return whether a file is no .npz of frames alone, or damaged."""
+    """Return whether a file is no .npz but of abfm's own, or damaged."""
     if not path.name.lower().endswith(".npz"):
         return True
     from abfm.io import results  # with all that it loads
 
     with suppress(ResultError), results.open_archive(path, "result", results.MEND) as archive:
-        return not _OF_RESULTS.isdisjoint(archive)
+        return results.is_own(archive)
     return True
 
 

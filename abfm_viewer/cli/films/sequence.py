@@ -4,7 +4,8 @@ import argparse
 import json
 import sys
 import time
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ import numpy as np
 import abfm
 from abfm import Control, Sequence
 from abfm.errors import printable
-from abfm.sequences import ENDINGS, GAMMA, TAKEN, defaults, read_frames
+from abfm.sequences import ENDINGS, GAMMA, TAKEN, Unfinished, defaults, read_frames
+from abfm.sequences.vtk_frames import VTK_ENDINGS, files_of_film
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals
@@ -41,7 +43,8 @@ numbered .vtu or .vtp files.
 
 The exit status is 0 when flow lines confirm at least half of the intervals, 3 when they confirm
 fewer, 2 for bad input, and 130 or 143 when Ctrl-C or SIGTERM ended the run: what was found is
-written, and the fields of other intervals are 0.
+written, and the fields of other intervals are 0. Beside the first output, a file FILE-*.unfinished
+keeps what is found until all is written: the same command goes on from it, whatever ended the run.
 """
 
 
@@ -59,7 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--array", "which array of a .npz, or of VTK's point data", "NAME")
     add(
         "--mask",
-        "weight of the mismatch at each vertex, not negative: a function or its file",
+        "weight of the mismatch at each vertex, not negative, 0 where values are not known: a "
+        "function or its file",
         "SPEC",
     )
     add(
@@ -101,6 +105,8 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check_sequence(path)
     for path in tables:
         outputs.check(path, (".csv",))
+    for path in (*arguments.out, *tables):
+        outputs.check_not_read(path, _read(arguments))
     if len({*arguments.out, *tables}) < len(arguments.out) + len(tables):
         raise UsageError("two outputs have the same name; give each its own")
     given = {name: getattr(arguments, name) for name in TAKEN}
@@ -116,6 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
     for path in arguments.out:
         if path.suffix == ".stc" and times is not None:
             abfm.io.even_step(path, (times[1:] + times[:-1]) / 2)
+    unfinished = Unfinished(arguments.out[0], partial(_tell_of_earlier, len(film.values) - 1))
     with cancelled_by_signals(control, "with what was found") as kept:
         with steps_progress(arguments.quiet):
             found = abfm.sequence(
@@ -126,6 +133,7 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.gamma,
                 mask=mask,
                 weights=arguments.weights,
+                unfinished=unfinished,
                 control=control,
             )
         with nullcontext() if arguments.quiet else telling(print_long):
@@ -136,6 +144,8 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.intervals,
                 "s" if unit == "second" else "",
             )
+        if kept.number is None:
+            unfinished.remove()
     seconds, written = time.perf_counter() - start, [*arguments.out, *tables]
     if arguments.json:
         own = {"mesh": arguments.mesh, "film": arguments.frames}
@@ -143,10 +153,19 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps({**own, **sequence_results.facts(found), **told}))
     else:
         names = ", ".join(map(printable, written))
-        begin = [] if kept.number is None else ["cancelled: what was not solved has no motion"]
+        begin = [] if kept.number is None else [_cancelled(unfinished)]
         lines = [*begin, *sequence_results.lines(found, unit), f"in {seconds:.1f} s; wrote {names}"]
         print("\n".join(lines))
     return _status(found, kept.number)
+
+
+def _read(arguments: argparse.Namespace) -> list[str | Path | None]:
+    """Return the files that are read, as far as they can be told."""
+    parts = list[Path]()
+    if arguments.frames.lower().endswith(VTK_ENDINGS):
+        with suppress(OSError, ValueError):  # which reading them tells
+            parts = files_of_film(Path(arguments.frames))
+    return [arguments.mesh, arguments.frames, arguments.mask, *parts]
 
 
 def _times(
@@ -159,6 +178,18 @@ def _times(
         told = "note: the file says no times: frames count as 1 apart; --dt gives seconds"
         print(told, file=sys.stderr)
     return of_file, "frame" if of_file is None else "second"
+
+
+def _tell_of_earlier(intervals: int, found: int) -> None:
+    told = f"note: going on after {found} of {intervals} intervals, which an earlier run found"
+    print(told, file=sys.stderr, flush=True)
+
+
+def _cancelled(unfinished: Unfinished) -> str:
+    told = "cancelled: what was not solved has no motion"
+    if unfinished.path is None or not unfinished.path.exists():
+        return told
+    return f"{told}; the same command goes on, by {printable(unfinished.path)}"
 
 
 def _status(found: Sequence, signal: int | None) -> int:

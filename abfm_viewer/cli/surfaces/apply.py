@@ -126,11 +126,9 @@ def _carry_texture(way: Correspondence, arguments: argparse.Namespace) -> None:
 
 def _check_textured(arguments: argparse.Namespace) -> None:
     """Refuse files that cannot be written, and those that belong to other surfaces."""
-    read = [Path(path) for path in (arguments.texture, arguments.image) if path]
     for path in textured_files(arguments.out):
         outputs.check_folder(path)
-        if any(path.exists() and other.exists() and path.samefile(other) for other in read):
-            raise ResultError(f"cannot write {path}: it is read; choose another name")
+        outputs.check_not_read(path, (arguments.texture, arguments.image))
         if path.exists() and not arguments.out.exists():
             raise ResultError(
                 f"cannot write {path}: it is there without a {arguments.out.name}, and may be "

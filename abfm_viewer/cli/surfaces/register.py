@@ -95,6 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Register and write; the status is that of `abfm match`."""
     for path in arguments.out:
         outputs.check_registered(path)
+        outputs.check_not_read(path, (arguments.a, arguments.b, arguments.landmarks))
     sources, targets, weights = options.channels(
         arguments, may_lack=arguments.landmarks is not None
     )

@@ -17,6 +17,7 @@ from abfm.batch.rows import Row
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
+from abfm.sequences import remove_unfinished
 from abfm.workers.control import CancelledError, Control, present_control
 
 
@@ -81,6 +82,7 @@ def _solved(task: Task, prepared: Prepared) -> Answer:
     if ledger.is_seen(task.identity):
         path = ledger.result(prepared.digest)
         if path.is_file():
+            remove_unfinished(path)
             return Answer(Record(prepared.digest))
         return Answer(_save(task, prepared, path))
     with temporary_folder(Path(tempfile.gettempdir())) as folder:
@@ -92,13 +94,14 @@ def _save(task: Task, prepared: Prepared, path: Path) -> Record:
     """Solve, write the result, and return what it took."""
     control, cost, began = present_control() or Control(), Cost(), time.monotonic()
     with counted_row_products() as products:
-        found = prepared.solve(control, cost)
+        found = prepared.solve(control, cost, path)
     if control.cancelled:
         raise CancelledError
     row = task.row
     if task.contents is None and type(row)(row.name, row.options, row.folder).key != row.key:
         raise ResultError("a file of it changed while it was solved; run the same again")
     found.save(path)
+    remove_unfinished(path)
     seconds = time.monotonic() - began
     return Record(
         prepared.digest, seconds=seconds, row_products=products.count, **dataclasses.asdict(cost)

@@ -50,10 +50,12 @@ class Cost:
 
 
 class Prepared(NamedTuple):
-    """What a row is when all is read: the name of its result, and what finds it."""
+    """What a row is when all is read: the name of its result, and what finds it, with the path that
+    this will have, beside which what is long may keep what it found so far.
+    """
 
     digest: str
-    solve: Callable[[Control | None, Cost], Saved]
+    solve: Callable[[Control | None, Cost, Path | None], Saved]
 
 
 @dataclass(frozen=True)

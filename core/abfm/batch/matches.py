@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,7 +60,7 @@ def check_match(given: Mapping[str, Any]) -> None:
 
 
 def _matched(problem: Problem, most: float | None) -> Prepared:
-    def solve(control: Control | None, cost: Cost) -> Saved:
+    def solve(control: Control | None, cost: Cost, path: Path | None) -> Saved:
         watch = cost.watch(problem.parameters.goal)
         found = match(problem, on_iteration=watch, control=control)
         return found if most is None else bounded(found, most, control=control)

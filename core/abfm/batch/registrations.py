@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from abfm.batch.columns import parameters_in
@@ -25,7 +26,7 @@ def prepare_registration(row: Row) -> Prepared:
     """
     given = row.values()
 
-    def solve(control: Control | None, cost: Cost) -> Saved:
+    def solve(control: Control | None, cost: Cost, path: Path | None) -> Saved:
         a, b = (mesh_of_row(given[side], given) for side in "ab")
         sources, targets, weights = channels(given)
         prepared = prepare(

@@ -134,7 +134,7 @@ class Row:
 
     def solve(self, control: Control | None = None, cost: Cost | None = None) -> Saved:
         """Solve it here and now, and tell what it costs."""
-        return self.prepared().solve(control, cost or Cost())
+        return self.prepared().solve(control, cost or Cost(), None)
 
     def told(self) -> dict[str, Any]:
         """Return what it is made of, as plain lists and texts."""

@@ -13,7 +13,7 @@ from abfm.batch.columns import parameters_in
 from abfm.batch.kind import Cost, Facts, Prepared, mesh_of_row, weight
 from abfm.errors import ParameterError, brief
 from abfm.io import results
-from abfm.sequences import CONFIRMED, GAMMA, defaults, read_frames, sequence
+from abfm.sequences import CONFIRMED, GAMMA, Unfinished, defaults, read_frames, sequence
 from abfm.workers.control import Control
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def prepare_sequence(row: Row) -> Prepared:
     """Name it by what the row and its files say."""
     given = row.values()
 
-    def solve(control: Control | None, cost: Cost) -> Saved:
+    def solve(control: Control | None, cost: Cost, path: Path | None) -> Saved:
         mesh = mesh_of_row(given["mesh"], given)
         film = read_frames(given["frames"], mesh, given.get("array"))
         step, times = given.get("dt"), film.times
@@ -38,6 +38,7 @@ def prepare_sequence(row: Row) -> Prepared:
             given.get("gamma", GAMMA),
             mask=weight(mesh, given.get("mask")),
             weights=given.get("weights"),
+            unfinished=Unfinished(path),
             control=control,
         )
 

@@ -1,5 +1,7 @@
 """Functions on vertices: as the solver keeps them, one row per channel, and filled in."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
@@ -40,11 +42,21 @@ def constant_part(f: FloatArray) -> float:
 
 def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
     """Keep the known values; every other vertex becomes the mean of its neighbours, (V,)."""
+    return extension(mesh, known)(values)
+
+
+def extension(mesh: TriangleMesh, known: BoolArray) -> Callable[[FloatArray], FloatArray]:
+    """Return `extend` for many functions of which the same values are known."""
     if known.all():
-        return values
+        return lambda values: values
     joined = adjacency(mesh)
     laplacian = sparse.csr_array(sparse.diags_array(joined.sum(axis=1)) - joined)
     rows = laplacian[~known]
-    filled = values.copy()
-    filled[~known] = factor(rows[:, ~known])(-(rows[:, known] @ values[known]))
+    solve, beside = factor(rows[:, ~known]), rows[:, known]
+
+    def filled(values: FloatArray) -> FloatArray:
+        found = values.copy()
+        found[~known] = solve(-(beside @ values[known]))
+        return found
+
     return filled

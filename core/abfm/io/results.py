@@ -255,6 +255,11 @@ def open_archive(path: Path, what: str, cure: str) -> Iterator[Archive]:
         ) from error
 
 
+def is_own(archive: Mapping[str, Any]) -> bool:
+    """Tell whether an archive is one of `save_arrays`, whatever arrays others give such names."""
+    return "format_version" in archive
+
+
 def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
     """Refuse a newer format (ResultError), or what is no version (ValueError)."""
     if type(version) is not int or version < 1:
@@ -265,6 +270,14 @@ def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
         raise ResultError(
             f"written in format {version}, and this abfm reads up to {newest}; upgrade abfm"
         )
+
+
+def pieces(arrays: Arrays) -> Iterator[bytes | memoryview]:
+    """Yield what names arrays by their content, the same in every process and on every machine."""
+    for name, value in sorted(arrays.items()):
+        array = np.ascontiguousarray(value, value.dtype.newbyteorder("<"))
+        yield f"{name} {array.dtype.str} {value.shape}\n".encode()
+        yield array.reshape(-1).view(np.uint8).data
 
 
 def write_arrays(archive: zipfile.ZipFile, arrays: Arrays) -> None:

@@ -121,7 +121,7 @@ def _renamed_functions(text: str, rename: Rename) -> str:
 def _prepare(row: Row) -> Prepared:
     given = row.values()
 
-    def solve(control: Control | None, cost: Cost) -> Carried:
+    def solve(control: Control | None, cost: Cost, path: Path | None) -> Carried:
         with controlled(control or Control()):
             template = mesh_of_row(given["template"], given)
             own = Own.of(

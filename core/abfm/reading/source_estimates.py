@@ -50,7 +50,10 @@ def read_stc(path: str | os.PathLike[str]) -> SourceEstimate:
     if len(np.unique(vertices)) < count:
         raise ValueError("it has values of one vertex twice")
     if not (np.isfinite(begin) and np.isfinite(step) and step > 0):
-        raise ValueError(f"its samples begin at {begin:g} ms and are {step:g} ms apart")
+        raise ValueError(
+            f"its samples begin at {begin:g} ms and are {step:g} ms apart; expected finite times, "
+            "each later than the one before"
+        )
     values = np.frombuffer(data, ">f4", samples * count, end + 4).reshape(samples, count)
     times = (begin + step * np.arange(samples)) / 1000
     return SourceEstimate(values.astype(np.float64), vertices, times)

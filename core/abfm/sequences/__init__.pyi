@@ -21,4 +21,6 @@ from .sequence import Sequence as Sequence
 from .sequence import defaults as defaults
 from .sequence import sequence as sequence
 from .tracks import Track as Track
+from .unfinished import Unfinished as Unfinished
+from .unfinished import remove_unfinished as remove_unfinished
 from .verdicts import CONFIRMED as CONFIRMED

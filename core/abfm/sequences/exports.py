@@ -14,7 +14,14 @@ import numpy as np
 from abfm.calculus.operators import averaging
 from abfm.errors import ResultError, one_line
 from abfm.flow.flow import Flow
-from abfm.io import export_vtu, write_atomically, write_stc, write_values
+from abfm.io import (
+    check_writable,
+    export_vtu,
+    temporary_folder,
+    write_atomically,
+    write_stc,
+    write_values,
+)
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -48,7 +55,8 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
 
     Point data are the ``frame``, the frame before ``carried`` to it, ``divergence`` and ``curl``,
     cell data the ``velocity``: fields of the interval that begins there, and at the last frame of
-    that which ends there.
+    that which ends there. Files come to their places when all are written: where that is cancelled
+    or fails, nothing is there that was not, and an older film is whole.
 
     Raises
     ------
@@ -59,10 +67,31 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
     if path.suffix != ".pvd":
         raise ResultError(f"cannot write {path}: the name of a list of VTK's must end in .pvd")
     folder = path.with_suffix("")
+    if folder.exists() and not folder.is_dir():
+        raise ResultError(f"cannot make the folder {folder}: there is a file; choose another name")
+    check_writable(path)
     try:
-        folder.mkdir(exist_ok=True)
+        with temporary_folder(path.parent) as made:
+            rows = _write_frames(made, folder.name, sequence)
+            folder.mkdir(exist_ok=True)
+            for written in sorted(made.iterdir()):
+                written.replace(folder / written.name)
     except OSError as error:
-        raise ResultError(f"cannot make the folder {folder}: {one_line(error)}") from None
+        raise ResultError(f"cannot write in the folder {folder}: {one_line(error)}") from error
+    lines = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">',
+        "<Collection>",
+        *rows,
+        "</Collection>",
+        "</VTKFile>",
+    ]
+    with write_atomically(path) as temporary:
+        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+
+
+def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
+    """Write a .vtu a frame into a folder; return the lines that list them in one of that name."""
     rows = []
     carried = sequence.frames[0]
     with step("writing frames") as tell:
@@ -75,26 +104,16 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
                 "divergence": sequence.divergence[i],
                 "curl": sequence.curl[i],
             }
-            name = f"{path.stem}_{k:04}.vtu"
-            cells = {"velocity": sequence.velocity[i]}
-            export_vtu(folder / name, sequence.mesh, points, cells)
-            rows.append(f'<DataSet timestep="{time!r}" file={quoteattr(f"{folder.name}/{name}")}/>')
+            file = f"{name}_{k:04}.vtu"
+            export_vtu(folder / file, sequence.mesh, points, {"velocity": sequence.velocity[i]})
+            rows.append(f'<DataSet timestep="{time!r}" file={quoteattr(f"{name}/{file}")}/>')
             if k < len(sequence):
                 duration = float(sequence.times[k + 1]) - time
                 carried = Flow(sequence.mesh, sequence.velocity[k], duration).push(
                     sequence.frames[k]
                 )
             tell((k + 1) / len(sequence.times))
-    lines = [
-        '<?xml version="1.0"?>',
-        '<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">',
-        "<Collection>",
-        *rows,
-        "</Collection>",
-        "</VTKFile>",
-    ]
-    with write_atomically(path) as temporary:
-        temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    return rows
 
 
 def _columns(frame: FloatArray) -> FloatArray:

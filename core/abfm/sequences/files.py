@@ -45,9 +45,9 @@ def sequence_arrays(sequence: Sequence) -> dict[str, Any]:
 
 
 def is_sequence(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a file holds frames and fields; ResultError if it cannot be read."""
+    """Tell whether a file is one of `Sequence.save`; ResultError if it cannot be read."""
     with results.open_archive(path, results.SEQUENCE.name, results.MEND) as archive:
-        return "frames" in archive and "velocity" in archive
+        return results.is_own(archive) and "frames" in archive and "velocity" in archive
 
 
 def load_sequence(path: str | os.PathLike[str]) -> Sequence:

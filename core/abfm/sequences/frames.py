@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.channels import extend
+from abfm.calculus.channels import extension
 from abfm.errors import FunctionError, ParameterError
 from abfm.matching.problem import Problem
 from abfm.matching.terms.functions import CONSTANT, FunctionTerm
@@ -17,12 +17,13 @@ from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import checkpoint
+from abfm.workers.progress import step
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
     """Functions (T, V, C) at ascending times (T,), on a mesh, finite everywhere; a mask (V,) is 0
-    where they were not.
+    where they were not. Where it is 0, they are filled in from around.
     """
 
     mesh: TriangleMesh
@@ -70,7 +71,9 @@ def checked(
     mask: ArrayLike | None,
     weights: ArrayLike | None,
 ) -> Frames:
-    """Check frames (T, V) or (T, V, C), of the mesh or of its file, and fill in what is unknown."""
+    """Check frames (T, V) or (T, V, C), of the mesh or of its file, and fill in what is unknown:
+    what is not finite in some frame, or where the mask is 0.
+    """
     given = real_numbers(values, "frames", FunctionError)
     if given.ndim not in (2, 3) or given.size == 0:
         raise FunctionError(
@@ -88,7 +91,9 @@ def checked(
         )
     restricted = np.stack([mesh.restrict(frame) for frame in given])
     frames = restricted.reshape(*restricted.shape[:2], -1)
-    finite = np.isfinite(frames)
+    of_channels = _weights(weights, frames.shape[2])
+    counted = of_channels > 0
+    finite = np.isfinite(frames)[:, :, counted if counted.any() else slice(None)]
     if len(nowhere := np.flatnonzero(~finite.any(axis=(1, 2)))):
         named = ", ".join(map(str, nowhere[:5])) + ", ..." * (len(nowhere) > 5)
         raise FunctionError(
@@ -98,21 +103,36 @@ def checked(
     known: BoolArray = np.asarray(finite.all(axis=(0, 2)))
     if not known.any():
         raise FunctionError("no vertex has values that are finite in all frames")
-    if not known.all():
-        for frame in frames:
-            checkpoint()
-            for channel in range(frames.shape[2]):
-                safe = np.where(known, frame[:, channel], 0.0)
-                frame[:, channel] = extend(mesh, safe, known)
+    of_vertices = _mask(mesh, mask, known)
+    seen = known if of_vertices is None else of_vertices > 0
+    if not seen.any():
+        raise FunctionError(
+            "no vertex that the mask counts has values that are finite in all frames; give weights "
+            "above 0 where there are values"
+        )
+    _fill_in(mesh, frames, seen, counted)
     frames.flags.writeable = False
     return Frames(
-        mesh,
-        frames,
-        _times(times, len(frames)),
-        _mask(mesh, mask, known),
-        _weights(weights, frames.shape[2]),
-        given.ndim == 3,
+        mesh, frames, _times(times, len(frames)), of_vertices, of_channels, given.ndim == 3
     )
+
+
+def _fill_in(mesh: TriangleMesh, frames: FloatArray, seen: BoolArray, counted: BoolArray) -> None:
+    """Extend frames (T, V, C) to vertices that are not seen: what stands there would be carried to
+    those that are. A channel that does not count may lack more, or all.
+    """
+    for channel, counts in enumerate(counted):
+        film = frames[:, :, channel]
+        known = seen if counts else seen & np.isfinite(film).all(axis=0)
+        if not known.any():
+            film[:] = 0.0
+        elif not known.all():
+            fill = extension(mesh, known)
+            with step("filling in what is not compared") as tell:
+                for k, frame in enumerate(film):
+                    checkpoint()
+                    frame[:] = fill(frame)
+                    tell((k + 1) / len(film))
 
 
 def _times(given: ArrayLike | None, count: int) -> FloatArray:
@@ -123,8 +143,15 @@ def _times(given: ArrayLike | None, count: int) -> FloatArray:
         raise ParameterError(
             f"times have shape {times.shape}; expected ({count},), one for each frame"
         )
-    if not (np.isfinite(times).all() and (np.diff(times) > 0).all()):
-        raise ParameterError("times must be finite, and each later than the one before")
+    with np.errstate(all="ignore"):
+        durations = np.diff(times)
+    wrong = np.flatnonzero(~(np.isfinite(durations) & (durations > 0)))
+    if len(wrong):
+        one, other = times[wrong[0] : wrong[0] + 2]
+        raise ParameterError(
+            f"times must be finite, and each later than the one before: of frame {wrong[0]} it is "
+            f"{one:g}, of the next {other:g}"
+        )
     return times.copy()
 
 

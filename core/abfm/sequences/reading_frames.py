@@ -21,6 +21,7 @@ from abfm.sequences.source_frames import source_frames
 from abfm.sequences.vtk_frames import VTK_ENDINGS, vtk_frames
 from abfm.types import FloatArray
 
+_OF_SURFACES = {"NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"}
 _LONGEST = 20.0  # seconds between functional images; what is more is milliseconds
 
 
@@ -82,11 +83,20 @@ def _checked(found: FramesFile, mesh: TriangleMesh) -> FramesFile:
         )
     sizes = {len(mesh.vertices), mesh.file_vertex_count}
     if given.shape[1] not in sizes and given.shape[0] in sizes:
-        notes.append(f"its {given.shape[0]:,} rows are the vertices, its columns the frames")
+        told = f"its {given.shape[0]:,} rows are the vertices, its columns the frames"
         given = given.swapaxes(0, 1)
+        of_channels = f", {len(given)} of them, of {given.shape[-1]} channels"
+        notes.append(told + of_channels * (given.ndim == 3))
+    elif given.shape[0] in sizes and given.shape[1] in sizes:
+        notes.append("it has as many frames as vertices: its rows are taken as the frames")
     if given.shape[1] not in sizes:
         counts = " or ".join(map(str, sorted(sizes)))
-        raise ValueError(f"it has the shape {given.shape}; the mesh has {counts} vertices")
+        hint = ""
+        if len(mesh.faces) in given.shape:
+            hint = f", and {len(mesh.faces)} faces: give values at vertices, such as means of faces"
+        elif sizes & {*given.shape}:
+            hint = ": give the axes in the order (T, V, C)"
+        raise ValueError(f"it has the shape {given.shape}; the mesh has {counts} vertices{hint}")
     values = np.ascontiguousarray(given, dtype=np.float64)
     bad = ~np.isfinite(values)
     if bad.any():
@@ -114,10 +124,15 @@ def _npz(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
             values, times = archive[name], archive.get("times")
         except (OSError, SeveralArraysError):
             raise
+        except ValueError:
+            raise
         except Exception as error:  # damage makes anything of the readers of zips
-            raise ValueError(one_line(error, 300)) from error
+            told = one_line(error, 300)
+            raise ValueError(f"it is no .npz, or damaged or cut short ({told})") from error
     if times is not None and (times.dtype.kind not in "iuf" or times.ndim != 1):
-        raise ValueError(f"its times are {times.dtype} of shape {times.shape}; expected (T,)")
+        raise ValueError(
+            f"its times are {times.dtype} of shape {times.shape}; expected real numbers (T,)"
+        )
     return FramesFile(values, None if times is None else times.astype(np.float64))
 
 
@@ -125,8 +140,8 @@ def _refuse(archive: results.Archive, name: str, mesh: TriangleMesh | None) -> N
     """Say that there is no such array; on a mesh which ones may be its frames."""
     listed = ", ".join(one_line(each, 30) for each in sorted(archive)[:8]) or "none"
     text = f"it has no array {brief(name)}{did_you_mean(name, archive)}; there is {listed}"
-    if "velocity" in archive:
-        raise ValueError(f"it is a result, and holds no frames: {text}")
+    if results.is_own(archive):
+        raise ValueError(f"it is a file of abfm's own, and holds no frames: {text}")
     films = [each for each in sorted(archive) if mesh and _may_be_frames(archive, each, mesh)]
     raise SeveralArraysError(f"{text}; choose one of them", films) if films else ValueError(text)
 
@@ -158,6 +173,8 @@ def _gifti(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
     gifti = read_gifti(file)
     if any(each.intent == LABEL for each in gifti.arrays):
         raise ValueError("it holds labels, which are no values that move")
+    if any(each.intent in _OF_SURFACES for each in gifti.arrays):
+        raise ValueError("it holds a surface; give the file of its values, and this as the mesh")
     arrays = [each.values for each in gifti.arrays]
     if len({each.shape for each in arrays}) != 1:
         raise ValueError(f"it holds {len(arrays)} arrays of several shapes; expected one a frame")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import Matrix, curl, divergence, face_areas
 from abfm.calculus.vector_fields import helmholtz_hodge, to_ambient, to_frame
-from abfm.errors import ParameterError, brief
+from abfm.errors import FunctionError, ParameterError, brief
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
 from abfm.io import results
@@ -23,6 +24,7 @@ from abfm.matching.judging.verdict import Verdict
 from abfm.matching.match import Match
 from abfm.matching.problem import Problem
 from abfm.matching.solving.record import StopReason
+from abfm.matching.terms.functions import LARGEST
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.parameters import Parameters
@@ -31,8 +33,9 @@ from abfm.sequences.episodes import Episode, episodes
 from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import Frames, checked
 from abfm.sequences.noise import noise_floor, noise_levels
-from abfm.sequences.solve import WARMEST, Said, Solver, interval_parameters
+from abfm.sequences.solve import LEAST, WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
+from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import CONFIRMED, verdict_of
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
@@ -80,7 +83,7 @@ class Sequence:
     ----------
     mesh : TriangleMesh
     frames : (T, V, C) array
-        As given, and filled in where a value is not finite in some frame.
+        As given, and filled in where a value is not finite in some frame, or the mask is 0.
     times : (T,) array
         Ascending.
     velocity : (T - 1, F, 3) array
@@ -278,6 +281,7 @@ def sequence(
     mask: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     known: Mapping[int, FloatArray] | None = None,
+    unfinished: Unfinished | None = None,
     on_interval: Callable[[int], object] | None = None,
     on_field: Callable[[int, FloatArray], object] | None = None,
     control: Control | None = None,
@@ -304,12 +308,15 @@ def sequence(
     gamma : float
         How much neighbouring fields are held together; 0 is frame by frame.
     mask : (V,) array, optional
-        Weight of the mismatch at each vertex, not negative.
+        Weight of the mismatch at each vertex, not negative; where it is 0, values are not known.
     weights : (C,) array, optional
         Weight of each channel.
     known : mapping of int, optional
         Fields (F, 3), by the number of their interval, that ``on_field`` was told in a run of the
         same frames and parameters which did not come to its end: it goes on after them.
+    unfinished : Unfinished, optional
+        A file for what is found meanwhile, from which the next run of the same goes on where this
+        one was killed or cancelled. ``unfinished.remove()`` is for when the result is safe.
     on_interval : callable, optional
         Called with the number of each interval when it is first solved, in this thread.
     on_field : callable, optional
@@ -340,9 +347,12 @@ def sequence(
     with controlled(control):
         try:
             film = checked(mesh, frames, times, mask, weights)
+            _refuse_extremes(film, given)
             unit = film.mesh.length_scale
             earlier, levels = _earlier(film, known or {}), noise_levels(film)
             solver = Solver(film, given, float(gamma), earlier, levels)
+            keep = unfinished or Unfinished()
+            keep.take_up(solver)
         except CancelledError:
             raise ParameterError("the sequence was cancelled before it began") from None
 
@@ -353,14 +363,17 @@ def sequence(
                 on_field(i, to_ambient(film.mesh, solver.fields[i]) * unit)
 
         try:
-            solver.run(tell)
+            solver.run(tell, lambda: keep.keep(solver, at_once=False))
+            keep.keep(solver)
         except CancelledError:
             control = Control()  # what was found is told though it was cancelled
+            keep.keep(solver)
+            keep = Unfinished()  # what is told of fields that are not final is not kept
     with controlled(control):
-        return _told(solver)
+        return _told(solver, keep)
 
 
-def _told(solver: Solver) -> Sequence:
+def _told(solver: Solver, keep: Unfinished) -> Sequence:
     """Return the sequence with what its witnesses say."""
     film, unit = solver.frames, solver.frames.mesh.length_scale
     count = len(solver.fields)
@@ -372,6 +385,7 @@ def _told(solver: Solver) -> Sequence:
             for found in threads.map(solver.said, range(1, count)):
                 said.append(found)
                 tell(len(said) / count)
+                keep.keep(solver, at_once=False)
                 checkpoint()
         except CancelledError:
             threads.shutdown(cancel_futures=True)
@@ -397,6 +411,27 @@ def _told(solver: Solver) -> Sequence:
         verdicts=tuple(verdicts),
         **numbers,
     )
+
+
+def _refuse_extremes(film: Frames, given: Parameters) -> None:
+    """Raise FunctionError where values, or times, are so large or small that squares overflow."""
+    largest = float(np.abs(film.values).max())
+    with np.errstate(over="ignore"):
+        _ = film.deviation  # which refuses masks
+    relative = replace(given, sigma_unit="relative")
+    sigmas = {LEAST, WARMEST, given.sigma if given == relative and given.sigma else LEAST}
+    shortest, longest = int(film.durations.argmin()), int(film.durations.argmax())
+    try:
+        if largest > LARGEST:
+            raise ParameterError
+        for interval, sigma in product((shortest, longest), sorted(sigmas)):
+            interval_parameters(film, relative, sigma, interval)
+    except ParameterError:
+        raise FunctionError(
+            f"frames have values of up to {largest:.3g}, at times {film.durations[shortest]:.3g} "
+            "apart: squares of such numbers over- or underflow; scale all values, or all times, by "
+            "one factor, which changes no flow"
+        ) from None
 
 
 def _earlier(film: Frames, known: Mapping[int, FloatArray]) -> dict[int, FloatArray]:

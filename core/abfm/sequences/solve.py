@@ -39,6 +39,7 @@ _HARDLY = 0.6  # of what was held out: where more is left by any sigma, too
 _WORTH = 0.5  # of the energy
 _IN_VAIN = 3  # searches, after which no more are made
 _SWEEPS = 4  # at most
+_WITNESSED = ("verified_mismatch", "folded")
 _SETTLED = 0.01  # share of its energy that a sweep gains, which is then the last
 
 
@@ -89,24 +90,33 @@ class Solver:
         self.energies = np.full(len(self.fields), np.nan)  # without what ties neighbours
         self.found = np.zeros(len(self.fields), dtype=bool)
         self.sigma = parameters.sigma or np.nan
-        self._in_vain = 0  # searches
-        self._alone = np.zeros(len(self.fields), dtype=bool)  # no motion, which ties to none
+        self.in_vain = 0  # searches
+        self.alone = np.zeros(len(self.fields), dtype=bool)  # no motion, which ties to none
+        self.swept = 0  # intervals, in all sweeps
+        self.before = np.nan  # energy of all, when the last sweep began
+        # what flow lines leave of each interval, and the share of faces that they fold
+        self.witnessed = np.full((len(self.fields), 2), np.nan)
 
-    def run(self, on_interval: Callable[[int], object]) -> None:
-        """Go through all intervals; what is there when it is cancelled stays."""
+    def run(
+        self, on_interval: Callable[[int], object], on_step: Callable[[], object] = lambda: None
+    ) -> None:
+        """Go through all intervals that are not found; what is there when it is cancelled stays.
+        All that it goes on from is in its public attributes, after each step.
+        """
         if not np.isfinite(self.sigma):
             self.sigma = self._chosen_sigma()
         count = len(self.fields)
         with step("following the frames") as tell:
-            for i in range(count):
+            for i in np.flatnonzero(~self.found).tolist():
                 checkpoint()
                 self._keep(i, found := self._found(i))
-                self._alone[i] = self._is_no_motion(self._energy(i), found)
+                self.alone[i] = self._is_no_motion(self._energy(i), found)
                 self.found[i] = True
                 tell((i + 1) / count)
                 on_interval(i)
+                on_step()
         if self.gamma and count > 1:
-            self._settle()
+            self._settle(on_step)
 
     def _is_no_motion(self, energy: MatchingEnergy, found: Point) -> bool:
         left = energy.relative_mismatch(found.at.advected)
@@ -122,10 +132,10 @@ class Solver:
         energy = interval.energy
         if i in self._known:
             found = interval.go_on(last, self._known[i], 0)
-            self._in_vain += self._is_far(energy, found)  # as it was searched for then
+            self.in_vain += self._is_far(energy, found)  # as it was searched for then
             return found
         found = interval.find(last, warmest, start)
-        if self._in_vain >= _IN_VAIN or not self._is_far(energy, found):
+        if self.in_vain >= _IN_VAIN or not self._is_far(energy, found):
             return found
         if start is not None:
             found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
@@ -133,9 +143,9 @@ class Solver:
             further = interval.go_on(last, _searched(energy))
             enough = self._share_that_is_worth_it(energy, found) * found.energy
             if further.energy < enough and not self._is_far(energy, further):
-                self._in_vain = 0
+                self.in_vain = 0
                 return further
-            self._in_vain += 1
+            self.in_vain += 1
         return found
 
     def _share_that_is_worth_it(self, energy: MatchingEnergy, found: Point) -> float:
@@ -150,23 +160,25 @@ class Solver:
         first, left = map(energy.relative_mismatch, (energy.functions.source, found.at.advected))
         return left > max(_MUCH * first, OFTEN * noise_floor(energy.functions, self.levels))
 
-    def _settle(self) -> None:
+    def _settle(self, on_step: Callable[[], object] = lambda: None) -> None:
         """Sweep back and forth until the energy of all hardly falls."""
-        count, before = len(self.fields), self.total()
+        count = len(self.fields)
         with step("smoothing in time") as tell:
-            for sweep in range(_SWEEPS):
-                order = range(count) if sweep % 2 else range(count - 1, -1, -1)
-                for done, i in enumerate(order):
-                    checkpoint()
-                    beside = [j for j in (i - 1, i + 1) if 0 <= j < count]
-                    self._keep(
-                        i, self._interval(i, beside).go_on(self._sigmas(i)[0], self.fields[i])
-                    )
-                    tell((sweep + (done + 1) / count) / _SWEEPS)
-                total = self.total()
-                if not before - total > _SETTLED * before:
-                    break
-                before = total
+            while self.swept < _SWEEPS * count:
+                checkpoint()
+                if not self.swept:
+                    self.before = self.total()
+                sweep, done = divmod(self.swept, count)
+                i = done if sweep % 2 else count - 1 - done
+                beside = [j for j in (i - 1, i + 1) if 0 <= j < count]
+                self._keep(i, self._interval(i, beside).go_on(self._sigmas(i)[0], self.fields[i]))
+                self.swept += 1
+                if done == count - 1:
+                    before, self.before = self.before, self.total()
+                    if not before - self.before > _SETTLED * before:
+                        self.swept = _SWEEPS * count
+                tell(self.swept / (_SWEEPS * count))
+                on_step()
 
     def total(self) -> float:
         """Energy of all intervals together, with what ties them."""
@@ -181,7 +193,7 @@ class Solver:
         """How much the fields of neighbouring intervals are held together: gamma times the shorter
         one's duration, where both are motions; a gap is not to be as fast as what is beside it.
         """
-        if self._alone[i] or self._alone[j]:
+        if self.alone[i] or self.alone[j]:
             return 0.0
         return self.gamma * float(min(self.frames.durations[i], self.frames.durations[j]))
 
@@ -217,16 +229,11 @@ class Solver:
         objective = energy.objective(sigma)
         rest, at = (objective.evaluate(x[None]) for x in (np.zeros_like(field), field))
         energies = np.array([(e.energy, e.regularity, e.mismatch) for e in (rest, at)])
-        told = {}
-        if by_flow_lines and self.found[i]:
+        if by_flow_lines and self.found[i] and np.isnan(self.witnessed[i]).any():
             told = measured(energy, to_ambient(energy.mesh, field)[None])
-        names = ("verified_mismatch", "folded")
-        return Said(
-            at.advected,
-            energies,
-            energy.left(at),
-            **{name: told[name] for name in names if name in told},
-        )
+            self.witnessed[i] = [told.get(name, np.nan) for name in _WITNESSED]
+        known = zip(_WITNESSED, self.witnessed[i].tolist(), strict=True)
+        return Said(at.advected, energies, energy.left(at), **dict(known))
 
     def _chosen_sigma(self) -> float:
         """Return the largest sigma that explains of what was held out nearly as much as any does:

@@ -14,12 +14,15 @@ from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
+_VOLUMES = ("-vl.stc", "-vol.stc")
 _FSAVERAGE = 163_842  # vertices, of which the first ones are those of its coarser copies
 _COARSER = {642: "fsaverage3", 2562: "fsaverage4", 10_242: "fsaverage5", 40_962: "fsaverage6"}
 
 
 def source_frames(file: Path, mesh: TriangleMesh) -> FramesFile:
     """Read one hemisphere; a ValueError says what is wrong with it."""
+    if file.name.lower().endswith(_VOLUMES):
+        raise ValueError("it is of a volume, by its name; give a -lh.stc or -rh.stc of a surface")
     film = read_stc(file)
     if film.vertices.max() >= mesh.file_vertex_count:
         raise ValueError(
@@ -50,7 +53,10 @@ def _interpolated(mesh: TriangleMesh, film: FloatArray, rows: IntArray) -> Float
     values = np.zeros((len(film), len(rows)))
     values[:, known] = film[:, rows[known]]
     if not np.isfinite(values).all():
-        raise ValueError("it has values that are not finite, and none between its sources")
+        raise ValueError(
+            "it has values that are not finite, and none between its sources, where nothing can be "
+            "interpolated: leave these sources out, or give the surface of the sources alone"
+        )
     laplacian = cotangent_laplacian(mesh)
     inverse_areas = sparse.diags_array(1 / vertex_areas(mesh))
     rows_of_unknown = sparse.csr_array(laplacian[~known] @ inverse_areas @ laplacian)

@@ -32,8 +32,13 @@ def vtk_frames(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
     entries = _LISTS.get(file.suffix.lower(), _numbered)(file)
     if not entries:
         raise ValueError("it lists no files")
+    is_list = file.suffix.lower() in _LISTS
+    for time, listed in entries if is_list else ():
+        if not math.isfinite(time):
+            told = brief(listed.name)
+            raise ValueError(f"it lists {told} with the time {time:g}; expected a finite number")
     found = _of_grids(entries, mesh, array)
-    if file.suffix.lower() in _LISTS:
+    if is_list:
         return found
     told = f"{len(entries)} files from {entries[0][1].name} to {entries[-1][1].name}"
     return found._replace(notes=(told, *found.notes))

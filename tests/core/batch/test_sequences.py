@@ -12,6 +12,8 @@ from abfm.batch.attempt import Task, attempt
 from abfm.batch.run import seen_here
 from abfm.errors import ParameterError
 from abfm.sequences import defaults, export_pvd
+from abfm.workers.control import CancelledError, Control, controlled
+from abfm.workers.progress import telling
 from tests.core.batch.rows import ONE
 
 EIGHT = abfm.load_mesh(asset_path("eight.off"))
@@ -44,6 +46,33 @@ def test_a_film_is_solved_as_by_hand_and_told_by_its_intervals(folder):
     assert again.path.read_bytes() == before
     [told] = Ledger(folder / "out").entries([film(folder, gamma=2)])
     assert told.path == again.path
+
+
+def test_a_run_that_is_killed_goes_on_and_finds_the_same(folder):
+    row, control, whole, ledger = (
+        film(folder),
+        Control(),
+        Ledger(folder / "a"),
+        Ledger(folder / "b"),
+    )
+    attempt(Task(row, str(whole.folder), whole.make()))
+    task = Task(row, str(ledger.folder), ledger.make())
+
+    def stop(now):
+        if now is not None and now.task == "smoothing in time":
+            control.cancel()
+
+    with telling(stop), controlled(control), pytest.raises(CancelledError):
+        attempt(task)
+    [kept] = ledger.folder.glob("*.unfinished")
+    content = kept.read_bytes()
+    assert not ledger.result(row.key).exists()
+    attempt(task)
+    assert ledger.result(row.key).read_bytes() == whole.result(row.key).read_bytes()
+    assert not kept.exists()
+    kept.write_bytes(content)  # as when it was killed just before it was removed
+    attempt(task)
+    assert not kept.exists()
 
 
 def test_channels_have_weights(folder):

@@ -33,3 +33,11 @@ def off(mesh: TriangleMesh, found, wanted, f) -> float:
 def coordinates(p):
     """Three channels, which tell any motion of a sphere apart."""
     return p
+
+
+def bumps(places, width=0.35, noise=0.05):
+    """Frames of a bump at these angles on the equator, with noise; none where that is NaN."""
+    x, y, _ = SPHERE.vertices.T
+    frames = [np.exp(-0.5 * (np.hypot(x - np.cos(a), y - np.sin(a)) / width) ** 2) for a in places]
+    scatter = np.random.default_rng(0).standard_normal((len(places), len(x)))
+    return np.nan_to_num(frames) + noise * scatter

@@ -22,6 +22,8 @@ from abfm.sequences import (
     read_frames,
     vertex_speed,
 )
+from abfm.workers.control import CancelledError, Control, controlled
+from abfm.workers.progress import telling
 from tests.core.sequences.turning_film import MESH, SPEED, TIMES, film, solved
 from tests.shapes import with_loose_vertex
 
@@ -51,6 +53,35 @@ def test_paraview_gets_frames_and_fields(tmp_path):
             assert np.abs(carried - film()[k]).max() < 0.3 * np.abs(film()[k - 1] - film()[k]).max()
         else:
             assert_array_equal(carried, film()[0])
+
+
+def test_a_film_that_is_cancelled_leaves_what_was_there(tmp_path):
+    def content():
+        return {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")}
+
+    def cancelled():
+        control = Control()
+
+        def stop(now):
+            if now is not None and now.task == "writing frames" and (now.done or 0) > 0.5:
+                control.cancel()
+
+        with telling(stop), controlled(control), pytest.raises(CancelledError):
+            export_pvd(tmp_path / "a.pvd", solved())
+        assert content() == before
+
+    before = content()
+    cancelled()
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a/mine.txt").write_text("mine")
+    earlier = replace(solved(), velocity=2 * solved().velocity)
+    export_pvd(tmp_path / "a.pvd", earlier)
+    before = content()
+    assert len(before) == 2 + len(TIMES) + 1
+    cancelled()
+    export_pvd(tmp_path / "a.pvd", solved())
+    assert content().keys() == before.keys()
+    assert content() != before
 
 
 def test_the_speed_at_vertices_is_that_of_a_rotation():
@@ -161,6 +192,10 @@ def test_what_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "taken").write_text("")
     with pytest.raises(ResultError, match="cannot make the folder"):
         export_pvd(tmp_path / "taken.pvd", solved())
+    (tmp_path / "folder.pvd").mkdir()
+    with pytest.raises(ResultError, match="it is a folder"):
+        export_pvd(tmp_path / "folder.pvd", solved())
+    assert not (tmp_path / "folder").exists()
     uneven = abfm.sequence(MESH, film()[:4], [0, 1, 2, 5], solved().parameters, 0.0)
     with pytest.raises(ResultError, match="not evenly spaced"):
         export_stc(tmp_path / "a-lh.stc", uneven)

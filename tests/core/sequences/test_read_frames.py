@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm import load_sequence
 from abfm.calculus.channels import extend
-from abfm.errors import AbfmError, FunctionError, SeveralArraysError
+from abfm.errors import AbfmError, FunctionError, ResultError, SeveralArraysError
 from abfm.io import write_stc
-from abfm.sequences import read_frames, source_frames
+from abfm.sequences import is_sequence, read_frames, source_frames
 from tests.core.reading.hostile import npy_of, one_byte_changed
 from tests.core.reading.vtk_files import vtk_bytes
 from tests.core.sequences.turning_film import MESH, TIMES, film, solved
@@ -57,7 +57,11 @@ def series(folder, times=TIMES, data=FILM, name="wave_{:03}.vtu", said=False):
         (FILM, FILM, ()),
         (FILM.T, FILM, ROWS),
         (CHANNELS, CHANNELS, ()),
-        (CHANNELS.swapaxes(0, 1), CHANNELS, ROWS),
+        (CHANNELS.swapaxes(0, 1), CHANNELS, (f"{ROWS[0]}, 5 of them, of 2 channels",)),
+        (np.asfortranarray(FILM), FILM, ()),
+        (FILM.astype(np.float16), FILM.astype(np.float16), ()),
+        (FILM > 0, FILM > 0, ()),
+        (FILM.astype(">f8"), FILM, ()),
         ((100 * FILM).astype(np.int16), (100 * FILM).astype(np.int16), ()),
     ],
 )
@@ -76,7 +80,7 @@ def test_as_many_frames_as_vertices_are_frames_first(tmp_path):
     np.save(tmp_path / "a.npy", square)
     found = read_frames(tmp_path / "a.npy", MESH)
     assert_array_equal(found.values, square)
-    assert found.notes == ()
+    assert found.notes == ("it has as many frames as vertices: its rows are taken as the frames",)
 
 
 def test_zips_of_arrays_may_say_times(tmp_path):
@@ -194,16 +198,24 @@ def test_lists_of_vtk_say_files_and_times(tmp_path):
         assert found.notes == ()
 
 
+def test_frames_and_fields_of_others_are_no_sequence(tmp_path):
+    np.savez(tmp_path / "a.npz", frames=FILM, velocity=np.zeros((4, 20, 3)), vertices=MESH.vertices)
+    assert_array_equal(read_frames(tmp_path / "a.npz", MESH).values, FILM)
+    assert not is_sequence(tmp_path / "a.npz")
+    with pytest.raises(ResultError, match="no sequence file of abfm"):
+        load_sequence(tmp_path / "a.npz")
+
+
 def test_arrays_that_may_be_frames_are_named_where_none_is_chosen(tmp_path):
-    others = {"faces": MESH.faces, "words": np.array(["a"])}
+    others = {"faces": MESH.faces, "words": np.array(["a"]), "velocity": np.zeros((1, 4, 3))}
     np.savez(tmp_path / "two.npz", v=FILM, u=FILM.T, **others)
     for path, names in ((tmp_path / "two.npz", ("u", "v")), (series(tmp_path)[1], ("u", "other"))):
         with pytest.raises(SeveralArraysError, match=f"{re.escape(path.name)}'") as caught:
             read_frames(path, MESH)
         assert caught.value.names == names
         assert_array_equal(read_frames(path, MESH, "u").values, FILM)
-    np.savez(tmp_path / "match.npz", velocity=np.zeros((1, 4, 3)), source=CHANNELS[0])
-    with pytest.raises(FunctionError, match="it is a result, and holds no frames") as caught:
+    solved()[0].save(tmp_path / "match.npz")
+    with pytest.raises(FunctionError, match="abfm's own, and holds no frames") as caught:
         read_frames(tmp_path / "match.npz", MESH)
     assert not isinstance(caught.value, SeveralArraysError)
 
@@ -246,6 +258,12 @@ def hostile(folder):
     """Files that hold no frames of the mesh, and what is said of them."""
     np.save(folder / "short.npy", FILM[:, :-1])
     np.save(folder / "flat.npy", FILM[0])
+    np.save(folder / "last.npy", np.moveaxis(CHANNELS, 1, 2))
+    np.save(folder / "faces.npy", np.zeros((3, len(MESH.faces))))
+    np.save(folder / "nothing.npy", FILM[:0])
+    np.save(folder / "complex.npy", FILM.astype(complex))
+    np.save(folder / "objects.npy", FILM.astype(object), allow_pickle=True)
+    (folder / "cut.npz").write_bytes(b"PK")
     np.save(folder / "words.npy", np.array([["a"]]))
     (folder / "huge.npy").write_bytes(npy_of((10**9, COUNT)))
     np.savez(folder / "two.npz", frame=FILM, b=FILM)
@@ -257,6 +275,12 @@ def hostile(folder):
     gifti(folder / "label.gii", FILM, intent="NIFTI_INTENT_LABEL")
     gifti(folder / "mixed.gii", [FILM[0], FILM[0, :-1]])
     gifti(folder / "none.gii", [])
+    gifti(folder / "points.gii", [MESH.vertices], intent="NIFTI_INTENT_POINTSET")
+    write_stc(folder / "all-lh.stc", FILM, np.arange(COUNT), TIMES)
+    content = bytearray((folder / "all-lh.stc").read_bytes())
+    (folder / "all-vl.stc").write_bytes(content)
+    content[4:8] = bytes(4)
+    (folder / "still-lh.stc").write_bytes(content)
     write_stc(folder / "far-lh.stc", FILM[:, :3], np.array([0, 5, COUNT]), TIMES)
     some = np.where(np.arange(3) == 1, np.nan, FILM[:, :3])
     write_stc(folder / "nan-lh.stc", some, np.arange(3), TIMES)
@@ -269,6 +293,9 @@ def hostile(folder):
     (folder / "twice.pvd").write_text(f'<VTKFile type="Collection">{twice}</VTKFile>')
     lost = '<DataSet timestep="1" file="lost.vtu"/>'
     (folder / "lost.pvd").write_text(f'<VTKFile type="Collection">{lost}</VTKFile>')
+    never = '<DataSet timestep="nan" file="wave_001.vtu"/>'
+    (folder / "never.pvd").write_text(f'<VTKFile type="Collection">{never}</VTKFile>')
+    (folder / "never.series").write_text('{"files": [{"name": "wave_001.vtu", "time": NaN}]}')
     (folder / "bad.series").write_text("[1")
     (folder / "odd.series").write_text('{"files": [{"name": "wave_001.vtu"}]}')
     (folder / "array.series").write_text('[{"name": "wave_001.vtu"}]')
@@ -289,6 +316,12 @@ def hostiles(tmp_path_factory):
         ("short.npy", "u", "a file .npy has no arrays with names, such as 'u'"),
         ("short.npy", None, f"it has the shape (5, {COUNT - 1}); the mesh has {COUNT} vertices"),
         ("flat.npy", None, "expected real numbers (T, V)"),
+        ("last.npy", None, f"the mesh has {COUNT} vertices: give the axes in the order (T, V, C)"),
+        ("faces.npy", None, "and 320 faces: give values at vertices"),
+        ("nothing.npy", None, "of shape (0, 162); expected real numbers (T, V)"),
+        ("complex.npy", None, "an array of complex128"),
+        ("objects.npy", None, "its type is object; expected numbers"),
+        ("cut.npz", None, "it is no .npz, or damaged or cut short"),
         ("words.npy", None, "an array of <U1"),
         ("huge.npy", None, "its size is not what its header says"),
         ("two.npz", None, "it has no array 'frames' (did you mean 'frame'?); there is b, frame"),
@@ -300,6 +333,9 @@ def hostiles(tmp_path_factory):
         ("label.gii", None, "labels, which are no values that move"),
         ("mixed.gii", None, "2 arrays of several shapes"),
         ("none.gii", None, "0 arrays of several shapes"),
+        ("points.gii", None, "it holds a surface; give the file of its values"),
+        ("all-vl.stc", None, "it is of a volume, by its name"),
+        ("still-lh.stc", None, "are 0 ms apart; expected finite times, each later than"),
         ("far-lh.stc", None, f"a value of vertex {COUNT}, and the mesh has {COUNT}: give the sur"),
         ("nan-lh.stc", None, "values that are not finite, and none between its sources"),
         ("still.vtu", None, "it is one frame, without a number"),
@@ -311,6 +347,8 @@ def hostiles(tmp_path_factory):
         ("none.pvd", None, "it lists no files"),
         ("twice.pvd", "u", "two of its files are of one time"),
         ("lost.pvd", None, "'lost.vtu' cannot be read: No such file"),
+        ("never.pvd", "u", "it lists 'wave_001.vtu' with the time nan; expected a finite number"),
+        ("never.series", "u", "it lists 'wave_001.vtu' with the time nan; expected a finite"),
         ("bad.series", None, "its JSON is damaged in line 1"),
         ("odd.series", None, "expected the name of a file, and a time"),
         ("array.series", None, "it lists no files"),

@@ -12,12 +12,14 @@ from abfm.calculus.operators import curl, divergence, face_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.maps import vertex_points
 from abfm.sequences import CONFIRMED, defaults, load_sequence
+from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import checked
 from abfm.sequences.noise import noise_levels
 from abfm.sequences.solve import Said, Solver
 from abfm.sequences.verdicts import verdict_of
 from abfm.workers.progress import telling
-from tests.core.sequences.films import SPHERE, coordinates, off, turning
+from tests.core.sequences import turning_film
+from tests.core.sequences.films import SPHERE, bumps, coordinates, off, turning
 from tests.core.surfaces import last_order
 from tests.shapes import icosphere
 
@@ -165,6 +167,27 @@ def test_channels_masks_and_weights(film, found):
     assert apart[1] < 0.1 < apart[0]
 
 
+def test_what_a_mask_leaves_out_is_as_what_is_not_known_bit_for_bit():
+    """Else it would be carried to what is compared, and count in what is taken for noise."""
+    seen, frames = turning_film.MESH.vertices[:, 0] < 0.5, turning_film.film()
+    whole = abfm.sequence(turning_film.MESH, np.where(seen, frames, np.nan))
+    assert whole.confirmed == 4
+    for spoiled in (np.inf, 1e200, -3.0):
+        given = np.where(seen, frames, spoiled)
+        told = sequence_arrays(abfm.sequence(turning_film.MESH, given, mask=seen))
+        for name, array in sequence_arrays(whole).items():
+            assert_array_equal(told[name], array, err_msg=name)
+
+
+def test_a_channel_that_does_not_count_changes_nothing(film, found):
+    for other in (np.full_like(film[0], np.nan), 1e20 * np.roll(film[0], 7, axis=1)):
+        both = np.stack([film[0], other], axis=2)
+        told = abfm.sequence(SPHERE, both, parameters=FAST, weights=[1, 0])
+        assert_allclose(told.velocity, found.velocity, atol=1e-12)
+        assert told.verdicts == found.verdicts
+        assert told.noise == pytest.approx(found.noise, rel=1e-12)
+
+
 def test_what_is_not_finite_is_not_compared(film, found):
     holes = film[0].copy()
     hidden = SPHERE.vertices[:, 0] > 0.9
@@ -288,6 +311,29 @@ def test_a_run_that_goes_on_searches_no_more_often_than_the_whole():
     assert_allclose(again.velocity, whole.velocity, atol=1e-6)
 
 
+@pytest.mark.parametrize(("values", "time"), [(1e20, 1e-15), (1e-20, 1e15)])
+def test_flows_are_the_same_whatever_the_units(values, time, film, found):
+    told = abfm.sequence(SPHERE, values * film[0], time * np.arange(4), FAST)
+    assert_allclose(time * told.velocity, found.velocity, rtol=1e-9, atol=1e-11)
+    assert told.verdicts == found.verdicts
+
+
+@pytest.mark.parametrize(
+    ("values", "time", "told"),
+    [
+        (1e90, 1, "values of up to 1.78e.90, at times 1 apart"),
+        (1e-90, 1, "values of up to 1.78e-90"),
+        (1e160, 1, "values of up to 1.78e.160"),
+        (1, 1e-60, "at times 1e-60 apart"),
+        (1, 1e60, "at times 1e.60 apart"),
+    ],
+)
+def test_numbers_whose_squares_overflow_are_told(values, time, told, film):
+    for given in (FAST, defaults(sigma=0.3, sigma_unit="absolute"), None):
+        with pytest.raises(AbfmError, match=f"{told}.*; scale all values, or all times, by one"):
+            abfm.sequence(SPHERE, values * film[0], time * np.arange(4), given)
+
+
 def test_one_that_is_cancelled_before_there_is_a_sigma_has_no_motion(film):
     control = Control()
 
@@ -357,14 +403,6 @@ def test_an_interval_whose_change_is_no_motion_is_not_confirmed():
     frames[3] = frames.std() * rng.standard_normal(frames.shape[1])
     kinds = [v.kind for v in abfm.sequence(SPHERE, frames, parameters=FAST).verdicts]
     assert [kind in CONFIRMED for kind in kinds] == [True, True, False, False, True]
-
-
-def bumps(places, width=0.35, noise=0.05):
-    """Frames of a bump at these angles on the equator, with noise; none where that is NaN."""
-    x, y, _ = SPHERE.vertices.T
-    frames = [np.exp(-0.5 * (np.hypot(x - np.cos(a), y - np.sin(a)) / width) ** 2) for a in places]
-    scatter = np.random.default_rng(0).standard_normal((len(places), len(x)))
-    return np.nan_to_num(frames) + noise * scatter
 
 
 def test_what_is_no_motion_ties_to_no_neighbour():
@@ -463,12 +501,21 @@ def test_files(found, tmp_path):
         (np.zeros(642), {}, r"expected \(T, V\) or \(T, V, C\)"),
         (np.full((2, 642), np.nan), {}, "frame 0, 1 has no finite value: leave out such frames"),
         (np.where(np.arange(642) % 2 == [[0], [1]], 1, np.nan), {}, "finite in all frames"),
-        (np.zeros((2, 642)), {"times": [0, 0]}, "later than the one before"),
+        (
+            np.zeros((2, 642)),
+            {"times": [0, 0]},
+            "one before: of frame 0 it is 0, of the next 0",
+        ),
+        (np.zeros((3, 642)), {"times": [0, 2, 1]}, "of frame 1 it is 2, of the next 1"),
+        (np.zeros((3, 642)), {"times": [0, 1, np.nan]}, "of frame 1 it is 1, of the next nan"),
         (np.zeros((2, 642)), {"times": [0, np.inf]}, "must be finite"),
         (np.zeros((2, 642)), {"times": [0, 1, 2]}, "one for each frame"),
         (np.zeros((2, 642)), {"gamma": -1}, "gamma is -1"),
         (np.zeros((2, 642)), {"gamma": np.nan}, "gamma is nan"),
         (np.zeros((2, 642)), {"mask": np.ones(3)}, "one per vertex"),
+        (np.zeros((2, 642)), {"mask": np.zeros(642)}, "give weights above 0 where there are"),
+        (np.ones((2, 642)), {"mask": np.arange(642) - 1.0}, "mask must be finite, not negative"),
+        (np.zeros((2, 642)), {"times": [-1e308, 1e308]}, "must be finite"),
         (np.zeros((2, 642)), {"weights": [1, 2]}, "one for each channel"),
         (np.zeros((2, 642)), {"parameters": abfm.Parameters(segments=2)}, "does not take segments"),
     ],

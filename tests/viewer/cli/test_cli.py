@@ -136,6 +136,13 @@ def test_bad_input_is_one_clear_line_and_status_2(words, expected, abfm, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_mesh_is_not_replaced_by_what_is_found_on_it(tmp_path, abfm):
+    (tmp_path / "m.ply").write_text("theirs")
+    told = abfm(f"match {tmp_path}/m.ply {PAIR} --out {tmp_path}/m.ply", status=2)
+    assert "m.ply: it is read; choose another name" in told.err
+    assert (tmp_path / "m.ply").read_text() == "theirs"
+
+
 def test_meshes_are_refused_with_the_way_out_and_to_machines_too(tmp_path, abfm):
     spheres = [trimesh.creation.icosphere(2, radius=radius) for radius in (1.0, 0.3)]
     spheres[1].apply_translation([3, 0, 0])

@@ -158,6 +158,10 @@ def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
         ("{m} {t}/none.npy --out {t}/a.npz", "cannot be read: No such file"),
         ("{m} {t}/back.npz --out {t}/a.npz", "times must be finite, and each later"),
         ("{m} {t}/uneven.npz --out {t}/a.npz --out {t}/a-lh.stc", "times are not evenly spaced"),
+        ("{m} {t}/back.npz --out {t}/back.npz", "back.npz: it is read; choose another name"),
+        ("{m} {t}/x.pvd --array u --out {t}/x.pvd", "x.pvd: it is read"),
+        ("{m} {t}/x/x_1.vtu --out {t}/x.pvd", "x.pvd: its x_1.vtu is read"),
+        ("{m} {f} --mask {t}/t.csv --intervals {t}/t.csv --out {t}/a.npz", "t.csv: it is read"),
         ("{m} {f}", "the following arguments are required: --out"),
     ],
 )
@@ -166,9 +170,13 @@ def test_what_does_not_fit_is_refused_in_a_line(words, told, files, tmp_path, ab
     np.save(tmp_path / "short.npy", film()[:, :9])
     np.savez(tmp_path / "uneven.npz", frames=film(), times=TIMES**3)
     np.savez(tmp_path / "back.npz", frames=film(), times=TIMES[::-1])
+    (tmp_path / "x").mkdir()
+    for name in ("x.pvd", "x/x_1.vtu", "t.csv"):
+        (tmp_path / name).write_text("theirs")
     line = words.format(m=files / "m.ply", f=files / "f.npy", t=tmp_path)
     assert told in abfm(f"sequence {line}", status=2).err
     assert not (tmp_path / "a.npz").exists()
+    assert (tmp_path / "x.pvd").read_text() == (tmp_path / "t.csv").read_text() == "theirs"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -188,3 +196,23 @@ def test_a_signal_keeps_what_was_found(number, files, tmp_path):
     assert 40 <= np.count_nonzero(solved) < 399
     kinds = np.array([verdict.kind for verdict in found.verdicts])
     assert set(kinds[~solved]) == {"not reached"}
+    [kept] = tmp_path.glob("a.npz-*.unfinished")
+    assert f"; the same command goes on, by {kept}" in told
+
+
+def test_a_run_that_is_killed_goes_on(files, tmp_path, abfm):
+    times = 0.01 * np.arange(30)
+    np.savez(tmp_path / "f.npz", frames=film(times=times), times=times)
+    words = f"sequence {files}/m.ply {tmp_path}/f.npz {SOLVED} --out {tmp_path}/"
+    abfm(f"{words}whole.npz")
+    process = start(*f"{words}a.npz".split())
+    while not [*tmp_path.glob("a.npz-*.unfinished")]:
+        assert process.poll() is None
+    process.kill()
+    process.communicate()
+    assert not (tmp_path / "a.npz").exists()
+    told = abfm(f"{words}a.npz").err.splitlines()
+    assert told[0].startswith("note: going on after ")
+    assert told[0].endswith(" of 29 intervals, which an earlier run found")
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
+    assert not [*tmp_path.glob("*.unfinished")]

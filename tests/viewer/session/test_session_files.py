@@ -239,7 +239,9 @@ def test_every_file_of_frames_opens_alone_beside_its_mesh_and_by_words(desk, tmp
         arrays = [nibabel.gifti.GiftiDataArray(frame) for frame in frames]
         nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), path)
     elif name.endswith(".npz"):
-        np.savez(path, frames=frames, times=[0, 0.5, 1])
+        # with names that files of abfm have, too
+        others = {"vertices": mesh.vertices, "velocity": frames}
+        np.savez(path, frames=frames, times=[0, 0.5, 1], **others)
     elif name.endswith(".npy"):
         np.save(path, frames)
     else:

@@ -6,7 +6,6 @@ Tibshirani, Friedman 2009, section 7.10], by patches as neighbours know each oth
 """
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.course import Stage
@@ -15,19 +14,28 @@ from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
 _PATCHES, _FOLDS = 150, 3
+_ROUNDED = 1e-9  # of the surface's size: what differs by less is as far
 PRICE = 0.2
 """Of a mean ``|log2 J|`` of 1, in mismatch: what is held out has to gain as much."""
 
 
 def folds(mesh: TriangleMesh) -> IntArray:
-    """Return each vertex's fold, (V,): patches about points far from each other take turns."""
+    """Return each vertex's fold, (V,): patches about points far from each other take turns.
+
+    Of points that are as far, but for rounding, the first one is taken: so the folds of a surface
+    that has symmetries are the same wherever it lies and whatever its unit.
+    """
     vertices = mesh.vertices
-    centres = [int(np.argmin(np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)))]
-    away = np.full(len(vertices), np.inf)
-    for _ in range(_PATCHES - 1):
-        away = np.minimum(away, np.linalg.norm(vertices - vertices[centres[-1]], axis=1))
-        centres.append(int(away.argmax()))
-    return np.asarray(KDTree(vertices[centres]).query(vertices)[1] % _FOLDS)
+    from_middle = np.linalg.norm(vertices - vertices.mean(axis=0), axis=1)
+    rounded = _ROUNDED * from_middle.max()
+    centre = int(np.argmax(from_middle <= from_middle.min() + rounded))
+    away, nearest = np.full(len(vertices), np.inf), np.zeros(len(vertices), dtype=np.int64)
+    for patch in range(_PATCHES):
+        distance = np.linalg.norm(vertices - vertices[centre], axis=1)
+        nearest[distance < away - rounded] = patch
+        away = np.minimum(away, distance)
+        centre = int(np.argmax(away >= away.max() - rounded))
+    return nearest % _FOLDS
 
 
 def without(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:

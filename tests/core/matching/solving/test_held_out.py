@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from scipy.spatial.transform import Rotation
 
 from abfm import MatchingEnergy, Parameters
 from abfm.calculus.operators import vertex_areas
@@ -32,6 +33,15 @@ def test_patches_are_dealt_out_evenly_and_always_alike(mesh):
     shares = np.bincount(fold, vertex_areas(mesh)) / vertex_areas(mesh).sum()
     assert (np.abs(shares - 1 / 3) < 0.1).all()
     assert_array_equal(folds(TriangleMesh(mesh.vertices, mesh.faces)), fold)
+
+
+@pytest.mark.parametrize("mesh", [SPHERE, torus(60, 30)])
+def test_rounding_deals_out_nothing_where_a_surface_has_symmetries(mesh):
+    """Many points are as far from what is dealt out, wherever the surface lies."""
+    for turn in range(3):
+        moved = Rotation.random(random_state=turn).apply(mesh.vertices.copy())
+        other = TriangleMesh(3.7 * moved + turn, mesh.faces)
+        assert_array_equal(folds(other), folds(mesh))
 
 
 def test_they_are_patches_and_not_vertices_here_and_there():

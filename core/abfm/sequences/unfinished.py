@@ -1,0 +1,140 @@
+"""What was found of a film that is not finished, in a file beside its result: whatever is killed
+goes on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from abfm.errors import ResultError
+from abfm.io import results
+from abfm.io.results import Entry
+from abfm.sequences.solve import Solver
+
+_EVERY = 5.0  # seconds, at least, from one writing to the next
+_SPARED = 20.0  # times as long as a writing takes, too, so that it costs 5% at most
+_KIND = results.Kind(
+    "file of a film that is not finished",
+    {
+        "problem": Entry("text", ()),
+        "sigma": Entry("real", (), low=0),
+        "fields": Entry("real", ("K", "F", 2)),
+        "energies": Entry("real", ("K",)),
+        "alone": Entry("boolean", ("K",)),
+        "in_vain": Entry("integer", (), low=0),
+        "swept": Entry("integer", (), low=0),
+        "before": Entry("real", (), may_be_unknown=True),
+        "witnessed": Entry("real", ("K", 2), low=0, may_be_unknown=True),
+    },
+)
+
+
+class Unfinished:
+    """A file for what was found of a film, while it is solved and until its result is safe.
+
+    It is named by the result and by all that makes the problem, so that only a run of the same goes
+    on from it: that then finds the same, bit for bit, as one that was never killed.
+
+    Parameters
+    ----------
+    result : path, optional
+        Where the result will be; the file is ``RESULT-DIGEST.unfinished``. Without, there is none.
+    on_found : callable
+        Called with how many intervals an earlier run had found, if there are any.
+    """
+
+    def __init__(
+        self,
+        result: str | os.PathLike[str] | None = None,
+        on_found: Callable[[int], object] = lambda count: None,
+    ) -> None:
+        self._result, self._on_found = result, on_found
+        self._problem, self._next = "", 0.0
+        self.path: Path | None = None  # known, once a film is solved
+
+    def take_up(self, solver: Solver) -> None:
+        """Have a solver go on from what there is of its problem: nothing, where that is damaged."""
+        if self._result is None:
+            return
+        self._problem = _digest(solver)
+        self.path = Path(f"{os.fspath(self._result)}-{self._problem[:8]}.unfinished")
+        with suppress(ResultError):
+            found = results.load_arrays(self.path, _KIND)
+            fields = found["fields"]
+            fits = fields.shape[1:] == solver.fields.shape[1:] and len(fields) <= len(solver.fields)
+            if found["problem"] == self._problem and fits:
+                known = slice(len(fields))
+                solver.fields[known], solver.energies[known] = fields, found["energies"]
+                solver.alone[known], solver.found[known] = found["alone"], True
+                solver.witnessed[known] = found["witnessed"]
+                solver.sigma, solver.before = float(found["sigma"]), float(found["before"])
+                solver.in_vain, solver.swept = int(found["in_vain"]), int(found["swept"])
+                self._on_found(len(fields))
+
+    def keep(self, solver: Solver, at_once: bool = True) -> None:
+        """Write what a solver has found; now and then only, unless at once. Where it cannot be
+        written the film is solved all the same.
+        """
+        began = time.monotonic()
+        if self.path is None or not solver.found[0] or (began < self._next and not at_once):
+            return
+        known = slice(int(np.count_nonzero(solver.found)))  # the first ones, one after the other
+        arrays = {
+            "problem": self._problem,
+            "sigma": solver.sigma,
+            "fields": solver.fields[known],
+            "energies": solver.energies[known],
+            "alone": solver.alone[known],
+            "in_vain": solver.in_vain,
+            "swept": solver.swept,
+            "before": solver.before,
+            "witnessed": solver.witnessed[known],
+        }
+        with suppress(ResultError):
+            results.save_arrays(self.path, arrays, _KIND)
+        now = time.monotonic()
+        self._next = now + max(_EVERY, _SPARED * (now - began))
+
+    def remove(self) -> None:
+        """Remove the file, as the result is safe."""
+        if self.path is not None:
+            with suppress(OSError):
+                self.path.unlink()
+
+
+def remove_unfinished(result: Path) -> None:
+    """Remove what is left beside a result that is there, by a run that was killed just then."""
+    for path in result.parent.glob(f"{result.name}-*.unfinished"):
+        with suppress(OSError):
+            path.unlink()
+
+
+def _digest(solver: Solver) -> str:
+    """Name what a solver is to find, by its content, in hexadecimal digits."""
+    film = solver.frames
+    told = {
+        "abfm": version("abfm"),
+        "parameters": solver.given.to_dict(),
+        "gamma": solver.gamma,
+        "channels_given": film.channels_given,
+    }
+    arrays = results.mesh_arrays(film.mesh) | {
+        "frames": film.values,
+        "times": film.times,
+        "weights": film.weights,
+    }
+    if film.mask is not None:
+        arrays["mask"] = film.mask
+    digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+    for piece in results.pieces({name: np.asarray(each) for name, each in arrays.items()}):
+        digest.update(piece)
+    return digest.hexdigest()

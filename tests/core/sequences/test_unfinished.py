@@ -1,0 +1,112 @@
+"""Films whose runs are killed, and go on."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import abfm
+from abfm import Control
+from abfm.sequences import Unfinished, defaults
+from abfm.sequences.files import sequence_arrays
+from abfm.workers.progress import telling
+from tests.core.sequences.films import SPHERE, bumps
+from tests.core.sequences.turning_film import MESH, TIMES, film
+
+
+class Killed(BaseException):
+    """The end of a process."""
+
+
+class Deadly(Unfinished):
+    """Writes after each step, and is killed then, unless it came so far before."""
+
+    been = 0
+
+    def keep(self, solver, at_once=True):
+        super().keep(solver)
+        checked = np.isfinite(solver.witnessed).all(axis=1)
+        come = np.count_nonzero(solver.found) + solver.swept + np.count_nonzero(checked)
+        if come > Deadly.been:
+            Deadly.been = come
+            raise Killed
+
+
+def solved(unfinished=None, gamma=1.0, **more):
+    return abfm.sequence(MESH, film(), TIMES, gamma=gamma, unfinished=unfinished, **more)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return solved()
+
+
+def assert_same(found, wanted):
+    arrays = sequence_arrays(wanted)
+    for name, array in sequence_arrays(found).items():
+        assert_array_equal(array, arrays[name], err_msg=name)
+
+
+def test_one_that_is_killed_after_each_step_finds_the_same_bit_for_bit(tmp_path):
+    """Of bumps that jump and change, which are searched for in vain, and one that is found."""
+    places, sizes, heights = [0, 3, 0, 1.6], [0.4, 0.2, 0.4, 0.4], [1, 2, 1, 1]
+    frames = [h * bumps([a], w, 0)[0] for a, w, h in zip(places, sizes, heights, strict=True)]
+    given = SPHERE, frames, None, defaults(sigma=0.3)
+    taken_up, kills, found = [], 0, None
+    while found is None:
+        unfinished = Deadly(tmp_path / "s.npz", taken_up.append)
+        try:
+            found = abfm.sequence(*given, unfinished=unfinished)
+        except Killed:
+            kills += 1
+    assert_same(found, abfm.sequence(*given))
+    assert taken_up[:2] == [1, 2]
+    assert set(taken_up[2:]) == {3}  # of three intervals, in sweeps and when they are checked
+    assert len(taken_up) == kills > 3 + 2 * 3
+    assert [path.name for path in tmp_path.iterdir()] == [unfinished.path.name]
+    unfinished.remove()
+    assert not any(tmp_path.iterdir())
+
+
+def test_one_that_is_cancelled_goes_on_where_it_was(whole, tmp_path):
+    control, again, tasks = Control(), [], set()
+    stop = {"control": control, "on_interval": lambda i: control.cancel() if i == 1 else None}
+    part = solved(Unfinished(tmp_path / "s.npz"), **stop)
+    assert [np.abs(field).max() > 0 for field in part.velocity] == [True, True, False, False]
+    with telling(lambda now: tasks.add(now and now.task)):
+        found = solved(Unfinished(tmp_path / "s.npz"), on_interval=again.append)
+    assert_same(found, whole)
+    assert again == [2, 3]
+    assert "following the frames" in tasks
+    assert "choosing sigma" not in tasks
+
+
+def test_what_is_checked_by_flow_lines_is_not_checked_again(whole, tmp_path):
+    first = Unfinished(tmp_path / "s.npz")
+    solved(first)
+    arrays = dict(np.load(first.path))
+    arrays["witnessed"][2] = 0.5, 0.25
+    with first.path.open("wb") as file:
+        np.savez(file, **arrays)
+    found = solved(Unfinished(tmp_path / "s.npz"))
+    assert (found.verified_mismatch[2], found.folded[2]) == (0.5, 0.25)
+    others = [0, 1, 3]
+    assert_array_equal(found.verified_mismatch[others], whole.verified_mismatch[others])
+
+
+def test_another_problem_or_a_damaged_file_begins_anew(whole, tmp_path):
+    first, other = (Unfinished(tmp_path / "s.npz", pytest.fail) for _ in range(2))
+    solved(first)
+    solved(other, gamma=0.0)
+    assert first.path.name.startswith("s.npz-")
+    assert first.path != other.path
+    content = first.path.read_bytes()
+    for damaged in (content[:-100], b"", other.path.read_bytes()):
+        first.path.write_bytes(damaged)
+        assert_same(solved(Unfinished(tmp_path / "s.npz", pytest.fail)), whole)
+    assert first.path.read_bytes() == content
+
+
+def test_where_it_cannot_be_written_the_film_is_solved_all_the_same(whole, tmp_path):
+    unfinished = Unfinished(tmp_path / "no folder" / "s.npz")
+    assert_same(solved(unfinished), whole)
+    unfinished.remove()
