@@ -243,7 +243,7 @@ def _about_mask(sequence: abfm.Sequence) -> list[str]:
     areas = vertex_areas(sequence.mesh)
     return [
         f"{share(float(areas[mask == 0].sum() / areas.sum()))} of the surface has no weight and is "
-        "not compared; values that were missing there are filled in from around"
+        "not compared; what is shown there is filled in from around"
     ]
 
 
