@@ -51,11 +51,16 @@ class Point:
 
 class Interval:
     """The minimisation between two frames, in the units of the mesh scaled to unit area; sigma is
-    absolute.
+    absolute. A shift (C, V), see `defect`, is taken off what the discrete flow carries.
     """
 
-    def __init__(self, energy: MatchingEnergy, neighbours: Sequence[Neighbour] = ()) -> None:
-        self.energy = energy
+    def __init__(
+        self,
+        energy: MatchingEnergy,
+        neighbours: Sequence[Neighbour] = (),
+        shift: FloatArray | float = 0.0,
+    ) -> None:
+        self.energy, self._shift = energy, shift
         self._neighbours = [each for each in neighbours if each.weight > 0]
         self._norm, self._tau = energy.regularizer(), energy.parameters.tau
 
@@ -64,7 +69,7 @@ class Interval:
         where that carries the one frame closer to the other than they were; else from no motion,
         and from the warmest on. What a start has too much of is smoothed away by the warmer one.
         """
-        objective = self.energy.objective(sigma)
+        objective = self._objective(sigma)
         rest = self._evaluated(objective, np.zeros(self.energy.shape[1:]))
         field, sigmas = rest.field, cooling(sigma, warmest)
         if start is not None and self._evaluated(objective, start).at.mismatch < rest.at.mismatch:
@@ -76,7 +81,7 @@ class Interval:
 
     def go_on(self, sigma: float, field: FloatArray, steps: int = _STEPS) -> Point:
         """Minimise with a sigma from a field (F, 2), by steps while they pay, at most so many."""
-        objective = self.energy.objective(sigma)
+        objective = self._objective(sigma)
         point = self._evaluated(objective, field)
         for _ in range(steps):
             checkpoint()
@@ -86,6 +91,9 @@ class Interval:
             if not gained > _GAINED * point.energy:
                 break
         return point
+
+    def _objective(self, sigma: float) -> Objective:
+        return self.energy.objective(sigma, shift=self._shift)
 
     def _step(self, objective: Objective, sigma: float, point: Point) -> Point:
         slope = point.at.gradient[0]
@@ -102,13 +110,17 @@ class Interval:
             length /= 2
         return point
 
-    def _evaluated(self, objective: Objective, field: FloatArray) -> Point:
-        at = objective.evaluate(field[None])
-        total = at.energy
+    def tied(self, field: FloatArray) -> float:
+        """Return what neighbours add to the energy of a field (F, 2)."""
+        total = 0.0
         for each in self._neighbours:
             apart = field - each.field
             total += 0.5 * self._tau * each.weight * _inner(apart, self._norm.apply(apart))
-        return Point(field, at, total)
+        return total
+
+    def _evaluated(self, objective: Objective, field: FloatArray) -> Point:
+        at = objective.evaluate(field[None])
+        return Point(field, at, at.energy + self.tied(field))
 
     @property
     def _stiffness(self) -> float:
@@ -118,8 +130,8 @@ class Interval:
     def _bend(self, sigma: float, at: Evaluation) -> Apply:
         """Return the second derivative of the linear problem halfway between carried and wanted."""
         mesh, functions = self.energy.mesh, self.energy.functions
-        count, mean, derive = len(functions.source), averaging(mesh), gradient(mesh)
-        halfway = 0.5 * (at.advected[:count] + functions.target)
+        mean, derive = averaging(mesh), gradient(mesh)
+        halfway = 0.5 * (at.advected - self._shift + functions.target)
         slopes = [(derive @ each).reshape(-1, 2) for each in halfway]
         weights = functions.weights * (self._tau / sigma) ** 2
         areas, norm, stiffness = functions.areas, self._norm, self._stiffness

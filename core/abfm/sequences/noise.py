@@ -57,9 +57,14 @@ def flat(mesh: TriangleMesh, functions: FloatArray) -> BoolArray:
     return np.asarray(_alone(mesh, functions) <= _ROUNDED * sizes)
 
 
-def _alone(mesh: TriangleMesh, functions: FloatArray) -> FloatArray:
+def means_of_neighbours(mesh: TriangleMesh, functions: FloatArray) -> FloatArray:
+    """Return at each vertex the mean of functions (..., V) over its neighbours, (..., V)."""
     rows = functions.reshape(-1, functions.shape[-1])
-    apart = functions - (_means(mesh) @ rows.T).T.reshape(functions.shape)
+    return np.asarray((_means(mesh) @ rows.T).T.reshape(functions.shape))
+
+
+def _alone(mesh: TriangleMesh, functions: FloatArray) -> FloatArray:
+    apart = functions - means_of_neighbours(mesh, functions)
     return np.asarray(np.abs(apart) / np.sqrt(1 + 1 / _neighbours(mesh)))
 
 

@@ -17,6 +17,7 @@ from abfm.matching.solvability import is_measured
 from abfm.matching.solving.held_out import without
 from abfm.matching.solving.measures import measured
 from abfm.parameters import Parameters
+from abfm.sequences.defect import defect
 from abfm.sequences.explained import OFTEN, explains_little
 from abfm.sequences.frames import Frames
 from abfm.sequences.interval import Interval, Neighbour, Point, cooling
@@ -96,6 +97,7 @@ class Solver:
         self.before = np.nan  # energy of all, when the last sweep began
         # what flow lines leave of each interval, and the share of faces that they fold
         self.witnessed = np.full((len(self.fields), 2), np.nan)
+        self._defects: dict[int, FloatArray] = {}  # of fields, where they were asked for
 
     def run(
         self, on_interval: Callable[[int], object], on_step: Callable[[], object] = lambda: None
@@ -117,6 +119,8 @@ class Solver:
                 on_step()
         if self.gamma and count > 1:
             self._settle(on_step)
+        else:
+            self._settle_each(on_step)
 
     def _is_no_motion(self, energy: MatchingEnergy, found: Point) -> bool:
         left = energy.relative_mismatch(found.at.advected)
@@ -161,17 +165,19 @@ class Solver:
         return left > max(_MUCH * first, OFTEN * noise_floor(energy.functions, self.levels))
 
     def _settle(self, on_step: Callable[[], object] = lambda: None) -> None:
-        """Sweep back and forth until the energy of all hardly falls."""
+        """Sweep back and forth until the energy of all, by flow lines, hardly falls."""
         count = len(self.fields)
+        if not self.swept:
+            with step("checking by flow lines") as tell:
+                for i in range(count):
+                    self._ask_flow_lines(i)
+                    tell((i + 1) / count)
+            self.before = self.total()
         with step("smoothing in time") as tell:
             while self.swept < _SWEEPS * count:
-                checkpoint()
-                if not self.swept:
-                    self.before = self.total()
                 sweep, done = divmod(self.swept, count)
                 i = done if sweep % 2 else count - 1 - done
-                beside = [j for j in (i - 1, i + 1) if 0 <= j < count]
-                self._keep(i, self._interval(i, beside).go_on(self._sigmas(i)[0], self.fields[i]))
+                self._go_on(i, [j for j in (i - 1, i + 1) if 0 <= j < count])
                 self.swept += 1
                 if done == count - 1:
                     before, self.before = self.before, self.total()
@@ -179,6 +185,44 @@ class Solver:
                         self.swept = _SWEEPS * count
                 tell(self.swept / (_SWEEPS * count))
                 on_step()
+
+    def _settle_each(self, on_step: Callable[[], object]) -> None:
+        """Go on with each interval by itself until its energy, by flow lines, hardly falls."""
+        count = len(self.fields)
+        with step("correcting by flow lines") as tell:
+            while self.swept < _SWEEPS * count:
+                i, times = divmod(self.swept, _SWEEPS)
+                if not times:
+                    self._ask_flow_lines(i)
+                before = self.energies[i]
+                self._go_on(i)
+                is_settled = not before - self.energies[i] > _SETTLED * before
+                self.swept += _SWEEPS - times if is_settled else 1
+                tell(self.swept / (_SWEEPS * count))
+                on_step()
+
+    def _ask_flow_lines(self, i: int) -> None:
+        """Take the energy of an interval's field for what flow lines say."""
+        checkpoint()
+        self._defects[i] = defect(self._energy(i), self.fields[i])
+        interval = self._interval(i, shift=self._defects[i])
+        self.energies[i] = interval.go_on(self._sigmas(i)[0], self.fields[i], 0).at.energy
+
+    def _go_on(self, i: int, beside: Sequence[int] = ()) -> None:
+        """Minimise an interval's energy with the defect of its field taken off: a defect correction
+        [Stetter 1978]. What comes of it is kept if it has less energy by flow lines.
+        """
+        checkpoint()
+        field, sigma = self.fields[i], self._sigmas(i)[0]
+        if i not in self._defects:  # of an earlier run
+            self._defects[i] = defect(self._energy(i), field)
+        interval = self._interval(i, beside, self._defects[i])
+        found = interval.go_on(sigma, field)
+        left = defect(interval.energy, found.field)
+        there = self._interval(i, beside, left).go_on(sigma, found.field, 0)
+        if there.energy < self.energies[i] + interval.tied(field):
+            self._defects[i] = left
+            self._keep(i, there)
 
     def total(self) -> float:
         """Energy of all intervals together, with what ties them."""
@@ -208,11 +252,13 @@ class Solver:
     def _energy(self, interval: int) -> MatchingEnergy:
         return MatchingEnergy(self.frames.problem(interval, self.parameters(interval)))
 
-    def _interval(self, i: int, beside: Sequence[int]) -> Interval:
+    def _interval(
+        self, i: int, beside: Sequence[int] = (), shift: FloatArray | float = 0.0
+    ) -> Interval:
         """Return the minimisation of an interval, near the fields of those beside it."""
         duration = float(self.frames.durations[i])
         neighbours = [Neighbour(self.fields[j], self._tie(i, j) / duration) for j in beside]
-        return Interval(self._energy(i), neighbours)
+        return Interval(self._energy(i), neighbours, shift)
 
     def _sigmas(self, i: int) -> tuple[float, float]:
         """Return the last and the warmest sigma of an interval."""
