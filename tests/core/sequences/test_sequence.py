@@ -63,9 +63,10 @@ def test_fields_are_per_unit_of_time_and_the_unit_does_not_matter(film, found):
 def test_intervals_of_different_length_get_the_same_motion():
     frames, wanted = turning(SPHERE, 0.05, 6)
     chosen = [0, 1, 3, 5]
-    found = abfm.sequence(SPHERE, frames[chosen], np.array(chosen, float), FAST)
+    close = defaults(sigma=0.1)
+    found = abfm.sequence(SPHERE, frames[chosen], np.array(chosen, float), close)
     for i, frame in enumerate(chosen[:-1]):
-        assert off(SPHERE, found.velocity[i], wanted, frames[frame]) < 0.15
+        assert off(SPHERE, found.velocity[i], wanted, frames[frame]) < 0.12
 
 
 def test_scale_and_rotation_of_the_surface_go_with_the_fields(film, found):
@@ -285,13 +286,12 @@ def test_a_cancelled_sequence_keeps_what_it_found(film):
 
 
 def test_a_run_goes_on_after_the_fields_of_an_earlier_one(film, found):
-    told, solved = {}, []
+    told, again = {}, {}
     abfm.sequence(SPHERE, film[0], parameters=FAST, on_field=told.setdefault)
-    before = abfm.sequence(SPHERE, film[0], parameters=FAST, gamma=0).velocity
-    told[1] = before[2]  # which no run would find there
-    again = abfm.sequence(SPHERE, film[0], None, FAST, 0, known=told, on_interval=solved.append)
-    assert_allclose(again.velocity[1], before[2], atol=1e-14)
-    assert solved == [0, 1, 2]
+    told[1] = told[2]  # which no run would find there
+    abfm.sequence(SPHERE, film[0], parameters=FAST, known=told, on_field=again.setdefault)
+    assert list(again) == [0, 1, 2]
+    assert_allclose(again[1], told[1], atol=1e-14)
     del told[1]
     again = abfm.sequence(SPHERE, film[0], parameters=FAST, known={0: told[0]})
     assert_allclose(again.velocity, found.velocity, atol=1e-12)
