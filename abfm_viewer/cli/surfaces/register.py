@@ -93,12 +93,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Register and write; the status is that of `abfm match`."""
-    for path in arguments.out:
-        outputs.check_registered(path)
-        outputs.check_not_read(path, (arguments.a, arguments.b, arguments.landmarks))
     sources, targets, weights = options.channels(
         arguments, may_lack=arguments.landmarks is not None
     )
+    surfaces, masks = (arguments.a, arguments.b), (arguments.mask_a, arguments.mask_b)
+    for path in arguments.out:
+        outputs.check_registered(path)
+        outputs.check_not_read(path, (*surfaces, *masks, arguments.landmarks, *sources, *targets))
     changed = {
         entry.name: value
         for entry in fields(Parameters)

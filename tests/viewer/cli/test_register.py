@@ -159,7 +159,14 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
     [
         ("register {a} {b} --source file:{n} --out {t}/r.npz", "need each other"),
         ("register {a} {b} --out {t}/r.npz", "give --source and --target"),
-        ("register {a} {b} --out {b}", "b.ply: it is read; choose another name"),
+        (
+            "register {a} {b} --source {x} --target {x} --out {b}",
+            "b.ply: it is read; choose another",
+        ),
+        (
+            "register {a} {b} --source file:{t}/p.csv --target {x} --out {t}/p.csv",
+            "p.csv: it is read; choose another",
+        ),
         ("register {a} {b} --source file:{n} --target file:{n} --out {t}/r.npz", "one per vertex"),
         ("register {a} {a} --source file:{n} --target file:{n} --out {t}/r.xyz", "must end in"),
         (
