@@ -122,9 +122,7 @@ def _npz(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
             if (name := array or alone) not in archive:
                 _refuse(archive, name, mesh if array is None else None)
             values, times = archive[name], archive.get("times")
-        except (OSError, SeveralArraysError):
-            raise
-        except ValueError:
+        except (OSError, ValueError, SeveralArraysError):
             raise
         except Exception as error:  # damage makes anything of the readers of zips
             told = one_line(error, 300)

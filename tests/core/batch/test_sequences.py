@@ -75,6 +75,19 @@ def test_a_run_that_is_killed_goes_on_and_finds_the_same(folder):
     assert not kept.exists()
 
 
+def test_one_that_is_cancelled_before_it_begins_has_not_failed(folder):
+    np.save(folder / "f.npy", np.where(np.arange(FRAMES.shape[1]) < 9, np.nan, FRAMES))
+    row, control, ledger = film(folder), Control(), Ledger(folder / "out")
+
+    def stop(now):
+        if now is not None and now.task == "filling in what is not compared":
+            control.cancel()
+
+    with telling(stop), controlled(control), pytest.raises(CancelledError):
+        attempt(Task(row, str(ledger.folder), ledger.make()))
+    assert ledger.entry(row).state == "missing"
+
+
 def test_channels_have_weights(folder):
     np.save(folder / "f.npy", np.stack([FRAMES, FRAMES[::-1]], axis=2))
     [entry] = run([film(folder, weights="1, 0")], folder / "out", ONE)
