@@ -93,6 +93,8 @@ def check_sequence(path: Path) -> None:
     check(path, SEQUENCES)
     if path.suffix == ".stc":
         abfm.io.check_stc_name(path)
+    elif path.suffix == ".pvd":
+        abfm.sequences.check_pvd(path)
     elif path.suffix == ".gii":
         abfm.io.check_values_name(path)
 

@@ -3,6 +3,7 @@ from .critical_points import CriticalPoints as CriticalPoints
 from .critical_points import critical_points as critical_points
 from .critical_points import face_indices as face_indices
 from .episodes import Episode as Episode
+from .exports import check_pvd as check_pvd
 from .exports import export_intervals as export_intervals
 from .exports import export_pvd as export_pvd
 from .exports import export_speed as export_speed
