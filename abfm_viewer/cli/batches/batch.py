@@ -10,6 +10,7 @@ from abfm.errors import printable
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_cluster, solve, tell_all
 from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.files import outputs
 
 SUMMARY = "solve a table of problems, on all cores or a cluster, and go on where it was ended"
 _FILLED = TextWrapper(96, "  ", "  ", break_on_hyphens=False)
@@ -75,6 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.table is None:
         title, entries = ledger.kept()
         return tell_all(entries, title, arguments)
+    outputs.check_not_read(arguments.out / "summary.csv", [str(arguments.table)])
     rows, title = read_table(arguments.table), printable(arguments.table.name)
     if status is None:
         return solve(rows, title, arguments)

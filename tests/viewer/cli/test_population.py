@@ -256,6 +256,13 @@ def test_what_does_not_fit_is_told_in_a_line(abfm, folder, monkeypatch, words, t
     assert told in abfm(f"{words} --quiet", status=2).err
 
 
+def test_the_table_of_subjects_is_not_replaced_by_what_is_found(abfm, tmp_path):
+    (tmp_path / "subjects.csv").write_text("theirs")
+    words = f"population {tmp_path}/subjects.csv --template t.gii --out {tmp_path}"
+    assert "subjects.csv: it is read; choose another name" in abfm(words, status=2).err
+    assert (tmp_path / "subjects.csv").read_text() == "theirs"
+
+
 def test_numbers_that_are_unknown_are_none(told):
     facts, _ = told
 

@@ -185,6 +185,7 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
         ("apply {r} --labels {n} --out {t}/x.csv", "whole numbers"),
         ("apply {a} --data {n} --out {t}/x.csv", "damaged"),
         ("apply {r} --points {n} --out {t}/x.csv", "no vertex in use"),
+        ("apply {r} --points {t}/p.csv --out {t}/p.csv", "p.csv: it is read; choose another name"),
         (
             "apply {r} --points {t}/p.csv --by area --out {t}/x.csv",
             "--by is of --data and --labels",
