@@ -97,9 +97,10 @@ def run(arguments: argparse.Namespace) -> int:
         arguments, may_lack=arguments.landmarks is not None
     )
     surfaces, masks = (arguments.a, arguments.b), (arguments.mask_a, arguments.mask_b)
+    read = (*surfaces, *masks, arguments.initial, arguments.landmarks, *sources, *targets)
     for path in arguments.out:
         outputs.check_registered(path)
-        outputs.check_not_read(path, (*surfaces, *masks, arguments.landmarks, *sources, *targets))
+        outputs.check_not_read(path, read)
     changed = {
         entry.name: value
         for entry in fields(Parameters)

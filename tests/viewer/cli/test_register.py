@@ -164,6 +164,10 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
             "b.ply: it is read; choose another",
         ),
         (
+            "register {a} {b} --landmarks {n} --initial file:{t}/p.csv --out {t}/p.csv",
+            "p.csv: it is read; choose another",
+        ),
+        (
             "register {a} {b} --source file:{t}/p.csv --target {x} --out {t}/p.csv",
             "p.csv: it is read; choose another",
         ),
