@@ -177,6 +177,7 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
         ("batch --out {t}/out", "TABLE.csv is missing"),
         ("batch {t}/none.csv --out {t}/out", "cannot read table {t}/none.csv: No such file"),
         ("batch {t}/summary.csv --out {t}", "summary.csv: it is read; choose another name"),
+        ("batch ~no-user/t.csv --out {t}/out", "cannot read table ~no-user/t.csv: No such file"),
         ("batch {t}/bad.csv --out {t}/out", "bad.csv: row 1, column alpha: 'much' is no number"),
         ("batch {t}/good.csv --out {t}/out --jobs 0", "a number of processes"),
         ("batch {t}/good.csv --out {t}/out --jobs 2 --scheduler x", "give one of jobs"),

@@ -230,6 +230,7 @@ def test_a_subject_that_cannot_be_registered_is_told(abfm, folder, found):
     [
         ("population table.csv --out out", "--template is missing"),
         ("population table.csv --template template.gii", "--out"),
+        ("population ~no-user/s.csv --template t.gii --out out", "table ~no-user/s.csv"),
         ("population none.csv --template template.gii --out out", "cannot read table none.csv"),
         ("population table.csv --template none.gii --out out", "none.gii"),
         ("population table.csv --template template.gii --out out --function depth", "NAME=SPEC"),

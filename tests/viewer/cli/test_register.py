@@ -158,6 +158,10 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
     ("words", "told"),
     [
         ("register {a} {b} --source file:{n} --out {t}/r.npz", "need each other"),
+        (
+            "register {a} {b} --source {x} --target {x} --initial sphere:~-/a,~-/b --out {t}/r.npz",
+            "~-/a",
+        ),
         ("register {a} {b} --out {t}/r.npz", "give --source and --target"),
         (
             "register {a} {b} --source {x} --target {x} --out {b}",

@@ -163,7 +163,7 @@ def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
         ("{m} {t}/x/x_1.vtu --out {t}/x.pvd", "x.pvd: its x_1.vtu is read"),
         ("{m} {f} --mask {t}/t.csv --intervals {t}/t.csv --out {t}/a.npz", "t.csv: it is read"),
         ("{m} {f} --mask file:{t}/t.csv --tracks {t}/t.csv --out {t}/a.npz", "t.csv: it is read"),
-        ("~nobody/m.ply {f} --out {t}/a.npz", "m.ply"),
+        ("~no-user/m.ply {f} --out {t}/a.npz", "m.ply"),
         (f"{{m}} {{f}} --mask {'a+' * 200} --out {{t}}/a.npz", "unknown function family"),
         ("{t}/x/m.ply {f} --out {t}/x.pvd", "m.ply"),  # which no frame is called as
         ("{m} {f} --out {t}/file.pvd", "file: there is a file; choose another name\n"),
