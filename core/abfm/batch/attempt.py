@@ -8,12 +8,12 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from abfm.batch.kind import Cost, Prepared
 from abfm.batch.ledger import Ledger, Record
-from abfm.batch.rows import Row
+from abfm.batch.rows import Row, own_version
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
@@ -29,6 +29,7 @@ class Task:
     folder: str
     identity: str
     contents: Mapping[str, bytes] | None = None  # of files, where the worker does not see them
+    version: str = field(default_factory=own_version)  # of abfm, where it is asked for
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,9 @@ def attempt(task: Task) -> Answer:
 
 
 def _answer(task: Task) -> Answer:
+    if task.version != (there := own_version()):
+        reason = f"its worker has abfm {there}; install abfm {task.version} there, as it is here"
+        return Answer(Record(reason=reason))
     if task.contents is None and not all(map(os.path.exists, task.row.files())):
         return Answer(is_blind=True)
     digest = ""

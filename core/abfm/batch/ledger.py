@@ -100,11 +100,12 @@ class Ledger:
             ) from error
 
     def is_seen(self, identity: str) -> bool:
-        """Tell whether this is, here, the same folder."""
+        """Tell whether this is, here, the same folder, and may be written to."""
         try:
-            return (self.own / "identity").read_text() == identity
+            is_same = (self.own / "identity").read_text() == identity
         except OSError:
             return False
+        return is_same and all(os.access(each, os.W_OK) for each in (self.folder, self.own))
 
     def result(self, digest: str) -> Path:
         """Return where the result with a digest is, or will be."""

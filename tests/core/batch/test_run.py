@@ -29,6 +29,25 @@ def files(folder):
     }
 
 
+def test_a_worker_with_another_abfm_solves_nothing(tmp_path):
+    ledger = Ledger(tmp_path)
+    task = Task(pair(), str(ledger.folder), ledger.make(), version="0.0.9")
+    assert "install abfm 0.0.9 there, as it is here" in attempt(task).record.reason
+    assert not results(tmp_path)
+
+
+def test_a_worker_that_may_not_write_in_the_folder_sends_its_result(tmp_path, monkeypatch):
+    ledger = Ledger(tmp_path)
+    task = Task(pair(), str(ledger.folder), ledger.make())
+    with monkeypatch.context() as patched:
+        patched.setattr("abfm.batch.ledger.os.access", lambda path, mode: path != ledger.own)
+        answer = attempt(task)
+    assert answer.result
+    assert not results(tmp_path)
+    assert attempt(task).result is None
+    assert results(tmp_path) == {f"{answer.record.digest}.npz": answer.result}
+
+
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """Rows, the folder, and the entries and those told when they were solved."""
