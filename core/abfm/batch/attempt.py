@@ -85,7 +85,7 @@ def _solved(task: Task, prepared: Prepared) -> Answer:
     ledger = Ledger(task.folder)
     if ledger.is_seen(task.identity):
         path = ledger.result(prepared.digest)
-        if path.is_file():
+        if ledger.has(prepared.digest):
             remove_unfinished(path)
             return Answer(Record(prepared.digest))
         return Answer(_save(task, prepared, path))
