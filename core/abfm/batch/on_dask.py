@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import secrets
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -30,7 +31,7 @@ from abfm.batch.run import (
 )
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.reading import from_json, read_bytes
-from abfm.workers.control import Control
+from abfm.workers.control import CancelledError, Control
 from abfm.workers.process import OwnProcess, ProcessEndedError
 from abfm.workers.progress import step
 
@@ -85,8 +86,10 @@ class OnDask:
         while left and not control.cancelled:
             starts += 1
             try:
-                client = self._connected(ledger, len(left))
+                client = self._connected(ledger, len(left), control)
                 _submitted(client, list(left.values()), notes, done, control)
+            except CancelledError:
+                break
             except _LostError as error:
                 self._disconnect()
                 if not self.cluster.is_local:
@@ -102,13 +105,13 @@ class OnDask:
         if control.cancelled and self.cluster.is_local:
             self._disconnect()  # rows under way would go on before those of the next run
 
-    def _connected(self, ledger: Ledger, tasks: int) -> Client:
+    def _connected(self, ledger: Ledger, tasks: int, control: Control) -> Client:
         """Return the client, of a cluster of as many processes as so many tasks can use."""
         wanted = min(self.cluster.processes, tasks) if self.cluster.is_local else 0
         client: Client | None = self._client
         if client is None or client.status not in _ALIVE or wanted > self._processes:
             self._disconnect()
-            connection = _connected(self.cluster, ledger, wanted, self._quiet)
+            connection = _connected(self.cluster, ledger, wanted, self._quiet, control)
             client = self._client = self._connection.enter_context(connection)
             self._processes = wanted
         return client
@@ -201,7 +204,7 @@ def _answer(future: Future[Any]) -> Answer:
 
 @contextmanager
 def _connected(
-    cluster: Cluster, ledger: Ledger, processes: int, quiet: ExitStack
+    cluster: Cluster, ledger: Ledger, processes: int, quiet: ExitStack, control: Control
 ) -> Iterator[Client]:
     """Yield a client of the cluster, which is started where it is this machine's, with so many
     processes, and have nothing logged until all ends.
@@ -215,13 +218,13 @@ def _connected(
 
         quiet.enter_context(_silent())
         if process is not None:
-            client = _client(Client, process.receive())
+            client = _client(Client, process.receive(), control)
         else:
             address = cluster.scheduler
             if address is None:
                 address = _address_in(cluster.scheduler_file or "")
             with step(CONNECTING):
-                client = _client(Client, address)
+                client = _client(Client, address, control)
     except ProcessEndedError as error:
         raise _LostError from error
     else:
@@ -253,13 +256,30 @@ def _address_in(path: str | os.PathLike[str]) -> str:
     return address
 
 
-def _client(make: Callable[..., Client], address: str) -> Client:
-    try:
-        return make(address, set_as_default=False)
-    except Exception as error:  # of any kind, where something answers that is no scheduler
-        raise ResultError(
-            f"no scheduler answers at {one_line(address)}: {one_line(error, 120)}"
-        ) from error
+def _client(make: Callable[..., Client], address: str, control: Control) -> Client:
+    """Connect, which takes half a minute where nobody answers, unless it is cancelled."""
+    made = SimpleQueue[Any]()
+
+    def connect() -> None:
+        try:
+            client = make(address, set_as_default=False)
+        except Exception as error:  # of any kind, where something answers that is no scheduler
+            made.put(error)
+        else:
+            made.put(client)
+            if control.cancelled:
+                client.close()
+
+    threading.Thread(target=connect, daemon=True).start()
+    while not control.cancelled:
+        with suppress(Empty):
+            client = made.get(timeout=_EVERY)
+            if isinstance(client, Exception):
+                raise ResultError(
+                    f"no scheduler answers at {one_line(address)}: {one_line(client, 120)}"
+                ) from client
+            return client
+    raise CancelledError
 
 
 def _check_alike(client: Client) -> None:

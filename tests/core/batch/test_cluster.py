@@ -132,8 +132,24 @@ def test_no_scheduler_is_told(tmp_path):
     with pytest.raises(ResultError, match="no scheduler answers at nonsense"):
         run(ROWS, tmp_path, Cluster(scheduler="nonsense://1"))
     # what answers is none
+    refuse = Mock(side_effect=MemoryError("out of memory"))
     with pytest.raises(ResultError, match="no scheduler answers at tcp://1: out of memory"):
-        on_dask._client(Mock(side_effect=MemoryError("out of memory")), "tcp://1")
+        on_dask._client(refuse, "tcp://1", abfm.Control())
+
+
+def test_who_waits_for_a_scheduler_may_cancel_that(tmp_path, monkeypatch):
+    control, waited, closed = abfm.Control(), threading.Event(), threading.Event()
+
+    def connect(*given, **named):
+        control.cancel()
+        waited.wait()
+        return Mock(close=closed.set)
+
+    monkeypatch.setattr("distributed.Client", connect)
+    entries = run(ROWS, tmp_path, Cluster(scheduler="tcp://1"), control=control)
+    assert [entry.state for entry in entries] == ["missing"] * len(ROWS)
+    waited.set()
+    assert closed.wait(10)  # who comes late is sent away
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", "nonsense", '{"address": 5}', '{"address": ""}'])
