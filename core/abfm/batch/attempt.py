@@ -107,9 +107,8 @@ def _save(task: Task, prepared: Prepared, path: Path) -> Record:
     found.save(path)
     remove_unfinished(path)
     seconds = time.monotonic() - began
-    return Record(
-        prepared.digest, seconds=seconds, row_products=products.count, **dataclasses.asdict(cost)
-    )
+    count = None if products.is_shared else products.count  # unknown in a worker of several threads
+    return Record(prepared.digest, seconds=seconds, row_products=count, **dataclasses.asdict(cost))
 
 
 def _with_contents(row: Row, contents: Mapping[str, bytes], folder: Path) -> Row:
