@@ -95,7 +95,11 @@ def tell_all(
     """Write the summary and tell it; ``seconds`` are those of solving, if that was asked for, and
     ``status`` is that of a run which was broken off, after which nothing is drawn any more.
     """
-    rows, folder = told_of(entries), Path(arguments.out)
+    rows, folder = list[Told](), Path(arguments.out)
+    with row_progress(0, arguments.quiet, "reading") as report:
+        for number, entry in enumerate(entries, 1):
+            report(f"row {number} of {len(entries)}")
+            rows += told_of([entry])
     draws = status is None and not arguments.no_pictures
 
     def drawn(number: int, count: int) -> None:
