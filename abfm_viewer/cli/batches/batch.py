@@ -10,6 +10,7 @@ from abfm.errors import printable
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_cluster, solve, tell_all
 from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.progress import row_progress
 
 SUMMARY = "solve a table of problems, on all cores or a cluster, and go on where it was ended"
 _FILLED = TextWrapper(96, "  ", "  ", break_on_hyphens=False)
@@ -72,12 +73,15 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.table is None and status is None:
         raise UsageError("TABLE.csv is missing; see abfm batch --help")
     ledger = Ledger(arguments.out)
-    if arguments.table is None:
-        title, entries = ledger.kept()
-        return tell_all(entries, title, arguments)
-    rows, title = read_table(arguments.table), printable(arguments.table.name)
+    with row_progress(0, arguments.quiet, "reading"):  # some seconds, of tens of thousands of rows
+        if arguments.table is None:
+            title, entries = ledger.kept()
+        else:
+            rows, title = read_table(arguments.table), printable(arguments.table.name)
+            if status is not None and not ledger.folder.is_dir():
+                folder = printable(arguments.out)
+                raise UsageError(f"there is no folder {folder}: nothing was solved yet")
+            entries = [] if status is None else ledger.entries(rows)
     if status is None:
         return solve(rows, title, arguments)
-    if not ledger.folder.is_dir():
-        raise UsageError(f"there is no folder {printable(arguments.out)}: nothing was solved yet")
-    return tell_all(ledger.entries(rows), title, arguments)
+    return tell_all(entries, title, arguments)
