@@ -11,13 +11,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import map_coordinates
-from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from abfm.maps.spherical import SphereLayout
-from abfm.mesh.shapes import spread_directions
+from abfm.mesh.directions import spread_directions
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
@@ -182,6 +180,9 @@ class _Level:
         """Return the mean over channels of correlations, (K,), of rotations (K) of A; negative ones
         count so much less.
         """
+        # late, as all that registers is loaded with this file, and few use it
+        from scipy.ndimage import map_coordinates
+
         back = rotations.inv().as_matrix().reshape(-1, 3, 3)
         seen = np.einsum("kxy,ny->xkn", back, self._places)
         rows = (np.degrees(np.arcsin(np.clip(seen[2], -1, 1))) + 90) * (_LINES / 180)
@@ -209,6 +210,8 @@ class _Level:
 
     def refined(self, rotation: Rotation, size: float) -> Rotation:
         """Return the best rotation near one, by a simplex of a size in radians."""
+        from scipy.optimize import minimize  # late, see `correlations`
+
         corners = np.vstack([np.zeros(3), size * np.eye(3)])
 
         def loss(vector: FloatArray) -> float:
