@@ -3,7 +3,7 @@
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from typing import Any
@@ -86,9 +86,11 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
 
 
 @contextmanager
-def row_progress(count: int, quiet: bool, title: str = "rows") -> Iterator[Callable[[str], None]]:
+def row_progress(
+    count: int, quiet: bool, title: str = "rows", waits: Collection[str] = ()
+) -> Iterator[Callable[[str], None]]:
     """Yield what to call with a line about each of so many rows once it is done; of 0 they are not
-    counted, and lines are for terminals alone.
+    counted, and lines are for terminals alone. Of steps, those of these names are told.
     """
     done = 0
 
@@ -100,12 +102,17 @@ def row_progress(count: int, quiet: bool, title: str = "rows") -> Iterator[Calla
     ends = (TimeElapsedColumn(), TimeRemainingColumn()) if count else (TimeElapsedColumn(),)
     with _told(quiet, say, count or None, *columns, *ends, text="starting") as update:
 
+        def show(step: Step | None) -> None:
+            if step and step.task in waits:
+                update(completed=done, text=step.task)
+
         def tell(text: str) -> None:
             nonlocal done
             done += 1
             update(completed=done, text=text)
 
-        yield tell
+        with telling(show):
+            yield tell
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from abfm.errors import printable
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_cluster, solve, tell_all
 from abfm_viewer.cli.exit_status import UsageError
+from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.files import outputs
 
 SUMMARY = "solve a table of problems, on all cores or a cluster, and go on where it was ended"
@@ -73,13 +74,17 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.table is None and status is None:
         raise UsageError("TABLE.csv is missing; see abfm batch --help")
     ledger = Ledger(arguments.out)
-    if arguments.table is None:
-        title, entries = ledger.kept()
-        return tell_all(entries, title, arguments)
-    outputs.check_not_read(arguments.out / "summary.csv", [str(arguments.table)])
-    rows, title = read_table(arguments.table), printable(arguments.table.name)
+    if arguments.table is not None:
+        outputs.check_not_read(arguments.out / "summary.csv", [str(arguments.table)])
+    with row_progress(0, arguments.quiet, "reading"):  # some seconds, of tens of thousands of rows
+        if arguments.table is None:
+            title, entries = ledger.kept()
+        else:
+            rows, title = read_table(arguments.table), printable(arguments.table.name)
+            if status is not None and not ledger.folder.is_dir():
+                folder = printable(arguments.out)
+                raise UsageError(f"there is no folder {folder}: nothing was solved yet")
+            entries = [] if status is None else ledger.entries(rows)
     if status is None:
         return solve(rows, title, arguments)
-    if not ledger.folder.is_dir():
-        raise UsageError(f"there is no folder {printable(arguments.out)}: nothing was solved yet")
-    return tell_all(ledger.entries(rows), title, arguments)
+    return tell_all(entries, title, arguments)

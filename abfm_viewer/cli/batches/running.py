@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from abfm import Control
+from abfm import Control, ResultError
 from abfm.batch import Cluster, Entry, Ledger, Row, run
+from abfm.batch.run import WAITS, LostError
 from abfm.errors import one_line, printable
 from abfm_viewer import signals
 from abfm_viewer.cli import options
@@ -50,7 +51,11 @@ def cluster_of(arguments: argparse.Namespace) -> Cluster:
 def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int:
     """Solve what is missing, write the summary, tell it, and return the exit status."""
     began = time.perf_counter()
-    entries, status = solved(rows, title, arguments.out, arguments)
+    try:
+        entries, status = solved(rows, title, arguments.out, arguments)
+    except LostError as error:
+        print(f"abfm: {error}", file=sys.stderr)
+        entries, status = Ledger(arguments.out).entries(rows), FAILED
     return tell_all(entries, title, arguments, time.perf_counter() - began, status)
 
 
@@ -70,7 +75,7 @@ def solved(
         print(f"{there} of {counted(len(rows), 'row')} are there already", file=sys.stderr)
     with (
         cancelled_by_signals(control, "with the rows that are done") as kept,
-        row_progress(left, arguments.quiet) as report,
+        row_progress(left, arguments.quiet, waits=WAITS) as report,
     ):
 
         def tell(entry: Entry) -> None:
@@ -87,17 +92,27 @@ def tell_all(
     seconds: float | None = None,
     status: int | None = None,
 ) -> int:
-    """Write the summary and tell it; ``status`` is that of a signal, after which nothing is drawn
-    any more.
+    """Write the summary and tell it; ``seconds`` are those of solving, if that was asked for, and
+    ``status`` is that of a run which was broken off, after which nothing is drawn any more.
     """
-    rows, folder = told_of(entries), Path(arguments.out)
+    rows, folder = list[Told](), Path(arguments.out)
+    with row_progress(0, arguments.quiet, "reading") as report:
+        for number, entry in enumerate(entries, 1):
+            report(f"row {number} of {len(entries)}")
+            rows += told_of([entry])
     draws = status is None and not arguments.no_pictures
 
     def drawn(number: int, count: int) -> None:
         report(f"picture {number} of {count}")
 
-    with row_progress(0, arguments.quiet or not draws, "drawing") as report:
-        written, why = write_summary(folder, title, rows, draws, drawn)
+    try:
+        with row_progress(0, arguments.quiet or not draws, "drawing") as report:
+            written, why = write_summary(folder, title, rows, draws, drawn)
+    except ResultError as error:
+        if seconds is not None:
+            raise
+        print(f"note: no summary is written: {error}", file=sys.stderr)
+        written, why = [], ""
     if why:
         print(f"note: the summary has no pictures: {why}", file=sys.stderr)
     if status is None:
@@ -146,5 +161,8 @@ def _lines(rows: Sequence[Told], written: Sequence[Path], seconds: float | None)
     if len(failed) > _MOST_TOLD:
         lines.append(f"  and {len(failed) - _MOST_TOLD} more, see the summary")
     if found.get("missing"):
-        lines.append("run the same again to go on: what is done is kept")
-    return [*lines, f"wrote {', '.join(printable(path) for path in written)}"]
+        how = "the same again" if seconds is not None else "it without --status"
+        lines.append(f"run {how} to go on: what is done is kept")
+    if written:
+        lines.append(f"wrote {', '.join(printable(path) for path in written)}")
+    return lines

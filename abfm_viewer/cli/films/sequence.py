@@ -15,7 +15,7 @@ import abfm
 from abfm import Control, Sequence
 from abfm.errors import printable
 from abfm.sequences import ENDINGS, GAMMA, TAKEN, Unfinished, defaults, read_frames
-from abfm.sequences.vtk_frames import VTK_ENDINGS, files_of_film
+from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, files_of_film
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals

@@ -8,12 +8,12 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from abfm.batch.kind import Cost, Prepared
 from abfm.batch.ledger import Ledger, Record
-from abfm.batch.rows import Row
+from abfm.batch.rows import Row, own_version
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
@@ -29,6 +29,7 @@ class Task:
     folder: str
     identity: str
     contents: Mapping[str, bytes] | None = None  # of files, where the worker does not see them
+    version: str = field(default_factory=own_version)  # of abfm, where it is asked for
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,9 @@ def attempt(task: Task) -> Answer:
 
 
 def _answer(task: Task) -> Answer:
+    if task.version != (there := own_version()):
+        reason = f"its worker has abfm {there}; install abfm {task.version} there, as it is here"
+        return Answer(Record(reason=reason))
     if task.contents is None and not all(map(os.path.exists, task.row.files())):
         return Answer(is_blind=True)
     digest = ""
@@ -82,7 +86,7 @@ def _solved(task: Task, prepared: Prepared) -> Answer:
     ledger = Ledger(task.folder)
     if ledger.is_seen(task.identity):
         path = ledger.result(prepared.digest)
-        if path.is_file():
+        if ledger.has(prepared.digest):
             remove_unfinished(path)
             return Answer(Record(prepared.digest))
         return Answer(_save(task, prepared, path))
@@ -104,9 +108,8 @@ def _save(task: Task, prepared: Prepared, path: Path) -> Record:
     found.save(path)
     remove_unfinished(path)
     seconds = time.monotonic() - began
-    return Record(
-        prepared.digest, seconds=seconds, row_products=products.count, **dataclasses.asdict(cost)
-    )
+    count = None if products.is_shared else products.count  # unknown in a worker of several threads
+    return Record(prepared.digest, seconds=seconds, row_products=count, **dataclasses.asdict(cost))
 
 
 def _with_contents(row: Row, contents: Mapping[str, bytes], folder: Path) -> Row:

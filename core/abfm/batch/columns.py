@@ -6,6 +6,7 @@ import os
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,6 +54,7 @@ def parameters_in(values: Mapping[str, Any]) -> dict[str, Any]:
 def _reader(name: str) -> Callable[[str], Any]:
     entry = next(entry for entry in fields(Parameters) if entry.name == name)
 
+    @lru_cache(maxsize=1000)  # of a column's cells, most are alike
     def read(text: str) -> Any:
         value: Any = text
         if entry.default is None and text == "auto":

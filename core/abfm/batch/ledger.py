@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
+from zipfile import is_zipfile
 
 from abfm.batch.kind import Facts
 from abfm.batch.rows import Row
@@ -100,19 +101,24 @@ class Ledger:
             ) from error
 
     def is_seen(self, identity: str) -> bool:
-        """Tell whether this is, here, the same folder."""
+        """Tell whether this is, here, the same folder, and may be written to."""
         try:
-            return (self.own / "identity").read_text() == identity
+            is_same = (self.own / "identity").read_text() == identity
         except OSError:
             return False
+        return is_same and all(os.access(each, os.W_OK) for each in (self.folder, self.own))
 
     def result(self, digest: str) -> Path:
         """Return where the result with a digest is, or will be."""
         return self.folder / f"{digest}.npz"
 
+    def has(self, digest: str) -> bool:
+        """Tell whether there is a result; one that was cut short, as in a copy, is none."""
+        return is_zipfile(self.result(digest))
+
     def write_result(self, digest: str, content: bytes) -> None:
         """Write a result that came as bytes, if it is not there."""
-        if not self.result(digest).is_file():
+        if not self.has(digest):
             with write_atomically(self.result(digest)) as temporary:
                 temporary.write_bytes(content)
 
@@ -171,9 +177,8 @@ class Ledger:
             return Entry(row, "missing")
         if record.reason:
             return Entry(row, "failed", record)
-        path = self.result(record.digest)
-        if path.is_file():
-            return Entry(row, "done", record, path)
+        if self.has(record.digest):
+            return Entry(row, "done", record, self.result(record.digest))
         return Entry(row, "missing", record)
 
     def _place(self, key: str) -> Path:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import logging
 import os
 import secrets
+import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
@@ -14,19 +17,34 @@ from typing import TYPE_CHECKING, Any
 from abfm.batch.attempt import Answer, Task, attempt
 from abfm.batch.ledger import Ledger, Record
 from abfm.batch.local_cluster import MODULE, Wanted
-from abfm.batch.run import ENDED, ONE_THREAD, TRIES, Cluster, Notes, seen_here
+from abfm.batch.rows import own_version
+from abfm.batch.run import (
+    CONNECTING,
+    ENDED,
+    NO_WORKERS,
+    ONE_THREAD,
+    TRIES,
+    Cluster,
+    LostError,
+    Notes,
+    seen_here,
+)
 from abfm.errors import AbfmError, ResultError, one_line
-from abfm.workers.control import Control
+from abfm.reading import from_json, read_bytes
+from abfm.workers.control import CancelledError, Control
 from abfm.workers.process import OwnProcess, ProcessEndedError
+from abfm.workers.progress import step
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 _EVERY = 0.1  # seconds between two looks at whether it is to go on
+_COUNTS_EVERY = 2.0  # seconds between two looks at whether there are workers
 _CLOSING = 2.0  # seconds for saying goodbye
 _LOGGERS = "distributed", "tornado", "asyncio"
 _ALIVE = "running", "connecting"  # states of a client
 _MOST_STARTS = 4  # of a cluster that dies, without a row between
+_LARGEST = 64 << 20  # bytes of a scheduler's file
 
 
 class _LostError(Exception):
@@ -68,30 +86,32 @@ class OnDask:
         while left and not control.cancelled:
             starts += 1
             try:
-                client = self._connected(ledger, len(left))
+                client = self._connected(ledger, len(left), control)
                 _submitted(client, list(left.values()), notes, done, control)
+            except CancelledError:
+                break
             except _LostError as error:
                 self._disconnect()
                 if not self.cluster.is_local:
-                    raise ResultError(
+                    raise LostError(
                         f"the scheduler does not answer any more; {len(left)} rows are left: run "
                         "the same again to go on"
                     ) from error
                 if starts == _MOST_STARTS:
-                    raise ResultError(
+                    raise LostError(
                         f"the processes of this machine ended {starts} times before a row was "
                         f"done; see {one_line(_log(ledger))}, or say --jobs 1"
                     ) from error
         if control.cancelled and self.cluster.is_local:
             self._disconnect()  # rows under way would go on before those of the next run
 
-    def _connected(self, ledger: Ledger, tasks: int) -> Client:
+    def _connected(self, ledger: Ledger, tasks: int, control: Control) -> Client:
         """Return the client, of a cluster of as many processes as so many tasks can use."""
         wanted = min(self.cluster.processes, tasks) if self.cluster.is_local else 0
         client: Client | None = self._client
         if client is None or client.status not in _ALIVE or wanted > self._processes:
             self._disconnect()
-            connection = _connected(self.cluster, ledger, wanted, self._quiet)
+            connection = _connected(self.cluster, ledger, wanted, self._quiet, control)
             client = self._client = self._connection.enter_context(connection)
             self._processes = wanted
         return client
@@ -121,25 +141,49 @@ def _submitted(
 
     for task in tasks:
         submit(task)
-    while waiting:
-        if control.cancelled:
-            client.cancel([future for future, _ in waiting.values()])
-            return
-        try:
-            key = ended.get(timeout=_EVERY)
-        except Empty:
-            if client.status not in _ALIVE:
-                raise _LostError from None
-            continue
-        future, task = waiting.pop(key)
-        # the ledger is asked first: answers are lost with the worker that has them
-        if not (future.status == "finished" and notes.is_written(task)):
-            answer = _answer(future)
-            if answer.is_blind:
-                submit(seen_here(task))
+    with _workers_told(client) as look:
+        while waiting:
+            if control.cancelled:
+                client.cancel([future for future, _ in waiting.values()])
+                return
+            try:
+                key = ended.get(timeout=_EVERY)
+            except Empty:
+                if client.status not in _ALIVE:
+                    raise _LostError from None
+                look()
                 continue
-            notes.write(task, answer)
-        done(task)
+            future, task = waiting.pop(key)
+            # the ledger is asked first: answers are lost with the worker that has them
+            if not (future.status == "finished" and notes.is_written(task)):
+                answer = _answer(future)
+                if answer.is_blind:
+                    submit(seen_here(task))
+                    continue
+                notes.write(task, answer)
+            done(task)
+
+
+@contextmanager
+def _workers_told(client: Client) -> Iterator[Callable[[], None]]:
+    """Yield what is to be called again and again, and tells while the cluster has no workers."""
+    looked, is_told = 0.0, False
+    with ExitStack() as told:
+
+        def look() -> None:
+            nonlocal looked, is_told
+            if time.monotonic() - looked < _COUNTS_EVERY:
+                return
+            workers = True  # or unknown, as of a scheduler that is gone, which is told elsewhere
+            with suppress(Exception):
+                workers = bool(client.sync(client.scheduler.ncores, callback_timeout=_CLOSING))
+            if is_told and workers:
+                told.close()
+            elif not (is_told or workers):
+                told.enter_context(step(NO_WORKERS))
+            looked, is_told = time.monotonic(), not workers
+
+        yield look
 
 
 def _answer(future: Future[Any]) -> Answer:
@@ -160,7 +204,7 @@ def _answer(future: Future[Any]) -> Answer:
 
 @contextmanager
 def _connected(
-    cluster: Cluster, ledger: Ledger, processes: int, quiet: ExitStack
+    cluster: Cluster, ledger: Ledger, processes: int, quiet: ExitStack, control: Control
 ) -> Iterator[Client]:
     """Yield a client of the cluster, which is started where it is this machine's, with so many
     processes, and have nothing logged until all ends.
@@ -174,16 +218,19 @@ def _connected(
 
         quiet.enter_context(_silent())
         if process is not None:
-            where = {"address": process.receive()}
-        elif cluster.scheduler is not None:
-            where = {"address": cluster.scheduler}
+            client = _client(Client, process.receive(), control)
         else:
-            where = {"scheduler_file": os.fspath(cluster.scheduler_file or "")}
-        client = _client(Client, where)
+            address = cluster.scheduler
+            if address is None:
+                address = _address_in(cluster.scheduler_file or "")
+            with step(CONNECTING):
+                client = _client(Client, address, control)
     except ProcessEndedError as error:
         raise _LostError from error
     else:
         try:
+            if process is None:
+                _check_alike(client)
             yield client
         finally:
             with suppress(Exception):
@@ -193,16 +240,63 @@ def _connected(
             process.close()
 
 
-def _client(make: Callable[..., Client], where: dict[str, str]) -> Client:
-    name = next(iter(where.values()))
-    if "scheduler_file" in where and not os.path.isfile(name):
-        raise ResultError(f"there is no scheduler's file {one_line(name)}")
+def _address_in(path: str | os.PathLike[str]) -> str:
+    """Return the address that a scheduler's file has."""
+    name = one_line(path)
+    if not os.path.isfile(path):
+        raise ResultError(f"there is no scheduler's file {name}")
     try:
-        return make(**where, set_as_default=False)
-    except (OSError, ValueError, TypeError, ImportError) as error:
+        address = from_json(read_bytes(path, _LARGEST))["address"]
+    except (OSError, ValueError, KeyError, TypeError, IndexError):
+        address = None
+    if not (isinstance(address, str) and address):
         raise ResultError(
-            f"no scheduler answers at {one_line(name)}: {one_line(error, 120)}"
-        ) from error
+            f"{name} has no address: expected the file that a Dask scheduler writes once it runs"
+        )
+    return address
+
+
+def _client(make: Callable[..., Client], address: str, control: Control) -> Client:
+    """Connect, which takes half a minute where nobody answers, unless it is cancelled."""
+    made = SimpleQueue[Any]()
+
+    def connect() -> None:
+        try:
+            client = make(address, set_as_default=False)
+        except Exception as error:  # of any kind, where something answers that is no scheduler
+            made.put(error)
+        else:
+            made.put(client)
+            if control.cancelled:
+                client.close()
+
+    threading.Thread(target=connect, daemon=True).start()
+    while not control.cancelled:
+        with suppress(Empty):
+            client = made.get(timeout=_EVERY)
+            if isinstance(client, Exception):
+                raise ResultError(
+                    f"no scheduler answers at {one_line(address)}: {one_line(client, 120)}"
+                ) from client
+            return client
+    raise CancelledError
+
+
+def _check_alike(client: Client) -> None:
+    """Refuse a cluster that has no abfm, whose workers would end, or another one."""
+    here, found = own_version(), dict[str, Any]()
+    try:
+        found["the scheduler"] = client.run_on_scheduler(version, "abfm")
+        of_workers = client.run(version, "abfm", on_error="return")
+        found |= {f"worker {one_line(address)}": told for address, told in of_workers.items()}
+    except PackageNotFoundError as error:
+        found["the scheduler"] = error
+    except OSError as error:
+        raise _LostError from error
+    for who, told in found.items():
+        if isinstance(told, PackageNotFoundError) or (isinstance(told, str) and told != here):
+            has = f"abfm {told}" if isinstance(told, str) else "no abfm"
+            raise ResultError(f"{who} has {has}; install abfm {here} there, as it is here")
 
 
 def _log(ledger: Ledger) -> Any:

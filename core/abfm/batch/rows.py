@@ -8,7 +8,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
@@ -20,7 +20,7 @@ from abfm.batch.kinds import KINDS, kind_of_columns
 from abfm.errors import ParameterError, brief, did_you_mean
 from abfm.matching.problem import Problem
 from abfm.reading import open_plain
-from abfm.sequences.vtk_frames import VTK_ENDINGS, files_of_film
+from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, files_of_film
 from abfm.workers.control import Control
 
 PROBLEMS = "problems"
@@ -114,7 +114,7 @@ class Row:
         """Name by options and contents of files, in hexadecimal digits, wherever these lie: what
         is not read, such as a file that is missing, has a key, too.
         """
-        told = [self.kind, version("abfm")]
+        told = [self.kind, own_version()]
         columns = self.declared.columns
         for column, text in sorted(self._resolved()):
             hashed = columns[column].renamed(text, _content)
@@ -203,6 +203,12 @@ def problem_row(
         problem.save(path)
     options = {"problem": path, "max-distortion": max_distortion}
     return Row(name or problem.digest[:8], options, folder)
+
+
+@cache
+def own_version() -> str:
+    """Return the version of this abfm, which takes as long to find as to check a row."""
+    return version("abfm")
 
 
 def _text(value: Any) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from abfm.batch.attempt import Answer, Task, attempt
 from abfm.batch.ledger import Entry, Ledger, Record
 from abfm.batch.rows import Row
-from abfm.errors import ParameterError, brief
+from abfm.errors import ParameterError, ResultError, brief
 from abfm.reading import read_bytes
 from abfm.workers.control import Control
 from abfm.workers.worker import Worker, WorkerEndedError, stateless
@@ -29,6 +29,15 @@ threads come out differently.
 TRIES = 3
 """How often a row is tried whose worker dies."""
 ENDED = f"the process that solved it ended {TRIES} times, as for want of memory"
+WAITS = CONNECTING, NO_WORKERS = (
+    "connecting to the scheduler",
+    "waiting for workers: the cluster has none",
+)
+"""Steps of a cluster elsewhere, see `abfm.workers.progress`."""
+
+
+class LostError(ResultError):
+    """Who solved the rows is gone; what is done is kept."""
 
 
 @dataclass(frozen=True)

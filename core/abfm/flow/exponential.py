@@ -42,9 +42,11 @@ _SWEEP = 4  # terms per sweep: their rows of the matrix together stay in the cac
 
 
 class RowProducts:
-    """How many rows of ``D_v``, or of its transpose, were multiplied with functions."""
+    """How many rows of ``D_v``, or of its transpose, were multiplied with functions; ``is_shared``
+    says whether others counted meanwhile, as in another thread, who share what all did.
+    """
 
-    count = 0
+    count, is_shared = 0, False
 
 
 _open_counts: list[RowProducts] = []
@@ -55,6 +57,9 @@ def counted_row_products() -> Iterator[RowProducts]:
     """Count what series and adjoints in the process cost: V for each term on V vertices."""
     products = RowProducts()
     _open_counts.append(products)
+    if len(_open_counts) > 1:
+        for each in _open_counts:
+            each.is_shared = True
     try:
         yield products
     finally:

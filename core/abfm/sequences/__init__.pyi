@@ -12,9 +12,9 @@ from .exports import export_tracks as export_tracks
 from .exports import vertex_speed as vertex_speed
 from .files import is_sequence as is_sequence
 from .files import load_sequence as load_sequence
-from .frames_file import FramesFile as FramesFile
-from .reading_frames import ENDINGS as ENDINGS
-from .reading_frames import read_frames as read_frames
+from .reading.frames_file import FramesFile as FramesFile
+from .reading.reading_frames import ENDINGS as ENDINGS
+from .reading.reading_frames import read_frames as read_frames
 from .sequence import DEFAULTS as DEFAULTS
 from .sequence import GAMMA as GAMMA
 from .sequence import TAKEN as TAKEN

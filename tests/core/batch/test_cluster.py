@@ -1,6 +1,8 @@
 """Rows on Dask: the same files whoever solves them, and what happens when somebody is gone."""
 
 import json
+import threading
+from importlib.metadata import PackageNotFoundError, version
 from unittest.mock import Mock
 
 import pytest
@@ -8,9 +10,10 @@ from distributed import LocalCluster
 
 import abfm
 from abfm.batch import Cluster, Row, Workers, on_dask, run
-from abfm.batch.run import ENDED
+from abfm.batch.run import CONNECTING, ENDED, NO_WORKERS, LostError
 from abfm.errors import AbfmError, ResultError
 from abfm.workers.process import ProcessEndedError
+from abfm.workers.progress import telling
 from tests.core.batch.rows import ONE, Deadly, pair, results
 from tests.processes import children
 
@@ -105,7 +108,7 @@ def test_a_cluster_is_kept_from_one_run_to_the_next(alone, elsewhere, tmp_path, 
 
 def test_a_scheduler_that_goes_is_told_with_what_is_left(elsewhere, tmp_path, capfd):
     cluster = Cluster(scheduler=elsewhere.scheduler_address)
-    with pytest.raises(ResultError, match="3 rows are left: run the same again"):
+    with pytest.raises(LostError, match="3 rows are left: run the same again"):
         run(ROWS, tmp_path, cluster, on_change=lambda entry: elsewhere.close())
     assert len(results(tmp_path)) >= 1
     assert capfd.readouterr() == ("", "")
@@ -128,6 +131,74 @@ def test_no_scheduler_is_told(tmp_path):
         run(ROWS, tmp_path, Cluster(scheduler_file=tmp_path / "none.json"))
     with pytest.raises(ResultError, match="no scheduler answers at nonsense"):
         run(ROWS, tmp_path, Cluster(scheduler="nonsense://1"))
+    # what answers is none
+    refuse = Mock(side_effect=MemoryError("out of memory"))
+    with pytest.raises(ResultError, match="no scheduler answers at tcp://1: out of memory"):
+        on_dask._client(refuse, "tcp://1", abfm.Control())
+
+
+def test_who_waits_for_a_scheduler_may_cancel_that(tmp_path, monkeypatch):
+    control, waited, closed = abfm.Control(), threading.Event(), threading.Event()
+
+    def connect(*given, **named):
+        control.cancel()
+        waited.wait()
+        return Mock(close=closed.set)
+
+    monkeypatch.setattr("distributed.Client", connect)
+    entries = run(ROWS, tmp_path, Cluster(scheduler="tcp://1"), control=control)
+    assert [entry.state for entry in entries] == ["missing"] * len(ROWS)
+    waited.set()
+    assert closed.wait(10)  # who comes late is sent away
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", "nonsense", '{"address": 5}', '{"address": ""}'])
+def test_a_scheduler_file_without_an_address_is_told_at_once(text, tmp_path):
+    (tmp_path / "scheduler.json").write_text(text)
+    with pytest.raises(
+        ResultError, match=r"scheduler\.json has no address: expected the file that"
+    ):
+        run(ROWS, tmp_path / "out", Cluster(scheduler_file=tmp_path / "scheduler.json"))
+
+
+def test_workers_are_waited_for_and_that_is_told(alone, tmp_path, monkeypatch):
+    monkeypatch.setattr(on_dask, "_COUNTS_EVERY", 0.2)
+    told = []
+
+    def note(step):
+        if threading.current_thread() is threading.main_thread():  # others are workers
+            told.append(step and step.task)
+            if told[-1] == NO_WORKERS:
+                cluster.scale(1)
+
+    options = {"processes": False, "n_workers": 0, "threads_per_worker": 1}
+    with (
+        LocalCluster(**options, dashboard_address="127.0.0.1:0", silence_logs=60) as cluster,
+        telling(note),
+    ):
+        run(ROWS, tmp_path, Cluster(scheduler=cluster.scheduler_address))
+    assert told == [CONNECTING, None, NO_WORKERS, None]
+    assert results(tmp_path) == alone
+
+
+def test_a_cluster_with_another_abfm_is_refused(elsewhere, tmp_path, monkeypatch):
+    monkeypatch.setattr(on_dask, "own_version", lambda: "9.9")
+    told = f"the scheduler has abfm {version('abfm')}; install abfm 9.9 there"
+    with pytest.raises(ResultError, match=told):
+        run(ROWS, tmp_path, Cluster(scheduler=elsewhere.scheduler_address))
+
+
+def test_a_cluster_without_abfm_is_refused():
+    none = PackageNotFoundError("abfm")
+    with pytest.raises(ResultError, match="the scheduler has no abfm; install"):
+        on_dask._check_alike(Mock(run_on_scheduler=Mock(side_effect=none)))
+    there = {"tcp://1": version("abfm"), "tcp://2": OSError("gone meanwhile"), "tcp://3": none}
+    client = Mock(run_on_scheduler=Mock(return_value=version("abfm")))
+    client.run.return_value = there
+    with pytest.raises(ResultError, match="worker tcp://3 has no abfm; install"):
+        on_dask._check_alike(client)
+    del there["tcp://3"]
+    on_dask._check_alike(client)
 
 
 def test_several_processes_need_dask(tmp_path, monkeypatch):

@@ -15,9 +15,12 @@ from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, run
 from abfm.batch.attempt import Task, attempt
 from abfm.batch.run import ENDED, seen_here
 from abfm.errors import ParameterError, ResultError
+from abfm.flow.exponential import counted_row_products
 from abfm.workers.worker import WorkerEndedError
-from tests.core.batch.rows import BRIEF, ONE, Mortal, pair, results
+from tests.core.batch.rows import BRIEF, ONE, Mortal, Quick, pair, results
 from tests.shapes import icosphere
+
+QUICK = Quick("quick", pair().options)
 
 
 def files(folder):
@@ -27,6 +30,33 @@ def files(folder):
         for path in folder.rglob("*")
         if path.is_file()
     }
+
+
+def test_a_worker_with_another_abfm_solves_nothing(tmp_path):
+    ledger = Ledger(tmp_path)
+    task = Task(QUICK, str(ledger.folder), ledger.make(), version="0.0.9")
+    assert "install abfm 0.0.9 there, as it is here" in attempt(task).record.reason
+    assert not results(tmp_path)
+
+
+def test_a_worker_that_may_not_write_in_the_folder_sends_its_result(tmp_path, monkeypatch):
+    ledger = Ledger(tmp_path)
+    task = Task(QUICK, str(ledger.folder), ledger.make())
+    with monkeypatch.context() as patched:
+        patched.setattr("abfm.batch.ledger.os.access", lambda path, mode: path != ledger.own)
+        answer = attempt(task)
+    assert answer.result
+    assert not results(tmp_path)
+    assert attempt(task).result is None
+    assert results(tmp_path) == {f"{answer.record.digest}.npz": answer.result}
+
+
+def test_products_are_unknown_where_another_row_is_solved_in_the_same_process(tmp_path):
+    folders = [tmp_path / name for name in ("beside", "alone")]
+    beside, alone = (Task(QUICK, str(folder), Ledger(folder).make()) for folder in folders)
+    with counted_row_products():  # of that row
+        assert attempt(beside).record.row_products is None
+    assert attempt(alone).record.row_products == 0
 
 
 @pytest.fixture(scope="module")
@@ -197,6 +227,9 @@ def test_what_is_there_is_not_solved_again_and_what_is_missing_is(done, tmp_path
     content, told = lost.path.read_bytes(), []
     lost.path.unlink()
     assert Ledger(folder).entry(lost.row).state == "missing"
+    for left in (b"", content[:-300]):  # as a copy that was broken off has it
+        lost.path.write_bytes(left)
+        assert Ledger(folder).entry(lost.row).state == "missing"
     run(good, folder, ONE, on_change=lambda entry: told.append(entry.row.name))
     assert told == ["second"]
     assert lost.path.read_bytes() == content

@@ -15,10 +15,17 @@ from abfm.sequences import defaults, export_pvd
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import telling
 from tests.core.batch.rows import ONE
+from tests.spare_processes import spared
 
 EIGHT = abfm.load_mesh(asset_path("eight.off"))
 X = EIGHT.vertices[:, 0] / EIGHT.length_scale
 FRAMES = np.array([np.sin(6 * (X - 0.02 * t)) for t in range(3)])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_process_for_one_run_after_the_other():
+    with spared():
+        yield
 
 
 @pytest.fixture

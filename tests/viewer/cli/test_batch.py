@@ -12,9 +12,15 @@ import pytest
 
 import abfm as library
 from abfm.assets import asset_path
+from abfm.batch import Ledger
+from abfm.batch.run import CONNECTING, NO_WORKERS, WAITS, LostError
+from abfm.errors import ResultError
+from abfm.workers.progress import step
 from abfm_viewer import pictures
 from abfm_viewer.cli import main
+from abfm_viewer.cli.batches import running
 from abfm_viewer.cli.batches.summary import GOOD, WORST_FIRST
+from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.errors import DrawingError
 from tests.attack.batches import family, kill, lingering, results, start, victims, write_table
 from tests.processes import argv
@@ -204,6 +210,40 @@ def test_what_does_not_fit_is_refused_in_a_line_and_nothing_is_solved(words, tol
     (tmp_path / "bad.csv").write_text(TABLE.replace("0.5\n", "much\n"))
     assert told.format(t=tmp_path) in abfm(words.format(t=tmp_path), status=2).err
     assert not list(tmp_path.rglob("*.npz"))
+
+
+def test_what_is_done_is_told_where_who_solves_is_lost_and_where_nothing_can_be_written(
+    solved, abfm, monkeypatch
+):
+    folder, _ = solved
+    run = Mock(side_effect=LostError("the scheduler does not answer any more"))
+    monkeypatch.setattr(running, "run", run)
+    told = abfm(f"batch {folder}/table.csv --out {folder}/out --quiet", status=4)
+    assert told.err == "abfm: the scheduler does not answer any more\n"
+    assert told.out.startswith("3 rows: 1 matched, 1 not reached, 1 failed")
+    refuse = Mock(side_effect=ResultError("cannot write summary.csv"))
+    monkeypatch.setattr(running, "write_summary", refuse)
+    told = abfm(f"batch --status {folder}/out", status=4)
+    assert told.err == "note: no summary is written: cannot write summary.csv\n"
+    assert told.out.startswith("3 rows: 1 matched, 1 not reached, 1 failed")
+    run.side_effect = lambda rows, folder, *_, **__: Ledger(folder).entries(rows)
+    told = abfm(f"batch {folder}/table.csv --out {folder}/out --quiet", status=2)
+    assert told.err == "abfm: cannot write summary.csv\n"
+
+
+def test_a_cluster_that_is_waited_for_is_told_of(capsys):
+    with row_progress(3, False, waits=WAITS) as report:
+        with step(CONNECTING), step("another"):
+            pass
+        report("one: matched")
+        with step(NO_WORKERS):
+            pass
+    assert capsys.readouterr().err.splitlines() == [
+        f"0 of 3: {CONNECTING}",
+        f"0 of 3: {CONNECTING}",
+        "1 of 3: one: matched",
+        f"1 of 3: {NO_WORKERS}",
+    ]
 
 
 def test_a_machine_that_cannot_draw_says_so_and_the_rest_is_there(solved, abfm, monkeypatch):

@@ -397,6 +397,7 @@ def test_render_writes_movies(suffix, result, project, tmp_path, abfm):
 
 
 @pytest.mark.usefixtures("coarse_streaks")
+@pytest.mark.usefixtures("coarse_streaks")
 def test_render_draws_streaks_that_move_in_a_loop_or_fade(result, tmp_path, abfm):
     """Frames at one time differ by the streaks alone, from the last to the first as elsewhere."""
     gif = tmp_path / "a.gif"

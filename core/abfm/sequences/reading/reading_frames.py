@@ -16,9 +16,9 @@ from abfm.functions import read_table
 from abfm.io import results
 from abfm.mesh import TriangleMesh
 from abfm.reading import LABEL, array_from, freesurfer_frames, open_plain, read_bytes, read_gifti
-from abfm.sequences.frames_file import FramesFile
-from abfm.sequences.source_frames import source_frames
-from abfm.sequences.vtk_frames import VTK_ENDINGS, vtk_frames
+from abfm.sequences.reading.frames_file import FramesFile
+from abfm.sequences.reading.source_frames import source_frames
+from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, vtk_frames
 from abfm.types import FloatArray
 
 _OF_SURFACES = {"NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"}
