@@ -2,6 +2,7 @@
 
 import json
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from abfm import load_sequence
 from abfm.io import export_ply
 from abfm.reading import read_collection, read_stc
 from abfm.sequences import defaults, vertex_speed
+from abfm.sequences.verdicts import verdict_of
+from abfm_viewer.cli.films.results import facts, lines
 from tests.core.sequences.turning_film import MESH, TIMES, film
 from tests.viewer.cli.test_signals import ended, start
 
@@ -198,6 +201,21 @@ def test_a_signal_keeps_what_was_found(number, files, tmp_path):
     assert set(kinds[~solved]) == {"not reached"}
     [kept] = tmp_path.glob("a.npz-*.unfinished")
     assert f"; the same command goes on, by {kept}" in told
+    assert f", {np.count_nonzero(~solved)} not solved" in told.replace(": ", ", ")
+    median = np.median(np.linalg.norm(found.velocity[solved], axis=2))
+    assert f" {median:.3g} everywhere, " in told
+
+
+def test_a_film_of_which_nothing_was_solved_has_no_speed(files):
+    found = library.sequence(MESH, film(), TIMES, given(sigma=0.1))
+    unsolved = verdict_of(found[0].problem, None, None, False)
+    found = replace(found, velocity=0 * found.velocity, verdicts=4 * (unsolved,))
+    assert lines(found, "second")[0] == "0 of 4 intervals confirmed by flow lines: 4 not solved"
+    assert "speed: not known, as no interval was solved" in lines(found, "second")
+    told = json.loads(json.dumps(facts(found)))
+    assert told["solved"] == 0
+    assert set(told["speed"].values()) == {None}
+    assert told["episodes"] == []
 
 
 def test_a_run_that_is_killed_goes_on(files, tmp_path, abfm):
