@@ -29,6 +29,7 @@ from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.films import results as sequence_results
 from abfm_viewer.cli.populations import results as population_results
 from abfm_viewer.document import verdict_words
+from abfm_viewer.document.film import unit_of
 
 SUMMARY = "what a mesh is and what the solver would object to, or what a result holds"
 DESCRIPTION = """\
@@ -104,7 +105,8 @@ def _of_sequence(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps({"result": name, **sequence_results.facts(sequence)}))
         return 0
-    first, *others = sequence_results.lines(sequence, "unit of time")
+    unit = "second" if unit_of(sequence.times) else "frame"
+    first, *others = sequence_results.lines(sequence, unit)
     print("\n".join([f"{printable(name)}: {first}", *others]))
     return 0
 

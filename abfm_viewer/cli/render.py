@@ -19,6 +19,7 @@ from abfm_viewer.cli.options import adder, angle, positive, size, warn_of_doubt
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import Document
+from abfm_viewer.document.film import unit_of
 from abfm_viewer.files import outputs
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
 from abfm_viewer.session.session_files import read_document
@@ -144,7 +145,7 @@ def _of_sequence(arguments: argparse.Namespace) -> None:
         _refuse_others(arguments, _OF_FILMS, "pictures of matches", "one of a sequence")
     film = abfm.load_sequence(arguments.input)
     if is_page:
-        outputs.write_sequence(out, film, arguments.up or "y")
+        outputs.write_sequence(out, film, arguments.up or "y", unit_of(film.times))
     else:
         count = film.frames.shape[2]
         if not 0 <= (channel := arguments.channel or 0) < count:
@@ -170,7 +171,8 @@ def _write_page(arguments: argparse.Namespace) -> None:
     document, _ = read_document(Path(arguments.input))
     match, initial = document.result, document.initial_map
     if document.sequence is not None:
-        outputs.write_sequence(out, document.sequence, arguments.up or "y")
+        unit = "" if document.film is None else document.film.unit
+        outputs.write_sequence(out, document.sequence, arguments.up or "y", unit)
         print(f"wrote {printable(out)}")
         return
     if match is None:

@@ -54,6 +54,11 @@ def test_a_film_is_solved_told_and_written_in_several_forms(files, tmp_path, abf
     assert len((tmp_path / "i.csv").read_text().splitlines()) == 5
     assert len((tmp_path / "t.csv").read_text().splitlines()) >= 9
     assert "4 of 4 intervals are confirmed" in outs[4].read_text(encoding="utf-8")
+    again = tmp_path / "again" / "s.html"
+    again.parent.mkdir()
+    abfm(f"render {outs[0]} --out {again}")
+    assert again.read_bytes() == outs[4].read_bytes()
+    assert abfm(f"info {outs[0]}").out.splitlines()[1:4] == lines[1:4]
 
 
 def given(**changes):
@@ -69,6 +74,7 @@ def test_seconds_between_frames_may_be_said(files, tmp_path, abfm):
     told = abfm(f"sequence {files}/m.ply {files}/f.npy {SOLVED} --out {tmp_path}/a.npz")
     assert told.err == "note: the file says no times: frames count as 1 apart; --dt gives seconds\n"
     assert "unit per frame\n" in told.out
+    assert "unit per frame\n" in abfm(f"info {tmp_path}/a.npz").out
 
 
 def test_machines_are_told_and_parameters_are_taken(files, tmp_path, abfm):
