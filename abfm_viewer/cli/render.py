@@ -55,14 +55,19 @@ _SECONDS, _FPS = 4.0, 30.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
-    add("input", "what `abfm match` wrote, or the app saved", "RESULT.npz|PROJECT.abfm")
+    add(
+        "input",
+        "what `abfm match`, `register` or `sequence` wrote, or the app saved",
+        "RESULT.npz|PROJECT.abfm",
+    )
     what = "the picture (.png), movie (.mp4, .gif) or page (.html)"
     add("--out", what, "FILE", type=Path, required=True)
     add("--size", "in pixels, such as 1600x900", "WxH", type=size)
     add(
         "--time",
         "time of a picture, 0 to 2 tau (default: the project's own, tau of a result); on a sheet "
-        "a time to show besides 0 and tau, repeatable (default: quarters of tau)",
+        "a time to show besides 0 and tau, or one of a film, repeatable (default: quarters of tau, "
+        "or six evenly over a film)",
         "T",
         type=float,
         action="append",

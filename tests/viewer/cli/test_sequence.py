@@ -1,5 +1,6 @@
 """`abfm sequence`, and what `abfm info` and `abfm render` say of its files, run in this process."""
 
+import argparse
 import json
 import signal
 from dataclasses import replace
@@ -14,6 +15,7 @@ from abfm.io import export_ply
 from abfm.reading import read_collection, read_stc
 from abfm.sequences import defaults, vertex_speed
 from abfm.sequences.verdicts import verdict_of
+from abfm_viewer.cli.films import sequence
 from abfm_viewer.cli.films.results import facts, lines
 from tests.core.sequences.turning_film import MESH, TIMES, film
 from tests.viewer.cli.test_signals import ended, start
@@ -240,3 +242,12 @@ def test_a_run_that_is_killed_goes_on(files, tmp_path, abfm):
     assert told[0].endswith(" of 29 intervals, which an earlier run found")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
     assert not [*tmp_path.glob("*.unfinished")]
+
+
+def test_help_tells_the_defaults_of_films():
+    parser = argparse.ArgumentParser(formatter_class=lambda prog: argparse.HelpFormatter(prog, 99))
+    sequence.add_arguments(parser)
+    text = " ".join(parser.format_help().split())
+    assert "--divergence X times the weight of the curl" in text
+    assert "1 as the paper, more to keep areas (default: 1.0)" in text
+    assert "not given, as close as can be certified [σ] (default: auto)" in text
