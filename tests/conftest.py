@@ -3,6 +3,7 @@
 import gc
 import os
 
+import pytest
 from hypothesis import settings
 
 from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
@@ -25,8 +26,15 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: "test_real_window" not in item.nodeid)
 
 
-def pytest_collection_finish():
-    gc.freeze()  # what thousands of tests are made of is not looked through again and again
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Neither now nor later what thousands of tests are made of is looked through for garbage."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_configure(config):

@@ -11,7 +11,9 @@ import abfm
 from abfm.flow import flow_lines
 from abfm.maps import vertex_points
 from abfm.maps.continuous_map import continuous_map
-from abfm.mesh.shapes import five_limbs
+from abfm.maps.spherical import SphereLayout
+from abfm.mesh.shapes import even_sphere, five_limbs
+from abfm.registration.initial.spheres import OnSphere, rotation_by_functions
 from abfm_viewer.window import warm_up
 
 _FEW = abfm.Parameters(iterations=2, refine=0)
@@ -29,6 +31,9 @@ def compile_kernels():
     other = abfm.TriangleMesh(2 * body.vertices, body.faces)
     pairs = [[3, 4], [77, 78], [150, 151], [290, 291]]
     abfm.register(body, other, initial="embedding", landmarks=pairs, parameters=_FEW)
+    ball = even_sphere(100)
+    on_sphere = OnSphere(SphereLayout(ball, ball.vertices), ball.vertices.T[:1])
+    rotation_by_functions(on_sphere, on_sphere, np.ones(1))
     torn = np.arange(len(body.vertices))
     torn[:20] = torn[19::-1]
     continuous_map(abfm.PointMap.of_vertices(body, body, torn))

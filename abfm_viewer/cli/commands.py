@@ -1,32 +1,30 @@
 """The command line as a whole: which commands there are, and how one is chosen."""
 
+from importlib import import_module
 from importlib.metadata import version
 
 from abfm.errors import did_you_mean
-from abfm_viewer.cli import bench, demo, figure, info, match, render
-from abfm_viewer.cli.batches import batch, sweep
-from abfm_viewer.cli.films import sequence
 from abfm_viewer.cli.options import Parser
-from abfm_viewer.cli.populations import population
-from abfm_viewer.cli.reports import report
-from abfm_viewer.cli.surfaces import apply, map, register
 
 _COMMANDS = {
-    "match": match,
-    "register": register,
-    "sequence": sequence,
-    "batch": batch,
-    "sweep": sweep,
-    "population": population,
-    "apply": apply,
-    "demo": demo,
-    "figure": figure,
-    "map": map,
-    "render": render,
-    "report": report,
-    "info": info,
-    "bench": bench,
+    "match": "match",
+    "register": "surfaces.register",
+    "sequence": "films.sequence",
+    "batch": "batches.batch",
+    "sweep": "batches.sweep",
+    "population": "populations.population",
+    "apply": "surfaces.apply",
+    "demo": "demo",
+    "figure": "figure",
+    "map": "surfaces.map",
+    "render": "render",
+    "report": "reports.report",
+    "info": "info",
+    "bench": "bench",
 }
+"""The module of each, which is loaded when it is called, or when all are listed: together they take
+as long as a short match.
+"""
 _DESCRIPTION = """\
 Match two functions on a triangle mesh: find the vector field whose flow carries the one to the
 other. Register one surface to another by functions on both.
@@ -41,7 +39,8 @@ def run(words: list[str]) -> int:
     parser = Parser(prog="abfm", description=_DESCRIPTION)
     parser.add_argument("--version", action="version", version=f"abfm {version('abfm')}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name, command in _COMMANDS.items():
+    for name in [word for word in words[:1] if word in _COMMANDS] or _COMMANDS:
+        command = import_module(f"abfm_viewer.cli.{_COMMANDS[name]}")
         own = commands.add_parser(name, help=command.SUMMARY, description=command.DESCRIPTION)
         own.set_defaults(run=command.run, parser=own)
         command.add_arguments(own)

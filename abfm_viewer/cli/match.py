@@ -76,16 +76,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Match and write; 3 when the target was not reached, 128 and its number after a signal."""
+    sources, targets, weights = options.channels(arguments)
+    read = [arguments.mesh, arguments.mask, *sources, *targets]
     for path in arguments.out:
         outputs.check(path, outputs.WRITTEN)
-        outputs.check_not_read(path, [arguments.mesh])
+        outputs.check_not_read(path, read)
     if arguments.path is not None:
         outputs.check(arguments.path, (".csv",))
+        outputs.check_not_read(arguments.path, read)
         if arguments.path in arguments.out:
             raise UsageError("--path and --out name the same file; give each its own")
     given = {entry.name: getattr(arguments, entry.name) for entry in fields(Parameters)}
     parameters = Parameters(**given)
-    sources, targets, weights = options.channels(arguments)
     with nullcontext() if arguments.quiet else telling(print_long):
         mesh = options.mesh(arguments)
         problem = Problem(

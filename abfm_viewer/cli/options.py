@@ -2,11 +2,11 @@
 
 import argparse
 import math
+import os
 import sys
 from collections.abc import Callable, Collection
 from dataclasses import fields
 from functools import partial
-from pathlib import Path
 from typing import Any, NoReturn
 
 from abfm import Match, Parameters, TriangleMesh, load_mesh
@@ -105,7 +105,7 @@ def weight(mesh: TriangleMesh, given: str | None) -> FloatArray | None:
     """Return how much vertices count, (V,), by a function or its file."""
     if given is None:
         return None
-    return function(mesh, f"file:{quoted(given)}" if Path(given).is_file() else given)
+    return function(mesh, f"file:{quoted(given)}" if os.path.isfile(given) else given)
 
 
 def add_parameters(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import secrets
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Sequence
@@ -44,15 +46,34 @@ def check_folder(path: Path) -> None:
     abfm.io.check_writable(path)
 
 
-def check_not_read(path: Path, read: Iterable[str | Path | None]) -> None:
-    """Refuse a path, with the frames beside a .pvd, of a file that the same command reads."""
-    for other in (Path(each).expanduser() for each in read if each is not None):
+def check_not_read(path: Path, read: Iterable[str | None]) -> None:
+    """Refuse a path of a file that the same command reads, also by the text of a function, and a
+    .pvd whose frames would lie among those that are read.
+    """
+    for name in (name for each in read if each is not None for name in _files_in(each)):
+        other = Path(os.path.expanduser(name))
+        among = re.fullmatch(rf"{re.escape(path.stem)}_[0-9]+\.vtu", other.name)
         frame = path.with_suffix("") / other.name
-        written = [path, frame] if path.suffix == ".pvd" else [path]
+        written = [path, frame] if path.suffix == ".pvd" and among else [path]
         for place in written:
-            if other.exists() and place.exists() and place.samefile(other):
+            if os.path.exists(other) and os.path.exists(place) and place.samefile(other):
                 named = "it" if place is path else f"its {other.name}"
                 raise ResultError(f"cannot write {path}: {named} is read; choose another name")
+
+
+def _files_in(text: str) -> list[str]:
+    """Return the names of files that a text may mean: itself, or those of a function."""
+    from abfm.batch.columns import SPEC  # with all that it loads
+
+    found = [text]
+
+    def seen(name: str) -> str:
+        found.append(name)
+        return name
+
+    with suppress(AbfmError):
+        SPEC.renamed(text, seen)
+    return found
 
 
 def check_registered(path: Path) -> None:
@@ -72,6 +93,8 @@ def check_sequence(path: Path) -> None:
     check(path, SEQUENCES)
     if path.suffix == ".stc":
         abfm.io.check_stc_name(path)
+    elif path.suffix == ".pvd":
+        abfm.sequences.check_pvd(path)
     elif path.suffix == ".gii":
         abfm.io.check_values_name(path)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -139,9 +140,14 @@ def session_of(opened: Opened, origin: Origin | None = None) -> Session:
     return session
 
 
+def _absolute(path: Path) -> Path:
+    # Path.expanduser has no answer where there is no such user
+    return Path(os.path.expanduser(path)).absolute()
+
+
 def find_first(path: Path) -> FoundTable | None:
     """Read a table and its worst row; None where a path is of something else."""
-    path = path.expanduser().absolute()
+    path = _absolute(path)
     is_own = path.name.lower().endswith(RESULT) and result_tables.is_population(path)
     place = path if is_own else result_tables.place_of(path)
     return None if place is None else find_table(place, read_document)
@@ -276,7 +282,7 @@ class SessionFiles:
 
     def open(self, path: Path) -> None:
         """Open a file in the background; what is open now stays in the history."""
-        path = path.expanduser().absolute()
+        path = _absolute(path)
         if (place := result_tables.place_of(path)) is not None:
             self._open_table(place)
             return
@@ -304,7 +310,7 @@ class SessionFiles:
 
     def open_second(self, path: Path) -> None:
         """Open a mesh in the background as surface B, to which the present A is registered."""
-        path = path.expanduser().absolute()
+        path = _absolute(path)
         remedies = self._offered(OTHER_SECOND, partial(self.open_second, path))
         read = partial(self._read_mesh, path, self._show_second)
         what = f"opening {path.name} as second surface"
@@ -314,7 +320,7 @@ class SessionFiles:
         """Open frames in the background, on the mesh that is open, or surface A; of several arrays
         that which is chosen.
         """
-        path, surface = path.expanduser().absolute(), self._session.surface("source")
+        path, surface = _absolute(path), self._session.surface("source")
         remedies = self._offered(OTHER_FRAMES, partial(self.open_frames, path, array))
         what, source = f"opening {path.name}", (Origin.of(path), surface.mesh.digest, array)
         read = partial(self._read_frames, path, surface, array)
@@ -403,10 +409,10 @@ class SessionFiles:
         meshes = [path for path in paths if path.name.lower().endswith(MESHES)]
         if len(paths) == 2 and len(frames) == len(set(meshes) - set(frames)) == 1:
             [mesh] = set(meshes) - set(frames)
-            self._open_film(mesh.expanduser().absolute(), frames[0])
+            self._open_film(_absolute(mesh), frames[0])
             return
         if len(paths) == 2 and all(path.name.lower().endswith(MESHES) for path in paths):
-            self._open_pair(*(path.expanduser().absolute() for path in paths))
+            self._open_pair(*(_absolute(path) for path in paths))
             return
         self.open(paths[0])
         if len(paths) > 1:

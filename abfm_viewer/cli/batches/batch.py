@@ -11,6 +11,7 @@ from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_cluster, solve, tell_all
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.progress import row_progress
+from abfm_viewer.files import outputs
 
 SUMMARY = "solve a table of problems, on all cores or a cluster, and go on where it was ended"
 _FILLED = TextWrapper(96, "  ", "  ", break_on_hyphens=False)
@@ -74,6 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.table is None and status is None:
         raise UsageError("TABLE.csv is missing; see abfm batch --help")
     ledger = Ledger(arguments.out)
+    if arguments.table is not None:
+        outputs.check_not_read(arguments.out / "summary.csv", [str(arguments.table)])
     with row_progress(0, arguments.quiet, "reading"):  # some seconds, of tens of thousands of rows
         if arguments.table is None:
             title, entries = ledger.kept()

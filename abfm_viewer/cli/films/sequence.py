@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import sys
 import time
 from contextlib import nullcontext, suppress
@@ -14,7 +15,7 @@ import abfm
 from abfm import Control, Sequence
 from abfm.errors import printable
 from abfm.sequences import ENDINGS, GAMMA, TAKEN, Unfinished, defaults, read_frames
-from abfm.sequences.vtk_frames import VTK_ENDINGS, files_of_film
+from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, files_of_film
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals
@@ -159,13 +160,13 @@ def run(arguments: argparse.Namespace) -> int:
     return _status(found, kept.number)
 
 
-def _read(arguments: argparse.Namespace) -> list[str | Path | None]:
+def _read(arguments: argparse.Namespace) -> list[str | None]:
     """Return the files that are read, as far as they can be told."""
     parts = list[Path]()
     if arguments.frames.lower().endswith(VTK_ENDINGS):
         with suppress(OSError, ValueError):  # which reading them tells
-            parts = files_of_film(Path(arguments.frames))
-    return [arguments.mesh, arguments.frames, arguments.mask, *parts]
+            parts = files_of_film(Path(os.path.expanduser(arguments.frames)))
+    return [arguments.mesh, arguments.frames, arguments.mask, *map(os.fspath, parts)]
 
 
 def _times(
@@ -187,7 +188,7 @@ def _tell_of_earlier(intervals: int, found: int) -> None:
 
 def _cancelled(unfinished: Unfinished) -> str:
     told = "cancelled: what was not solved has no motion"
-    if unfinished.path is None or not unfinished.path.exists():
+    if unfinished.path is None or not os.path.isfile(unfinished.path):
         return told
     return f"{told}; the same command goes on, by {printable(unfinished.path)}"
 

@@ -66,7 +66,7 @@ The exit status is 0 when the mean has come to rest; 3 when it still changed by 
 the last round; 4 when a subject could not be registered; 2 for bad input, of which nothing is
 solved; and 130 or 143 after Ctrl-C or SIGTERM.
 """
-_WIDTH = 400
+_WIDTH, _SUBJECTS = 400, "subjects.csv"
 _OURS = ("round", "comparing", "carrying", "summing", "parting")
 
 
@@ -108,6 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.template is None:
         raise UsageError("--template is missing: the surface that subjects come to")
     folder, began, control = arguments.out, time.perf_counter(), Control()
+    outputs.check_not_read(folder / _SUBJECTS, [str(arguments.table)])
     cohort, settings = read_subjects(arguments.table), _settings(arguments)
     cluster = Cluster(arguments.jobs, arguments.scheduler, arguments.scheduler_file)
     outputs.make_folder(folder)
@@ -212,7 +213,7 @@ def _write(
     found: Population, facts: Mapping[str, Any], arguments: argparse.Namespace
 ) -> list[Path]:
     folder: Path = arguments.out
-    written = [folder / name for name in ("population.npz", "subjects.csv", "mean.vtu")]
+    written = [folder / name for name in ("population.npz", _SUBJECTS, "mean.vtu")]
     found.save(written[0])
     with write_atomically(written[1]) as temporary:
         temporary.write_text(_table(facts), encoding="utf-8", newline="")

@@ -80,6 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     if out is None:
         raise UsageError("give --out, where it goes; see abfm apply --help")
     outputs.check_folder(out)
+    outputs.check_not_read(out, (arguments.data, arguments.labels, arguments.points))
     if arguments.texture:
         _check_textured(arguments)
     elif arguments.image or arguments.size:

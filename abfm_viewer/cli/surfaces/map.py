@@ -81,6 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     out, truth = arguments.out, arguments.truth
     if out is not None:
         outputs.check(out, _TABLES)
+        outputs.check_not_read(out, (arguments.carry, truth))
     elif arguments.carry or arguments.functional_map is not None:
         raise UsageError("--carry and --functional-map need --out, where the table goes")
     if is_correspondence(arguments.input):

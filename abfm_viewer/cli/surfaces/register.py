@@ -93,12 +93,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Register and write; the status is that of `abfm match`."""
-    for path in arguments.out:
-        outputs.check_registered(path)
-        outputs.check_not_read(path, (arguments.a, arguments.b, arguments.landmarks))
     sources, targets, weights = options.channels(
         arguments, may_lack=arguments.landmarks is not None
     )
+    surfaces, masks = (arguments.a, arguments.b), (arguments.mask_a, arguments.mask_b)
+    read = (*surfaces, *masks, arguments.initial, arguments.landmarks, *sources, *targets)
+    for path in arguments.out:
+        outputs.check_registered(path)
+        outputs.check_not_read(path, read)
     changed = {
         entry.name: value
         for entry in fields(Parameters)

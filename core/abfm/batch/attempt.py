@@ -18,7 +18,7 @@ from abfm.errors import AbfmError, ResultError, one_line
 from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
 from abfm.sequences import remove_unfinished
-from abfm.workers.control import CancelledError, Control, present_control
+from abfm.workers.control import CancelledError, Control, checkpoint, present_control
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,7 @@ def _answer(task: Task) -> Answer:
     except CancelledError:
         raise
     except AbfmError as error:
+        checkpoint()  # what was cancelled before there was anything has not failed
         return Answer(Record(digest, str(error) or "it was refused"))
     except MemoryError:
         return Answer(Record(digest, "out of memory"))

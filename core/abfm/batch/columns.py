@@ -163,4 +163,4 @@ BOUND = Column("the most that areas and shapes may change", _bound)
 
 def absolute(folder: str) -> Rename:
     """Return what makes names of files absolute which begin at a folder."""
-    return lambda path: os.fspath(Path(folder, Path(path).expanduser()))
+    return lambda path: os.fspath(Path(folder, Path(os.path.expanduser(path))))

@@ -20,7 +20,7 @@ from abfm.batch.kinds import KINDS, kind_of_columns
 from abfm.errors import ParameterError, brief, did_you_mean
 from abfm.matching.problem import Problem
 from abfm.reading import open_plain
-from abfm.sequences.vtk_frames import VTK_ENDINGS, files_of_film
+from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, files_of_film
 from abfm.workers.control import Control
 
 PROBLEMS = "problems"

@@ -49,7 +49,7 @@ def of_table(path: str | os.PathLike[str], read: Callable[[str, str], Read]) -> 
     """Return what is read of the text of a table, and of the folder where its paths begin; a
     ParameterError names the table.
     """
-    name, place = one_line(path), Path(path).expanduser()
+    name, place = one_line(path), Path(os.path.expanduser(path))
     try:
         text = read_bytes(place, _LARGEST).decode("utf-8-sig")
     except OSError as error:

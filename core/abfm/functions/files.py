@@ -272,7 +272,7 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
     .csv that fit both ways, or two partners of a vertex.
     """
     table = read_table(path)[1]
-    template = Path(path[: -len(_SYMMETRIC)] + ".vts").expanduser()
+    template = Path(os.path.expanduser(path[: -len(_SYMMETRIC)] + ".vts"))
     if table.shape[1] == 2:
         return _swapped(mesh, path, _local_vertices(mesh, path, table))
     if path.lower().endswith(_SYMMETRIC) and template.is_file():

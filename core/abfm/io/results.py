@@ -30,6 +30,8 @@ made of them.
 # vertices of the mesh file that no face uses: maps to its vertices have a line for each
 _MOST_DROPPED = 10_000_000
 _MOST_TOLD, _LONGEST_TEXT = 400, 10_000  # characters
+# bytes of files of abfm's own: those of thousands of frames are larger than any that others make
+_LARGEST_FILE = 1 << 40
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read in bounded steps
 _KINDS: dict[str, tuple[str, Any]] = {
     "real": ("fiu", np.float64),
@@ -198,7 +200,8 @@ class Archive(Mapping[str, NDArray[Any]]):
 
     def __init__(self, file: BinaryIO) -> None:
         self._zip = zipfile.ZipFile(file)
-        self._left = most_inflated(file.seek(0, io.SEEK_END))
+        size = file.seek(0, io.SEEK_END)
+        self._left, self._most = most_inflated(size), max(LARGEST_MEMBER, size)
         names = self._zip.namelist()
         self._names = {name.removesuffix(".npy") for name in names if name.endswith(".npy")}
         self.packed = [member.filename for member in self._zip.infolist() if member.compress_type]
@@ -220,9 +223,9 @@ class Archive(Mapping[str, NDArray[Any]]):
         except ValueError as error:
             raise ValueError(f"{name}: {one_line(error)}") from error
 
-    def read(self, name: str, most: int = LARGEST_MEMBER) -> bytes:
+    def read(self, name: str, most: int | None = None) -> bytes:
         """Return the bytes of a member; damage makes any error of the zip's reader."""
-        member = self._zip.getinfo(name)
+        member, most = self._zip.getinfo(name), self._most if most is None else most
         if member.file_size > most:
             raise ValueError(f"{name} has {member.file_size} bytes; expected at most {most}")
         self._left -= member.file_size
@@ -240,7 +243,7 @@ class Archive(Mapping[str, NDArray[Any]]):
 def open_archive(path: Path, what: str, cure: str) -> Iterator[Archive]:
     """Open a zip to read from; one line, with what to do, for all that goes wrong meanwhile."""
     try:
-        with open_plain(path) as file:
+        with open_plain(path, _LARGEST_FILE) as file:
             yield Archive(file)
     except ResultError as error:
         raise ResultError(f"{one_line(path)}: {one_line(error, _MOST_TOLD)}") from error

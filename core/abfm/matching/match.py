@@ -385,8 +385,8 @@ def match(
     --------
     >>> import abfm
     >>> from abfm.assets import asset_path
-    >>> mesh = abfm.load_mesh(asset_path("human_A.off"))
-    >>> f, g = (abfm.function(mesh, f"gaussian:vertex={i},width=0.2") for i in (394, 14))
+    >>> mesh = abfm.load_mesh(asset_path("eight.off"))
+    >>> f, g = (abfm.function(mesh, f"gaussian:vertex={i},width=0.3") for i in (0, 100))
     >>> found = abfm.match(mesh, f, g)
     >>> found.verdict.kind, found.advect(1.0).shape == f.shape
     ('matched', True)

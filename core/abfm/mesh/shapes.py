@@ -3,21 +3,13 @@
 import numpy as np
 import trimesh
 
+from abfm.mesh.directions import spread_directions
 from abfm.mesh.triangle_mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
 _LIMBS = np.array(
     [[0, 1, 0.1], [-0.8, 0.5, 0.1], [0.9, 0.3, 0], [-0.5, -0.9, 0.2], [0.5, -1, -0.1]]
 )
-
-
-def spread_directions(count: int) -> FloatArray:
-    """Return evenly spread points of the unit sphere, (count, 3), on a spiral."""
-    k = np.arange(count)
-    z = 1 - (2 * k + 1) / count
-    angle = np.pi * (3 - np.sqrt(5)) * k
-    ring = np.sqrt(1 - z**2)
-    return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
 
 
 def even_sphere(count: int) -> TriangleMesh:

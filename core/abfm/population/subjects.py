@@ -137,7 +137,7 @@ def function_text(given: str, folder: str | os.PathLike[str]) -> str:
     AbfmError
         If it is neither: no such file, and no text of a function.
     """
-    path = Path(folder, Path(given).expanduser())
+    path = Path(folder, os.path.expanduser(given))
     try:
         is_file = path.is_file()
     except (OSError, ValueError):  # no name of a file

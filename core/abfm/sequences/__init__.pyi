@@ -3,6 +3,7 @@ from .critical_points import CriticalPoints as CriticalPoints
 from .critical_points import critical_points as critical_points
 from .critical_points import face_indices as face_indices
 from .episodes import Episode as Episode
+from .exports import check_pvd as check_pvd
 from .exports import export_intervals as export_intervals
 from .exports import export_pvd as export_pvd
 from .exports import export_speed as export_speed
@@ -11,9 +12,9 @@ from .exports import export_tracks as export_tracks
 from .exports import vertex_speed as vertex_speed
 from .files import is_sequence as is_sequence
 from .files import load_sequence as load_sequence
-from .frames_file import FramesFile as FramesFile
-from .reading_frames import ENDINGS as ENDINGS
-from .reading_frames import read_frames as read_frames
+from .reading.frames_file import FramesFile as FramesFile
+from .reading.reading_frames import ENDINGS as ENDINGS
+from .reading.reading_frames import read_frames as read_frames
 from .sequence import DEFAULTS as DEFAULTS
 from .sequence import GAMMA as GAMMA
 from .sequence import TAKEN as TAKEN

@@ -50,6 +50,22 @@ def vertex_speed(sequence: Sequence) -> FloatArray:
     return np.stack([mean @ np.linalg.norm(field, axis=1) for field in sequence.velocity])
 
 
+def check_pvd(path: str | os.PathLike[str]) -> Path:
+    """Refuse, before there is anything to write, a path that `export_pvd` would refuse, by a
+    ResultError; else return the folder for its frames, where links lead.
+    """
+    path = Path(path)
+    if path.suffix != ".pvd":
+        raise ResultError(f"cannot write {path}: the name of a list of VTK's must end in .pvd")
+    folder = Path(os.path.realpath(path.with_suffix("")))
+    if folder.exists() and not folder.is_dir():
+        raise ResultError(f"cannot make the folder {folder}: there is a file; choose another name")
+    check_writable(path)
+    if folder.is_dir():
+        check_writable(folder / f"{path.stem}_0000.vtu")
+    return folder
+
+
 def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
     """Write a film for ParaView: ``NAME.pvd``, and a ``NAME_0000.vtu`` a frame in a folder NAME.
 
@@ -63,16 +79,11 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
     ResultError
         If the name does not end in ``.pvd``, or a file cannot be written.
     """
-    path = Path(path)
-    if path.suffix != ".pvd":
-        raise ResultError(f"cannot write {path}: the name of a list of VTK's must end in .pvd")
-    folder = path.with_suffix("")
-    if folder.exists() and not folder.is_dir():
-        raise ResultError(f"cannot make the folder {folder}: there is a file; choose another name")
-    check_writable(path)
+    path, folder = Path(path), check_pvd(path)
     try:
-        with temporary_folder(path.parent) as made:
-            rows = _write_frames(made, folder.name, sequence)
+        # where files can be moved from: a folder that is there may be on another disk
+        with temporary_folder(folder if folder.is_dir() else folder.parent) as made:
+            rows = _write_frames(made, path.stem, sequence)
             folder.mkdir(exist_ok=True)
             for written in sorted(made.iterdir()):
                 written.replace(folder / written.name)

@@ -121,13 +121,14 @@ def _fill_in(mesh: TriangleMesh, frames: FloatArray, seen: BoolArray, counted: B
     """Extend frames (T, V, C) to vertices that are not seen: what stands there would be carried to
     those that are. A channel that does not count may lack more, or all.
     """
+    of_seen = extension(mesh, seen)
     for channel, counts in enumerate(counted):
         film = frames[:, :, channel]
         known = seen if counts else seen & np.isfinite(film).all(axis=0)
         if not known.any():
             film[:] = 0.0
         elif not known.all():
-            fill = extension(mesh, known)
+            fill = of_seen if counts else extension(mesh, known)
             with step("filling in what is not compared") as tell:
                 for k, frame in enumerate(film):
                     checkpoint()

@@ -168,7 +168,7 @@ class Solver:
         """Sweep back and forth until the energy of all, by flow lines, hardly falls."""
         count = len(self.fields)
         if not self.swept:
-            with step("checking by flow lines") as tell:
+            with step("asking flow lines") as tell:
                 for i in range(count):
                     self._ask_flow_lines(i)
                     tell((i + 1) / count)
@@ -185,6 +185,7 @@ class Solver:
                         self.swept = _SWEEPS * count
                 tell(self.swept / (_SWEEPS * count))
                 on_step()
+        self._defects.clear()
 
     def _settle_each(self, on_step: Callable[[], object]) -> None:
         """Go on with each interval by itself until its energy, by flow lines, hardly falls."""
@@ -198,6 +199,8 @@ class Solver:
                 self._go_on(i)
                 is_settled = not before - self.energies[i] > _SETTLED * before
                 self.swept += _SWEEPS - times if is_settled else 1
+                if self.swept % _SWEEPS == 0:
+                    del self._defects[i]  # which nobody asks for again
                 tell(self.swept / (_SWEEPS * count))
                 on_step()
 

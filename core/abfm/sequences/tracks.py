@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import dijkstra
 
 from abfm.calculus.operators import edge_lengths
@@ -110,6 +109,9 @@ def _linked(
     """Return which old point goes on as which new one."""
     if not old or not len(new):
         return []
+    # late, as all that films are is loaded with this file
+    from scipy.optimize import linear_sum_assignment
+
     graph, edge = _graph(mesh)
     begins = np.array([each.points.nearest_vertices()[i] for each, i in old])
     ends = points.points.nearest_vertices()[new]

@@ -4,6 +4,7 @@ goes on.
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import json
 import os
@@ -113,7 +114,7 @@ class Unfinished:
 
 def remove_unfinished(result: Path) -> None:
     """Remove what is left beside a result that is there, by a run that was killed just then."""
-    for path in result.parent.glob(f"{result.name}-*.unfinished"):
+    for path in result.parent.glob(f"{glob.escape(result.name)}-*.unfinished"):
         with suppress(OSError):
             path.unlink()
 

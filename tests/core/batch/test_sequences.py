@@ -15,10 +15,17 @@ from abfm.sequences import defaults, export_pvd
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import telling
 from tests.core.batch.rows import ONE
+from tests.spare_processes import spared
 
 EIGHT = abfm.load_mesh(asset_path("eight.off"))
 X = EIGHT.vertices[:, 0] / EIGHT.length_scale
 FRAMES = np.array([np.sin(6 * (X - 0.02 * t)) for t in range(3)])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_process_for_one_run_after_the_other():
+    with spared():
+        yield
 
 
 @pytest.fixture
@@ -73,6 +80,19 @@ def test_a_run_that_is_killed_goes_on_and_finds_the_same(folder):
     kept.write_bytes(content)  # as when it was killed just before it was removed
     attempt(task)
     assert not kept.exists()
+
+
+def test_one_that_is_cancelled_before_it_begins_has_not_failed(folder):
+    np.save(folder / "f.npy", np.where(np.arange(FRAMES.shape[1]) < 9, np.nan, FRAMES))
+    row, control, ledger = film(folder), Control(), Ledger(folder / "out")
+
+    def stop(now):
+        if now is not None and now.task == "filling in what is not compared":
+            control.cancel()
+
+    with telling(stop), controlled(control), pytest.raises(CancelledError):
+        attempt(Task(row, str(ledger.folder), ledger.make()))
+    assert ledger.entry(row).state == "missing"
 
 
 def test_channels_have_weights(folder):

@@ -158,3 +158,12 @@ def test_an_option_is_given_or_varied():
         combinations(fixed.items(), {"sigma": []})
     with pytest.raises(ParameterError, match="at most"):
         combinations(fixed.items(), {"sigma": range(2000), "beta": range(2000)})
+
+
+def test_the_home_of_no_user_is_a_name_like_any_other(tmp_path):
+    (tmp_path / "t.csv").write_text(
+        "mesh,source,target\n~no-user/m.off,file:~no-user/f.csv,file:g\n"
+    )
+    [row] = read_table(tmp_path / "t.csv")
+    names = ("~no-user/m.off", "~no-user/f.csv", "g")
+    assert {*row.files()} == {str(tmp_path / name) for name in names}

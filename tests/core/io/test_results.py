@@ -13,10 +13,11 @@ import pytest
 from numpy.testing import assert_array_equal, assert_equal
 
 from abfm import Control, Parameters, ResultError, load_match, match
-from abfm.io import FORMAT_VERSION, load_arrays, save_arrays
+from abfm.io import FORMAT_VERSION, load_arrays, results, save_arrays
 from abfm.io.results import open_archive
 from abfm.matching import Remedy, Verdict, prepare
 from abfm.parameters import PAPER
+from abfm.reading import open_plain, read_bytes
 from tests.core.fields import bump
 from tests.core.reading import hostile
 from tests.core.reading.hostile import members, npy_of, refusal, zipped
@@ -340,6 +341,20 @@ def test_a_zip_that_lies_about_a_size_or_names_an_entry_in_no_text_is_refused(sa
             truth, lie = (n.to_bytes(width, "little") for n in (len(packed), size % 256**width))
             saved.write_bytes(whole.replace(truth, lie))
             match_error(saved)
+
+
+def test_own_files_may_be_larger_than_those_of_others(path, monkeypatch):
+    """As those of films with thousands of frames are."""
+    save_arrays(path, result_arrays())
+    size = path.stat().st_size
+    monkeypatch.setattr(results, "LARGEST_MEMBER", size // 100)
+    monkeypatch.setattr(open_plain.__wrapped__, "__defaults__", (size - 1,))
+    with pytest.raises(OSError, match=f"it has {size} bytes"):
+        read_bytes(path, size - 1)
+    assert_array_equal(load_arrays(path)["velocity"], result_arrays()["velocity"])
+    packed = result_arrays() | {"energy_history": np.zeros((size, 3))}
+    np.savez_compressed(path, format_version=FORMAT_VERSION, **packed)
+    assert "expected at most" in error_line(path)  # what is packed is bounded as before
 
 
 def test_devices_and_pipes_are_refused(tmp_path):

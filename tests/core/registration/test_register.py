@@ -152,7 +152,8 @@ def saved(what, path):
 
 def test_measured_functions_are_compared_in_their_own_units():
     f, g = hills(A.vertices), 100 - 3 * hills(B.vertices)
-    prepared = prepare(A, B, f, g, initial="sphere")
+    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+    prepared = prepare(A, B, f, g, initial=same)
     areas = np.bincount(B.faces.ravel(), minlength=len(B.vertices))
     for values in (prepared.problem.source, prepared.problem.target):
         assert abs(np.average(values[:, 0], weights=areas)) < 0.1
@@ -163,8 +164,9 @@ def test_measured_functions_are_compared_in_their_own_units():
 def test_functions_of_a_are_kept_as_they_are_compared():
     """What comes of them to B by area is what is matched there."""
     f, g = (np.stack([hills(m.vertices), m.vertices[:, 2] + 2], 1) for m in (A, B))
+    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     for ours, theirs in ((f, g), (3 * f + 7, -g), (f[:, 1], g[:, 1]), (f[:, 1], 5 * g[:, 1])):
-        prepared = prepare(A, B, ours, theirs, initial="sphere", mask_b=B.vertices[:, 2] > -0.5)
+        prepared = prepare(A, B, ours, theirs, initial=same, mask_b=B.vertices[:, 2] > -0.5)
         carried = prepared.initial.carry(prepared.functions, by="area")
         assert_allclose(carried, prepared.problem.source, atol=1e-9)
     assert prepare(B, B, landmarks=[[0, 1]]).functions is None

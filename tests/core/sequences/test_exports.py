@@ -84,6 +84,23 @@ def test_a_film_that_is_cancelled_leaves_what_was_there(tmp_path):
     assert content() != before
 
 
+def test_frames_for_paraview_are_written_where_their_folder_leads(tmp_path):
+    """Files are moved to it, which no system does from one disk to another."""
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "a").symlink_to(tmp_path / "disk")
+    places = set()
+
+    def look(now):
+        places.update(path.parent for path in tmp_path.rglob("*") if path.name.startswith(".abfm"))
+
+    with telling(look):
+        export_pvd(tmp_path / "a.pvd", solved())
+    assert tmp_path / "disk" in places
+    assert tmp_path not in places
+    assert len([*(tmp_path / "disk").iterdir()]) == len(TIMES)
+    assert len(read_frames(tmp_path / "a.pvd", MESH, "frame").values) == len(TIMES)
+
+
 def test_the_speed_at_vertices_is_that_of_a_rotation():
     """To the order of the mesh's edges, squared."""
     middles = MESH.vertices[MESH.faces].mean(axis=1)

@@ -14,7 +14,8 @@ from abfm import load_sequence
 from abfm.calculus.channels import extend
 from abfm.errors import AbfmError, FunctionError, ResultError, SeveralArraysError
 from abfm.io import write_stc
-from abfm.sequences import is_sequence, read_frames, source_frames
+from abfm.sequences import is_sequence, read_frames
+from abfm.sequences.reading import source_frames
 from tests.core.reading.hostile import npy_of, one_byte_changed
 from tests.core.reading.vtk_files import vtk_bytes
 from tests.core.sequences.turning_film import MESH, TIMES, film, solved

@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 import abfm
 from abfm import Control
-from abfm.sequences import Unfinished, defaults
+from abfm.sequences import Unfinished, defaults, remove_unfinished
 from abfm.sequences.files import sequence_arrays
 from abfm.workers.progress import telling
 from tests.core.sequences.films import SPHERE, bumps
@@ -104,6 +104,14 @@ def test_another_problem_or_a_damaged_file_begins_anew(whole, tmp_path):
         first.path.write_bytes(damaged)
         assert_same(solved(Unfinished(tmp_path / "s.npz", pytest.fail)), whole)
     assert first.path.read_bytes() == content
+
+
+def test_what_is_left_beside_a_result_is_removed_and_nothing_else(tmp_path):
+    for name in ("s[1].npz-1a2b3c4d.unfinished", "s1.npz-1a2b3c4d.unfinished", "s[1].npz"):
+        (tmp_path / name).touch()
+    remove_unfinished(tmp_path / "s[1].npz")
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"s1.npz-1a2b3c4d.unfinished", "s[1].npz"}
 
 
 def test_where_it_cannot_be_written_the_film_is_solved_all_the_same(whole, tmp_path):

@@ -4,6 +4,13 @@ import pytest
 
 from abfm_viewer.cli import main
 from tests.processes import argv
+from tests.spare_processes import spared
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_process_for_one_batch_after_the_other():
+    with spared():
+        yield
 
 
 @pytest.fixture

@@ -193,6 +193,8 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
         ("batch", "--out is missing"),
         ("batch --out {t}/out", "TABLE.csv is missing"),
         ("batch {t}/none.csv --out {t}/out", "cannot read table {t}/none.csv: No such file"),
+        ("batch {t}/summary.csv --out {t}", "summary.csv: it is read; choose another name"),
+        ("batch ~no-user/t.csv --out {t}/out", "cannot read table ~no-user/t.csv: No such file"),
         ("batch {t}/bad.csv --out {t}/out", "bad.csv: row 1, column alpha: 'much' is no number"),
         ("batch {t}/good.csv --out {t}/out --jobs 0", "a number of processes"),
         ("batch {t}/good.csv --out {t}/out --jobs 2 --scheduler x", "give one of jobs"),
@@ -214,7 +216,8 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_line_and_nothing_is_solved(words, told, tmp_path, abfm):
-    (tmp_path / "good.csv").write_text(TABLE)
+    for name in ("good", "summary"):
+        (tmp_path / f"{name}.csv").write_text(TABLE)
     (tmp_path / "bad.csv").write_text(TABLE.replace("0.5\n", "much\n"))
     assert told.format(t=tmp_path) in abfm(words.format(t=tmp_path), status=2).err
     assert not list(tmp_path.rglob("*.npz"))

@@ -136,11 +136,20 @@ def test_bad_input_is_one_clear_line_and_status_2(words, expected, abfm, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_mesh_is_not_replaced_by_what_is_found_on_it(tmp_path, abfm):
-    (tmp_path / "m.ply").write_text("theirs")
-    told = abfm(f"match {tmp_path}/m.ply {PAIR} --out {tmp_path}/m.ply", status=2)
-    assert "m.ply: it is read; choose another name" in told.err
-    assert (tmp_path / "m.ply").read_text() == "theirs"
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("m.ply", f"m.ply {PAIR} --out m.ply"),
+        ("f.csv", f"{EIGHT} --source file:f.csv+geodesic:vertex=0 --target file:g.csv --out f.csv"),
+        ("f.csv", f"{EIGHT} {PAIR} --channel x file:f.csv,column=1 1 --out a.npz --path f.csv"),
+        ("f.csv", f"{EIGHT} {PAIR} --mask f.csv --out f.csv"),
+    ],
+)
+def test_what_is_read_is_not_replaced_by_what_is_found(name, words, tmp_path, abfm, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text("theirs")
+    assert f"{name}: it is read; choose another name" in abfm(f"match {words}", status=2).err
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["theirs"]
 
 
 def test_meshes_are_refused_with_the_way_out_and_to_machines_too(tmp_path, abfm):
@@ -387,6 +396,7 @@ def test_render_writes_movies(suffix, result, project, tmp_path, abfm):
         assert np.abs(frames[0].astype(int) - frames[-1]).max() > 50
 
 
+@pytest.mark.usefixtures("coarse_streaks")
 @pytest.mark.usefixtures("coarse_streaks")
 def test_render_draws_streaks_that_move_in_a_loop_or_fade(result, tmp_path, abfm):
     """Frames at one time differ by the streaks alone, from the last to the first as elsewhere."""

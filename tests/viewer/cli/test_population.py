@@ -242,6 +242,7 @@ def test_a_subject_that_cannot_be_registered_is_told(abfm, folder, found):
     [
         ("population table.csv --out out", "--template is missing"),
         ("population table.csv --template template.gii", "--out"),
+        ("population ~no-user/s.csv --template t.gii --out out", "table ~no-user/s.csv"),
         ("population none.csv --template template.gii --out out", "cannot read table none.csv"),
         ("population table.csv --template none.gii --out out", "none.gii"),
         ("population table.csv --template template.gii --out out --function depth", "NAME=SPEC"),
@@ -266,6 +267,13 @@ def test_a_subject_that_cannot_be_registered_is_told(abfm, folder, found):
 def test_what_does_not_fit_is_told_in_a_line(abfm, folder, monkeypatch, words, told):
     monkeypatch.chdir(folder)
     assert told in abfm(f"{words} --quiet", status=2).err
+
+
+def test_the_table_of_subjects_is_not_replaced_by_what_is_found(abfm, tmp_path):
+    (tmp_path / "subjects.csv").write_text("theirs")
+    words = f"population {tmp_path}/subjects.csv --template t.gii --out {tmp_path}"
+    assert "subjects.csv: it is read; choose another name" in abfm(words, status=2).err
+    assert (tmp_path / "subjects.csv").read_text() == "theirs"
 
 
 def test_numbers_that_are_unknown_are_none(told):

@@ -158,8 +158,23 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
     ("words", "told"),
     [
         ("register {a} {b} --source file:{n} --out {t}/r.npz", "need each other"),
+        (
+            "register {a} {b} --source {x} --target {x} --initial sphere:~-/a,~-/b --out {t}/r.npz",
+            "~-/a",
+        ),
         ("register {a} {b} --out {t}/r.npz", "give --source and --target"),
-        ("register {a} {b} --out {b}", "b.ply: it is read; choose another name"),
+        (
+            "register {a} {b} --source {x} --target {x} --out {b}",
+            "b.ply: it is read; choose another",
+        ),
+        (
+            "register {a} {b} --landmarks {n} --initial file:{t}/p.csv --out {t}/p.csv",
+            "p.csv: it is read; choose another",
+        ),
+        (
+            "register {a} {b} --source file:{t}/p.csv --target {x} --out {t}/p.csv",
+            "p.csv: it is read; choose another",
+        ),
         ("register {a} {b} --source file:{n} --target file:{n} --out {t}/r.npz", "one per vertex"),
         ("register {a} {a} --source file:{n} --target file:{n} --out {t}/r.xyz", "must end in"),
         (
@@ -178,6 +193,7 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
         ("apply {r} --labels {n} --out {t}/x.csv", "whole numbers"),
         ("apply {a} --data {n} --out {t}/x.csv", "damaged"),
         ("apply {r} --points {n} --out {t}/x.csv", "no vertex in use"),
+        ("apply {r} --points {t}/p.csv --out {t}/p.csv", "p.csv: it is read; choose another name"),
         (
             "apply {r} --points {t}/p.csv --by area --out {t}/x.csv",
             "--by is of --data and --labels",

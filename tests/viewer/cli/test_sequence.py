@@ -173,6 +173,11 @@ def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
         ("{m} {t}/x.pvd --array u --out {t}/x.pvd", "x.pvd: it is read"),
         ("{m} {t}/x/x_1.vtu --out {t}/x.pvd", "x.pvd: its x_1.vtu is read"),
         ("{m} {f} --mask {t}/t.csv --intervals {t}/t.csv --out {t}/a.npz", "t.csv: it is read"),
+        ("{m} {f} --mask file:{t}/t.csv --tracks {t}/t.csv --out {t}/a.npz", "t.csv: it is read"),
+        ("~no-user/m.ply {f} --out {t}/a.npz", "m.ply"),
+        (f"{{m}} {{f}} --mask {'a+' * 200} --out {{t}}/a.npz", "unknown function family"),
+        ("{t}/x/m.ply {f} --out {t}/x.pvd", "m.ply"),  # which no frame is called as
+        ("{m} {f} --out {t}/file.pvd", "file: there is a file; choose another name\n"),
         ("{m} {f}", "the following arguments are required: --out"),
     ],
 )
@@ -182,7 +187,7 @@ def test_what_does_not_fit_is_refused_in_a_line(words, told, files, tmp_path, ab
     np.savez(tmp_path / "uneven.npz", frames=film(), times=TIMES**3)
     np.savez(tmp_path / "back.npz", frames=film(), times=TIMES[::-1])
     (tmp_path / "x").mkdir()
-    for name in ("x.pvd", "x/x_1.vtu", "t.csv"):
+    for name in ("file", "x.pvd", "x/x_1.vtu", "x/m.ply", "t.csv"):
         (tmp_path / name).write_text("theirs")
     line = words.format(m=files / "m.ply", f=files / "f.npy", t=tmp_path)
     assert told in abfm(f"sequence {line}", status=2).err

@@ -60,7 +60,9 @@ def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path):
 
 def test_a_signal_ends_a_benchmark_with_what_was_finished():
     """Nothing is raised while libraries call back into Python: they would print it and go on."""
-    process = start(*argv(f"bench --success --only-given --versions now --meshes {EIGHT} --json"))
+    process = start(
+        *argv(f"bench --success --only-given --versions now --meshes {EIGHT} --jobs 1 --json")
+    )
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None
     told, errors = ended(process, signal.SIGTERM)

@@ -5,12 +5,19 @@ from dataclasses import replace
 import pytest
 
 from abfm_viewer.widgets.toolkit import Ui
+from tests.spare_processes import spared
 from tests.viewer.sessions import ENDLESS, begin, match
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _recorded(request):
     with request.config.pluginmanager.get_plugin("widget coverage").recording():
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_process_for_one_window_after_the_other():
+    with spared():
         yield
 
 

@@ -10,7 +10,7 @@ from abfm.assets import asset_path
 from abfm_viewer.automation import Driver
 from tests.mesh_writers import off_file
 from tests.shapes import ellipsoid, icosphere
-from tests.viewer.sessions import SIZE, begin, cancel, match
+from tests.viewer.sessions import QUICK, SIZE, begin, cancel, match
 
 _WORK = """
 import sys
@@ -86,6 +86,7 @@ def test_two_channels(gui):
     for side in ("source", "target"):
         gui.choose("family", "eigenfunction", within=side)
     gui.wait(ready)
+    gui.session.editor.amend(parameters=QUICK)
     match(gui)
     assert gui.session.result.source.shape[1] == 2
 

@@ -11,7 +11,7 @@ from abfm_viewer.automation import Driver
 from abfm_viewer.document.surface_points import surface_points
 from tests.mesh_writers import off_file
 from tests.shapes import ellipsoid, icosphere
-from tests.viewer.sessions import SIZE, match
+from tests.viewer.sessions import QUICK, SIZE, match
 
 EGG, BALL = ellipsoid(3, 1.0, 0.7, 0.55), icosphere(3, 10.0)
 
@@ -203,6 +203,7 @@ def test_on_one_surface_they_are_matched_beside_functions(tmp_path):
         gui.pick(12, "source", modifiers=())
         gui.pick(30, "target", modifiers=())
         gui.wait(lambda s: not s.obstacle)
+        gui.session.editor.amend(parameters=QUICK)
         match(gui)
         assert session.result.landmark_errors.shape == (1,)
         assert not session.result.problem.is_of_landmarks
@@ -240,6 +241,7 @@ def test_channels_that_come_to_landmarks_alone_outdate_the_match(tmp_path):
         gui.pick(30, "target", modifiers=())
         gui.check("landmarks alone")
         gui.wait(lambda s: not s.obstacle)
+        gui.session.editor.amend(parameters=QUICK)
         match(gui)
         assert not gui.session.outdated
         gui.click("Add")

@@ -1,14 +1,11 @@
 """Films: frames are opened, all of them matched, played, looked at and saved."""
 
-from contextlib import closing
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import abfm
-from abfm.workers.worker import Worker, stateless
 from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
 from abfm_viewer.computing.films import fast_in
@@ -42,17 +39,9 @@ def film(gui, tmp_path):
     return gui
 
 
-@pytest.fixture(scope="module")
-def process():
-    """Matches films of one window after the other: it takes longer to start than they do."""
-    with closing(Worker(stateless, "it has ended")) as worker:
-        yield SimpleNamespace(call=worker.call, close=lambda: None)
-
-
 @pytest.fixture
-def solved(film, process):
+def solved(film):
     """The same after its match."""
-    film.session.film_match._worker = process
     film.click("Match all frames")
     film.wait(lambda s: not s.running)
     return film

@@ -4,6 +4,7 @@ import threading
 import time
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import nibabel
 import numpy as np
@@ -15,7 +16,7 @@ from abfm_viewer.files.project import load_project
 from abfm_viewer.session import session_files
 from abfm_viewer.session.loading import Load, Loading
 from abfm_viewer.session.notices import Notices
-from abfm_viewer.session.session_files import open_session
+from abfm_viewer.session.session_files import find_first, open_session
 from abfm_viewer.window.samples import figure_document
 from tests.mesh_writers import freesurfer_bytes, off_text
 from tests.processes import python
@@ -123,6 +124,14 @@ def test_what_cannot_be_opened_is_one_line_and_changes_nothing(desk, tmp_path, n
     assert told in desk.session.notices.latest.text
     assert desk.session.document is was
     assert desk.state.recent() == []
+
+
+def test_the_home_of_no_user_is_a_place_where_nothing_is(desk):
+    for path in map(Path, ("~no-user/m.off", "~no-user/m.csv")):
+        desk.open(path)
+        assert desk.session.notices.latest.is_error
+        assert path.name in desk.session.notices.latest.text
+        assert find_first(path) is None
 
 
 def test_a_surface_of_freesurfer_opens(desk, tmp_path):

@@ -15,12 +15,19 @@ from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.session import Session
 from tests.shapes import ellipsoid, icosphere
+from tests.spare_processes import spared
 from tests.viewer.sessions import ready, until
 
 A, B = ellipsoid(2, 1.0, 0.7, 0.55), icosphere(2, 10.0)
 SURFACES = Surface(A, "a.off"), Surface(B, "b.off")
 SAME = "gaussian:x=0.5,y=0.4,z=0.3,width=0.3"
 SHORT = Parameters(iterations=5, refine=0, cooling_stages=1)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_process_for_one_session_after_the_other():
+    with spared():
+        yield
 
 
 @pytest.fixture

@@ -238,7 +238,9 @@ class Solver:
             is_fine = not fits(descent.levels[-1].energy.mesh, _FINEST)
             if mark.worse <= self._goal:
                 return
-            if p.refine is None and (is_fine or self._is_resolved(mark)):
+            # what is nearly there may be there where fields are smoother
+            is_vain = mark.worse > NEARLY and len(self.record.history) > p.iterations
+            if p.refine is None and (is_fine or is_vain or self._is_resolved(mark)):
                 return
             try:
                 coarse, fine = subdivided(descent.levels[-1])

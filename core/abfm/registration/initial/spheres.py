@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import map_coordinates
-from scipy.optimize import minimize
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from abfm.maps.spherical import SphereLayout
-from abfm.mesh.shapes import spread_directions
+from abfm.mesh.directions import spread_directions
+from abfm.numerics.kernels import kernel
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
@@ -150,7 +149,9 @@ def rotation_by_landmarks(a: SphereLayout, b: SphereLayout, pairs: Landmarks) ->
 
 
 class _Level:
-    """Functions of both spheres as averages over cells, and A's as a table by angles."""
+    """Functions of both spheres as averages over cells, and A's as tables by angles, the last one
+    of how much they count.
+    """
 
     def __init__(self, a: OnSphere, b: OnSphere, weights: FloatArray, count: int) -> None:
         self._places = spread_directions(count)
@@ -172,26 +173,22 @@ class _Level:
         distances, near = places.query(grid.reshape(-1, 3), 3)
         shade = 1 / np.maximum(distances, 1e-6)
         shade /= shade.sum(axis=1, keepdims=True)
-        self._table = np.einsum("gk,cgk->cg", shade, values[:, near]).reshape(
-            len(values), *latitude.shape
+        self._tables = np.einsum("gk,cgk->cg", shade, np.vstack([values, shares])[:, near]).reshape(
+            -1, *latitude.shape
         )
-        self._shares = (shade * shares[near]).sum(axis=1).reshape(latitude.shape)
         self._counted = counted
 
     def correlations(self, rotations: Rotation, opposite: float = _OPPOSITE) -> FloatArray:
         """Return the mean over channels of correlations, (K,), of rotations (K) of A; negative ones
         count so much less.
         """
-        back = rotations.inv().as_matrix().reshape(-1, 3, 3)
-        seen = np.einsum("kxy,ny->xkn", back, self._places)
-        rows = (np.degrees(np.arcsin(np.clip(seen[2], -1, 1))) + 90) * (_LINES / 180)
-        columns = (np.degrees(np.arctan2(seen[1], seen[0])) + 180) * (_LINES / 180)
-        at = np.stack([rows, columns])
-        counted = self._counted * np.clip(map_coordinates(self._shares, at, order=1), 0, None)
+        back = np.ascontiguousarray(rotations.inv().as_matrix().reshape(-1, 3, 3))
+        seen = np.empty((len(self._tables), len(back), len(self._places)))
+        _see(back, self._places, self._tables, seen)
+        counted = self._counted * np.clip(seen[-1], 0, None)
         total = np.maximum(counted.sum(axis=1, keepdims=True), np.finfo(float).tiny)
         score = np.zeros(len(back))
-        for table, target, weight in zip(self._table, self._target, self._weights, strict=True):
-            f = map_coordinates(table, at, order=1)
+        for f, target, weight in zip(seen[:-1], self._target, self._weights, strict=True):
             f = f - (counted * f).sum(axis=1, keepdims=True) / total
             g = target - (counted * target).sum(axis=1, keepdims=True) / total
             sizes = (counted * f**2).sum(axis=1) * (counted * g**2).sum(axis=1)
@@ -205,10 +202,13 @@ class _Level:
 
     @property
     def _most(self) -> float:
-        return float(min(self._counted.sum(), self._shares.mean() * len(self._counted)))
+        return float(min(self._counted.sum(), self._tables[-1].mean() * len(self._counted)))
 
     def refined(self, rotation: Rotation, size: float) -> Rotation:
         """Return the best rotation near one, by a simplex of a size in radians."""
+        # late, as all that registers is loaded with this file, and few use it
+        from scipy.optimize import minimize
+
         corners = np.vstack([np.zeros(3), size * np.eye(3)])
 
         def loss(vector: FloatArray) -> float:
@@ -222,6 +222,31 @@ class _Level:
             options={"initial_simplex": corners, "xatol": 1e-4, "fatol": 1e-6, "maxfev": 200},
         )
         return Rotation.from_rotvec(found.x) * rotation
+
+
+@kernel
+def _see(back: FloatArray, places: FloatArray, tables: FloatArray, seen: FloatArray) -> None:
+    """Interpolate tables by latitude and longitude where rotations (K, 3, 3) bring places (n, 3),
+    to ``seen`` (T, K, n).
+    """
+    _, rows, columns = tables.shape
+    lines = (rows - 1) / np.pi
+    for k in range(len(back)):
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = back[k]
+        for n in range(len(places)):
+            a, b, c = places[n]
+            z = min(max(zx * a + zy * b + zz * c, -1.0), 1.0)
+            row = (np.arcsin(z) + np.pi / 2) * lines
+            column = (
+                np.arctan2(yx * a + yy * b + yz * c, xx * a + xy * b + xz * c) + np.pi
+            ) * lines
+            i, j = min(int(row), rows - 2), min(int(column), columns - 2)
+            up, on = row - i, column - j
+            for t in range(len(tables)):
+                here, there = tables[t, i], tables[t, i + 1]
+                below = (1 - on) * here[j] + on * here[j + 1]
+                above = (1 - on) * there[j] + on * there[j + 1]
+                seen[t, k, n] = (1 - up) * below + up * above
 
 
 def _spread_rotations(count: int) -> Rotation:

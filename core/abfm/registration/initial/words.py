@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -202,7 +202,7 @@ def _two_files(words: list[str]) -> list[str]:
     """
     for count in range(1, len(words)):
         pair = [",".join(words[:count]), ",".join(words[count:])]
-        if all(Path(name).expanduser().is_file() for name in pair):
+        if all(os.path.isfile(os.path.expanduser(name)) for name in pair):
             return pair
     return words
 

@@ -271,6 +271,12 @@ def test_a_jump_is_refined_only_where_that_is_asked_for():
     assert of[0].confirmed_mismatch > max(of[0].parameters.goal, of[1].confirmed_mismatch)
 
 
+def test_far_from_the_target_nothing_is_refined_that_has_no_iterations_left():
+    for iterations, refine, times in ((6, None, 0), (6, 1, 1), (60, None, 1)):
+        found = exact(0.2, 30, SMALL, refine=refine, iterations=iterations)[0]
+        assert (found.refined, len(found.energy_history)) == (times, iterations + 1)
+
+
 def test_only_what_is_not_confirmed_is_refined_and_a_given_sigma_where_it_is_asked_for():
     assert exact(0.12, 30, SMALL, refine=None)[0].refined > 0
     assert exact(0.12, 30, SMALL, refine=None, sigma=0.3)[0].refined == 0

@@ -11,7 +11,7 @@ import numpy as np
 from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh import TriangleMesh
 from abfm.reading import Grid, from_json, read_bytes, read_collection, read_grid
-from abfm.sequences.frames_file import FramesFile
+from abfm.sequences.reading.frames_file import FramesFile
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 

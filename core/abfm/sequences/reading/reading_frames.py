@@ -16,9 +16,9 @@ from abfm.functions import read_table
 from abfm.io import results
 from abfm.mesh import TriangleMesh
 from abfm.reading import LABEL, array_from, freesurfer_frames, open_plain, read_bytes, read_gifti
-from abfm.sequences.frames_file import FramesFile
-from abfm.sequences.source_frames import source_frames
-from abfm.sequences.vtk_frames import VTK_ENDINGS, vtk_frames
+from abfm.sequences.reading.frames_file import FramesFile
+from abfm.sequences.reading.source_frames import source_frames
+from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, vtk_frames
 from abfm.types import FloatArray
 
 _OF_SURFACES = {"NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE"}
@@ -122,9 +122,7 @@ def _npz(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
             if (name := array or alone) not in archive:
                 _refuse(archive, name, mesh if array is None else None)
             values, times = archive[name], archive.get("times")
-        except (OSError, SeveralArraysError):
-            raise
-        except ValueError:
+        except (OSError, ValueError, SeveralArraysError):
             raise
         except Exception as error:  # damage makes anything of the readers of zips
             told = one_line(error, 300)

@@ -9,7 +9,7 @@ from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
 from abfm.reading import read_stc
-from abfm.sequences.frames_file import FramesFile
+from abfm.sequences.reading.frames_file import FramesFile
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step

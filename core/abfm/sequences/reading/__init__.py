@@ -1,0 +1,1 @@
+"""Frames of films in files of several programs."""

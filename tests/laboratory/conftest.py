@@ -1,0 +1,11 @@
+"""What tests of the laboratory share: a process that solves."""
+
+import pytest
+
+from tests.spare_processes import spared
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_process_for_one_batch_after_the_other():
+    with spared():
+        yield
