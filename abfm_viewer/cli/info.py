@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,15 +25,18 @@ from abfm.population import is_population
 from abfm.registration import is_correspondence
 from abfm.sequences import is_sequence
 from abfm_viewer.cli import options, results
+from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.films import results as sequence_results
 from abfm_viewer.cli.populations import results as population_results
 from abfm_viewer.document import verdict_words
+from abfm_viewer.document.film import unit_of
 
 SUMMARY = "what a mesh is and what the solver would object to, or what a result holds"
 DESCRIPTION = """\
 Say what a mesh is, what was repaired, and what the solver would object to (then the exit status is
 2); or what a result came to, with the steps of its path, a star before the one that it is; or what
-a map between two surfaces does, or who fits a population and what varies in it.
+a map between two surfaces does, how fast and how surely a film moves, or who fits a population and
+what varies in it.
 
 Examples:
   abfm info spot.obj
@@ -48,6 +52,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    if Path(arguments.mesh, "population.npz").is_file():
+        return _of_population(arguments)
+    if Path(arguments.mesh).is_dir():
+        told = f"{printable(arguments.mesh)}: this is a folder"
+        raise UsageError(
+            f"{told}; abfm batch --status {printable(arguments.mesh)} tells of a batch"
+        )
     if arguments.mesh.endswith(".npz"):
         return _of_result(arguments)
     try:
@@ -94,7 +105,8 @@ def _of_sequence(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps({"result": name, **sequence_results.facts(sequence)}))
         return 0
-    first, *others = sequence_results.lines(sequence, "unit of time")
+    unit = "second" if unit_of(sequence.times) else "frame"
+    first, *others = sequence_results.lines(sequence, unit)
     print("\n".join([f"{printable(name)}: {first}", *others]))
     return 0
 

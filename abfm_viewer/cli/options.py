@@ -125,7 +125,10 @@ def add_parameters(
         told = entry.default if usual is None else getattr(usual, entry.name)
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
         default = "auto" if told is None else told
-        text = f"{entry.metadata['help']}{symbol} (default: {default})".replace("%", "%%")
+        what = entry.metadata["help"]
+        if told is not None:
+            what = what.partition("; not given")[0]  # which is no choice then
+        text = f"{what}{symbol} (default: {default})".replace("%", "%%")
         choices = CHOICES.get(entry.name)
         kind = int if is_whole(entry) else float
         metavar = f"{{{','.join(choices)}}}" if choices else "INT" if kind is int else "X"

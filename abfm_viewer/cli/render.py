@@ -19,6 +19,7 @@ from abfm_viewer.cli.options import adder, angle, positive, size, warn_of_doubt
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.document.document import Document
+from abfm_viewer.document.film import unit_of
 from abfm_viewer.files import outputs
 from abfm_viewer.session.player import SECONDS_PER_CYCLE
 from abfm_viewer.session.session_files import read_document
@@ -54,14 +55,19 @@ _SECONDS, _FPS = 4.0, 30.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = adder(parser)
-    add("input", "what `abfm match` wrote, or the app saved", "RESULT.npz|PROJECT.abfm")
+    add(
+        "input",
+        "what `abfm match`, `register` or `sequence` wrote, or the app saved",
+        "RESULT.npz|PROJECT.abfm",
+    )
     what = "the picture (.png), movie (.mp4, .gif) or page (.html)"
     add("--out", what, "FILE", type=Path, required=True)
     add("--size", "in pixels, such as 1600x900", "WxH", type=size)
     add(
         "--time",
         "time of a picture, 0 to 2 tau (default: the project's own, tau of a result); on a sheet "
-        "a time to show besides 0 and tau, repeatable (default: quarters of tau)",
+        "a time to show besides 0 and tau, or one of a film, repeatable (default: quarters of tau, "
+        "or six evenly over a film)",
         "T",
         type=float,
         action="append",
@@ -144,7 +150,7 @@ def _of_sequence(arguments: argparse.Namespace) -> None:
         _refuse_others(arguments, _OF_FILMS, "pictures of matches", "one of a sequence")
     film = abfm.load_sequence(arguments.input)
     if is_page:
-        outputs.write_sequence(out, film, arguments.up or "y")
+        outputs.write_sequence(out, film, arguments.up or "y", unit_of(film.times))
     else:
         count = film.frames.shape[2]
         if not 0 <= (channel := arguments.channel or 0) < count:
@@ -170,7 +176,8 @@ def _write_page(arguments: argparse.Namespace) -> None:
     document, _ = read_document(Path(arguments.input))
     match, initial = document.result, document.initial_map
     if document.sequence is not None:
-        outputs.write_sequence(out, document.sequence, arguments.up or "y")
+        unit = "" if document.film is None else document.film.unit
+        outputs.write_sequence(out, document.sequence, arguments.up or "y", unit)
         print(f"wrote {printable(out)}")
         return
     if match is None:

@@ -25,6 +25,13 @@ class FilmSettings:
     gamma: float = 1.0  # how much neighbouring fields are held together
 
 
+def unit_of(times: FloatArray) -> str:
+    """Return the unit that times of frames are taken to have: seconds, ``s``, and none where they
+    are numbers of frames.
+    """
+    return "" if np.array_equal(times, np.arange(len(times))) else "s"
+
+
 @dataclass(frozen=True, eq=False)
 class Film:
     """Frames, numbered from 0, the name of their file, and the unit of their times; that is empty

@@ -96,7 +96,7 @@ class ResultRow:
         return "" if math.isnan(value) else format(value, COLUMNS[column].digits)
 
     def has(self, words: Sequence[str]) -> bool:
-        """Return whether all words, in lower case, are in its texts."""
+        """Return whether all words, or phrases, in lower case, are in its texts."""
         text = f"{self.name} {self.verdict} {self.reason}".lower()
         return all(word in text for word in words)
 
@@ -127,13 +127,16 @@ class ResultTable:
         return next((row for row in self.rows if row.key == key), None)
 
     def shown(self, column: Name, falls: bool, search: str) -> tuple[ResultRow, ...]:
-        """Return the rows that have the words that are searched for, sorted by a column.
+        """Return the rows that have what is searched for, sorted by a column: as it was typed, or
+        where no row has that, all its words.
 
         Verdicts rise from the worst to the best, and rows of one verdict fall by what is left, of
         populations rise by their correlation. Unknown numbers come last.
         """
-        words = search.lower().split()
-        rows = sorted((row for row in self.rows if row.has(words)), key=self._badness)
+        search = " ".join(search.lower().split())
+        found = [row for row in self.rows if row.has([search])]
+        found = found or [row for row in self.rows if row.has(search.split())]
+        rows = sorted(found, key=self._badness)
         if column == "verdict":
             return tuple(reversed(rows) if falls else rows)
         if not COLUMNS[column].digits:

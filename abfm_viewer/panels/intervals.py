@@ -9,11 +9,10 @@ import polyscope.imgui as imgui
 import polyscope.implot as implot
 
 import abfm
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 from abfm_viewer.document.film import Film
 from abfm_viewer.document.verdict_words import share
 from abfm_viewer.panels.context import Context
-from abfm_viewer.session.film_match import is_unsolved
 from abfm_viewer.widgets import plots
 
 if TYPE_CHECKING:
@@ -55,19 +54,15 @@ def draw(context: Context) -> None:
 
 def confirmed(sequence: Sequence) -> str:
     """Return how many intervals flow lines confirm, and how many were not solved."""
-    missing = sum(map(is_unsolved, sequence.verdicts))
+    missing = np.count_nonzero(~sequence.solved)
     text = f"Flow lines confirm {sequence.confirmed} of {len(sequence)} intervals"
     return f"{text}; {missing} not solved" if missing else text
 
 
-def doubtful(sequence: Sequence) -> FloatArray:
+def doubtful(sequence: Sequence) -> BoolArray:
     """Return which intervals were solved and are not confirmed, (T - 1,) of bool."""
-    return np.array(
-        [
-            one.kind not in abfm.sequences.CONFIRMED and not is_unsolved(one)
-            for one in sequence.verdicts
-        ]
-    )
+    kinds = [verdict.kind for verdict in sequence.verdicts]
+    return sequence.solved & ~np.isin(kinds, abfm.sequences.CONFIRMED)
 
 
 def _speeds(context: Context, film: Film) -> None:
@@ -93,7 +88,7 @@ def _speeds(context: Context, film: Film) -> None:
 
 def _left(context: Context, film: Film, sequence: Sequence) -> None:
     ui, document = context.ui, context.session.document
-    unsolved = np.array([is_unsolved(one) for one in sequence.verdicts])
+    unsolved = ~sequence.solved
     by_flow = np.where(unsolved, np.nan, sequence.mismatch)
     by_lines = np.where(unsolved, np.nan, sequence.verified_mismatch)
     doubts = doubtful(sequence)
@@ -156,7 +151,7 @@ def _words(context: Context, film: Film, at: int) -> str:
     sequence = session.document.sequence
     if np.isfinite(speed):
         lines.append(f"speed {speed:.3g}, in {film.unit_of_speed}")
-    if sequence is not None and not is_unsolved(sequence.verdicts[at]):
+    if sequence is not None and sequence.solved[at]:
         left, by_lines = float(sequence.mismatch[at]), float(sequence.verified_mismatch[at])
         told = f", by flow lines {share(by_lines)}" if np.isfinite(by_lines) else ""
         lines += [f"what is left: {share(left)}{told}", sequence.verdicts[at].kind]

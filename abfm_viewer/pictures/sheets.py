@@ -15,6 +15,7 @@ from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.theme import LIGHT
+from abfm_viewer.document.film import unit_of
 from abfm_viewer.document.verdict_words import headline, tone
 from abfm_viewer.pictures.canvas import Font, letter, rgb
 from abfm_viewer.pictures.panels import cameras, color_ranges, panel_pictures
@@ -168,7 +169,7 @@ def sequence_picture(
     for time in np.linspace(begin, end, _MOMENTS).tolist() if times is None else times:
         function = film.at(time).reshape(len(film.mesh.vertices), -1)[:, channel]
         field = film.velocity[film.interval(time)]
-        label = f"t = {time:.4g}"
+        label = f"t = {time:.4g} {unit_of(film.times)}".rstrip()
         panels.append(Panel(film.mesh, Values(function), label, arrows=field))
     changing = film.frames[:, :, channel].std(axis=0)
     sheet = Sheet((tuple(panels),), up, seen=(changing,))

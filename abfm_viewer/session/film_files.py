@@ -6,14 +6,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 import abfm
 from abfm import ResultError, TriangleMesh
 from abfm.reading import read_gifti
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Channel, Document, Surface, View
-from abfm_viewer.document.film import Film, FilmSettings
+from abfm_viewer.document.film import Film, FilmSettings, unit_of
 
 if TYPE_CHECKING:
     from abfm.sequences.frames import Frames
@@ -70,9 +68,7 @@ def read_film(
 
 
 def film_of(name: str, frames: Frames) -> Film:
-    """Return a film, with seconds as its unit unless its times are numbers of frames."""
-    numbers = np.arange(len(frames.times))
-    return Film(name, frames, "" if np.array_equal(frames.times, numbers) else "s")
+    return Film(name, frames, unit_of(frames.times))
 
 
 def document_of_film(film: Film, surface: Surface, view: View) -> Document:

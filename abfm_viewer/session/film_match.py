@@ -109,8 +109,8 @@ class FilmMatch:
             return None
 
         def fields() -> tuple[FloatArray | None, ...]:
-            known = zip(sequence.velocity, sequence.verdicts, strict=True)
-            return tuple(None if is_unsolved(verdict) else field for field, verdict in known)
+            known = zip(sequence.velocity, sequence.solved, strict=True)
+            return tuple(field if is_solved else None for field, is_solved in known)
 
         return self._of_result.get((sequence,), fields)[interval]
 
@@ -186,11 +186,6 @@ class FilmMatch:
 
 def _of(document: Document) -> tuple[object, FilmSettings]:
     return document.film, document.settings
-
-
-def is_unsolved(verdict: abfm.matching.Verdict) -> bool:
-    """Return whether a run was cancelled before an interval."""
-    return verdict.kind == "not reached" and verdict.reason.startswith("it was not solved")
 
 
 def _matched(

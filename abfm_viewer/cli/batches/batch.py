@@ -25,10 +25,11 @@ Examples:
   abfm batch table.csv --out results --scheduler tcp://10.0.0.1:8786
   abfm batch --status results
 
-The first line of TABLE.csv names its columns, as the options of `abfm match` and `abfm register`
-are named, and may have `name`. A row is
+The first line of TABLE.csv names its columns, as the options of `abfm match`, `abfm register`
+and `abfm sequence` are named, and may have `name`. A row is
   a match where it has a mesh: mesh, source, target, channel, mask, start, alpha, sigma, ...
   a registration where it has a and b: a, b, source, target, landmarks, initial, mask-a, mask-b, ...
+  a film where it has frames: mesh, frames, array, dt, gamma, mask, weights, alpha, sigma, ...
   a problem where it has problem: a file that `abfm.Problem.save` wrote
 Empty cells have their defaults. Paths begin at the table's folder. A cell with a comma stands in
 double quotes:

@@ -11,7 +11,7 @@ import numpy as np
 
 import abfm
 from abfm import Sequence
-from abfm.sequences import KINDS
+from abfm.sequences import KINDS, is_unsolved
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer.document.verdict_words import counted
 
@@ -20,8 +20,7 @@ _LEAST = 3  # intervals that a track has
 
 def facts(sequence: Sequence) -> dict[str, Any]:
     """Return what machines are told: plain numbers and texts, None for unknown ones."""
-    speed = _speeds(sequence)
-    steep = _steep(sequence)
+    speed, steep = _speeds(sequence), _steep(sequence)
     return {
         "vertices": len(sequence.mesh.vertices),
         "faces": len(sequence.mesh.faces),
@@ -32,11 +31,12 @@ def facts(sequence: Sequence) -> dict[str, Any]:
         "gamma": sequence.gamma,
         "noise": sequence.noise,
         "intervals": len(sequence),
+        "solved": int(sequence.solved.sum()),
         "confirmed": sequence.confirmed,
         "speed": {
-            "median": float(np.median(speed)),
+            "median": float(np.median(speed)) if speed.size else None,
             "median_where_steep": float(np.median(speed[steep])) if steep.any() else None,
-            "maximum": float(speed.max()),
+            "maximum": float(speed.max()) if speed.size else None,
         },
         "mismatch": [_known(each) for each in sequence.mismatch.tolist()],
         "verified_mismatch": [_known(each) for each in sequence.verified_mismatch.tolist()],
@@ -53,7 +53,9 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
     """Return the same for people; ``unit`` is that of time: ``second``, or another word."""
     times, speed, steep = sequence.times, _speeds(sequence), _steep(sequence)
     seen = f"{np.median(speed[steep]):.3g} where frames are steep, " if steep.any() else ""
-    others = Counter(verdict.kind for verdict in sequence.verdicts)
+    others = Counter(
+        "not solved" if is_unsolved(verdict) else verdict.kind for verdict in sequence.verdicts
+    )
     kinds = ", ".join(f"{count} {kind}" for kind, count in others.most_common())
     tracks = [counted(count, kind) for kind, count in _tracks(sequence).items() if count]
     found = [
@@ -63,7 +65,9 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
         f"{len(sequence.mesh.faces):,} faces; sigma {sequence.sigma:.3g}, gamma "
         f"{sequence.gamma:.3g}, noise leaves {sequence.noise:.2g}",
         f"speed: median {seen}{np.median(speed):.3g} everywhere, at most {speed.max():.3g}, in the "
-        f"mesh's unit per {unit}",
+        f"mesh's unit per {unit}"
+        if speed.size
+        else "speed: not known, as no interval was solved",
         f"tracks through {_LEAST} intervals or more: {', '.join(tracks) or 'none'}",
     ]
     if episodes := sequence.episodes():
@@ -74,20 +78,21 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
 
 
 def _speeds(sequence: Sequence) -> FloatArray:
-    return np.asarray(np.linalg.norm(sequence.velocity, axis=2))
+    """Return the speed on faces in the intervals that were solved, (S, F)."""
+    return np.asarray(np.linalg.norm(sequence.velocity[sequence.solved], axis=2))
 
 
 def _steep(sequence: Sequence) -> BoolArray:
-    """Return where the frame that an interval begins with is steeper than its root mean square,
-    (T - 1, F): elsewhere a field is what is smooth beside it.
+    """Return where the frame that an interval begins with is steeper than its root mean square, of
+    those that were solved, (S, F): elsewhere a field is what is smooth beside it.
     """
     mesh = sequence.mesh
     areas, derive = abfm.calculus.face_areas(mesh), abfm.calculus.gradient(mesh)
     found = []
-    for frame in sequence.frames[:-1]:
+    for frame in sequence.frames[:-1][sequence.solved]:
         squares = ((derive @ frame).reshape(len(mesh.faces), -1) ** 2).sum(axis=1)
         found.append(squares > areas @ squares / areas.sum())
-    return np.array(found)
+    return np.array(found, dtype=bool).reshape(-1, len(mesh.faces))
 
 
 def _tracks(sequence: Sequence) -> dict[str, int]:

@@ -135,14 +135,14 @@ def _channels(told: Facts, pictures: PopulationPictures | None) -> str:
     rows = []
     for each in told["channels"]:
         shares = [
-            f"{_number(each[name])} ({100 * each[name] / each['total']:.0f}%)"
+            f"{_variance(each[name])} ({100 * each[name] / each['total']:.0f}%)"
             if each["total"]
-            else _number(each[name])
+            else _variance(each[name])
             for name in ("phase", "amplitude")
         ]
         ends = (_number(each["before"]), _number(each["after"]))
         rows.append(
-            (_channel_name(each), _number(each["total"]), *shares, _number(each["factor"]), *ends)
+            (_channel_name(each), _variance(each["total"]), *shares, _number(each["factor"]), *ends)
         )
     text = (
         "The variance over subjects, per area, is position, which registering removes, and value, "
@@ -191,6 +191,11 @@ def _channel_name(told: Facts) -> str:
 def _both(ends: Sequence[float | None]) -> str:
     """Return what is before and after, or that neither is known."""
     return " → ".join(map(_number, ends)) if any(end is not None for end in ends) else "-"
+
+
+def _variance(value: float | None) -> str:
+    """Return a number that has the channel's unit, which may be large or small."""
+    return "-" if value is None else f"{value:.3g}"
 
 
 def _number(value: float | None) -> str:

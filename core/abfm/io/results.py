@@ -350,6 +350,11 @@ def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
             raise ResultError(
                 "it holds a sequence, and no single match; `abfm info` tells what it came to"
             )
+        if "subject_weights" in archive and "subject_weights" not in kind.entries:
+            raise ResultError(
+                "it holds a population, and no single match; `abfm info` tells what it came to, "
+                "and subjects.csv beside it which file is each subject's own"
+            )
         return _checked(archive, kind)
 
 

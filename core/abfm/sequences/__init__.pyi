@@ -25,3 +25,4 @@ from .tracks import Track as Track
 from .unfinished import Unfinished as Unfinished
 from .unfinished import remove_unfinished as remove_unfinished
 from .verdicts import CONFIRMED as CONFIRMED
+from .verdicts import is_unsolved as is_unsolved

@@ -36,8 +36,8 @@ from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.solve import LEAST, WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
 from abfm.sequences.unfinished import Unfinished
-from abfm.sequences.verdicts import CONFIRMED, verdict_of
-from abfm.types import FloatArray
+from abfm.sequences.verdicts import CONFIRMED, is_unsolved, verdict_of
+from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
 from abfm.workers.progress import step
 
@@ -136,6 +136,13 @@ class Sequence:
     def confirmed(self) -> int:
         """How many intervals flow lines confirm: matched, nearly so, or as close as noise lets."""
         return sum(verdict.kind in CONFIRMED for verdict in self.verdicts)
+
+    @property
+    def solved(self) -> BoolArray:
+        """Which intervals were solved, (T - 1,): fields of the others are 0, as of a film that was
+        cancelled before them, and say nothing of speed.
+        """
+        return np.array([not is_unsolved(verdict) for verdict in self.verdicts])
 
     def __getitem__(self, interval: int) -> Match:
         """Return an interval as a match, from its frame to the next, with its field and verdict."""
@@ -240,8 +247,14 @@ class Sequence:
         return tracks(self.mesh, self._critical, self.middles, least)
 
     def episodes(self) -> list[Episode]:
-        """Return when the field is slow, stable, and when it is fast, transient."""
-        return episodes(self.times, self.speed)
+        """Return when the field is slow, stable, and when it is fast, transient, among intervals
+        that were solved.
+        """
+        solved, found = self.solved, list[Episode]()
+        for run in np.split(np.arange(len(self)), np.flatnonzero(np.diff(solved)) + 1):
+            if solved[run[0]]:
+                found += episodes(self.times[run[0] : run[-1] + 2], self.speed[run])
+        return found
 
     def paths(
         self, points: SurfacePoints | ArrayLike, start: float | None = None

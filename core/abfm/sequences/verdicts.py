@@ -17,6 +17,7 @@ from abfm.types import FloatArray
 _NOTHING_BUT_NOISE = 0.85  # of the deviation, which is three quarters of the variance
 CONFIRMED = ("matched", "nearly", "registered")
 """Kinds of verdicts by which flow lines confirm an interval."""
+_UNSOLVED = Verdict("not reached", "it was not solved: cancelled before", "solve it again")
 
 
 def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) -> Verdict:
@@ -25,7 +26,7 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
     """
     functions = problem.functions
     if not found:
-        return Verdict("not reached", "it was not solved: cancelled before", "solve it again")
+        return _UNSOLVED
     outcome = Outcome(
         said.advected, said.mismatch, StopReason.NO_PROGRESS, said.verified_mismatch, said.folded
     )
@@ -42,6 +43,11 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
     if told.kind in CONFIRMED and _loses_values(functions, levels):
         return Verdict("not reached", f"{change}: the target lacks values of the source", "")
     return told if told.kind in CONFIRMED else replace(told, advice="", remedies=())
+
+
+def is_unsolved(verdict: Verdict) -> bool:
+    """Return whether a run was cancelled before an interval, whose field is 0 for that."""
+    return (verdict.kind, verdict.reason) == (_UNSOLVED.kind, _UNSOLVED.reason)
 
 
 def _loses_values(functions: FunctionTerm, levels: FloatArray) -> bool:

@@ -283,6 +283,17 @@ def test_a_cancelled_sequence_keeps_what_it_found(film):
     assert_array_equal(told.velocity[2], 0)
     assert told.verdicts[2].kind == "not reached"
     assert told.confirmed == 2
+    assert_array_equal(told.solved, [True, True, False])
+
+
+def test_episodes_are_of_what_was_solved(found):
+    unsolved = verdict_of(found[0].problem, None, None, False)
+    verdicts = (found.verdicts[0], unsolved, found.verdicts[2])
+    still = found.velocity * np.array([1, 0, 1])[:, None, None]
+    assert [each.kind for each in replace(found, velocity=still).episodes()] == [
+        *("transient", "stable", "transient")
+    ]
+    assert replace(found, velocity=still, verdicts=verdicts).episodes() == []
 
 
 def test_a_run_goes_on_after_the_fields_of_an_earlier_one(film, found):

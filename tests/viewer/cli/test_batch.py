@@ -13,12 +13,13 @@ import pytest
 import abfm as library
 from abfm.assets import asset_path
 from abfm.batch import Ledger
+from abfm.batch.kinds import KINDS
 from abfm.batch.run import CONNECTING, NO_WORKERS, WAITS, LostError
 from abfm.errors import ResultError
 from abfm.workers.progress import step
 from abfm_viewer import pictures
 from abfm_viewer.cli import main
-from abfm_viewer.cli.batches import running
+from abfm_viewer.cli.batches import batch, running
 from abfm_viewer.cli.batches.summary import GOOD, WORST_FIRST
 from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.errors import DrawingError
@@ -133,6 +134,16 @@ def test_how_far_it_is_is_told_of_a_table_and_of_a_folder_and_nothing_is_solved(
     assert by_table["rows"][1]["digest"] is None
     assert "same: matched" not in abfm(f"batch --status {other} --out {folder}/out", status=4).out
     abfm(f"batch --status {folder}/out", status=4)  # as it was
+    told = abfm(f"info {folder}/out", status=2).err
+    assert told.endswith(
+        f"out: this is a folder; abfm batch --status {folder}/out tells of a batch\n"
+    )
+
+
+def test_help_names_every_kind_of_row():
+    for kind in KINDS.values():
+        line = rf"^  an? \w+ where it has (a )?{kind.needs[0]}( and \w+)?: "
+        assert len(re.findall(line, batch.DESCRIPTION, re.MULTILINE)) == 1
 
 
 def test_run_again_it_does_what_is_missing_and_says_so(solved, abfm):

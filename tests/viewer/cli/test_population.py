@@ -15,6 +15,7 @@ from abfm.io import write_surface
 from abfm_viewer import pictures
 from abfm_viewer.cli import main
 from abfm_viewer.cli.populations import population
+from abfm_viewer.cli.populations.page import _channels
 from abfm_viewer.errors import DrawingError
 from tests.shapes import icosphere
 from tests.viewer.cli.test_report import Page
@@ -128,6 +129,14 @@ def test_the_page_tells_all_and_shows_names_as_they_are(page, found):
     assert "The mean still changes" in page.text
 
 
+def test_the_page_tells_small_variances(page, told):
+    small = {**told[0]["channels"][0], "total": 4e-6, "phase": 3e-6, "amplitude": 1e-6}
+    text = Page(_channels({"channels": [small]}, None)).text
+    for number in ("4e-06", "3e-06 (75%)", "1e-06 (25%)"):
+        assert number in text
+    assert f"{told[0]['channels'][0]['total']:.3g}" in page.text
+
+
 def test_pictures_show_means_deviations_areas_and_the_odd_one(page):
     titles = [
         f"{name}, {column}"
@@ -202,6 +211,9 @@ def test_info_says_what_the_run_said(abfm, folder, told, found):
     assert lines[0].startswith(f"{path}: {count} of 6 subjects fit; the mean changed by ")
     assert lines[-1].startswith(f"left out: {NAME}: ")
     assert library.load_population(folder / "out").names == found.names
+    assert abfm(f"info {folder}/out").out.splitlines()[1:] == lines[1:]
+    refused = abfm(f"render {path} --out {folder}/p.png", status=2).err
+    assert "it holds a population, and no single match" in refused
 
 
 def test_a_page_without_a_screen_has_no_pictures(abfm, folder, found, monkeypatch):

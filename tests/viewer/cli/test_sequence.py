@@ -1,7 +1,9 @@
 """`abfm sequence`, and what `abfm info` and `abfm render` say of its files, run in this process."""
 
+import argparse
 import json
 import signal
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +14,9 @@ from abfm import load_sequence
 from abfm.io import export_ply
 from abfm.reading import read_collection, read_stc
 from abfm.sequences import defaults, vertex_speed
+from abfm.sequences.verdicts import verdict_of
+from abfm_viewer.cli.films import sequence
+from abfm_viewer.cli.films.results import facts, lines
 from tests.core.sequences.turning_film import MESH, TIMES, film
 from tests.viewer.cli.test_signals import ended, start
 
@@ -51,6 +56,11 @@ def test_a_film_is_solved_told_and_written_in_several_forms(files, tmp_path, abf
     assert len((tmp_path / "i.csv").read_text().splitlines()) == 5
     assert len((tmp_path / "t.csv").read_text().splitlines()) >= 9
     assert "4 of 4 intervals are confirmed" in outs[4].read_text(encoding="utf-8")
+    again = tmp_path / "again" / "s.html"
+    again.parent.mkdir()
+    abfm(f"render {outs[0]} --out {again}")
+    assert again.read_bytes() == outs[4].read_bytes()
+    assert abfm(f"info {outs[0]}").out.splitlines()[1:4] == lines[1:4]
 
 
 def given(**changes):
@@ -66,6 +76,7 @@ def test_seconds_between_frames_may_be_said(files, tmp_path, abfm):
     told = abfm(f"sequence {files}/m.ply {files}/f.npy {SOLVED} --out {tmp_path}/a.npz")
     assert told.err == "note: the file says no times: frames count as 1 apart; --dt gives seconds\n"
     assert "unit per frame\n" in told.out
+    assert "unit per frame\n" in abfm(f"info {tmp_path}/a.npz").out
 
 
 def test_machines_are_told_and_parameters_are_taken(files, tmp_path, abfm):
@@ -203,6 +214,21 @@ def test_a_signal_keeps_what_was_found(number, files, tmp_path):
     assert set(kinds[~solved]) == {"not reached"}
     [kept] = tmp_path.glob("a.npz-*.unfinished")
     assert f"; the same command goes on, by {kept}" in told
+    assert f", {np.count_nonzero(~solved)} not solved" in told.replace(": ", ", ")
+    median = np.median(np.linalg.norm(found.velocity[solved], axis=2))
+    assert f" {median:.3g} everywhere, " in told
+
+
+def test_a_film_of_which_nothing_was_solved_has_no_speed(files):
+    found = library.sequence(MESH, film(), TIMES, given(sigma=0.1))
+    unsolved = verdict_of(found[0].problem, None, None, False)
+    found = replace(found, velocity=0 * found.velocity, verdicts=4 * (unsolved,))
+    assert lines(found, "second")[0] == "0 of 4 intervals confirmed by flow lines: 4 not solved"
+    assert "speed: not known, as no interval was solved" in lines(found, "second")
+    told = json.loads(json.dumps(facts(found)))
+    assert told["solved"] == 0
+    assert set(told["speed"].values()) == {None}
+    assert told["episodes"] == []
 
 
 def test_a_run_that_is_killed_goes_on(files, tmp_path, abfm):
@@ -221,3 +247,12 @@ def test_a_run_that_is_killed_goes_on(files, tmp_path, abfm):
     assert told[0].endswith(" of 29 intervals, which an earlier run found")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
     assert not [*tmp_path.glob("*.unfinished")]
+
+
+def test_help_tells_the_defaults_of_films():
+    parser = argparse.ArgumentParser(formatter_class=lambda prog: argparse.HelpFormatter(prog, 99))
+    sequence.add_arguments(parser)
+    text = " ".join(parser.format_help().split())
+    assert "--divergence X times the weight of the curl" in text
+    assert "1 as the paper, more to keep areas (default: 1.0)" in text
+    assert "not given, as close as can be certified [σ] (default: auto)" in text

@@ -13,7 +13,6 @@ from abfm_viewer.document.film import FilmSettings
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.panels.right_panel import OF_FILMS
 from abfm_viewer.scene.opengl import ps
-from abfm_viewer.session.film_match import is_unsolved
 from abfm_viewer.session.session_files import open_session
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.window import wave
@@ -173,7 +172,7 @@ def test_cancel_keeps_what_was_found_and_pause_holds_the_run(film, tmp_path):
     film.click("Cancel")
     film.wait(lambda s: not s.running)
     sequence = film.session.document.sequence
-    found = [not is_unsolved(verdict) for verdict in sequence.verdicts]
+    found = sequence.solved.tolist()
     assert found[0]
     assert not found[-1]
     for interval, is_found in enumerate(found):

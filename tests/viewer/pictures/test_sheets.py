@@ -18,7 +18,13 @@ from abfm_viewer.pictures import panels, sheets
 from abfm_viewer.pictures.canvas import rgb
 from abfm_viewer.pictures.panels import cameras, captions, color_ranges
 from abfm_viewer.pictures.plots import CURVE_COLORS, plot_picture
-from abfm_viewer.pictures.sheets import figure_picture, match_picture, sheet_picture
+from abfm_viewer.pictures.sheets import (
+    figure_picture,
+    match_picture,
+    sequence_picture,
+    sheet_picture,
+)
+from tests.core.sequences import turning_film
 from tests.shapes import ellipsoid, icosphere, square
 
 SPHERE = icosphere(3)
@@ -341,3 +347,13 @@ def test_plots_have_room_for_their_legends_and_titles():
     inked = np.flatnonzero((left < 128).any(axis=(1, 2)))
     assert inked.min() > 0
     assert inked.max() < 159
+
+
+def test_times_of_a_film_have_their_unit(monkeypatch):
+    drawn = []
+    monkeypatch.setattr(sheets, "sheet_picture", lambda sheet, *_: drawn.append(sheet))
+    of_numbers = abfm.sequence(turning_film.MESH, turning_film.film()[:2], gamma=0)
+    for film, times in ((turning_film.solved(), [-0.1, 0.05]), (of_numbers, [0.5])):
+        sequence_picture(film, times)
+    labels = [[panel.label for panel in sheet.rows[0]] for sheet in drawn]
+    assert labels == [["t = -0.1 s", "t = 0.05 s"], ["t = 0.5"]]

@@ -37,6 +37,24 @@ def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
     assert document_of_row(two, lambda _: (opened, {}))[0].called == {}
 
 
+def test_what_is_searched_for_is_a_phrase_or_words():
+    reason = "the mismatch fell from 1.2 to 0.01 (0.021 by flow lines)"
+    names = [f"alpha {a}, sigma {s}" for a in (0.01, 0.1) for s in (0.02, 0.1)]
+    rows = tuple(ResultRow(i, name, "matched", reason=reason) for i, name in enumerate(names))
+    table = ResultTable(Path("out"), "sweep", rows)
+
+    def found(search):
+        return sorted(row.number for row in table.shown("verdict", False, search))
+
+    assert found("") == found("  ") == [0, 1, 2, 3]
+    assert (
+        found("sigma 0.02") == found(" Sigma  0.02 ") == [0, 2]
+    )  # not those that 0.021 is left of
+    assert found("alpha 0.1, sigma 0.1") == [3]
+    assert found("0.02 alpha") == found("matched sigma") == [0, 1, 2, 3]
+    assert found("sigma 0.3") == []
+
+
 class _Population:
     """As much of one as a document needs."""
 
