@@ -43,7 +43,7 @@ _SIDES = {"lh": "left", "rh": "right"}
 _AREAS = (1, 2, 3)
 _FOVEA = 1e-3  # degrees, below which eccentricities are that
 _FLAT = 0.5  # of the root mean square of the slope: less is not told
-_DRAWN = 1.5  # edges from frame to frame, in the picture
+_DRAWN = 0.7  # edges from frame to frame, in the picture
 _FAR = 2.0  # widths, beyond which nothing is felt of a stimulus
 _MOVES, _TURNS, _AWAY, _JUMPS = "moves", "comes or goes", "is elsewhere", "jumps back"
 
@@ -308,7 +308,7 @@ def _draw_arrows(
         *arrows[chosen, :2].T,
         angles="xy",
         scale_units="xy",
-        scale=1.0,
+        scale=0.5,  # twice the way to the next frame
         width=0.006,
         color="#c2273a",
     )
