@@ -42,12 +42,15 @@ class WidgetSearch:
         return widget
 
     def point_at(self, widget: Widget, place: Callable[[Widget], Place]) -> None:
-        """Move the mouse to a place of a widget, which may move as things above it change."""
+        """Move the mouse to a place of a widget, which may move, also out of view, as things above
+        it change.
+        """
         for _ in range(_MOST_CHASES):
             self._input.move(*place(widget))
             before, widget = widget, self._again(widget) or widget
             if widget.rect == before.rect:
                 return
+            widget = self._scrolled_to(widget)
 
     def _named(self, label: str, within: str, kinds: Sequence[WidgetKind] | None) -> Widget | None:
         """Return the widget of a label, which means no tab and nothing grey if there is another."""

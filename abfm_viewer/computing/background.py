@@ -15,6 +15,7 @@ import numpy as np
 from abfm import AbfmError
 from abfm.errors import LONGEST, one_line
 from abfm.numerics.factoring_apart import factoring_apart
+from abfm.workers.control import CancelledError
 from abfm.workers.progress import Step, telling
 from abfm.workers.threads import DaemonThreads
 
@@ -149,7 +150,7 @@ class Latest(Generic[Value]):
             error = error_line(problem)
             if self._at_once and not isinstance(problem, Exception):
                 raise
-            if not isinstance(problem, AbfmError | MemoryError):
+            if not isinstance(problem, AbfmError | MemoryError | CancelledError):
                 with suppress(OSError, ValueError):  # where the terminal is gone
                     traceback.print_exc()
         finally:

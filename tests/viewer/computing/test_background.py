@@ -13,6 +13,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from abfm import FunctionError
 from abfm.numerics.factoring_apart import is_factored_apart
+from abfm.workers.control import CancelledError
 from abfm_viewer.computing import background
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 from tests.viewer.sessions import until
@@ -168,6 +169,13 @@ def test_whatever_a_job_raises_is_told_in_one_line_and_the_next_request_is_answe
     latest.ask("good", lambda: 3)
     until(lambda: latest.ask("good", lambda: 3) == 3)
     assert latest.error == ""
+
+
+def test_a_job_that_was_cancelled_is_no_fault_of_the_program(latest, capsys):
+    latest.ask("key", raising(CancelledError()))
+    until(lambda: latest.key == "key")
+    assert latest.value is None
+    assert capsys.readouterr().err == ""
 
 
 def test_what_could_not_begin_as_there_was_no_thread_begins_with_the_next_request(

@@ -101,6 +101,22 @@ def test_a_label_that_is_there_twice_must_be_told_apart(gui, monkeypatch):
     assert pressed == ["target", "source"]
 
 
+def test_what_leaves_the_view_as_the_mouse_comes_is_followed(gui, monkeypatch):
+    pressed, tops, above = [], [0.0], []
+
+    def draw(context):
+        if imgui.GetMousePos()[1] >= tops[0] > 0 and not above:
+            above.append("what came")
+        imgui.Dummy((1, 400 * len(above)))
+        tops[0] = imgui.GetCursorScreenPos()[1]
+        if context.ui.button("bump"):
+            pressed.append("bump")
+
+    monkeypatch.setitem(TABS["Match"], "energy", draw)
+    gui.click("bump")
+    assert (above, pressed) == (["what came"], ["bump"])
+
+
 def test_the_button_match_is_not_the_tab(gui):
     gui.session.editor.amend(parameters=QUICK)
     gui.click("Match", within="steps")
