@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import abfm
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import error_line, same
 from abfm_viewer.document.document import Document
@@ -45,9 +46,9 @@ class Autosave:
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
         with suppress(OSError):  # what an earlier process with this one's number left
-            self.path.replace(
-                self.path.with_stem(f"{self.path.stem}-{self.path.stat().st_mtime_ns}")
-            )
+            left = self.path.with_stem(f"{self.path.stem}-{self.path.stat().st_mtime_ns}")
+            self.path.replace(left)
+            abfm.sequences.move_unfinished(self.path, left)
 
     def offer(
         self,
@@ -55,10 +56,13 @@ class Autosave:
         content: Callable[[], Content],
         unsaved: bool,
         origin: Origin | None = None,
+        is_film_under_way: bool = False,
     ) -> None:
         """Call every frame: writes a copy where it is time for one, removes it where all is saved.
 
-        What is written changes with the `state`, objects that are compared by identity.
+        What is written changes with the `state`, objects that are compared by identity. One of a
+        film whose run is under way is written at once: what the run keeps beside it is of no use
+        without, until a copy has the fields of all intervals.
         """
         if self._future is not None:
             if not self._future.done():
@@ -69,12 +73,17 @@ class Autosave:
                 self._state = None  # to be tried again
         if not unsaved and self._has_copy:
             self.discard()
-        if not unsaved or self._clock() - self._last < self._seconds:
+        is_new = not same(state, self._state)
+        is_time = self._clock() - self._last >= self._seconds
+        is_pressing = is_film_under_way and is_new and not self.error
+        if not (unsaved and (is_time or is_pressing)):
             return
         self._last = self._clock()
-        if not same(state, self._state):
+        if is_new:
             self._state, self._has_copy = state, True
-            self._future = self._writer.submit(self._write, state, content, origin)
+            self._future = self._writer.submit(
+                self._write, state, content, origin, is_film_under_way
+            )
         else:
             with suppress(OSError):
                 os.utime(self.path)  # the heartbeat that `recoverable` looks for
@@ -88,21 +97,36 @@ class Autosave:
         with suppress(OSError):
             recovery.path.replace(self.path)
             self._has_copy = True
+        abfm.sequences.move_unfinished(recovery.path, self.path)
+
+    @property
+    def has_unfinished_film(self) -> bool:
+        """Whether there is beside the copy what a film's run found that did not come to its end."""
+        return bool(abfm.sequences.unfinished_of(self.path))
 
     def discard(self) -> None:
-        """Remove the copy, also one that is being written."""
+        """Remove the copy, also one that is being written, and what is beside it."""
         self._state, self._has_copy = None, False
-        with suppress(OSError):
-            self.path.unlink()
+        Recovery(self.path, 0.0).discard()
 
     def close(self) -> None:
         self._writer.shutdown()
 
-    def _write(self, state: object, content: Callable[[], Content], origin: Origin | None) -> None:
+    def _write(
+        self,
+        state: object,
+        content: Callable[[], Content],
+        origin: Origin | None,
+        is_film_under_way: bool,
+    ) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        save_project(self.path, *content(), origin)
+        document, known = content()
+        save_project(self.path, document, known, origin)
+        sequence = document.sequence
         if not same(self._state, state):  # discarded meanwhile
             self.path.unlink(missing_ok=True)
+        elif sequence is not None and sequence.solved.all() and not is_film_under_way:
+            abfm.sequences.remove_unfinished(self.path)
 
 
 @dataclass(frozen=True)
@@ -122,19 +146,27 @@ class Recovery:
     def discard(self) -> None:
         with suppress(OSError):
             self.path.unlink()
+        abfm.sequences.remove_unfinished(self.path)
 
 
 def recoverable(folder: StateFolder) -> list[Recovery]:
-    """Copies of processes that are gone, the latest first."""
+    """Copies of processes that are gone, the latest first; what such left of films beside no copy
+    is removed.
+    """
     found = []
     with suppress(OSError):
-        for path in folder.path.glob(f"{_PREFIX}*{_SUFFIX}"):
+        for path in folder.path.glob(f"{_PREFIX}*"):
             with suppress(OSError, ValueError, OverflowError):
-                number, _, left = path.stem.removeprefix(_PREFIX).partition("-")
+                name, _, beside = path.name.partition(_SUFFIX)
+                number, _, left = name.removeprefix(_PREFIX).partition("-")
                 process, written = int(number.partition(".")[0]), path.stat().st_mtime
                 abandoned = time.time() - written > _ABANDONED
                 if abandoned or left or not _is_alive(process):
-                    found.append(Recovery(path, written))
+                    recovery = Recovery(path.with_name(name + _SUFFIX), written)
+                    if not beside:
+                        found.append(recovery)
+                    elif not recovery.path.exists():
+                        recovery.discard()
     return sorted(found, key=lambda recovery: recovery.written, reverse=True)
 
 

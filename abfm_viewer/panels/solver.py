@@ -91,7 +91,7 @@ def _draw_buttons(ui: Ui, session: Session) -> None:
     ui.beside()
     tip = "End the run and keep the best field so far (Esc); Continue goes on from it."
     if is_film:
-        tip = "End the run and keep the fields that were found (Esc)."
+        tip = "End the run and keep the fields that were found (Esc); the next goes on from them."
     if ui.button("Cancel", tip, enabled=solver.running, width=-1):
         solver.cancel()
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,16 +32,31 @@ _ENDED = (
 )
 
 
+class Ended(NamedTuple):
+    """What a run was of and has come to, or in a line why it failed."""
+
+    began: Document
+    found: Sequence | str
+    was_recovered: bool  # it only told what an earlier one had found
+
+
 class FilmMatch:
-    """At most one run; its fields are there as soon as they are found, its result at its end."""
+    """At most one run; its fields are there as soon as they are found, its result at its end. What
+    it found is kept in a file meanwhile: the next run of the same goes on from it.
+
+    Attributes
+    ----------
+    beside : callable
+        Returns the file beside which that is, for a document; by default there is none.
+    """
 
     def __init__(self) -> None:
+        self.beside: Callable[[Document], Path | None] = lambda document: None
         self.step: Step | None = None  # what it does, read at any time
         self.pair: tuple[int, int] | None = None  # frames to match by themselves, if chosen
         self._began: Document | None = None  # what the run is of
+        self._goes_on = True
         self._fields: dict[int, FloatArray] = {}  # of the run, by interval
-        # what the run was of that failed last, and what it had found
-        self._left: tuple[object, dict[int, FloatArray]] = None, {}
         self._fast = 0.0  # the largest of what counted as fast in the run's fields
         self._control = Control()
         self._work: Future[Sequence] | None = None
@@ -55,20 +72,17 @@ class FilmMatch:
     def paused(self) -> bool:
         return self.running and self._control.paused
 
-    def start(self, document: Document) -> None:
-        """Match all frames of a document's film, unless a run goes on; after what one of the same
-        had found before it failed.
+    def start(self, document: Document, goes_on: bool = True) -> None:
+        """Match all frames of a document's film, unless a run is under way, after what one of the
+        same had found that did not come to its end; or, unless it `goes_on`, tell only that.
         """
         if self.running or document.film is None:
             return
-        (failed, found), self._left = self._left, (None, {})
-        if failed != _of(document):
-            found, self._fast = {}, 0.0
-        self._began, self._control, self._fields = document, Control(), found
-        self.step = Step("starting the solver")
-        self._work = THREADS.submit(
-            self._solve, document.film.frames, document.settings, self._fields, self._control
-        )
+        self._began, self._control, self._fields = document, Control(), {}
+        self._fast, self._goes_on = 0.0, goes_on
+        self.step = Step("starting the solver" if goes_on else "reading what was found")
+        film = document.film.frames, document.settings, self.beside(document), goes_on
+        self._work = THREADS.submit(self._solve, film, self._fields, self._control)
 
     def pause(self) -> None:
         self._control.pause()
@@ -131,20 +145,19 @@ class FilmMatch:
 
         return self._speeds.get((film, *fields), measure)
 
-    def collect(self) -> tuple[Document, Sequence | str] | None:
-        """Return, once, what a run was of and has come to, or in a line why it failed."""
+    def collect(self) -> Ended | None:
+        """Return, once, what a run has come to."""
         if self._work is None or self._began is None or not self._work.done():
             return None
         work, began, film = self._work, self._began, self._began.film
-        fields, self._fields = self._fields, {}
-        self._work = self._began = self.step = None
+        self._fields, self._work, self._began, self.step = {}, None, None, None
         try:
             found = work.result()
         except Exception as error:
-            self._left = _of(began), fields
-            return began, error_line(error)
+            return Ended(began, error_line(error), not self._goes_on)
         # the frames that it was sent are the document's
-        return began, found if film is None else replace(found, _frames=film.frames)
+        own = found if film is None else replace(found, _frames=film.frames)
+        return Ended(began, own, not self._goes_on)
 
     def close(self) -> None:
         self.cancel()
@@ -158,15 +171,16 @@ class FilmMatch:
     @factoring_apart()
     def _solve(
         self,
-        frames: Frames,
-        settings: FilmSettings,
+        film: tuple[Frames, FilmSettings, Path | None, bool],
         fields: dict[int, FloatArray],
         control: Control,
     ) -> Sequence:
+        mesh = film[0].mesh
+
         def take(found: tuple[int, FloatArray]) -> None:
             interval, field = found
             speed = np.linalg.norm(field, axis=1)
-            fast = abfm.calculus.fast_speed(frames.mesh, speed)
+            fast = abfm.calculus.fast_speed(mesh, speed)
             if fields is self._fields:  # else another run has begun
                 self._fast = max(self._fast, fast)
             fields[interval] = field
@@ -175,7 +189,7 @@ class FilmMatch:
             self.step = step or self.step
 
         def run() -> Sequence:
-            return self._worker.call(_matched, frames, settings, dict(fields)).result(take)
+            return self._worker.call(_matched, *film).result(take)
 
         with telling(tell), controlled(control):
             for _ in range(1, _TRIES):
@@ -184,12 +198,8 @@ class FilmMatch:
             return run()
 
 
-def _of(document: Document) -> tuple[object, FilmSettings]:
-    return document.film, document.settings
-
-
 def _matched(
-    _: None, frames: Frames, settings: FilmSettings, known: dict[int, FloatArray]
+    _: None, frames: Frames, settings: FilmSettings, beside: Path | None, goes_on: bool
 ) -> Sequence:
     values = frames.values if frames.channels_given else frames.values[:, :, 0]
     given = abfm.sequences.defaults(alpha=settings.alpha, sigma=settings.sigma)
@@ -201,6 +211,6 @@ def _matched(
         settings.gamma,
         mask=frames.mask,
         weights=frames.weights,
-        known=known,
+        unfinished=abfm.sequences.Unfinished(beside, goes_on=goes_on),
         on_field=lambda interval, field: report((interval, field)),
     )

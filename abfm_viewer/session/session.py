@@ -430,12 +430,17 @@ class Session:
         """Take in a film's fields when its run has ended."""
         if (ended := self.film_match.collect()) is None:
             return
-        began, found = ended
+        began, found, was_recovered = ended
         if isinstance(found, str):
             self.notices.say(f"the solver stopped: {found}", True, RUN, {"Try again": self.match})
             return
+        if not found.solved.any():  # cancelled before, or nothing was kept that is of this
+            return
         if self.document.identity is not began.identity:
             self.saves.found(replace(began, sequence=found))
+            return
+        if was_recovered:
+            self.editor.amend(sequence=found)
             return
         view = self.view
         if view.flow_after_match and found.velocity.any():

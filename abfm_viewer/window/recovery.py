@@ -79,6 +79,7 @@ class Recoveries:
         self._asks_later = False  # when what took the place of reading a copy is there
         self._reported = ""
         self._autosave(session.document.identity)
+        session.film_match.beside = lambda document: self._autosave(document.identity).path
 
     def update(self) -> None:
         session, notices = self._session, self._session.notices
@@ -90,7 +91,8 @@ class Recoveries:
         if running and not running.iteration.iteration:  # before its first step
             running = None
         unsaved = {one.identity: one for one in reversed(session.saves.unsaved_documents)}
-        if running is not None:
+        film_under_way = session.film_match.running
+        if running is not None or film_under_way:
             unsaved[present.identity] = present
         for identity in {*self._autosaves, *unsaved}:
             document, autosave = unsaved.get(identity, present), self._autosave(identity)
@@ -100,7 +102,8 @@ class Recoveries:
                 autosave.offer((document, running), content, True, origin)
             else:
                 content = partial(_content, document, functions)
-                autosave.offer(document, content, identity in unsaved, origin)
+                is_matched = film_under_way and document is present
+                autosave.offer(document, content, identity in unsaved, origin, is_matched)
             is_gone = identity not in unsaved and identity is not present.identity
             if is_gone and autosave.is_idle:
                 self._autosaves.pop(identity).close()
@@ -117,7 +120,7 @@ class Recoveries:
         session, kept = self._session, set()
         if keep_unsaved:
             kept = {document.identity for document in session.saves.unsaved_documents}
-            if session.solver.running:
+            if session.running:
                 kept.add(session.document.identity)
         for identity, autosave in self._autosaves.items():
             autosave.close()
@@ -181,7 +184,10 @@ class Recoveries:
             session = self._session
             view = replace(document.view, ui_scale=session.view.ui_scale)
             session.restore(replace(document, view=view), known, origin, saved=False)
-            self._autosave(session.document.identity).take_over(recovery)
+            copy = self._autosave(session.document.identity)
+            copy.take_over(recovery)
+            if copy.has_unfinished_film:
+                session.film_match.start(session.document, goes_on=False)
             session.notices.say(f"recovered {document.name}: save it to keep it")
 
         def discard() -> None:

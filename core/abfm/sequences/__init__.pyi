@@ -23,6 +23,8 @@ from .sequence import defaults as defaults
 from .sequence import sequence as sequence
 from .tracks import Track as Track
 from .unfinished import Unfinished as Unfinished
+from .unfinished import move_unfinished as move_unfinished
 from .unfinished import remove_unfinished as remove_unfinished
+from .unfinished import unfinished_of as unfinished_of
 from .verdicts import CONFIRMED as CONFIRMED
 from .verdicts import is_unsolved as is_unsolved

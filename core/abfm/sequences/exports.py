@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import os
+import re
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
@@ -22,6 +24,7 @@ from abfm.io import (
     write_stc,
     write_values,
 )
+from abfm.reading import read_collection
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -72,7 +75,8 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
     Point data are the ``frame``, the frame before ``carried`` to it, ``divergence`` and ``curl``,
     cell data the ``velocity``: fields of the interval that begins there, and at the last frame of
     that which ends there. Files come to their places when all are written: where that is cancelled
-    or fails, nothing is there that was not, and an older film is whole.
+    or fails, nothing is there that was not, and an older film is whole. Frames that an older and
+    longer one of that name lists are removed at the end.
 
     Raises
     ------
@@ -80,13 +84,15 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
         If the name does not end in ``.pvd``, or a file cannot be written.
     """
     path, folder = Path(path), check_pvd(path)
+    older = _own_frames(path)
     try:
         # where files can be moved from: a folder that is there may be on another disk
         with temporary_folder(folder if folder.is_dir() else folder.parent) as made:
             rows = _write_frames(made, path.stem, sequence)
             folder.mkdir(exist_ok=True)
-            for written in sorted(made.iterdir()):
-                written.replace(folder / written.name)
+            written = [each.name for each in sorted(made.iterdir())]
+            for name in written:
+                (made / name).replace(folder / name)
     except OSError as error:
         raise ResultError(f"cannot write in the folder {folder}: {one_line(error)}") from error
     lines = [
@@ -99,6 +105,19 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
     ]
     with write_atomically(path) as temporary:
         temporary.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    for name in older.difference(written):
+        with suppress(OSError):
+            (folder / name).unlink()
+
+
+def _own_frames(path: Path) -> set[str]:
+    """Return the files in its folder that a .pvd lists as this writes them; none where it is not
+    there or cannot be read.
+    """
+    own = re.compile(f"{re.escape(path.stem)}/({re.escape(path.stem)}_[0-9]{{4,}}\\.vtu)")
+    with suppress(OSError, ValueError):
+        return {found[1] for _, name in read_collection(path) if (found := own.fullmatch(name))}
+    return set()
 
 
 def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:

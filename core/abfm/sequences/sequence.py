@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -293,7 +293,6 @@ def sequence(
     *,
     mask: ArrayLike | None = None,
     weights: ArrayLike | None = None,
-    known: Mapping[int, FloatArray] | None = None,
     unfinished: Unfinished | None = None,
     on_interval: Callable[[int], object] | None = None,
     on_field: Callable[[int, FloatArray], object] | None = None,
@@ -324,16 +323,14 @@ def sequence(
         Weight of the mismatch at each vertex, not negative; where it is 0, values are not known.
     weights : (C,) array, optional
         Weight of each channel.
-    known : mapping of int, optional
-        Fields (F, 3), by the number of their interval, that ``on_field`` was told in a run of the
-        same frames and parameters which did not come to its end: it goes on after them.
     unfinished : Unfinished, optional
         A file for what is found meanwhile, from which the next run of the same goes on where this
         one was killed or cancelled. ``unfinished.remove()`` is for when the result is safe.
     on_interval : callable, optional
         Called with the number of each interval when it is first solved, in this thread.
     on_field : callable, optional
-        Called then with the number and the field (F, 3), in the mesh's unit per unit of time.
+        Called then with the number and the field (F, 3), in the mesh's unit per unit of time; at
+        the beginning with those that an earlier run had found, too.
     control : Control, optional
         To pause or cancel from elsewhere: the fields that were found stay, the others are 0.
 
@@ -354,33 +351,38 @@ def sequence(
     (True, 3)
     """
     given = defaults() if parameters is None else _checked_parameters(parameters)
-    if not (is_finite_number(gamma) and 0 <= gamma <= _HEAVIEST):
-        raise ParameterError(f"gamma is {brief(gamma)}; expected 0 to {_HEAVIEST:g}")
+    gamma = _checked_gamma(gamma)
     control = control or present_control() or Control()
     with controlled(control):
         try:
             film = checked(mesh, frames, times, mask, weights)
             _refuse_extremes(film, given)
-            unit = film.mesh.length_scale
-            earlier, levels = _earlier(film, known or {}), noise_levels(film)
-            solver = Solver(film, given, float(gamma), earlier, levels)
+            solver = Solver(film, given, gamma, noise_levels(film))
             keep = unfinished or Unfinished()
             keep.take_up(solver)
         except CancelledError:
             raise ParameterError("the sequence was cancelled before it began") from None
 
+        def tell_field(i: int) -> None:
+            if on_field is not None:
+                on_field(i, to_ambient(film.mesh, solver.fields[i]) * film.mesh.length_scale)
+
         def tell(i: int) -> None:
             if on_interval is not None:
                 on_interval(i)
-            if on_field is not None:
-                on_field(i, to_ambient(film.mesh, solver.fields[i]) * unit)
+            tell_field(i)
 
+        for i in np.flatnonzero(solver.found).tolist():
+            tell_field(i)
+        is_final = False
         try:
-            solver.run(tell, lambda: keep.keep(solver, at_once=False))
-            keep.keep(solver)
+            if keep.goes_on:
+                solver.run(tell, lambda: keep.keep(solver, at_once=False))
+                is_final = True
         except CancelledError:
             control = Control()  # what was found is told though it was cancelled
-            keep.keep(solver)
+        keep.keep(solver)
+        if not is_final:
             keep = Unfinished()  # what is told of fields that are not final is not kept
     with controlled(control):
         return _told(solver, keep)
@@ -447,16 +449,10 @@ def _refuse_extremes(film: Frames, given: Parameters) -> None:
         ) from None
 
 
-def _earlier(film: Frames, known: Mapping[int, FloatArray]) -> dict[int, FloatArray]:
-    """Return fields of an earlier run as the solver has them, (F, 2)."""
-    shape, count, unit = film.mesh.faces.shape, len(film.durations), film.mesh.length_scale
-    for i, found in known.items():
-        if i not in range(count) or found.shape != shape or not np.isfinite(found).all():
-            raise ParameterError(
-                f"known: interval {brief(i)} has a field {found.shape}; expected intervals 0 to "
-                f"{count - 1} with finite fields {shape}, as an earlier run told them"
-            )
-    return {i: to_frame(film.mesh, found / unit) for i, found in known.items()}
+def _checked_gamma(gamma: float) -> float:
+    if not (is_finite_number(gamma) and 0 <= gamma <= _HEAVIEST):
+        raise ParameterError(f"gamma is {brief(gamma)}; expected 0 to {_HEAVIEST:g}")
+    return float(gamma)
 
 
 def _checked_parameters(parameters: Parameters) -> Parameters:

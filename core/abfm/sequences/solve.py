@@ -4,7 +4,7 @@ sigma that what is held out bears; and a search where frames are far apart.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -80,12 +80,10 @@ class Solver:
         frames: Frames,
         parameters: Parameters,
         gamma: float,
-        known: Mapping[int, FloatArray] | None = None,
         levels: FloatArray | None = None,
     ) -> None:
         self.frames, self.gamma = frames, gamma
         self.given = parameters
-        self._known = known or {}  # fields (F, 2) by interval, that were found before
         self.levels = noise_levels(frames) if levels is None else levels
         self.fields = np.zeros((len(frames.durations), len(frames.mesh.faces), 2))
         self.energies = np.full(len(self.fields), np.nan)  # without what ties neighbours
@@ -134,10 +132,6 @@ class Solver:
         start = self.fields[i - 1] if i else None
         interval = self._interval(i, [i - 1] if i else [])
         energy = interval.energy
-        if i in self._known:
-            found = interval.go_on(last, self._known[i], 0)
-            self.in_vain += self._is_far(energy, found)  # as it was searched for then
-            return found
         found = interval.find(last, warmest, start)
         if self.in_vain >= _IN_VAIN or not self._is_far(energy, found):
             return found

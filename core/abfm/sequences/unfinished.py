@@ -11,18 +11,22 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from importlib.metadata import version
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from abfm.errors import ResultError
 from abfm.io import results
 from abfm.io.results import Entry
-from abfm.sequences.solve import Solver
+
+if TYPE_CHECKING:
+    from abfm.sequences.solve import Solver
 
 _EVERY = 5.0  # seconds, at least, from one writing to the next
 _SPARED = 20.0  # times as long as a writing takes, too, so that it costs 5% at most
+_SUFFIX = ".unfinished"
 _KIND = results.Kind(
     "file of a film that is not finished",
     {
@@ -42,8 +46,9 @@ _KIND = results.Kind(
 class Unfinished:
     """A file for what was found of a film, while it is solved and until its result is safe.
 
-    It is named by the result and by all that makes the problem, so that only a run of the same goes
-    on from it: that then finds the same, bit for bit, as one that was never killed.
+    It is named by the result, by all that makes the problem and by the code that solves it, so that
+    only a run of the same goes on from it: that then finds the same, bit for bit, as one that was
+    never killed.
 
     Parameters
     ----------
@@ -51,14 +56,18 @@ class Unfinished:
         Where the result will be; the file is ``RESULT-DIGEST.unfinished``. Without, there is none.
     on_found : callable
         Called with how many intervals an earlier run had found, if there are any.
+    goes_on : bool
+        Whether the film is solved to its end; else what there is is told as it is, like that of a
+        run that was cancelled.
     """
 
     def __init__(
         self,
         result: str | os.PathLike[str] | None = None,
         on_found: Callable[[int], object] = lambda count: None,
+        goes_on: bool = True,
     ) -> None:
-        self._result, self._on_found = result, on_found
+        self._result, self._on_found, self.goes_on = result, on_found, goes_on
         self._problem, self._next = "", 0.0
         self.path: Path | None = None  # known, once a film is solved
 
@@ -67,7 +76,7 @@ class Unfinished:
         if self._result is None:
             return
         self._problem = _digest(solver)
-        self.path = Path(f"{os.fspath(self._result)}-{self._problem[:8]}.unfinished")
+        self.path = Path(f"{os.fspath(self._result)}-{self._problem[:8]}{_SUFFIX}")
         with suppress(ResultError):
             found = results.load_arrays(self.path, _KIND)
             fields = found["fields"]
@@ -112,18 +121,30 @@ class Unfinished:
                 self.path.unlink()
 
 
+def unfinished_of(result: Path) -> list[Path]:
+    """Return the files of films that are not finished beside where their result will be."""
+    return sorted(result.parent.glob(f"{glob.escape(result.name)}-*{_SUFFIX}"))
+
+
 def remove_unfinished(result: Path) -> None:
     """Remove what is left beside a result that is there, by a run that was killed just then."""
-    for path in result.parent.glob(f"{glob.escape(result.name)}-*.unfinished"):
+    for path in unfinished_of(result):
         with suppress(OSError):
             path.unlink()
+
+
+def move_unfinished(result: Path, other: Path) -> None:
+    """Have what is beside one result beside another one, where the next run is to go on."""
+    for path in unfinished_of(result):
+        with suppress(OSError):
+            path.replace(other.with_name(other.name + path.name.removeprefix(result.name)))
 
 
 def _digest(solver: Solver) -> str:
     """Name what a solver is to find, by its content, in hexadecimal digits."""
     film = solver.frames
     told = {
-        "abfm": version("abfm"),
+        "code": _code(),
         "parameters": solver.given.to_dict(),
         "gamma": solver.gamma,
         "channels_given": film.channels_given,
@@ -138,4 +159,14 @@ def _digest(solver: Solver) -> str:
     digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
     for piece in results.pieces({name: np.asarray(each) for name, each in arrays.items()}):
         digest.update(piece)
+    return digest.hexdigest()
+
+
+@cache
+def _code() -> str:
+    """Name the library's code by its content: a version has many in a developer's checkout."""
+    digest = hashlib.sha256()
+    folder = Path(__file__).parents[1]
+    for path in sorted(folder.rglob("*.py")):
+        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()

@@ -84,6 +84,33 @@ def test_a_film_that_is_cancelled_leaves_what_was_there(tmp_path):
     assert content() != before
 
 
+def test_frames_that_a_longer_film_of_that_name_lists_go_and_nothing_else(tmp_path):
+    path, folder = tmp_path / "a(1).pvd", tmp_path / "a(1)"
+
+    def names():
+        return {each.relative_to(tmp_path).as_posix() for each in tmp_path.rglob("*.vtu")}
+
+    export_pvd(path, solved())
+    others = ["a(1)/a(1)_0099.vtu", "a(1)/mine_0004.vtu", "other/a(1)_0007.vtu", "a(1)_0008.vtu"]
+    (tmp_path / "other").mkdir()
+    for name in others:
+        (tmp_path / name).touch()
+    others[0:0] = ["a(1)/a(1)_0050.vtu"]
+    (folder / "a(1)_0050.vtu").mkdir()  # no file
+    listed = [*others[:1], *others[2:], "a(1)/../a(1)/a(1)_0099.vtu", "a(1)/a(1)_0060.vtu"]
+    rows = "".join(f'<DataSet timestep="{9 + k}" file="{each}"/>' for k, each in enumerate(listed))
+    path.write_text(path.read_text().replace("</Collection>", f"{rows}</Collection>"))
+    (folder / "a(1)_0060.vtu").touch()
+    short = abfm.sequence(MESH, film()[:3], TIMES[:3])
+    export_pvd(path, short)
+    assert names() == {*others, *(f"a(1)/a(1)_{k:04}.vtu" for k in range(3))}
+    assert len(read_frames(path, MESH, "frame").values) == 3
+    path.write_text("no list of files")
+    (folder / "a(1)_0003.vtu").touch()
+    export_pvd(path, short)
+    assert names() == {*others, *(f"a(1)/a(1)_{k:04}.vtu" for k in range(4))}
+
+
 def test_frames_for_paraview_are_written_where_their_folder_leads(tmp_path):
     """Files are moved to it, which no system does from one disk to another."""
     (tmp_path / "disk").mkdir()

@@ -296,32 +296,6 @@ def test_episodes_are_of_what_was_solved(found):
     assert replace(found, velocity=still, verdicts=verdicts).episodes() == []
 
 
-def test_a_run_goes_on_after_the_fields_of_an_earlier_one(film, found):
-    told, again = {}, {}
-    abfm.sequence(SPHERE, film[0], parameters=FAST, on_field=told.setdefault)
-    told[1] = told[2]  # which no run would find there
-    abfm.sequence(SPHERE, film[0], parameters=FAST, known=told, on_field=again.setdefault)
-    assert list(again) == [0, 1, 2]
-    assert_allclose(again[1], told[1], atol=1e-14)
-    del told[1]
-    again = abfm.sequence(SPHERE, film[0], parameters=FAST, known={0: told[0]})
-    assert_allclose(again.velocity, found.velocity, atol=1e-12)
-    for other in ({3: told[0]}, {0: told[0][1:]}, {0: np.nan * told[0]}):
-        with pytest.raises(AbfmError, match="expected intervals 0 to 2 with finite fields"):
-            abfm.sequence(SPHERE, film[0], parameters=FAST, known=other)
-
-
-def test_a_run_that_goes_on_searches_no_more_often_than_the_whole():
-    """Bumps that jump and change, which are searched for in vain, and one that jumps alone."""
-    places, sizes = [0, 3, 1.5, 0.5, 0, 1.6], [0.4, 0.2, 0.6, 0.25, 0.4, 0.4]
-    heights = [1, 2, 0.7, 3, 1, 1]
-    frames = [h * bumps([a], w, 0)[0] for a, w, h in zip(places, sizes, heights, strict=True)]
-    told = {}
-    whole = abfm.sequence(SPHERE, frames, None, FAST, 0, on_field=told.setdefault)
-    again = abfm.sequence(SPHERE, frames, None, FAST, 0, known={i: told[i] for i in range(3)})
-    assert_allclose(again.velocity, whole.velocity, atol=1e-6)
-
-
 @pytest.mark.parametrize(("values", "time"), [(1e20, 1e-15), (1e-20, 1e15)])
 def test_flows_are_the_same_whatever_the_units(values, time, film, found):
     told = abfm.sequence(SPHERE, values * film[0], time * np.arange(4), FAST)

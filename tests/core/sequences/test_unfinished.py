@@ -6,7 +6,14 @@ from numpy.testing import assert_array_equal
 
 import abfm
 from abfm import Control
-from abfm.sequences import Unfinished, defaults, remove_unfinished
+from abfm.sequences import (
+    Unfinished,
+    defaults,
+    move_unfinished,
+    remove_unfinished,
+    unfinished,
+    unfinished_of,
+)
 from abfm.sequences.files import sequence_arrays
 from abfm.workers.progress import telling
 from tests.core.sequences.films import SPHERE, bumps
@@ -104,6 +111,43 @@ def test_another_problem_or_a_damaged_file_begins_anew(whole, tmp_path):
         first.path.write_bytes(damaged)
         assert_same(solved(Unfinished(tmp_path / "s.npz", pytest.fail)), whole)
     assert first.path.read_bytes() == content
+
+
+def test_what_an_earlier_run_found_is_told_without_going_on(whole, tmp_path):
+    told = {}
+    none = solved(Unfinished(tmp_path / "s.npz", pytest.fail, goes_on=False))
+    assert not none.solved.any()
+    assert not any(tmp_path.iterdir())
+    control = Control()
+    stop = {"control": control, "on_interval": lambda i: control.cancel() if i == 1 else None}
+    part = solved(Unfinished(tmp_path / "s.npz"), **stop)
+    [path] = unfinished_of(tmp_path / "s.npz")
+    kept = path.read_bytes()
+    again = solved(Unfinished(tmp_path / "s.npz", goes_on=False), on_field=told.setdefault)
+    assert_same(again, part)
+    assert_array_equal(again.solved, [True, True, False, False])
+    assert np.isfinite(again.verified_mismatch[:2]).all()
+    assert path.read_bytes() == kept  # nothing is told there of fields that are not final
+    assert list(told) == [0, 1]
+    assert_array_equal(np.stack([*told.values()]), part.velocity[:2])
+    assert_same(solved(Unfinished(tmp_path / "s.npz")), whole)
+
+
+def test_other_code_begins_anew(tmp_path, monkeypatch):
+    first, other = Unfinished(tmp_path / "s.npz"), Unfinished(tmp_path / "s.npz", pytest.fail)
+    solved(first)
+    assert unfinished._code() == unfinished._code()
+    monkeypatch.setattr(unfinished, "_code", lambda: "another")
+    solved(other)
+    assert first.path != other.path
+
+
+def test_what_is_beside_one_result_is_moved_beside_another(tmp_path):
+    for name in ("a-1.npz-1a2b3c4d.unfinished", "a-1.npz-2.unfinished", "a-1-1.npz-3.unfinished"):
+        (tmp_path / name).touch()
+    move_unfinished(tmp_path / "a-1.npz", tmp_path / "b.npz")
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"b.npz-1a2b3c4d.unfinished", "b.npz-2.unfinished", "a-1-1.npz-3.unfinished"}
 
 
 def test_what_is_left_beside_a_result_is_removed_and_nothing_else(tmp_path):

@@ -5,6 +5,9 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
+
+import numpy as np
 
 from abfm.assets import asset_path
 from abfm_viewer.automation import Driver
@@ -33,6 +36,23 @@ with Driver(mesh, size=(640, 480), state=state) as gui:
     gui.wait(lambda session: session.solver.snapshot is not None)
     gui.wait(lambda session: session.solver.snapshot.iteration.iteration > 3)
     (state / "matching").touch()  # copies from now on hold a field that moves something
+    while True:
+        gui.window.frame()
+"""
+_FILM = """
+import sys
+from pathlib import Path
+import numpy as np
+from abfm_viewer.automation import Driver
+from abfm_viewer.window.wave import turning_wave
+mesh, state = map(Path, sys.argv[1:])
+with Driver(mesh, size=(640, 480), state=state) as gui:
+    places = gui.session.surface().mesh.vertices
+    frames = turning_wave(places / np.linalg.norm(places, axis=1)[:, None], 0.005 * np.arange(240))
+    np.save(mesh.with_name("wave.npy"), frames[0])
+    gui.window.files.open(mesh.with_name("wave.npy"))
+    gui.wait(lambda session: session.document.film is not None)
+    gui.click("Match all frames")
     while True:
         gui.window.frame()
 """
@@ -100,19 +120,34 @@ def test_a_figure_from_samples(gui):
     assert gui.session.result.mismatch < 1
 
 
-def test_save_kill_and_recover(tmp_path):
-    egg, state = ellipsoid(2, 1, 0.7, 0.55), tmp_path / "state"
-    command = [sys.executable, "-c", _WORK, str(off_file(tmp_path / "egg.off", egg)), str(state)]
+def kept(state):
+    """Return how many fields of a film are kept beside a copy that is there."""
+    with suppress(ValueError, OSError):
+        [_copy], [path] = state.glob("autosave-*.abfm"), state.glob("autosave-*.unfinished")
+        with np.load(path) as arrays:
+            return len(arrays["fields"])
+    return 0
+
+
+def run_and_kill(script, egg, state, is_enough):
+    """Run a script of the app on a mesh until there is enough in its state folder."""
+    mesh = off_file(state.with_name("egg.off"), egg)
+    command = [sys.executable, "-c", script, str(mesh), str(state)]
     app = subprocess.Popen(command, stderr=subprocess.PIPE)
     try:
         end = time.monotonic() + 240
-        while not is_copied(state):
+        while not is_enough(state):
             assert app.poll() is None, "the app ended"
             assert time.monotonic() < end, "no copy was written"
             time.sleep(0.05)
     finally:
         app.send_signal(signal.SIGKILL)
         app.communicate(timeout=60)  # until all that have its stderr have ended
+
+
+def test_save_kill_and_recover(tmp_path):
+    egg, state = ellipsoid(2, 1, 0.7, 0.55), tmp_path / "state"
+    run_and_kill(_WORK, egg, state, is_copied)
     with Driver(icosphere(1), size=SIZE, state=state) as gui:
         gui.click("Recover")
         gui.wait(lambda s: s.result is not None)
@@ -128,3 +163,27 @@ def test_save_kill_and_recover(tmp_path):
         gui.wait(lambda s: s.solver.snapshot is not None)
         assert gui.session.solver.snapshot.iteration.mismatch <= 1.01 * result.mismatch
         assert not gui.errors
+
+
+def test_a_film_goes_on_after_the_app_was_killed(tmp_path):
+    state = tmp_path / "state"
+    run_and_kill(_FILM, ellipsoid(2, 1, 0.7, 0.55), state, kept)
+    count = kept(state)
+    assert 0 < count < 239
+    with Driver(icosphere(1), size=SIZE, state=state) as gui:
+        gui.click("Recover")
+        gui.wait(lambda s: s.document.sequence is not None and not s.running)
+        sequence = gui.session.document.sequence
+        assert gui.session.document.name == "wave.npy on egg.off"
+        assert np.count_nonzero(sequence.solved) == count
+        assert sequence.confirmed == count
+        assert gui.session.saves.unsaved
+        assert not gui.session.document.is_film_outdated
+        gui.click("Match all frames")
+        gui.wait(lambda s: s.film_match.found(s.document) > count)
+        assert not gui.session.film_match.step.task.startswith("choosing")
+        gui.click("Cancel")
+        gui.wait(lambda s: not s.running)
+        assert np.count_nonzero(gui.session.document.sequence.solved) > count
+        assert not gui.errors
+    assert not any(state.glob("autosave-*"))

@@ -7,10 +7,15 @@ import threading
 import time
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+import abfm
 from abfm.io.atomic import temporary_file
+from abfm.sequences import defaults, unfinished_of
+from abfm.sequences.frames import checked
 from abfm_viewer.document.document import Channel, Document, Surface
+from abfm_viewer.document.film import Film
 from abfm_viewer.files.autosave import Autosave, Recovery, recoverable
 from abfm_viewer.files.project import load_project
 from abfm_viewer.files.state_folder import StateFolder
@@ -18,6 +23,7 @@ from tests.shapes import icosphere
 
 SURFACE = Surface(icosphere(1), "sphere")
 DOCUMENT = Document((SURFACE,), (Channel("coordinate:x", "coordinate:y"),))
+FILM = Film("film", checked(SURFACE.mesh, np.eye(3, len(SURFACE.mesh.vertices)), None, None, None))
 CHANGED = replace(DOCUMENT, surfaces=(replace(SURFACE, name="changed"),))
 
 
@@ -222,3 +228,93 @@ def test_what_is_taken_over_goes_when_it_is_saved_and_halves_with_the_next_copy(
     assert recoverable(StateFolder(tmp_path)) == []
     offer(autosave, DOCUMENT)
     assert list(tmp_path.iterdir()) == [autosave.path]
+
+
+@pytest.fixture
+def film():
+    """A document with all fields of its film, and one with those of some intervals."""
+    frames, control = FILM.frames, abfm.Control()
+    given = frames.mesh, frames.values[:, :, 0], None, defaults(sigma=0.5), 0
+    whole = abfm.sequence(*given)
+    part = abfm.sequence(*given, on_interval=lambda _: control.cancel(), control=control)
+    assert not part.solved.all()
+    document = Document((SURFACE,), film=FILM)
+    return tuple(replace(document, sequence=replace(s, _frames=frames)) for s in (whole, part))
+
+
+def begun(autosave):
+    """A file of a film that is not finished, beside where the copy will be."""
+    path = autosave.path.with_name(f"{autosave.path.name}-1a2b3c4d.unfinished")
+    path.touch()
+    return path
+
+
+def test_a_film_under_way_is_copied_at_once_and_once(autosave, clock):
+    document = Document((SURFACE,), film=FILM)
+    for seconds, is_written in ((1, True), (2, False), (30, False)):
+        clock.seconds = seconds
+        autosave.offer(document, lambda: (document, {}), True, is_film_under_way=True)
+        settle(autosave)
+        assert (copied(autosave) == "film on sphere") is is_written
+        autosave.path.unlink(missing_ok=True)
+
+
+def test_a_film_under_way_that_cannot_be_copied_is_tried_as_often_as_others(tmp_path, clock):
+    (tmp_path / "state").touch()
+    autosave = Autosave(StateFolder(tmp_path / "state"), seconds=20, clock=clock)
+    document, tried = Document((SURFACE,), film=FILM), list[int]()
+    for seconds in (1, 2, 3, 19, 22, 23):
+        clock.seconds = seconds
+        autosave.offer(document, lambda: (document, {}), True, is_film_under_way=True)
+        if autosave._future is not None:
+            tried.append(seconds)
+        settle(autosave)
+    assert tried == [1, 22]
+    autosave.close()
+
+
+def test_what_is_beside_a_copy_goes_when_a_copy_has_all_fields(autosave, clock, film):
+    whole, part = film
+    path = begun(autosave)
+    for document, is_under_way in ((part, False), (whole, True)):
+        autosave.offer(document, lambda given=document: (given, {}), True, None, is_under_way)
+        settle(autosave)
+        clock.seconds += 21
+        assert path.exists()
+    autosave.offer(part, lambda: (part, {}), True)
+    settle(autosave)
+    clock.seconds += 21
+    offer(autosave, whole)
+    assert not path.exists()
+    assert autosave.path.exists()
+
+
+def test_what_is_beside_a_copy_goes_with_it_and_is_taken_over_with_it(autosave, tmp_path):
+    begun(autosave)
+    offer(autosave, DOCUMENT)
+    offer(autosave, DOCUMENT, unsaved=False)
+    assert list(tmp_path.iterdir()) == []
+    for name in ("autosave-1-2.abfm", "autosave-1-2.abfm-1a2b3c4d.unfinished"):
+        (tmp_path / name).touch()
+    [recovery] = recoverable(StateFolder(tmp_path))
+    assert not autosave.has_unfinished_film
+    autosave.take_over(recovery)
+    assert autosave.has_unfinished_film
+    [path] = unfinished_of(autosave.path)
+    assert {*tmp_path.iterdir()} == {autosave.path, path}
+    later = Autosave(StateFolder(tmp_path))  # a process of the same number
+    later.close()
+    [recovery] = recoverable(StateFolder(tmp_path))
+    assert len(unfinished_of(recovery.path)) == 1
+    recovery.discard()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_ended_processes_left_of_films_without_a_copy_is_removed(autosave, tmp_path):
+    for name in ("autosave-1-2.abfm", "autosave-1-3.abfm"):
+        (tmp_path / f"{name}-1a2b3c4d.unfinished").touch()
+    (tmp_path / "autosave-1-2.abfm").touch()
+    own = begun(autosave)  # its copy is not there yet
+    [recovery] = recoverable(StateFolder(tmp_path))
+    assert {*tmp_path.iterdir()} == {recovery.path, *unfinished_of(recovery.path), own}
+    assert recovery.path.name == "autosave-1-2.abfm"

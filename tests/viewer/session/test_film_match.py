@@ -2,6 +2,7 @@
 
 import os
 import signal
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -29,10 +30,27 @@ def whole():
     return abfm.sequence(SPHERE, FRAMES, None, defaults(sigma=0.3), 0.5)
 
 
-def kill(match, last=None):
-    """Kill the process of a match, another one than the last, once it has found a field."""
-    before = match.found(DOCUMENT)
-    until(lambda: match._worker.pid not in (None, last) and match.found(DOCUMENT) > before)
+@pytest.fixture
+def match(tmp_path):
+    match = FilmMatch()
+    match.beside = lambda document: tmp_path / "copy.abfm"
+    yield match
+    match.close()
+
+
+def kept(folder):
+    """How many fields are in the file beside the copy."""
+    with suppress(ValueError, OSError):
+        [path] = folder.glob("copy.abfm-*.unfinished")
+        with np.load(path) as arrays:
+            return len(arrays["fields"])
+    return 0
+
+
+def kill(match, folder, last=None):
+    """Kill the process of a match, another one than the last, once it has kept a field more."""
+    before = kept(folder)
+    until(lambda: match._worker.pid not in (None, last) and kept(folder) > before)
     os.kill(pid := match._worker.pid, signal.SIGKILL)
     return pid
 
@@ -40,35 +58,64 @@ def kill(match, last=None):
 def ended(match):
     """What a run has come to."""
     until(lambda: match._work.done())
-    return match.collect()[1]
+    return match.collect()
 
 
-def test_a_run_goes_on_where_its_process_ended(whole):
-    match = FilmMatch()
+def test_a_run_goes_on_where_its_process_ended(match, whole, tmp_path):
     match.start(DOCUMENT)
-    kill(match)
-    found = ended(match)
-    np.testing.assert_allclose(found.velocity, whole.velocity, atol=1e-12)
+    kill(match, tmp_path)
+    found = ended(match).found
+    np.testing.assert_array_equal(found.velocity, whole.velocity)
     assert found.confirmed == whole.confirmed == 23
-    match.close()
 
 
-def test_what_a_run_found_that_failed_is_there_for_the_next_one(whole):
-    match = FilmMatch()
+def test_what_a_run_found_that_failed_is_there_for_the_next_one(match, whole, tmp_path):
     match.start(DOCUMENT)
     last = None
     for _ in range(3):
-        last = kill(match, last)
-    fast = match.fast(DOCUMENT)
-    assert "ended 3 times" in ended(match)
+        last = kill(match, tmp_path, last)
+    assert "ended 3 times" in ended(match).found
     assert match.found(DOCUMENT) == 0
-    other = replace(DOCUMENT, settings=FilmSettings(sigma=0.3))
+    found = kept(tmp_path)
+    assert found >= 3
     match.start(DOCUMENT)
-    assert match.found(DOCUMENT) >= 3
-    assert match.fast(DOCUMENT) >= fast > 0
-    np.testing.assert_allclose(ended(match).velocity, whole.velocity, atol=1e-12)
+    until(lambda: match.found(DOCUMENT) >= 3)
+    assert match.fast(DOCUMENT) > 0
+    np.testing.assert_array_equal(ended(match).found.velocity, whole.velocity)
+    other = replace(DOCUMENT, settings=FilmSettings(sigma=0.3))
     match.start(other)
     assert match.found(other) == 0
     match.cancel()
-    assert ended(match).gamma == 1
+    assert ended(match).found.gamma == 1
+
+
+def test_what_was_found_is_told_without_going_on(match, whole, tmp_path):
+    match.start(DOCUMENT)
+    kill(match, tmp_path)
+    match.cancel()
+    ended(match)
+    count = kept(tmp_path)
+    assert 0 < count < 23
+    match.start(DOCUMENT, goes_on=False)
+    found, was_recovered = ended(match)[1:]
+    assert was_recovered
+    assert found.solved.tolist() == [True] * count + [False] * (23 - count)
+    assert found.confirmed == count
+    assert found.frames is DOCUMENT.film.frames.values
+    match.start(replace(DOCUMENT, settings=FilmSettings(sigma=0.4)), goes_on=False)
+    assert not ended(match).found.solved.any()
+    match.start(DOCUMENT)
+    found, was_recovered = ended(match)[1:]
+    assert not was_recovered
+    np.testing.assert_array_equal(found.velocity, whole.velocity)
+
+
+def test_without_a_place_nothing_is_kept(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    match = FilmMatch()
+    match.start(DOCUMENT)
+    until(lambda: match.found(DOCUMENT) > 1)
+    match.cancel()
+    assert 0 < ended(match).found.solved.sum() < 23
+    assert not any(tmp_path.iterdir())
     match.close()
