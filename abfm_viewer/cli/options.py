@@ -4,9 +4,10 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields
 from functools import partial
+from pathlib import Path
 from typing import Any, NoReturn
 
 from abfm import Match, Parameters, TriangleMesh, load_mesh
@@ -113,10 +114,11 @@ def add_parameters(
     unset: object = None,
     usual: Parameters | None = None,
     names: Collection[str] | None = None,
+    about: Mapping[str, str] | None = None,
 ) -> None:
     """Declare an option for each parameter, or those of these names, with help and symbol of its
     definition; one that is not given has its default, or else is ``unset``. ``usual`` are the
-    defaults that are told.
+    defaults that are told, and ``about`` what is told of a parameter instead.
     """
     add = adder(parser.add_argument_group("parameters (symbols of the paper in brackets)"))
     for entry in fields(Parameters):
@@ -125,7 +127,7 @@ def add_parameters(
         told = entry.default if usual is None else getattr(usual, entry.name)
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
         default = "auto" if told is None else told
-        what = entry.metadata["help"]
+        what = (about or {}).get(entry.name, entry.metadata["help"])
         if told is not None:
             what = what.partition("; not given")[0]  # which is no choice then
         text = f"{what}{symbol} (default: {default})".replace("%", "%%")
@@ -187,7 +189,7 @@ def _within(
     except ValueError:
         value = math.nan
     if not least <= value <= most:
-        raise argparse.ArgumentTypeError(f"{one_line(text, 40)} is not {expected}")
+        raise argparse.ArgumentTypeError(f"{one_line(text, 40) or repr(text)} is not {expected}")
     return value
 
 
@@ -198,8 +200,23 @@ angle = partial(_within, float, -360_000, 360_000, "an angle up to 360000 degree
 seed = partial(_within, int, 0, 1e39, "a whole number from 0 on")
 count = partial(_within, int, 1, 1_000_000, "a whole number from 1 to 1000000")
 processes = partial(_within, int, 1, 4096, "a number of processes, 1 to 4096")
+gamma = partial(_within, float, 0, 1e6, "a number from 0 to 1000000")
 texels = partial(_within, int, 4, 16384, "a whole number from 4 to 16384")
 _weight = partial(_within, float, 0, sys.float_info.max, "weights of channels such as 1,0.5")
+
+
+def folder(text: str) -> Path:
+    """Read the name of a folder: an empty one, as of a variable that is not set, would be this."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} names no folder; . is the present one")
+    return Path(text)
+
+
+def address(text: str) -> str:
+    """Read a scheduler's address."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError(f"{text!r} is no address, such as tcp://10.0.0.1:8786")
+    return text
 
 
 def weights(text: str) -> list[float]:

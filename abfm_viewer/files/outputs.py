@@ -41,6 +41,8 @@ def check(path: Path, suffixes: Collection[str]) -> None:
 
 def check_folder(path: Path) -> None:
     """Refuse a path that could not be written, whatever its suffix."""
+    if path.parent.exists() and not path.parent.is_dir():
+        raise ResultError(f"cannot write {path}: {path.parent} is no folder; choose another place")
     if not path.parent.is_dir():
         raise ResultError(f"cannot write {path}: there is no folder {path.parent}; make it first")
     abfm.io.check_writable(path)

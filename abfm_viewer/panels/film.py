@@ -15,7 +15,7 @@ from abfm_viewer.widgets.toolkit import AUTO, Auto, Ui, finite
 from abfm_viewer.widgets.widget_record import Range
 
 _OPEN = "Choose frames for the mesh that is open. They can also be dropped on the window."
-_STEP = "Seconds from each frame to the next, as far as they are even."
+_STEP = "Seconds from each frame to the next; until they are known, frames count as 1 apart."
 _PAIR = "Of a match of its own; at first those around the time that is shown."
 _MATCH = "Open a match of these two frames as it would be of any two functions; Undo comes back."
 _GAMMA = (
@@ -60,7 +60,7 @@ def _draw_step(ui: Ui, context: Context, film: Film) -> None:
     steps = film.frames.durations
     is_even = bool(np.allclose(steps, steps[0], rtol=1e-6))
     shown = f"{steps[0]:.6g}" if is_even else "uneven"
-    typed = ui.text("frame step", shown, _STEP)
+    typed = ui.text(f"frame step, {film.unit or 'frames'}###frame step", shown, _STEP)
     if typed is not None:
         with ui.refusals.refusing("frame step"):
             if (step := finite(typed)) is None or not step > 0:

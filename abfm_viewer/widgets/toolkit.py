@@ -431,9 +431,10 @@ class Ui:
         """Draw a box to type into; the new text when Enter is pressed or the box is left, else
         None. One that is then refused stays in the box, to be mended or left by Escape.
         """
-        width, caption = self._placed(label, width)
+        shown, _ = _text_and_name(label)
+        width, caption = self._placed(shown, width)
         text = self._box(label, value, tip, hint=hint, width=width)
-        self._caption(label, caption, tip)
+        self._caption(shown, caption, tip)
         return text
 
     def _box(self, label: str, value: str, tip: str, *, width: float, hint: str = "") -> str | None:

@@ -71,7 +71,8 @@ def run(arguments: argparse.Namespace) -> int:
     elif isinstance(status, str) and Path(status) != arguments.out:
         raise UsageError("--status and --out name two folders; give one")
     if arguments.out is None:
-        raise UsageError("--out is missing: the folder of the results")
+        how = "--out" if status is None else "--status DIR"
+        raise UsageError(f"{how} is missing: the folder of the results")
     if arguments.table is None and status is None:
         raise UsageError("TABLE.csv is missing; see abfm batch --help")
     ledger = Ledger(arguments.out)

@@ -17,7 +17,7 @@ from abfm.errors import one_line, printable
 from abfm_viewer import signals
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.summary import GOOD, Told, counts, told_of, write_summary
-from abfm_viewer.cli.exit_status import FAILED, UNMATCHED
+from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.document.verdict_words import counted
@@ -30,7 +30,8 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser.add_argument_group("who solves"))
     what = "so many processes of this machine (default: one for each core)"
     add("--jobs", what, "N", type=options.processes)
-    add("--scheduler", "a Dask cluster's scheduler instead, such as tcp://10.0.0.1:8786", "ADDRESS")
+    what = "a Dask cluster's scheduler instead, such as tcp://10.0.0.1:8786"
+    add("--scheduler", what, "ADDRESS", type=options.address)
     add("--scheduler-file", "the same by the file in which it has its address", "FILE", type=Path)
 
 
@@ -38,14 +39,18 @@ def add_cluster(parser: argparse.ArgumentParser) -> None:
     """Declare who solves, where results go, and what is told."""
     add_workers(parser)
     add = options.adder(parser.add_argument_group("output"))
-    add("--out", "folder for results: made if it is not there", "DIR", type=Path)
+    about = "folder for results: made if it is not there"
+    add("--out", about, "DIR", type=options.folder)
     add("--no-pictures", "a summary without pictures, which take a tenth of a second each")
     add("--json", "print one JSON object about all rows")
     add("--quiet", "no progress")
 
 
 def cluster_of(arguments: argparse.Namespace) -> Cluster:
-    return Cluster(arguments.jobs, arguments.scheduler, arguments.scheduler_file)
+    given = arguments.jobs, arguments.scheduler, arguments.scheduler_file
+    if sum(each is not None for each in given) > 1:
+        raise UsageError("give one of --jobs, --scheduler and --scheduler-file, or none")
+    return Cluster(*given)
 
 
 def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int:

@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import re
 import shlex
 from dataclasses import fields
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any
 from abfm import Parameters
 from abfm.batch import combinations
 from abfm.batch.columns import option
-from abfm.errors import brief, did_you_mean, printable
+from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_cluster, solve
 from abfm_viewer.cli.exit_status import UsageError
@@ -60,7 +61,10 @@ def run(arguments: argparse.Namespace) -> int:
         if name in over:
             raise UsageError(f"--over {name} is given twice; give all its values in one")
         over[name] = values
-    rows = combinations(_fixed(arguments), over)
+    try:
+        rows = combinations(_fixed(arguments), over)
+    except ParameterError as error:
+        raise UsageError(re.sub("^column ", "--", str(error))) from error
     title = f"{printable(Path(arguments.mesh).name)}, over {' and '.join(over)}"
     return solve(rows, title, arguments)
 
@@ -83,7 +87,7 @@ def _swept(word: str) -> tuple[str, list[str]]:
     names = [*_OWN, *(option(entry.name) for entry in fields(Parameters))]
     name, sign, text = word.partition("=")
     name = option(name.strip().lower().removeprefix("--"))
-    if not sign:
+    if not (sign and name):
         raise UsageError(f"--over {brief(word)} is not NAME=A,B,...")
     if name not in names:
         raise UsageError(

@@ -47,6 +47,13 @@ fewer, 2 for bad input, and 130 or 143 when Ctrl-C or SIGTERM ended the run: wha
 written, and the fields of other intervals are 0. Beside the first output, a file FILE-*.unfinished
 keeps what is found until all is written: the same command goes on from it, whatever ended the run.
 """
+_PARAMETERS = {
+    "alpha": "smoothness of the fields: weight of their Hodge Laplacian",
+    "sigma": "weight of the match against the smoothness, in deviations of the frames: smaller "
+    "matches closer; not given, the largest that explains nearly all that any does of what is held "
+    "out",
+    "sigma_unit": "sigma in deviations of the frames from their mean in L2, or as the paper has it",
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,10 +86,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"how much fields of neighbouring intervals are held together; 0 is frame by frame "
         f"(default: {GAMMA:g})",
         "X",
-        type=float,
+        type=options.gamma,
         default=GAMMA,
     )
-    options.add_parameters(parser, options.UNSET, defaults(), TAKEN)
+    options.add_parameters(parser, options.UNSET, defaults(), TAKEN, _PARAMETERS)
     add = options.adder(parser.add_argument_group("output"))
     add(
         "--out",

@@ -91,7 +91,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_parameters(parser, options.UNSET)
     add_workers(parser)
     add = options.adder(parser.add_argument_group("output"))
-    add("--out", "folder for results: made if it is not there", "DIR", type=Path, required=True)
+    about = "folder for results: made if it is not there"
+    add("--out", about, "DIR", type=options.folder, required=True)
     add(
         "--up",
         "axis of the template that points upwards (default: y)",

@@ -14,6 +14,7 @@ from abfm.errors import FunctionError, ParameterError, brief
 from abfm.functions import Permuted, Spec, Sum, ValuesFile, parse, quoted
 from abfm.matching.bounded import check_bound
 from abfm.parameters import CHOICES, Parameters, is_whole
+from abfm.registration import initial
 
 Rename = Callable[[str], str]
 """What to call a file that a cell names."""
@@ -137,6 +138,11 @@ def _renamed_channel(text: str, rename: Rename) -> str:
     return shlex.join((_renamed_spec(source, rename), _renamed_spec(target, rename), repr(weight)))
 
 
+def _initial(text: str) -> str:
+    initial.word_of(text)
+    return text
+
+
 def _renamed_initial(text: str, rename: Rename) -> str:
     """Rename in ``file:MAP`` and ``sphere:mirror,A,B``."""
     name, _, rest = text.partition(":")
@@ -157,7 +163,7 @@ FILE = Column("a file", str, _file)
 FLAG = Column("yes or no", _flag)
 WEIGHT = Column("weight at each vertex: a function, or its file", str, _renamed_weight)
 CHANNEL = Column("source, target and weight, with blanks between", _channel, _renamed_channel, True)
-INITIAL = Column("the initial map, by its word", str, _renamed_initial)
+INITIAL = Column("the initial map, by its word", _initial, _renamed_initial)
 BOUND = Column("the most that areas and shapes may change", _bound)
 
 

@@ -197,11 +197,12 @@ def problem_row(
     ResultError
         If it cannot be written.
     """
-    path = Path(folder, PROBLEMS, f"{problem.digest}.npz")
+    place = Path(PROBLEMS, f"{problem.digest}.npz")  # as the row has it, which begins at the folder
+    path = Path(os.path.expanduser(folder), place)
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         problem.save(path)
-    options = {"problem": path, "max-distortion": max_distortion}
+    options = {"problem": place, "max-distortion": max_distortion}
     return Row(name or problem.digest[:8], options, folder)
 
 

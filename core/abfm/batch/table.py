@@ -21,6 +21,7 @@ Read = TypeVar("Read")
 NAME = "name"
 """The column with what a row is called."""
 _LARGEST, _MOST_ROWS = 256 << 20, 1_000_000
+_OPEN = "its last double quote has no other one"
 _DELIMITERS = ",;\t"
 
 
@@ -96,7 +97,8 @@ def table_cells(text: str, most: int = _MOST_ROWS) -> Iterator[list[str]]:
                 )
             yield cells
     except csv.Error as error:
-        raise ParameterError(f"line {lines.line_num}: {one_line(error)}") from None
+        told = one_line(error).replace("unexpected end of data", _OPEN)
+        raise ParameterError(f"line {lines.line_num}: {told}") from None
 
 
 def _columns(cells: Sequence[str]) -> list[str]:

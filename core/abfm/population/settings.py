@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from abfm.errors import ParameterError, brief, one_line
 from abfm.numerics.real_numbers import is_finite_number
+from abfm.registration import initial
 
 BOUND = 0.02
 """How much the mean may change in the last round, over its deviation, in L2."""
@@ -55,6 +56,8 @@ class Settings:
                     f"channel {one_line(name, 60)} has weight {brief(weight)}; expected a number "
                     f"above 0, to {LARGEST_WEIGHT:g}: what is not to be registered by is held out"
                 )
+        if self.initial:
+            initial.word_of(self.initial)
         if not (isinstance(self.rounds, int) and 1 <= self.rounds <= 1000):
             raise ParameterError(f"rounds is {brief(self.rounds)}; expected 1 to 1000")
         if not (math.isfinite(self.bound) and self.bound >= 0):

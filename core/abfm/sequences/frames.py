@@ -94,11 +94,13 @@ def checked(
     of_channels = _weights(weights, frames.shape[2])
     counted = of_channels > 0
     finite = np.isfinite(frames)[:, :, counted if counted.any() else slice(None)]
+    if not finite.any():
+        raise FunctionError("no frame has a finite value; expected real numbers")
     if len(nowhere := np.flatnonzero(~finite.any(axis=(1, 2)))):
         named = ", ".join(map(str, nowhere[:5])) + ", ..." * (len(nowhere) > 5)
         raise FunctionError(
-            f"frame {named} has no finite value: leave out such frames, numbered from 0, and give "
-            "the times of the others"
+            f"without a finite value, counted from 0: frame {named}; leave out such frames, and "
+            "give the times of the others"
         )
     known: BoolArray = np.asarray(finite.all(axis=(0, 2)))
     if not known.any():
@@ -175,4 +177,6 @@ def _weights(given: ArrayLike | None, count: int) -> FloatArray:
         raise ParameterError(
             f"weights have shape {weights.shape}; expected ({count},), one for each channel"
         )
+    if not weights.any():
+        raise ParameterError("weights are zero everywhere; give a channel one above 0")
     return weights.copy()

@@ -151,6 +151,15 @@ def test_a_problem_made_in_python_is_written_once_and_is_its_rows_problem(tmp_pa
     assert problem_row(problem, tmp_path, max_distortion=1.5).digest != problem.digest
 
 
+def test_a_problem_made_in_python_is_found_in_a_relative_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    problem = abfm.Problem(EIGHT, "coordinate:x", "coordinate:y")
+    for folder in ("results", "~/results"):
+        monkeypatch.setenv("HOME", str(tmp_path / "home"))
+        assert problem_row(problem, folder).digest == problem.digest
+    assert {path.name for path in tmp_path.iterdir()} == {"results", "home"}
+
+
 @pytest.mark.parametrize(
     ("options", "told"),
     [
@@ -173,6 +182,7 @@ def test_a_problem_made_in_python_is_written_once_and_is_its_rows_problem(tmp_pa
         ({"mesh": "m.off", "channel": "curvature:mean nothing:1 1"}, "unknown function family"),
         ({"mesh": "m.off", "largest-component": "maybe"}, "neither yes nor no"),
         ({"mesh": "m.off", "max-distortion": "0"}, "column max-distortion"),
+        ({"a": "a.off", "b": "b.off", "initial": "closset"}, "column initial: unknown initial map"),
         ([("mesh", "m.off"), ("mesh", "n.off")], "column mesh: it is given twice"),
         (PLAIN | {"stage-iterations": 50, "cooling-stages": 9, "iterations": 100}, "is 50 for"),
     ],

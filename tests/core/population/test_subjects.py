@@ -62,7 +62,7 @@ def test_rows_without_a_name_have_their_number(tmp_path):
         ("name,f,weight\none,coordinate:x,nan\ntwo,coordinate:x,1\n", "has weight nan"),
         ("name,f,weight\none,coordinate:x,0\ntwo,coordinate:x,0\n", "all subjects have weight 0"),
         ("name,f\none,coordinate:x,3,4\n", "row 1: it has 4 cells, and there are 2 columns"),
-        ('name,f\n"one,coordinate:x\n', "unexpected end of data"),
+        ('name,f\n"one,coordinate:x\n', "line 2: its last double quote has no other one"),
         ("f,mask\ncoordinate:x,nonsense\ncoordinate:x,\n", "row 1, column mask"),
     ],
 )

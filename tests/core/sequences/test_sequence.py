@@ -484,7 +484,9 @@ def test_files(found, tmp_path):
         (np.zeros((1, 642)), {}, "one frame; expected at least two"),
         (np.zeros((642, 3)), {}, "one row for each frame, not for each vertex"),
         (np.zeros(642), {}, r"expected \(T, V\) or \(T, V, C\)"),
-        (np.full((2, 642), np.nan), {}, "frame 0, 1 has no finite value: leave out such frames"),
+        (np.full((2, 642), np.nan), {}, "no frame has a finite value"),
+        (np.full((2, 642), np.nan) * [[1], [np.inf]], {}, "no frame has a finite value"),
+        (np.zeros((2, 642)), {"weights": [0]}, "zero everywhere; give a channel one above 0"),
         (np.where(np.arange(642) % 2 == [[0], [1]], 1, np.nan), {}, "finite in all frames"),
         (
             np.zeros((2, 642)),

@@ -247,6 +247,10 @@ def test_a_subject_that_cannot_be_registered_is_told(abfm, folder, found):
         ("population table.csv --template none.gii --out out", "none.gii"),
         ("population table.csv --template template.gii --out out --function depth", "NAME=SPEC"),
         (
+            "population table.csv --template template.gii --out out --initial closset",
+            "abfm: unknown initial map 'closset' (did you mean 'closest'?)",
+        ),
+        (
             "population table.csv --template template.gii --out out --function depht=coordinate:x",
             "and no such channel to register by (did you mean 'depth'?)",
         ),

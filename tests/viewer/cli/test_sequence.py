@@ -158,7 +158,10 @@ def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
         ("{m} {f} --tracks {t}/t.txt --out {t}/a.npz", "must end in .csv"),
         ("{m} {f} --tracks {t}/t.csv --intervals {t}/t.csv --out {t}/a.npz", "the same name"),
         ("{m} {f} --dt 0 --out {t}/a.npz", "--dt: 0 is not a number above 0"),
-        ("{m} {f} --dt 1 --gamma -1 --out {t}/a.npz", "gamma is -1"),
+        ("{m} {f} --dt 1 --gamma -1 --out {t}/a.npz", "--gamma: -1 is not a number from 0"),
+        ("{m} {f} --dt 1 --weights 0 --out {t}/a.npz", "zero everywhere; give a channel one above"),
+        ("{m} {f} --weights '' --out {t}/a.npz", "'' is not weights of channels"),
+        ("{m} {f} --out {t}/file/a.npz", "file is no folder; choose another place"),
         ("{m} {f} --weights 1,-1 --out {t}/a.npz", "-1 is not weights of channels such as 1,0.5"),
         ("{m} {f} --dt 1 --weights 1,1 --out {t}/a.npz", "one for each channel"),
         ("{m} {f} --alpha -1 --out {t}/a.npz", "alpha is -1"),
@@ -255,4 +258,6 @@ def test_help_tells_the_defaults_of_films():
     text = " ".join(parser.format_help().split())
     assert "--divergence X times the weight of the curl" in text
     assert "1 as the paper, more to keep areas (default: 1.0)" in text
-    assert "not given, as close as can be certified [σ] (default: auto)" in text
+    assert "in deviations of the frames: smaller matches closer; not given, the largest" in text
+    assert "of what is held out [σ] (default: auto)" in text
+    assert "lowered where that does not match" not in text

@@ -11,3 +11,4 @@ from .vertex_files import map_from_file as map_from_file
 from .words import WORDS as WORDS
 from .words import Word as Word
 from .words import initial_map as initial_map
+from .words import word_of as word_of

@@ -71,10 +71,16 @@ def initial_map(initial: object, given: Given) -> Initial:
             f"initial is {brief(initial)}; expected a Correspondence, a PointMap, or one of "
             f"{', '.join(word.form for word in WORDS)}"
         )
-    name, _, rest = initial.partition(":")
+    rest = initial.partition(":")[2]
+    return word_of(initial).find(given, [p for part in rest.split(",") if (p := part.strip())])
+
+
+def word_of(initial: str) -> Word:
+    """Return the way that a text names, or raise a ParameterError, before there are surfaces."""
+    name = initial.partition(":")[0]
     for word in WORDS:
         if word.name == name:
-            return word.find(given, [part.strip() for part in rest.split(",") if part.strip()])
+            return word
     hint = did_you_mean(name, [word.name for word in WORDS])
     raise ParameterError(
         f"unknown initial map {brief(name)}{hint}; expected one of "
