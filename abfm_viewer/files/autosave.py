@@ -42,6 +42,7 @@ class Autosave:
         self._last = clock()
         self._state: object = None
         self._has_copy = False
+        self._film_run: object = None  # under way when a copy was last due
         # other than daemons it ends its work though nobody closes it
         self._writer = ThreadPoolExecutor(1, thread_name_prefix="autosave")
         self._future: Future[None] | None = None
@@ -56,13 +57,13 @@ class Autosave:
         content: Callable[[], Content],
         unsaved: bool,
         origin: Origin | None = None,
-        is_film_under_way: bool = False,
+        film_run: object = None,
     ) -> None:
         """Call every frame: writes a copy where it is time for one, removes it where all is saved.
 
-        What is written changes with the `state`, objects that are compared by identity. One of a
-        film whose run is under way is written at once: what the run keeps beside it is of no use
-        without, until a copy has the fields of all intervals.
+        What is written changes with the `state`, objects that are compared by identity. When a
+        film's run begins, told apart by `film_run`, it is written at once: what the run keeps
+        beside it is of no use without, until a copy has the fields of all intervals.
         """
         if self._future is not None:
             if not self._future.done():
@@ -75,14 +76,14 @@ class Autosave:
             self.discard()
         is_new = not same(state, self._state)
         is_time = self._clock() - self._last >= self._seconds
-        is_pressing = is_film_under_way and is_new and not self.error
-        if not (unsaved and (is_time or is_pressing)):
+        begins = film_run is not None and film_run is not self._film_run
+        if not (unsaved and (is_time or begins)):
             return
-        self._last = self._clock()
+        self._last, self._film_run = self._clock(), film_run
         if is_new:
             self._state, self._has_copy = state, True
             self._future = self._writer.submit(
-                self._write, state, content, origin, is_film_under_way
+                self._write, state, content, origin, film_run is not None
             )
         else:
             with suppress(OSError):

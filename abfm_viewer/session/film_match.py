@@ -69,6 +69,11 @@ class FilmMatch:
         return self._work is not None
 
     @property
+    def began(self) -> Document | None:
+        """What the run is of that is under way, the same object all the time."""
+        return self._began
+
+    @property
     def paused(self) -> bool:
         return self.running and self._control.paused
 

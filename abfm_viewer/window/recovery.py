@@ -91,8 +91,8 @@ class Recoveries:
         if running and not running.iteration.iteration:  # before its first step
             running = None
         unsaved = {one.identity: one for one in reversed(session.saves.unsaved_documents)}
-        film_under_way = session.film_match.running
-        if running is not None or film_under_way:
+        film_run = session.film_match.began
+        if running is not None or film_run is not None:
             unsaved[present.identity] = present
         for identity in {*self._autosaves, *unsaved}:
             document, autosave = unsaved.get(identity, present), self._autosave(identity)
@@ -102,8 +102,8 @@ class Recoveries:
                 autosave.offer((document, running), content, True, origin)
             else:
                 content = partial(_content, document, functions)
-                is_matched = film_under_way and document is present
-                autosave.offer(document, content, identity in unsaved, origin, is_matched)
+                run = film_run if document is present else None
+                autosave.offer(document, content, identity in unsaved, origin, run)
             is_gone = identity not in unsaved and identity is not present.identity
             if is_gone and autosave.is_idle:
                 self._autosaves.pop(identity).close()

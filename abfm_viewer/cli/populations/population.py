@@ -19,7 +19,7 @@ import numpy as np
 
 import abfm
 from abfm import Control, Parameters, Population, read_subjects
-from abfm.batch import Cluster, Entry
+from abfm.batch import Entry
 from abfm.errors import AbfmError, one_line, printable
 from abfm.io import write_atomically
 from abfm.population import HELD_OUT, Settings, function_text
@@ -28,7 +28,7 @@ from abfm.workers.control import CancelledError
 from abfm.workers.progress import Step, telling
 from abfm_viewer import pictures, signals
 from abfm_viewer.cli import options
-from abfm_viewer.cli.batches.running import add_workers
+from abfm_viewer.cli.batches.running import add_workers, cluster_of
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.populations import results
@@ -111,8 +111,9 @@ def run(arguments: argparse.Namespace) -> int:
     folder, began, control = arguments.out, time.perf_counter(), Control()
     outputs.check_not_read(folder / _SUBJECTS, [str(arguments.table)])
     cohort, settings = read_subjects(arguments.table), _settings(arguments)
-    cluster = Cluster(arguments.jobs, arguments.scheduler, arguments.scheduler_file)
+    cluster = cluster_of(arguments)
     outputs.make_folder(folder)
+    outputs.check_folder(folder / "population.npz")
     with (
         cancelled_by_signals(control, "with what is done") as kept,
         _progress(arguments.quiet),

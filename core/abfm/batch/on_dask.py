@@ -246,8 +246,12 @@ def _address_in(path: str | os.PathLike[str]) -> str:
     if not os.path.isfile(path):
         raise ResultError(f"there is no scheduler's file {name}")
     try:
-        address = from_json(read_bytes(path, _LARGEST))["address"]
-    except (OSError, ValueError, KeyError, TypeError, IndexError):
+        content = read_bytes(path, _LARGEST)
+    except OSError as error:
+        raise ResultError(f"cannot read the scheduler's file {name}: {one_line(error)}") from error
+    try:
+        address = from_json(content)["address"]
+    except (ValueError, KeyError, TypeError, IndexError):
         address = None
     if not (isinstance(address, str) and address):
         raise ResultError(

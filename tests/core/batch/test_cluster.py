@@ -161,6 +161,14 @@ def test_a_scheduler_file_without_an_address_is_told_at_once(text, tmp_path):
         run(ROWS, tmp_path / "out", Cluster(scheduler_file=tmp_path / "scheduler.json"))
 
 
+def test_a_scheduler_file_that_may_not_be_read_is_told(tmp_path, monkeypatch):
+    (tmp_path / "scheduler.json").touch()
+    refuse = Mock(side_effect=PermissionError(13, "Permission denied"))
+    monkeypatch.setattr(on_dask, "read_bytes", refuse)
+    with pytest.raises(ResultError, match=r"cannot read .*scheduler\.json: Permission denied"):
+        run(ROWS, tmp_path / "out", Cluster(scheduler_file=tmp_path / "scheduler.json"))
+
+
 def test_workers_are_waited_for_and_that_is_told(alone, tmp_path, monkeypatch):
     monkeypatch.setattr(on_dask, "_COUNTS_EVERY", 0.2)
     told = []

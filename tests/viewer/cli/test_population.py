@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import sys
+from pathlib import Path
 
 import nibabel
 import numpy as np
@@ -271,6 +272,15 @@ def test_a_subject_that_cannot_be_registered_is_told(abfm, folder, found):
 def test_what_does_not_fit_is_told_in_a_line(abfm, folder, monkeypatch, words, told):
     monkeypatch.chdir(folder)
     assert told in abfm(f"{words} --quiet", status=2).err
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which nobody may write")
+def test_a_folder_that_takes_no_files_is_refused_before_subjects_are_read(
+    abfm, folder, monkeypatch
+):
+    monkeypatch.chdir(folder)
+    words = "population table.csv --template template.gii --out /proc/self"
+    assert "abfm: cannot write /proc/self/population.npz" in abfm(words, status=2).err
 
 
 def test_the_table_of_subjects_is_not_replaced_by_what_is_found(abfm, tmp_path):

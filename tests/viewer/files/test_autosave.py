@@ -250,10 +250,17 @@ def begun(autosave):
 
 
 def test_a_film_under_way_is_copied_at_once_and_once(autosave, clock):
-    document = Document((SURFACE,), film=FILM)
-    for seconds, is_written in ((1, True), (2, False), (30, False)):
+    document, run = Document((SURFACE,), film=FILM), object()
+    later = replace(document, time=1.0)
+    for seconds, shown, of, is_written in (
+        (1, document, run, True),
+        (2, later, run, False),  # as it plays meanwhile
+        (22, later, run, True),
+        (50, later, run, False),
+        (51, document, object(), True),
+    ):
         clock.seconds = seconds
-        autosave.offer(document, lambda: (document, {}), True, is_film_under_way=True)
+        autosave.offer(shown, lambda shown=shown: (shown, {}), True, film_run=of)
         settle(autosave)
         assert (copied(autosave) == "film on sphere") is is_written
         autosave.path.unlink(missing_ok=True)
@@ -262,10 +269,10 @@ def test_a_film_under_way_is_copied_at_once_and_once(autosave, clock):
 def test_a_film_under_way_that_cannot_be_copied_is_tried_as_often_as_others(tmp_path, clock):
     (tmp_path / "state").touch()
     autosave = Autosave(StateFolder(tmp_path / "state"), seconds=20, clock=clock)
-    document, tried = Document((SURFACE,), film=FILM), list[int]()
+    document, run, tried = Document((SURFACE,), film=FILM), object(), list[int]()
     for seconds in (1, 2, 3, 19, 22, 23):
         clock.seconds = seconds
-        autosave.offer(document, lambda: (document, {}), True, is_film_under_way=True)
+        autosave.offer(document, lambda: (document, {}), True, film_run=run)
         if autosave._future is not None:
             tried.append(seconds)
         settle(autosave)
@@ -276,8 +283,8 @@ def test_a_film_under_way_that_cannot_be_copied_is_tried_as_often_as_others(tmp_
 def test_what_is_beside_a_copy_goes_when_a_copy_has_all_fields(autosave, clock, film):
     whole, part = film
     path = begun(autosave)
-    for document, is_under_way in ((part, False), (whole, True)):
-        autosave.offer(document, lambda given=document: (given, {}), True, None, is_under_way)
+    for document, run in ((part, None), (whole, object())):
+        autosave.offer(document, lambda given=document: (given, {}), True, None, run)
         settle(autosave)
         clock.seconds += 21
         assert path.exists()
