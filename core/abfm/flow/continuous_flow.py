@@ -1,11 +1,9 @@
 """The flow of a field made continuous, so that lines along it bend instead of having kinks at
 edges: a witness for the maps that advection gives.
 
-Each vertex gets a vector: the faces around it are unrolled into the plane, with angles scaled to a
-full turn as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013, and a linear
-function is fitted to their vectors at their centres; inside a face these are interpolated. Points
-follow the field by the midpoint rule, straight over the edges; from a vertex they begin in the face
-that the field leads into. On smooth fields the error falls with the square of the edge length.
+Each vertex gets the vector of `corner_fit`; inside a face these are interpolated. Points follow the
+field by the midpoint rule, straight over the edges; from a vertex they begin in the face that the
+field leads into. On smooth fields the error falls with the square of the edge length.
 """
 
 from __future__ import annotations
@@ -17,15 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import face_areas, face_frames, hat_gradients
-from abfm.calculus.vector_fields import to_frame
 from abfm.errors import ParameterError, brief
+from abfm.flow.corner_fit import corner_vectors, corners
 from abfm.flow.flow_lines import AT_VERTEX, fields_in_a_row, walkers
 from abfm.maps.surface_points import SurfacePoints, vertex_points
-from abfm.mesh import TriangleMesh
+from abfm.mesh import TriangleMesh, per_mesh
 from abfm.mesh.subdivision import refined, to_children, to_parents
 from abfm.numerics.kernels import kernel
 from abfm.numerics.real_numbers import is_finite_number
-from abfm.types import BoolArray, FloatArray, IndexArray, IntArray
+from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
 
 STEP = 0.5  # of a walk, at most, in square roots of the area of the face where it begins
@@ -36,7 +34,6 @@ _STILL = 1e-12  # a part of the face so short is no way
 _INWARD = 1e-10
 _CHUNK = 4096  # points between checkpoints: 0.2 s where they go over a hundred faces each
 _CROSSINGS = 64  # edges that a step may meet before the walk counts as caught at a vertex
-RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
 _CENTRES = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2]]) / 6  # of children, in weights
 _STRAIGHT = 1 - 1e-9  # of a way's squared length: less is left where it slid along the boundary
 Face: TypeAlias = int | np.int64
@@ -70,7 +67,7 @@ class ContinuousFlow:
             speeds = [np.linalg.norm(v / mesh.length_scale, axis=1) for v in self.fields]
             # faces that a point meets per unit of time, on average by areas sizes^2
             self._pace = np.array([float(sizes @ speed) for speed in speeds])
-        self._kept: tuple[int, SmoothFlow] | None = None
+        self._kept: tuple[int, IndexArray, SmoothFlow] | None = None
         self._spans(0.0, self.tau)
 
     def destinations(
@@ -116,14 +113,16 @@ class ContinuousFlow:
             )
         return [(j, duration) for j, duration in enumerate(lasting.tolist()) if duration]
 
-    def _smooth(self, j: int) -> SmoothFlow:
-        """Return a field made continuous; that of the last one asked for is kept."""
+    def _smooth(self, j: int) -> tuple[IndexArray, SmoothFlow]:
+        """Return a field made continuous, at corners (F, 3) and for walks; that of the last one
+        asked for is kept.
+        """
         kept = self._kept
         if kept is None or kept[0] != j:
-            field = self.fields[j] / self.mesh.length_scale
             unit = refined(self.mesh, self._refined).normalized()
-            self._kept = kept = j, smooth_flow(unit, field)
-        return kept[1]
+            vectors = corner_vectors(unit, self.fields[j] / self.mesh.length_scale)
+            self._kept = kept = j, vectors, from_corners(unit, vectors)
+        return kept[1:]
 
     def _walked(self, start: SurfacePoints | None, spans: list[tuple[int, float]]) -> SurfacePoints:
         """Walk along fields, by number, each for a time of either sign."""
@@ -136,36 +135,20 @@ class ContinuousFlow:
         if at_vertex.any() and spans:
             first, duration = spans[0]
             vertices = fine.faces[faces[at_vertex], barycentric[at_vertex].argmax(axis=1)]
-            leading = math.copysign(1 / mesh.length_scale, duration) * self.fields[first]
+            leading = math.copysign(1.0, duration) * self._smooth(first)[0]
             ahead = slots_ahead(unit, leading)[vertices]
             faces[at_vertex], barycentric[at_vertex] = ahead // 3, np.eye(3)[ahead % 3]
         gradients, places = hat_gradients(unit), np.empty((len(faces), 2))
         enter(gradients, faces, barycentric, places)
         sizes = np.sqrt(face_areas(unit))
         for j, duration in spans:
-            flow = self._smooth(j)
+            _, flow = self._smooth(j)
             for begin in range(0, len(faces), _CHUNK):
                 checkpoint()
                 chunk = slice(begin, begin + _CHUNK)
                 carry(flow, sizes, duration, faces[chunk], places[chunk])
         leave(gradients, faces, places, barycentric)
         return SurfacePoints(mesh, *to_parents(faces, barycentric, k))
-
-
-class FlatFaces(NamedTuple):
-    corners: IndexArray  # (F, 3), complex, the first one at zero
-    areas: FloatArray  # (F,)
-    neighbours: IndexArray  # (F, 3), `TriangleMesh.opposite_slots`
-
-
-class Fan(NamedTuple):
-    """Memory for the faces around a vertex, in turn; their middles (n,) are unit complex numbers in
-    the faces' frames.
-    """
-
-    slots: IndexArray  # (n,)
-    middles: IndexArray
-    turns: FloatArray  # (n,), angles from the first side to the middles
 
 
 class SmoothFlow(NamedTuple):
@@ -192,19 +175,27 @@ class Walker(NamedTuple):
 
 def smooth_flow(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> SmoothFlow:
     """Make a field (F, 3) continuous, with lengths in a unit; faces without speed keep none."""
-    flat, gradients = flat_faces(mesh, unit), hat_gradients(mesh) * unit
-    vectors = corner_vectors(mesh, field, unit)
+    return from_corners(mesh, corner_vectors(mesh, field), unit)
+
+
+def from_corners(mesh: TriangleMesh, vectors: IndexArray, unit: float = 1.0) -> SmoothFlow:
+    """Make walks along the field that `corner_vectors` (F, 3) are of."""
+    gradients, unfolding = hat_gradients(mesh), _unfolding(mesh)
+    if unit != 1.0:
+        gradients, unfolding = gradients * unit, unfolding / [1.0, 1.0, unit, unit]
     slopes = np.einsum("fc,fck->fk", vectors, gradients)
-    starts, ends = (np.roll(flat.corners, turn, axis=1) for turn in (-1, -2))  # of the edges
-    turns = (starts.ravel()[flat.neighbours] - ends.ravel()[flat.neighbours]) / (ends - starts)
+    pairs = _pairs(np.concatenate([vectors[:, :1], slopes], axis=1))
+    return SmoothFlow(pairs, gradients, unfolding, mesh.opposite_slots)
+
+
+@per_mesh
+def _unfolding(mesh: TriangleMesh) -> FloatArray:
+    places, others = corners(mesh).places, mesh.opposite_slots
+    starts, ends = (np.roll(places, turn, axis=1) for turn in (-1, -2))  # of the edges
+    turns = (starts.ravel()[others] - ends.ravel()[others]) / (ends - starts)
     turns /= np.abs(turns)
-    shifts = ends.ravel()[flat.neighbours] - turns * starts
-    return SmoothFlow(
-        _pairs(np.concatenate([vectors[:, :1], slopes], axis=1)),
-        gradients,
-        np.concatenate([_pairs(turns), _pairs(shifts)], axis=2),
-        flat.neighbours,
-    )
+    shifts = ends.ravel()[others] - turns * starts
+    return np.concatenate([_pairs(turns), _pairs(shifts)], axis=2)
 
 
 def on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
@@ -216,139 +207,25 @@ def on_children(mesh: TriangleMesh, field: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("fqk,fkx->fqx", at_centres, face_frames(mesh)).reshape(-1, 3))
 
 
-def slots_ahead(mesh: TriangleMesh, field: FloatArray) -> IntArray:
-    """Return each vertex's slot ``3 f + k`` in the face that the continuous field leads into."""
-    corners, vectors = flat_faces(mesh).corners, corner_vectors(mesh, field)
-    first, last = (np.roll(corners, turn, axis=1) - corners for turn in (-1, -2))
-    middles = first / np.abs(first) + last / np.abs(last)
-    aside = np.where(
-        vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / np.angle(last / first)
-    )
-    slots = np.argsort(-aside, axis=None, kind="stable")
+def aside(vectors: IndexArray, middles: IndexArray, angles: FloatArray) -> FloatArray:
+    """Return how far vectors lead aside of the middles of corners, in angles of these; infinite for
+    those that lead nowhere.
+    """
+    return np.where(vectors == 0, np.inf, np.abs(np.angle(vectors / middles)) / angles)
+
+
+def slots_ahead(mesh: TriangleMesh, vectors: IndexArray) -> IntArray:
+    """Return each vertex's slot ``3 f + k`` in the face that `corner_vectors` lead into."""
+    around = corners(mesh)
+    off = aside(vectors, around.middles, around.angles)
+    slots = np.argsort(-off, axis=None, kind="stable")
     ahead = np.empty(len(mesh.vertices), dtype=np.int64)
     ahead[mesh.faces.ravel()[slots]] = slots  # of repeated vertices the last one stays
     return ahead
 
 
-def corner_vectors(mesh: TriangleMesh, field: FloatArray, unit: float = 1.0) -> IndexArray:
-    """Return the continuous field at corners, as complex numbers in the faces' frames, (F, 3)."""
-    vectors = np.empty((len(mesh.faces), 3), dtype=np.complex128)
-    most = int(np.bincount(mesh.faces.ravel()).max())
-    fit_corners(flat_faces(mesh, unit), _complex(to_frame(mesh, field)), most, vectors)
-    return vectors
-
-
-def flat_faces(mesh: TriangleMesh, unit: float = 1.0) -> FlatFaces:
-    places = mesh.vertices[mesh.faces]
-    corners = np.einsum("fcx,fkx->fck", places - places[:, :1], face_frames(mesh))
-    return FlatFaces(_complex(corners) / unit, face_areas(mesh), mesh.opposite_slots)
-
-
 def _pairs(numbers: IndexArray) -> FloatArray:
     return np.stack([numbers.real, numbers.imag], axis=-1)
-
-
-def _complex(pairs: FloatArray) -> IndexArray:
-    return np.ascontiguousarray(pairs).view(np.complex128)[..., 0]
-
-
-@kernel
-def fit_corners(flat: FlatFaces, field: IndexArray, most: int, vectors: IndexArray) -> None:
-    """Fit vectors at corners (F, 3), one for each fan of faces, to those of faces (F,)."""
-    corners = flat.corners
-    seen = np.zeros(corners.shape, dtype=np.bool_)
-    fan = np.empty(most, dtype=np.int64)
-    numbers = np.empty((3, most), dtype=np.complex128)
-    middles, centres, unrolled, turns = numbers[0], numbers[1], numbers[2], np.empty(most)
-    for slot in range(seen.size):
-        if seen[slot // 3, slot % 3]:
-            continue
-        count, scale = unroll(flat, slot, Fan(fan, middles, turns), seen)
-        for i in range(count):
-            f, c = fan[i] // 3, fan[i] % 3
-            rotation = np.exp(1j * scale * turns[i]) / middles[i]
-            centre = (corners[f, 0] + corners[f, 1] + corners[f, 2]) / 3 - corners[f, c]
-            centres[i] = centre * rotation
-            unrolled[i] = field[f] * rotation
-        vector = fitted(fan[:count], centres, unrolled, flat.areas)
-        for i in range(count):
-            f, c = fan[i] // 3, fan[i] % 3
-            turned_back = vector * middles[i] * np.exp(-1j * scale * turns[i])
-            vectors[f, c] = turned_back if field[f] != 0 else 0.0
-
-
-@kernel
-def unroll(flat: FlatFaces, slot: int, fan: Fan, seen: BoolArray) -> tuple[int, float]:
-    """Write the fan of faces around the vertex of a slot, and mark its slots; return how many there
-    are, and what angles are scaled by, to a full turn where the fan is closed.
-    """
-    corners = flat.corners
-    start, closed = clockwise_end(flat.neighbours, slot)
-    count, turned, here = 0, 0.0, start
-    while here >= 0:
-        f, c = here // 3, here % 3
-        seen[f, c] = True
-        fan.slots[count] = here
-        first = corners[f, (c + 1) % 3] - corners[f, c]
-        last = corners[f, (c + 2) % 3] - corners[f, c]
-        middle = first / abs(first) + last / abs(last)
-        angle = np.angle(last / first)
-        fan.middles[count] = middle / abs(middle)
-        fan.turns[count] = turned + angle / 2
-        turned += angle
-        count += 1
-        here = around(flat.neighbours, here, 1)
-        if here == start:
-            break
-    return count, 2 * np.pi / turned if closed else 1.0
-
-
-@kernel
-def around(neighbours: IndexArray, slot: int, turn: int) -> int:
-    """Return the vertex's slot in the next face, turning left (1) or right (2), -1 if none."""
-    other = neighbours[slot // 3, (slot + turn) % 3]
-    return -1 if other < 0 else 3 * (other // 3) + (other + turn) % 3
-
-
-@kernel
-def clockwise_end(neighbours: IndexArray, slot: int) -> tuple[int, bool]:
-    """Return the first slot of a vertex's fan of faces, or any where the fan is closed."""
-    here, before = slot, around(neighbours, slot, 2)
-    while before >= 0 and before != slot:
-        here, before = before, around(neighbours, before, 2)
-    return (slot, True) if before == slot else (here, False)
-
-
-@kernel
-def fitted(fan: IndexArray, places: IndexArray, values: IndexArray, areas: FloatArray) -> complex:
-    """Evaluate at zero the linear function fitted to complex values, weighted by areas."""
-    total, place, value = 0.0, 0j, 0j
-    for i in range(fan.size):
-        weight = areas[fan[i] // 3]
-        total += weight
-        place += weight * places[i]
-        value += weight * values[i]
-    place /= total
-    value /= total
-    if fan.size == 1:
-        return value
-    xx, xy, yy, vx, vy = 0.0, 0.0, 0.0, 0j, 0j
-    for i in range(fan.size):
-        weight = areas[fan[i] // 3]
-        away, more = places[i] - place, values[i] - value
-        xx += weight * away.real**2
-        xy += weight * away.real * away.imag
-        yy += weight * away.imag**2
-        vx += weight * away.real * more
-        vy += weight * away.imag * more
-    ridge = RIDGE * (xx + yy)
-    xx, yy = xx + ridge, yy + ridge
-    determinant = xx * yy - xy * xy
-    if determinant <= 0.0:
-        return value
-    along_x, along_y = (yy * vx - xy * vy) / determinant, (xx * vy - xy * vx) / determinant
-    result: complex = value - along_x * place.real - along_y * place.imag
-    return result
 
 
 @kernel

@@ -13,22 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
+from abfm.calculus.operators import hat_gradients
 from abfm.errors import AdvectionError
-from abfm.flow.continuous_flow import (
-    RIDGE,
-    Fan,
-    FlatFaces,
-    SmoothFlow,
-    enter,
-    flat_faces,
-    leave,
-    smooth_flow,
-    unroll,
-    vector_at,
-)
+from abfm.flow.continuous_flow import SmoothFlow, aside, enter, from_corners, leave, vector_at
+from abfm.flow.corner_fit import as_complex, corners, fitted, fitted_back
 from abfm.flow.flow_lines import AT_VERTEX
 from abfm.maps.surface_points import SurfacePoints
-from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.kernels import kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
@@ -61,8 +51,6 @@ class FlowLineDerivative:
     def __init__(self, points: SurfacePoints, tau: float) -> None:
         self.mesh, self.points, self.tau = points.mesh, points, tau
         mesh = points.mesh
-        self._fit, self._back = corner_fit(mesh)
-        self._geometry = smooth_flow(mesh, np.zeros((len(mesh.faces), 3)))
         self._size = 1 / math.sqrt(len(mesh.faces))
         self._fans = _Fans(points)
 
@@ -78,9 +66,10 @@ class FlowLineDerivative:
         tapes: list[Tape] = []
         places = np.empty((len(faces), 2))
         for j, field in enumerate(x):
-            flow, count = self._flow(field), self.steps(field, len(x))
+            vectors, count = fitted(self.mesh, as_complex(field)), self.steps(field, len(x))
+            flow = from_corners(self.mesh, vectors)
             if j == 0:
-                self._fans.turn_ahead(flow, faces, weights)
+                self._fans.turn_ahead(vectors, faces, weights)
                 enter(flow.gradients, faces, weights, places)
             tape = Tape(
                 np.empty((len(faces), count, 2), dtype=np.int64),
@@ -89,7 +78,7 @@ class FlowLineDerivative:
             )
             follow(flow, self.tau / len(x) / count, faces, places, tape)
             tapes.append(tape)
-        leave(self._geometry.gradients, faces, places, weights)
+        leave(hat_gradients(self.mesh), faces, places, weights)
         if not np.isfinite(weights).all():
             raise AdvectionError("flow lines lead nowhere: slow the field")
         return Walk(SurfacePoints(self.mesh, faces, weights), tapes)
@@ -103,8 +92,8 @@ class FlowLineDerivative:
         for j in reversed(range(len(walk.tapes))):
             at_corners = np.zeros((len(self.mesh.faces), 3, 2))
             go_back(walk.tapes[j], slopes, at_corners)
-            of_corners = at_corners.view(np.complex128)[..., 0].ravel()
-            found[j] = np.asarray(self._back @ of_corners).view(np.float64).reshape(-1, 2)
+            of_faces = fitted_back(self.mesh, as_complex(at_corners))
+            found[j] = of_faces.view(np.float64).reshape(-1, 2)
         return found
 
     def steps(self, field: FloatArray, fields: int) -> int:
@@ -115,14 +104,6 @@ class FlowLineDerivative:
         if not over <= _MOST:
             raise AdvectionError(f"flow lines lead over {over:.0e} faces: slow the field")
         return int(2 ** math.ceil(math.log2(max(over, _FEWEST))))
-
-    def _flow(self, field: FloatArray) -> SmoothFlow:
-        values = np.ascontiguousarray(field, dtype=np.float64).view(np.complex128)[:, 0]
-        corners = np.asarray(self._fit @ values).reshape(-1, 3)
-        slopes = np.einsum("fc,fck->fk", corners, self._geometry.gradients)
-        vectors = np.concatenate([corners[:, :1], slopes], axis=1)
-        pairs = np.stack([vectors.real, vectors.imag], axis=-1)
-        return self._geometry._replace(vectors=pairs)
 
     def jacobian(self, walk: Walk) -> sparse.csr_array:
         """Return the derivative of the ends of a walk, in the frames of their faces, by the
@@ -152,104 +133,18 @@ class _Fans:
             [np.zeros(0, int), *(order[b:e] for b, e in zip(begins, ends, strict=True))]
         )
         self._owners = np.repeat(at, ends - begins)
-        faces, here = np.divmod(self._slots, 3)
-        corners = flat_faces(mesh).corners[faces]
-        place, first, last = (
-            np.take_along_axis(corners, (here[:, None] + k) % 3, axis=1)[:, 0] for k in range(3)
-        )
-        first, last = first - place, last - place
-        self._places = np.stack([place.real, place.imag], axis=-1)
-        self._middles = first / np.abs(first) + last / np.abs(last)
-        self._angles = np.angle(last / first)
+        around = corners(mesh)
+        self._middles = around.middles.ravel()[self._slots]
+        self._angles = around.angles.ravel()[self._slots]
 
-    def turn_ahead(self, flow: SmoothFlow, faces: IntArray, weights: FloatArray) -> None:
-        """Begin at vertices in the face that the field leads into, as `slots_ahead`."""
-        own = flow.vectors[self._slots // 3]
-        x, y = (own[:, 0] + np.einsum("pj,pjk->pk", self._places, own[:, 1:])).T
-        turned = (x + 1j * y) / self._middles
-        aside = np.where(turned == 0, np.inf, np.abs(np.angle(turned)) / self._angles)
-        order = np.argsort(-aside, kind="stable")
+    def turn_ahead(self, vectors: IndexArray, faces: IntArray, weights: FloatArray) -> None:
+        """Begin at vertices in the face that the vectors at corners lead into, as `slots_ahead`."""
+        off = aside(vectors.ravel()[self._slots], self._middles, self._angles)
+        order = np.argsort(-off, kind="stable")
         best = np.full(len(faces), -1)
         best[self._owners[order]] = self._slots[order]  # of repeated points the last one stays
         at = np.flatnonzero(best >= 0)
         faces[at], weights[at] = best[at] // 3, np.eye(3)[best[at] % 3]
-
-
-@per_mesh
-def corner_fit(mesh: TriangleMesh) -> tuple[sparse.csr_array, sparse.csr_array]:
-    """Return the map of complex vectors in faces (F,) to those that `corner_vectors` fits at
-    corners, (3 F, F), which takes faces without speed for others; and its adjoint.
-    """
-    flat, slots = flat_faces(mesh), np.bincount(mesh.corner_fans.ravel())
-    total, most = int((slots**2).sum()), int(slots.max())
-    rows, columns = np.empty(total, dtype=np.int64), np.empty(total, dtype=np.int64)
-    values = np.empty(total, dtype=np.complex128)
-    fit_weights(flat, most, (rows, columns), values)
-    shape = (mesh.faces.size, len(mesh.faces))
-    fit = sparse.csr_array((values, (rows, columns)), shape=shape)
-    return fit, sparse.csr_array(fit.conj().T)
-
-
-@kernel
-def fit_weights(
-    flat: FlatFaces,
-    most: int,
-    entries: tuple[IndexArray, IndexArray],
-    values: IndexArray,
-) -> None:
-    """Write the entries of `corner_fit`: the linear map that `fit_corners` applies."""
-    rows, columns = entries
-    corners, areas = flat.corners, flat.areas
-    seen = np.zeros(corners.shape, dtype=np.bool_)
-    fan = np.empty(most, dtype=np.int64)
-    rotations, centres = np.empty(most, np.complex128), np.empty(most, np.complex128)
-    middles, turns = np.empty(most, np.complex128), np.empty(most)
-    shares, free = np.empty(most), 0
-    for slot in range(seen.size):
-        if seen[slot // 3, slot % 3]:
-            continue
-        count, scale = unroll(flat, slot, Fan(fan, middles, turns), seen)
-        for i in range(count):
-            f, c = fan[i] // 3, fan[i] % 3
-            rotations[i] = np.exp(1j * scale * turns[i]) / middles[i]
-            centre = (corners[f, 0] + corners[f, 1] + corners[f, 2]) / 3 - corners[f, c]
-            centres[i] = centre * rotations[i]
-        weigh(fan[:count], centres, areas, shares)
-        for i in range(count):
-            back = middles[i] * np.exp(-1j * scale * turns[i])
-            for j in range(count):
-                rows[free], columns[free] = fan[i], fan[j] // 3
-                values[free] = shares[j] * rotations[j] * back
-                free += 1
-
-
-@kernel
-def weigh(fan: IndexArray, places: IndexArray, areas: FloatArray, shares: FloatArray) -> None:
-    """Write the weights of values in `continuous_flow.fitted`."""
-    total, place = 0.0, 0j
-    for i in range(fan.size):
-        shares[i] = areas[fan[i] // 3]
-        total += shares[i]
-        place += shares[i] * places[i]
-    place /= total
-    xx, xy, yy = 0.0, 0.0, 0.0
-    for i in range(fan.size):
-        away = places[i] - place
-        xx += shares[i] * away.real**2
-        xy += shares[i] * away.real * away.imag
-        yy += shares[i] * away.imag**2
-    ridge = RIDGE * (xx + yy)
-    xx, yy = xx + ridge, yy + ridge
-    determinant = xx * yy - xy * xy
-    is_flat = fan.size == 1 or determinant <= 0.0
-    for i in range(fan.size):
-        slope = 0.0
-        if not is_flat:
-            away = places[i] - place
-            along_x = (yy * away.real - xy * away.imag) / determinant
-            along_y = (xx * away.imag - xy * away.real) / determinant
-            slope = along_x * place.real + along_y * place.imag
-        shares[i] *= 1 / total - slope
 
 
 @kernel

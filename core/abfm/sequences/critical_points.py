@@ -15,9 +15,9 @@ import numpy as np
 
 from abfm.calculus.operators import face_areas, hat_gradients
 from abfm.calculus.vector_fields import to_frame
-from abfm.flow.continuous_flow import corner_vectors, flat_faces
+from abfm.flow.corner_fit import corner_vectors, corners
 from abfm.maps.surface_points import SurfacePoints
-from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IndexArray, IntArray
 
 Kind = Literal["source", "sink", "spiral", "saddle"]
@@ -92,43 +92,17 @@ def face_indices(
     """Return the index of the continuous field in each face, (F,); 0 where it has no direction."""
     if vectors is None:
         vectors = corner_vectors(mesh, field)
-    middles, half, holonomy = _corners(mesh)
+    around = corners(mesh)
+    half, holonomy = around.scaled / 2, around.scaled.sum(axis=1) - np.pi
     areas = face_areas(mesh)
     squares = (to_frame(mesh, field) ** 2).sum(axis=1)
     usual = float(np.sqrt(areas @ squares / areas.sum()))
     still = np.abs(vectors) <= _STILL * usual
     # a vertex has one vector for all its faces: any direction gives a zero there to one of them
     aside = corner_vectors(mesh, np.tile(_ASIDE, (len(mesh.faces), 1)))
-    turned = np.angle(np.where(still, aside, vectors) / middles)
+    turned = np.angle(np.where(still, aside, vectors) / around.middles)
     from_first, from_last = turned + half, turned - half
     changes = np.roll(from_last, -1, axis=1) - np.pi - from_first
     changes = np.pi - (np.pi - changes) % (2 * np.pi)  # within (-pi, pi]
     total = (changes.sum(axis=1) + holonomy) / (2 * np.pi)
     return np.where(still.all(axis=1), 0, np.rint(total)).astype(np.int64)
-
-
-@per_mesh
-def _corners(mesh: TriangleMesh) -> tuple[IndexArray, FloatArray, FloatArray]:
-    """Return unit directions to the middle of each corner, half its scaled angle, (F, 3) each, and
-    how much the scaled angles of each face exceed half a turn, (F,).
-    """
-    corners = flat_faces(mesh).corners
-    first, last = (np.roll(corners, turn, axis=1) - corners for turn in (-1, -2))
-    middles = first / np.abs(first) + last / np.abs(last)
-    angles = np.angle(last / first)
-    fans = mesh.corner_fans
-    total = np.bincount(fans.ravel(), angles.ravel())
-    scale = np.where(_is_closed(mesh), 2 * np.pi / total, 1.0)[fans]
-    scaled = scale * angles
-    return middles / np.abs(middles), scaled / 2, scaled.sum(axis=1) - np.pi
-
-
-def _is_closed(mesh: TriangleMesh) -> IndexArray:
-    """Tell which fans of faces go all the way around their vertex."""
-    fans = mesh.corner_fans
-    open_slots = np.flatnonzero(mesh.opposite_slots.ravel() < 0)
-    faces, corner = np.divmod(open_slots, 3)
-    closed = np.ones(int(fans.max()) + 1, dtype=bool)
-    for turn in (1, 2):
-        closed[fans[faces, (corner + turn) % 3]] = False
-    return closed

@@ -7,8 +7,9 @@ from numpy.testing import assert_allclose
 from abfm.calculus.operators import face_frames
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.errors import AdvectionError
-from abfm.flow.continuous_flow import ContinuousFlow, corner_vectors
-from abfm.flow.flow_line_derivative import FlowLineDerivative, corner_fit
+from abfm.flow.continuous_flow import ContinuousFlow
+from abfm.flow.corner_fit import as_complex, corner_vectors, fitted, fitted_back
+from abfm.flow.flow_line_derivative import FlowLineDerivative
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from tests.core.fields import rotation_field, wavy_field
 from tests.core.surfaces import SURFACES
@@ -40,13 +41,14 @@ def outwards(mesh, count):
 def test_the_fit_is_that_of_the_continuous_field_and_has_its_adjoint(name):
     mesh = SURFACES[name].normalized()
     field = to_frame(mesh, wavy_field(mesh, 2))
-    fit, back = corner_fit(mesh)
-    found = (fit @ np.ascontiguousarray(field).view(complex)[:, 0]).reshape(-1, 3)
     expected = corner_vectors(mesh, to_ambient(mesh, field))
-    near(found, expected, 1e-13 * np.abs(expected).max())
+    near(fitted(mesh, as_complex(field)), expected, 1e-13 * np.abs(expected).max())
     rng = np.random.default_rng(0)
-    one, other = (rng.normal(size=(n, 2)).view(complex)[:, 0] for n in fit.shape[::-1])
-    assert np.vdot(other, fit @ one) == pytest.approx(np.vdot(back @ other, one))
+    faces, at_corners = (
+        as_complex(rng.normal(size=(*n.shape, 2))) for n in (field[:, 0], expected)
+    )
+    there = np.vdot(at_corners, fitted(mesh, faces))
+    assert there == pytest.approx(np.vdot(fitted_back(mesh, at_corners), faces))
 
 
 @pytest.mark.parametrize("count", [1, 3])

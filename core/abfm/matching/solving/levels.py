@@ -15,7 +15,8 @@ import numpy as np
 from abfm.calculus.operators import Matrix, face_frames, face_normals, vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.clusters import vertex_clusters
-from abfm.flow.continuous_flow import corner_vectors, on_children
+from abfm.flow.continuous_flow import on_children
+from abfm.flow.corner_fit import corner_vectors
 from abfm.maps.point_maps import PointMap
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solvability import narrowest

@@ -168,10 +168,10 @@ class FunctionTerm:
         return float(np.sqrt(self.covariance(functions, functions)))
 
     def covariance(self, one: FloatArray, other: FloatArray) -> float:
-        areas = self.areas
-        apart = one - (one @ areas / areas.sum())[:, None]
-        products = apart * (other - (other @ areas / areas.sum())[:, None])
-        return float(self.weights @ (products @ areas))
+        shares = self.areas / self.areas.sum()
+        # not by BLAS, whose threads wait for one another where other programs run
+        one, other = (f - np.einsum("cv,v->c", f, shares)[:, None] for f in (one, other))
+        return float(self.weights @ np.einsum("cv,v->c", one * other, self.areas))
 
 
 class SmoothedNorm:

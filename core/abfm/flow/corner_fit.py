@@ -1,0 +1,151 @@
+"""Vectors at corners, one for each vertex, fitted to those of the faces around it.
+
+The faces around a vertex are unrolled into the plane, with angles scaled to a full turn where they
+close, as in Knöppel et al., Globally Optimal Direction Fields, SIGGRAPH 2013; a linear function is
+fitted to their vectors at their centres, and taken at the vertex. Vectors are complex numbers in
+the faces' frames. All but the vectors is made once for each mesh; the fit is linear in them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.calculus.operators import face_areas, face_frames
+from abfm.calculus.vector_fields import to_frame
+from abfm.mesh import TriangleMesh, per_mesh
+from abfm.numerics.kernels import kernel
+from abfm.types import BoolArray, FloatArray, IndexArray
+
+_RIDGE = 0.02  # of the fitted slope: for vertices with one or two faces
+
+
+def corner_vectors(mesh: TriangleMesh, field: FloatArray) -> IndexArray:
+    """Return a field (F, 3), made continuous, at corners, (F, 3); faces without speed keep none."""
+    vectors = as_complex(to_frame(mesh, field))
+    return np.where(vectors[:, None] == 0, 0.0, fitted(mesh, vectors))
+
+
+def fitted(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
+    """Return what is fitted at corners (F, 3) to vectors in faces (F,)."""
+    fit = _fit(mesh)
+    found = _sums(mesh, fit.weights * vectors[:, None])[mesh.corner_fans]
+    return np.asarray(np.conj(fit.rotations) * found)
+
+
+def fitted_back(mesh: TriangleMesh, vectors: IndexArray) -> IndexArray:
+    """Return the adjoint of `fitted`: of vectors at corners (F, 3) those in faces (F,)."""
+    fit = _fit(mesh)
+    found = _sums(mesh, fit.rotations * vectors)[mesh.corner_fans]
+    return np.asarray((np.conj(fit.weights) * found).sum(axis=1))
+
+
+class Corners(NamedTuple):
+    """What corners look like in the frames of their faces."""
+
+    places: IndexArray  # (F, 3), complex, the first one at zero
+    middles: IndexArray  # (F, 3), complex, of length 1: directions that halve them
+    angles: FloatArray  # (F, 3)
+    scaled: FloatArray  # (F, 3), angles that add up to a full turn around inner vertices
+
+
+@per_mesh
+def corners(mesh: TriangleMesh) -> Corners:
+    points = mesh.vertices[mesh.faces]
+    sides = points - points[:, :1]
+    places = as_complex(np.einsum("fcx,fkx->fck", sides, face_frames(mesh)))
+    first, last = (np.roll(places, turn, axis=1) - places for turn in (-1, -2))
+    middles = first / np.abs(first) + last / np.abs(last)
+    angles = np.angle(last / first)
+    totals = np.where(_is_closed(mesh), 2 * np.pi / _sums(mesh, angles), 1.0)
+    return Corners(places, middles / np.abs(middles), angles, totals[mesh.corner_fans] * angles)
+
+
+def as_complex(pairs: FloatArray) -> IndexArray:
+    return np.ascontiguousarray(pairs).view(np.complex128)[..., 0]
+
+
+class _Fit(NamedTuple):
+    rotations: IndexArray  # (F, 3), complex, of length 1: from a face's frame to a vertex's plane
+    weights: IndexArray  # (F, 3), of a face's vector in the vertex's, with the rotation
+
+
+@per_mesh
+def _fit(mesh: TriangleMesh) -> _Fit:
+    around = corners(mesh)
+    turns = np.full(mesh.faces.shape, -1.0)
+    unroll(mesh.opposite_slots, around.scaled, turns)
+    rotations = np.exp(1j * turns) / around.middles
+    places = around.places / mesh.length_scale
+    places = (places.mean(axis=1, keepdims=True) - places) * rotations  # of the centres
+    areas = np.repeat(face_areas(mesh)[:, None] / mesh.length_scale**2, 3, axis=1)
+    totals, fans = _sums(mesh, areas), mesh.corner_fans
+    middles = _sums(mesh, areas * places) / totals
+    away = places - middles[fans]
+    xx, yy = (_sums(mesh, areas * part**2) for part in (away.real, away.imag))
+    xy = _sums(mesh, areas * away.real * away.imag)
+    ridge = _RIDGE * (xx + yy)
+    xx, yy = xx + ridge, yy + ridge
+    determinant = xx * yy - xy * xy
+    # one face has no slope, though rounding gives it some
+    has_slope = (np.bincount(fans.ravel()) > 1) & (determinant > 0)
+    scale = np.where(has_slope, 1 / np.where(has_slope, determinant, 1.0), 0.0)
+    x = scale * (yy * middles.real - xy * middles.imag)
+    y = scale * (xx * middles.imag - xy * middles.real)
+    slopes = x[fans] * away.real + y[fans] * away.imag
+    return _Fit(rotations, areas * (1 / totals[fans] - slopes) * rotations)
+
+
+def _sums(mesh: TriangleMesh, numbers: IndexArray) -> IndexArray:
+    """Add up what corners (F, 3) have around each vertex; fans have the numbers of their first."""
+    fans = mesh.corner_fans.ravel()
+    parts = (numbers.real, numbers.imag) if np.iscomplexobj(numbers) else (numbers,)
+    sums = [np.bincount(fans, part.ravel()) for part in parts]
+    return sums[0] if len(sums) == 1 else sums[0] + 1j * sums[1]
+
+
+def _is_closed(mesh: TriangleMesh) -> BoolArray:
+    """Tell which fans of faces go all the way around their vertex."""
+    fans = mesh.corner_fans
+    open_slots = np.flatnonzero(mesh.opposite_slots.ravel() < 0)
+    faces, corner = np.divmod(open_slots, 3)
+    closed = np.ones(int(fans.max()) + 1, dtype=bool)
+    for turn in (1, 2):
+        closed[fans[faces, (corner + turn) % 3]] = False
+    return closed
+
+
+@kernel
+def unroll(neighbours: IndexArray, angles: FloatArray, turns: FloatArray) -> None:
+    """Write, where there are negative numbers, the angles (F, 3) from the first side of each fan of
+    faces to the middles of its corners.
+    """
+    for slot in range(angles.size):
+        if turns[slot // 3, slot % 3] >= 0.0:
+            continue
+        start = clockwise_end(neighbours, slot)
+        here, turned = start, 0.0
+        while here >= 0:
+            angle = angles[here // 3, here % 3]
+            turns[here // 3, here % 3] = turned + angle / 2
+            turned += angle
+            here = around(neighbours, here, 1)
+            if here == start:
+                break
+
+
+@kernel
+def around(neighbours: IndexArray, slot: int, turn: int) -> int:
+    """Return the vertex's slot in the next face, turning left (1) or right (2), -1 if none."""
+    other = neighbours[slot // 3, (slot + turn) % 3]
+    return -1 if other < 0 else 3 * (other // 3) + (other + turn) % 3
+
+
+@kernel
+def clockwise_end(neighbours: IndexArray, slot: int) -> int:
+    """Return the first slot of a vertex's fan of faces, or this one where the fan is closed."""
+    here, before = slot, around(neighbours, slot, 2)
+    while before >= 0 and before != slot:
+        here, before = before, around(neighbours, before, 2)
+    return slot if before == slot else here
