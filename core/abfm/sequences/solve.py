@@ -139,23 +139,34 @@ class Solver:
             found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
         if self._is_far(energy, found):
             further = interval.go_on(last, _searched(energy))
-            enough = self._share_that_is_worth_it(energy, found) * found.energy
-            if further.energy < enough and not self._is_far(energy, further):
-                self.in_vain = 0
-                return further
-            self.in_vain += 1
+            if not self._is_worth_it(energy, found, further):
+                self.in_vain += 1
+                return found
+            self.in_vain = 0
+            # what is near may have been missed as the field before led astray
+            anew = found if start is None else interval.find(last, warmest, None)
+            found = further if self._is_worth_it(energy, anew, further) else anew
         return found
 
-    def _share_that_is_worth_it(self, energy: MatchingEnergy, found: Point) -> float:
-        """How much of the energy of what is near may be left by what is far: of measured functions,
-        of which all is not to be had, and of which the near explains some, half.
+    def _is_worth_it(self, energy: MatchingEnergy, found: Point, further: Point) -> bool:
+        """Tell whether what is far is to be taken for what is near: if it leaves little, by flow
+        lines, too, and has less energy; of measured functions, of which all is not to be had, and
+        of which the near explains some, half.
         """
-        is_part = is_measured(energy.functions)
-        return _WORTH if is_part and not self._is_no_motion(energy, found) else 1.0
+        is_part = is_measured(energy.functions) and not self._is_no_motion(energy, found)
+        if not further.energy < (_WORTH if is_part else 1.0) * found.energy:
+            return False
+        return not self._is_far(energy, further, defect(energy, further.field))
 
-    def _is_far(self, energy: MatchingEnergy, found: Point) -> bool:
-        """Tell whether much of an interval is left that is not noise."""
-        first, left = map(energy.relative_mismatch, (energy.functions.source, found.at.advected))
+    def _is_far(
+        self, energy: MatchingEnergy, found: Point, apart: FloatArray | float = 0.0
+    ) -> bool:
+        """Tell whether much of an interval is left that is not noise, by the discrete flow, and by
+        flow lines, which are that far apart.
+        """
+        first = energy.relative_mismatch(energy.functions.source)
+        both = (found.at.advected, found.at.advected - apart)
+        left = max(map(energy.relative_mismatch, both))
         return left > max(_MUCH * first, OFTEN * noise_floor(energy.functions, self.levels))
 
     def _settle(self, on_step: Callable[[], object] = lambda: None) -> None:
