@@ -19,7 +19,7 @@ from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 from abfm_viewer.appearance.theme import CRITICAL
-from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.computing.defaults import best_front, changes_in_time
 from abfm_viewer.computing.films import fast_in, ways_of
 from abfm_viewer.computing.registered import MOST_CHANNELS
 from abfm_viewer.document.verdict_words import Tone, share
@@ -121,8 +121,7 @@ def film_page(
         Layer(name, frames[:, :, c], color_range(frames[:, :, c]), keys, labels.unit)
         for c, name in enumerate([*labels.names, *usual[len(labels.names) :]][:count])
     ]
-    known = np.nan_to_num(frames[:, :, 0], posinf=0.0, neginf=0.0)
-    front = best_front(mesh, (known / (np.abs(known).max() or 1.0)).std(axis=0), up=labels.up)
+    front = best_front(mesh, up=labels.up, changes=changes_in_time(frames[:, :, :1]))
     spans = [
         Span(start, end, f"interval {number}: {text}", tone)
         for number, ((start, end), (text, tone)) in enumerate(

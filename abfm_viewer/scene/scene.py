@@ -15,7 +15,7 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.colormaps import place_colors
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.computing.defaults import best_front, front_of_film
 from abfm_viewer.document.document import SIDES, Document, Front, Look, Point, Side, triple
 from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
@@ -288,7 +288,8 @@ class Scene:
             if session.channels and not session.functions.problem(session.document):
                 return None
             known = []
-        front = best_front(surface.mesh, *known)
+        film = session.document.film
+        front = best_front(surface.mesh, *known) if film is None else front_of_film(film)
         session.editor.amend(surfaces=session.document.facing(front, slot).surfaces)
         return front
 

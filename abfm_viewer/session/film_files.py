@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,7 +73,11 @@ def film_of(name: str, frames: Frames) -> Film:
 
 
 def document_of_film(film: Film, surface: Surface, view: View) -> Document:
-    return Document((surface,), film=film, time=float(film.times[0]), view=view)
+    """Return a document of frames on a surface, which is seen from where it changes, unless the
+    view says otherwise.
+    """
+    seen = replace(surface, front=None)
+    return Document((seen,), film=film, time=float(film.times[0]), view=view)
 
 
 def document_of_sequence(sequence: abfm.Sequence, path: Path) -> Document:
@@ -86,6 +91,16 @@ def document_of_sequence(sequence: abfm.Sequence, path: Path) -> Document:
         time=float(sequence.times[0]),
         view=View(tracks=True),
     )
+
+
+def view_of_fields(view: View, sequence: abfm.Sequence) -> View:
+    """Return the view in which a film's fields are seen: with tracks, and arrows, unless something
+    else is shown of the flow already, or nothing is to be shown after matches.
+    """
+    if not (view.flow_after_match and sequence.velocity.any()):
+        return view
+    is_plain = not (view.arrows or view.streaks) and view.coloring == "function"
+    return replace(view, tracks=True, arrows=view.arrows or is_plain)
 
 
 def document_of_pair(

@@ -33,6 +33,7 @@ from abfm_viewer.document.surface_points import points_of, surface_points
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.bound import Bound
 from abfm_viewer.session.editor import Editor, Step
+from abfm_viewer.session.film_files import view_of_fields
 from abfm_viewer.session.film_match import FilmMatch
 from abfm_viewer.session.functions import DocumentFunctions
 from abfm_viewer.session.initial_maps import InitialMaps, Prepared
@@ -437,10 +438,7 @@ class Session:
         if self.document.identity is not began.identity:
             self.saves.found(replace(began, sequence=found))
             return
-        view = self.view
-        if view.flow_after_match and found.velocity.any():
-            is_plain = not (view.arrows or view.streaks) and view.coloring == "function"
-            view = replace(view, tracks=True, arrows=view.arrows or is_plain)
+        view = view_of_fields(self.view, found)
         self.editor.change("match all frames", sequence=found, view=view)
         if view.flow_after_match:
             self.editor.amend(time=self.document.start)

@@ -94,6 +94,33 @@ def test_frames_show_as_they_are_and_blended_until_they_are_matched(film):
     np.testing.assert_array_equal(session.document.film.times, np.arange(COUNT))
 
 
+def test_a_film_is_seen_from_the_side_that_changes_unless_the_user_has_turned_the_surface(
+    gui, tmp_path
+):
+    gui.frames(3)
+    session, behind = gui.session, -gui.session.surface().front.axes[2]
+    paths = tmp_path / "behind.npy", tmp_path / "missing.npy"
+    away = np.maximum(DIRECTIONS @ behind, 0) ** 4
+    frames = 0.2 * DIRECTIONS[:, 1] + np.sin(TIMES[:, None]) * away
+    np.save(paths[0], frames)
+    frames[2, away > 0.1] = np.nan
+    frames[:, DIRECTIONS @ behind < -0.9] += TIMES[:, None]
+    np.save(paths[1], frames)
+    for path, sign in zip(paths, (1, -1), strict=True):
+        gui.window.files.open(path)
+        gui.wait(lambda s, path=path: s.document.film and s.document.film.name == path.name)
+        gui.frames(3)
+        assert sign * np.dot(session.surface().front.direction, behind) > 0.5
+        np.testing.assert_allclose(gui.window.scene.view.rotation, session.surface().front.axes)
+    x, y = gui.window.scene.view.slots["advected"].middle
+    gui.input.drag((x, y), (x + 40, y + 10))
+    turned = session.view.look
+    gui.window.files.open(paths[0])
+    gui.wait(lambda s: s.document.film.name == paths[0].name)
+    gui.frames(3)
+    assert session.view.look == turned is not None
+
+
 def test_the_time_bar_goes_from_frame_to_frame_and_plays(film):
     session, player = film.session, film.session.player
     for act, what, time in (
@@ -311,12 +338,28 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     path = tmp_path / "wave.npz"
     sequence = abfm.sequence(EGG, FRAMES, TIMES, abfm.sequences.defaults(sigma=0.2), 0.0)
     sequence.save(path)
+    film.session.switch_flow_after_match()
     film.window.files.open(path)
     film.wait(lambda s: s.document.sequence is not None)
     document = film.session.document
     assert (document.film.unit, document.settings.gamma) == ("s", 0.0)
     assert not document.is_film_outdated
     assert document.view.tracks
+    assert document.view.arrows
+    settled(film)
+    film.wait(lambda _: ps.has_surface_mesh("arrows"))
+    film.click("Look", within="steps")
+    film.check("arrows", on=False)
+    film.choose("color by", "speed")
+    film.window.files.open(path)
+    film.wait(lambda s: s.document.identity is not document.identity)
+    assert (film.session.view.arrows, film.session.view.coloring) == (False, "speed")
+    film.choose("color by", "function")
+    film.session.switch_flow_after_match()
+    before = film.session.document
+    film.window.files.open(path)
+    film.wait(lambda s: s.document.identity is not before.identity)
+    assert not film.session.view.arrows
     film.window.files.open_dropped([tmp_path / "wave.npy"])
     film.wait(lambda s: s.document.sequence is None)
     np.save(tmp_path / "short.npy", FRAMES[:, :9])
