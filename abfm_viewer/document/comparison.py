@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from abfm import Population
@@ -49,6 +49,20 @@ class Comparison:
             "target": "mean of the others",
         }
         return titles.get(slot, slot)
+
+    def unknown(self, slot: str, channel: int) -> BoolArray | None:
+        """Where a slot's function has no values, and is filled in: (V,), or (F,) of areas; None
+        where it has them everywhere, or the slot is of another kind.
+        """
+        of_slots = {
+            "source": lambda: self.population.values[self.subject, :, channel],
+            "advected": lambda: self.values(channel),
+            "target": lambda: self.population.mean_of_others(self.subject, channel),
+        }
+        if slot not in of_slots:
+            return None
+        found = ~np.isfinite(of_slots[slot]())
+        return found if found.any() else None
 
     def values(self, channel: int) -> FloatArray:
         """What is compared of a channel: (V,), or (F,) of areas; NaN where it is not known."""

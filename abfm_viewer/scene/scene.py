@@ -34,6 +34,8 @@ _AWAY = 4.0
 _POINTS_OF_A_RIM = 32
 MARK_RADIUS = 9.0
 """Of landmarks, in pixels at a scale of 1."""
+NO_VALUE = "no value"
+"""What grey means, in the legend."""
 _LINKS = 0.0  # density of points with lines between surfaces
 
 
@@ -190,8 +192,13 @@ class Scene:
         ]
 
     def legend(self) -> tuple[str, ...]:
-        """Return the kinds of critical points whose ways are drawn."""
-        return tuple(self._tracks.counts()) if "advected" in self.shown else ()
+        """Return the kinds of critical points whose ways are drawn, and `NO_VALUE` where some are
+        missing.
+        """
+        kinds = tuple(self._tracks.counts()) if "advected" in self.shown else ()
+        paints = [self.paints[name] for name in self.shown if name in self.paints]
+        is_missing = any(paint.unknown is not None for paint in paints)
+        return (*kinds, NO_VALUE) if is_missing else kinds
 
     def landmarks(self) -> list[DrawnMark]:
         """Return the landmarks that are in view, where they are in the window."""

@@ -181,9 +181,15 @@ def _key_of(field: Field, look: tuple[bool, bool]) -> tuple[object, ...]:
     return id(field.of if field.of is not None else field), field.part, *look
 
 
-def coloured(streaks: Streaks, phase: float, values: FloatArray, colors: ColorRange) -> Texture:
+def coloured(
+    streaks: Streaks,
+    phase: float,
+    values: FloatArray,
+    colors: ColorRange,
+    unknown: BoolArray | None,
+) -> Texture:
     image = streaks.at(phase)
-    return Texture(streaks, shown.streak_texture(streaks.atlas, image, values, colors))
+    return Texture(streaks, shown.streak_texture(streaks.atlas, image, values, colors, unknown))
 
 
 class FieldQuantities(Jobs):
@@ -287,9 +293,9 @@ class FieldQuantities(Jobs):
         field, view = self.field(), self._session.view
         if field is None or self._session.solver.running:
             return None
-        is_film = self._session.document.film is not None
-        about = field.mesh if is_film else field
-        if is_film:
+        film = self._session.document.film
+        about, unknown = (field, None) if film is None else (field.mesh, film.unknown)
+        if film is not None:
             streaks = self._streaks_of_film(field, view.fade, view.animate)
         else:
             size = _TEXELS_OF_PICTURES if self.at_once else _TEXELS
@@ -299,7 +305,7 @@ class FieldQuantities(Jobs):
         phase = 0.0 if len(streaks.images) == 1 else self._session.player.phase
         if not self.at_once:
             phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
-        return self._texture.newest(about, coloured, streaks, phase, values, colors)
+        return self._texture.newest(about, coloured, streaks, phase, values, colors, unknown)
 
     def _streaks_of_film(self, field: Field, fade: bool, moving: bool) -> Streaks | None:
         """Return the streaks of an interval, which are kept for when it is shown again.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import abfm
+from abfm_viewer.appearance.colormaps import NO_VALUES, colors_of
 from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
 from abfm_viewer.computing.films import fast_in
@@ -13,6 +14,7 @@ from abfm_viewer.document.film import FilmSettings
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.panels.right_panel import OF_FILMS
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.scene import NO_VALUE
 from abfm_viewer.session.session_files import open_session
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.window import wave
@@ -405,6 +407,16 @@ def test_channels_share_fields_and_vertices_without_values_are_left_out(gui, tmp
     np.testing.assert_allclose(shown(gui, "source").values[5:], FRAMES[0, 5:] ** 2)
     gui.choose("channel", "0")
     np.testing.assert_allclose(shown(gui, "source").values[5:], FRAMES[0, 5:])
+    for name in ("source", "advected", "target"):
+        assert np.flatnonzero(shown(gui, name).unknown).tolist() == [0, 1, 2, 3, 4]
+    gui.type("time", "1.5")  # drawn in the same quantity
+    now, buffer = shown(gui), ps.get_surface_mesh("advected").get_quantity_buffer
+    colors = buffer(now.kind, "colors")
+    expected = colors_of(now.values, now.colors, now.unknown)
+    assert (expected[:5] == NO_VALUES).all()
+    for vertex in (0, 4, 5, 200, 641):
+        np.testing.assert_allclose(colors.get_value(vertex).as_tuple(), expected[vertex], atol=1e-6)
+    assert gui.window.scene.legend() == (NO_VALUE,)
     mask = gui.session.document.film.frames.mask
     assert (mask == 0).nonzero()[0].tolist() == [0, 1, 2, 3, 4]
 
