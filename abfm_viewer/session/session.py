@@ -30,6 +30,7 @@ from abfm_viewer.document.document import (
     View,
 )
 from abfm_viewer.document.surface_points import points_of, surface_points
+from abfm_viewer.document.verdict_words import counted
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.bound import Bound
 from abfm_viewer.session.editor import Editor, Step
@@ -435,14 +436,19 @@ class Session:
         if isinstance(found, str):
             self.notices.say(f"the solver stopped: {found}", True, RUN, {"Try again": self.match})
             return
-        if self.document.identity is not began.identity:
+        here = self.document.identity is began.identity
+        earlier = self.document.sequence
+        count = int(found.solved.sum())
+        if count and here:  # else nothing takes the place of what there is
+            view = view_of_fields(self.view, found)
+            self.editor.change("match all frames", sequence=found, view=view)
+            if view.flow_after_match:
+                self.editor.amend(time=self.document.start)
+                self.player.play_once()
+        elif count:
             self.saves.found(replace(began, sequence=found))
-            return
-        view = view_of_fields(self.view, found)
-        self.editor.change("match all frames", sequence=found, view=view)
-        if view.flow_after_match:
-            self.editor.amend(time=self.document.start)
-            self.player.play_once()
+        if here and count < len(found):
+            self.notices.say(_broken_off(count, len(found), earlier))
 
     def _keep_what_is_needed(self) -> None:
         """Keep of other documents only what undo, unsaved work and a run that ends still need."""
@@ -535,6 +541,17 @@ class Session:
         if self._apart is not None:
             self._apart.close()
         self._jobs.close()
+
+
+def _broken_off(count: int, whole: int, earlier: abfm.Sequence | None) -> str:
+    """Say what a film's run that was cancelled has found, and where its earlier result is."""
+    told = f"cancelled: {count} of {counted(whole, 'interval')} found"
+    if earlier is None or not earlier.solved.any():
+        return told
+    if not count:
+        return f"{told}, the earlier result stays"
+    more = int(earlier.solved.sum())
+    return f"{told}; Undo (Ctrl+Z) brings back the earlier result, which has {more}"
 
 
 def _meshes(*documents: Document) -> set[TriangleMesh]:

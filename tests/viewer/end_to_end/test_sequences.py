@@ -209,6 +209,44 @@ def test_cancel_keeps_what_was_found_and_pause_holds_the_run(film, tmp_path):
         assert (field is not None) == is_found == bool(sequence.velocity[interval].any())
 
 
+def test_a_cancelled_run_leaves_an_earlier_result_within_reach(film, tmp_path):
+    np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.005 * np.arange(120))[0])
+    film.window.files.open(tmp_path / "long.npy")
+    film.wait(lambda s: s.document.film.name == "long.npy")
+    session = film.session
+
+    def cancelled(when):
+        film.click("Match all frames")
+        film.wait(when)
+        film.click("Cancel")
+        film.wait(lambda s: not s.running)
+        film.frames(1)
+        return session.document.sequence, session.notices.latest.text
+
+    def some_are_found(session):
+        return session.film_match.found(session.document) > 1
+
+    sequence, told = cancelled(lambda s: s.film_match.running)
+    assert (sequence, told) == (None, "cancelled: 0 of 119 intervals found")
+    first, told = cancelled(some_are_found)
+    count = int(first.solved.sum())
+    assert told == f"cancelled: {count} of 119 intervals found"
+    sequence, told = cancelled(lambda s: s.film_match.running)
+    assert sequence is first
+    assert told == "cancelled: 0 of 119 intervals found, the earlier result stays"
+    second, told = cancelled(some_are_found)
+    assert second is not first
+    now = int(second.solved.sum())
+    assert told == (
+        f"cancelled: {now} of 119 intervals found; Undo (Ctrl+Z) brings back the earlier result, "
+        f"which has {count}"
+    )
+    film.key("ctrl+z")
+    assert session.document.sequence is first
+    film.key("ctrl+y")
+    assert session.document.sequence is second
+
+
 def test_other_parameters_make_a_result_outdated(solved, notes):
     session = solved.session
     solved.click("Match", within="steps")
