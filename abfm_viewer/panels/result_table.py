@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import polyscope.imgui as imgui
 
+from abfm.errors import brief
 from abfm_viewer.document.comparison import Compared
 from abfm_viewer.document.result_table import COLUMNS, WORST_FIRST, Name, ResultRow
 from abfm_viewer.panels.context import Context
@@ -102,7 +103,11 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
     left, top = imgui.GetCursorScreenPos()
     width, high = imgui.GetContentRegionAvail()
     columns = _fitting(ui, table.columns, width)
-    if not imgui.BeginTable(f"rows of {len(columns)}", len(columns), _FLAGS, (0.0, 0.0)):
+    # without rows, the heads alone, and below them why
+    none_is_found = not rows and bool(tables.search.strip())
+    heads = imgui.GetTextLineHeight() + 2 * imgui.GetStyle().CellPadding[1] + 2
+    size = 0.0, heads if none_is_found else 0.0
+    if not imgui.BeginTable(f"rows of {len(columns)}", len(columns), _FLAGS, size):
         return
     try:
         with ui.record.within("rows", (left, top, left + width, top + high)):
@@ -110,6 +115,10 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
             _draw_cells(ui, tables, columns, rows)
     finally:
         imgui.EndTable()
+    if none_is_found:
+        noun = "rows" if table.population is None else "subjects"
+        told = f"nothing called {brief(tables.search.strip())} among {len(table.rows)} {noun}"
+        ui.line(told, "ink", room=width)
 
 
 def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...]:
