@@ -45,10 +45,14 @@ def counted(number: int, noun: str) -> str:
 
 
 def share(value: float) -> str:
-    """A share in percent, rounded up, with as many digits as one reads: ``0.7%``, ``33%``."""
+    """A share in percent, with as many digits as one reads: ``0.7%``, ``2.6%``, ``33%``.
+
+    Rounded up: what is beyond a bound of so few digits never reads as within it, nor the other way
+    round.
+    """
     if value < _LEAST:
         return f"less than {100 * _LEAST:g}%"
-    digit = 0.01 if value >= 0.01 else 0.001 if value >= 0.001 else 0.0001
+    digit = 0.01 if value >= 0.1 else 0.001 if value >= 0.001 else 0.0001
     return f"{100 * digit * math.ceil(round(value / digit, 6)):.6g}%"
 
 

@@ -142,7 +142,7 @@ def test_heads_sort_and_words_are_searched_for(opened, lines):
     assert rows_of(opened) == ["along z"]
     opened.type("search", "along  Q", enter=False)
     assert rows_of(opened) == []
-    assert "nothing called 'along  Q' among 4 rows" in lines()
+    assert "nothing called 'along Q' among 4 rows" in lines()
     opened.type("search", "")
     assert not [text for text in lines() if text.startswith("nothing called")]
     opened.click("verdict", "rows")
