@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 Compared = Literal["difference", "mean", "deviation", "areas"]
 """What is between a subject and the mean of the others."""
+_LONGEST = 24  # characters of a name in a title
 COMPARED: tuple[Compared, ...] = get_args(Compared)
 
 
@@ -36,15 +37,18 @@ class Comparison:
         return self.population.names[self.subject]
 
     def title(self, slot: str) -> str:
-        """What a slot shows; a slot of another kind has no other name."""
+        """What a slot shows; a slot of another kind has no other name. Long names are cut, so that
+        the words after them have room.
+        """
+        name = self.name if len(self.name) <= _LONGEST else f"{self.name[: _LONGEST - 3]}..."
         between = {
-            "difference": f"{self.name} less the mean",
+            "difference": f"{name} less the mean",
             "mean": f"mean of the {int(self.population.fits.sum())} that fit",
             "deviation": "standard deviation",
             "areas": "deviation of log2 J",
         }
         titles = {
-            "source": f"{self.name}, carried",
+            "source": f"{name}, carried",
             "advected": between[self.what],
             "target": "mean of the others",
         }

@@ -105,8 +105,7 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
     columns = _fitting(ui, table.columns, width)
     # without rows, the heads alone, and below them why
     none_is_found = not rows and bool(tables.search.strip())
-    heads = imgui.GetTextLineHeight() + 2 * imgui.GetStyle().CellPadding[1] + 2
-    size = 0.0, heads if none_is_found else 0.0
+    size = 0.0, _whole_rows(0.0 if none_is_found else high)
     if not imgui.BeginTable(f"rows of {len(columns)}", len(columns), _FLAGS, size):
         return
     try:
@@ -119,6 +118,16 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
         noun = "rows" if table.population is None else "subjects"
         told = f"nothing called {brief(tables.search.strip())} among {len(table.rows)} {noun}"
         ui.line(told, "ink", room=width)
+
+
+def _whole_rows(room: float) -> float:
+    """Return the height of the heads, and of as many rows as have room and are not cut."""
+    border = 2.0
+    return _row_height() * max((room - border) // _row_height(), 1.0) + border
+
+
+def _row_height() -> float:
+    return float(imgui.GetTextLineHeight()) + 2 * float(imgui.GetStyle().CellPadding[1])
 
 
 def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...]:
@@ -180,7 +189,7 @@ def _draw_cells(
     ui: Ui, tables: Tables, columns: tuple[Name, ...], rows: tuple[ResultRow, ...]
 ) -> None:
     """Draw the rows in sight: hundreds of others only take their room."""
-    high = imgui.GetTextLineHeight() + 2 * imgui.GetStyle().CellPadding[1]
+    high = _row_height()
     in_sight = imgui.GetWindowHeight() - high  # below the heads
     if tables.scrolls:
         _scroll(tables, rows, high, in_sight)

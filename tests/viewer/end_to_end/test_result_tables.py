@@ -263,6 +263,24 @@ def test_the_sample_of_a_population_shows_who_is_odd(opened, monkeypatch):
     assert opened.errors == {}
 
 
+def test_no_row_is_cut_at_the_lower_end(opened, monkeypatch):
+    sizes, begin = [], result_table.imgui.BeginTable
+
+    def begun(name, columns, flags, size):
+        sizes.append(size)
+        return begin(name, columns, flags, size)
+
+    monkeypatch.setattr(result_table.imgui, "BeginTable", begun)
+    opened.frames(2)
+    rows = [w.rect for w in opened.window.ui.widgets if w.section == "table/rows"]
+    heads = rows[0]
+    high = heads[3] - heads[1]
+    assert {bottom - top for _, top, _, bottom in rows} == {high}
+    [(_, height)] = set(sizes)
+    assert height % high == 2  # for the border
+    assert height > 3 * high
+
+
 def test_the_menu_opens_a_table_by_a_file_of_its_folder(opened):
     place = opened.window.files.tables.table.place
     opened.click("Close table")
