@@ -481,7 +481,7 @@ def test_on_needles_what_moves_is_not_called_no_motion_nor_noise():
     left = film.problem(0, FAST).functions.relative_mismatch(problem.functions.source)
     still = Said(problem.functions.source, np.zeros((2, 3)), left, left, 0.0)
     told = verdict_of(problem, still, levels, True)
-    assert "no motion that the mesh can carry, as it spans 0.9" in told.reason
+    assert "no motion that the mesh can carry, as it spans 0.88 edges" in told.reason
     only_lines = replace(still, verified_mismatch=left / 9)
     assert "though flow lines do not" in verdict_of(problem, only_lines, levels, True).reason
 
