@@ -11,7 +11,7 @@ import abfm
 from abfm import ResultError, TriangleMesh
 from abfm.reading import read_gifti
 from abfm.types import FloatArray
-from abfm_viewer.document.document import Channel, Document, Surface, View
+from abfm_viewer.document.document import MEASURED, Channel, Document, Surface, View
 from abfm_viewer.document.film import Film, FilmSettings, unit_of
 
 if TYPE_CHECKING:
@@ -112,10 +112,11 @@ def document_of_pair(
     film = document.film
     assert film is not None
     known: dict[str, FloatArray] = {}
+    called: dict[str, str] = {}
 
     def spec(name: str, values: FloatArray) -> str:
         text = str(abfm.functions.ValuesFile(path=film.name, column=name))
-        known[text] = values
+        known[text], called[text] = values, name
         return text
 
     channels = []
@@ -123,8 +124,13 @@ def document_of_pair(
         of = f", channel {number}" if film.channels > 1 else ""
         source, target = (spec(f"frame {k}{of}", film.columns[k][number]) for k in (first, last))
         channels.append(Channel(source, target, weight))
-    mask = "" if film.frames.mask is None else spec("mask", film.frames.mask)
+    mask = "" if film.frames.mask is None else spec(MEASURED, film.frames.mask)
     made = Document(
-        document.surfaces, tuple(channels), mask=mask, channel=document.channel, view=document.view
+        document.surfaces,
+        tuple(channels),
+        mask=mask,
+        channel=document.channel,
+        called=called,
+        view=document.view,
     )
     return made, known

@@ -150,10 +150,25 @@ class Painter:
             return document.film.unknown
         compared, active = document.compared, document.active
         if compared is None or active is None:
-            return None
+            return self._unknown_by_mask()
         channel = compared.channels[active.source, active.target]
         find = partial(compared.unknown, name, channel)
         return self._unknowns[name].get((compared, channel), find)
+
+    def _unknown_by_mask(self) -> BoolArray | None:
+        """Return where the mask of frames that became a match says that nothing was measured."""
+        session = self._session
+        if not session.document.has_missing:
+            return None
+        mask = session.functions.values(session.document.mask_function)
+        if mask is None:
+            return None
+
+        def find() -> BoolArray | None:
+            found = np.asarray(mask == 0)
+            return found if found.any() else None
+
+        return self._unknowns["mask"].get((mask,), find)
 
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
         """Show a function of a match on the finer mesh that it was found on, if that is wanted."""
@@ -180,7 +195,7 @@ class Painter:
         if self._session.document.film is not None and shown.flow.state is None:
             title = f"{title}, only blended"
         title = self._extrapolated(title, is_behind)
-        unknown = self._unknown("advected") if self._session.document.film is not None else None
+        unknown = None if self._session.document.compared else self._unknown("advected")
 
         def make() -> Paint:
             told = title if is_behind else _with_range(title, advected, colors)
@@ -272,11 +287,11 @@ class Painter:
         return self._kept[name].get((values, labels, title), make)
 
     def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
-        texture = self._shown.quantities.texture(advected, colors)
+        unknown = None if self._session.document.compared else self._unknown("advected")
+        texture = self._shown.quantities.texture(advected, colors, unknown)
         if texture is None:
             return None
         title = self._extrapolated(self._session.document.titled("advected"))
-        unknown = self._unknown("advected") if self._session.document.film is not None else None
 
         def make() -> Paint:
             told, atlas = _with_range(title, advected, colors), texture.streaks.atlas

@@ -288,14 +288,18 @@ class FieldQuantities(Jobs):
             return quality.distortion if quality else None
         return self._chords.newest(flow.mesh, abfm.maps.chord_distortion, flow.mesh, places)
 
-    def texture(self, values: FloatArray, colors: ColorRange) -> Texture | None:
-        """Return streaks coloured by a function (V,), lately an earlier one; None before any."""
+    def texture(
+        self, values: FloatArray, colors: ColorRange, unknown: BoolArray | None = None
+    ) -> Texture | None:
+        """Return streaks coloured by a function (V,), grey where it is unknown (V,), lately an
+        earlier one; None before any.
+        """
         field, view = self.field(), self._session.view
         if field is None or self._session.solver.running:
             return None
-        film = self._session.document.film
-        about, unknown = (field, None) if film is None else (field.mesh, film.unknown)
-        if film is not None:
+        is_film = self._session.document.film is not None
+        about = field.mesh if is_film else field
+        if is_film:
             streaks = self._streaks_of_film(field, view.fade, view.animate)
         else:
             size = _TEXELS_OF_PICTURES if self.at_once else _TEXELS

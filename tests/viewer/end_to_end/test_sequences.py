@@ -455,6 +455,19 @@ def test_channels_share_fields_and_vertices_without_values_are_left_out(gui, tmp
     for vertex in (0, 4, 5, 200, 641):
         np.testing.assert_allclose(colors.get_value(vertex).as_tuple(), expected[vertex], atol=1e-6)
     assert gui.window.scene.legend() == (NO_VALUE,)
+    gui.click("Functions", within="steps")
+    gui.click("Match these two frames")
+    gui.wait(lambda s: s.document.film is None and s.values("target") is not None)
+    document = gui.session.document
+    names = [[document.called[spec] for spec in one.specs] for one in document.channels]
+    assert names == [
+        ["frame 1, channel 0", "frame 2, channel 0"],
+        ["frame 1, channel 1", "frame 2, channel 1"],
+    ]
+    for name in ("source", "advected", "target"):
+        gui.wait(lambda _, name=name: shown(gui, name).unknown is not None)
+        assert np.flatnonzero(shown(gui, name).unknown).tolist() == [0, 1, 2, 3, 4]
+    gui.key("ctrl+z")
     mask = gui.session.document.film.frames.mask
     assert (mask == 0).nonzero()[0].tolist() == [0, 1, 2, 3, 4]
 
