@@ -88,6 +88,22 @@ def headline(match: abfm.Match) -> str:
     return f"matched to {share(confirmed)}" if kind == "matched" else f"{kind}: {left}"
 
 
+def of_interval(sequence: abfm.Sequence, interval: int) -> str:
+    """Return what an interval of a film came to, as `headline` does: ``matched to 0.7%``; a word
+    that has another cause than the size of what is left comes without a share.
+    """
+    from abfm.matching.judging.verdict import confirmed_mismatch
+
+    kind = sequence.verdicts[interval].kind
+    witnesses = sequence.mismatch[interval], sequence.verified_mismatch[interval]
+    left = confirmed_mismatch(*map(float, witnesses))
+    if kind == "registered":
+        return f"{kind}: {share(left)} left"
+    if kind != abfm.matching.kind_of(left, sequence.parameters.goal) or kind == "not reached":
+        return kind
+    return f"matched to {share(left)}" if kind == "matched" else f"{kind}: {share(left)} left"
+
+
 def _landmarks(match: abfm.Match) -> str:
     """``5 landmarks within 0.31% of sqrt(area)``."""
     errors = match.landmark_errors

@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -168,6 +169,27 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
     first, second = map(verdict_words.changes, remedies)
     assert first == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
     assert second == "Go on.\nStarts a run from the present field."
+
+
+@pytest.mark.parametrize(
+    ("kind", "left", "by_lines", "said"),
+    [
+        ("matched", 0.014, 0.026, "matched to 2.6%"),
+        ("nearly", 0.049, 0.0501, "nearly: 5.1% left"),
+        ("nearly", 0.03, math.nan, "nearly"),  # as faces are folded
+        ("registered", 0.13, 0.12, "registered: 13% left"),
+        ("not reached", 0.02, 0.03, "not reached"),  # as most of it is no motion
+        ("not reached", 0.4, 0.5, "not reached"),
+    ],
+)
+def test_an_interval_of_a_film_is_told_as_a_match_is(kind, left, by_lines, said):
+    sequence = SimpleNamespace(
+        verdicts=[Verdict(kind, "", "")],
+        mismatch=np.array([left]),
+        verified_mismatch=np.array([by_lines]),
+        parameters=abfm.Parameters(),
+    )
+    assert verdict_words.of_interval(sequence, 0) == said
 
 
 def test_of_landmarks_alone_it_is_told_how_far_they_are_left():
