@@ -5,18 +5,21 @@ and lightness goes steadily away from it, for print and for colour-blind readers
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 
 NAMES = ("abfm sequential", "abfm diverging", "viridis", "magma", "coolwarm", "gray")
 _DARK = {name: f"{name} dark" for name in NAMES[:2]}
 # evenly spaced colours (101, 3) in linear light: a few stops in Oklab, joined by SciPy, which takes
 # longer to load than all of polyscope
+_FINE = 1024  # entries of a table that nobody sees
 _ROWS = np.loadtxt(Path(__file__).with_name("colormaps.csv"), delimiter=",")
 _TABLES = dict(zip((*NAMES, *_DARK.values()), np.split(_ROWS, 8, axis=1), strict=True))
+NO_VALUES = 0.3  # grey, in linear light
 CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # in linear light
 DARK_CHECKER_COLORS = ((0.22, 0.23, 0.25), (0.03, 0.07, 0.20))
 
@@ -69,6 +72,16 @@ def linear_table(colormap: str, size: int) -> FloatArray:
     rows = _TABLES[colormap]
     place = np.linspace(0, len(rows) - 1, size)
     return np.stack([np.interp(place, np.arange(len(rows)), channel) for channel in rows.T], axis=1)
+
+
+def colors_of(values: NDArray[Any], colors: ColorRange, unknown: BoolArray) -> FloatArray:
+    """Return the colours of values (N,) in linear light, (N, 3), grey where they are unknown."""
+    table = linear_table(colors.colormap, _FINE)
+    share = (values - colors.low) / (colors.high - colors.low)
+    entries = np.clip(np.nan_to_num(share) * (_FINE - 1) + 0.5, 0, _FINE - 1)
+    found = table[entries.astype(np.int64)]
+    found[unknown] = NO_VALUES
+    return found
 
 
 def loaded_name(colormap: str) -> str:

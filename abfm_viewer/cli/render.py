@@ -17,7 +17,7 @@ from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import adder, angle, positive, size, warn_of_doubt
 from abfm_viewer.cli.progress import frame_progress
-from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.computing.defaults import best_front, front_of_film
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.film import unit_of
 from abfm_viewer.files import outputs
@@ -274,9 +274,12 @@ def _renderer(
 ) -> pictures.DocumentRenderer:
     """Return what draws the document, seen from where an axis that was asked for points upwards."""
     if arguments.up is not None:
-        result = document.result
+        result, film = document.result, document.film
         functions = [] if result is None else [result.source[:, 0], result.target[:, 0]]
-        front = best_front(document.surface().mesh, *functions, up=arguments.up)
+        if film is not None:
+            front = front_of_film(film, arguments.up)
+        else:
+            front = best_front(document.surface().mesh, *functions, up=arguments.up)
         document = replace(document.facing(front), view=replace(document.view, look=None))
         if document.is_pair:
             own = best_front(document.surface("source").mesh, up=arguments.up)

@@ -8,6 +8,7 @@ import abfm
 from abfm import TriangleMesh
 from abfm.types import FloatArray
 from abfm_viewer.document.document import Front, triple
+from abfm_viewer.document.film import Film
 
 _FACES_LOOKED_AT = 10_000
 _AZIMUTHS, _ELEVATIONS = np.radians(np.arange(0, 360, 10)), np.radians([0, 12, 25, -12, 55])
@@ -35,12 +36,21 @@ _FEW = 3000  # vertices to average over
 _TILT = np.array([0.02, -0.01, 0.005])
 
 
-def best_front(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> Front:
+_MOST_LOOKED_AT = 50_000_000  # numbers of a film
+
+
+def best_front(
+    mesh: TriangleMesh,
+    *functions: FloatArray,
+    up: str = "y",
+    changes: FloatArray | None = None,
+) -> Front:
     """Look from where much surface is seen, and of every function (V,) its remarkable part.
 
     That is where it differs from its median; hiding behind another part is not considered, but of a
     surface that is inside out the outside is looked at. Without functions rather from the side that
     most meshes have in front, z where y is `up`: as much of a closed surface is seen from behind.
+    Of a film its `changes` (V,) are seen, 0 or more, see `changes_in_time`.
     """
     axes = np.roll(np.eye(3), 1 - "xyz".index(up), axis=0)  # sideways, up, to the front
     azimuth, elevation = (grid.ravel() for grid in np.meshgrid(_AZIMUTHS, _ELEVATIONS))
@@ -52,6 +62,8 @@ def best_front(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> Fro
     outward = -1 if mesh.is_inside_out else 1
     facing = np.maximum(outward * np.cross(b - a, c - a) @ directions.T, 0)
     weights = [np.abs(f - np.median(f))[faces].mean(axis=1) for f in functions]
+    if changes is not None and changes.any():
+        weights.append(changes[faces].mean(axis=1))
     # how much of them each direction shows, relative to the best one
     seen = [weight @ facing for weight in (np.ones(len(faces)), *weights)]
     shares = [each / max(float(each.max()), 1e-300) for each in seen]
@@ -59,9 +71,30 @@ def best_front(mesh: TriangleMesh, *functions: FloatArray, up: str = "y") -> Fro
     costs = np.where(
         elevation > _STEEP, _STEEP_COSTS if height < _FLAT * min(width, depth) else np.inf, 0.0
     )
-    costs -= 0.0 if functions else directions @ (_SIDES @ axes)
+    costs -= 0.0 if weights else directions @ (_SIDES @ axes)
     best = np.argmax(np.min(shares, axis=0) + 0.2 * shares[0] - costs)
     return Front(triple(directions[best]), triple(ups[best]))
+
+
+def changes_in_time(frames: FloatArray) -> FloatArray:
+    """Return the variance in time of frames (T, V, C), (V,): of each channel as a share of its
+    largest, and of none that is not finite. Of very long films only some frames count.
+    """
+    shown = frames[:: -(-frames.size // _MOST_LOOKED_AT)]
+    shown = shown if len(shown) > 1 else frames
+    with np.errstate(all="ignore"):
+        mean = sum(frame / len(shown) for frame in shown)
+        variance = np.asarray(sum((frame - mean) ** 2 / len(shown) for frame in shown))
+    variance = np.where(np.isfinite(variance), variance, 0.0)
+    return np.asarray((variance / np.maximum(variance.max(axis=0), 1e-300)).sum(axis=1))
+
+
+def front_of_film(film: Film, up: str = "y") -> Front:
+    """Look from where most of what changes in time is seen, where it was measured."""
+    changes = changes_in_time(film.frames.values)
+    if film.frames.mask is not None:
+        changes *= film.frames.mask > 0
+    return best_front(film.frames.mesh, up=up, changes=changes)
 
 
 def default_functions(mesh: TriangleMesh) -> tuple[str, str]:

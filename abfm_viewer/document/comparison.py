@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:
     from abfm import Population
 
 Compared = Literal["difference", "mean", "deviation", "areas"]
 """What is between a subject and the mean of the others."""
+_LONGEST = 24  # characters of a name in a title
 COMPARED: tuple[Compared, ...] = get_args(Compared)
 
 
@@ -36,19 +37,36 @@ class Comparison:
         return self.population.names[self.subject]
 
     def title(self, slot: str) -> str:
-        """What a slot shows; a slot of another kind has no other name."""
+        """What a slot shows; a slot of another kind has no other name. Long names are cut, so that
+        the words after them have room.
+        """
+        name = self.name if len(self.name) <= _LONGEST else f"{self.name[: _LONGEST - 3]}..."
         between = {
-            "difference": f"{self.name} less the mean",
+            "difference": f"{name} less the mean",
             "mean": f"mean of the {int(self.population.fits.sum())} that fit",
             "deviation": "standard deviation",
             "areas": "deviation of log2 J",
         }
         titles = {
-            "source": f"{self.name}, carried",
+            "source": f"{name}, carried",
             "advected": between[self.what],
             "target": "mean of the others",
         }
         return titles.get(slot, slot)
+
+    def unknown(self, slot: str, channel: int) -> BoolArray | None:
+        """Where a slot's function has no values, and is filled in: (V,), or (F,) of areas; None
+        where it has them everywhere, or the slot is of another kind.
+        """
+        of_slots = {
+            "source": lambda: self.population.values[self.subject, :, channel],
+            "advected": lambda: self.values(channel),
+            "target": lambda: self.population.mean_of_others(self.subject, channel),
+        }
+        if slot not in of_slots:
+            return None
+        found = ~np.isfinite(of_slots[slot]())
+        return found if found.any() else None
 
     def values(self, channel: int) -> FloatArray:
         """What is compared of a channel: (V,), or (F,) of areas; NaN where it is not known."""

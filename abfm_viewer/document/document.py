@@ -52,6 +52,8 @@ EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
 NEAREST, FARTHEST = 200.0, 0.2
 """Zooms."""
+MEASURED = "measured"
+"""Column of a mask that is 0 where functions have no values, and were filled in."""
 OF_A = "A: "
 """What names of values from files begin with that are of surface A of two."""
 
@@ -412,6 +414,11 @@ class Document:
     @property
     def mask_function(self) -> Function:
         return Function(self.surface("target"), self.mask)
+
+    @property
+    def has_missing(self) -> bool:
+        """Whether the mask tells where functions have no values."""
+        return self.mask.endswith(f",column={MEASURED}") and not self.is_pair
 
     @property
     def functions(self) -> tuple[Function, ...]:

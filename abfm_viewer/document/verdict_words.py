@@ -45,10 +45,14 @@ def counted(number: int, noun: str) -> str:
 
 
 def share(value: float) -> str:
-    """A share in percent, rounded up, with as many digits as one reads: ``0.7%``, ``33%``."""
+    """A share in percent, with as many digits as one reads: ``0.7%``, ``2.6%``, ``33%``.
+
+    Rounded up: what is beyond a bound of so few digits never reads as within it, nor the other way
+    round.
+    """
     if value < _LEAST:
         return f"less than {100 * _LEAST:g}%"
-    digit = 0.01 if value >= 0.01 else 0.001 if value >= 0.001 else 0.0001
+    digit = 0.01 if value >= 0.1 else 0.001 if value >= 0.001 else 0.0001
     return f"{100 * digit * math.ceil(round(value / digit, 6)):.6g}%"
 
 
@@ -82,6 +86,22 @@ def headline(match: abfm.Match) -> str:
     if kind != told:
         return kind
     return f"matched to {share(confirmed)}" if kind == "matched" else f"{kind}: {left}"
+
+
+def of_interval(sequence: abfm.Sequence, interval: int) -> str:
+    """Return what an interval of a film came to, as `headline` does: ``matched to 0.7%``; a word
+    that has another cause than the size of what is left comes without a share.
+    """
+    from abfm.matching.judging.verdict import confirmed_mismatch
+
+    kind = sequence.verdicts[interval].kind
+    witnesses = sequence.mismatch[interval], sequence.verified_mismatch[interval]
+    left = confirmed_mismatch(*map(float, witnesses))
+    if kind == "registered":
+        return f"{kind}: {share(left)} left"
+    if kind != abfm.matching.kind_of(left, sequence.parameters.goal) or kind == "not reached":
+        return kind
+    return f"matched to {share(left)}" if kind == "matched" else f"{kind}: {share(left)} left"
 
 
 def _landmarks(match: abfm.Match) -> str:

@@ -14,12 +14,12 @@ import abfm
 from abfm import TriangleMesh
 from abfm.calculus.operators import vertex_areas
 from abfm.matching.judging.verdict import Verdict, confirmed_mismatch
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 from abfm_viewer.appearance.theme import CRITICAL
-from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.computing.defaults import best_front, changes_in_time
 from abfm_viewer.computing.films import fast_in, ways_of
 from abfm_viewer.computing.registered import MOST_CHANNELS
 from abfm_viewer.document.verdict_words import Tone, share
@@ -72,7 +72,7 @@ class Labels:
 @dataclass(frozen=True)
 class Told:
     """What is said of a film: of all of it, and of each interval with its tone; layers that may be
-    chosen besides its channels; and notes.
+    chosen besides its channels; notes; and where values are missing, (V,), which is grey.
     """
 
     headline: str = ""
@@ -81,6 +81,7 @@ class Told:
     facts: Mapping[str, str] = field(default_factory=dict)
     layers: Sequence[Layer] = ()
     notes: Sequence[str] = ()
+    unknown: BoolArray | None = None
 
 
 def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = None) -> Page:
@@ -99,6 +100,7 @@ def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = N
         {"median speed": _speed(sequence, labels)},
         [_layer(name, values, middles, unit) for name, values in parts.items()],
         [_about_arrows(sequence, labels), *_about_mask(sequence)],
+        _unknown(sequence),
     )
     ways = [_arrows(sequence), _path_lines(sequence), *_tracks(sequence)]
     return film_page(sequence, title, told, ways, labels)
@@ -115,14 +117,15 @@ def film_page(
     labels = labels or Labels()
     mesh, times = film.mesh, np.asarray(film.times, dtype=float)
     keys, frames, thinned = _keys(film, times)
+    if told.unknown is not None:
+        frames = np.where(told.unknown[:, None], np.nan, frames)
     count = frames.shape[2]
     usual = ["function"] if count == 1 else [f"function {c + 1}" for c in range(count)]
     layers = [
         Layer(name, frames[:, :, c], color_range(frames[:, :, c]), keys, labels.unit)
         for c, name in enumerate([*labels.names, *usual[len(labels.names) :]][:count])
     ]
-    known = np.nan_to_num(frames[:, :, 0], posinf=0.0, neginf=0.0)
-    front = best_front(mesh, (known / (np.abs(known).max() or 1.0)).std(axis=0), up=labels.up)
+    front = best_front(mesh, up=labels.up, changes=changes_in_time(frames[:, :, :1]))
     spans = [
         Span(start, end, f"interval {number}: {text}", tone)
         for number, ((start, end), (text, tone)) in enumerate(
@@ -237,14 +240,18 @@ def _about_arrows(sequence: abfm.Sequence, labels: Labels) -> str:
 
 
 def _about_mask(sequence: abfm.Sequence) -> list[str]:
-    mask = sequence.between(0, 1).mask
-    if mask is None or mask.all():
+    if (unknown := _unknown(sequence)) is None:
         return []
     areas = vertex_areas(sequence.mesh)
     return [
-        f"{share(float(areas[mask == 0].sum() / areas.sum()))} of the surface has no weight and is "
-        "not compared; what is shown there is filled in from around"
+        f"{share(float(areas[unknown].sum() / areas.sum()))} of the surface has no value or no "
+        "weight, is not compared, and is grey"
     ]
+
+
+def _unknown(sequence: abfm.Sequence) -> BoolArray | None:
+    mask = sequence.between(0, 1).mask
+    return None if mask is None or mask.all() else np.asarray(mask == 0)
 
 
 def _path_lines(sequence: abfm.Sequence) -> Ways:

@@ -52,7 +52,7 @@ def draw_frames(context: Context) -> None:
         session.editor.select(channel=words.index(chosen))
     if film.frames.mask is not None:
         unknown = int(np.count_nonzero(film.frames.mask == 0))
-        ui.note(f"Vertices without values, which are not compared: {unknown:,}.")
+        ui.note(f"Vertices without values, in grey, which are not compared: {unknown:,}.")
     _draw_step(ui, context, film)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import polyscope.imgui as imgui
 
+from abfm.errors import brief
 from abfm_viewer.document.comparison import Compared
 from abfm_viewer.document.result_table import COLUMNS, WORST_FIRST, Name, ResultRow
 from abfm_viewer.panels.context import Context
@@ -102,7 +103,10 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
     left, top = imgui.GetCursorScreenPos()
     width, high = imgui.GetContentRegionAvail()
     columns = _fitting(ui, table.columns, width)
-    if not imgui.BeginTable(f"rows of {len(columns)}", len(columns), _FLAGS, (0.0, 0.0)):
+    # without rows, the heads alone, and below them why
+    none_is_found = not rows and bool(tables.search.strip())
+    size = 0.0, _whole_rows(0.0 if none_is_found else high)
+    if not imgui.BeginTable(f"rows of {len(columns)}", len(columns), _FLAGS, size):
         return
     try:
         with ui.record.within("rows", (left, top, left + width, top + high)):
@@ -110,6 +114,20 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
             _draw_cells(ui, tables, columns, rows)
     finally:
         imgui.EndTable()
+    if none_is_found:
+        noun = "rows" if table.population is None else "subjects"
+        told = f"nothing called {brief(tables.search.strip())} among {len(table.rows)} {noun}"
+        ui.line(told, "ink", room=width)
+
+
+def _whole_rows(room: float) -> float:
+    """Return the height of the heads, and of as many rows as have room and are not cut."""
+    border = 2.0
+    return _row_height() * max((room - border) // _row_height(), 1.0) + border
+
+
+def _row_height() -> float:
+    return float(imgui.GetTextLineHeight()) + 2 * float(imgui.GetStyle().CellPadding[1])
 
 
 def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...]:
@@ -171,7 +189,7 @@ def _draw_cells(
     ui: Ui, tables: Tables, columns: tuple[Name, ...], rows: tuple[ResultRow, ...]
 ) -> None:
     """Draw the rows in sight: hundreds of others only take their room."""
-    high = imgui.GetTextLineHeight() + 2 * imgui.GetStyle().CellPadding[1]
+    high = _row_height()
     in_sight = imgui.GetWindowHeight() - high  # below the heads
     if tables.scrolls:
         _scroll(tables, rows, high, in_sight)

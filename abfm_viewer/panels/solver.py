@@ -158,7 +158,8 @@ def _draw_film(ui: Ui, session: Session, lines: int) -> None:
     now = film.interval(document.time)
     verdict = sequence.verdicts[now]
     ink: Kind = "ink" if verdict.kind in abfm.sequences.CONFIRMED else "failure"
-    _line(ui, f"Frame {now} to {now + 1}: {verdict.kind}", "muted" if outdated else ink)
+    told = verdict_words.of_interval(sequence, now)
+    _line(ui, f"Frame {now} to {now + 1}: {told}", "muted" if outdated else ink)
     _line(ui, sentence(verdict.cause or verdict.reason), most=lines)
 
 

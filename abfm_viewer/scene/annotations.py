@@ -13,12 +13,12 @@ import polyscope.imgui as imgui
 from abfm import FunctionError
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.colormaps import ColorRange, table
+from abfm_viewer.appearance.colormaps import NO_VALUES, ColorRange, table
 from abfm_viewer.appearance.theme import CRITICAL, LANDMARKS, ON_LANDMARKS, Color, Palette
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Side, triple
-from abfm_viewer.scene.scene import MARK_RADIUS, DrawnMark, Scene
+from abfm_viewer.scene.scene import MARK_RADIUS, NO_VALUE, DrawnMark, Scene
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
@@ -33,6 +33,8 @@ _SHORTEST, _LONGEST, _APART = 30, 300, 16
 _LINK, _DOT = 1.2, 5.0
 _RADIUS, _LINE = 9.0, 2.0  # of rings
 _MOST = 0.25  # of the height: where bars would take more, each is one line
+_GREY = NO_VALUES ** (1 / 2.2)
+_LEGEND = {**CRITICAL, NO_VALUE: (_GREY, _GREY, _GREY, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -214,8 +216,8 @@ def _right_end(parts: Sequence[Part], rect: Rect, pen: Pen) -> float:
 
 
 def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Part]:
-    """Lay out what colours of critical points mean, at the right below the surfaces, if there is
-    room after what ends before.
+    """Lay out what colours of critical points, and grey, mean, at the right below the surfaces, if
+    there is room after what ends before.
     """
     found: list[Part] = []
     radius, right = _DOT * pen.scale, rect[2] - _LEFT * pen.scale
@@ -224,7 +226,7 @@ def _legend(kinds: Sequence[str], rect: Rect, pen: Pen, begin: float) -> list[Pa
         right -= pen.width(kind)
         found.append(Text(right, top, kind, pen.inks.ink))
         right -= 2 * radius
-        found.append(Disc((right, top + pen.line / 2), radius, CRITICAL[kind]))
+        found.append(Disc((right, top + pen.line / 2), radius, _LEGEND[kind]))
         right -= radius + _APART * pen.scale
     return found if right > begin else []
 

@@ -277,6 +277,8 @@ class Overlays:
             shares = (np.arange(view.isoline_count) + 0.5) / view.isoline_count
             levels = colors.low + (colors.high - colors.low) * shares
             values = np.asarray(paint.values, dtype=np.float64)
+            if paint.unknown is not None:  # nothing crosses what is no number
+                values = np.where(paint.unknown, np.nan, values)
             lines = isoline_ribbons(mesh, values, levels, _ISOLINE)
             draw_ribbons(name, mesh, lines, theme.linear(theme.palette(view.theme).ink))
 

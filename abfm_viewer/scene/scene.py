@@ -15,7 +15,7 @@ from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.appearance.colormaps import place_colors
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.computing.defaults import best_front
+from abfm_viewer.computing.defaults import best_front, front_of_film
 from abfm_viewer.document.document import SIDES, Document, Front, Look, Point, Side, triple
 from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
@@ -34,6 +34,8 @@ _AWAY = 4.0
 _POINTS_OF_A_RIM = 32
 MARK_RADIUS = 9.0
 """Of landmarks, in pixels at a scale of 1."""
+NO_VALUE = "no value"
+"""What grey means, in the legend."""
 _LINKS = 0.0  # density of points with lines between surfaces
 
 
@@ -190,8 +192,13 @@ class Scene:
         ]
 
     def legend(self) -> tuple[str, ...]:
-        """Return the kinds of critical points whose ways are drawn."""
-        return tuple(self._tracks.counts()) if "advected" in self.shown else ()
+        """Return the kinds of critical points whose ways are drawn, and `NO_VALUE` where some are
+        missing.
+        """
+        kinds = tuple(self._tracks.counts()) if "advected" in self.shown else ()
+        paints = [self.paints[name] for name in self.shown if name in self.paints]
+        is_missing = any(paint.unknown is not None for paint in paints)
+        return (*kinds, NO_VALUE) if is_missing else kinds
 
     def landmarks(self) -> list[DrawnMark]:
         """Return the landmarks that are in view, where they are in the window."""
@@ -288,7 +295,8 @@ class Scene:
             if session.channels and not session.functions.problem(session.document):
                 return None
             known = []
-        front = best_front(surface.mesh, *known)
+        film = session.document.film
+        front = best_front(surface.mesh, *known) if film is None else front_of_film(film)
         session.editor.amend(surfaces=session.document.facing(front, slot).surfaces)
         return front
 

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import CHECKER_COLORS, DARK_CHECKER_COLORS, loaded_name
+from abfm_viewer.appearance.colormaps import (
+    CHECKER_COLORS,
+    DARK_CHECKER_COLORS,
+    colors_of,
+    loaded_name,
+)
 from abfm_viewer.appearance.theme import linear, palette
 from abfm_viewer.computing.creases import drawn_mesh
 from abfm_viewer.document.document import Front, Theme, Triple, triple
@@ -18,6 +23,7 @@ from abfm_viewer.shown.paint import Paint
 
 _PLAIN = {"light": (0.8, 0.81, 0.83), "dark": (0.3, 0.3, 0.32)}
 _CORNERS = "texture corners"
+_OF_FUNCTIONS = "vertex values", "face values"
 _EDGE = 1.0  # polyscope's unit: about a pixel
 _LONG_EDGE, _THINNEST = 12.0, 0.3  # pixels of an edge that is drawn in full width; share of it
 
@@ -78,10 +84,12 @@ def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None
     surface, kind = ps.get_surface_mesh(name), paint.kind
     if before is not None and before.kind == kind:
         same_colors, same_ground = before.colors == paint.colors, before.is_dark == paint.is_dark
-        if same_colors and same_ground and before.values is paint.values:
+        same_values = before.values is paint.values and before.unknown is paint.unknown
+        if same_colors and same_ground and same_values:
             return
-        if same_colors and kind in ("vertex values", "face values"):
-            surface.get_quantity_buffer(kind, "values").update_data(_drawn_values(mesh, paint))
+        if same_colors and kind in _OF_FUNCTIONS and before.unknown is paint.unknown:
+            buffer = "values" if paint.unknown is None else "colors"
+            surface.get_quantity_buffer(kind, buffer).update_data(_drawn_values(mesh, paint))
             return
         if kind == "texture" and before.corners is paint.corners:
             # cheaper than anew
@@ -91,8 +99,11 @@ def show_paint(name: str, mesh: TriangleMesh, paint: Paint, before: Paint | None
 
 
 def _drawn_values(mesh: TriangleMesh, paint: Paint) -> NDArray[Any]:
+    values = paint.values
+    if paint.kind in _OF_FUNCTIONS and paint.unknown is not None and paint.colors is not None:
+        values = colors_of(values, paint.colors, paint.unknown)
     of_vertices = paint.kind not in ("face values", "texture")
-    return drawn_mesh(mesh).values(paint.values) if of_vertices else paint.values
+    return drawn_mesh(mesh).values(values) if of_vertices else values
 
 
 def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) -> None:
@@ -111,6 +122,9 @@ def show(surface: Any, mesh: TriangleMesh, paint: Paint, square: float = 1.0) ->
         surface.add_color_quantity(kind, values, filter_mode="linear", **look)
     elif paint.colors is not None:
         look |= {"defined_on": "faces" if kind == "face values" else "vertices"}
+        if paint.unknown is not None:
+            surface.add_color_quantity(kind, values, **look)
+            return
         look |= {"cmap": loaded_name(paint.colors.colormap)}
         ends = paint.colors.low, paint.colors.high
         surface.add_scalar_quantity(kind, values, vminmax=ends, **look)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ import abfm
 from abfm import ResultError, TriangleMesh
 from abfm.reading import read_gifti
 from abfm.types import FloatArray
-from abfm_viewer.document.document import Channel, Document, Surface, View
+from abfm_viewer.document.document import MEASURED, Channel, Document, Surface, View
 from abfm_viewer.document.film import Film, FilmSettings, unit_of
 
 if TYPE_CHECKING:
@@ -72,7 +73,11 @@ def film_of(name: str, frames: Frames) -> Film:
 
 
 def document_of_film(film: Film, surface: Surface, view: View) -> Document:
-    return Document((surface,), film=film, time=float(film.times[0]), view=view)
+    """Return a document of frames on a surface, which is seen from where it changes, unless the
+    view says otherwise.
+    """
+    seen = replace(surface, front=None)
+    return Document((seen,), film=film, time=float(film.times[0]), view=view)
 
 
 def document_of_sequence(sequence: abfm.Sequence, path: Path) -> Document:
@@ -88,6 +93,16 @@ def document_of_sequence(sequence: abfm.Sequence, path: Path) -> Document:
     )
 
 
+def view_of_fields(view: View, sequence: abfm.Sequence) -> View:
+    """Return the view in which a film's fields are seen: with tracks, and arrows, unless something
+    else is shown of the flow already, or nothing is to be shown after matches.
+    """
+    if not (view.flow_after_match and sequence.velocity.any()):
+        return view
+    is_plain = not (view.arrows or view.streaks) and view.coloring == "function"
+    return replace(view, tracks=True, arrows=view.arrows or is_plain)
+
+
 def document_of_pair(
     document: Document, first: int, last: int
 ) -> tuple[Document, dict[str, FloatArray]]:
@@ -97,10 +112,11 @@ def document_of_pair(
     film = document.film
     assert film is not None
     known: dict[str, FloatArray] = {}
+    called: dict[str, str] = {}
 
     def spec(name: str, values: FloatArray) -> str:
         text = str(abfm.functions.ValuesFile(path=film.name, column=name))
-        known[text] = values
+        known[text], called[text] = values, name
         return text
 
     channels = []
@@ -108,8 +124,13 @@ def document_of_pair(
         of = f", channel {number}" if film.channels > 1 else ""
         source, target = (spec(f"frame {k}{of}", film.columns[k][number]) for k in (first, last))
         channels.append(Channel(source, target, weight))
-    mask = "" if film.frames.mask is None else spec("mask", film.frames.mask)
+    mask = "" if film.frames.mask is None else spec(MEASURED, film.frames.mask)
     made = Document(
-        document.surfaces, tuple(channels), mask=mask, channel=document.channel, view=document.view
+        document.surfaces,
+        tuple(channels),
+        mask=mask,
+        channel=document.channel,
+        called=called,
+        view=document.view,
     )
     return made, known

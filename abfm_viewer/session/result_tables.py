@@ -19,6 +19,7 @@ from abfm_viewer.document.comparison import Compared, Comparison
 from abfm_viewer.document.document import Channel, Document, Identity, Surface
 from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow, ResultTable
 from abfm_viewer.files.result_tables import POPULATION, TableReader
+from abfm_viewer.session.film_files import view_of_fields
 from abfm_viewer.session.loading import OPENING, Load
 from abfm_viewer.session.session import Session
 
@@ -344,6 +345,8 @@ class Tables:
             channel = min(session.document.channel, len(document.channels) - 1)
             document = replace(document, channel=channel)
         view = replace(session.view, look=look, large=large)
+        if document.sequence is not None and session.document.sequence is None:
+            view = view_of_fields(view, document.sequence)
         session.restore(replace(document, view=view), known, None)
         self._seen = session.document.identity
         self._beside.add(self._seen)

@@ -30,9 +30,11 @@ from abfm_viewer.document.document import (
     View,
 )
 from abfm_viewer.document.surface_points import points_of, surface_points
+from abfm_viewer.document.verdict_words import counted
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.bound import Bound
 from abfm_viewer.session.editor import Editor, Step
+from abfm_viewer.session.film_files import view_of_fields
 from abfm_viewer.session.film_match import FilmMatch
 from abfm_viewer.session.functions import DocumentFunctions
 from abfm_viewer.session.initial_maps import InitialMaps, Prepared
@@ -434,22 +436,24 @@ class Session:
         if isinstance(found, str):
             self.notices.say(f"the solver stopped: {found}", True, RUN, {"Try again": self.match})
             return
-        if not found.solved.any():  # cancelled before, or nothing was kept that is of this
-            return
+        count = int(found.solved.sum())
         if self.document.identity is not began.identity:
-            self.saves.found(replace(began, sequence=found))
+            if count:
+                self.saves.found(replace(began, sequence=found))
             return
         if was_recovered:
-            self.editor.amend(sequence=found)
+            if count:
+                self.editor.amend(sequence=found)
             return
-        view = self.view
-        if view.flow_after_match and found.velocity.any():
-            is_plain = not (view.arrows or view.streaks) and view.coloring == "function"
-            view = replace(view, tracks=True, arrows=view.arrows or is_plain)
-        self.editor.change("match all frames", sequence=found, view=view)
-        if view.flow_after_match:
-            self.editor.amend(time=self.document.start)
-            self.player.play_once()
+        earlier = self.document.sequence
+        if count:  # else nothing takes the place of what there is
+            view = view_of_fields(self.view, found)
+            self.editor.change("match all frames", sequence=found, view=view)
+            if view.flow_after_match:
+                self.editor.amend(time=self.document.start)
+                self.player.play_once()
+        if count < len(found):
+            self.notices.say(_broken_off(count, len(found), earlier))
 
     def _keep_what_is_needed(self) -> None:
         """Keep of other documents only what undo, unsaved work and a run that ends still need."""
@@ -542,6 +546,17 @@ class Session:
         if self._apart is not None:
             self._apart.close()
         self._jobs.close()
+
+
+def _broken_off(count: int, whole: int, earlier: abfm.Sequence | None) -> str:
+    """Say what a film's run that was cancelled has found, and where its earlier result is."""
+    told = f"cancelled: {count} of {counted(whole, 'interval')} found"
+    if earlier is None or not earlier.solved.any():
+        return told
+    if not count:
+        return f"{told}, the earlier result stays"
+    more = int(earlier.solved.sum())
+    return f"{told}; Undo (Ctrl+Z) brings back the earlier result, which has {more}"
 
 
 def _meshes(*documents: Document) -> set[TriangleMesh]:

@@ -50,6 +50,7 @@ from abfm_viewer.session.film_files import (
     is_no_surface,
     is_result,
     read_film,
+    view_of_fields,
 )
 from abfm_viewer.session.functions import known_values
 from abfm_viewer.session.initial_maps import GIVEN
@@ -134,6 +135,8 @@ def _check_alone(path: Path) -> None:
 def session_of(opened: Opened, origin: Origin | None = None) -> Session:
     """A session that begins with a document."""
     document, known = opened
+    if origin is None and document.sequence is not None:
+        document = replace(document, view=view_of_fields(document.view, document.sequence))
     session = Session(document.surface().mesh, document.name)
     session.restore(document, known, origin)
     session.reset_history()
@@ -605,9 +608,10 @@ class SessionFiles:
 
         def restore() -> None:
             view = replace(self._session.view, look=None, large="")
-            view = replace(view, tracks=view.tracks or document.view.tracks)
             if origin:  # with a view of its own, in the size that the user needs on this screen
                 view = replace(document.view, ui_scale=view.ui_scale)
+            elif document.sequence is not None:
+                view = view_of_fields(view, document.sequence)
             self._session.restore(replace(document, view=view), known, origin)
 
         doubt = document.result.doubt if document.result else ""

@@ -10,8 +10,14 @@ from numpy.typing import NDArray
 
 import abfm
 from abfm import TriangleMesh
-from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import ColorRange, color_range, on_ground, place_colors
+from abfm.types import BoolArray, FloatArray
+from abfm_viewer.appearance.colormaps import (
+    NO_VALUES,
+    ColorRange,
+    color_range,
+    on_ground,
+    place_colors,
+)
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.document import CARRIED, HODGE_PARTS, SIDES, Front, Side, Theme
 from abfm_viewer.shown.shown import Field, Shown
@@ -19,7 +25,6 @@ from abfm_viewer.shown.shown import Field, Shown
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _LEAST_RANGE = 1e-12
 _BESIDE = 0.02  # of a range: what values may leave it by before it is told
-_NO_VALUES = 0.3  # grey, in linear light
 # where A's function is in its own unit, and what is compared on B is not
 _OWN, _DEVIATIONS = "function on A, in its own unit", "function, in standard deviations"
 _SQUARES = 20  # of a checkerboard, across a mesh as it is seen from the front
@@ -36,6 +41,8 @@ class Paint:
     corners: FloatArray | None = None  # (3F, 2): their places in a texture
     is_dark: bool = False  # a checkerboard for a dark ground
     mesh: TriangleMesh | None = None  # that the values are on; None for the surface's own
+    # (V,) or (F,): where values of a function are filled in, which is grey
+    unknown: BoolArray | None = None
 
 
 class Painter:
@@ -45,6 +52,7 @@ class Painter:
         self.largest_error: float | None = None  # of a movie, where the range must not change
         self._shown, self._session = shown, shown.session
         self._kept: dict[str, Memo[Paint]] = defaultdict(Memo)
+        self._unknowns: dict[str, Memo[BoolArray | None]] = defaultdict(Memo)
         self._range, self._range_on_a = Memo[ColorRange](), Memo[ColorRange]()
 
     def paint(self, name: str) -> Paint | None:
@@ -116,7 +124,7 @@ class Painter:
         count, title = len(self._session.surface(name).mesh.vertices), f"{name}: no values"
 
         def make() -> Paint:
-            return Paint("colors", np.full((count, 3), _NO_VALUES), title)
+            return Paint("colors", np.full((count, 3), NO_VALUES), title)
 
         return self._kept[name].get((count, title), make)
 
@@ -130,9 +138,37 @@ class Painter:
     def _function(
         self, name: str, values: FloatArray, title: str, colors: ColorRange, bar: str = ""
     ) -> Paint:
-        bar = bar or self._bar
-        make = partial(Paint, "vertex values", values, title, colors, bar)
-        return self._kept[name].get((values, title, colors, bar), make)
+        """Show a function, or what a `bar` is of."""
+        bar, unknown = bar or self._bar, None if bar else self._unknown(name)
+        make = partial(Paint, "vertex values", values, title, colors, bar, unknown=unknown)
+        return self._kept[name].get((values, title, colors, bar, unknown), make)
+
+    def _unknown(self, name: str) -> BoolArray | None:
+        """Return where a function that a surface shows was not measured; None where nowhere."""
+        document = self._session.document
+        if document.film is not None:
+            return document.film.unknown
+        compared, active = document.compared, document.active
+        if compared is None or active is None:
+            return self._unknown_by_mask()
+        channel = compared.channels[active.source, active.target]
+        find = partial(compared.unknown, name, channel)
+        return self._unknowns[name].get((compared, channel), find)
+
+    def _unknown_by_mask(self) -> BoolArray | None:
+        """Return where the mask of frames that became a match says that nothing was measured."""
+        session = self._session
+        if not session.document.has_missing:
+            return None
+        mask = session.functions.values(session.document.mask_function)
+        if mask is None:
+            return None
+
+        def find() -> BoolArray | None:
+            found = np.asarray(mask == 0)
+            return found if found.any() else None
+
+        return self._unknowns["mask"].get((mask,), find)
 
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
         """Show a function of a match on the finer mesh that it was found on, if that is wanted."""
@@ -159,12 +195,14 @@ class Painter:
         if self._session.document.film is not None and shown.flow.state is None:
             title = f"{title}, only blended"
         title = self._extrapolated(title, is_behind)
+        unknown = None if self._session.document.compared else self._unknown("advected")
 
         def make() -> Paint:
             told = title if is_behind else _with_range(title, advected, colors)
-            return Paint("vertex values", advected, told, colors, self._bar)
+            of = advected, told, colors, self._bar
+            return Paint("vertex values", *of, unknown=unknown)
 
-        return self._kept["advected"].get((advected, title, colors), make)
+        return self._kept["advected"].get((advected, title, colors, unknown), make)
 
     def _by_coloring(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
         kind = self._session.view.coloring
@@ -249,7 +287,8 @@ class Painter:
         return self._kept[name].get((values, labels, title), make)
 
     def _textured(self, advected: FloatArray, colors: ColorRange) -> Paint | None:
-        texture = self._shown.quantities.texture(advected, colors)
+        unknown = None if self._session.document.compared else self._unknown("advected")
+        texture = self._shown.quantities.texture(advected, colors, unknown)
         if texture is None:
             return None
         title = self._extrapolated(self._session.document.titled("advected"))
@@ -257,7 +296,7 @@ class Painter:
         def make() -> Paint:
             told, atlas = _with_range(title, advected, colors), texture.streaks.atlas
             look = (colors, self._bar, atlas.corner_coordinates)
-            return Paint("texture", texture.colors, told, *look)
+            return Paint("texture", texture.colors, told, *look, unknown=unknown)
 
         return self._kept["advected"].get((texture, title, colors), make)
 
@@ -269,6 +308,7 @@ class Painter:
             return None
         assert active is not None
         channel = compared.channels[active.source, active.target]
+        unknown = self._unknown("advected")
         title = document.titled("advected")
 
         def make() -> Paint:
@@ -276,26 +316,27 @@ class Painter:
             known = np.isfinite(found)
             values = np.where(known, found, 0.0)
             if compared.what == "mean":
-                return Paint("vertex values", values, title, colors, self._bar)
+                return Paint("vertex values", values, title, colors, self._bar, unknown=unknown)
             is_of_faces = compared.what == "areas"
             areas = abfm.calculus.face_areas if is_of_faces else abfm.calculus.vertex_areas
             top = max(_most(np.abs(values), areas(session.surface().mesh)), _LEAST_RANGE)
             own = self._ranged(-top if compared.what == "difference" else 0.0, top)
             kind: PaintKind = "face values" if is_of_faces else "vertex values"
-            return Paint(kind, values, title, own, title)
+            return Paint(kind, values, title, own, title, unknown=unknown)
 
         of = compared, channel, title, colors, *self._look
         return self._kept["advected"].get(of, make)
 
     def _blend(self, source: FloatArray, target: FloatArray, colors: ColorRange) -> Paint:
         tau = self._session.tau
-        time = min(self._session.time, tau)
+        time, unknown = min(self._session.time, tau), self._unknown("linear blend")
 
         def make() -> Paint:
             blend = abfm.baselines.linear_blend(source, target, time, tau)
-            return Paint("vertex values", blend, "linear blend", colors, self._bar)
+            of = blend, "linear blend", colors, self._bar
+            return Paint("vertex values", *of, unknown=unknown)
 
-        return self._kept["linear blend"].get((source, target, time, tau, colors), make)
+        return self._kept["linear blend"].get((source, target, time, tau, colors, unknown), make)
 
     def _transport(self, colors: ColorRange) -> Paint | None:
         name, transport = "optimal transport", self._shown.mass_transport
@@ -307,16 +348,18 @@ class Painter:
         return self._function(name, values, _labelled(name, transport.busy), colors)
 
     def _error(self, target: FloatArray, advected: FloatArray) -> Paint:
-        fixed = self.largest_error
+        fixed, unknown = self.largest_error, self._unknown("error")
         title = self._extrapolated("error", self._shown.flow.is_behind)
 
         def make() -> Paint:
             error = np.abs(target - advected)
             top = max(float(error.max()) if fixed is None else fixed, _LEAST_RANGE)
             bar = f"|target - advected|, at most {top:.3g}"
-            return Paint("vertex values", error, title, self._ranged(0.0, top), bar)
+            of = error, title, self._ranged(0.0, top), bar
+            return Paint("vertex values", *of, unknown=unknown)
 
-        return self._kept["error"].get((target, advected, *self._look, fixed, title), make)
+        made_of = target, advected, *self._look, fixed, title, unknown
+        return self._kept["error"].get(made_of, make)
 
     def _extrapolated(self, title: str, is_behind: bool = False) -> str:
         """A title, which says so where the time shown is one that no target was given for."""

@@ -181,9 +181,15 @@ def _key_of(field: Field, look: tuple[bool, bool]) -> tuple[object, ...]:
     return id(field.of if field.of is not None else field), field.part, *look
 
 
-def coloured(streaks: Streaks, phase: float, values: FloatArray, colors: ColorRange) -> Texture:
+def coloured(
+    streaks: Streaks,
+    phase: float,
+    values: FloatArray,
+    colors: ColorRange,
+    unknown: BoolArray | None,
+) -> Texture:
     image = streaks.at(phase)
-    return Texture(streaks, shown.streak_texture(streaks.atlas, image, values, colors))
+    return Texture(streaks, shown.streak_texture(streaks.atlas, image, values, colors, unknown))
 
 
 class FieldQuantities(Jobs):
@@ -282,8 +288,12 @@ class FieldQuantities(Jobs):
             return quality.distortion if quality else None
         return self._chords.newest(flow.mesh, abfm.maps.chord_distortion, flow.mesh, places)
 
-    def texture(self, values: FloatArray, colors: ColorRange) -> Texture | None:
-        """Return streaks coloured by a function (V,), lately an earlier one; None before any."""
+    def texture(
+        self, values: FloatArray, colors: ColorRange, unknown: BoolArray | None = None
+    ) -> Texture | None:
+        """Return streaks coloured by a function (V,), grey where it is unknown (V,), lately an
+        earlier one; None before any.
+        """
         field, view = self.field(), self._session.view
         if field is None or self._session.solver.running:
             return None
@@ -299,7 +309,7 @@ class FieldQuantities(Jobs):
         phase = 0.0 if len(streaks.images) == 1 else self._session.player.phase
         if not self.at_once:
             phase = round(phase * _SHOWN_PHASES) / _SHOWN_PHASES
-        return self._texture.newest(about, coloured, streaks, phase, values, colors)
+        return self._texture.newest(about, coloured, streaks, phase, values, colors, unknown)
 
     def _streaks_of_film(self, field: Field, fade: bool, moving: bool) -> Streaks | None:
         """Return the streaks of an interval, which are kept for when it is shown again.

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from abfm.numerics.kernels import kernel
 from abfm.streaks.line_integral import FloatImage
 from abfm.streaks.texture_atlas import TextureAtlas
-from abfm.types import FloatArray, IndexArray
-from abfm_viewer.appearance.colormaps import ColorRange, linear_table
+from abfm.types import BoolArray, FloatArray, IndexArray
+from abfm_viewer.appearance.colormaps import NO_VALUES, ColorRange, linear_table
 
 SHADE = 0.72  # how much the darkest streak darkens a function's colour, in linear light
 _BRIGHT, _DARK = 0.85, 0.06  # streaks without a function, in linear light
@@ -19,10 +19,12 @@ def streak_texture(
     image: NDArray[np.float32] | NDArray[np.uint8],
     values: FloatArray | None = None,
     colors: ColorRange | None = None,
+    unknown: BoolArray | None = None,
 ) -> FloatImage:
     """Colours (size, size, 3) in linear light of an image (size, size) of streaks, 0 to 1 or 255.
 
-    Streaks darken the colours of a function (V,), and are grey without.
+    Streaks darken the colours of a function (V,), and are grey without, and in faces with a vertex
+    where it is unknown (V,).
     """
     scale = 1 / 255 if image.dtype == np.uint8 else 1.0
     if values is None or colors is None:
@@ -32,7 +34,9 @@ def streak_texture(
     affine = atlas.affine(values)
     affine[:, 0] -= colors.low
     affine *= (_COLORS - 1) / (colors.high - colors.low)
-    table = linear_table(colors.colormap, _COLORS)
+    if unknown is not None:
+        affine[unknown[atlas.mesh.faces].any(axis=1), 0] = np.nan
+    table = np.vstack([linear_table(colors.colormap, _COLORS), np.full((1, 3), NO_VALUES)])
     return _draw(atlas.texel_faces, affine, table, (SHADE, SHADE * scale), image)
 
 
@@ -44,12 +48,13 @@ def _draw(
     shades: tuple[float, float],
     image: IndexArray,
 ) -> FloatImage:
-    """Draw rows of a table by functions that are affine in each face, darkened by an image.
+    """Draw rows of a table by functions that are affine in each face, darkened by an image; where
+    they are NaN, by its last row, which else has none.
 
     The shades are how much darker than 1 an image of zeros makes it, and each unit of it brighter.
     A kernel, because the window draws while it runs.
     """
-    last = table.shape[0] - 1
+    last = max(table.shape[0] - 2, 0)
     texture = np.empty((owners.shape[0], owners.shape[1], 3), dtype=np.float32)
     darkest, slope = shades
     for row in range(owners.shape[0]):
@@ -57,7 +62,9 @@ def _draw(
             face = owners[row, column]
             light = 1.0 - darkest + slope * image[row, column]
             entry = 0
-            if face >= 0:
+            if face >= 0 and np.isnan(affine[face, 0]):
+                entry = table.shape[0] - 1
+            elif face >= 0:
                 share = (
                     affine[face, 0]
                     + affine[face, 1] * (column + 0.5)

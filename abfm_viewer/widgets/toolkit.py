@@ -168,7 +168,9 @@ class Ui:
         self.tip(_in_full(text, shown, tip))
 
     def heading(self, text: str, color: Color | None = None, buttons: Sequence[str] = ()) -> None:
-        """Write a title with a line; buttons with these labels, drawn next, fit at its right."""
+        """Write a title with a line, cut to its room, and a tip with all of it; buttons with these
+        labels, drawn next, fit at its right.
+        """
         left, _ = imgui.GetCursorScreenPos()
         right = left + imgui.GetContentRegionAvail()[0]
         spacing, padding = imgui.GetStyle().ItemSpacing[0], 2 * imgui.GetStyle().FramePadding[0]
@@ -177,7 +179,9 @@ class Ui:
             room = 0
         if room:
             self.align()
-        self._write(text, color or self.colors.muted)
+        shown = self.fitted(text, right - left)
+        self._write(shown, color or self.colors.muted)
+        self.tip(_in_full(text, shown, ""))
         (_, above), (end, below) = imgui.GetItemRectMin(), imgui.GetItemRectMax()
         y, start, stop = round((above + below) / 2), end + spacing, right - room
         if start < stop:

@@ -62,7 +62,7 @@ def export_vtu(
     path: str | os.PathLike[str], mesh: TriangleMesh, point_data: Data, cell_data: Data
 ) -> None:
     """Write a binary VTK unstructured grid with point and cell data, everything in double
-    precision.
+    precision, but bytes (uint8) as they are.
 
     ParaView, VTK and PyVista read it, and know it by ``.vtu``, the path's end. An array of three
     columns becomes a vector; all else, and the errors, are as in `export_ply`.
@@ -117,7 +117,9 @@ def export_energy_csv(
 def _columns(
     data: Data, count: int, taken: Sequence[str] = (), vectors: bool = False
 ) -> dict[str, Any]:
-    """Return the data as float64 columns (count,); vectors of three may stay tuples."""
+    """Return the data as float64 columns (count,); vectors of three may stay tuples, and bytes
+    beside them bytes.
+    """
     columns: dict[str, Any] = {}
     for name, given in data.items():
         values = real_numbers(given, f"data {name!r}", ResultError)
@@ -126,6 +128,8 @@ def _columns(
                 f"data {name!r} has shape {values.shape}; expected ({count},) or ({count}, C)"
             )
         split = np.ascontiguousarray(values.reshape(count, -1).T)
+        if vectors and np.asarray(given).dtype == np.uint8:
+            split = split.astype(np.uint8)
         named: dict[str, Any] = {f"{name}_{k}": column for k, column in enumerate(split)}
         if values.ndim == 1 or (vectors and len(split) == 3):
             named = {name: split[0] if values.ndim == 1 else tuple(split)}

@@ -73,6 +73,7 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
     """Write a film for ParaView: ``NAME.pvd``, and a ``NAME_0000.vtu`` a frame in a folder NAME.
 
     Point data are the ``frame``, the frame before ``carried`` to it, ``divergence`` and ``curl``,
+    and where values are missing in some frame ``measured``, which is 0 where they are filled in;
     cell data the ``velocity``: fields of the interval that begins there, and at the last frame of
     that which ends there. Files come to their places when all are written: where that is cancelled
     or fails, nothing is there that was not, and an older film is whole. Frames that an older and
@@ -123,12 +124,14 @@ def _own_frames(path: Path) -> set[str]:
 def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
     """Write a .vtu a frame into a folder; return the lines that list them in one of that name."""
     rows = []
-    carried = sequence.frames[0]
+    carried, mask = sequence.frames[0], sequence.between(0, 1).mask
+    measured = {} if mask is None or mask.all() else {"measured": (mask > 0).astype(np.uint8)}
     with step("writing frames") as tell:
         for k, time in enumerate(sequence.times.tolist()):
             checkpoint()
             i = min(k, len(sequence) - 1)
             points = {
+                **measured,
                 "frame": _columns(sequence.frames[k]),
                 "carried": _columns(carried),
                 "divergence": sequence.divergence[i],

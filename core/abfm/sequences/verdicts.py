@@ -1,11 +1,12 @@
 """What an interval came to, held against what its noise alone would leave."""
 
+import math
 from dataclasses import replace
 
 from abfm.matching.judging import verdict as verdicts
 from abfm.matching.judging.verdict import Outcome, Verdict
 from abfm.matching.problem import Problem
-from abfm.matching.solvability import range_bound
+from abfm.matching.solvability import narrowest, range_bound
 from abfm.matching.solving.course import NEARLY
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
@@ -17,6 +18,7 @@ from abfm.types import FloatArray
 _NOTHING_BUT_NOISE = 0.85  # of the deviation, which is three quarters of the variance
 CONFIRMED = ("matched", "nearly", "registered")
 """Kinds of verdicts by which flow lines confirm an interval."""
+_FEW_EDGES = 2.0  # what spans less is hardly carried, and looks like noise
 _UNSOLVED = Verdict("not reached", "it was not solved: cancelled before", "solve it again")
 
 
@@ -34,15 +36,39 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
     left = verdicts.confirmed_mismatch(said.mismatch, said.verified_mismatch)
     change = told.reason.partition(": ")[0]
     if functions.norm(levels) > _NOTHING_BUT_NOISE * functions.function_size:
-        why = "nothing but noise is there, and no motion can be told"
+        why = f"nothing but {_noise(functions)} is there, and no motion can be told"
         return Verdict("not reached", f"{change}: {why}", "")
     if left <= OFTEN * noise_floor(functions, levels) and told.kind not in CONFIRMED:
-        told = Verdict("registered", f"{change}: no more is left than noise leaves", "")
+        why = f"no more is left than {_noise(functions)} leaves"
+        told = Verdict("registered", f"{change}: {why}", "")
     if told.kind in CONFIRMED and explains_little(functions, levels, left):
-        return Verdict("not reached", f"{change}: most of what changes is no motion", "")
+        return Verdict("not reached", f"{change}: {_unexplained(functions, levels, said)}", "")
     if told.kind in CONFIRMED and _loses_values(functions, levels):
         return Verdict("not reached", f"{change}: the target lacks values of the source", "")
     return told if told.kind in CONFIRMED else replace(told, advice="", remedies=())
+
+
+def _noise(functions: FunctionTerm) -> str:
+    """Say what no neighbour knows of a function: noise, but where edges are long, as those of
+    needles are, what is bent within one, too.
+    """
+    is_coarse = narrowest(functions) < _FEW_EDGES
+    return "noise, or what is narrower than edges," if is_coarse else "noise"
+
+
+def _unexplained(functions: FunctionTerm, levels: FloatArray, said: Said) -> str:
+    """Say why a field explains little by the worse witness: what changes is no motion only where
+    the other one has none either, and the mesh could carry it.
+    """
+    if not explains_little(functions, levels, said.mismatch):
+        return "flow lines leave most of what changes, so the discrete flow is not one here"
+    by_lines = said.verified_mismatch
+    if not (math.isnan(by_lines) or explains_little(functions, levels, by_lines)):
+        return "the discrete flow leaves most of what changes, though flow lines do not"
+    if (spans := narrowest(functions)) < _FEW_EDGES:
+        why = "most of what changes is no motion that the mesh can carry"
+        return f"{why}, as it spans {spans:.2g} edges"
+    return "most of what changes is no motion"
 
 
 def is_unsolved(verdict: Verdict) -> bool:

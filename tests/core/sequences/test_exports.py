@@ -1,6 +1,7 @@
 """Sequences for other programs come back as they were."""
 
 import csv
+import re
 from dataclasses import replace
 
 import nibabel
@@ -53,6 +54,25 @@ def test_paraview_gets_frames_and_fields(tmp_path):
             assert np.abs(carried - film()[k]).max() < 0.3 * np.abs(film()[k - 1] - film()[k]).max()
         else:
             assert_array_equal(carried, film()[0])
+
+
+def test_paraview_is_told_where_values_were_missing(tmp_path):
+    export_pvd(tmp_path / "whole.pvd", solved())
+    with pytest.raises(ValueError, match="measured"):
+        read_grid(tmp_path / "whole/whole_0000.vtu", "measured")
+    frames = film()[:3].copy()
+    frames[1, 7] = np.nan
+    known = np.ones(len(MESH.vertices))
+    known[11] = 0
+    some = abfm.sequence(MESH, frames, mask=known, gamma=0)
+    export_pvd(tmp_path / "some.pvd", some)
+    for k in range(3):
+        file = tmp_path / f"some/some_{k:04}.vtu"
+        measured = read_grid(file, "measured").values[:, 0]
+        assert np.flatnonzero(measured == 0).tolist() == [7, 11]
+        assert set(measured) == {0, 1}
+        [told] = re.findall(rb'<DataArray[^>]* Name="measured"[^>]*>', file.read_bytes())
+        assert b'type="UInt8"' in told
 
 
 def test_a_film_that_is_cancelled_leaves_what_was_there(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
-from abfm import AbfmError, Control
+from abfm import AbfmError, Control, TriangleMesh
 from abfm.calculus.operators import curl, divergence, face_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.maps import vertex_points
@@ -21,7 +21,7 @@ from abfm.workers.progress import telling
 from tests.core.sequences import turning_film
 from tests.core.sequences.films import SPHERE, bumps, coordinates, off, turning
 from tests.core.surfaces import last_order
-from tests.shapes import icosphere
+from tests.shapes import icosphere, square, torus
 
 FAST = defaults(sigma=0.3)
 
@@ -431,6 +431,33 @@ def test_a_field_that_explains_nothing_of_small_changes_confirms_nothing():
     assert told.mismatch.max() < 0.1
     assert told.confirmed == 0
     assert "no motion" in told.verdicts[0].reason
+
+
+def test_on_needles_what_moves_is_not_called_no_motion_nor_noise():
+    mesh = torus(12, 40)  # whose edges are ten times as long around it as around its tube
+
+    def bump(angle):
+        place = [1.4 * np.cos(angle), 1.4 * np.sin(angle), 0]
+        return np.exp(-0.5 * (np.linalg.norm(mesh.vertices - place, axis=1) / 0.5) ** 2)
+
+    [told] = abfm.sequence(mesh, [bump(0.0), bump(0.05)]).verdicts
+    assert told.kind == "not reached"
+    assert told.reason.endswith(
+        "flow lines leave most of what changes, so the discrete flow is not one here"
+    )
+    # a wave of two lengths on four edges has values at random for who sees their neighbours alone
+    long = TriangleMesh(square(20).vertices * [1, 40, 1], square(20).faces)
+    waves = [np.cos(20 * np.pi * (long.vertices[:, 1] / 40 - shift)) for shift in (0, 0.01)]
+    [told] = abfm.sequence(long, waves).verdicts
+    assert "noise, or what is narrower than edges," in told.reason
+    film = checked(mesh, [bump(0.0), bump(0.05)], None, None, None)
+    problem, levels = film.problem(0, FAST), noise_levels(film)
+    left = film.problem(0, FAST).functions.relative_mismatch(problem.functions.source)
+    still = Said(problem.functions.source, np.zeros((2, 3)), left, left, 0.0)
+    told = verdict_of(problem, still, levels, True)
+    assert "no motion that the mesh can carry, as it spans 0.88 edges" in told.reason
+    only_lines = replace(still, verified_mismatch=left / 9)
+    assert "though flow lines do not" in verdict_of(problem, only_lines, levels, True).reason
 
 
 def test_frames_that_are_constant_are_still_whatever_their_value():

@@ -10,9 +10,14 @@ from abfm.assets import asset_names, asset_path
 from abfm.calculus import geodesic_distance, vertex_areas
 from abfm.functions import function, parse, vertex_normals
 from abfm.matching import resolution
-from abfm_viewer.computing.defaults import WIDTH, best_front, default_functions
+from abfm_viewer.computing.defaults import (
+    WIDTH,
+    best_front,
+    changes_in_time,
+    default_functions,
+)
 from abfm_viewer.document.gaussians import landmark
-from tests.shapes import disc, ellipsoid, square, torus
+from tests.shapes import disc, ellipsoid, icosphere, square, torus
 
 MESHES = [name for name in asset_names() if name.endswith(".off")]
 COARSE = [name for name in MESHES if "fine" not in name]
@@ -116,3 +121,18 @@ def test_with_a_second_channel_as_it_is_added_they_still_are_or_almost(name, ref
     stays = function(mesh, landmark(specs(mesh), mesh))
     f, g = (np.stack([function(mesh, spec), stays], axis=1) for spec in specs(mesh))
     assert match(mesh, f, g, Parameters(refine=refine)).confirmed_mismatch < left
+
+
+def test_a_film_is_seen_from_where_it_changes():
+    """Not where values are large, nor where a minority stands still."""
+    mesh = icosphere(3)
+    x, _, z = mesh.vertices.T
+    times = np.arange(4.0)[:, None]
+    large_in_front = 5.0 * (z > 0.5) + np.sin(times) * np.maximum(-x, 0) ** 4
+    assert best_front(mesh, changes=changes_in_time(large_in_front[..., None])).direction[0] < -0.7
+    all_but_the_front = np.sin(times) * (z < 0.3)
+    assert best_front(mesh, changes=changes_in_time(all_but_the_front[..., None])).direction[2] < 0
+    still = np.broadcast_to(z, (4, len(z)))[..., None]
+    assert best_front(mesh, changes=changes_in_time(still)) == best_front(mesh)
+    both = np.stack([large_in_front, np.full_like(large_in_front, np.nan)], axis=2)
+    np.testing.assert_array_equal(changes_in_time(both), changes_in_time(large_in_front[..., None]))

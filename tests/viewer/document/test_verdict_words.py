@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -48,10 +49,10 @@ def judged(match, kind, **known):
     [
         ("matched", 0.002, 0.0062, "matched to 0.7%", "good"),
         ("matched", 0.05, 0.049, "matched to 5%", "good"),
-        ("matched", 0.0123, math.nan, "matched to 2%", "good"),
+        ("matched", 0.0123, math.nan, "matched to 1.3%", "good"),
         ("matched", 0.0, 1e-9, "matched to less than 0.01%", "good"),
         ("nearly", 0.08, 0.07, "nearly: 8% left", "ink"),
-        ("nearly", 0.049, 0.0501, "nearly: 6% left", "ink"),
+        ("nearly", 0.049, 0.0501, "nearly: 5.1% left", "ink"),
         ("nearly", 0.049, 0.12, "nearly: 12% left", "ink"),
         ("nearly", 0.03, math.nan, "nearly", "ink"),  # as their peaks differ
         ("registered", 0.41, 0.42, "registered: 42% left, areas change by 16%", "good"),
@@ -107,14 +108,21 @@ def shown_share(match):
 
 
 def test_percents_have_as_many_digits_as_one_reads_sentences_a_capital_and_one_is_no_plural():
-    values = [1e-5, 1e-4, 0.00085, 0.0096, 0.0101, 0.07, 0.0996, 0.995]
-    said = ["less than 0.01%", "0.01%", "0.09%", "1%", "2%", "7%", "10%", "100%"]
+    values = [1e-5, 1e-4, 0.00085, 0.0096, 0.0101, 0.026, 0.034, 0.07, 0.0996, 0.1001, 0.995]
+    said = ["less than 0.01%", "0.01%", "0.09%", "1%", "1.1%", "2.6%", "3.4%", "7%"]
+    said += ["10%", "11%", "100%"]
     assert [verdict_words.share(value) for value in values] == said
     counts = [verdict_words.counted(number, "iteration") for number in (0, 1, 2)]
     assert counts == ["0 iterations", "1 iteration", "2 iterations"]
     assert verdict_words.capital("opening Bear.OFF") == "Opening Bear.OFF"
     assert verdict_words.sentence("the target is ||g|| = 0") == "The target is ||g|| = 0."
     assert verdict_words.capital("") == ""
+
+
+@given(value=st.floats(1e-4, 1), percent=st.sampled_from([1, 2.5, 5, 7.5, 10, 15, 30]))
+def test_a_share_reads_as_within_a_bound_exactly_where_it_is(value, percent):
+    read = float(verdict_words.share(value).removesuffix("%"))
+    assert (read <= percent) == (value <= percent / 100 + 1e-9)
 
 
 def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
@@ -129,7 +137,7 @@ def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
     ):
         assert why(replace(found, stop_reason=reason)) == told
     for reason, start, words in (  # of what did not come to its end
-        ("cancelled", "cancelled: 2% left", "best field so far"),
+        ("cancelled", "cancelled: 1.3% left", "best field so far"),
         ("given", "field given", "Play"),
     ):
         match = replace(found, stop_reason=reason)
@@ -161,6 +169,27 @@ def test_remedies_are_options_of_the_command_line_and_else_advice_is_words(found
     first, second = map(verdict_words.changes, remedies)
     assert first == "A larger reach.\nStarts a run from no motion, with reach 0.6, levels 0."
     assert second == "Go on.\nStarts a run from the present field."
+
+
+@pytest.mark.parametrize(
+    ("kind", "left", "by_lines", "said"),
+    [
+        ("matched", 0.014, 0.026, "matched to 2.6%"),
+        ("nearly", 0.049, 0.0501, "nearly: 5.1% left"),
+        ("nearly", 0.03, math.nan, "nearly"),  # as faces are folded
+        ("registered", 0.13, 0.12, "registered: 13% left"),
+        ("not reached", 0.02, 0.03, "not reached"),  # as most of it is no motion
+        ("not reached", 0.4, 0.5, "not reached"),
+    ],
+)
+def test_an_interval_of_a_film_is_told_as_a_match_is(kind, left, by_lines, said):
+    sequence = SimpleNamespace(
+        verdicts=[Verdict(kind, "", "")],
+        mismatch=np.array([left]),
+        verified_mismatch=np.array([by_lines]),
+        parameters=abfm.Parameters(),
+    )
+    assert verdict_words.of_interval(sequence, 0) == said
 
 
 def test_of_landmarks_alone_it_is_told_how_far_they_are_left():

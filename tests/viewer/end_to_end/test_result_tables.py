@@ -107,7 +107,26 @@ def test_the_table_goes_with_its_rows_and_comes_back_with_undo(opened, tmp_path)
     assert len(rows_of(opened)) == 4
 
 
-def test_heads_sort_and_words_are_searched_for(opened):
+@pytest.fixture
+def lines(opened, monkeypatch):
+    """What is written in a frame."""
+    said, line = [], Ui.line
+
+    def heard(ui, text, *more, **others):
+        said.append(text)
+        line(ui, text, *more, **others)
+
+    monkeypatch.setattr(Ui, "line", heard)
+
+    def now():
+        said.clear()
+        opened.frames(1)
+        return list(said)
+
+    return now
+
+
+def test_heads_sort_and_words_are_searched_for(opened, lines):
     tables = opened.window.files.tables
     for head, name in (("left", "left"), ("by flow lines", "verified"), ("|log2 J|", "log2_area")):
         opened.click(head, "rows")
@@ -121,7 +140,11 @@ def test_heads_sort_and_words_are_searched_for(opened):
     assert rows_of(opened) == ["later", "gone", "along z", "along x"]
     opened.type("search", "along z", enter=False)
     assert rows_of(opened) == ["along z"]
+    opened.type("search", "along  Q", enter=False)
+    assert rows_of(opened) == []
+    assert "nothing called 'along Q' among 4 rows" in lines()
     opened.type("search", "")
+    assert not [text for text in lines() if text.startswith("nothing called")]
     opened.click("verdict", "rows")
     assert rows_of(opened)[0] == "gone"
 
@@ -238,6 +261,24 @@ def test_the_sample_of_a_population_shows_who_is_odd(opened, monkeypatch):
     assert session.registration is not None
     assert tables.chosen.name == "subject 1"
     assert opened.errors == {}
+
+
+def test_no_row_is_cut_at_the_lower_end(opened, monkeypatch):
+    sizes, begin = [], result_table.imgui.BeginTable
+
+    def begun(name, columns, flags, size):
+        sizes.append(size)
+        return begin(name, columns, flags, size)
+
+    monkeypatch.setattr(result_table.imgui, "BeginTable", begun)
+    opened.frames(2)
+    rows = [w.rect for w in opened.window.ui.widgets if w.section == "table/rows"]
+    heads = rows[0]
+    high = heads[3] - heads[1]
+    assert {bottom - top for _, top, _, bottom in rows} == {high}
+    [(_, height)] = set(sizes)
+    assert height % high == 2  # for the border
+    assert height > 3 * high
 
 
 def test_the_menu_opens_a_table_by_a_file_of_its_folder(opened):

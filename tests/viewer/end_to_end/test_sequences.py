@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import abfm
+from abfm_viewer.appearance.colormaps import NO_VALUES, colors_of
 from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
 from abfm_viewer.computing.films import fast_in
@@ -13,6 +14,7 @@ from abfm_viewer.document.film import FilmSettings
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.panels.right_panel import OF_FILMS
 from abfm_viewer.scene.opengl import ps
+from abfm_viewer.scene.scene import NO_VALUE
 from abfm_viewer.session.session_files import open_session
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.window import wave
@@ -92,6 +94,33 @@ def test_frames_show_as_they_are_and_blended_until_they_are_matched(film):
     while session.document.film.unit:
         film.key("ctrl+z")
     np.testing.assert_array_equal(session.document.film.times, np.arange(COUNT))
+
+
+def test_a_film_is_seen_from_the_side_that_changes_unless_the_user_has_turned_the_surface(
+    gui, tmp_path
+):
+    gui.frames(3)
+    session, behind = gui.session, -gui.session.surface().front.axes[2]
+    paths = tmp_path / "behind.npy", tmp_path / "missing.npy"
+    away = np.maximum(DIRECTIONS @ behind, 0) ** 4
+    frames = 0.2 * DIRECTIONS[:, 1] + np.sin(TIMES[:, None]) * away
+    np.save(paths[0], frames)
+    frames[2, away > 0.1] = np.nan
+    frames[:, DIRECTIONS @ behind < -0.9] += TIMES[:, None]
+    np.save(paths[1], frames)
+    for path, sign in zip(paths, (1, -1), strict=True):
+        gui.window.files.open(path)
+        gui.wait(lambda s, path=path: s.document.film and s.document.film.name == path.name)
+        gui.frames(3)
+        assert sign * np.dot(session.surface().front.direction, behind) > 0.5
+        np.testing.assert_allclose(gui.window.scene.view.rotation, session.surface().front.axes)
+    x, y = gui.window.scene.view.slots["advected"].middle
+    gui.input.drag((x, y), (x + 40, y + 10))
+    turned = session.view.look
+    gui.window.files.open(paths[0])
+    gui.wait(lambda s: s.document.film.name == paths[0].name)
+    gui.frames(3)
+    assert session.view.look == turned is not None
 
 
 def test_the_time_bar_goes_from_frame_to_frame_and_plays(film):
@@ -178,6 +207,44 @@ def test_cancel_keeps_what_was_found_and_pause_holds_the_run(film, tmp_path):
     for interval, is_found in enumerate(found):
         field = film.session.film_match.field(film.session.document, interval)
         assert (field is not None) == is_found == bool(sequence.velocity[interval].any())
+
+
+def test_a_cancelled_run_leaves_an_earlier_result_within_reach(film, tmp_path):
+    np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.005 * np.arange(120))[0])
+    film.window.files.open(tmp_path / "long.npy")
+    film.wait(lambda s: s.document.film.name == "long.npy")
+    session = film.session
+
+    def cancelled(when):
+        film.click("Match all frames")
+        film.wait(when)
+        film.click("Cancel")
+        film.wait(lambda s: not s.running)
+        film.frames(1)
+        return session.document.sequence, session.notices.latest.text
+
+    def some_are_found(session):
+        return session.film_match.found(session.document) > 1
+
+    sequence, told = cancelled(lambda s: s.film_match.running)
+    assert (sequence, told) == (None, "cancelled: 0 of 119 intervals found")
+    first, told = cancelled(some_are_found)
+    count = int(first.solved.sum())
+    assert told == f"cancelled: {count} of 119 intervals found"
+    sequence, told = cancelled(lambda s: s.film_match.running)
+    assert sequence is first
+    assert told == "cancelled: 0 of 119 intervals found, the earlier result stays"
+    second, told = cancelled(some_are_found)
+    assert second is not first
+    now = int(second.solved.sum())
+    assert told == (
+        f"cancelled: {now} of 119 intervals found; Undo (Ctrl+Z) brings back the earlier result, "
+        f"which has {count}"
+    )
+    film.key("ctrl+z")
+    assert session.document.sequence is first
+    film.key("ctrl+y")
+    assert session.document.sequence is second
 
 
 def test_other_parameters_make_a_result_outdated(solved, notes):
@@ -311,12 +378,28 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     path = tmp_path / "wave.npz"
     sequence = abfm.sequence(EGG, FRAMES, TIMES, abfm.sequences.defaults(sigma=0.2), 0.0)
     sequence.save(path)
+    film.session.switch_flow_after_match()
     film.window.files.open(path)
     film.wait(lambda s: s.document.sequence is not None)
     document = film.session.document
     assert (document.film.unit, document.settings.gamma) == ("s", 0.0)
     assert not document.is_film_outdated
     assert document.view.tracks
+    assert document.view.arrows
+    settled(film)
+    film.wait(lambda _: ps.has_surface_mesh("arrows"))
+    film.click("Look", within="steps")
+    film.check("arrows", on=False)
+    film.choose("color by", "speed")
+    film.window.files.open(path)
+    film.wait(lambda s: s.document.identity is not document.identity)
+    assert (film.session.view.arrows, film.session.view.coloring) == (False, "speed")
+    film.choose("color by", "function")
+    film.session.switch_flow_after_match()
+    before = film.session.document
+    film.window.files.open(path)
+    film.wait(lambda s: s.document.identity is not before.identity)
+    assert not film.session.view.arrows
     film.window.files.open_dropped([tmp_path / "wave.npy"])
     film.wait(lambda s: s.document.sequence is None)
     np.save(tmp_path / "short.npy", FRAMES[:, :9])
@@ -362,6 +445,29 @@ def test_channels_share_fields_and_vertices_without_values_are_left_out(gui, tmp
     np.testing.assert_allclose(shown(gui, "source").values[5:], FRAMES[0, 5:] ** 2)
     gui.choose("channel", "0")
     np.testing.assert_allclose(shown(gui, "source").values[5:], FRAMES[0, 5:])
+    for name in ("source", "advected", "target"):
+        assert np.flatnonzero(shown(gui, name).unknown).tolist() == [0, 1, 2, 3, 4]
+    gui.type("time", "1.5")  # drawn in the same quantity
+    now, buffer = shown(gui), ps.get_surface_mesh("advected").get_quantity_buffer
+    colors = buffer(now.kind, "colors")
+    expected = colors_of(now.values, now.colors, now.unknown)
+    assert (expected[:5] == NO_VALUES).all()
+    for vertex in (0, 4, 5, 200, 641):
+        np.testing.assert_allclose(colors.get_value(vertex).as_tuple(), expected[vertex], atol=1e-6)
+    assert gui.window.scene.legend() == (NO_VALUE,)
+    gui.click("Functions", within="steps")
+    gui.click("Match these two frames")
+    gui.wait(lambda s: s.document.film is None and s.values("target") is not None)
+    document = gui.session.document
+    names = [[document.called[spec] for spec in one.specs] for one in document.channels]
+    assert names == [
+        ["frame 1, channel 0", "frame 2, channel 0"],
+        ["frame 1, channel 1", "frame 2, channel 1"],
+    ]
+    for name in ("source", "advected", "target"):
+        gui.wait(lambda _, name=name: shown(gui, name).unknown is not None)
+        assert np.flatnonzero(shown(gui, name).unknown).tolist() == [0, 1, 2, 3, 4]
+    gui.key("ctrl+z")
     mask = gui.session.document.film.frames.mask
     assert (mask == 0).nonzero()[0].tolist() == [0, 1, 2, 3, 4]
 

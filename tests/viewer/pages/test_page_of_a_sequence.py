@@ -127,9 +127,14 @@ def test_what_is_not_compared_is_told(sequence):
     mesh = sequence.mesh
     frames = np.where(mesh.vertices[:, 2] < -0.5, np.nan, sequence.frames[:2, :, 0])
     masked = abfm.sequence(mesh, frames, parameters=abfm.sequences.defaults(sigma=0.3))
-    notes = sequence_page(masked, "a bump", Labels()).notes
+    page = sequence_page(masked, "a bump", Labels())
+    lacking = np.isnan(page.panels[0].layers[0].values)
+    missing = ~np.isfinite(frames).all(axis=0)
+    assert missing.any()
+    np.testing.assert_array_equal(lacking, np.broadcast_to(missing, lacking.shape))
+    notes = page.notes
     share, rest = notes[1].split("% ")
-    assert rest.startswith("of the surface has no weight")
+    assert rest == "of the surface has no value or no weight, is not compared, and is grey"
     assert float(share) == pytest.approx(25, abs=2)  # Archimedes' hat box
 
 

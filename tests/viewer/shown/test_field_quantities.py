@@ -8,7 +8,7 @@ import pytest
 import abfm
 from abfm import AbfmError, Parameters
 from abfm.calculus import commuting_fields, gradient, pushforward, relative_bracket, to_ambient
-from abfm_viewer.appearance.colormaps import color_range, linear_table
+from abfm_viewer.appearance.colormaps import NO_VALUES, color_range, linear_table
 from abfm_viewer.session.film_files import document_of_sequence
 from abfm_viewer.shown import shown as shown_module
 from abfm_viewer.shown.shown import Field, carried_gradient
@@ -140,6 +140,11 @@ def test_coloured_streaks_are_those_of_the_function_and_darker_and_others_grey(s
     share = np.clip((function - colors.low) / (colors.high - colors.low), 0, 1)
     expected = linear_table(colors.colormap, 1024)[(1023 * share + 1e-6).astype(int)]
     np.testing.assert_allclose(bright[rows, columns], expected, rtol=0, atol=0.01)
+    unknown = np.arange(len(values)) == 5
+    lacking = streak_texture(atlas, white, values, colors, unknown)
+    around = unknown[atlas.mesh.faces[atlas.texel_faces]].any(axis=2) & (atlas.texel_faces >= 0)
+    np.testing.assert_allclose(lacking[around], NO_VALUES, atol=1e-6)
+    np.testing.assert_array_equal(lacking[~around], bright[~around])
     image = found.streaks.images[0]
     grey = streak_texture(atlas, image)
     of_shares = streak_texture(atlas, (image / 255).astype(np.float32))

@@ -1,0 +1,41 @@
+"""What a subject of a population is held against: its words, and where nothing is known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from abfm_viewer.document.comparison import COMPARED, Comparison
+
+VALUES = np.arange(10.0).reshape(2, 5, 1)
+VALUES[0, 3] = np.nan
+AREAS = np.array([0.0, 1.0, np.nan])
+
+
+def comparison(name="sub-1", what="difference"):
+    population = SimpleNamespace(
+        names=[name, "sub-2"],
+        fits=np.ones(2, dtype=bool),
+        values=VALUES,
+        mean_of_others=lambda subject, channel: VALUES[1 - subject, :, channel],
+        mean=lambda channel: VALUES[1, :, channel],
+        log2_area_deviation=AREAS,
+    )
+    return Comparison(population, 0, {("own", "mean"): 0}, what)
+
+
+def test_long_names_leave_room_for_the_words_after_them():
+    assert comparison().title("source") == "sub-1, carried"
+    long = comparison("sub-001_ses-baseline_hemi-L_space-fsaverage")
+    assert long.title("source") == "sub-001_ses-baseline_..., carried"
+    assert long.title("advected") == "sub-001_ses-baseline_... less the mean"
+    assert long.name.endswith("fsaverage")
+    assert {comparison(what=what).title("error") for what in COMPARED} == {"error"}
+
+
+def test_what_is_not_known_is_told_of_each_slot():
+    found = comparison()
+    assert found.unknown("source", 0).tolist() == [False, False, False, True, False]
+    assert found.unknown("advected", 0).tolist() == [False, False, False, True, False]
+    assert found.unknown("target", 0) is found.unknown("error", 0) is None
+    assert comparison(what="mean").unknown("advected", 0) is None
+    assert comparison(what="areas").unknown("advected", 0).tolist() == [False, False, True]
