@@ -17,13 +17,20 @@ import numpy as np
 from abfm.batch import Entry, Row
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
-from abfm.functions import function, quoted
+from abfm.functions import quoted
 from abfm.io.atomic import write_atomically
 from abfm.mesh import load_mesh
 from abfm.parameters import Parameters
 from abfm.population.carrying import Carried, Carrying
 from abfm.population.misfits import Compared, Likeness, judge
-from abfm.population.on_template import MapFacts, OnTemplate, checked_mask, displacement_in, stacked
+from abfm.population.on_template import (
+    MapFacts,
+    OnTemplate,
+    checked_mask,
+    displacement_in,
+    known_functions,
+    stacked,
+)
 from abfm.population.round import Round
 from abfm.population.settings import Settings
 from abfm.population.statistics import Moments, phase_and_amplitude
@@ -85,7 +92,7 @@ class Work:
             with suppress(AbfmError):  # which its registration tells
                 mesh = load_mesh(subject.surface or self.path)
                 texts = [subject.functions[c] for c in self.cohort.registered_by]
-                f = np.stack([function(mesh, each) for each in texts])
+                f = known_functions(mesh, texts)[1]
                 sizes = f.std(axis=1)
                 if sizes.all():  # of constants registrations tell
                     levels.append(float(np.sqrt(np.mean((noise(mesh, f) / sizes) ** 2))))
@@ -100,7 +107,8 @@ class Work:
         channels = self.cohort.registered_by
         if given:
             texts = [given[self.cohort.channels[c].name] for c in channels]
-            return Target(np.stack([function(self.template, each) for each in texts]), self.mask)
+            known, functions = known_functions(self.template, texts)
+            return Target(functions, np.where(known, self.mask, 0))
         self._refuse_maps_by_functions()
         if np.count_nonzero(self.weights) < 2:
             raise ParameterError(

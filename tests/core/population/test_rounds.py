@@ -383,6 +383,45 @@ def test_what_a_mask_hides_counts_nothing(tmp_path):
     assert found.mean()[inside] == pytest.approx(height(MESH.vertices)[inside], abs=0.02)
 
 
+def test_where_a_subject_is_unknown_it_counts_nothing(tmp_path):
+    place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
+    for name in ("a", "b", "c", "d"):
+        values = {"height": height(MESH.vertices), "label": label(MESH.vertices)}
+        if name != "b":
+            channel = "label" if name == "d" else "height"
+            values[channel] = np.where(hidden, np.nan, values[channel])
+        place.add(name, *values.values())
+    found = place.registered(Settings(options=BRIEF, rounds=1), held_out=["label"])
+    assert found.fits.all()
+    inside, outside = MESH.vertices[:, 0] > 0.8, MESH.vertices[:, 0] < 0.4
+    assert (found.masks[[0, 2, 3]] == 0)[:, inside].all()
+    assert found.masks[:, outside] == pytest.approx(1)
+    assert found.mean() == pytest.approx(height(MESH.vertices), abs=0.02)
+    assert found.mean("label") == pytest.approx(label(MESH.vertices), abs=0.05)
+    assert np.isfinite(found.scores("label")).all()
+
+
+def test_where_the_template_is_unknown_nothing_is_compared(tmp_path):
+    place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
+    own = place.file("own", np.where(hidden, np.nan, height(MESH.vertices)))
+    for name in ("a", "b"):
+        place.add(name, height(MESH.vertices))
+    found = place.registered(Settings({"height": own}, options=BRIEF, rounds=1))
+    assert found.fits.all()
+    assert found.mean() == pytest.approx(height(MESH.vertices), abs=0.02)
+
+
+def test_who_is_known_together_nowhere_is_told(tmp_path):
+    place, upper = Place(tmp_path), MESH.vertices[:, 2] > 0
+    for name in "abc":
+        place.add(name, height(MESH.vertices), label(MESH.vertices))
+    halves = [np.where(half, height(MESH.vertices), np.nan) for half in (upper, ~upper)]
+    place.add("d", *halves)
+    found = place.registered(Settings(options=BRIEF, rounds=1), held_out=["label"])
+    assert found.fits.tolist() == [True, True, True, False]
+    assert "finite together nowhere" in found.reasons[3]
+
+
 def test_vertices_of_the_template_that_do_not_count(tmp_path):
     place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
     mask = place.file("mask", np.where(hidden, 0.0, 1.0))
@@ -632,6 +671,9 @@ def test_registrations_come_no_closer_than_noise(tmp_path):
         return dict(work.rows(target, 1)[0].options)
 
     assert "goal" not in options(0.0, Settings())
+    values = np.load(tmp_path / "0-0.2.npy")
+    values[MESH.vertices[:, 0] > 0.8] = np.nan
+    np.save(tmp_path / "0-0.2.npy", values)
     assert float(options(0.2, Settings())["goal"]) == pytest.approx(0.2, rel=0.3)
     assert options(0.2, Settings(options={"goal": 0.07}))["goal"] == "0.07"
 
