@@ -22,7 +22,7 @@ from abfm.io.atomic import write_atomically
 from abfm.mesh import load_mesh
 from abfm.parameters import Parameters
 from abfm.population.carrying import Carried, Carrying
-from abfm.population.misfits import Compared, Likeness, judge
+from abfm.population.misfits import Compared, Likeness, judge, left_for_good
 from abfm.population.on_template import (
     MapFacts,
     OnTemplate,
@@ -192,9 +192,9 @@ class Work:
         }
         return Carrying(subject.name, pairs | (by or first))
 
-    def round(self, entries: Sequence[Entry], before: BoolArray | None, number: int) -> Round:
-        """Carry all subjects by their maps less the mean field of those who fitted before, if that
-        is known, and say who fits; again if these are others.
+    def round(self, entries: Sequence[Entry], before: Sequence[BoolArray], number: int) -> Round:
+        """Carry all subjects by their maps less the mean field of those who fitted at the end of
+        the round before, if there is one, and say who fits; again if these are others.
         """
         failures = [
             "" if entry.path else f"it was not registered: {entry.reason or 'there is no result'}"
@@ -202,9 +202,12 @@ class Work:
         ]
         is_there = np.array([not each for each in failures])
         self._require_two(failures)
-        fits, found = is_there if before is None else is_there & before, None
+        fits, for_good = is_there, np.zeros_like(is_there)
+        if before:
+            fits, for_good = is_there & before[-1], left_for_good(before)
+        found = None
         for _ in range(_LOOKS):
-            found = self._look(entries, fits, failures, number)
+            found = self._look(entries, fits, failures, number, for_good)
             if (found.judged.fits == fits).all():
                 break
             fits = found.judged.fits
@@ -231,7 +234,12 @@ class Work:
         return total / weight if weight else total
 
     def _look(
-        self, entries: Sequence[Entry], fits: BoolArray, failures: Sequence[str], number: int
+        self,
+        entries: Sequence[Entry],
+        fits: BoolArray,
+        failures: Sequence[str],
+        number: int,
+        for_good: BoolArray,
     ) -> Round:
         drift = self._mean_field(entries, fits)
         place = self._written(f"round-{number}-drift", drift)
@@ -269,7 +277,7 @@ class Work:
                 maps.append(Likeness(math.nan, math.nan, changed, each.facts.folded))
                 done((i + 1) / len(failures))
             values, masks = stacked(after)
-            judged = judge(self._compared(values, masks), maps, failures)
+            judged = judge(self._compared(values, masks), maps, failures, for_good)
         return Round(
             judged,
             stacked(before),

@@ -3,6 +3,7 @@ process: that others solve them alike is tested with batches.
 """
 
 import shlex
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -199,6 +200,29 @@ def test_the_odd_one_is_named_and_left_out(usual):
     assert usual.deviation() == pytest.approx(usual.values[:5, :, 0].std(axis=0, ddof=1))
     assert usual.mean_of_others(5) == pytest.approx(expected)
     assert usual.mean_of_others(0) == pytest.approx(usual.values[1:5, :, 0].mean(axis=0))
+
+
+def test_who_comes_and_goes_stays_out(tmp_path, monkeypatch):
+    """Here by a judge who finds one unlike the others in every other round."""
+    look, for_good_in = Work._look, {}
+
+    def strict(self, entries, fits, failures, number, for_good):
+        found = look(self, entries, fits, failures, number, for_good)
+        names = np.array([subject.name for subject in self.cohort.subjects])
+        for_good_in[number] = names[for_good].tolist()
+        if number % 2 == 0:
+            return found
+        fits = found.judged.fits & (names != "over")
+        return found._replace(judged=replace(found.judged, fits=fits))
+
+    monkeypatch.setattr(Work, "_look", strict)
+    settings = Settings(options=BRIEF | {"iterations": 2}, rounds=4, bound=0)
+    found = five(tmp_path).registered(settings, held_out=["label"])
+    assert for_good_in == {1: [], 2: [], 3: [], 4: ["over"]}
+    assert [name for name, fits in zip(found.names, found.fits, strict=True) if not fits] == [
+        "over"
+    ]
+    assert found.reasons[found.subject("over")].startswith("it hardly fits: it was left out twice")
 
 
 def test_the_mean_is_nearer_to_the_template_than_the_plain_one(usual):
