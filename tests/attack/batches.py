@@ -27,12 +27,22 @@ from tests.processes import ROOT
 _PROGRAM = "import sys; from abfm_viewer.cli import main; sys.exit(main())"
 _ELSEWHERE = """
 import sys
+import threading
+import time
 import dask
 from distributed import LocalCluster
+from abfm.batch.local_cluster import mend
+
+def tend(cluster):
+    while True:
+        mend(cluster, 2)
+        time.sleep(1)
 
 if __name__ == "__main__":
     dask.config.set({"distributed.scheduler.allowed-failures": 2})
     dask.config.set({"distributed.scheduler.worker-saturation": 1.0})
+    dask.config.set({"distributed.scheduler.worker-ttl": None})
+    dask.config.set({"distributed.deploy.lost-worker-timeout": "1h"})
     cluster = LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
     )
@@ -41,6 +51,7 @@ if __name__ == "__main__":
         json.dump(cluster.scheduler.identity(), file)
     import os
     os.replace(sys.argv[1] + ".new", sys.argv[1])
+    threading.Thread(target=tend, args=(cluster,), daemon=True).start()
     sys.stdin.read()
 """
 VICTIMS = ("client", "scheduler", "worker")
