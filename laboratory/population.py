@@ -347,7 +347,7 @@ def _measured(coarse: bool) -> Cost:
             work = Work(cohort, template, folder / "out", settings, carrying)
             entries = registering(work.rows(work.first_target(), 1), "registering")
             start = process_time()
-            found = work.round(entries, None, 1)
+            found = work.round(entries, [], 1)
             middle = process_time()
             work.phases(entries, found)
             ends = middle - start, process_time() - middle

@@ -1,5 +1,6 @@
 """A batch whose processes are killed at random moments: the client, the scheduler, a worker. It
-goes on, and ends with the same files, bit for bit, as one that nobody touched.
+goes on, finds nothing anew that was done, and ends with the same files, bit for bit, as one that
+nobody touched.
 
     python -m tests.attack.batches --rows 200 --kills 10
 
@@ -26,12 +27,22 @@ from tests.processes import ROOT
 _PROGRAM = "import sys; from abfm_viewer.cli import main; sys.exit(main())"
 _ELSEWHERE = """
 import sys
+import threading
+import time
 import dask
 from distributed import LocalCluster
+from abfm.batch.local_cluster import mend
+
+def tend(cluster):
+    while True:
+        mend(cluster, 2)
+        time.sleep(1)
 
 if __name__ == "__main__":
     dask.config.set({"distributed.scheduler.allowed-failures": 2})
     dask.config.set({"distributed.scheduler.worker-saturation": 1.0})
+    dask.config.set({"distributed.scheduler.worker-ttl": None})
+    dask.config.set({"distributed.deploy.lost-worker-timeout": "1h"})
     cluster = LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
     )
@@ -40,6 +51,7 @@ if __name__ == "__main__":
         json.dump(cluster.scheduler.identity(), file)
     import os
     os.replace(sys.argv[1] + ".new", sys.argv[1])
+    threading.Thread(target=tend, args=(cluster,), daemon=True).start()
     sys.stdin.read()
 """
 VICTIMS = ("client", "scheduler", "worker")
@@ -72,6 +84,21 @@ def start(table, out, *words):
 def results(out):
     """Checksums of the results by name."""
     return {path.name: sha256(path.read_bytes()).hexdigest() for path in out.glob("*.npz")}
+
+
+def written(out):
+    """Which file each result is, by name: another one if it was written again."""
+    found = {}
+    for path in out.glob("*.npz"):
+        with suppress(OSError):
+            state = path.stat()
+            found[path.name] = (state.st_ino, state.st_mtime_ns)
+    return found
+
+
+def anew(before, after):
+    """Names of results that were done before and were found once more, or are gone."""
+    return sorted(name for name, file in before.items() if after.get(name) != file)
 
 
 def children_of(number):
@@ -111,9 +138,10 @@ def kill(number):
 
 def killed(table, out, kills, chance, longest, words=(), cluster=None):
     """Run a batch to its end while so many of its processes are killed, each at a random moment
-    within so many seconds of the one before; who was killed, and the last exit status.
+    within so many seconds of the one before; who was killed, the last exit status, and the names
+    of results that were there at a kill and were found anew.
     """
-    told, process = [], start(table, out, *words)
+    told, done, process = [], {}, start(table, out, *words)
     while True:
         try:
             wait = longest * chance.random() if len(told) < kills else None
@@ -123,11 +151,12 @@ def killed(table, out, kills, chance, longest, words=(), cluster=None):
             if cluster:  # whose scheduler is not started anew by anybody
                 del found["scheduler"]
             who = chance.choice([each for each in found if found[each]])
+            done = written(out) | done
             kill(chance.choice(found[who]))
             told.append(who)
             continue
         if process.returncode != -signal.SIGKILL:
-            return told, process.returncode
+            return told, process.returncode, anew(done, written(out))
         process = start(table, out, *words)
 
 
@@ -209,15 +238,17 @@ def main():
         best = {jobs: min(t["wall"] for t in timings if t["jobs"] == jobs) for jobs in (1, 2)}
         longest = 2 * best[2] / (asked.kills + 2)
         print(f"two workers are {best[1] / best[2]:.2f} times as fast as one", flush=True)
-        told, status = killed(table, folder / "killed", asked.kills, chance, longest)
+        told, status, twice = killed(table, folder / "killed", asked.kills, chance, longest)
         faults += faults_of(folder / "killed", wanted)
+        faults += [f"{name[:8]} was done, and was found anew" for name in twice]
         print(f"killed {', '.join(told)}: exit status {status}", flush=True)
         file = folder / "scheduler.json"
         cluster = elsewhere(file)
         words = ("--scheduler-file", str(file))
         out = folder / "elsewhere"
-        told, status = killed(table, out, asked.kills, chance, longest, words, cluster.pid)
+        told, status, twice = killed(table, out, asked.kills, chance, longest, words, cluster.pid)
         faults += faults_of(out, wanted)
+        faults += [f"{name[:8]} was done, and was found anew" for name in twice]
         print(f"elsewhere, killed {', '.join(told)}: exit status {status}", flush=True)
         there = family(cluster.pid)[1:]
         kill(cluster.pid)

@@ -8,6 +8,7 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from abfm_viewer.cli.batches.best import Best, best_of
 from abfm_viewer.cli.reports.report_page import document, facts_block, png, sentence
 from abfm_viewer.document.verdict_words import share
 
@@ -35,6 +36,7 @@ table.rows thead th { background: #fff; position: sticky; top: 0; vertical-align
   border-radius: 6px; padding: 1.3rem 0; }
 table.grid th, table.grid td { padding: .35rem 0 .35rem 1.6rem; text-align: right; }
 table.grid th:first-child { padding-left: 0; text-align: left; }
+.framed { outline: 1px solid var(--muted); outline-offset: 4px; border-radius: 3px; }
 .wrapped td { overflow-wrap: anywhere; }
 @media print { table.rows thead th { position: static; } }
 @media (max-width: 40rem) {
@@ -48,7 +50,10 @@ table.grid th:first-child { padding-left: 0; text-align: left; }
 }
 """
 _PICTURES = {"sequence": "first, middle, last frame"}
-_HEADS = ("source, carried, target", "", "mismatch", "by flow lines", "folded", "seconds")
+_HEADS = (
+    *("source, carried, target", "", "mismatch", "by flow lines", "folded", "|log2\u00a0J|"),
+    "seconds",
+)
 
 
 def page(
@@ -62,14 +67,15 @@ def page(
     shared = _shared(rows)
     kinds = Counter(row.entry.row.kind for row in rows)
     told = ", ".join(_counted(count, kind) for kind, count in kinds.items())
-    about = f"{told}; those that came least far are first."
+    about, best = f"{told}; those that came least far are first.", best_of(rows)
     parts = [
         f"<h1>Batch: {escape(title)}</h1>",
         f'<p class="muted">{escape(about)}</p>',
         _counts(counts),
         f'<ul class="warnings"><li>No pictures: {escape(why_none)}</li></ul>' if why_none else "",
         _options(shared),
-        _grid(rows),
+        _best(best),
+        _grid(rows, best),
         _table(rows, shared, pictures),
         f"<footer>abfm {escape(version('abfm'))}</footer>",
         facts_block({"title": title, "rows": [row.to_dict() for row in rows]}),
@@ -114,7 +120,15 @@ def _options(shared: Sequence[tuple[str, str]]) -> str:
     return f'<h2>Of all rows</h2><table class="words wrapped">{lines}</table>'
 
 
-def _grid(rows: Sequence[Told]) -> str:
+def _best(best: Best | None) -> str:
+    """Say which of several ways to solve one problem is best, and by what."""
+    if best is None:
+        return ""
+    lines = "".join(f"<li>{sentence(each)}.</li>" for each in best.sentences())
+    return f"<h2>Best</h2><ul>{lines}</ul>"
+
+
+def _grid(rows: Sequence[Told], best: Best | None) -> str:
     """Return what came of all combinations of two options at a glance; nothing where the rows are
     not that.
     """
@@ -130,13 +144,15 @@ def _grid(rows: Sequence[Told]) -> str:
     head = "".join(f"<th>{escape(across)} {escape(text)}</th>" for text in acrosses)
     lines = "".join(
         f"<tr><th>{escape(down)} {escape(one)}</th>"
-        + "".join(_glance(found[one, other]) for other in acrosses)
+        + "".join(_glance(found[one, other], best) for other in acrosses)
         + "</tr>"
         for one in downs
     )
+    text = "What is left by the worse witness, and the mean |log2 J| of the map."
+    if best is not None and best.unbeaten:
+        text += " Framed is what no other combination beats in both."
     return (
-        "<h2>At a glance</h2>"
-        "<p>What is left by the worse witness, and the mean |log2 J| of the map.</p>"
+        f"<h2>At a glance</h2><p>{text}</p>"
         f'<table class="grid"><thead><tr><th></th>{head}</tr></thead><tbody>{lines}</tbody></table>'
     )
 
@@ -148,13 +164,15 @@ def _by_size(text: str) -> tuple[float, str]:
         return float("inf"), text
 
 
-def _glance(row: Told) -> str:
+def _glance(row: Told, best: Best | None) -> str:
     facts, tone = row.facts, _tone(row.verdict)
     if facts is None:
         return f'<td class="word {tone}">{escape(_word(row.verdict))}</td>'
     areas = f"{facts.log2_area:.2f}" if facts.log2_area == facts.log2_area else "-"
     left = f"{100 * facts.confirmed:.2g}%"
-    return f'<td><span class="word {tone}">{left}</span> {areas}</td>'
+    told = f'<span class="word {tone}">{left}</span> {areas}'
+    is_framed = best is not None and row.entry.row.name in best.unbeaten
+    return f'<td><span class="framed">{told}</span></td>' if is_framed else f"<td>{told}</td>"
 
 
 def _table(
@@ -190,9 +208,10 @@ def _line(row: Told, shared: Sequence[tuple[str, str]], pictures: Mapping[str, b
         f'<div class="word {_tone(row.verdict)}">{sentence(_word(row.verdict))}{left}</div>'
         f"{reason}{options}"
     )
-    numbers = ("-", "-", "-")
+    numbers = ("-", "-", "-", "-")
     if facts is not None:
-        numbers = (_number(facts.mismatch), _number(facts.verified_mismatch), _folded(facts.folded))
+        both = _number(facts.mismatch), _number(facts.verified_mismatch)
+        numbers = (*both, _folded(facts.folded), _number(facts.log2_area))
     seconds = "-" if entry.record.seconds is None else f"{entry.record.seconds:.1f}"
     cells = "".join(
         f'<td data-of="{of}">{each}</td>'

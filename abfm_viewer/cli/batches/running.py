@@ -16,6 +16,7 @@ from abfm.batch.run import WAITS, LostError
 from abfm.errors import one_line, printable
 from abfm_viewer import signals
 from abfm_viewer.cli import options
+from abfm_viewer.cli.batches.best import Best, best_of
 from abfm_viewer.cli.batches.summary import GOOD, Told, counts, told_of, write_summary
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
@@ -122,17 +123,19 @@ def tell_all(
         print(f"note: the summary has no pictures: {why}", file=sys.stderr)
     if status is None:
         status = _status(rows)
+    best = best_of(rows)
     if arguments.json:
         told: dict[str, Any] = {
             "out": str(folder),
             "counts": counts(rows),
             "seconds": seconds,
+            "best": None if best is None else best.to_dict(),
             "summary": list(map(str, written)),
             "rows": [row.to_dict() for row in rows],
         }
         print(json.dumps(told))
     else:
-        print("\n".join(_lines(rows, written, seconds)))
+        print("\n".join(_lines(rows, best, written, seconds)))
     return status
 
 
@@ -153,7 +156,9 @@ def _line(row: Told) -> str:
     return f"{name}: {row.verdict}, {row.facts.confirmed:.3f} left{took}"
 
 
-def _lines(rows: Sequence[Told], written: Sequence[Path], seconds: float | None) -> list[str]:
+def _lines(
+    rows: Sequence[Told], best: Best | None, written: Sequence[Path], seconds: float | None
+) -> list[str]:
     found = counts(rows)
     words = ", ".join(
         f"{count} {'not done' if verdict == 'missing' else verdict}"
@@ -161,6 +166,7 @@ def _lines(rows: Sequence[Told], written: Sequence[Path], seconds: float | None)
     )
     took = "" if seconds is None else f", in {seconds:.1f} s"
     lines = [f"{counted(len(rows), 'row')}: {words}{took}"]
+    lines += [] if best is None else best.sentences()
     failed = [row for row in rows if row.verdict == "failed"]
     lines += [f"  {_line(row)}" for row in failed[:_MOST_TOLD]]
     if len(failed) > _MOST_TOLD:

@@ -61,9 +61,10 @@ def _summary(told: Facts) -> str:
     odd = [each for each in told["subjects"] if not each["fits"]]
     rest, rounds = told["changes"][-1] <= told["bound"], len(told["changes"])
     word = "The mean has come to rest" if rest else "The mean still changes"
+    more = "" if rest else " The same command with more <code>--rounds</code> goes on from here."
     why = (
         f"<p>It changed by {told['changes'][-1]:.2g} of its deviation over the surface in the last "
-        f"of {rounds} rounds, where {told['bound']:g} was asked for.</p>"
+        f"of {rounds} rounds, where {told['bound']:g} was asked for.{more}</p>"
     )
     left = "".join(
         f"<li><b>{escape(each['name'])}</b>: {escape(each['reason'] or '')}.</li>" for each in odd

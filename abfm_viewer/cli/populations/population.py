@@ -56,7 +56,8 @@ The first line of SUBJECTS.csv names its columns; paths begin at the table's fol
   weight      how much it counts in the mean (1); one of weight 0 is judged, too
   {HELD_OUT}NAME  a channel that is carried, but not registered by: its correlation with the mean of
               the others, before and after, is its score
-  NAME        any other is a channel to register by: a file of values, or a function as text
+  NAME        any other is a channel to register by: a file of values, or a function as text; where
+              a file has NaN, the vertex counts for nothing
 Registrations are rows of a batch in DIR, each DIR/<digest>.npz, and so is what is carried by them,
 in DIR/carried: run again, it does nothing twice.
 Written are DIR/population.npz, subjects.csv, mean.vtu, and for a GIFTI template mean.shape.gii, and

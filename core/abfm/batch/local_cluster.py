@@ -11,15 +11,22 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+import threading
+import time
 import warnings
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from abfm.io import remove_temporary, temporary_folder
 from abfm.workers.process import Requests
 
+if TYPE_CHECKING:
+    from distributed import LocalCluster
+
 MODULE = "abfm.batch.local_cluster"
 HOST = "127.0.0.1"
+_EVERY = 1.0  # seconds between two looks at whether workers are lost
+_GONE = "failed", "closed"  # states of what starts a worker, and starts it no more
 
 
 class Wanted(NamedTuple):
@@ -50,6 +57,8 @@ def main() -> None:
             "distributed.scheduler.worker-ttl": None,  # libraries hold the interpreter for long
             "distributed.scheduler.http.routes": [],
             "distributed.worker.http.routes": [],
+            # one that starts anew may take long on a machine that has much to do
+            "distributed.deploy.lost-worker-timeout": "1h",
             "distributed.worker.profile.enabled": False,
             "distributed.admin.tick.limit": "1h",
         }
@@ -66,11 +75,40 @@ def main() -> None:
             local_directory=os.fspath(folder),
         )
         requests.answer(cluster.scheduler_address)
+        threading.Thread(target=_tend, args=(cluster, wanted.workers), daemon=True).start()
         for _ in requests:
             pass
-        remove_temporary()
-        sys.stdout.flush()
-        os._exit(0)
+        _end(0)
+
+
+def _tend(cluster: LocalCluster, count: int) -> None:
+    """Have as many workers as are wanted, and end where none is left: a client waits for them."""
+    while mend(cluster, count):
+        time.sleep(_EVERY)
+    _end(1)
+
+
+def mend(cluster: LocalCluster, count: int) -> int:
+    """Start workers that Dask has given up, as one that dies while it starts, and return how many
+    are left of so many.
+    """
+    lost = [name for name, each in list(cluster.workers.items()) if each.status.name in _GONE]
+    left = len(cluster.workers) - len(lost)
+
+    def start() -> None:
+        for name in lost:
+            cluster.workers.pop(name, None)
+        cluster.scale(count)
+
+    if left < count:
+        cluster.loop.add_callback(start)
+    return left
+
+
+def _end(status: int) -> None:
+    remove_temporary()
+    sys.stdout.flush()
+    os._exit(status)
 
 
 if __name__ == "__main__":  # the workers' processes import this module by another name

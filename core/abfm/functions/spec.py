@@ -92,7 +92,7 @@ def parse(text: str) -> Spec:
     return spec
 
 
-def function(mesh: TriangleMesh, spec: str | Spec) -> FloatArray:
+def function(mesh: TriangleMesh, spec: str | Spec, *, may_be_unknown: bool = False) -> FloatArray:
     """Return values of a function at the vertices, (V,), finite, a new array every time.
 
     Parameters
@@ -100,6 +100,8 @@ def function(mesh: TriangleMesh, spec: str | Spec) -> FloatArray:
     spec : str or Spec
         Text such as ``"gaussian:vertex=12,width=0.1 + gaussian:vertex=3"``, or what :func:`parse`
         makes of it; :func:`families` lists the families with their parameters.
+    may_be_unknown : bool
+        Let a file have NaN at some vertices, not at all of them; such values come back.
 
     Raises
     ------
@@ -116,13 +118,28 @@ def function(mesh: TriangleMesh, spec: str | Spec) -> FloatArray:
     with np.errstate(over="ignore", invalid="ignore"):
         values = np.array(tree.evaluate(mesh), dtype=np.float64, order="C")
     bad = np.flatnonzero(~np.isfinite(values))
+    is_of_file = len(bad) > 0 and _has_file(tree)
+    if may_be_unknown and is_of_file and len(bad) < len(values) and not np.isinf(values).any():
+        return values
     if len(bad):
+        mend = (
+            ": write a number there, and hide it by a mask if it means nothing"
+            if is_of_file
+            else ""
+        )
         raise FunctionError(
             f"function {brief(str(tree))} is not finite at {len(bad)} of {len(values)} vertices, "
             f"for example {values[bad[0]]} at vertex {mesh.vertex_ids[bad[0]]}; every vertex "
-            "needs a finite value"
+            f"needs a finite value{mend}"
         )
     return values
+
+
+def _has_file(spec: Spec) -> bool:
+    """Tell whether a function has values of a file in it."""
+    if isinstance(spec, Sum):
+        return any(map(_has_file, spec.terms))
+    return _has_file(spec.function) if isinstance(spec, Permuted) else isinstance(spec, ValuesFile)
 
 
 class _Parser:

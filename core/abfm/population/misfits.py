@@ -80,6 +80,7 @@ def judge(
     compared: Compared,
     maps: Sequence[Likeness] | None = None,
     failures: Sequence[str] | None = None,
+    for_good: BoolArray | None = None,
 ) -> Judged:
     """Say who does not fit, and why; who does not is left out of what the others are held against.
 
@@ -96,6 +97,8 @@ def judge(
         Of each subject, from which distortions are taken.
     failures : sequence of str, optional
         Why a subject cannot count, whatever it is like; else empty.
+    for_good : (N,) array of bool, optional
+        Who stays left out, also where it is like the others, see `left_for_good`.
     """
     count = len(compared.masks)
     known = maps or [Likeness(math.nan, math.nan)] * count
@@ -104,7 +107,8 @@ def judge(
         if not reasons[i] and _says_nothing(compared, i):
             reasons[i] = "its functions are constant, or known nowhere"
     counting = np.array([not reason for reason in reasons])
-    fits = counting.copy()
+    stays = np.zeros(count, bool) if for_good is None else counting & for_good
+    fits = counting & ~stays
     while True:
         others = compared.others(fits)
         found = [_likeness(compared, others, i, known[i]) for i in range(count)]
@@ -116,7 +120,17 @@ def judge(
         fits = left
     for i in np.flatnonzero(counting & ~fits).tolist():
         reasons[i] += _sign_and_unit(compared, others, i)
+        if not reasons[i] and stays[i]:
+            reasons[i] = "it hardly fits: it was left out twice, and came back between"
     return Judged(fits, tuple(reasons), tuple(found))
+
+
+def left_for_good(rounds: Sequence[BoolArray]) -> BoolArray:
+    """Say who was left out, came back, and was left out again, (N,), by who fitted at the ends of
+    rounds: the mean would not come to rest if one came and went for ever.
+    """
+    fitted = np.stack([np.ones_like(rounds[0]), *rounds])
+    return np.asarray((fitted[:-1] & ~fitted[1:]).sum(axis=0) > 1)
 
 
 def _says_nothing(compared: Compared, subject: int) -> bool:

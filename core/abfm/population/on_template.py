@@ -9,8 +9,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from abfm.calculus.channels import extension
 from abfm.calculus.operators import face_areas
-from abfm.errors import ParameterError
+from abfm.errors import FunctionError, ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.functions import function
 from abfm.io import results
@@ -21,7 +22,7 @@ from abfm.mesh import TriangleMesh
 from abfm.reading import from_json
 from abfm.registration import Registration
 from abfm.registration.correspondence import Correspondence
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 
 Shift: TypeAlias = Callable[[SurfacePoints], SurfacePoints]
 """Where on the template its points come from, before a mean field was taken off."""
@@ -44,10 +45,29 @@ class Own(NamedTuple):
 
     @classmethod
     def of(cls, mesh: TriangleMesh, texts: Sequence[str], mask: str | None) -> Own:
-        """Evaluate functions as texts, of which those that are unknown are empty."""
+        """Evaluate functions as texts, of which those that are unknown are empty. Where one has NaN
+        its vertices count for nothing, and values are filled in from around.
+        """
+        given = [text for text in texts if text]
+        known, functions = known_functions(mesh, given)
+        filled = dict(zip(given, functions, strict=True))
         unknown = np.full(len(mesh.vertices), np.nan)
-        columns = [function(mesh, text) if text else unknown for text in texts]
-        return cls(mesh, np.stack(columns, axis=1), checked_mask(mesh, mask, "it"))
+        values = np.stack([filled[text] if text else unknown for text in texts], axis=1)
+        return cls(mesh, values, np.where(known, checked_mask(mesh, mask, "it"), 0))
+
+
+def known_functions(mesh: TriangleMesh, texts: Sequence[str]) -> tuple[BoolArray, FloatArray]:
+    """Evaluate functions as texts, (C, V), filled in from around where one is unknown, and tell
+    where all of them are known, (V,).
+    """
+    values = np.stack([function(mesh, text, may_be_unknown=True) for text in texts])
+    known: BoolArray = np.asarray(np.isfinite(values).all(axis=0))
+    if known.all():
+        return known, values
+    if not known.any():
+        raise FunctionError("its functions are finite together nowhere; give them or their masks")
+    fill = extension(mesh, known)
+    return known, np.stack([fill(np.where(known, each, 0)) for each in values])
 
 
 class MapFacts(NamedTuple):

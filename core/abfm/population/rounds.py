@@ -72,12 +72,12 @@ def register_population(
         solver = _Solver(Path(folder), workers, on_change, control)
         work = Work(by_name, Path(template), Path(folder), settings or Settings(), solver.carried)
         target, changes = work.first_target(), list[float]()
-        fits: BoolArray | None = None
+        fits = list[BoolArray]()
         while True:
             number = len(changes) + 1
             entries = solver.registered(work.rows(target, number), number)
             found = work.round(entries, fits, number)
-            fits = found.judged.fits
+            fits.append(found.judged.fits)
             mean = found.target(work)
             changes.append(mean.distance(target, work.areas, work.channel_weights))
             target = mean

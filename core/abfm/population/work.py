@@ -17,13 +17,20 @@ import numpy as np
 from abfm.batch import Entry, Row
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
-from abfm.functions import function, quoted
+from abfm.functions import quoted
 from abfm.io.atomic import write_atomically
 from abfm.mesh import load_mesh
 from abfm.parameters import Parameters
 from abfm.population.carrying import Carried, Carrying
-from abfm.population.misfits import Compared, Likeness, judge
-from abfm.population.on_template import MapFacts, OnTemplate, checked_mask, displacement_in, stacked
+from abfm.population.misfits import Compared, Likeness, judge, left_for_good
+from abfm.population.on_template import (
+    MapFacts,
+    OnTemplate,
+    checked_mask,
+    displacement_in,
+    known_functions,
+    stacked,
+)
 from abfm.population.round import Round
 from abfm.population.settings import Settings
 from abfm.population.statistics import Moments, phase_and_amplitude
@@ -85,7 +92,7 @@ class Work:
             with suppress(AbfmError):  # which its registration tells
                 mesh = load_mesh(subject.surface or self.path)
                 texts = [subject.functions[c] for c in self.cohort.registered_by]
-                f = np.stack([function(mesh, each) for each in texts])
+                f = known_functions(mesh, texts)[1]
                 sizes = f.std(axis=1)
                 if sizes.all():  # of constants registrations tell
                     levels.append(float(np.sqrt(np.mean((noise(mesh, f) / sizes) ** 2))))
@@ -100,7 +107,8 @@ class Work:
         channels = self.cohort.registered_by
         if given:
             texts = [given[self.cohort.channels[c].name] for c in channels]
-            return Target(np.stack([function(self.template, each) for each in texts]), self.mask)
+            known, functions = known_functions(self.template, texts)
+            return Target(functions, np.where(known, self.mask, 0))
         self._refuse_maps_by_functions()
         if np.count_nonzero(self.weights) < 2:
             raise ParameterError(
@@ -184,9 +192,9 @@ class Work:
         }
         return Carrying(subject.name, pairs | (by or first))
 
-    def round(self, entries: Sequence[Entry], before: BoolArray | None, number: int) -> Round:
-        """Carry all subjects by their maps less the mean field of those who fitted before, if that
-        is known, and say who fits; again if these are others.
+    def round(self, entries: Sequence[Entry], before: Sequence[BoolArray], number: int) -> Round:
+        """Carry all subjects by their maps less the mean field of those who fitted at the end of
+        the round before, if there is one, and say who fits; again if these are others.
         """
         failures = [
             "" if entry.path else f"it was not registered: {entry.reason or 'there is no result'}"
@@ -194,9 +202,12 @@ class Work:
         ]
         is_there = np.array([not each for each in failures])
         self._require_two(failures)
-        fits, found = is_there if before is None else is_there & before, None
+        fits, for_good = is_there, np.zeros_like(is_there)
+        if before:
+            fits, for_good = is_there & before[-1], left_for_good(before)
+        found = None
         for _ in range(_LOOKS):
-            found = self._look(entries, fits, failures, number)
+            found = self._look(entries, fits, failures, number, for_good)
             if (found.judged.fits == fits).all():
                 break
             fits = found.judged.fits
@@ -223,7 +234,12 @@ class Work:
         return total / weight if weight else total
 
     def _look(
-        self, entries: Sequence[Entry], fits: BoolArray, failures: Sequence[str], number: int
+        self,
+        entries: Sequence[Entry],
+        fits: BoolArray,
+        failures: Sequence[str],
+        number: int,
+        for_good: BoolArray,
     ) -> Round:
         drift = self._mean_field(entries, fits)
         place = self._written(f"round-{number}-drift", drift)
@@ -261,7 +277,7 @@ class Work:
                 maps.append(Likeness(math.nan, math.nan, changed, each.facts.folded))
                 done((i + 1) / len(failures))
             values, masks = stacked(after)
-            judged = judge(self._compared(values, masks), maps, failures)
+            judged = judge(self._compared(values, masks), maps, failures, for_good)
         return Round(
             judged,
             stacked(before),

@@ -83,7 +83,8 @@ def register(
     a, b : TriangleMesh
     f, g : (V_A,) or (V_A, C), and (V_B,) or (V_B, C) arrays, or str, or sequences of str
         One or several channels; texts are functions, see `abfm.function`, each on its own surface.
-        Where a value is not finite, such as behind a medial wall, nothing is compared.
+        Where a value is not finite, such as behind a medial wall, nothing is compared, which is
+        told; of texts that are NaN in a file.
         Functions that were measured, or are not in one unit, are compared by their deviations from
         their means in standard deviations, both where the masks are above 0; where they correlate
         by less than -0.3 by the initial map, the sign of A's is turned, and that is told.
@@ -222,7 +223,8 @@ def prepare(
         weights=counts,
         **({} if marks is None else _on_b(found, marks)),
     )
-    return Prepared(found, problem, (*first.notes, *notes), source.T.copy())
+    told = (*_unknown("A", known_a), *_unknown("B", known_b))
+    return Prepared(found, problem, (*first.notes, *told, *notes), source.T.copy())
 
 
 def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:
@@ -257,7 +259,9 @@ def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray
     if isinstance(given, str):
         given = [given]
     if isinstance(given, list | tuple) and given and all(isinstance(x, str) for x in given):
-        values = np.stack([function(mesh, str(spec)) for spec in given], axis=1)
+        values = np.stack(
+            [function(mesh, str(spec), may_be_unknown=True) for spec in given], axis=1
+        )
     else:
         values = real_numbers(given, name, FunctionError)
         if values.ndim not in (1, 2) or values.size == 0:
@@ -267,6 +271,13 @@ def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray
     if not known.any():
         raise FunctionError(f"{name} is finite nowhere")
     return np.where(known[:, None], values, 0).T, known
+
+
+def _unknown(side: str, known: BoolArray) -> list[str]:
+    """Tell where functions (V,) are not known, if there is such a place."""
+    count = int(np.count_nonzero(~known))
+    what = f"functions of {side} are not finite at {count} of {len(known)} vertices"
+    return [f"{what}, where nothing is compared"] if count else []
 
 
 def _filled(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import json
 import threading
+import time
 from importlib.metadata import PackageNotFoundError, version
 from unittest.mock import Mock
 
@@ -9,7 +10,8 @@ import pytest
 from distributed import LocalCluster
 
 import abfm
-from abfm.batch import Cluster, Row, Workers, on_dask, run
+from abfm.batch import Cluster, Row, Workers, local_cluster, on_dask, run
+from abfm.batch.local_cluster import mend
 from abfm.batch.run import CONNECTING, ENDED, NO_WORKERS, LostError
 from abfm.errors import AbfmError, ResultError
 from abfm.workers.process import ProcessEndedError
@@ -73,6 +75,35 @@ def test_processes_of_this_machine_that_end_are_started_again_a_few_times(
         run(ROWS, tmp_path, Cluster(jobs=2))
         assert results(tmp_path) == alone
     assert starts == ["abfm.batch.local_cluster"] * min(deaths + 1, 4)
+
+
+def test_workers_that_dask_gives_up_are_started_anew():
+    options = {"processes": False, "n_workers": 2, "threads_per_worker": 1}
+    with LocalCluster(**options, dashboard_address="127.0.0.1:0", silence_logs=60) as cluster:
+        assert mend(cluster, 2) == 2
+        first, second = cluster.workers.values()
+        cluster.sync(first.close)
+        assert mend(cluster, 2) == 1
+        with cluster.get_client() as client:
+            client.wait_for_workers(2, timeout=60)
+            while mend(cluster, 2) < 2:
+                time.sleep(0.05)
+            assert first not in cluster.workers.values()
+            assert second in cluster.workers.values()
+            for each in list(cluster.workers.values()):
+                cluster.sync(each.close)
+            assert mend(cluster, 2) == 0
+            client.wait_for_workers(2, timeout=60)
+
+
+def test_a_cluster_of_this_machine_ends_where_no_worker_is_left(monkeypatch):
+    left, ends = iter([2, 1, 2, 0]), []
+    monkeypatch.setattr(local_cluster, "_EVERY", 0)
+    monkeypatch.setattr(local_cluster, "mend", lambda cluster, count: next(left))
+    monkeypatch.setattr(local_cluster, "_end", ends.append)
+    local_cluster._tend(None, 2)
+    assert ends == [1]
+    assert next(left, None) is None
 
 
 @pytest.mark.parametrize("is_seen", [True, False])

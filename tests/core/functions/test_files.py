@@ -110,6 +110,24 @@ def test_files_count_as_the_mesh_file_does_after_repairs(tmp_path):
         function(mesh, f"file:{tmp_path / 'a.npy'}")
 
 
+def test_files_may_have_unknown_values_where_that_is_asked(tmp_path):
+    values = VALUES.copy()
+    values[3] = np.nan
+    text = f"file:{tmp_path / 'a.npy'}"
+    np.save(tmp_path / "a.npy", values)
+    assert_array_equal(function(MESH, text, may_be_unknown=True), values)
+    with_more = function(MESH, f"(coordinate:x + {text})", may_be_unknown=True)
+    assert_array_equal(np.flatnonzero(np.isnan(with_more)), [3])
+    with pytest.raises(FunctionError, match="a finite value: write a number there, and hide it"):
+        function(MESH, text)
+    for wrong in (np.full(COUNT, np.nan), np.where(np.arange(COUNT) == 4, np.inf, values)):
+        np.save(tmp_path / "a.npy", wrong)
+        with pytest.raises(FunctionError, match="not finite"):
+            function(MESH, text, may_be_unknown=True)
+    with pytest.raises(FunctionError, match=r"every vertex needs a finite value$"):
+        function(MESH, "expression:sqrt(x)", may_be_unknown=True)
+
+
 @pytest.mark.parametrize("name", ["map.txt", "map.npy"])
 def test_a_map_composes_and_counts_from_0_where_both_ways_fit(tmp_path, name):
     target = np.random.default_rng(0).integers(0, COUNT, COUNT)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from abfm.population.misfits import FEWEST, Compared, Likeness, judge
+from abfm.population.misfits import FEWEST, Compared, Likeness, judge, left_for_good
 
 RNG = np.random.default_rng(8)
 COMMON, AREAS = RNG.normal(size=200), RNG.uniform(0.5, 2, 200)
@@ -107,6 +107,26 @@ def test_maps_that_fold_or_distort_do_not_fit():
     assert distorted.fits.tolist() == [True] * 8 + [False]
     assert "changes areas by a mean |log2 J| of 1.50" in distorted.reasons[8]
     assert "folds 20% of the faces" in judge(compared(ALIKE), maps(folded=0.2)).reasons[8]
+
+
+def test_who_was_left_out_twice_stays_out():
+    alike = judge(compared(ALIKE))
+    assert alike.fits.all()
+    for_good = np.arange(9) == 4
+    found = judge(compared(ALIKE), for_good=for_good)
+    assert found.fits.tolist() == [i != 4 for i in range(9)]
+    assert found.reasons[4] == "it hardly fits: it was left out twice, and came back between"
+    assert not any(found.reasons[:4])
+    assert found.likeness[4].correlation == pytest.approx(alike.likeness[4].correlation)
+    failures = ["", *["there is no file"] * 8]
+    assert judge(compared(ALIKE), None, failures, for_good).reasons[4] == "there is no file"
+
+
+def test_who_comes_and_goes_is_left_for_good_the_second_time():
+    rounds = np.array([[1, 0, 0, 1, 0], [1, 0, 1, 0, 1], [1, 0, 0, 1, 1], [1, 0, 0, 0, 1]], bool)
+    assert not left_for_good(rounds[:2]).any()
+    assert left_for_good(rounds[:3]).tolist() == [False, False, True, False, False]
+    assert left_for_good(rounds).tolist() == [False, False, True, True, False]
 
 
 def test_failures_are_left_out_and_nothing_is_known_of_them():

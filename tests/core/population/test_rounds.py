@@ -3,6 +3,7 @@ process: that others solve them alike is tested with batches.
 """
 
 import shlex
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -201,6 +202,29 @@ def test_the_odd_one_is_named_and_left_out(usual):
     assert usual.mean_of_others(0) == pytest.approx(usual.values[1:5, :, 0].mean(axis=0))
 
 
+def test_who_comes_and_goes_stays_out(tmp_path, monkeypatch):
+    """Here by a judge who finds one unlike the others in every other round."""
+    look, for_good_in = Work._look, {}
+
+    def strict(self, entries, fits, failures, number, for_good):
+        found = look(self, entries, fits, failures, number, for_good)
+        names = np.array([subject.name for subject in self.cohort.subjects])
+        for_good_in[number] = names[for_good].tolist()
+        if number % 2 == 0:
+            return found
+        fits = found.judged.fits & (names != "over")
+        return found._replace(judged=replace(found.judged, fits=fits))
+
+    monkeypatch.setattr(Work, "_look", strict)
+    settings = Settings(options=BRIEF | {"iterations": 2}, rounds=4, bound=0)
+    found = five(tmp_path).registered(settings, held_out=["label"])
+    assert for_good_in == {1: [], 2: [], 3: [], 4: ["over"]}
+    assert [name for name, fits in zip(found.names, found.fits, strict=True) if not fits] == [
+        "over"
+    ]
+    assert found.reasons[found.subject("over")].startswith("it hardly fits: it was left out twice")
+
+
 def test_the_mean_is_nearer_to_the_template_than_the_plain_one(usual):
     assert error(usual.mean()) < 0.7 * error(usual.plain_mean())
     assert error(usual.mean("label"), label) < error(usual.plain_mean("label"), label)
@@ -381,6 +405,45 @@ def test_what_a_mask_hides_counts_nothing(tmp_path):
     inside = MESH.vertices[:, 0] > 0.8
     assert (found.masks[2] == 0)[inside].all()
     assert found.mean()[inside] == pytest.approx(height(MESH.vertices)[inside], abs=0.02)
+
+
+def test_where_a_subject_is_unknown_it_counts_nothing(tmp_path):
+    place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
+    for name in ("a", "b", "c", "d"):
+        values = {"height": height(MESH.vertices), "label": label(MESH.vertices)}
+        if name != "b":
+            channel = "label" if name == "d" else "height"
+            values[channel] = np.where(hidden, np.nan, values[channel])
+        place.add(name, *values.values())
+    found = place.registered(Settings(options=BRIEF, rounds=1), held_out=["label"])
+    assert found.fits.all()
+    inside, outside = MESH.vertices[:, 0] > 0.8, MESH.vertices[:, 0] < 0.4
+    assert (found.masks[[0, 2, 3]] == 0)[:, inside].all()
+    assert found.masks[:, outside] == pytest.approx(1)
+    assert found.mean() == pytest.approx(height(MESH.vertices), abs=0.02)
+    assert found.mean("label") == pytest.approx(label(MESH.vertices), abs=0.05)
+    assert np.isfinite(found.scores("label")).all()
+
+
+def test_where_the_template_is_unknown_nothing_is_compared(tmp_path):
+    place, hidden = Place(tmp_path), MESH.vertices[:, 0] > 0.6
+    own = place.file("own", np.where(hidden, np.nan, height(MESH.vertices)))
+    for name in ("a", "b"):
+        place.add(name, height(MESH.vertices))
+    found = place.registered(Settings({"height": own}, options=BRIEF, rounds=1))
+    assert found.fits.all()
+    assert found.mean() == pytest.approx(height(MESH.vertices), abs=0.02)
+
+
+def test_who_is_known_together_nowhere_is_told(tmp_path):
+    place, upper = Place(tmp_path), MESH.vertices[:, 2] > 0
+    for name in "abc":
+        place.add(name, height(MESH.vertices), label(MESH.vertices))
+    halves = [np.where(half, height(MESH.vertices), np.nan) for half in (upper, ~upper)]
+    place.add("d", *halves)
+    found = place.registered(Settings(options=BRIEF, rounds=1), held_out=["label"])
+    assert found.fits.tolist() == [True, True, True, False]
+    assert "finite together nowhere" in found.reasons[3]
 
 
 def test_vertices_of_the_template_that_do_not_count(tmp_path):
@@ -632,6 +695,9 @@ def test_registrations_come_no_closer_than_noise(tmp_path):
         return dict(work.rows(target, 1)[0].options)
 
     assert "goal" not in options(0.0, Settings())
+    values = np.load(tmp_path / "0-0.2.npy")
+    values[MESH.vertices[:, 0] > 0.8] = np.nan
+    np.save(tmp_path / "0-0.2.npy", values)
     assert float(options(0.2, Settings())["goal"]) == pytest.approx(0.2, rel=0.3)
     assert options(0.2, Settings(options={"goal": 0.07}))["goal"] == "0.07"
 

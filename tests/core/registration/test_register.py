@@ -330,6 +330,24 @@ def test_where_values_are_unknown_nothing_is_compared():
         prepare(A, B, f * np.nan, g, initial=same)
 
 
+def test_so_it_is_with_texts_of_files_and_is_told(tmp_path):
+    f, g = hills(A.vertices), hills(B.vertices)
+    f[A.vertices[:, 2] > 0.8] = np.nan
+    np.save(tmp_path / "f.npy", f)
+    same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
+    by_array = prepare(A, B, f, g, initial=same)
+    by_text = prepare(A, B, f"file:{tmp_path / 'f.npy'}", g, initial=same)
+    assert by_text.problem.digest == by_array.problem.digest
+    count = np.count_nonzero(np.isnan(f))
+    told = (
+        f"functions of A are not finite at {count} of {len(f)} vertices, where nothing is compared"
+    )
+    assert told in by_text.notes
+    assert not any(
+        "finite" in note for note in prepare(A, B, hills(A.vertices), g, initial=same).notes
+    )
+
+
 def test_what_a_mask_hides_is_not_mixed_with_what_counts():
     same = Correspondence.through_sphere(A, B, A.vertices, B.vertices)
     f, g, mask = hills(A.vertices), hills(B.vertices), A.vertices[:, 2] < 0.6

@@ -23,7 +23,17 @@ from abfm_viewer.cli.batches import batch, running
 from abfm_viewer.cli.batches.summary import GOOD, WORST_FIRST
 from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.errors import DrawingError
-from tests.attack.batches import family, kill, lingering, results, start, victims, write_table
+from tests.attack.batches import (
+    anew,
+    family,
+    kill,
+    lingering,
+    results,
+    start,
+    victims,
+    write_table,
+    written,
+)
 from tests.processes import argv
 
 EIGHT = asset_path("eight.off")
@@ -185,6 +195,18 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     assert places == sorted(places)
     left = max(float(rows[0][name]) for name in ("mismatch", "verified_mismatch"))
     assert f"{100 * left:.2g}%" in grid
+    for row in rows:
+        match = library.load_match(tmp_path / "out" / f"{row['digest']}.npz")
+        assert float(row["log2_area"]) == match.path[match.step].log2_area
+    assert "Best" not in text  # targets are no ways to solve one problem
+    again = abfm(
+        f"sweep eight.off --source {NEAR} --target {NEAR} {BRIEF} --iterations 1 "
+        f"--over alpha=0.1,0.2 --out {tmp_path}/best --jobs 1 --no-pictures"
+    ).out
+    assert re.search(r"^closest, and areas change least: alpha 0.[12]: ", again, re.MULTILINE)
+    told = json.loads(abfm(f"batch --status {tmp_path}/best --json --quiet").out)
+    assert told["best"]["closest"] == told["best"]["areas_change_least"]
+    assert "Best" in Page(tmp_path / "best" / "summary.html").text
 
 
 @pytest.mark.parametrize(
@@ -317,7 +339,11 @@ def test_a_batch_whose_processes_are_killed_goes_on_and_leaves_none_behind(tmp_p
     kill(process.pid)
     process.communicate()
     assert lingering(there) == []
+    done = written(out)
     told = abfm(f"batch {tmp_path}/table.csv --out {out} --jobs 1 --no-pictures", status=3)
     assert "of 6 rows are there already" in told.err
+    assert len(done) >= 1
+    assert anew(done, written(out)) == []
+    assert anew({"gone.npz": (0, 0)}, written(out)) == ["gone.npz"]
     assert results(out) == results(tmp_path / "alone")
     assert not list(out.rglob(".abfm-*"))

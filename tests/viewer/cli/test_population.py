@@ -128,6 +128,7 @@ def test_the_page_tells_all_and_shows_names_as_they_are(page, found):
     assert page.text.index(NAME) < page.text.index("subject 4")
     assert json.loads(page.facts)["subjects"][0]["name"] == NAME
     assert "The mean still changes" in page.text
+    assert "The same command with more --rounds goes on from here." in page.text
 
 
 def test_the_page_tells_small_variances(page, told):
@@ -227,6 +228,7 @@ def test_a_page_without_a_screen_has_no_pictures(abfm, folder, found, monkeypatc
     assert "note: the page has no pictures: there is no screen" in said.err
     text = (folder / "out" / "population.html").read_text(encoding="utf-8")
     assert "The mean has come to rest" in text
+    assert "--rounds" not in text
 
 
 def test_a_subject_that_cannot_be_registered_is_told(abfm, folder, found):
