@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import secrets
@@ -262,26 +263,29 @@ def _address_in(path: str | os.PathLike[str]) -> str:
 
 def _client(make: Callable[..., Client], address: str, control: Control) -> Client:
     """Connect, which takes half a minute where nobody answers, unless it is cancelled."""
-    made = SimpleQueue[Any]()
+    made = SimpleQueue["Client | str"]()
 
     def connect() -> None:
         try:
             client = make(address, set_as_default=False)
         except Exception as error:  # of any kind, where something answers that is no scheduler
-            made.put(error)
+            why = one_line(error, 120)
         else:
             made.put(client)
             if control.cancelled:
                 client.close()
+            return
+        # what began to connect is closed now: later it may be while Dask has a lock of its own,
+        # for which it would wait for ever
+        gc.collect()
+        made.put(why)
 
     threading.Thread(target=connect, daemon=True).start()
     while not control.cancelled:
         with suppress(Empty):
             client = made.get(timeout=_EVERY)
-            if isinstance(client, Exception):
-                raise ResultError(
-                    f"no scheduler answers at {one_line(address)}: {one_line(client, 120)}"
-                ) from client
+            if isinstance(client, str):
+                raise ResultError(f"no scheduler answers at {one_line(address)}: {client}")
             return client
     raise CancelledError
 
