@@ -169,9 +169,12 @@ class FunctionTerm:
 
     def covariance(self, one: FloatArray, other: FloatArray) -> float:
         shares = self.areas / self.areas.sum()
-        # not by BLAS, whose threads wait for one another where other programs run
-        one, other = (f - np.einsum("cv,v->c", f, shares)[:, None] for f in (one, other))
-        return float(self.weights @ np.einsum("cv,v->c", one * other, self.areas))
+        apart = []
+        for functions in (one, other):
+            off = functions - functions[:, :1]  # of constants exactly zero
+            # not by BLAS, whose threads wait for one another where other programs run
+            apart.append(off - np.einsum("cv,v->c", off, shares)[:, None])
+        return float(self.weights @ np.einsum("cv,v->c", apart[0] * apart[1], self.areas))
 
 
 class SmoothedNorm:
