@@ -92,8 +92,8 @@ def changes_in_time(frames: FloatArray) -> FloatArray:
 def front_of_film(film: Film, up: str = "y") -> Front:
     """Look from where most of what changes in time is seen, where it was measured."""
     changes = changes_in_time(film.frames.values)
-    if film.frames.mask is not None:
-        changes *= film.frames.mask > 0
+    if (unknown := film.frames.unknown) is not None:
+        changes[unknown] = 0.0
     return best_front(film.frames.mesh, up=up, changes=changes)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from abfm.types import BoolArray, FloatArray
+from abfm.types import FloatArray
 
 if TYPE_CHECKING:
     from abfm import Sequence
@@ -66,12 +66,6 @@ class Film:
             tuple(np.ascontiguousarray(frame[:, channel]) for channel in range(self.channels))
             for frame in self.frames.values
         )
-
-    @cached_property
-    def unknown(self) -> BoolArray | None:
-        """Where values are missing in some frame, and filled in, (V,); None where nowhere."""
-        mask = self.frames.mask
-        return None if mask is None or mask.all() else mask == 0
 
     @property
     def intervals(self) -> int:

@@ -100,7 +100,7 @@ def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = N
         {"median speed": _speed(sequence, labels)},
         [_layer(name, values, middles, unit) for name, values in parts.items()],
         [_about_arrows(sequence, labels), *_about_mask(sequence)],
-        _unknown(sequence),
+        sequence.unknown,
     )
     ways = [_arrows(sequence), _path_lines(sequence), *_tracks(sequence)]
     return film_page(sequence, title, told, ways, labels)
@@ -240,18 +240,13 @@ def _about_arrows(sequence: abfm.Sequence, labels: Labels) -> str:
 
 
 def _about_mask(sequence: abfm.Sequence) -> list[str]:
-    if (unknown := _unknown(sequence)) is None:
+    if (unknown := sequence.unknown) is None:
         return []
     areas = vertex_areas(sequence.mesh)
     return [
         f"{share(float(areas[unknown].sum() / areas.sum()))} of the surface has no value or no "
         "weight, is not compared, and is grey"
     ]
-
-
-def _unknown(sequence: abfm.Sequence) -> BoolArray | None:
-    mask = sequence.between(0, 1).mask
-    return None if mask is None or mask.all() else np.asarray(mask == 0)
 
 
 def _path_lines(sequence: abfm.Sequence) -> Ways:

@@ -147,7 +147,7 @@ class Painter:
         """Return where a function that a surface shows was not measured; None where nowhere."""
         document = self._session.document
         if document.film is not None:
-            return document.film.unknown
+            return document.film.frames.unknown
         compared, active = document.compared, document.active
         if compared is None or active is None:
             return self._unknown_by_mask()

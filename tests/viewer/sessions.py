@@ -9,6 +9,7 @@ from abfm.parameters import PAPER
 from abfm_viewer.computing.solver import ProblemSpec
 from abfm_viewer.document.document import Channel
 from abfm_viewer.session.session import Session
+from abfm_viewer.widgets.toolkit import Ui
 from tests.shapes import ellipsoid, icosphere
 
 SPHERE = icosphere(3)
@@ -70,6 +71,25 @@ def stepped(match, shares=(0.3, 0.7)):
         smoother.append(step)
     end = replace(match.path[match.step], log2_area=0.5, log2_shape=0.7)
     return replace(match, path=(*smoother, end), step=len(shares))
+
+
+def heard(gui, monkeypatch, how):
+    """Return what draws a frame and tells what is written in it by a method of `Ui`: texts and the
+    words for their colours.
+    """
+    said, write = [], getattr(Ui, how)
+
+    def listen(ui, text, kind="muted", *more, **others):
+        said.append((text, kind))
+        write(ui, text, kind, *more, **others)
+
+    def now():
+        said.clear()
+        gui.frames(1)
+        return list(said)
+
+    monkeypatch.setattr(Ui, how, listen)
+    return now
 
 
 def solving(session, rows=5):

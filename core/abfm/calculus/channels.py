@@ -45,6 +45,11 @@ def extend(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArr
     return extension(mesh, known)(values)
 
 
+def extend_all(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> FloatArray:
+    """Return `extend` of functions (C, V) of which the same values are known."""
+    return np.stack(list(map(extension(mesh, known), functions)))
+
+
 def extension(mesh: TriangleMesh, known: BoolArray) -> Callable[[FloatArray], FloatArray]:
     """Return `extend` for many functions of which the same values are known."""
     if known.all():

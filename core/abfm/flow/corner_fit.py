@@ -98,7 +98,7 @@ def _fit(mesh: TriangleMesh) -> _Fit:
 
 
 def _sums(mesh: TriangleMesh, numbers: IndexArray) -> IndexArray:
-    """Add up what corners (F, 3) have around each vertex; fans have the numbers of their first."""
+    """Add up what corners (F, 3) have in each of `TriangleMesh.corner_fans`."""
     fans = mesh.corner_fans.ravel()
     parts = (numbers.real, numbers.imag) if np.iscomplexobj(numbers) else (numbers,)
     sums = [np.bincount(fans, part.ravel()) for part in parts]

@@ -122,15 +122,11 @@ def function(mesh: TriangleMesh, spec: str | Spec, *, may_be_unknown: bool = Fal
     if may_be_unknown and is_of_file and len(bad) < len(values) and not np.isinf(values).any():
         return values
     if len(bad):
-        mend = (
-            ": write a number there, and hide it by a mask if it means nothing"
-            if is_of_file
-            else ""
-        )
+        mend = ": write a number there, and hide it by a mask if it means nothing"
         raise FunctionError(
             f"function {brief(str(tree))} is not finite at {len(bad)} of {len(values)} vertices, "
             f"for example {values[bad[0]]} at vertex {mesh.vertex_ids[bad[0]]}; every vertex "
-            f"needs a finite value{mend}"
+            f"needs a finite value{mend if is_of_file else ''}"
         )
     return values
 

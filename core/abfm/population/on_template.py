@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from abfm.calculus.channels import extension
+from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import face_areas
 from abfm.errors import FunctionError, ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
@@ -62,12 +62,9 @@ def known_functions(mesh: TriangleMesh, texts: Sequence[str]) -> tuple[BoolArray
     """
     values = np.stack([function(mesh, text, may_be_unknown=True) for text in texts])
     known: BoolArray = np.asarray(np.isfinite(values).all(axis=0))
-    if known.all():
-        return known, values
     if not known.any():
         raise FunctionError("its functions are finite together nowhere; give them or their masks")
-    fill = extension(mesh, known)
-    return known, np.stack([fill(np.where(known, each, 0)) for each in values])
+    return known, extend_all(mesh, values, known)
 
 
 class MapFacts(NamedTuple):

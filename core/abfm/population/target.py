@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.calculus.channels import extend
+from abfm.calculus.channels import extend_all
 from abfm.errors import ResultError
 from abfm.mesh import TriangleMesh
 from abfm.population.statistics import relative_distance
@@ -27,8 +27,7 @@ class Target(NamedTuple):
         known = np.isfinite(functions).all(axis=0) & (mask > 0)
         if not known.any():
             raise ResultError("the masks of subjects and template have nothing in common")
-        filled = [extend(mesh, np.where(known, each, 0), known) for each in functions]
-        return cls(np.stack(filled), np.where(known, mask, 0))
+        return cls(extend_all(mesh, functions, known), np.where(known, mask, 0))
 
     def distance(self, before: Target, areas: FloatArray, weights: Sequence[float]) -> float:
         """Return how far it is from another one, over its deviation: of channels the root mean

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.calculus.channels import extend
+from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import FunctionError, MeshError, ParameterError, brief
 from abfm.functions.spec import function
@@ -284,7 +284,7 @@ def _filled(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> Floa
     """Return functions (C, V) that are filled in from around where they are not known."""
     if not known.any():  # the mask hides all, which is told where masks are put together
         return functions
-    return np.stack([extend(mesh, row, known) for row in functions])
+    return extend_all(mesh, functions, known)
 
 
 def _mask(

@@ -124,8 +124,8 @@ def _own_frames(path: Path) -> set[str]:
 def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
     """Write a .vtu a frame into a folder; return the lines that list them in one of that name."""
     rows = []
-    carried, mask = sequence.frames[0], sequence.between(0, 1).mask
-    measured = {} if mask is None or mask.all() else {"measured": (mask > 0).astype(np.uint8)}
+    carried, unknown = sequence.frames[0], sequence.unknown
+    measured = {} if unknown is None else {"measured": (~unknown).astype(np.uint8)}
     with step("writing frames") as tell:
         for k, time in enumerate(sequence.times.tolist()):
             checkpoint()

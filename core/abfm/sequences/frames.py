@@ -52,6 +52,11 @@ class Frames:
         deviations[deviations <= CONSTANT * norms] = 0.0
         return float(np.sqrt(np.mean(deviations**2))) or 1.0
 
+    @cached_property
+    def unknown(self) -> BoolArray | None:
+        """Where values are filled in, (V,); None where nowhere."""
+        return None if self.mask is None or self.mask.all() else np.asarray(self.mask == 0)
+
     def problem(self, interval: int, parameters: Parameters) -> Problem:
         """Return the problem between a frame and the next."""
         return self.between(interval, interval + 1, parameters)

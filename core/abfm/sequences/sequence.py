@@ -275,6 +275,11 @@ class Sequence:
                 found.append(flow.destinations(found[-1]))
         return found
 
+    @property
+    def unknown(self) -> BoolArray | None:
+        """Where values are missing in some frame, and filled in, (V,); None where nowhere."""
+        return self._frames.unknown
+
     def between(self, first: int, last: int, parameters: Parameters | None = None) -> Problem:
         """Return the problem between any two frames, to be matched by itself."""
         return self._frames.between(first, last, parameters or Parameters())

@@ -139,34 +139,31 @@ class Solver:
             found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
         if self._is_far(energy, found):
             further = interval.go_on(last, _searched(energy))
-            if not self._is_worth_it(energy, found, further):
+            if not self._is_better(energy, further, found) or self._is_far(energy, further, True):
                 self.in_vain += 1
                 return found
             self.in_vain = 0
             # what is near may have been missed as the field before led astray
             anew = found if start is None else interval.find(last, warmest, None)
-            found = further if self._is_worth_it(energy, anew, further) else anew
+            found = further if self._is_better(energy, further, anew) else anew
         return found
 
-    def _is_worth_it(self, energy: MatchingEnergy, found: Point, further: Point) -> bool:
-        """Tell whether what is far is to be taken for what is near: if it leaves little, by flow
-        lines, too, and has less energy; of measured functions, of which all is not to be had, and
-        of which the near explains some, half.
+    def _is_better(self, energy: MatchingEnergy, further: Point, found: Point) -> bool:
+        """Tell whether what is far has less energy than what is near: of measured functions, of
+        which all is not to be had, and of which the near explains some, less than half.
         """
         is_part = is_measured(energy.functions) and not self._is_no_motion(energy, found)
-        if not further.energy < (_WORTH if is_part else 1.0) * found.energy:
-            return False
-        return not self._is_far(energy, further, defect(energy, further.field))
+        return further.energy < (_WORTH if is_part else 1.0) * found.energy
 
-    def _is_far(
-        self, energy: MatchingEnergy, found: Point, apart: FloatArray | float = 0.0
-    ) -> bool:
-        """Tell whether much of an interval is left that is not noise, by the discrete flow, and by
-        flow lines, which are that far apart.
+    def _is_far(self, energy: MatchingEnergy, found: Point, by_flow_lines: bool = False) -> bool:
+        """Tell whether much of an interval is left that is not noise, by the discrete flow, or also
+        by flow lines.
         """
         first = energy.relative_mismatch(energy.functions.source)
-        both = (found.at.advected, found.at.advected - apart)
-        left = max(map(energy.relative_mismatch, both))
+        left = energy.relative_mismatch(found.at.advected)
+        if by_flow_lines:
+            apart = defect(energy, found.field)
+            left = max(left, energy.relative_mismatch(found.at.advected - apart))
         return left > max(_MUCH * first, OFTEN * noise_floor(energy.functions, self.levels))
 
     def _settle(self, on_step: Callable[[], object] = lambda: None) -> None:

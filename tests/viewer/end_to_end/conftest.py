@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from abfm_viewer.widgets.toolkit import Ui
 from tests.spare_processes import spared
-from tests.viewer.sessions import ENDLESS, begin, match
+from tests.viewer.sessions import ENDLESS, begin, heard, match
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -41,17 +40,4 @@ def running(gui):
 @pytest.fixture
 def notes(gui, monkeypatch):
     """What the panels write in a frame: texts and the words for their colours."""
-    said, note = [], Ui.note
-
-    def heard(ui, text, kind="muted"):
-        said.append((text, kind))
-        note(ui, text, kind)
-
-    monkeypatch.setattr(Ui, "note", heard)
-
-    def now():
-        said.clear()
-        gui.frames(1)
-        return list(said)
-
-    return now
+    return heard(gui, monkeypatch, "note")

@@ -14,9 +14,9 @@ from abfm_viewer.automation import Driver
 from abfm_viewer.document.result_table import OF_BATCHES
 from abfm_viewer.files.project import load_project
 from abfm_viewer.panels import result_table
-from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.window import population_sample
 from tests.shapes import icosphere
+from tests.viewer.sessions import heard
 
 SIZE = (1180, 640)
 OPTIONS = {"iterations": 15, "refine": 0, "target": "coordinate:y"}
@@ -107,26 +107,8 @@ def test_the_table_goes_with_its_rows_and_comes_back_with_undo(opened, tmp_path)
     assert len(rows_of(opened)) == 4
 
 
-@pytest.fixture
-def lines(opened, monkeypatch):
-    """What is written in a frame."""
-    said, line = [], Ui.line
-
-    def heard(ui, text, *more, **others):
-        said.append(text)
-        line(ui, text, *more, **others)
-
-    monkeypatch.setattr(Ui, "line", heard)
-
-    def now():
-        said.clear()
-        opened.frames(1)
-        return list(said)
-
-    return now
-
-
-def test_heads_sort_and_words_are_searched_for(opened, lines):
+def test_heads_sort_and_words_are_searched_for(opened, monkeypatch):
+    lines = heard(opened, monkeypatch, "line")
     tables = opened.window.files.tables
     for head, name in (("left", "left"), ("by flow lines", "verified"), ("|log2 J|", "log2_area")):
         opened.click(head, "rows")
@@ -142,9 +124,9 @@ def test_heads_sort_and_words_are_searched_for(opened, lines):
     assert rows_of(opened) == ["along z"]
     opened.type("search", "along  Q", enter=False)
     assert rows_of(opened) == []
-    assert "nothing called 'along Q' among 4 rows" in lines()
+    assert ("nothing called 'along Q' among 4 rows", "ink") in lines()
     opened.type("search", "")
-    assert not [text for text in lines() if text.startswith("nothing called")]
+    assert not [text for text, _ in lines() if text.startswith("nothing called")]
     opened.click("verdict", "rows")
     assert rows_of(opened)[0] == "gone"
 
@@ -204,13 +186,8 @@ def test_a_folder_that_holds_none_says_so(opened, tmp_path):
 
 def texts(gui, monkeypatch):
     """What panels write in a frame."""
-    said, note = [], Ui.note
     with monkeypatch.context() as patched:
-        patched.setattr(
-            Ui, "note", lambda ui, text, *kind: (said.append(text), note(ui, text, *kind))
-        )
-        gui.frames(1)
-    return said
+        return [text for text, _ in heard(gui, patched, "note")()]
 
 
 def test_the_sample_of_a_population_shows_who_is_odd(opened, monkeypatch):
