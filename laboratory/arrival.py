@@ -45,8 +45,8 @@ def run_arrival(
                 "vertices": size,
                 "seconds": now.to_level if now.to_level < inf else None,
                 "seconds_to_end": now.to_end,
-                "mismatch": now.found.mismatch,
-                "verified_mismatch": now.found.verified_mismatch,
+                "mismatch": now.found.residual,
+                "verified_residual": now.found.verified_residual,
                 "before_seconds": before.to_level if came else None,
                 "ratio": before.to_level / now.to_level if came else None,
                 "ratio_at_least": (before.to_level if came else before.to_end) / now.to_level,
@@ -65,7 +65,7 @@ def format_arrival(report: dict[str, Any]) -> str:
     rows = [("vertices", seconds, "to the end", "mismatch, by flow lines", "before / now")]
     for row in report["arrival"]:
         came, ended = number(row["seconds"]), number(row["seconds_to_end"])
-        mismatches = f"{row['mismatch']:.3f}, {row['verified_mismatch']:.3f}"
+        mismatches = f"{row['mismatch']:.3f}, {row['verified_residual']:.3f}"
         ratio = number(row["ratio"] or row["ratio_at_least"])
         over = "over " if row["ratio"] is None else ""
         rows.append((str(row["vertices"]), came, ended, mismatches, f"{over}{ratio}"))

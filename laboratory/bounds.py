@@ -42,8 +42,8 @@ def rows(
             f"{most:g}",
             *(f"{100 * share:.2f}" for share in shares),
             str(told.folded),
-            f"{found.match.mismatch:.3f}",
-            f"{kept.match.mismatch:.3f}",
+            f"{found.match.residual:.3f}",
+            f"{kept.match.residual:.3f}",
             f"{times:.1f}",
         ]
 

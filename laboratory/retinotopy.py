@@ -25,7 +25,6 @@ from abfm import Sequence, TriangleMesh, load_mesh, sequence
 from abfm.calculus.operators import edge_lengths, face_areas, face_normals, gradient
 from abfm.calculus.vector_fields import to_ambient
 from abfm.functions import read_table
-from abfm.sequences.verdicts import CONFIRMED
 from abfm.types import BoolArray, FloatArray, IntArray
 from laboratory.common import put_between, told_table
 from laboratory.motion import HEADS, Errors, Result, angles, compared, solved
@@ -204,14 +203,14 @@ def course_rows(stimulus: Stimulus, displacement: float, noise: float) -> Iterat
     centres = stimulus.course(step)
     found = sequence(stimulus.maps.mesh, stimulus.measured(centres, noise))
     what = [stimulus.happens(*pair) for pair in pairwise(centres.tolist())]
-    left = np.fmax(found.mismatch, found.verified_mismatch)
+    left = np.fmax(found.residual, found.verified_residual)
     for kind in dict.fromkeys(what):
         these = [i for i, each in enumerate(what) if each == kind]
         yield [
             stimulus.kind,
             kind,
             str(len(these)),
-            str(sum(found.verdicts[i].kind in CONFIRMED for i in these)),
+            str(sum(found.verdicts[i].kind.is_good for i in these)),
             f"{np.median([_first(found, i) for i in these]):.2f}",
             f"{np.median(left[these]):.2f}",
             f"{np.median(found.speed[these]) / stimulus.maps.edge:.2f}",
@@ -221,7 +220,7 @@ def course_rows(stimulus: Stimulus, displacement: float, noise: float) -> Iterat
 
 def _first(found: Sequence, interval: int) -> float:
     functions = found[interval].problem.functions
-    return functions.relative_mismatch(functions.source)
+    return functions.residual(functions.source)
 
 
 def _course_errors(

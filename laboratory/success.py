@@ -228,7 +228,7 @@ class Record:
             key: None if isinstance(value, float) and not math.isfinite(value) else value
             for key, value in asdict(self).items()
         }
-        arrived = self.mismatch <= LEVEL
+        arrived = self.residual <= LEVEL
         success = arrived and self.verified <= LEVEL
         confirmed = self.verified <= CONFIRMED
         return {**numbers, "arrived": arrived, "success": success, "confirmed": confirmed}
@@ -252,7 +252,7 @@ def record_of(entry: Entry) -> Record:
         return replace(spent, stop_reason=str(error))
     record = replace(
         spent,
-        mismatch=found.mismatch,
+        residual=found.residual,
         iterations=len(found.energy_history) - 1,
         refined=found.refined,
         stop_reason=found.stop_reason,
@@ -261,7 +261,7 @@ def record_of(entry: Entry) -> Record:
     with suppress(AbfmError):  # of fields along which flow lines do not end
         said = found.verify(subdivided=False)
         folded, overturned = said.folded, said.overturned
-        return replace(record, verified=said.mismatch, folded=folded, overturned=overturned)
+        return replace(record, verified=said.residual, folded=folded, overturned=overturned)
     return record
 
 

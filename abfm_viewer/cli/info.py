@@ -90,8 +90,8 @@ def _of_result(arguments: argparse.Namespace) -> int:
         print(json.dumps({"result": name, **results.facts(match)}))
         return 0
     lines = [
-        f"{printable(name)}: {verdict_words.headline(match)}",
-        verdict_words.why(match),
+        f"{printable(name)}: {match.facts.headline}",
+        match.facts.reason,
         f"mismatch {verdict_words.numbers(match)}, on a mesh of {len(match.mesh.faces):,} faces",
         *results.path_lines(match),
     ]

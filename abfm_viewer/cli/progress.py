@@ -42,7 +42,7 @@ def progress(iterations: int, quiet: bool) -> Iterator[Callable[[Iteration], Non
 
     def report(now: Iteration) -> None:
         nonlocal held
-        numbers = {"energy": f"{now.energy:.4g}", "mismatch": f"{now.mismatch:.4f}"}
+        numbers = {"energy": f"{now.energy:.4g}", "mismatch": f"{now.residual:.4f}"}
         update(place=place(now), completed=now.iteration, **numbers)
         if held < _LASTING:
             held = held + 1 if now.warning else 0

@@ -19,8 +19,8 @@ def facts(match: Match) -> dict[str, Any]:
     """Return what machines are told of a match: plain numbers and texts, None for unknown ones."""
     energies = match.energy_history[-1].tolist()
     return {
-        "mismatch": float(match.mismatch),
-        "verified_mismatch": _known(match.verified_mismatch),
+        "mismatch": float(match.residual),
+        "verified_residual": _known(match.verified_residual),
         "folded": _known(match.folded),
         "verdict": asdict(match.verdict),
         "energy": dict(zip(("total", "regularity", "mismatch"), energies, strict=True)),
@@ -40,8 +40,8 @@ def facts(match: Match) -> dict[str, Any]:
 def told_lines(match: Match, seconds: float, written: Sequence[str]) -> list[str]:
     """Return how well it matches, why it stopped, the numbers, and the path, for people."""
     return [
-        verdict_words.headline(match),
-        verdict_words.why(match),
+        match.facts.headline,
+        match.facts.reason,
         f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
         f"iterations in {seconds:.1f} s; wrote {', '.join(written)}",
         *(path_lines(match) if len(match.path) > 1 else []),
@@ -73,7 +73,7 @@ def _refined(match: Match, step: PathStep) -> int:
 def _cells(match: Match, number: int) -> tuple[str, ...]:
     step = match.path[number]
     folded = "-" if math.isnan(step.folded) else f"{100 * step.folded:.2g}%"
-    left = map(_short, (step.mismatch, step.verified_mismatch))
+    left = map(_short, (step.residual, step.verified_residual))
     cost = map(_short, (step.log2_area, step.log2_shape))
     refined = str(_refined(match, step))
     return (str(number + 1), f"{step.sigma:.3g}", *left, folded, *cost, refined)

@@ -133,7 +133,7 @@ class Course:
         self._recent.append(clock.monotonic())
         energies = (now.energy, now.regularity, now.mismatch_energy)
         self._shares.append(now.shares)
-        self._rows.append((*energies, now.stage, now.vertices, now.reach, now.mismatch))
+        self._rows.append((*energies, now.stage, now.vertices, now.reach, now.residual))
 
     @property
     def seconds_each(self) -> float | None:
@@ -285,7 +285,7 @@ class Solver:
         run = self.run
         if run is not None and self.snapshot is not None:
             ends = self._result.path if self._result else (self.snapshot.iteration,)
-            run = replace(run, mismatch=min(end.mismatch for end in ends))
+            run = replace(run, residual=min(end.residual for end in ends))
         left = (self._result, run, self._solved)
         self.state = State.FAILED if self._error else State.ENDED
         self.reason = self._error or (self._result.stop_reason if self._result else "cancelled")
@@ -300,18 +300,18 @@ class Solver:
         is not known any more, or the run is over.
         """
         course, now = self._course, snapshot.iteration
-        if (run := course.run(now.mismatch, snapshot.problem.parameters)) is None:
+        if (run := course.run(now.residual, snapshot.problem.parameters)) is None:
             raise AbfmError("the run of that iterate is over")
         reason = abfm.StopReason.CANCELLED
-        kind = abfm.matching.kind_of(now.mismatch, snapshot.problem.parameters.goal)
+        kind = abfm.matching.outcome_of(now.residual, snapshot.problem.parameters.goal)
         found = abfm.Match(
             problem=snapshot.problem.problem(functions),
             fine_velocity=now.velocity,
             advected=now.advected,
             energy_history=run.energies,
             stages=run.stages,
-            mismatch=now.mismatch,
-            verified_mismatch=math.nan,
+            residual=now.residual,
+            verified_residual=math.nan,
             folded=math.nan,
             stop_reason=reason,
             verdict=abfm.matching.Verdict(kind, reason, ""),

@@ -282,7 +282,7 @@ class Run:
             return self.mismatches
         roots = np.log(np.maximum(self.energies[:, 2], np.finfo(float).tiny)) / 2
         falls = np.where(np.diff(self.stages) == 0, np.diff(roots), 0.0)
-        found: FloatArray = self.mismatch * np.exp(np.cumsum([0, *falls]) - falls.sum())
+        found: FloatArray = self.residual * np.exp(np.cumsum([0, *falls]) - falls.sum())
         return found
 
     @property
@@ -292,7 +292,7 @@ class Run:
         """
         parts = np.split(self.left, [row for row in self.restarts if row < len(self.stages)])
         least = [np.fmin.accumulate(part) for part in parts]
-        return np.concatenate([*least[:-1], np.maximum(least[-1], self.mismatch)])
+        return np.concatenate([*least[:-1], np.maximum(least[-1], self.residual)])
 
 
 class Identity:

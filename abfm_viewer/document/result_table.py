@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from abfm_viewer.document.verdict_words import Tone
+from abfm.outcome import Tone
 
 if TYPE_CHECKING:
     from abfm import Population

@@ -95,7 +95,7 @@ class TableReader:
         except ResultError as error:
             return ResultRow(number, name, "failed", reason=str(error))
         assert facts is not None
-        numbers = facts.mismatch, facts.verified_mismatch, facts.folded, facts.log2_area
+        numbers = facts.residual, facts.verified_residual, facts.folded, facts.log2_area
         told = facts.reason, entry.path, _texts(entry)
         row = ResultRow(number, name, facts.verdict, *numbers, math.nan, *told)
         self._known[entry.path] = row
@@ -126,7 +126,7 @@ def _of_population(place: Path, path: Path) -> ResultTable:
                 number,
                 name,
                 verdict if found.fits[number] or verdict == "failed" else "does not fit",
-                float(found.mismatch[number]),
+                float(found.residual[number]),
                 math.nan,
                 float(found.folded[number]),
                 float(found.log2_area[number]),

@@ -21,7 +21,6 @@ from abfm_viewer.computing.registered import (
     fronts,
     functions_on_a,
 )
-from abfm_viewer.document import verdict_words
 from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Ways
 
 _FRAMES = 7, 41  # fewest and most keys of what is carried
@@ -167,21 +166,21 @@ def _marks_on_a(found: Registration) -> list[Ways]:
 def _page(match: Match, title: str, about: str, panels: list[Panel]) -> Page:
     tau = match.parameters.tau
     clock = Clock(0.0, tau, _SECONDS, first=tau, ticks=np.linspace(0, tau, 5).tolist())
-    told = [verdict_words.why(match)]
-    if advice := verdict_words.advice(match):
+    told = [match.facts.reason]
+    if advice := match.facts.advice:
         told.append(f"advice: {advice}")
     if (count := match.source.shape[1]) > MOST_CHANNELS:
         told.append(f"these are the first {MOST_CHANNELS} of {count} pairs of functions")
-    words = verdict_words.headline(match), verdict_words.tone(match)
+    words = match.facts.headline, match.facts.tone
     specs = zip(*(side[:MOST_CHANNELS] for side in match.problem.specs), strict=True)
     about = "; ".join([about, *(" → ".join(pair) for pair in specs if all(pair))])
     return Page(title, words[0], panels, clock, words[1], about, _facts(match), told)
 
 
 def _facts(match: Match) -> dict[str, str]:
-    share, told = verdict_words.share, {}
+    share, told = share, {}
     if not match.problem.is_of_landmarks:
-        left = f"{share(match.initial_mismatch)} → {share(match.confirmed_mismatch)}"
+        left = f"{share(match.initial_residual)} → {share(match.worse_residual)}"
         told["mismatch left"] = left
     if (errors := match.landmark_errors) is not None and np.isfinite(errors).all():
         told["farthest landmark"] = f"{share(float(errors.max()))} of √area"

@@ -13,8 +13,10 @@ import numpy as np
 import abfm
 from abfm import TriangleMesh
 from abfm.calculus.operators import vertex_areas
-from abfm.matching.judging.verdict import Verdict, confirmed_mismatch
+from abfm.matching.judging.verdict import Verdict, worse_residual
+from abfm.outcome import Tone
 from abfm.types import BoolArray, FloatArray
+from abfm.wording import share
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
@@ -22,7 +24,6 @@ from abfm_viewer.appearance.theme import CRITICAL
 from abfm_viewer.computing.defaults import best_front, changes_in_time
 from abfm_viewer.computing.films import fast_in, ways_of
 from abfm_viewer.computing.registered import MOST_CHANNELS
-from abfm_viewer.document.verdict_words import Tone, share
 from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 
 # in all keys of all functions, and of a part of the field; a value is two bytes of a page
@@ -161,8 +162,8 @@ def _verdicts(sequence: abfm.Sequence) -> Iterator[tuple[int, Verdict]]:
 
 def _came_to(sequence: abfm.Sequence, interval: int) -> str:
     """``matched, 0.7% left``."""
-    left = confirmed_mismatch(
-        float(sequence.mismatch[interval]), float(sequence.verified_mismatch[interval])
+    left = worse_residual(
+        float(sequence.residual[interval]), float(sequence.verified_residual[interval])
     )
     return f"{sequence.verdicts[interval].kind}, {share(left)} left"
 

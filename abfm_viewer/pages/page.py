@@ -25,12 +25,13 @@ from numpy.typing import ArrayLike
 from abfm import TriangleMesh
 from abfm.errors import ParameterError
 from abfm.io import write_atomically
+from abfm.outcome import Tone
 from abfm.types import FloatArray, IntArray
+from abfm.wording import capital
 from abfm.workers.progress import step
 from abfm_viewer.appearance.colormaps import ColorRange, table
 from abfm_viewer.computing.creases import drawn_mesh
 from abfm_viewer.document.document import Front
-from abfm_viewer.document.verdict_words import Tone, capital
 from abfm_viewer.pages.packing import Store, quantised, quantised_places
 
 _HERE = Path(__file__).parent

@@ -7,8 +7,8 @@ from functools import partial
 
 import polyscope.imgui as imgui
 
+from abfm.wording import capital
 from abfm_viewer.appearance.theme import Color
-from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.notices import Card
 from abfm_viewer.session.session import Session

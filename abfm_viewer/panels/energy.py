@@ -12,8 +12,8 @@ import polyscope.implot as implot
 
 import abfm
 from abfm import AbfmError
+from abfm.wording import share
 from abfm_viewer.document.document import Run
-from abfm_viewer.document.verdict_words import share
 from abfm_viewer.files import outputs
 from abfm_viewer.panels import trade_off
 from abfm_viewer.panels.context import Context

@@ -10,10 +10,10 @@ from typing import TypeAlias
 
 import abfm
 from abfm import FunctionError, TriangleMesh, functions
+from abfm.wording import sentence
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import gaussians
 from abfm_viewer.document.document import SIDES, Document, Side
-from abfm_viewer.document.verdict_words import sentence
 from abfm_viewer.panels import initial_map, landmarks
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.active_gaussian import active_gaussian

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from abfm_viewer.document.verdict_words import sentence
+from abfm.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.initial_maps import GIVEN
 from abfm_viewer.session.session_files import MESHES

@@ -8,10 +8,9 @@ import numpy as np
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
-import abfm
 from abfm.types import BoolArray, FloatArray
+from abfm.wording import share
 from abfm_viewer.document.film import Film
-from abfm_viewer.document.verdict_words import share
 from abfm_viewer.panels.context import Context
 from abfm_viewer.widgets import plots
 
@@ -61,8 +60,8 @@ def confirmed(sequence: Sequence) -> str:
 
 def doubtful(sequence: Sequence) -> BoolArray:
     """Return which intervals were solved and are not confirmed, (T - 1,) of bool."""
-    kinds = [verdict.kind for verdict in sequence.verdicts]
-    return sequence.solved & ~np.isin(kinds, abfm.sequences.CONFIRMED)
+    good = [verdict.kind.is_good for verdict in sequence.verdicts]
+    return sequence.solved & ~np.array(good)
 
 
 def _speeds(context: Context, film: Film) -> None:
@@ -89,8 +88,8 @@ def _speeds(context: Context, film: Film) -> None:
 def _left(context: Context, film: Film, sequence: Sequence) -> None:
     ui, document = context.ui, context.session.document
     unsolved = ~sequence.solved
-    by_flow = np.where(unsolved, np.nan, sequence.mismatch)
-    by_lines = np.where(unsolved, np.nan, sequence.verified_mismatch)
+    by_flow = np.where(unsolved, np.nan, sequence.residual)
+    by_lines = np.where(unsolved, np.nan, sequence.verified_residual)
     doubts = doubtful(sequence)
     legend = {"mismatch": ui.colors.flow, "by flow lines": ui.colors.lines}
     plots.legend(ui, legend | ({"not confirmed": ui.colors.failure} if doubts.any() else {}))
@@ -152,7 +151,7 @@ def _words(context: Context, film: Film, at: int) -> str:
     if np.isfinite(speed):
         lines.append(f"speed {speed:.3g}, in {film.unit_of_speed}")
     if sequence is not None and sequence.solved[at]:
-        left, by_lines = float(sequence.mismatch[at]), float(sequence.verified_mismatch[at])
+        left, by_lines = float(sequence.residual[at]), float(sequence.verified_residual[at])
         told = f", by flow lines {share(by_lines)}" if np.isfinite(by_lines) else ""
         lines += [f"what is left: {share(left)}{told}", sequence.verdicts[at].kind]
     return "\n".join(lines)

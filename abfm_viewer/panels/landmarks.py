@@ -6,9 +6,9 @@ from pathlib import Path
 
 import abfm
 from abfm import AbfmError
+from abfm.wording import counted, share
 from abfm_viewer.document.document import SIDES, Document, Landmark, Side
 from abfm_viewer.document.surface_points import landmarks_of, paired
-from abfm_viewer.document.verdict_words import counted, share
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from abfm.wording import counted, sentence
 from abfm_viewer.appearance.theme import CRITICAL
 from abfm_viewer.document.document import CARRIED, CLICK_TOOLS, FIELD_PARTS, Coloring
-from abfm_viewer.document.verdict_words import counted, numbers, refinement, sentence
+from abfm_viewer.document.verdict_words import numbers, refinement
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session_files import LABELS
 from abfm_viewer.widgets import plots

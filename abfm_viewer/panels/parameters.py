@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from abfm import Parameters
 from abfm.parameters import CHOICES, KEEPING_AREAS, LAST, NOTE, TABLE_1, TITLES, is_whole, row_of
-from abfm_viewer.document.verdict_words import sentence
+from abfm.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.solver import draw_switches
 from abfm_viewer.session.session import Session

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import polyscope.imgui as imgui
 
 import abfm
+from abfm.wording import capital, sentence
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
-from abfm_viewer.document.verdict_words import capital, sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.intervals import confirmed
 from abfm_viewer.session.session import Session
@@ -179,24 +179,24 @@ def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
         _line(ui, sentence(about), "failure" if failed else "muted", _MOST_LINES)
     if result is None:
         return
-    tone = "muted" if session.outdated else verdict_words.tone(result)
-    _line(ui, capital(verdict_words.headline(result)), tone)
+    tone = "muted" if session.outdated else result.facts.tone
+    _line(ui, capital(result.facts.headline), tone)
     if steps := len(result.energy_history) - 1:  # at the end of the line, if there is room
-        text = verdict_words.counted(steps, "iteration")
+        text = counted(steps, "iteration")
         end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
         start = end - ui.text_width(text) - ui.px(2)
         if imgui.GetWindowPos()[0] + start > imgui.GetItemRectMax()[0] + ui.px(8):
             imgui.SameLine(start)
             ui.note(text)
     changed = "functions or parameters changed since"
-    why = changed if session.outdated else verdict_words.why(result)
+    why = changed if session.outdated else result.facts.reason
     _line(ui, sentence(why), "ink", lines or _MOST_LINES)
     numbers = verdict_words.in_numbers(result)
     if lines:
         _draw_remedies(ui, session, result, 1)
         _line(ui, numbers)
     else:
-        has_more = session.outdated or verdict_words.advice(result)
+        has_more = session.outdated or result.facts.advice
         _line(ui, numbers, most=1 if has_more else _MOST_LINES)
         _draw_remedies(ui, session, result, _MOST_LINES)
 
@@ -229,7 +229,7 @@ def _draw_remedies(ui: Ui, session: Session, result: Match, lines: int) -> None:
         # copies of a run, and older files, have no remedies
         if not remedies and is_broken_off:
             _draw_continue(ui, session)
-    advice = verdict_words.advice(result)
+    advice = result.facts.advice
     if advice and (result.verdict.kind == "impossible" or not remedies):
         _line(ui, f"To try: {advice}.", most=lines)
     elif is_broken_off:

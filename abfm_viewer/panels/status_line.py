@@ -3,7 +3,7 @@
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.document.verdict_words import headline, left_now, place
+from abfm_viewer.document.verdict_words import left_now, place
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.intervals import confirmed
 from abfm_viewer.widgets.containers import window
@@ -48,4 +48,6 @@ def _state(context: Context) -> str:
         return f"{told}{', outdated' if session.document.is_film_outdated else ''}"
     if solver.failed:
         return f"the solver stopped: {solver.reason}"
-    return f"{headline(result)}{', outdated' if session.outdated else ''}" if result else "ready"
+    return (
+        f"{result.facts.headline}{', outdated' if session.outdated else ''}" if result else "ready"
+    )

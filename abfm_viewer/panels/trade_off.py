@@ -10,7 +10,7 @@ import polyscope.implot as implot
 
 from abfm import ParameterError
 from abfm.types import FloatArray
-from abfm_viewer.document.verdict_words import share
+from abfm.wording import share
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets import plots
@@ -105,10 +105,10 @@ def _positive(text: str) -> float:
 
 def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None) -> None:
     areas = np.array([step.log2_area for step in path])
-    by_flow = plots.positive(np.array([step.mismatch for step in path]))
-    by_lines = plots.positive(np.array([step.verified_mismatch for step in path]))
+    by_flow = plots.positive(np.array([step.residual for step in path]))
+    by_lines = plots.positive(np.array([step.verified_residual for step in path]))
     snapshot = session.solver.snapshot if session.solver.running else None
-    now = np.array([snapshot.iteration.mismatch] if snapshot else [])
+    now = np.array([snapshot.iteration.residual] if snapshot else [])
     widest = max(_LEAST_WIDTH, *areas[np.isfinite(areas)])
     with plots.plot(ui, "trade-off plot") as is_drawn:
         if not is_drawn:
@@ -180,9 +180,9 @@ def _words(path: Steps, number: int, chosen: int | None) -> str:
     parameters = f"σ {step.sigma:.3g}, α {step.alpha:.3g}, reach {step.reach:.3g}"
     if (faces := step.velocity.shape[1]) > path[0].velocity.shape[1]:
         parameters += f", on a finer mesh of {faces:,} faces"
-    left = f"what is left: {share(step.mismatch)}"
-    if step.verified_mismatch == step.verified_mismatch:
-        left += f", by flow lines {share(step.verified_mismatch)}"
+    left = f"what is left: {share(step.residual)}"
+    if step.verified_residual == step.verified_residual:
+        left += f", by flow lines {share(step.verified_residual)}"
     lines = [
         f"step {number + 1} of {len(path)}{f', the {_CHOSEN}' if number == chosen else ''}",
         parameters,

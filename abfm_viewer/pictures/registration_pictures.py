@@ -215,7 +215,7 @@ def _path(match: Match, width: int) -> Image.Image | None:
 
 def confirmed(step: PathStep) -> float:
     """Return what a step leaves, by flow lines where that is known."""
-    return step.mismatch if math.isnan(step.verified_mismatch) else step.verified_mismatch
+    return step.residual if math.isnan(step.verified_residual) else step.verified_residual
 
 
 def _plot_size(width: int) -> tuple[int, int]:

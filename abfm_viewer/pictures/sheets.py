@@ -16,7 +16,6 @@ from abfm_viewer import pictures
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.theme import LIGHT
 from abfm_viewer.document.film import unit_of
-from abfm_viewer.document.verdict_words import headline, tone
 from abfm_viewer.pictures.canvas import Font, letter, rgb
 from abfm_viewer.pictures.panels import cameras, color_ranges, panel_pictures
 from abfm_viewer.scene.annotations import Pen, bar_parts
@@ -145,7 +144,7 @@ def match_picture(
     panels = [panel(match.source, "source", "source")]
     for time, values in zip(moments, match.advect(moments), strict=True):
         if time == tau:
-            panels.append(panel(values, f"t = {time:.4g}, {headline(match)}", "result"))
+            panels.append(panel(values, f"t = {time:.4g}, {match.facts.headline}", "result"))
         else:
             panels.append(panel(values, f"t = {time:.4g}"))
     sheet = Sheet(((*panels, panel(match.target, "target", "target")),), up)

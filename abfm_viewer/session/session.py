@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.types import FloatArray
+from abfm.wording import counted
 from abfm.workers import progress
 from abfm.workers.progress import said
 from abfm.workers.worker import Worker, stateless
@@ -30,7 +31,6 @@ from abfm_viewer.document.document import (
     View,
 )
 from abfm_viewer.document.surface_points import points_of, surface_points
-from abfm_viewer.document.verdict_words import counted
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.bound import Bound
 from abfm_viewer.session.editor import Editor, Step

@@ -22,6 +22,7 @@ from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh.files import READERS
 from abfm.reading import FREESURFER_SURFACES
 from abfm.types import FloatArray
+from abfm.wording import capital
 from abfm_viewer.appearance.samples import MESHES as MESH_SAMPLES
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.document.document import (
@@ -38,7 +39,6 @@ from abfm_viewer.document.document import (
 )
 from abfm_viewer.document.label_map import LabelMap
 from abfm_viewer.document.surface_points import landmarks_of_match, points_of
-from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.files import result_tables
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
 from abfm_viewer.session.film_files import (
@@ -195,7 +195,7 @@ def document_of_result(match: abfm.Match, path: Path) -> Opened:
         parameters=match.parameters,
         mask="" if match.mask is None else spec("mask", match.mask),
         result=match,
-        runs=(Run(match.energy_history, match.stages, (), match.mismatch, path.name),),
+        runs=(Run(match.energy_history, match.stages, (), match.residual, path.name),),
         time=match.parameters.tau,
     )
     return document, known

@@ -11,7 +11,6 @@ import numpy as np
 import polyscope.imgui as imgui
 
 from abfm_viewer.document.document import Document, Front, Look, triple
-from abfm_viewer.document.verdict_words import headline
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.session import Session
@@ -112,7 +111,7 @@ def _lost_of(document: Document, session: Session) -> str:
         told = ", ".join(words for name, words in _OF_FILMS.items() if name in changes)
         return f"Of the film {document.name} are in no file: {told or 'changes'}."
     if document.result is not None and session.saves.has_new_result(document):
-        return f"The match of {document.name} ({headline(document.result)}) is in no file."
+        return f"The match of {document.name} ({document.result.facts.headline}) is in no file."
     return f"{document.name} has changes that are in no file."
 
 

@@ -16,6 +16,7 @@ from abfm import AbfmError, experiments, load_mesh
 from abfm.assets import asset_path
 from abfm.parameters import FIGURES, TITLES
 from abfm.types import FloatArray
+from abfm.wording import capital
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.appearance.samples import (
     CORTEX,
@@ -30,7 +31,6 @@ from abfm_viewer.appearance.samples import (
     vertices,
 )
 from abfm_viewer.document.document import Channel, Document, Surface, View
-from abfm_viewer.document.verdict_words import capital
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.session.session_files import SessionFiles
 from abfm_viewer.widgets.toolkit import Ui

@@ -36,6 +36,8 @@ from .matching.solving.record import Iteration as Iteration
 from .matching.solving.record import StopReason as StopReason
 from .mesh import TriangleMesh as TriangleMesh
 from .mesh import load_mesh as load_mesh
+from .outcome import Facts as Facts
+from .outcome import Outcome as Outcome
 from .parameters import Parameters as Parameters
 from .population.population import Population as Population
 from .population.population import load_population as load_population

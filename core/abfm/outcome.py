@@ -100,6 +100,8 @@ class Facts:
         Measurements by name; None for one that is unknown.
     warnings : tuple of str
         One line each.
+    is_complete : bool
+        Whether the run came to its own end: False if it was cancelled or never solved.
     """
 
     outcome: Outcome
@@ -108,10 +110,11 @@ class Facts:
     advice: str = ""
     numbers: Mapping[str, float | None] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    is_complete: bool = True
 
     @property
     def tone(self) -> Tone:
         """Return the colour of the result: a good outcome with a warning is not all good."""
-        if self.outcome.tone == "good" and self.warnings:
+        if not self.is_complete or (self.outcome.tone == "good" and self.warnings):
             return "warning"
         return self.outcome.tone

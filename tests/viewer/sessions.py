@@ -66,7 +66,7 @@ def stepped(match, shares=(0.3, 0.7)):
     for s in shares:
         field = s * match.fine_velocity
         carried = Flow(match.mesh, field, match.parameters.tau).push(match.source)
-        left = functions.relative_mismatch(carried.T)
+        left = functions.residual(carried.T)
         step = PathStep(1 - s, 0.01, 0.0, field, left, 0.9, log2_area=s / 3, **known)
         smoother.append(step)
     end = replace(match.path[match.step], log2_area=0.5, log2_shape=0.7)

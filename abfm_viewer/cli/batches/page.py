@@ -8,9 +8,9 @@ from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
+from abfm.wording import share
 from abfm_viewer.cli.batches.best import Best, best_of
 from abfm_viewer.cli.reports.report_page import document, facts_block, png, sentence
-from abfm_viewer.document.verdict_words import share
 
 if TYPE_CHECKING:
     from abfm_viewer.cli.batches.summary import Told
@@ -210,7 +210,7 @@ def _line(row: Told, shared: Sequence[tuple[str, str]], pictures: Mapping[str, b
     )
     numbers = ("-", "-", "-", "-")
     if facts is not None:
-        both = _number(facts.mismatch), _number(facts.verified_mismatch)
+        both = _number(facts.residual), _number(facts.verified_residual)
         numbers = (*both, _folded(facts.folded), _number(facts.log2_area))
     seconds = "-" if entry.record.seconds is None else f"{entry.record.seconds:.1f}"
     cells = "".join(

@@ -14,6 +14,7 @@ from abfm import Control, ResultError
 from abfm.batch import Cluster, Entry, Ledger, Row, run
 from abfm.batch.run import WAITS, LostError
 from abfm.errors import one_line, printable
+from abfm.wording import counted
 from abfm_viewer import signals
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.best import Best, best_of
@@ -21,7 +22,6 @@ from abfm_viewer.cli.batches.summary import GOOD, Told, counts, told_of, write_s
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.progress import row_progress
-from abfm_viewer.document.verdict_words import counted
 
 _MOST_TOLD = 8  # failed rows
 

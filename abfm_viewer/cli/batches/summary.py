@@ -38,7 +38,7 @@ class Told:
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain numbers and texts, None for what is not known."""
         entry, facts = self.entry, self.facts
-        numbers = ("mismatch", "verified_mismatch", "folded", "log2_area")
+        numbers = ("mismatch", "verified_residual", "folded", "log2_area")
         return {
             "name": entry.row.name,
             "digest": entry.digest or None,

@@ -13,7 +13,7 @@ import abfm
 from abfm import Sequence
 from abfm.sequences import KINDS, is_unsolved
 from abfm.types import BoolArray, FloatArray
-from abfm_viewer.document.verdict_words import counted
+from abfm.wording import counted
 
 _LEAST = 3  # intervals that a track has
 
@@ -38,8 +38,8 @@ def facts(sequence: Sequence) -> dict[str, Any]:
             "median_where_steep": float(np.median(speed[steep])) if steep.any() else None,
             "maximum": float(speed.max()) if speed.size else None,
         },
-        "mismatch": [_known(each) for each in sequence.mismatch.tolist()],
-        "verified_mismatch": [_known(each) for each in sequence.verified_mismatch.tolist()],
+        "mismatch": [_known(each) for each in sequence.residual.tolist()],
+        "verified_residual": [_known(each) for each in sequence.verified_residual.tolist()],
         "folded": [_known(each) for each in sequence.folded.tolist()],
         "verdicts": [verdict.kind for verdict in sequence.verdicts],
         "tracks": _tracks(sequence),

@@ -29,7 +29,6 @@ from abfm_viewer import pictures
 from abfm_viewer.cli import options, results
 from abfm_viewer.cli.progress import print_long, share_progress
 from abfm_viewer.cli.reports.report_page import LEAST_COVERED, MOST_APART, page
-from abfm_viewer.document import verdict_words
 from abfm_viewer.files import outputs
 
 SUMMARY = "one page about a registration: pictures, distortion, path, warnings"
@@ -123,10 +122,10 @@ def _facts(
         if found.a is not found.b:
             told["initial_map"] = results.map_facts(found.initial)
         told |= results.facts(match) | {
-            "headline": verdict_words.headline(match),
-            "why": verdict_words.why(match),
-            "tone": verdict_words.tone(match),
-            "initial_mismatch": match.initial_mismatch,
+            "headline": match.facts.headline,
+            "why": match.facts.reason,
+            "tone": match.facts.tone,
+            "initial_residual": match.initial_residual,
             "notes": [*found.notes, *match.mesh.messages],
             "changed_parameters": changed(match.parameters),
         }

@@ -11,7 +11,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from abfm import Parameters
-from abfm_viewer.document.verdict_words import share
+from abfm.wording import share
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -158,8 +158,8 @@ def _numbers(told: Facts) -> str:
     of_map = told["map"]
     cells = []
     if "verdict" in told:
-        left = _share(_worse(told["mismatch"], told["verified_mismatch"]))
-        cells.append(("mismatch left", f"{_share(told['initial_mismatch'])} → {left}", False))
+        left = _share(_worse(told["mismatch"], told["verified_residual"]))
+        cells.append(("mismatch left", f"{_share(told['initial_residual'])} → {left}", False))
     if marks := told.get("landmarks"):
         farthest = ("farthest landmark", f"{_share(marks['farthest'])} of √area", False)
         cells = [farthest] if marks["alone"] else [*cells, farthest]
@@ -284,7 +284,7 @@ def _path(told: Facts, picture: Image.Image | None) -> str:
     rows = []
     for number, step in enumerate(told["path"]):
         folded = "-" if step["folded"] is None else f"{100 * step['folded']:.2g}%"
-        shown = (step["mismatch"], step["verified_mismatch"])
+        shown = (step["mismatch"], step["verified_residual"])
         cost = (step["log2_area"], step["log2_shape"])
         mark = "→ " if number == told["step"] else ""
         cells = (*map(_number, shown), folded, *map(_number, cost))

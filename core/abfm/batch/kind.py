@@ -15,10 +15,10 @@ from abfm.batch.columns import Column, parameters_in
 from abfm.errors import ParameterError
 from abfm.functions import function
 from abfm.io import results
-from abfm.matching.judging.verdict import confirmed_mismatch
 from abfm.matching.path import PathStep
 from abfm.matching.solving.record import Iteration
 from abfm.mesh import TriangleMesh, load_mesh
+from abfm.outcome import worse_residual
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
 from abfm.workers.control import Control
@@ -34,7 +34,7 @@ class Cost:
     """What it takes to solve a row that is a match, told while it is solved; None is unknown."""
 
     evaluations: int | None = None  # of energy and gradient, up to the last iterate
-    seconds_to_goal: float | None = None  # until the mismatch on the mesh itself was the goal
+    seconds_to_goal: float | None = None  # until the residual on the mesh itself was the goal
 
     def watch(self, goal: float) -> Callable[[Iteration], None]:
         """Return what is to be called after every iteration of a match."""
@@ -42,7 +42,7 @@ class Cost:
 
         def heard(now: Iteration) -> None:
             self.evaluations = now.evaluations
-            there = now.level == now.levels - 1 and now.mismatch <= goal
+            there = now.level == now.levels - 1 and now.residual <= goal
             if there and self.seconds_to_goal is None:
                 self.seconds_to_goal = time.monotonic() - began
 
@@ -64,26 +64,26 @@ class Facts:
 
     verdict: str
     reason: str
-    mismatch: float
-    verified_mismatch: float
+    residual: float
+    verified_residual: float
     folded: float
     log2_area: float = math.nan  # mean |log2 J|
 
     @property
     def confirmed(self) -> float:
         """What the worse witness leaves."""
-        return confirmed_mismatch(self.mismatch, self.verified_mismatch)
+        return worse_residual(self.residual, self.verified_residual)
 
 
 def facts_of_match(path: Path) -> Facts:
     """Return what the file of a match or of a registration says, or raise a ResultError."""
-    names = ("mismatch", "verified_mismatch", "folded")
+    names = ("residual", "verified_residual", "folded")
     with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
-        mismatch, verified, folded = (
+        residual, verified, folded = (
             float(archive[name]) if name in archive else math.nan for name in names
         )
         verdict, reason, _ = archive["verdict"].tolist()
-        return Facts(verdict, reason, mismatch, verified, folded, _log2_area(archive))
+        return Facts(verdict, reason, residual, verified, folded, _log2_area(archive))
 
 
 def _log2_area(archive: Mapping[str, Any]) -> float:

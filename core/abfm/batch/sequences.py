@@ -13,7 +13,8 @@ from abfm.batch.columns import parameters_in
 from abfm.batch.kind import Cost, Facts, Prepared, mesh_of_row, weight
 from abfm.errors import ParameterError, brief
 from abfm.io import results
-from abfm.sequences import CONFIRMED, GAMMA, Unfinished, defaults, read_frames, sequence
+from abfm.outcome import Outcome
+from abfm.sequences import GAMMA, Unfinished, defaults, read_frames, sequence
 from abfm.workers.control import Control
 
 if TYPE_CHECKING:
@@ -53,12 +54,12 @@ def check_sequence(given: Mapping[str, Any]) -> None:
 def facts_of_sequence(path: Path) -> Facts:
     """Return what a file says: the commonest verdict of its intervals, and their medians."""
     with results.open_archive(path, results.SEQUENCE.name, results.MEND) as archive:
-        kinds = [kind for kind, _, _ in archive["verdicts"].tolist()]
-        numbers = [archive[name] for name in ("mismatch", "verified_mismatch", "folded")]
-    confirmed = sum(kind in CONFIRMED for kind in kinds)
+        kinds = [kind for kind, *_ in archive["verdicts"].tolist()]
+        numbers = [archive[name] for name in ("residual", "verified_residual", "folded")]
+    confirmed = sum(Outcome(kind).is_good for kind in kinds)
     # as `abfm sequence` has it: by whether most are confirmed
     is_good = 2 * confirmed >= len(kinds)
-    usual = Counter(k for k in kinds if (k in CONFIRMED) == is_good).most_common(1)[0][0]
+    usual = Counter(k for k in kinds if Outcome(k).is_good == is_good).most_common(1)[0][0]
     reason = f"flow lines confirm {confirmed} of {len(kinds)} intervals"
     return Facts(usual, reason, *(float(np.nanmedian(each)) for each in numbers))
 

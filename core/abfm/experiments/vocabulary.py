@@ -22,8 +22,10 @@ from abfm.errors import MeshError, ParameterError
 from abfm.functions import function
 from abfm.io.sheets import Sheet
 from abfm.maps import MapQuality, map_quality
-from abfm.matching.judging.verdict import Kind, Verdict
+from abfm.matching.judging.cause import Cause, sentence_of
+from abfm.matching.judging.verdict import Verdict
 from abfm.mesh import TriangleMesh, load_mesh
+from abfm.outcome import outcome_of
 from abfm.types import FloatArray
 from abfm.workers.worker import Worker, stateless
 
@@ -228,19 +230,19 @@ def as_match(example: Example) -> Match | None:
     fields = to_frame(problem.mesh, velocity / problem.mesh.length_scale)
     energy = MatchingEnergy(problem)
     evaluated = energy.objective(problem.parameters.last_sigma).evaluate(fields)
-    mismatch = energy.relative_mismatch(evaluated.advected)
-    kind: Kind = "matched" if mismatch <= Parameters.goal else "not reached"
+    residual = energy.residual(evaluated.advected)
+    outcome = outcome_of(residual, Parameters.goal)
     return Match(
         problem=problem,
         fine_velocity=velocity,
         advected=np.ascontiguousarray(evaluated.advected.T),
         energy_history=np.array([[evaluated.energy, evaluated.regularity, evaluated.mismatch]]),
         stages=np.zeros(1, dtype=np.int64),
-        mismatch=mismatch,
-        verified_mismatch=math.nan,
+        residual=residual,
+        verified_residual=math.nan,
         folded=math.nan,
         stop_reason=StopReason.GIVEN,
-        verdict=Verdict(kind, "the field is given, not sought", ""),
+        verdict=Verdict(outcome, sentence_of(Cause.GIVEN), "", cause=Cause.GIVEN),
     )
 
 
@@ -286,12 +288,12 @@ def witnessed(found: Match) -> tuple[list[Measure], str, str]:
     except ParameterError as error:
         return [], "matched", f" Not verified: {error}."
     numbers = {
-        "mismatch by flow lines, relative L2": said.flow_lines,
-        "mismatch on the subdivided mesh, relative L2": said.subdivided,
+        "residual by flow lines": said.flow_lines,
+        "residual on the subdivided mesh": said.subdivided,
         "folded faces, as a share of all": said.folded,
     }
     measures = [Measure(name, x) for name, x in numbers.items() if math.isfinite(x)]
-    label = f"matched: {found.mismatch:.2g}, {said.flow_lines:.2g} by flow lines"
+    label = f"matched: {found.residual:.2g}, {said.flow_lines:.2g} by flow lines"
     overflows = " On the subdivided mesh the flow overflows." if math.isinf(said.subdivided) else ""
     return measures, label, overflows
 

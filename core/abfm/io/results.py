@@ -20,7 +20,7 @@ from abfm.mesh import TriangleMesh
 from abfm.reading import LARGEST as LARGEST_MEMBER
 from abfm.reading import array_from, most_inflated, open_plain
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 """Of result files and of projects."""
 MEND = "match again and save, or take another copy of the file"
 LARGEST = 1e154
@@ -126,15 +126,15 @@ _MATCH = {
     "fine_velocity": Entry("real", ("N", "D", 3), required=False),
     "energy_history": Entry("real", ("I", 3)),
     "stages": Entry("integer", ("I",), low=0),
-    "mismatch": Entry("real", (), low=0),
+    "residual": Entry("real", (), low=0),
     "stop_reason": Entry("text", ()),
-    "verified_mismatch": Entry("real", (), required=False, low=0),
+    "verified_residual": Entry("real", (), required=False, low=0),
     "folded": Entry("real", (), required=False, low=0, high=1),
     "landmark_errors": Entry("real", ("L",), required=False, low=0),  # of sqrt(area)
-    "verdict": Entry("text", (3,), required=False),
+    "verdict": Entry("text", (4,)),  # outcome, cause, reason, advice
     "remedies": Entry("text", (), required=False),
-    # sigma, alpha, reach, mismatch, by flow lines, folded, log2 J, log2 R, times refined
-    "path_steps": Entry("real", ("S", 9), required=False, low=0, may_be_unknown=True),
+    # sigma, alpha, reach, residual, by flow lines, folded, log2 J, log2 R, its 95%, times refined
+    "path_steps": Entry("real", ("S", 10), required=False, low=0, may_be_unknown=True),
     "path_step": Entry("integer", (), required=False, low=0),  # which of them the match is
     # the others' fields side by side, in lengths of the mesh: squares of more overflow
     "path_velocity": Entry("single", ("N", "P", 3), required=False, low=-1e30, high=1e30),
@@ -186,10 +186,10 @@ _SEQUENCE = {
     "sigma": Entry("real", (), low=0, may_be_unknown=True),
     "noise": Entry("real", (), low=0),
     "energies": Entry("real", ("I", 2, 3), may_be_unknown=True),
-    "mismatch": Entry("real", ("I",), low=0),
-    "verified_mismatch": Entry("real", ("I",), low=0, may_be_unknown=True),
+    "residual": Entry("real", ("I",), low=0),
+    "verified_residual": Entry("real", ("I",), low=0, may_be_unknown=True),
     "folded": Entry("real", ("I",), low=0, high=1, may_be_unknown=True),
-    "verdicts": Entry("text", ("I", 3)),
+    "verdicts": Entry("text", ("I", 4)),  # as of a match
     "weights": Entry("real", ("C",), low=0),
 }
 SEQUENCE = Kind("sequence file", MESH_ENTRIES | _SEQUENCE)

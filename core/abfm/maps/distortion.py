@@ -128,14 +128,19 @@ def chord_distortion(
     return _of_corners(mesh, np.arange(len(mesh.faces)), mapped[mesh.faces], onto or mesh)
 
 
-def mean_log2(mesh: TriangleMesh, faces: IntArray, corners: FloatArray) -> tuple[float, float]:
-    """Return the means, by area, of ``|log2 J|`` and ``|log2 R|`` over some faces (S,), by number,
-    whose corners are mapped to (S, 3, 3), with triangles between these.
+def log2_changes(
+    mesh: TriangleMesh, faces: IntArray, corners: FloatArray
+) -> tuple[float, float, float]:
+    """Return the mean and the 95th percentile of ``|log2 J|`` and the mean of ``|log2 R|``, by
+    area, over some faces (S,), by number, whose corners are mapped to (S, 3, 3), with triangles
+    between these.
     """
     found = np.maximum(_stretches(corners, hat_gradients(mesh)[faces]), _LEAST)
     logs, areas = np.log2(found), face_areas(mesh)[faces]
     area, shape = np.abs(logs[:, 0] + logs[:, 1]), logs[:, 0] - logs[:, 1]
-    return float(np.average(area, weights=areas)), float(np.average(shape, weights=areas))
+    p95 = np.percentile(area, 95, method="inverted_cdf", weights=areas)
+    means = (np.average(area, weights=areas), np.average(shape, weights=areas))
+    return float(means[0]), float(p95), float(means[1])
 
 
 def distortion_of_flow(

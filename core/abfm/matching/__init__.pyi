@@ -3,9 +3,11 @@ from .bounded import bounded as bounded
 from .bounded import check_bound as check_bound
 from .bounded import is_kept as is_kept
 from .bounded import keeps as keeps
-from .judging.verdict import Remedy as Remedy
+from .judging.cause import Cause as Cause
+from .judging.facts import LOG2_AREA_GOOD as LOG2_AREA_GOOD
+from .judging.obstacles import foreseen as foreseen
+from .judging.remedies import Remedy as Remedy
 from .judging.verdict import Verdict as Verdict
-from .judging.verdict import kind_of as kind_of
 from .judging.verification import Verification as Verification
 from .judging.verification import verify as verify
 from .match import Match as Match

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any, get_args, overload
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +20,10 @@ from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
-from abfm.matching.judging import verdict as verdicts
-from abfm.matching.judging.verdict import Remedy, Verdict
+from abfm.matching.judging.cause import Cause
+from abfm.matching.judging.facts import Report
+from abfm.matching.judging.remedies import Remedy
+from abfm.matching.judging.verdict import Evidence, Verdict, judge
 from abfm.matching.judging.verification import Verification, verify
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.path import PathStep, path_arrays, path_of
@@ -31,6 +33,7 @@ from abfm.matching.solving.record import Iteration, StopReason
 from abfm.matching.solving.solve import Solver
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import mean_of_children, times_subdivided
+from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.parameters import Parameters
 from abfm.reading import from_json
 from abfm.types import FloatArray, IntArray
@@ -63,11 +66,12 @@ class Match:
         sigma.
     stages : (iterations + 1,) array of int
         Cooling stage of each row.
-    mismatch : float
-        ``||f_tau - g|| / ||g||`` in L2 on the surface; with landmarks the error of the farthest one
-        where that is more, in tenths of sqrt(area).
-    verified_mismatch : float
-        The same with the source carried along flow lines of the fields made continuous (see
+    residual : float
+        ``||f_tau - g|| / ||g - mean(g)||`` in L2 on the surface, weighted by the mask; with
+        landmarks the error of the farthest one where that is more, in tenths of sqrt(area). Goal
+        and verdict use it.
+    verified_residual : float
+        The residual with the source carried along flow lines of the fields made continuous (see
         `abfm.verify`), on large meshes estimated from some of the vertices; NaN if unknown.
     folded : float
         Share of the faces, 0 to 1, that this flow folds (`Verification.folded`); NaN if unknown.
@@ -88,8 +92,8 @@ class Match:
     advected: FloatArray = field(repr=False)
     energy_history: FloatArray = field(repr=False)
     stages: IntArray = field(repr=False)
-    mismatch: float
-    verified_mismatch: float
+    residual: float
+    verified_residual: float
     folded: float
     stop_reason: StopReason
     verdict: Verdict
@@ -101,7 +105,7 @@ class Match:
         # a copy with another field is on no path
         if not self.path or self.path[self.step].velocity is not self.fine_velocity:
             p = self.parameters
-            known = self.fine_velocity, self.mismatch, self.verified_mismatch, self.folded
+            known = self.fine_velocity, self.residual, self.verified_residual, self.folded
             alone = PathStep(p.last_sigma, p.alpha, p.reach, *known)
             self.__dict__.update(path=(alone,), step=0)
 
@@ -174,13 +178,18 @@ class Match:
         return np.full(len(self.problem.landmarks or ()), np.inf)
 
     @property
-    def confirmed_mismatch(self) -> float:
-        """What is left by the worse of the two witnesses, discrete flow and flow lines."""
-        return verdicts.confirmed_mismatch(self.mismatch, self.verified_mismatch)
+    def worse_residual(self) -> float:
+        """The larger residual of both checks, the discrete flow and flow lines."""
+        return worse_residual(self.residual, self.verified_residual)
 
     @cached_property
-    def initial_mismatch(self) -> float:
-        """``||f - g|| / ||g||``: the mismatch before anything moved."""
+    def mismatch(self) -> float:
+        """``||f_tau - g|| / ||g||`` of the functions on the mesh, as the paper defines it."""
+        return self.problem.functions.mismatch(self.advected.T)
+
+    @cached_property
+    def initial_residual(self) -> float:
+        """The residual before anything moved."""
         marks = self.problem.landmarks
         errors = None if marks is None else marks.first_errors
         return self.problem.left(self.problem.functions.source, errors)
@@ -221,8 +230,8 @@ class Match:
             self,
             fine_velocity=found.velocity,
             advected=carried[: len(self.mesh.vertices)],
-            mismatch=found.mismatch,
-            verified_mismatch=found.verified_mismatch,
+            residual=found.residual,
+            verified_residual=found.verified_residual,
             folded=found.folded,
             step=step % len(self.path),
         )
@@ -238,7 +247,8 @@ class Match:
             carried = _carried(problem, self.fine_velocity)
         except AbfmError as error:
             doubt = f"its field carries nothing to its end: {error}"
-            return replace(self, verdict=Verdict("not reached", doubt, ""), doubt=doubt)
+            verdict = Verdict(Outcome.NOT_REACHED, doubt, "", cause=Cause.INCONSISTENT)
+            return replace(self, verdict=verdict, doubt=doubt)
         return self._held_against(problem, carried)
 
     @np.errstate(over="ignore", invalid="ignore")  # of functions that are refused today
@@ -247,18 +257,18 @@ class Match:
         advected = carried[: len(self.mesh.vertices)]
         left = problem.left(carried.T, self.landmark_errors)
         off = self.problem.functions.relative_size((advected - self.advected).T)
-        agreed = max(_AGREED, _AGREED_SHARE * self.mismatch)
-        if left > self.mismatch + agreed:
-            doubt = f"{self.mismatch:.3g} is said to be left, and its field leaves {left:.3g}"
+        agreed = max(_AGREED, _AGREED_SHARE * self.residual)
+        if left > self.residual + agreed:
+            doubt = f"{self.residual:.3g} is said to be left, and its field leaves {left:.3g}"
         elif off > agreed:
             doubt = f"the carried source is off by {off:.3g} from what its field carries"
         elif self._is_overpraised():
-            doubt = f"it is said to be {self.verdict.kind}, with {self.confirmed_mismatch:.3g} left"
+            doubt = f"it is said to be {self.verdict.kind}, with {self.worse_residual:.3g} left"
         else:
             return self
         # a field that was taken out of a run came with the numbers of a coarser level
         is_estimate = self.stop_reason is StopReason.CANCELLED and math.isnan(
-            self.verified_mismatch
+            self.verified_residual
         )
         said = dict[str, float]()
         if not is_estimate:
@@ -270,8 +280,8 @@ class Match:
         other = replace(
             self,
             advected=advected,
-            mismatch=left,
-            verified_mismatch=own.verified_mismatch,
+            residual=left,
+            verified_residual=own.verified_residual,
             folded=own.folded,
             path=(*self.path[: self.step], own, *self.path[self.step + 1 :]),
             doubt="" if is_estimate else doubt,
@@ -279,24 +289,41 @@ class Match:
         return replace(other, verdict=other._judged())
 
     def _is_overpraised(self) -> bool:
-        """Say whether the verdict's word is better than the one for what is left."""
-        words = get_args(verdicts.Kind)[:2]  # from the best on
-        told = self.verdict.kind
-        due = verdicts.kind_of(self.confirmed_mismatch, self.parameters.goal)
-        return told in words and (due not in words or words.index(due) > words.index(told))
+        """Return whether the verdict is better than the residual allows."""
+        due = outcome_of(self.worse_residual, self.parameters.goal)
+        return self.verdict.kind in (Outcome.MATCHED, Outcome.NEARLY) and (
+            due.rank > self.verdict.kind.rank
+        )
 
-    def _judged(self) -> Verdict:
-        outcome = verdicts.Outcome(
+    @property
+    def _evidence(self) -> Evidence:
+        return Evidence(
             np.ascontiguousarray(self.advected.T),
-            self.mismatch,
+            self.residual,
             self.stop_reason,
-            self.verified_mismatch,
+            self.verified_residual,
             self.folded,
             log2_area=self.path[self.step].log2_area,
             refined=self.refined,
             landmarks=_landmarks(self.problem, self.landmark_errors),
         )
-        return verdicts.advice(self.problem.functions, outcome, self.parameters)
+
+    def _judged(self) -> Verdict:
+        return judge(self.problem.functions, self._evidence, self.parameters)
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What is reported of the match: outcome, headline, reason, advice, numbers, warnings."""
+        return Report(
+            self.verdict,
+            self._evidence,
+            self.parameters,
+            self.initial_residual,
+            self.mismatch,
+            self.problem.is_of_landmarks,
+            self.path[self.step].log2_area_95,
+            self.doubt,
+        ).facts()
 
     def start_for(self, parameters: Parameters) -> FloatArray:
         """The fields (N, 4^k F, 3) as a start with other parameters: by another tau as far."""
@@ -402,7 +429,7 @@ def match(
     mark, path = solver.way[solver.step], solver.path()
     end, functions = path[solver.step], energy.functions
     may_end = reason is not StopReason.CANCELLED or control.brief
-    if math.isnan(end.verified_mismatch):
+    if math.isnan(end.verified_residual):
         with controlled(control, lambda: may_end):  # else it is checked though it was cancelled
             try:
                 checkpoint()
@@ -421,11 +448,11 @@ def match(
     advected = np.ascontiguousarray(
         mark.carried[: len(functions.source), : len(the_problem.mesh.vertices)]
     )
-    outcome = verdicts.Outcome(
+    evidence = Evidence(
         advected,
-        end.mismatch,
+        end.residual,
         reason,
-        end.verified_mismatch,
+        end.verified_residual,
         end.folded,
         history[stages == stages[-1], 0],
         end.log2_area,
@@ -438,11 +465,11 @@ def match(
         advected=advected.T.copy(),
         energy_history=history,
         stages=stages,
-        mismatch=end.mismatch,
-        verified_mismatch=end.verified_mismatch,
+        residual=end.residual,
+        verified_residual=end.verified_residual,
         folded=end.folded,
         stop_reason=reason,
-        verdict=verdicts.advice(functions, outcome, energy.parameters),
+        verdict=judge(functions, evidence, energy.parameters),
         path=path,
         step=solver.step,
     )
@@ -507,7 +534,7 @@ def match_arrays(match: Match) -> dict[str, Any]:
     own = results.MATCH_ENTRIES.keys() - parts.keys() - left_out
     parts |= {name: getattr(match, name) for name in results.MATCH_ENTRIES if name in own}
     parts["parameters"] = json.dumps(match.problem.parameter_values())
-    parts["verdict"] = verdict.kind, verdict.reason, verdict.advice
+    parts["verdict"] = verdict.texts
     if verdict.remedies:
         parts["remedies"] = json.dumps([asdict(remedy) for remedy in verdict.remedies])
     return {
@@ -521,11 +548,11 @@ def match_of(
     mesh: TriangleMesh,
     arrays: Mapping[str, NDArray[Any]],
     parameters: Parameters,
-    verdict: Verdict | None,
+    verdict: Verdict,
 ) -> Match:
     """Return the match that `match_arrays` was given; ValueError if its fields do not fit."""
     given = {name: arrays[name] for name in arrays.keys() & results.PROBLEM_ENTRIES.keys()}
-    parts: dict[str, Any] = {"verified_mismatch": math.nan, "folded": math.nan}
+    parts: dict[str, Any] = {"verified_residual": math.nan, "folded": math.nan}
     parts |= {
         name: array if array.ndim else array.item()
         for name, array in arrays.items()
@@ -546,9 +573,6 @@ def match_of(
         parts["path"], parts["step"] = path_of(arrays, parts["fine_velocity"], mesh)
     parts = {name: part for name, part in parts.items() if not name.startswith("path_")}
     reason = StopReason.of_file(parts["stop_reason"])
-    if verdict is None:
-        left = verdicts.confirmed_mismatch(parts["mismatch"], parts["verified_mismatch"])
-        verdict = Verdict(verdicts.kind_of(left, parameters.goal), reason, "")
     problem = problem_of(mesh, given, parameters)
     return Match(problem=problem, **parts | {"stop_reason": reason, "verdict": verdict})
 
@@ -572,17 +596,7 @@ def loaded_match(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
     own = {name: array for name, array in arrays.items() if name not in results.MESH_ENTRIES}
     parameters = Parameters.from_dict(from_json(str(own["parameters"])))
     remedies = _remedies(str(own.pop("remedies", "[]")))
-    verdict = _verdict(own["verdict"], remedies) if "verdict" in own else None
-    return match_of(mesh, own, parameters, verdict)
-
-
-def _verdict(texts: NDArray[Any], remedies: tuple[Remedy, ...]) -> Verdict:
-    kind, reason, advised = texts.tolist()
-    if kind not in get_args(verdicts.Kind):
-        raise ValueError(
-            f"the verdict is {kind[:40]!r}; expected one of {', '.join(get_args(verdicts.Kind))}"
-        )
-    return Verdict(kind, reason, advised, remedies)
+    return match_of(mesh, own, parameters, Verdict.of_texts(own["verdict"].tolist(), remedies))
 
 
 def _remedies(text: str) -> tuple[Remedy, ...]:

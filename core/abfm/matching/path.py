@@ -16,11 +16,12 @@ COLUMNS = (
     "sigma",
     "alpha",
     "reach",
-    "mismatch",
+    "residual",
     "by flow lines",
     "folded",
     "log2 J",
     "log2 R",
+    "log2 J 95%",
     "refined",
 )
 
@@ -39,22 +40,25 @@ class PathStep:
     velocity : (N, 4^k F, 3) array
         Tangent fields, in the input's length unit per unit of time, on the mesh or on its midpoint
         subdivision made k times.
-    mismatch, verified_mismatch, folded : float
+    residual, verified_residual, folded : float
         As of a `Match`.
     log2_area, log2_shape : float
         Means, by area, of ``|log2 J|`` and ``|log2 R|``, with ``J = s_1 s_2`` and ``R = s_1 / s_2``
         of the stretches of the map along flow lines.
+    log2_area_95 : float
+        The 95th percentile of ``|log2 J|``, by area.
     """
 
     sigma: float
     alpha: float
     reach: float
     velocity: FloatArray = field(repr=False)
-    mismatch: float
-    verified_mismatch: float = math.nan
+    residual: float
+    verified_residual: float = math.nan
     folded: float = math.nan
     log2_area: float = math.nan
     log2_shape: float = math.nan
+    log2_area_95: float = math.nan
 
 
 _NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]

@@ -24,7 +24,7 @@ from abfm.maps.surface_points import SurfacePoints
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.data_term import DataTerm, Restriction
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.matching.terms.landmarks import Landmarks, landmarks_of, mismatch_of
+from abfm.matching.terms.landmarks import Landmarks, landmarks_of, residual_of_errors
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined, times_subdivided
 from abfm.numerics.real_numbers import real_numbers
@@ -290,11 +290,11 @@ class Problem:
         return values
 
     def left(self, carried: FloatArray, errors: FloatArray | None) -> float:
-        """Return the relative mismatch of functions (C, V) and of landmarks that are so far off,
+        """Return the residual of functions (C, V) and of landmarks that are so far off,
         (L,), whichever is larger.
         """
-        of_functions = self.functions.relative_mismatch(carried)
-        return of_functions if errors is None else max(of_functions, mismatch_of(errors))
+        of_functions = self.functions.residual(carried)
+        return of_functions if errors is None else max(of_functions, residual_of_errors(errors))
 
     def spec_arrays(self) -> dict[str, NDArray[Any]]:
         """Return what files hold of the texts, (C,) each; nothing where there are none."""

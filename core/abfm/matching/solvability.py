@@ -48,13 +48,23 @@ def range_bound(functions: FunctionTerm) -> float:
     """Return the least relative mismatch that any flow can leave; 0 if the source has all values:
     ``|f_tau - g| >= |clip(g, min f, max f) - g|`` everywhere.
     """
-    return functions.relative_mismatch(within_range(functions))
+    return functions.residual(within_range(functions))
+
+
+def value_gap(functions: FunctionTerm) -> float:
+    """Return the larger residual of the values that one of two functions has and the other lacks.
+
+    It is the same for the match from g to f: values of the source that the target lacks cannot
+    vanish along a flow either, although their area can.
+    """
+    return max(range_bound(functions), range_bound(functions.reversed()))
 
 
 def worst_channel(functions: FunctionTerm) -> int:
-    """Return the channel whose target has most that the source has no values for."""
-    squares = (within_range(functions) - functions.target) ** 2
-    return int(np.argmax(squares @ functions.areas * functions.weights))
+    """Return the channel in which one of the functions lacks most of the other's values."""
+    sides = (functions, functions.reversed())
+    gaps = [((within_range(side) - side.target) ** 2) @ side.areas for side in sides]
+    return int(np.argmax(np.maximum(*gaps) * functions.weights))
 
 
 def source_is_constant(functions: FunctionTerm) -> bool:

@@ -38,8 +38,8 @@ class Report:
 
     index: int  # which one, from 0
     iteration: int  # steps taken
-    energy: float  # of the iterate, as in `Iteration`, and its mismatch
-    mismatch: float
+    energy: float  # of the iterate, as in `Iteration`, and its residual
+    residual: float
 
 
 class Monitor:
@@ -208,7 +208,7 @@ def _solve(task: _Task) -> Parcel | None:
             latest = time.monotonic()
             if not task.goes_on():
                 control.cancel()
-            latest_report = Report(task.number, now.iteration, now.energy, now.mismatch)
+            latest_report = Report(task.number, now.iteration, now.energy, now.residual)
             file = task.folder / f"{task.number}{_REPORT}"
             with suppress(OSError):  # all is over
                 file.with_suffix(".new").write_text(json.dumps(asdict(latest_report)))

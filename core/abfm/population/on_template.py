@@ -89,7 +89,7 @@ def map_facts(
     left = found.landmark_errors
     numbers = (
         found.match.folded,
-        found.match.confirmed_mismatch,
+        found.match.worse_residual,
         math.sqrt(np.average(squares, weights=face_areas(template))) / template.length_scale,
         math.nan if left is None else float(left.mean()),
     )

@@ -26,5 +26,4 @@ from .unfinished import Unfinished as Unfinished
 from .unfinished import move_unfinished as move_unfinished
 from .unfinished import remove_unfinished as remove_unfinished
 from .unfinished import unfinished_of as unfinished_of
-from .verdicts import CONFIRMED as CONFIRMED
 from .verdicts import is_unsolved as is_unsolved

@@ -39,7 +39,7 @@ _INTERVALS = [
     "end",
     "speed",
     "energy",
-    "mismatch",
+    "residual",
     "by_flow_lines",
     "folded",
     "verdict",
@@ -199,8 +199,8 @@ def export_intervals(path: str | os.PathLike[str], sequence: Sequence) -> None:
         ends,
         sequence.speed,
         sequence.energies[:, 1, 0],
-        sequence.mismatch,
-        sequence.verified_mismatch,
+        sequence.residual,
+        sequence.verified_residual,
         sequence.folded,
     ]
     rows = [

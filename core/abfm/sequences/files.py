@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from abfm.errors import ResultError, one_line
 from abfm.io import results
-from abfm.matching.judging.verdict import Kind, Verdict
+from abfm.matching.judging.verdict import Verdict
 from abfm.parameters import Parameters
 from abfm.reading import from_json
 from abfm.sequences.frames import Frames
@@ -34,10 +34,10 @@ def sequence_arrays(sequence: Sequence) -> dict[str, Any]:
         "sigma": sequence.sigma,
         "noise": sequence.noise,
         "energies": sequence.energies,
-        "mismatch": sequence.mismatch,
-        "verified_mismatch": sequence.verified_mismatch,
+        "residual": sequence.residual,
+        "verified_residual": sequence.verified_residual,
         "folded": sequence.folded,
-        "verdicts": [(v.kind, v.reason, v.advice) for v in sequence.verdicts],
+        "verdicts": [verdict.texts for verdict in sequence.verdicts],
     }
     if film.mask is not None:
         arrays["mask"] = film.mask
@@ -80,12 +80,8 @@ def sequence_of(arrays: results.Arrays, mesh: TriangleMesh | None = None) -> Seq
         arrays["weights"],
         bool(arrays["channels_given"]),
     )
-    verdicts = []
-    for kind, reason, advice in arrays["verdicts"].tolist():
-        if kind not in get_args(Kind):
-            raise ValueError(f"a verdict is {kind[:40]!r}; expected one of {get_args(Kind)}")
-        verdicts.append(Verdict(kind, reason, advice))
-    names = ("velocity", "energies", "mismatch", "verified_mismatch", "folded")
+    verdicts = map(Verdict.of_texts, arrays["verdicts"].tolist())
+    names = ("velocity", "energies", "residual", "verified_residual", "folded")
     return Sequence(
         _frames=frames,
         parameters=Parameters.from_dict(from_json(str(arrays["parameters"]))),

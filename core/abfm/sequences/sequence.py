@@ -36,7 +36,7 @@ from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.solve import LEAST, WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
 from abfm.sequences.unfinished import Unfinished
-from abfm.sequences.verdicts import CONFIRMED, is_unsolved, verdict_of
+from abfm.sequences.verdicts import is_unsolved, verdict_of
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
 from abfm.workers.progress import step
@@ -92,11 +92,11 @@ class Sequence:
         As given; ``sigma`` is the one that the intervals have, in deviations of the frames.
     gamma : float
         How much neighbouring fields were held together.
-    mismatch, verified_mismatch, folded : (T - 1,) array
+    residual, verified_residual, folded : (T - 1,) array
         Of each interval, as in `Match`: by the discrete flow, by flow lines, and the share of faces
         that these fold; NaN where unknown.
     noise : float
-        What independent noise on vertices leaves of an interval, at most, as a mismatch: the median
+        What independent noise on vertices leaves of an interval, at most, as a residual: the median
         over intervals, of which each is judged by its own.
     verdicts : tuple of Verdict
         What each interval came to.
@@ -110,8 +110,8 @@ class Sequence:
     gamma: float
     sigma: float
     energies: FloatArray = field(repr=False)  # (T - 1, 2, 3)
-    mismatch: FloatArray = field(repr=False)
-    verified_mismatch: FloatArray = field(repr=False)
+    residual: FloatArray = field(repr=False)
+    verified_residual: FloatArray = field(repr=False)
     folded: FloatArray = field(repr=False)
     noise: float
     verdicts: tuple[Verdict, ...] = field(repr=False)
@@ -135,7 +135,7 @@ class Sequence:
     @property
     def confirmed(self) -> int:
         """How many intervals flow lines confirm: matched, nearly so, or as close as noise lets."""
-        return sum(verdict.kind in CONFIRMED for verdict in self.verdicts)
+        return sum(verdict.kind.is_good for verdict in self.verdicts)
 
     @property
     def solved(self) -> BoolArray:
@@ -157,8 +157,8 @@ class Sequence:
             advected=flow.push(self.frames[i]),
             energy_history=self.energies[i],
             stages=np.zeros(2, dtype=np.int64),
-            mismatch=float(self.mismatch[i]),
-            verified_mismatch=float(self.verified_mismatch[i]),
+            residual=float(self.residual[i]),
+            verified_residual=float(self.verified_residual[i]),
             folded=float(self.folded[i]),
             stop_reason=StopReason.NO_PROGRESS,
             verdict=self.verdicts[i],
@@ -412,7 +412,7 @@ def _told(solver: Solver, keep: Unfinished) -> Sequence:
     said += [solver.said(i, by_flow_lines=False) for i in range(len(said), count)]
     numbers = {
         name: np.array([getattr(each, name) for each in said])
-        for name in ("mismatch", "verified_mismatch", "folded", "energies")
+        for name in ("residual", "verified_residual", "folded", "energies")
     }
     velocity = to_ambient(film.mesh, solver.fields) * unit
     velocity.flags.writeable = False

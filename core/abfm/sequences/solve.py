@@ -40,7 +40,7 @@ _HARDLY = 0.6  # of what was held out: where more is left by any sigma, too
 _WORTH = 0.5  # of the energy
 _IN_VAIN = 3  # searches, after which no more are made
 _SWEEPS = 4  # at most
-_WITNESSED = ("verified_mismatch", "folded")
+_WITNESSED = ("verified_residual", "folded")
 _SETTLED = 0.01  # share of its energy that a sweep gains, which is then the last
 
 
@@ -50,8 +50,8 @@ class Said:
 
     advected: FloatArray  # (C, V)
     energies: FloatArray  # (2, 3), of no motion and of the field: total, regularity, mismatch
-    mismatch: float
-    verified_mismatch: float = np.nan
+    residual: float
+    verified_residual: float = np.nan
     folded: float = np.nan
 
 
@@ -121,7 +121,7 @@ class Solver:
             self._settle_each(on_step)
 
     def _is_no_motion(self, energy: MatchingEnergy, found: Point) -> bool:
-        left = energy.relative_mismatch(found.at.advected)
+        left = energy.residual(found.at.advected)
         return explains_little(energy.functions, self.levels, left)
 
     def _found(self, i: int) -> Point:
@@ -159,11 +159,11 @@ class Solver:
         """Tell whether much of an interval is left that is not noise, by the discrete flow, or also
         by flow lines.
         """
-        first = energy.relative_mismatch(energy.functions.source)
-        left = energy.relative_mismatch(found.at.advected)
+        first = energy.residual(energy.functions.source)
+        left = energy.residual(found.at.advected)
         if by_flow_lines:
             apart = defect(energy, found.field)
-            left = max(left, energy.relative_mismatch(found.at.advected - apart))
+            left = max(left, energy.residual(found.at.advected - apart))
         return left > max(_MUCH * first, OFTEN * noise_floor(energy.functions, self.levels))
 
     def _settle(self, on_step: Callable[[], object] = lambda: None) -> None:
@@ -349,7 +349,7 @@ class _Walk:
         energy = solver._energy(interval)
         self._functions, self._of = energy.functions, solver._of
         self._duration = energy.parameters.tau
-        self.rest = energy.relative_mismatch(energy.functions.source)
+        self.rest = energy.residual(energy.functions.source)
         self.noise = noise_floor(energy.functions, solver.levels)
         self._folds = [(Interval(part), hidden) for part, hidden in without(energy)]
         self._fields: list[FloatArray] = [np.zeros(energy.shape[1:])] * len(self._folds)
@@ -379,7 +379,7 @@ class _Walk:
             self._fields[number] = found.field
             count = len(self._functions.source)
             carried = found.at.advected[:count]
-            left.append(self._functions.weighed(hidden).relative_mismatch(carried) ** 2)
+            left.append(self._functions.weighed(hidden).residual(carried) ** 2)
         return float(np.mean(left)) if left else np.nan
 
 

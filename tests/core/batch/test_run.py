@@ -180,7 +180,7 @@ def test_results_are_what_is_solved_alone_and_are_named_by_their_problem(done, t
     assert own.problem.specs[0] == ("file:z.npy",)
     facts = by_name["first"].facts
     assert (facts.verdict, facts.reason) == (match.verdict.kind, match.verdict.reason)
-    assert facts.confirmed == match.confirmed_mismatch
+    assert facts.confirmed == match.worse_residual
     assert facts.folded == match.folded
 
 

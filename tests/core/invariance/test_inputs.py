@@ -219,7 +219,7 @@ def test_the_unit_of_functions_does_not_matter(exponent, course):
     """With a relative sigma, to the last bit for powers of two."""
     expected = matched(F, G, **course)
     match = matched(2.0**exponent * F, 2.0**exponent * G, **course)
-    for name in ("velocity", "energy_history", "mismatch", "verified_mismatch"):
+    for name in ("velocity", "energy_history", "mismatch", "verified_residual"):
         assert np.array_equal(getattr(match, name), getattr(expected, name))
 
 

@@ -222,5 +222,5 @@ def test_matches(changes, name, move):
     assert_alike(found.velocity[0], move.field(mesh, expected.velocity[0]), SOLVES)
     assert_alike(found.energy_history, expected.energy_history, SOLVES)
     assert found.mismatch == pytest.approx(expected.mismatch, rel=SOLVES)
-    assert found.verified_mismatch == pytest.approx(expected.verified_mismatch, rel=SOLVES)
+    assert found.verified_residual == pytest.approx(expected.verified_residual, rel=SOLVES)
     assert found.verdict.kind == expected.verdict.kind

@@ -228,7 +228,7 @@ def parameters(more):
         ("mask", -np.ones(V), "mask has the value -1; expected 0 to inf"),
         ("weights", np.array([-0.5]), "weights has the value -0.5"),
         ("mismatch", np.array(-1.0), "mismatch has the value -1"),
-        ("verified_mismatch", np.array(-1.0), "verified_mismatch has the value -1"),
+        ("verified_residual", np.array(-1.0), "verified_residual has the value -1"),
         ("mask", np.zeros(V), "mask must be finite, not negative, and not zero everywhere"),
         ("weights", np.zeros(1), "weights are zero everywhere; give a channel one above 0"),
         ("source", 1e200 * ONES, "source has the value 1e+200; expected -1e+154 to 1e+154"),
@@ -390,8 +390,8 @@ def file(whole, path):
 
 def test_everything_comes_back(whole, file):
     loaded = load_match(file)
-    assert np.isfinite([whole.verified_mismatch, whole.folded]).all()
-    values = "mismatch verified_mismatch folded stop_reason verdict parameters channels_given"
+    assert np.isfinite([whole.verified_residual, whole.folded]).all()
+    values = "mismatch verified_residual folded stop_reason verdict parameters channels_given"
     for name in values.split():
         assert getattr(loaded, name) == getattr(whole, name)
     for name in ("source", "target", "advected", "velocity", "energy_history", "stages", "weights"):
@@ -418,7 +418,7 @@ def test_what_is_not_known_stays_unknown(path):
     whole = match(MESH, f, f[::-1].copy(), control=control)
     whole.save(path)
     for one in (whole, load_match(path)):
-        assert np.isnan([one.verified_mismatch, one.folded]).all()
+        assert np.isnan([one.verified_residual, one.folded]).all()
         assert one.stop_reason == "cancelled"
 
 
@@ -427,12 +427,12 @@ def test_a_file_without_the_new_entries_is_one_of_the_papers_energy(whole, file,
     given = whole.parameters.to_dict()
     former = json.dumps({name: given[name] for name in given if name not in PAPER})
     known = {"parameters": former, "mismatch": mismatch, "stop_reason": "converged"}
-    new = dict.fromkeys(("verdict", "verified_mismatch", "folded"))
+    new = dict.fromkeys(("verdict", "verified_residual", "folded"))
     put(file, **{name: np.array(value) for name, value in known.items()}, **new)
     loaded = load_match(file)
     assert loaded.parameters == Parameters(**given | PAPER)
     assert loaded.verdict == Verdict(kind, "converged", "")
-    assert np.isnan([loaded.verified_mismatch, loaded.folded]).all()
+    assert np.isnan([loaded.verified_residual, loaded.folded]).all()
     assert_array_equal(loaded.velocity, whole.velocity)
     again = match(MESH, loaded.source, loaded.target, loaded.parameters, start=loaded.velocity)
     assert again.energy_history[-1, 0] <= again.energy_history[0, 0]

@@ -56,8 +56,8 @@ def test_a_field_that_was_set_to_zero_matches_nothing(found, tmp_path):
     assert loaded.doubt.startswith(f"{found.mismatch:.3g} is said to be left, and its field leaves")
     assert "\n" not in loaded.doubt
     initial = loaded.problem.refined(loaded.refined).functions
-    assert loaded.mismatch == pytest.approx(initial.relative_mismatch(initial.source))
-    assert loaded.verified_mismatch == pytest.approx(loaded.mismatch, rel=1e-3)
+    assert loaded.mismatch == pytest.approx(initial.residual(initial.source))
+    assert loaded.verified_residual == pytest.approx(loaded.mismatch, rel=1e-3)
     assert loaded.path[0].mismatch == loaded.mismatch
     assert loaded.verdict.kind == "not reached"
     assert_allclose(loaded.advected, loaded.source, atol=1e-9)
@@ -101,7 +101,7 @@ def test_a_field_taken_out_of_a_run_has_numbers_of_a_coarser_level_and_is_no_che
         found,
         mismatch=found.mismatch / 3,
         advected=found.target,
-        verified_mismatch=math.nan,
+        verified_residual=math.nan,
         stop_reason=StopReason.CANCELLED,
     )
     judged = coarse.borne_out()

@@ -28,7 +28,7 @@ def test_nearly_all_faces_keep_the_bound_and_a_tighter_one_leaves_more(found, mo
     least = told.bound_of(SHARE)
     assert told.share_within(least) >= SHARE > told.share_within(least * (1 - 1e-9))
     assert told.folded == 0
-    assert found.mismatch < within.mismatch < found.initial_mismatch
+    assert found.mismatch < within.mismatch < found.initial_residual
     # the bound is used: the field is none that keeps half of it, too
     assert told.share_within(0.4 * most) < SHARE
     looser = bounded(found, 2 * most)

@@ -49,8 +49,8 @@ def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degr
         for reach, refine in ((1.0, 1), (0.0, 0))
     )
     assert far.mismatch < 0.05
-    assert far.verified_mismatch < 0.1
-    assert blind.mismatch > 0.9 < blind.verified_mismatch
+    assert far.verified_residual < 0.1
+    assert blind.mismatch > 0.9 < blind.verified_residual
     assert blind.verdict.kind == "not reached"
     assert "squeezed" in blind.verdict.reason
 
@@ -62,9 +62,9 @@ def test_a_far_target_on_a_body():
     assert abfm.match(*given, replace(p, reach=0.0)).mismatch > 0.6
     close = abfm.match(*given, Parameters(refine=0, divergence=1.0, sigma=0.003))
     assert close.mismatch < 0.05
-    assert close.confirmed_mismatch < 0.5
+    assert close.worse_residual < 0.5
     shared = abfm.match(*given, Parameters(refine=0, divergence=1.0))  # by both witnesses
-    assert shared.confirmed_mismatch < 0.35
+    assert shared.worse_residual < 0.35
 
 
 def test_the_field_that_is_found_carries_as_a_rotation_does():
@@ -190,8 +190,8 @@ def test_cancelled_on_a_second_way_it_keeps_the_first_where_that_is_better(contr
 
     p = Parameters(levels=1, refine=0)
     match, _ = matched(120, p, SMALL, 0.07, on_iteration=stop, control=control)
-    left = [max(step.mismatch, step.verified_mismatch) for step in match.path]
-    assert begun[0].mismatch > 0.8 > 0.4 > match.confirmed_mismatch == min(left)
+    left = [max(step.mismatch, step.verified_residual) for step in match.path]
+    assert begun[0].mismatch > 0.8 > 0.4 > match.worse_residual == min(left)
     assert {step.velocity.shape for step in match.path} == {(1, len(SMALL.faces), 3)}
 
 
@@ -253,7 +253,7 @@ def test_without_reach_any_start_is_gone_on_from_also_one_too_fast_for_flow_line
     p = replace(QUICK, iterations=2, reach=0)
     match, _ = matched(60, p, SMALL, start=rotation_field(SMALL, [0, 0, 900]))
     assert np.isfinite(match.mismatch)
-    assert np.isnan(match.verified_mismatch)
+    assert np.isnan(match.verified_residual)
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -268,7 +268,7 @@ def test_beside_a_needle_nothing_is_found_that_is_worse_than_not_moving(tip, sta
         f, g = bump(mesh, mesh.vertices[a], 0.15), bump(mesh, mesh.vertices[b], 0.15)
         match = abfm.match(mesh, f, g, p, start=given)
         kept = abfm.match(mesh, f, g, replace(p, iterations=0), start=given)
-        assert match.mismatch <= max(match.initial_mismatch, kept.mismatch)
+        assert match.mismatch <= max(match.initial_residual, kept.mismatch)
 
 
 def test_same_bits_with_other_work_beside_it():
@@ -286,7 +286,7 @@ def test_same_bits_with_other_work_beside_it():
         thread.join()
     for name in ("velocity", "advected", "energy_history", "stages"):
         assert_array_equal(getattr(alone, name), getattr(beside, name))
-    for name in ("mismatch", "verified_mismatch", "folded"):
+    for name in ("mismatch", "verified_residual", "folded"):
         assert getattr(alone, name) == getattr(beside, name)
 
 
@@ -297,11 +297,11 @@ def test_units_place_rotation_and_numbering_hardly_matter():
     here = abfm.match(mesh, f, g, p)
     turned = moved(mesh, Rotation.from_rotvec([1.0, 0.4, -0.3]).as_matrix(), 1e3)
     mixed, vertices, _ = renumbered(mesh, 2)
-    assert here.confirmed_mismatch < 0.1
+    assert here.worse_residual < 0.1
     for given in ((turned, f, g), (mixed, f[vertices], g[vertices]), (mesh, 1e6 * f, 1e6 * g)):
         one = abfm.match(*given, p)
         assert abs(one.mismatch - here.mismatch) < 0.03
-        assert abs(one.verified_mismatch - here.verified_mismatch) < 0.1
+        assert abs(one.verified_residual - here.verified_residual) < 0.1
 
 
 @pytest.mark.parametrize("mesh", [SMALL, hemisphere(12)], ids=["closed", "boundary"])
@@ -314,7 +314,7 @@ def test_flow_lines_at_once_are_those_of_the_verification(mesh):
     for extras in ({}, weighed):
         match = abfm.match(mesh, f, g, Parameters(iterations=20, segments=2), **extras)
         found = match.verify(subdivided=False)
-        assert match.verified_mismatch == pytest.approx(found.flow_lines, rel=1e-9)
+        assert match.verified_residual == pytest.approx(found.flow_lines, rel=1e-9)
         assert match.folded == pytest.approx(found.folded, abs=1e-12)
 
 

@@ -65,8 +65,8 @@ def test_its_errors_are_those_of_certified_flow_lines(matched):
     straight = np.linalg.norm(ends.positions - marks.wanted(SPHERE).positions, axis=1)
     near(matched.landmark_errors, straight / SPHERE.length_scale, 1e-4)
     assert matched.mismatch == pytest.approx(10 * matched.landmark_errors.max(), abs=0.005)
-    assert matched.verified_mismatch == pytest.approx(10 * matched.landmark_errors.max())
-    assert matched.initial_mismatch == pytest.approx(10 * marks.first_errors.max())
+    assert matched.verified_residual == pytest.approx(10 * matched.landmark_errors.max())
+    assert matched.initial_residual == pytest.approx(10 * marks.first_errors.max())
     most = 100 * matched.landmark_errors.max()
     assert matched.verdict.reason.startswith(f"8 landmarks within {most:.2g}% of sqrt(area), ")
 
@@ -86,7 +86,7 @@ def test_beside_functions_both_are_matched():
     problem = abfm.Problem(SPHERE, f, g, landmarks=pair)
     found = abfm.match(problem, on_iteration=told.append)
     well_matched(found)
-    assert problem.functions.relative_mismatch(found.advected.T) <= 0.05
+    assert problem.functions.residual(found.advected.T) <= 0.05
     assert f"6 landmarks within {100 * found.landmark_errors.max():.2g}%" in found.verdict.reason
     assert all(list(now.shares) == ["closeness", "landmarks"] for now in told)
     assert all(sum(now.shares.values()) == now.mismatch_energy for now in told)

@@ -43,8 +43,8 @@ def test_the_best_field_so_far_is_kept(monkeypatch, tmp_path):
     assert match.stop_reason == "out of memory"
     assert "memory ran out" in match.verdict.reason
     assert 2 < len(match.energy_history) < len(whole.energy_history)
-    assert match.mismatch < match.initial_mismatch
-    assert np.isfinite(match.verified_mismatch)
+    assert match.mismatch < match.initial_residual
+    assert np.isfinite(match.verified_residual)
     match.save(tmp_path / "m.npz")
     assert abfm.load_match(tmp_path / "m.npz").stop_reason == "out of memory"
 
@@ -57,7 +57,7 @@ def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
         monkeypatch.setattr(sys.modules[module], "measured", measured)
     match = abfm.match(SPHERE, F, G)
     assert match.mismatch < 0.1
-    assert np.isnan(match.verified_mismatch)
+    assert np.isnan(match.verified_residual)
 
 
 @pytest.mark.parametrize("levels", [1, 2])

@@ -30,7 +30,7 @@ def found():
 def longer(found):
     """The match with two steps before its own, one of them on the subdivision."""
     half = PathStep(1.0, 0.1, 0.3, 0.5 * found.velocity, 0.4, 0.45, 0.0, 0.1, 0.2)
-    fine = replace(half, velocity=np.repeat(half.velocity, 4, axis=1), verified_mismatch=math.nan)
+    fine = replace(half, velocity=np.repeat(half.velocity, 4, axis=1), verified_residual=math.nan)
     return replace(found, path=(half, fine, found.path[found.step]), step=2)
 
 
@@ -39,8 +39,8 @@ def test_a_rotation_keeps_areas_and_shapes_and_no_flow_leaves_all_and_a_swelling
     energy = MatchingEnergy(sphere, *(bump(sphere, sphere.vertices[i], 0.3) for i in (0, 1)))
     centres = sphere.normalized().vertices[sphere.faces].mean(axis=1)
     still = measured(energy, np.zeros((1, len(sphere.faces), 3)))
-    assert still["verified_mismatch"] == pytest.approx(
-        energy.relative_mismatch(energy.functions.source), rel=1e-6
+    assert still["verified_residual"] == pytest.approx(
+        energy.residual(energy.functions.source), rel=1e-6
     )
     turned = measured(energy, np.cross([0, 0, 1.0], centres)[None])
     for said in (still, turned):
@@ -59,7 +59,7 @@ def test_a_rotation_keeps_areas_and_shapes_and_no_flow_leaves_all_and_a_swelling
 def test_a_match_has_a_path_that_ends_with_it_and_a_given_one_is_kept(found, longer):
     step = found.path[found.step]
     assert step.velocity is found.velocity
-    for name in ("mismatch", "verified_mismatch", "folded"):
+    for name in ("mismatch", "verified_residual", "folded"):
         assert getattr(step, name) == getattr(found, name)
     assert step.alpha == found.parameters.alpha
     assert step.log2_area > 0 < step.log2_shape

@@ -209,7 +209,7 @@ def test_a_refined_match_is_seen_on_the_mesh_and_certified_on_the_finer_one(fine
     assert_allclose(found.advect(1.0), found.advected[:, 0], atol=1e-7)
     assert found.advect([0.5, 1]).shape == (2, count)
     assert_array_equal(found.verify().flow_lines, found.fine.verify().flow_lines)
-    left = found.fine.problem.functions.relative_mismatch(found.fine.advected.T)
+    left = found.fine.problem.functions.residual(found.fine.advected.T)
     assert left == pytest.approx(found.mismatch, rel=1e-6)
     again = match(found.problem.starting_from(found.start_for(Parameters())).subdivided())
     assert again.mismatch <= found.mismatch * (1 + 1e-9)
@@ -249,6 +249,6 @@ def test_a_narrow_bump_moves_with_less_dispersion_on_a_finer_mesh():
         centre = np.array([1.0, 0, 0])
         problem = Problem(ball, bump(ball, centre, 0.1), bump(ball, turn.T @ centre, 0.1))
         carried = flow.push(problem.source)
-        errors.append(problem.functions.relative_mismatch(carried.T))
+        errors.append(problem.functions.residual(carried.T))
     assert errors[1] < 0.75 * errors[0]
     assert errors[2] < errors[1]

@@ -52,8 +52,8 @@ def test_the_mismatch_is_the_norms_and_the_solvers_and_no_order_of_values_is_bel
     source, target, bound = problem.source, problem.target, range_bound(problem)
     given = {"mask": problem.mask, "weights": problem.weights}
     energy = MatchingEnergy(SPHERE, source.T, target.T, **given)
-    found = problem.relative_mismatch(source)
-    assert found == pytest.approx(energy.relative_mismatch(source), rel=1e-12)
+    found = problem.residual(source)
+    assert found == pytest.approx(energy.residual(source), rel=1e-12)
     root = np.sqrt(problem.weights)[:, None]
     norms = [l2_norm(SPHERE, (root * h).T, problem.mask) for h in (source - target, target)]
     assert found == pytest.approx(norms[0] / norms[1], rel=1e-12)
@@ -61,9 +61,9 @@ def test_the_mismatch_is_the_norms_and_the_solvers_and_no_order_of_values_is_bel
     assert problem.deviation(source) == pytest.approx(problem.norm(apart), rel=1e-12)
     low, high = source.min(axis=1, keepdims=True), source.max(axis=1, keepdims=True)
     for made in (rng.permuted(source, axis=1), rng.uniform(low, high, source.shape)):
-        assert problem.relative_mismatch(made) >= bound
+        assert problem.residual(made) >= bound
     best = np.clip(target, low, high)
-    assert problem.relative_mismatch(best) == pytest.approx(bound, rel=1e-12)
+    assert problem.residual(best) == pytest.approx(bound, rel=1e-12)
 
 
 @given(SEEDS, st.floats(1e-3, 1e3), st.floats(1, 3))
@@ -83,7 +83,7 @@ def test_the_bound_of_known_functions():
     assert range_bound(term(at(0) - at(180), 0.9 * at(0))) == 0
     flat = np.full(COUNT, 0.5)
     assert range_bound(term(flat, 2 * flat)) == pytest.approx(0.5)
-    still = term(flat, at(0)).relative_mismatch(flat[None])
+    still = term(flat, at(0)).residual(flat[None])
     assert range_bound(term(flat, at(0))) == pytest.approx(still)
 
 

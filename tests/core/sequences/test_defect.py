@@ -88,7 +88,7 @@ def test_without_it_a_wave_is_found_too_fast(wave, gamma, monkeypatch):
     def solved():
         found = abfm.sequence(mesh, frames, parameters=defaults(sigma=0.03), gamma=gamma)
         along = (found.velocity * wanted).sum(axis=2) / (wanted**2).sum(axis=1)
-        return np.median(along[:, told]) - 1, found.verified_mismatch.max()
+        return np.median(along[:, told]) - 1, found.verified_residual.max()
 
     too_fast, left = solved()
     monkeypatch.setattr(solve, "defect", lambda energy, field: 0 * energy.functions.source)

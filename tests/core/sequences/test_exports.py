@@ -213,7 +213,7 @@ def test_intervals_are_rows_with_verdicts(tmp_path):
     for name, wanted in (
         ("speed", solved().speed),
         ("mismatch", solved().mismatch),
-        ("by_flow_lines", solved().verified_mismatch),
+        ("by_flow_lines", solved().verified_residual),
         ("folded", solved().folded),
     ):
         assert_array_equal([float(row[name]) for row in rows], wanted)

@@ -11,7 +11,7 @@ from abfm import AbfmError, Control, TriangleMesh
 from abfm.calculus.operators import curl, divergence, face_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.maps import vertex_points
-from abfm.sequences import CONFIRMED, defaults, load_sequence
+from abfm.sequences import defaults, load_sequence
 from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import checked
 from abfm.sequences.noise import noise_levels
@@ -218,11 +218,11 @@ def test_an_interval_is_a_match(found):
     assert match.mismatch == found.mismatch[1]
     assert match.velocity[0] is not None
     assert_array_equal(match.velocity[0], found.velocity[1])
-    assert match.problem.functions.relative_mismatch(match.advected.T) == pytest.approx(
+    assert match.problem.functions.residual(match.advected.T) == pytest.approx(
         found.mismatch[1], rel=1e-6
     )
     assert match.verify(subdivided=False).flow_lines == pytest.approx(
-        found.verified_mismatch[1], rel=1e-6
+        found.verified_residual[1], rel=1e-6
     )
     assert match.borne_out().doubt == ""
     assert len(list(found)) == 3
@@ -387,7 +387,7 @@ def test_an_interval_whose_change_is_no_motion_is_not_confirmed():
     frames = frames + 0.1 * frames.std() * rng.standard_normal(frames.shape)
     frames[3] = frames.std() * rng.standard_normal(frames.shape[1])
     kinds = [v.kind for v in abfm.sequence(SPHERE, frames, parameters=FAST).verdicts]
-    assert [kind in CONFIRMED for kind in kinds] == [True, True, False, False, True]
+    assert [kind.is_good for kind in kinds] == [True, True, False, False, True]
 
 
 def test_what_is_no_motion_ties_to_no_neighbour():
@@ -418,8 +418,8 @@ def test_what_squeezes_a_bump_is_no_motion_to_a_smaller_one_elsewhere():
     problem = film.problem(0, FAST)
     functions = problem.functions
     gone = functions.source * 0.01  # as if all of it were squeezed away
-    left = functions.relative_mismatch(gone)
-    assert left < 1.1 < 0.6 * functions.relative_mismatch(functions.source)
+    left = functions.residual(gone)
+    assert left < 1.1 < 0.6 * functions.residual(functions.source)
     said = Said(gone, np.zeros((2, 3)), left, left, 0.0)
     assert verdict_of(problem, said, noise_levels(film), True).kind == "not reached"
 
@@ -452,11 +452,11 @@ def test_on_needles_what_moves_is_not_called_no_motion_nor_noise():
     assert "noise, or what is narrower than edges," in told.reason
     film = checked(mesh, [bump(0.0), bump(0.05)], None, None, None)
     problem, levels = film.problem(0, FAST), noise_levels(film)
-    left = film.problem(0, FAST).functions.relative_mismatch(problem.functions.source)
+    left = film.problem(0, FAST).functions.residual(problem.functions.source)
     still = Said(problem.functions.source, np.zeros((2, 3)), left, left, 0.0)
     told = verdict_of(problem, still, levels, True)
     assert "no motion that the mesh can carry, as it spans 0.88 edges" in told.reason
-    only_lines = replace(still, verified_mismatch=left / 9)
+    only_lines = replace(still, verified_residual=left / 9)
     assert "though flow lines do not" in verdict_of(problem, only_lines, levels, True).reason
 
 
@@ -473,7 +473,7 @@ def test_an_interval_is_judged_by_its_own_noise():
     # where there is nothing but noise, no motion is told; what goes away or comes from nowhere does
     # not move
     kinds = [v.kind for v in found.verdicts]
-    assert [kind in CONFIRMED for kind in kinds] == [True, True, *4 * [False], True]
+    assert [kind.is_good for kind in kinds] == [True, True, *4 * [False], True]
     assert (kinds[2], kinds[5]) == ("not reached", "impossible")
     assert "the target lacks values of the source" in found.verdicts[2].reason
     assert all("nothing but noise" in v.reason for v in found.verdicts[3:5])

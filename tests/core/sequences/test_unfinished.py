@@ -95,9 +95,9 @@ def test_what_is_checked_by_flow_lines_is_not_checked_again(whole, tmp_path):
     with first.path.open("wb") as file:
         np.savez(file, **arrays)
     found = solved(Unfinished(tmp_path / "s.npz"))
-    assert (found.verified_mismatch[2], found.folded[2]) == (0.5, 0.25)
+    assert (found.verified_residual[2], found.folded[2]) == (0.5, 0.25)
     others = [0, 1, 3]
-    assert_array_equal(found.verified_mismatch[others], whole.verified_mismatch[others])
+    assert_array_equal(found.verified_residual[others], whole.verified_residual[others])
 
 
 def test_another_problem_or_a_damaged_file_begins_anew(whole, tmp_path):
@@ -126,7 +126,7 @@ def test_what_an_earlier_run_found_is_told_without_going_on(whole, tmp_path):
     again = solved(Unfinished(tmp_path / "s.npz", goes_on=False), on_field=told.setdefault)
     assert_same(again, part)
     assert_array_equal(again.solved, [True, True, False, False])
-    assert np.isfinite(again.verified_mismatch[:2]).all()
+    assert np.isfinite(again.verified_residual[:2]).all()
     assert path.read_bytes() == kept  # nothing is told there of fields that are not final
     assert list(told) == [0, 1]
     assert_array_equal(np.stack([*told.values()]), part.velocity[:2])

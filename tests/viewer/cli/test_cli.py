@@ -177,7 +177,7 @@ def test_match_reports_and_writes_what_it_found(tmp_path, abfm):
     assert report["mesh"] == EIGHT
     assert report["outputs"] == [str(out)]
     assert report["iterations"] == len(match.energy_history) - 1 <= 20
-    for name in ("mismatch", "stop_reason", "verified_mismatch", "folded"):
+    for name in ("mismatch", "stop_reason", "verified_residual", "folded"):
         assert report[name] == getattr(match, name)
     assert report["energy"]["total"] == match.energy_history[-1, 0]
     assert report["parameters"] == match.parameters.to_dict()
@@ -197,9 +197,9 @@ def test_match_says_the_outcome_in_a_few_lines_and_what_to_try(tmp_path, abfm):
     match = load_match(out)
     assert told.err == ""
     said, why, numbers, *table, advice = told.out.splitlines()
-    assert said == verdict_words.headline(match)
-    assert why == verdict_words.why(match)
-    known = f"mismatch {match.mismatch:.3g}, {match.verified_mismatch:.3g} by flow lines, "
+    assert said == match.facts.headline
+    assert why == match.facts.reason
+    known = f"mismatch {match.mismatch:.3g}, {match.verified_residual:.3g} by flow lines, "
     assert numbers.startswith(known)
     assert numbers.endswith(f" s; wrote {out}")
     assert table == (path_lines(match) if len(match.path) > 1 else [])
@@ -264,9 +264,9 @@ def test_channels_and_weights_reach_the_solver_and_what_is_not_known_is_null(res
     assert match.source.shape == (315, 2)
     assert match.weights == pytest.approx([1, 0.01])
     assert match.target[:, 1] == pytest.approx(match.mesh.vertices[:, 1])
-    match = replace(match, verified_mismatch=float("nan"), folded=float("nan"))
+    match = replace(match, verified_residual=float("nan"), folded=float("nan"))
     outcome = Outcome(match, 1.0, [], False)
-    assert outcome.to_dict()["verified_mismatch"] is outcome.to_dict()["folded"] is None
+    assert outcome.to_dict()["verified_residual"] is outcome.to_dict()["folded"] is None
     assert "flow lines" not in outcome.summary().splitlines()[0]
 
 

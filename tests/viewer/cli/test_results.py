@@ -30,7 +30,7 @@ def found():
     own = replace(alone.path[alone.step], log2_area=2.0)
     first = PathStep(1.0, 0.1, 0.3, 0.5 * own.velocity, 0.9, 0.9, 0.0, 1.0, 0.2)
     fine = replace(first, velocity=np.repeat(first.velocity, 4, axis=1), log2_area=3.0)
-    fine = replace(fine, verified_mismatch=math.nan, folded=math.nan)
+    fine = replace(fine, verified_residual=math.nan, folded=math.nan)
     return replace(alone, path=(first, fine, own), step=2)
 
 
@@ -44,7 +44,7 @@ def test_info_shows_the_path_of_a_result_with_the_step_that_it_is(found, tmp_pat
         assert [line.split()[-1] for line in table] == ["0", "1", "0"]
     assert lines[0].startswith(f"{out}: ")
     told = json.loads(abfm(f"info {out} --json").out)
-    assert (told["step"], told["refined"], told["path"][1]["verified_mismatch"]) == (2, 0, None)
+    assert (told["step"], told["refined"], told["path"][1]["verified_residual"]) == (2, 0, None)
     assert [told["path"][1][name] for name in ("sigma", "refined")] == [1.0, 1]
 
 

@@ -120,7 +120,7 @@ def test_with_a_second_channel_as_it_is_added_they_still_are_or_almost(name, ref
     mesh = mesh_of(name)
     stays = function(mesh, landmark(specs(mesh), mesh))
     f, g = (np.stack([function(mesh, spec), stays], axis=1) for spec in specs(mesh))
-    assert match(mesh, f, g, Parameters(refine=refine)).confirmed_mismatch < left
+    assert match(mesh, f, g, Parameters(refine=refine)).worse_residual < left
 
 
 def test_a_film_is_seen_from_where_it_changes():

@@ -17,7 +17,7 @@ from abfm.matching import Remedy, Verdict
 from abfm.matching.judging.verdict import Kind
 from abfm_viewer.cli.match import Outcome
 from abfm_viewer.document import verdict_words
-from abfm_viewer.document.verdict_words import headline, numbers, place, tone, why
+from abfm_viewer.document.verdict_words import numbers, place
 from tests.viewer.sessions import SPHERE
 
 KINDS = get_args(Kind)  # the better ones first
@@ -35,7 +35,7 @@ def found(iterations):
     parameters = abfm.Parameters(iterations=12, levels=2, reach=0.5, refine=0)
     match = abfm.match(SPHERE, x, y, parameters, on_iteration=iterations.append)
     verdict = Verdict("matched", "the mismatch fell from 1 to 0.012", "")
-    known = {"mismatch": 0.0123, "verified_mismatch": 0.03, "folded": 0.001}
+    known = {"mismatch": 0.0123, "verified_residual": 0.03, "folded": 0.001}
     return replace(match, **known, stop_reason="converged", verdict=verdict)
 
 
@@ -67,9 +67,9 @@ def judged(match, kind, **known):
 )
 def test_the_headline_says_how_well_by_what_is_confirmed_and_has_a_colour(found, case):
     kind, mismatch, verified, said, meant = case
-    match = judged(found, kind, mismatch=mismatch, verified_mismatch=verified)
+    match = judged(found, kind, mismatch=mismatch, verified_residual=verified)
     match = replace(match, path=(replace(match.path[match.step], log2_area=0.21),), step=0)
-    assert (headline(match), tone(match)) == (said, meant)
+    assert (match.facts.headline, tone(match)) == (said, meant)
 
 
 @settings(deadline=None)
@@ -77,8 +77,8 @@ def test_the_headline_says_how_well_by_what_is_confirmed_and_has_a_colour(found,
 def test_a_smaller_share_never_has_a_worse_word_nor_a_worse_exit_status(found, pairs):
     matches = []
     for mismatch, verified in pairs:
-        one = replace(found, mismatch=mismatch, verified_mismatch=verified)
-        kind = abfm.matching.kind_of(one.confirmed_mismatch, one.parameters.goal)
+        one = replace(found, mismatch=mismatch, verified_residual=verified)
+        kind = abfm.matching.outcome_of(one.worse_residual, one.parameters.goal)
         matches.append(judged(one, kind))
     better, worse = sorted(matches, key=shown_share)
     if shown_share(better) < shown_share(worse):
@@ -91,17 +91,17 @@ def test_a_smaller_share_never_has_a_worse_word_nor_a_worse_exit_status(found, p
 def test_a_share_is_only_told_with_its_word_and_is_never_below_what_a_witness_leaves(
     found, mismatch, verified, kind
 ):
-    match = judged(found, kind, mismatch=mismatch, verified_mismatch=verified)
-    said = headline(match)
+    match = judged(found, kind, mismatch=mismatch, verified_residual=verified)
+    said = match.facts.headline
     if "%" in said.split(",")[0]:
-        assert kind in (abfm.matching.kind_of(match.confirmed_mismatch), "registered")
+        assert kind in (abfm.matching.outcome_of(match.worse_residual), "registered")
         assert shown_share(match) >= 100 * np.nanmax([mismatch, verified]) - 1e-4
     assert said.startswith(kind)
 
 
 def shown_share(match):
     """The share in a match's headline, in percent; endless where it says so in words."""
-    words = headline(match)
+    words = match.facts.headline
     if words.endswith("gained"):
         return math.inf
     return float(re.findall(r"([0-9.]+)%", words)[0])
@@ -111,17 +111,17 @@ def test_percents_have_as_many_digits_as_one_reads_sentences_a_capital_and_one_i
     values = [1e-5, 1e-4, 0.00085, 0.0096, 0.0101, 0.026, 0.034, 0.07, 0.0996, 0.1001, 0.995]
     said = ["less than 0.01%", "0.01%", "0.09%", "1%", "1.1%", "2.6%", "3.4%", "7%"]
     said += ["10%", "11%", "100%"]
-    assert [verdict_words.share(value) for value in values] == said
-    counts = [verdict_words.counted(number, "iteration") for number in (0, 1, 2)]
+    assert [share(value) for value in values] == said
+    counts = [counted(number, "iteration") for number in (0, 1, 2)]
     assert counts == ["0 iterations", "1 iteration", "2 iterations"]
-    assert verdict_words.capital("opening Bear.OFF") == "Opening Bear.OFF"
-    assert verdict_words.sentence("the target is ||g|| = 0") == "The target is ||g|| = 0."
-    assert verdict_words.capital("") == ""
+    assert capital("opening Bear.OFF") == "Opening Bear.OFF"
+    assert sentence("the target is ||g|| = 0") == "The target is ||g|| = 0."
+    assert capital("") == ""
 
 
 @given(value=st.floats(1e-4, 1), percent=st.sampled_from([1, 2.5, 5, 7.5, 10, 15, 30]))
 def test_a_share_reads_as_within_a_bound_exactly_where_it_is(value, percent):
-    read = float(verdict_words.share(value).removesuffix("%"))
+    read = float(share(value).removesuffix("%"))
     assert (read <= percent) == (value <= percent / 100 + 1e-9)
 
 
@@ -129,7 +129,7 @@ def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
     assert why(judged(found, "not reached")) == "the cause"
     assert re.fullmatch(r"the cause; at first \d+% was left", why(judged(found, "registered")))
     assert why(found) == "the discrete flow and flow lines both leave at most 5%"
-    found = replace(found, verified_mismatch=math.nan)
+    found = replace(found, verified_residual=math.nan)
     for reason, told in (
         (StopReason.GOAL_REACHED, "the mismatch came well below the goal"),
         (StopReason.NO_PROGRESS, "it stopped where going on gained little"),
@@ -141,16 +141,16 @@ def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
         ("given", "field given", "Play"),
     ):
         match = replace(found, stop_reason=reason)
-        assert (headline(match), tone(match)) == (start, "ink")
+        assert (match.facts.headline, tone(match)) == (start, "ink")
         assert words in why(match)
 
 
 def test_numbers_that_are_not_known_and_places_that_need_no_word_are_left_out(found, iterations):
     assert numbers(found) == "0.0123, 0.03 by flow lines, 0.1% folded"
-    assert numbers(replace(found, verified_mismatch=math.nan)) == "0.0123, 0.1% folded"
+    assert numbers(replace(found, verified_residual=math.nan)) == "0.0123, 0.1% folded"
     two = replace(found, fine_velocity=np.concatenate([found.fine_velocity] * 2))
     assert numbers(two).endswith("0.1% folded, 2 fields in a row")
-    assert numbers(replace(found, verified_mismatch=math.nan, folded=math.nan)) == "0.0123"
+    assert numbers(replace(found, verified_residual=math.nan, folded=math.nan)) == "0.0123"
     assert place(iterations[0]) == "mesh 1/2, stage 1, reach 0.5"
     assert place(replace(iterations[0], levels=1, stage=2, reach=0.0)) == "stage 3"
 
@@ -186,7 +186,7 @@ def test_an_interval_of_a_film_is_told_as_a_match_is(kind, left, by_lines, said)
     sequence = SimpleNamespace(
         verdicts=[Verdict(kind, "", "")],
         mismatch=np.array([left]),
-        verified_mismatch=np.array([by_lines]),
+        verified_residual=np.array([by_lines]),
         parameters=abfm.Parameters(),
     )
     assert verdict_words.of_interval(sequence, 0) == said
@@ -195,5 +195,7 @@ def test_an_interval_of_a_film_is_told_as_a_match_is(kind, left, by_lines, said)
 def test_of_landmarks_alone_it_is_told_how_far_they_are_left():
     mesh = SPHERE
     found = abfm.match(abfm.Problem(mesh, None, None, landmarks=[[0, 20], [50, 60]]))
-    assert re.fullmatch(r"matched: 2 landmarks within 0\.\d+% of sqrt\(area\)", headline(found))
+    assert re.fullmatch(
+        r"matched: 2 landmarks within 0\.\d+% of sqrt\(area\)", found.facts.headline
+    )
     assert why(found) == "flow lines bring every landmark to where it belongs"

@@ -69,7 +69,7 @@ def test_a_folder_of_results_opens_as_a_table_with_its_worst_row(opened, folder)
     best = [row for row in tables.rows if row.path is not None]
     assert tables.chosen == best[0]
     assert opened.session.document.name == best[0].name
-    assert opened.session.result.confirmed_mismatch == max(best[0].left, best[0].verified)
+    assert opened.session.result.worse_residual == max(best[0].left, best[0].verified)
     assert opened.errors == {}
 
 

@@ -10,8 +10,8 @@ import abfm
 from abfm import Parameters
 from abfm.matching import keeps
 from abfm.matching.path import COLUMNS
+from abfm.wording import share
 from abfm_viewer.computing.solver import Solver
-from abfm_viewer.document.verdict_words import share
 from abfm_viewer.files.project import load_project
 from tests.viewer.sessions import stepped
 

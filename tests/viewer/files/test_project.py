@@ -142,7 +142,7 @@ def assert_same(value, expected, where="document"):
         Document((Surface(WHOLE, "nothing yet"),)),
         Document((Surface(WHOLE, "no channels"),), view=View(look=None)),
         replace(DOCUMENT, result=replace(RESULT, problem=PLAIN), runs=()),
-        replace(DOCUMENT, result=replace(RESULT, verified_mismatch=math.nan, folded=math.nan)),
+        replace(DOCUMENT, result=replace(RESULT, verified_residual=math.nan, folded=math.nan)),
         replace(DOCUMENT, result=replace(RESULT, verdict=CANCELLED)),
         replace(DOCUMENT, chosen=0),
     ],
@@ -201,7 +201,7 @@ def test_what_was_written_before_there_were_verdicts_meshes_and_reach_means_the_
         for parameters in (content["document"]["parameters"], content["result"]["parameters"]):
             for name in PAPER:
                 del parameters[name]
-        for name in ("verified_mismatch", "folded", "verdict"):
+        for name in ("verified_residual", "folded", "verdict"):
             del content["result"][name]
         for run in content["runs"]:
             del run["has_course"]
@@ -211,7 +211,7 @@ def test_what_was_written_before_there_were_verdicts_meshes_and_reach_means_the_
     assert opened.parameters == replace(DOCUMENT.parameters, **PAPER)
     assert opened.result.parameters == replace(RESULT.parameters, **PAPER)
     assert opened.result.verdict.reason == RESULT.stop_reason
-    assert math.isnan(opened.result.verified_mismatch)
+    assert math.isnan(opened.result.verified_residual)
     assert math.isnan(opened.result.folded)
     assert not any(run.has_course for run in opened.runs)
 

@@ -13,7 +13,6 @@ import abfm
 from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import LIGHT
-from abfm_viewer.document.verdict_words import headline
 from abfm_viewer.pictures import panels, sheets
 from abfm_viewer.pictures.canvas import rgb
 from abfm_viewer.pictures.panels import cameras, captions, color_ranges
@@ -188,7 +187,7 @@ def test_the_label_at_tau_says_how_well_it_matches_in_colour(match, kind, tone, 
     judged = replace(match, verdict=replace(match.verdict, kind=kind), stop_reason="converged")
     pixels = np.asarray(match_picture(judged, [1.0], (900, 400)))
     labels = [panel.label for panel in drawn[0].rows[0]]
-    assert labels[2:] == [f"t = 2, {headline(judged)}", "target"]
+    assert labels[2:] == [f"t = 2, {judged.facts.headline}", "target"]
     assert not any("matched" in label for label in labels) or kind == "matched"
     for color in (LIGHT.good, LIGHT.failure):
         assert (pixels == rgb(color)).all(axis=2).any() == (color == tone)

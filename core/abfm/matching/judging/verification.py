@@ -33,7 +33,7 @@ class Verification:
     Attributes
     ----------
     flow_lines : float
-        ``||f o phi^-1 - g|| / ||g||`` in L2 with phi the flow of the continuous fields to tau.
+        ``||f o phi^-1 - g|| / ||g - mean(g)||`` in L2 with phi the flow of the continuous fields to tau.
     subdivided : float
         The same by the exponential of the continuous fields on the midpoint subdivision; inf where
         it overflows or would take very long, NaN where it was not asked.
@@ -51,8 +51,8 @@ class Verification:
     resolution: float
 
     @property
-    def mismatch(self) -> float:
-        """The verified mismatch: by flow lines, which no scheme's dispersion touches."""
+    def residual(self) -> float:
+        """The verified residual: by flow lines, which no scheme's dispersion touches."""
         return self.flow_lines
 
     @property
@@ -68,7 +68,7 @@ class Verification:
 
     def report(self) -> str:
         """Return the numbers in a line."""
-        parts = [f"verified mismatch {self.mismatch:.4f} by flow lines"]
+        parts = [f"verified residual {self.residual:.4f} by flow lines"]
         if not np.isnan(self.subdivided):
             parts.append(f"{self.subdivided:.4f} on the subdivided mesh")
         parts.append(f"{100 * self.folded:.2g} % of the faces folded")
@@ -131,4 +131,4 @@ def _on_subdivided(functions: FunctionTerm, fields: FloatArray, parameters: Para
     if mask is not None:
         there = there.weighed(mask_on_children(mesh, mask))
     with np.errstate(over="ignore"):
-        return there.relative_mismatch(np.ascontiguousarray(carried.T))
+        return there.residual(np.ascontiguousarray(carried.T))

@@ -25,7 +25,7 @@ from abfm.flow.exponential import TOLERANCE, ExponentialFlow, Trajectory
 from abfm.matching.objective.regularizer import Regularizer, regularizer
 from abfm.matching.problem import Problem, check_fields
 from abfm.matching.terms.data_term import DataTerms, Sum
-from abfm.matching.terms.landmarks import Missed, mismatch_of
+from abfm.matching.terms.landmarks import Missed, residual_of_errors
 from abfm.mesh import TriangleMesh
 from abfm.numerics import kernels
 from abfm.types import FloatArray
@@ -317,9 +317,9 @@ class MatchingEnergy:
         """Return the data terms' energy for functions (C, V) that were carried by any means."""
         return self.measure(0.0).value(carried, sigma)
 
-    def relative_mismatch(self, carried: FloatArray) -> float:
-        """Return ``||f_tau - g|| / ||g||`` of functions (C, V), see `FunctionTerm`."""
-        return self.terms.relative_mismatch(carried)
+    def residual(self, carried: FloatArray) -> float:
+        """Return the residual of functions (C, V), see `FunctionTerm`."""
+        return self.terms.residual(carried)
 
     def missed_landmarks(self, sigma: float) -> Callable[[FloatArray], Missed] | None:
         """Return what landmarks say of frame coefficients (N, F, 2), by their own sigma."""
@@ -328,9 +328,7 @@ class MatchingEnergy:
         return partial(self.landmarks.missed, tau=self.parameters.tau, sigma=sigma)
 
     def left(self, point: Evaluation, shift: FloatArray | float = 0.0) -> float:
-        """Return the relative mismatch at an evaluation, of functions and of landmarks: the larger
-        one.
-        """
+        """Return the residual at an evaluation, of functions or of landmarks: the larger one."""
         return self._larger(point.advected - shift, point.landmark_errors)
 
     def left_by(self, x: FloatArray, carried: FloatArray) -> float:
@@ -349,8 +347,8 @@ class MatchingEnergy:
             return np.full(len(self.landmarks), np.inf)
 
     def _larger(self, carried: FloatArray, errors: FloatArray | None) -> float:
-        of_terms = self.relative_mismatch(carried)
-        return of_terms if errors is None else max(of_terms, mismatch_of(errors))
+        of_terms = self.residual(carried)
+        return of_terms if errors is None else max(of_terms, residual_of_errors(errors))
 
     def advected(self, x: FloatArray) -> FloatArray:
         """Carry the terms' functions (C, V) by (N, F, 2); not finite where the flow overflows."""

@@ -9,8 +9,7 @@ from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LAST, LONGEST, WARMEST, Parameters
 from abfm.types import FloatArray
 
-NEARLY = 0.15  # mismatch with which functions nearly match
-_FOUND = 0.7  # mismatch with which the target is found: the paper's norm leads on, without reach
+_FOUND = 0.7  # residual with which the target is found: the paper's norm leads on, without reach
 _LESS = 1 / 3  # factor of alpha on the less smooth way
 # a step goes on while its energy falls by this share within so many iterations
 _PAYING, _OVER = 0.03, 6
@@ -42,7 +41,7 @@ class Stage:
     iterations: int  # at most, of its own
     until: int  # at most, of all together
     fixed: bool  # whether it goes on to the end of its iterations
-    goal: float  # mismatch at which it ends
+    goal: float  # residual at which it ends
     landmark_sigma: float = Parameters.landmark_sigma
     # what is taken off what is carried (C, V), before that is held against the target
     shift: FloatArray | float = field(default=0.0, repr=False, compare=False)
@@ -158,5 +157,5 @@ class Course:
         return [last * ratio**left for left in reversed(range(count + 1))]
 
     @staticmethod
-    def is_found(mismatch: float) -> bool:
-        return mismatch <= _FOUND
+    def is_found(residual: float) -> bool:
+        return residual <= _FOUND

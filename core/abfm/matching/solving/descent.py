@@ -62,10 +62,10 @@ class Descent:
         return self.progress.best
 
     @property
-    def mismatch(self) -> float:
-        return self.mismatch_of(self.best)
+    def residual(self) -> float:
+        return self.residual_of(self.best)
 
-    def mismatch_of(self, point: Evaluation) -> float:
+    def residual_of(self, point: Evaluation) -> float:
         return self.levels[self.level].energy.left(point)
 
     def cheapest(self, level: int) -> int:
@@ -83,7 +83,7 @@ class Descent:
     def at(self, stage: Stage, x: FloatArray) -> Evaluation:
         return self._search(stage).evaluate(x)
 
-    def prolonged(self, x: FloatArray, level: int, stage: Stage, mismatch: float) -> Evaluation:
+    def prolonged(self, x: FloatArray, level: int, stage: Stage, residual: float) -> Evaluation:
         """Bring fields (N, F, 2) of a level, which left so much there, to that of a stage; those of
         a subdivided mesh, with kinks over its edges, are smoothed as far as that lowers the energy.
         """
@@ -93,7 +93,7 @@ class Descent:
             point = evaluate(fields)
             return point, energy.left(point)
 
-        found = self._brought(x, level, stage.level, mismatch, measured)
+        found = self._brought(x, level, stage.level, residual, measured)
         before = self.levels[self.cheapest(stage.level) - 1]
         for edges in _SCALES[1:] if isinstance(before.to_finer, Subdivision) else ():
             tried = evaluate(smoothed(energy.mesh, found.x, edges))
@@ -103,7 +103,7 @@ class Descent:
         return found
 
     def kept(
-        self, x: FloatArray, level: int, to: int, mismatch: float
+        self, x: FloatArray, level: int, to: int, residual: float
     ) -> tuple[FloatArray, FloatArray]:
         """The same with no gradient, which takes memory; return fields and what they carry."""
         energy = self.levels[to].energy
@@ -112,20 +112,20 @@ class Descent:
             carried = energy.advected(fields)
             return (fields, carried), energy.left_by(fields, carried)
 
-        return self._brought(x, level, to, mismatch, measured)
+        return self._brought(x, level, to, residual, measured)
 
     def _brought(
         self,
         x: FloatArray,
         level: int,
         to: int,
-        mismatch: float,
+        residual: float,
         measured: Callable[[FloatArray], tuple[Point, float]],
     ) -> Point:
         checkpoint()
         for coarser in self.levels[level:to]:
             x = coarser.fields_to_finer(x)
-        return calmed(self.levels[to].energy.mesh, x, mismatch, measured)
+        return calmed(self.levels[to].energy.mesh, x, residual, measured)
 
     def minimise(self, stage: Stage, start: FloatArray | Evaluation) -> Evaluation:
         """Run a stage to its end."""
@@ -276,12 +276,12 @@ def minimum(energy: MatchingEnergy, stage: Stage, x: FloatArray) -> FloatArray:
 def calmed(
     mesh: TriangleMesh,
     x: FloatArray,
-    mismatch: float,
+    residual: float,
     evaluate: Callable[[FloatArray], tuple[Point, float]],
 ) -> Point:
     """Smooth fields (N, F, 2) from a coarser mesh as little as keeps their discrete flow calm.
 
-    Returns what ``evaluate`` gives, beside the relative mismatch, of fields that leave about as
+    Returns what ``evaluate`` gives, beside the residual, of fields that leave about as
     much as before, or of the best ones tried; of zero where none is finite.
     """
     calm, least = None, np.inf
@@ -289,7 +289,7 @@ def calmed(
         point, found = evaluate(smoothed(mesh, x, edges))
         if found < least:
             calm, least = point, found
-        if found <= _WORSE * mismatch + _GROWN:  # false if not finite
+        if found <= _WORSE * residual + _GROWN:  # false if not finite
             break
     return evaluate(np.zeros_like(x))[0] if calm is None else calm
 

@@ -1,7 +1,7 @@
 """What a field says of places whose values it has not seen: whether it finds or only fits.
 
 Patches of the surface are dealt out to folds. For each fold the same way is walked without its
-patches, whose mismatch then tells what the field there is worth: cross-validation [Hastie,
+patches, whose residual then tells what the field there is worth: cross-validation [Hastie,
 Tibshirani, Friedman 2009, section 7.10], by patches as neighbours know each other's values.
 """
 
@@ -16,7 +16,7 @@ from abfm.types import FloatArray, IntArray
 _PATCHES, _FOLDS = 150, 3
 _ROUNDED = 1e-9  # of the surface's size: what differs by less is as far
 PRICE = 0.2
-"""Of a mean ``|log2 J|`` of 1, in mismatch: what is held out has to gain as much."""
+"""Of a mean ``|log2 J|`` of 1, in residual: what is held out has to gain as much."""
 
 
 def folds(mesh: TriangleMesh) -> IntArray:
@@ -58,11 +58,11 @@ class HeldOut:
         self._fields = [start] * len(self._folds)
 
     def follow(self, stages: list[Stage]) -> float:
-        """Take the same stages; return the mismatch of what each fold has not seen."""
+        """Take the same stages; return the residual of what each fold has not seen."""
         left, functions = [], self._energy.functions
         for number, (energy, hidden) in enumerate(self._folds):
             for stage in stages:
                 self._fields[number] = x = minimum(energy, stage, self._fields[number])
             carried = energy.advected(x)[: len(functions.source)]
-            left.append(functions.weighed(hidden).relative_mismatch(carried))
+            left.append(functions.weighed(hidden).residual(carried))
         return float(np.sqrt(np.mean(np.square(left)))) if left else np.nan

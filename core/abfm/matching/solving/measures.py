@@ -5,11 +5,11 @@ import numpy as np
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import ParameterError
 from abfm.flow.continuous_flow import ContinuousFlow
-from abfm.maps.distortion import folds, mean_log2
+from abfm.maps.distortion import folds, log2_changes
 from abfm.maps.surface_points import vertex_points
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.matching.terms.landmarks import mismatch_of
+from abfm.matching.terms.landmarks import residual_of_errors
 from abfm.types import FloatArray, IntArray
 
 _FEW = 20_000  # vertices that are asked at most
@@ -34,13 +34,14 @@ def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
     left, places = walked_back(functions, flow, faces)
     if energy.landmarks is not None:
         ends = flow.destinations(energy.landmarks.points())
-        left = max(left, mismatch_of(energy.landmarks.errors(ends)))
-    area, shape = mean_log2(mesh, faces, places)
+        left = max(left, residual_of_errors(energy.landmarks.errors(ends)))
+    area, area_95, shape = log2_changes(mesh, faces, places)
     return {
-        "verified_mismatch": left,
+        "verified_residual": left,
         "folded": folds(mesh, flow.origins, faces, places, _MOST_CUT)[0],
         "log2_area": area,
         "log2_shape": shape,
+        "log2_area_95": area_95,
     }
 
 
@@ -65,5 +66,5 @@ def walked_back(
     weight[asked] = 1.0 if mask is None else mask[asked]
     found = np.zeros_like(source)
     found[:, asked] = points.pull_back(source.T).T
-    left = functions.weighed(weight).relative_mismatch(found)
+    left = functions.weighed(weight).residual(found)
     return left, points.positions[corners.reshape(-1, 3)]

@@ -7,17 +7,16 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Protocol
 
-import numpy as np
-
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.objective.matching_energy import Evaluation
 from abfm.matching.path import PathStep
 from abfm.matching.solvability import stood_still, vanished
-from abfm.matching.solving.course import NEARLY, Stage
+from abfm.matching.solving.course import Stage
 from abfm.matching.solving.levels import Level
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import mean_of_children
+from abfm.outcome import RESIDUAL_NEARLY, worse_residual
 from abfm.types import FloatArray
 
 _MOVING = 10  # iterations after which whatever will move has moved
@@ -52,7 +51,7 @@ class StopReason(StrEnum):
 
 def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int) -> str | None:
     """Say what looks wrong while a match runs, in one line without a full stop; None if nothing."""
-    if functions.relative_mismatch(advected) <= NEARLY:
+    if functions.residual(advected) <= RESIDUAL_NEARLY:
         return None
     if vanished(functions, advected):
         return (
@@ -82,12 +81,13 @@ class Mark:
     stage: Stage
     x: FloatArray  # frame coefficients (N, F, 2)
     carried: FloatArray  # the source, (C, V)
-    mismatch: float
-    verified_mismatch: float = math.nan
+    residual: float
+    verified_residual: float = math.nan
     folded: float = math.nan
     log2_area: float = math.nan
     log2_shape: float = math.nan
-    held_out: float = math.nan  # mismatch of what was held out, see `held_out`
+    log2_area_95: float = math.nan
+    held_out: float = math.nan  # residual of held-out patches, see `held_out`
 
     def step(self, velocity: FloatArray) -> PathStep:
         """Return it for a path, with its fields (N, 4^k F, 3)."""
@@ -96,17 +96,18 @@ class Mark:
             self.stage.alpha,
             self.stage.reach,
             velocity,
-            self.mismatch,
-            self.verified_mismatch,
+            self.residual,
+            self.verified_residual,
             self.folded,
             self.log2_area,
             self.log2_shape,
+            self.log2_area_95,
         )
 
     @property
     def worse(self) -> float:
-        """The mismatch by the worse of the two witnesses, as far as both are known."""
-        return float(np.fmax(self.mismatch, self.verified_mismatch))
+        """The larger residual of both checks."""
+        return worse_residual(self.residual, self.verified_residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +126,7 @@ class Iteration:
     regularity: float
     mismatch_energy: float
     shares: dict[str, float]  # of that, the data terms' by their words
-    mismatch: float  # ``||f_tau - g|| / ||g||`` on the mesh of this level
+    residual: float  # on the mesh of this level
     evaluations: int  # of energy and gradient so far
     look: Look
     path: tuple[PathStep, ...] = ()  # the steps of this way so far, whose fields come at the end
@@ -221,7 +222,7 @@ class Record:
             regularity=point.regularity,
             mismatch_energy=point.mismatch,
             shares=shares,
-            mismatch=energy.left(point),
+            residual=energy.left(point),
             evaluations=self.evaluations,
             look=Found(point.x, carried, between, levels[own].energy.mesh, number, self.is_trying),
             path=self.path,

@@ -14,7 +14,7 @@ from abfm.errors import AbfmError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.path import PathStep
 from abfm.matching.solvability import RESOLVED, narrowest, unmatched
-from abfm.matching.solving.course import NEARLY, Course, Stage, Way
+from abfm.matching.solving.course import Course, Stage, Way
 from abfm.matching.solving.descent import Descent, Progress
 from abfm.matching.solving.held_out import PRICE, HeldOut
 from abfm.matching.solving.levels import (
@@ -27,6 +27,7 @@ from abfm.matching.solving.levels import (
 from abfm.matching.solving.measures import carried_along, measured
 from abfm.matching.solving.record import CallerError, Iteration, Mark, Record, StopReason
 from abfm.matching.solving.start import given, is_lost, on_finer, where_it_begins
+from abfm.outcome import RESIDUAL_NEARLY
 from abfm.parameters import MOST_REFINED
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError, Control, controlled
@@ -123,7 +124,8 @@ class Solver:
             self._walk(np.repeat(x, way.fields // len(x), axis=0), reach, is_last)
             self._correct()
             self._earlier.append(self.way)
-            left, enough = self._value(self.way), self._goal if self._course.is_free else NEARLY
+            left = self._value(self.way)
+            enough = self._goal if self._course.is_free else RESIDUAL_NEARLY
             if not self._course.is_measured and left <= enough:
                 break
             reach = self._course.reach(left)
@@ -141,7 +143,7 @@ class Solver:
             if reach:
                 stages.append(course.stage(0, sigma, self._with, reach))
                 x = descent.minimise(stages[-1], x).x
-                if course.is_found(descent.mismatch) or sigma == course.sigmas[-1]:
+                if course.is_found(descent.residual) or sigma == course.sigmas[-1]:
                     reach = 0.0
             if not reach:
                 stages.append(course.stage(0, sigma, self._with))
@@ -161,8 +163,8 @@ class Solver:
             if self._course.is_measured:
                 self.way += after
         mark = self.way[self._end_so_far()]
-        corrected = self._course.is_free and mark.mismatch <= mark.verified_mismatch
-        if mark.stage.level < self._home and mark.mismatch > self._goal and not corrected:
+        corrected = self._course.is_free and mark.residual <= mark.verified_residual
+        if mark.stage.level < self._home and mark.residual > self._goal and not corrected:
             self._bring(mark, self._home)
 
     def _bring(self, mark: Mark, level: int) -> None:
@@ -170,7 +172,7 @@ class Solver:
         course, descent, sigma = self._course, self._descent, mark.stage.sigma
         stage = course.stage(level, sigma, self._with)
         # beside needles, which clusters hold together, the mesh as it is may leave anything
-        left = float(np.fmin(mark.mismatch, mark.verified_mismatch))
+        left = float(np.fmin(mark.residual, mark.verified_residual))
         at = descent.prolonged(mark.x, mark.stage.level, stage, left)
         sigmas = [sigma] if course.is_measured else [s for s in course.sigmas if s <= sigma]
         self._come_close(at, level, sigmas, mark.held_out)
@@ -203,7 +205,7 @@ class Solver:
             return
         index = there[self._best([self.way[i] for i in there])]
         mark, reason = self.way[index], descent.reason
-        near = mark.mismatch <= _OFF * self._goal and np.isfinite(mark.verified_mismatch)
+        near = mark.residual <= _OFF * self._goal and np.isfinite(mark.verified_residual)
         if mark.worse <= self._goal or not near:
             return
         stage = course.stage(descent.level, mark.stage.sigma, self._with)
@@ -239,7 +241,7 @@ class Solver:
             if mark.worse <= self._goal:
                 return
             # what is nearly there may be there where fields are smoother
-            is_vain = mark.worse > NEARLY and len(self.record.history) > p.iterations
+            is_vain = mark.worse > RESIDUAL_NEARLY and len(self.record.history) > p.iterations
             if p.refine is None and (is_fine or is_vain or self._is_resolved(mark)):
                 return
             try:
@@ -270,9 +272,9 @@ class Solver:
     def _is_resolved(self, mark: Mark) -> bool:
         """Tell whether what a step leaves is not the mesh's doing."""
         functions = self._descent.levels[mark.stage.level].energy.functions
-        if not mark.worse > NEARLY or narrowest(functions) < RESOLVED:
+        if not mark.worse > RESIDUAL_NEARLY or narrowest(functions) < RESOLVED:
             return False
-        return mark.mismatch > NEARLY or unmatched(functions) is not None
+        return mark.residual > RESIDUAL_NEARLY or unmatched(functions) is not None
 
     def _least_effort(self, mark: Mark) -> float:
         """Return what going on on a finer mesh takes at least: some iterations, and one flow
@@ -326,8 +328,8 @@ class Solver:
                 step("checking by flow lines", len(energy.mesh.vertices)),
             ):
                 said = measured(energy, to_ambient(energy.mesh, x))
-        mismatch = energy.left_by(x, carried)
-        return Mark(stage, x, carried, mismatch, held_out=held_out, **said)
+        residual = energy.left_by(x, carried)
+        return Mark(stage, x, carried, residual, held_out=held_out, **said)
 
     def _is_over(self) -> bool:
         """Tell whether the way has come to its end before the last sigma."""
@@ -368,7 +370,7 @@ class Solver:
         left = np.inf
         if self._there():
             self.step = self._end_so_far()
-            left = self.way[self.step].mismatch
+            left = self.way[self.step].residual
         rest = [self.energy.left_by(x, carried) for x, carried in self._at_rest]
         if not left <= max(rest):
             x, carried = self._at_rest[int(np.argmin(rest))]
@@ -385,16 +387,16 @@ class Solver:
         marks = [mark for way in ways for mark in way]
         if descent.progress.best is not None:
             stage, point = self.record.schedule[-1], descent.best
-            marks.append(Mark(stage, point.x, point.advected, descent.mismatch))
+            marks.append(Mark(stage, point.x, point.advected, descent.residual))
         if not marks:
             return
         on_the_mesh = [mark for mark in marks if mark.stage.level >= own]
-        best = min(on_the_mesh or marks, key=lambda mark: mark.mismatch)
+        best = min(on_the_mesh or marks, key=lambda mark: mark.residual)
         self.way = next((way for way in ways if best in way), self.way)
         if best in self.way and on_the_mesh:
             return
         level = descent.exact(max(best.stage.level, own))
-        x, carried = descent.kept(best.x, best.stage.level, level, best.mismatch)
+        x, carried = descent.kept(best.x, best.stage.level, level, best.residual)
         energy, on = descent.levels[level].energy, replace(best.stage, level=level)
         self.way = [*self.way, Mark(on, x, carried, energy.left_by(x, carried))]
 

@@ -9,10 +9,10 @@ from abfm.matching.solving.levels import Level, subdivided
 from abfm.mesh.subdivision import times_subdivided
 from abfm.types import FloatArray
 
-_LOST = 0.3  # mismatch of a given start beyond which the target is looked for again
+_LOST = 0.3  # residual of a given start beyond which the target is looked for again
 # times the source's values, beyond which squares round off what the target is: nothing leads to it
 _UNSTABLE = 1e8
-# times the mismatch of no flow at all beyond which no way begins at a given start
+# times the residual of no flow at all beyond which no way begins at a given start
 _ASTRAY = 3.0
 
 
@@ -75,5 +75,5 @@ def where_it_begins(levels: list[Level], start: FloatArray | None, at_once: bool
     for coarser, finer in zip(levels[-2::-1], levels[:0:-1], strict=True):
         start = coarser.fields_from_finer(to_ambient(finer.energy.mesh, start))
     at_rest = energy.left_by(np.zeros(energy.shape), energy.terms.carried)
-    mismatch = energy.left_by(start, energy.advected(start))
-    return start if at_once or mismatch <= _ASTRAY * at_rest else np.zeros(energy.shape)
+    residual = energy.left_by(start, energy.advected(start))
+    return start if at_once or residual <= _ASTRAY * at_rest else np.zeros(energy.shape)

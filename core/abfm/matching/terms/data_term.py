@@ -53,12 +53,12 @@ class DataTerm(Protocol):
         """Make the norm of what is left; a reach above 0 is felt so far, in sqrt(area)."""
         ...
 
-    def relative_mismatch(self, carried: FloatArray) -> float:
-        """Return what is left, 0 if nothing and about 1 before anything moved."""
+    def residual(self, carried: FloatArray) -> float:
+        """Return the relative residual, 0 for a match and about 1 before anything moved."""
         ...
 
     def relative_size(self, difference: FloatArray) -> float:
-        """Return the relative mismatch of functions that differ by so much from matching ones."""
+        """Return the residual of functions that differ by so much from matching ones."""
         ...
 
     def restricted(self, restriction: Restriction) -> DataTerm | None:
@@ -77,13 +77,13 @@ class DataTerms:
         self.terms = tuple(terms)
         self.carried: FloatArray = np.concatenate([term.carried for term in terms])
 
-    def relative_mismatch(self, carried: FloatArray) -> float:
+    def residual(self, carried: FloatArray) -> float:
         """Return the root of the sum of the terms' squares."""
         pairs = zip(self.terms, self.split(carried), strict=True)
-        return math.hypot(*(term.relative_mismatch(own) for term, own in pairs))
+        return math.hypot(*(term.residual(own) for term, own in pairs))
 
     def relative_size(self, difference: FloatArray) -> float:
-        """Return the relative mismatch of functions that differ by so much from matching ones."""
+        """Return the residual of functions that differ by so much from matching ones."""
         pairs = zip(self.terms, self.split(difference), strict=True)
         return math.hypot(*(term.relative_size(own) for term, own in pairs))
 

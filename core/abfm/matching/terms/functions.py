@@ -34,7 +34,6 @@ SMALLEST, LARGEST = 1e-100, 1e100
 _LIGHTEST, _HEAVIEST = 1e-30, 1e30  # the same of masks and weights
 CONSTANT = 1e-9
 """A function is constant whose deviation from its mean is no larger than this share of its norm."""
-_MOSTLY_CONSTANT = 0.05  # the same of one whose mismatch is told relative to what varies
 
 
 class FunctionTerm:
@@ -102,21 +101,35 @@ class FunctionTerm:
         matrix = function_norm_matrix(self.mesh, parameters.beta, self.mask)
         return _Mismatch(self, unit, partial(kernels.product, matrix))
 
-    def relative_mismatch(self, carried: FloatArray) -> float:
-        """Return ``||f_tau - g|| / ||g||`` over all channels (C, V), see `relative_size`."""
+    def residual(self, carried: FloatArray) -> float:
+        """Return ``||f_tau - g|| / ||g - mean(g)||`` over all channels (C, V).
+
+        Norms and the mean are weighted by areas and mask, so that a constant added to both
+        functions changes nothing.
+        """
         return self.relative_size(carried - self.target)
 
-    def relative_size(self, difference: FloatArray) -> float:
-        """Return ``||d|| / ||g||`` in L2 over all channels (C, V), or over ``||f||`` where g is 0.
-
-        Functions that are mostly a constant would always be matched: where both deviate little from
-        their means the larger deviation takes the place of the norm, unless both are constants.
+    def mismatch(self, carried: FloatArray) -> float:
+        """Return ``||f_tau - g|| / ||g||`` over all channels (C, V), as the paper defines it; over
+        ``||f||`` if g is 0.
         """
         scale = self.norm(self.target) or self.norm(self.source) or 1.0
-        deviation = max(self.deviation(self.source), self.deviation(self.target))
-        if CONSTANT * scale < deviation < _MOSTLY_CONSTANT * scale:
-            scale = deviation
-        return self.norm(difference) / scale
+        return self.norm(carried - self.target) / scale
+
+    def relative_size(self, difference: FloatArray) -> float:
+        """Return the L2 norm of channels (C, V) over the deviation of the target from its mean.
+
+        If the target is constant, the deviation of the source takes its place, then the norm of
+        either, then 1.
+        """
+        sizes = (self._varying(self.target), self._varying(self.source))
+        norms = (self.norm(self.target), self.norm(self.source))
+        return self.norm(difference) / next((size for size in (*sizes, *norms) if size), 1.0)
+
+    def _varying(self, functions: FloatArray) -> float:
+        """Return the deviation of channels (C, V); 0 if they are constant up to rounding."""
+        deviation = self.deviation(functions)
+        return deviation if deviation > CONSTANT * self.norm(functions) else 0.0
 
     def restricted(self, restriction: Restriction) -> FunctionTerm | None:
         average = restriction.function_to_coarse
@@ -144,6 +157,12 @@ class FunctionTerm:
     def weighed(self, mask: FloatArray) -> FunctionTerm:
         """Return the same functions with another mask (V,), which may be 0 everywhere."""
         return self._again(self.mesh, mask)
+
+    def reversed(self) -> FunctionTerm:
+        """Return the term of the match from the target to the source."""
+        other = copy(self)
+        other.source, other.target = self.target, self.source
+        return other
 
     def _again(self, mesh: TriangleMesh, mask: FloatArray | None) -> FunctionTerm:
         other = copy(self)

@@ -176,14 +176,14 @@ def landmarks_of(mesh: TriangleMesh, given: Any, weights: ArrayLike | None) -> L
     return Landmarks(unit, faces, np.stack([p.barycentric for p in pair], axis=1), heavy)
 
 
-def mismatch_of(errors: FloatArray) -> float:
-    """Return the largest of errors (L,) in the scale of mismatches: `NEAR` as the usual goal."""
+def residual_of_errors(errors: FloatArray) -> float:
+    """Return the largest of errors (L,) in the scale of residuals: `NEAR` as the usual goal."""
     return float(errors.max()) * (_USUAL_GOAL / NEAR)
 
 
-def error_of(mismatch: float) -> float:
-    """Return the error that is such a mismatch, of sqrt(area)."""
-    return mismatch * (NEAR / _USUAL_GOAL)
+def error_of(residual: float) -> float:
+    """Return the error that has such a residual, of sqrt(area)."""
+    return residual * (NEAR / _USUAL_GOAL)
 
 
 def _on_mesh(mesh: TriangleMesh, points: Any) -> SurfacePoints:

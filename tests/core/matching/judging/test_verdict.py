@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 import abfm
 from abfm.errors import ParameterError
 from abfm.matching import Remedy, Verdict
-from abfm.matching.judging.verdict import Kind, Outcome, Remedies, advice, confirmed_mismatch
+from abfm.matching.judging.verdict import Kind, Outcome, Remedies, advice, worse_residual
 from abfm.matching.solvability import distance, stood_still, vanished
 from abfm.matching.solving.record import StopReason, early_warning
 from abfm.matching.terms.functions import FunctionTerm
@@ -55,7 +55,7 @@ def judged(match, **known):
 def imagined(f, g, advected, reason="converged", parameters=USUAL, **known):
     """The verdict on a function that a flow might have carried."""
     problem, advected = FunctionTerm(SPHERE, f, g), advected[None]
-    outcome = Outcome(advected, problem.relative_mismatch(advected), StopReason(reason), **known)
+    outcome = Outcome(advected, problem.residual(advected), StopReason(reason), **known)
     return advice(problem, outcome, parameters)
 
 
@@ -86,7 +86,7 @@ def test_of_functions_that_flows_can_carry_the_kind_is_the_worse_the_more_is_con
         kind = advice(problem, outcome, USUAL).kind
         assert (kind == "matched") == (mismatch <= 0.05 and not verified > 0.05)
         assert (kind == "not reached") == (mismatch > 0.15 or verified > 0.15)
-        judged_by.append((confirmed_mismatch(mismatch, verified), get_args(Kind).index(kind)))
+        judged_by.append((worse_residual(mismatch, verified), get_args(Kind).index(kind)))
     (_, better), (_, worse) = sorted(judged_by)
     assert better <= worse
 
@@ -318,7 +318,7 @@ def test_each_remedy_lowers_what_flow_lines_leave(names, degrees, parameters):
         p = replace(parameters, **remedy.parameters)
         start = match.start_for(p) if remedy.goes_on else None
         again = abfm.match(EGG, around(0), around(degrees), p, start=start)
-        assert again.confirmed_mismatch < match.confirmed_mismatch, remedy
+        assert again.worse_residual < match.worse_residual, remedy
 
 
 def test_a_larger_tau_is_a_smaller_sigma():
@@ -424,7 +424,7 @@ def test_parameters_at_their_ends_cost_no_result(extreme, size):
 def test_measured_functions_that_stay_as_unlike_are_not_registered(left, kind):
     f, g = np.random.default_rng(0).normal(size=(2, 1, len(SPHERE.vertices)))
     functions = FunctionTerm(SPHERE.normalized(), f[0], g[0])
-    mismatch = left * functions.relative_mismatch(functions.source)
+    mismatch = left * functions.residual(functions.source)
     assert mismatch > 1
     outcome = Outcome(f, mismatch, StopReason.NO_PROGRESS, mismatch, 0.0)
     assert advice(functions, outcome, Parameters()).kind == kind

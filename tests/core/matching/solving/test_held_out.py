@@ -70,7 +70,7 @@ def test_what_is_told_is_the_mismatch_of_what_no_fold_has_seen():
     rest = np.zeros(whole.shape)
     stage = Course(Parameters(iterations=0), whole.functions, 1).stage(0, 1.0, ONE)
     left = [
-        whole.functions.weighed(hidden).relative_mismatch(whole.functions.source)
+        whole.functions.weighed(hidden).residual(whole.functions.source)
         for _, hidden in without(whole)
     ]
     found = HeldOut(whole, rest).follow([stage])

@@ -19,7 +19,7 @@ from tests.core.fields import bump, wavy_field
 from tests.shapes import icosphere
 
 SPHERE, SMALL = icosphere(3), icosphere(2)
-NUMBERS = "mismatch", "verified_mismatch", "folded", "log2_area", "log2_shape"
+NUMBERS = "mismatch", "verified_residual", "folded", "log2_area", "log2_shape"
 SIGMAS = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 SEEDS = (0, 2, 3)
 
@@ -37,7 +37,7 @@ def exact(width=0.15, b=60, mesh=SPHERE, **parameters):
 
 
 def worse(step):
-    return max(step.mismatch, step.verified_mismatch)
+    return max(step.mismatch, step.verified_residual)
 
 
 def waves(points, seed):
@@ -90,14 +90,14 @@ def test_the_far_norm_leads_until_the_target_is_found_and_never_again_on_this_wa
 def test_a_second_way_has_two_fields_in_a_row_and_is_walked_where_one_leaves_more(sigma, enough):
     near, seen = exact(0.2, sigma=sigma)
     assert {len(one.velocity) for one in seen} == {1}
-    assert near.confirmed_mismatch <= enough
+    assert near.worse_residual <= enough
     far, seen = exact(0.07, 30, sigma=sigma)
     ways = [list(way) for _, way in groupby(seen, lambda one: len(one.velocity))]
     assert [len(way[0].velocity) for way in ways[:2]] == [1, 2]
     assert len({step.velocity.shape for step in far.path}) == 1
     alone, seen = exact(0.07, 30, sigma=sigma, segments=1)
     assert {len(one.velocity) for one in seen} == {1}
-    assert far.confirmed_mismatch <= alone.confirmed_mismatch
+    assert far.worse_residual <= alone.worse_residual
 
 
 @pytest.mark.parametrize("goal", [0.3, 0.15, 0.1])
@@ -121,7 +121,7 @@ def test_where_none_confirms_the_goal_the_best_step_by_the_worse_witness_is_the_
     left = [worse(step) for step in match.path]
     assert min(left) > match.parameters.goal
     assert match.step == int(np.argmin(left))
-    assert match.confirmed_mismatch == min(left)
+    assert match.worse_residual == min(left)
     assert match.stop_reason != "iteration limit"
 
 
@@ -130,11 +130,11 @@ def test_what_flow_lines_leave_more_is_shared_by_both_witnesses(width, b, monkey
     corrected = exact(width, b)[0].path
     monkeypatch.setattr(solve.Solver, "_correct", lambda solver: None)
     match = abfm.match(SPHERE, *pair(0, b, width), Parameters(refine=0))
-    assert match.mismatch < 0.05 < match.verified_mismatch
+    assert match.mismatch < 0.05 < match.verified_residual
     better = min(corrected, key=worse)
-    assert worse(better) < 0.8 * match.confirmed_mismatch
-    apart = match.verified_mismatch - match.mismatch
-    assert abs(better.verified_mismatch - better.mismatch) < 0.5 * apart
+    assert worse(better) < 0.8 * match.worse_residual
+    apart = match.verified_residual - match.mismatch
+    assert abs(better.verified_residual - better.mismatch) < 0.5 * apart
 
 
 @pytest.mark.parametrize("sigma", [30.0, 0.7, 0.05])
@@ -221,7 +221,7 @@ def test_same_input_same_bits():
 @pytest.mark.parametrize("changes", [{}, {"sigma": 0.3}], ids=["auto", "given"])
 def test_a_finer_mesh_never_ends_worse_and_is_made_as_often_as_asked_for(width, changes):
     of = [exact(width, 30, SMALL, **{"refine": k} | changes)[0] for k in (0, 1, 2)]
-    left = [match.confirmed_mismatch for match in of]
+    left = [match.worse_residual for match in of]
     assert left == sorted(left, reverse=True)
     assert of[0].refined == 0
     for k, match in enumerate(of):
@@ -242,7 +242,7 @@ def test_what_is_refined_is_seen_on_the_mesh_itself():
     carried = match.fine.push(match.fine.source, 1.0)
     assert_allclose(match.advected, carried[:count], atol=1e-6)
     assert match.advect(1.0) == pytest.approx(match.advected[:, 0], abs=1e-6)
-    assert match.fine.verify(subdivided=False).flow_lines == pytest.approx(match.verified_mismatch)
+    assert match.fine.verify(subdivided=False).flow_lines == pytest.approx(match.verified_residual)
     assert {one.vertices for one in seen} == {count, len(refined(SMALL, 1).vertices)}
     assert seen[-1].velocity.shape == (1, faces, 3)
     assert seen[-1].advected.shape == (count, 1)
@@ -268,7 +268,7 @@ def test_a_jump_is_refined_only_where_that_is_asked_for():
     ends = "indicator:vertex=0,radius=0.4", "indicator:vertex=30,radius=0.4"
     of = [abfm.match(SMALL, *ends, Parameters(refine=k)) for k in (None, 1)]
     assert [match.refined for match in of] == [0, 1]
-    assert of[0].confirmed_mismatch > max(of[0].parameters.goal, of[1].confirmed_mismatch)
+    assert of[0].worse_residual > max(of[0].parameters.goal, of[1].worse_residual)
 
 
 def test_far_from_the_target_nothing_is_refined_that_has_no_iterations_left():
@@ -286,4 +286,4 @@ def test_only_what_is_not_confirmed_is_refined_and_a_given_sigma_where_it_is_ask
     usual, finer = registered(0)[0], registered(0, refine=1)[0]
     assert (usual.refined, finer.refined) == (0, 1)
     assert finer.path[finer.step].sigma == usual.path[usual.step].sigma
-    assert finer.confirmed_mismatch < usual.confirmed_mismatch
+    assert finer.worse_residual < usual.worse_residual

@@ -48,7 +48,7 @@ class Places:
     def value(self, carried, sigma):
         return self.value_and_residual(carried, sigma)[0]
 
-    def relative_mismatch(self, carried):
+    def residual(self, carried):
         missed = carried[:, self.vertices] - self.places.T
         return self.relative_size(missed)
 
@@ -107,7 +107,7 @@ def test_terms_add_up_and_are_carried_together():
     first, second = problem.terms
     terms, functions = DataTerms(problem.terms), np.concatenate([G[None], MESH.vertices.T])
     shares, residual = terms.measure(P, 0.0).shares_and_residual(functions, 0.1)
-    assert second.relative_mismatch(functions[1:]) == 1
+    assert second.residual(functions[1:]) == 1
     distance = np.linalg.norm(MESH.vertices[17] - MESH.vertices[0])
     assert shares == (0, pytest.approx(distance**2 * 50))
     assert terms.measure(P, 0.0).value(functions, 0.1) == sum(shares)
@@ -118,9 +118,9 @@ def test_terms_add_up_and_are_carried_together():
     shares, residual = terms.measure(P, 0.0).shares_and_residual(functions, 0.1)
     assert shares == tuple(value for value, _ in own)
     assert np.array_equal(residual, np.concatenate([of_term for _, of_term in own]))
-    assert terms.relative_mismatch(functions) == 1
-    at_rest = np.hypot(first.relative_mismatch(F[None]), 1)
-    assert terms.relative_mismatch(terms.carried) == pytest.approx(at_rest)
+    assert terms.residual(functions) == 1
+    at_rest = np.hypot(first.residual(F[None]), 1)
+    assert terms.residual(terms.carried) == pytest.approx(at_rest)
 
 
 def test_a_second_term_has_an_exact_gradient_and_is_matched():

@@ -14,7 +14,7 @@ from abfm.errors import AbfmError, ParameterError
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.levels import Transfer
-from abfm.matching.terms.landmarks import landmarks_of, mismatch_of
+from abfm.matching.terms.landmarks import landmarks_of, residual_of_errors
 from abfm.mesh import TriangleMesh
 from abfm.mesh.coarsening import coarsened
 from abfm.workers.control import controlled
@@ -68,8 +68,8 @@ def test_the_whole_objective_with_functions_has_its_exact_derivative():
     assert found.shares[0] == without.shares[0]
     missed = problem.landmarks.missed(to_frame(UNIT, field), 1.0, 0.1)
     assert_allclose(found.gradient, without.gradient + missed.differentiate(), atol=1e-12)
-    of_functions = problem.functions.relative_mismatch(found.advected)
-    assert energy.left(found) == max(of_functions, mismatch_of(missed.errors))
+    of_functions = problem.functions.residual(found.advected)
+    assert energy.left(found) == max(of_functions, residual_of_errors(missed.errors))
 
 
 def test_a_rotation_takes_landmarks_where_it_turns_them():

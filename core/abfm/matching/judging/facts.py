@@ -1,0 +1,154 @@
+"""What is reported of a match, once for every view."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from abfm.matching.judging.cause import Cause
+from abfm.matching.judging.verdict import Evidence, Verdict
+from abfm.matching.solving.record import StopReason
+from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
+from abfm.parameters import Parameters
+from abfm.types import FloatArray
+from abfm.wording import counted, factor, share
+
+LOG2_AREA_GOOD = 1.0
+"""Largest 95th percentile of ``|log2 J|`` of a map that is reported without a warning: areas that
+are halved or doubled."""
+_ALL = 0.995  # a share that reads as 100%
+_UNFINISHED = {
+    StopReason.CANCELLED: "it was cancelled, and the best field so far was kept",
+    StopReason.OUT_OF_MEMORY: "memory ran out, and the best field so far was kept",
+    StopReason.GIVEN: (
+        "nothing was solved: Play shows its flow, Match looks for a field of its own"
+    ),
+}
+_ENDED = {
+    StopReason.CONVERGED: "no change of the field lowers the energy further",
+    StopReason.GOAL_REACHED: "the residual is below the goal",
+    StopReason.NO_PROGRESS: "further iterations no longer improved the match",
+    StopReason.LINE_SEARCH_FAILED: "no step lowers the energy any more, which is often rounding",
+    StopReason.ITERATION_LIMIT: "it stopped after the {iterations} iterations it was given",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A judged match, from which its facts are written."""
+
+    verdict: Verdict
+    evidence: Evidence
+    parameters: Parameters
+    initial_residual: float
+    mismatch: float
+    is_of_landmarks: bool
+    log2_area_95: float = math.nan
+    doubt: str = ""
+
+    def facts(self) -> Facts:
+        evidence, verdict = self.evidence, self.verdict
+        is_given = evidence.stop_reason is StopReason.GIVEN
+        return Facts(
+            verdict.kind,
+            self._headline(),
+            self._reason(),
+            "" if is_given else self._advice(),
+            self._numbers(),
+            self._warnings(),
+            evidence.stop_reason not in _UNFINISHED,
+        )
+
+    @property
+    def _worse(self) -> float:
+        return worse_residual(self.evidence.residual, self.evidence.verified)
+
+    @property
+    def _distorts(self) -> bool:
+        return self.log2_area_95 > LOG2_AREA_GOOD
+
+    def _headline(self) -> str:
+        reason, outcome = self.evidence.stop_reason, self.verdict.kind
+        if reason is StopReason.GIVEN:
+            return "field given"
+        if self.is_of_landmarks:
+            return f"{reason if reason.is_early else outcome}: {self._landmarks()}"
+        size, left = outcome_of(self._worse, self.parameters.goal), f"{share(self._worse)} left"
+        if size is Outcome.NOT_REACHED:
+            if self._worse >= _ALL * self.initial_residual:
+                left = "nothing gained"
+            elif self._worse >= _ALL:
+                left = "little gained"
+        if reason is StopReason.CANCELLED:
+            return f"cancelled: {left}"
+        if outcome is Outcome.REGISTERED:
+            return f"registered: {left}{self._areas()}"
+        if outcome is not size:
+            return str(outcome)
+        areas = self._areas() if self._distorts and outcome.is_good else ""
+        if outcome is Outcome.MATCHED:
+            return f"matched to {share(self._worse)}{areas}"
+        return f"{outcome}: {left}{areas}"
+
+    def _areas(self) -> str:
+        log2 = self.evidence.log2_area
+        return "" if math.isnan(log2) else f", areas change by a factor of {factor(log2)}"
+
+    def _landmarks(self) -> str:
+        errors = self._errors
+        farthest = float(errors.max())
+        if not math.isfinite(farthest):
+            return f"where the flow takes {counted(len(errors), 'landmark')} is unknown"
+        return f"{counted(len(errors), 'landmark')} within {share(farthest)} of sqrt(area)"
+
+    @property
+    def _errors(self) -> FloatArray:
+        assert self.evidence.landmarks is not None
+        return self.evidence.landmarks[1]
+
+    def _reason(self) -> str:
+        reason, verdict = self.evidence.stop_reason, self.verdict
+        if reason in _UNFINISHED:
+            return _UNFINISHED[reason]
+        ended = _ENDED.get(reason, str(reason))
+        why = verdict.why or ended.format(iterations=self.parameters.iterations)
+        if verdict.kind is Outcome.REGISTERED:
+            return f"{why}; the initial residual was {share(self.initial_residual)}"
+        if verdict.kind is Outcome.MATCHED and self.is_of_landmarks:
+            return "flow lines bring every landmark to where it belongs"
+        is_known = not math.isnan(self.evidence.verified)
+        if verdict.kind is Outcome.MATCHED and is_known and verdict.cause is Cause.NONE:
+            goal = share(self.parameters.goal)
+            return f"confirmed: both checks have a residual of at most {goal}"
+        return why
+
+    def _advice(self) -> str:
+        if self.verdict.advice or not (self._distorts and self.verdict.kind.is_good):
+            return self.verdict.advice
+        return f"limit the distortion, such as to max_distortion {LOG2_AREA_GOOD:g}"
+
+    def _numbers(self) -> dict[str, float | None]:
+        evidence = self.evidence
+        numbers = {
+            "residual": evidence.residual,
+            "verified_residual": evidence.verified,
+            "initial_residual": self.initial_residual,
+            "mismatch": self.mismatch,
+            "folded": evidence.folded,
+            "log2_area": evidence.log2_area,
+            "log2_area_95": self.log2_area_95,
+        }
+        if evidence.landmarks is not None:
+            numbers["landmark_error"] = float(self._errors.max())
+        return {name: _known(number) for name, number in numbers.items()}
+
+    def _warnings(self) -> tuple[str, ...]:
+        found = [self.doubt] if self.doubt else []
+        if self._distorts:
+            times = factor(self.log2_area_95)
+            found.append(f"5% of the surface changes its area by a factor of {times} or more")
+        return tuple(found)
+
+
+def _known(number: float) -> float | None:
+    return float(number) if math.isfinite(number) else None

@@ -1,0 +1,133 @@
+"""Changes of parameters that are likely to bring a match closer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from abfm.matching import solvability
+from abfm.matching.terms.functions import FunctionTerm
+from abfm.parameters import FORMER, LARGEST_ALPHA, MANY, MOST_REFINED, SMALLEST, Parameters
+
+_USUAL = Parameters()
+_FURTHER = 3.0  # how much larger or smaller a parameter is advised
+_COLDER = 10.0  # the same of sigma where the source did not go to the target at all
+_LONGER = 4  # how many times as many iterations
+# what a search for a far target needs besides a reach, as by default
+_COURSE = (
+    "order",
+    "levels",
+    "sigma",
+    "sigma_unit",
+    "cooling_stages",
+    "cooling_factor",
+    "stage_iterations",
+)
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A run that is likely to come closer.
+
+    Its ``words`` are the ``label`` as advice, its ``parameters`` those that change, checked; if it
+    ``goes_on`` it starts from the field of the match, not from none.
+    """
+
+    label: str
+    words: str
+    parameters: dict[str, Any] = field(default_factory=dict)
+    goes_on: bool = False
+
+    def __post_init__(self) -> None:
+        Parameters.from_dict(_USUAL.to_dict() | self.parameters)
+        kept = {name: value for name, value in self.parameters.items() if name not in FORMER}
+        object.__setattr__(self, "parameters", kept)  # of a file of before
+
+
+GO_ON = Remedy("Continue", "go on from this field", {}, True)
+
+
+class Remedies:
+    """Makes remedies of a match: numbers start from the parameters it had, and the last sigma."""
+
+    def __init__(self, functions: FunctionTerm, parameters: Parameters, refined: int = 0) -> None:
+        self._functions, self._parameters = functions, parameters
+        self._refined, self._sigma = refined, parameters.last_sigma
+        # larger than by default, so that a match is worth little
+        relative = parameters.sigma_unit == "relative"
+        self.is_warm = relative and parameters.last_sigma > _USUAL.last_sigma
+
+    @property
+    def too_far(self) -> bool:
+        """Whether the target is farther, straight through space, than the stages reach."""
+        return self._parameters.reach < solvability.distance(self._functions)
+
+    @property
+    def looks_near(self) -> bool:
+        """Whether they reach less far than by default; on the surface it may be farther."""
+        return self.too_far or self._parameters.reach < _USUAL.reach
+
+    def more_time(self) -> Remedy:
+        """More iterations; those of the defaults at least, as a match ends by itself."""
+        count = min(max(_LONGER * self._parameters.iterations, _USUAL.iterations), MANY)
+        return Remedy("More time", f"more iterations, such as {count}", {"iterations": count})
+
+    def further(self) -> Remedy:
+        p = self._parameters
+        needed = _rounded(max(solvability.distance(self._functions), _USUAL.reach))
+        wanted = {name: getattr(_USUAL, name) for name in _COURSE} if not p.reach else {}
+        if p.sigma_unit == "relative" and p.last_sigma < _USUAL.last_sigma:
+            wanted.pop("sigma", None)  # which would undo a closer match
+        changed = self._changes(
+            wanted | {"reach": needed, "iterations": max(p.iterations, _USUAL.iterations)}
+        )
+        course = " and the course of the defaults" if len(changed) > 2 else ""
+        words = f"a larger reach, such as {needed:g} of sqrt(area){course}"
+        return Remedy("Reach further", words, changed)
+
+    def truer(self) -> Remedy | None:
+        """Return what makes flow lines confirm more: what strays goes back to the defaults."""
+        p = self._parameters
+        if self.too_far:
+            return self.further()
+        if p.order == 1 or p.alpha < _USUAL.alpha:
+            alpha = max(p.alpha, _USUAL.alpha)
+            changed = self._changes({"order": _USUAL.order, "alpha": alpha})
+            values = " and ".join(f"{name} {value:g}" for name, value in changed.items())
+            return Remedy("Smoother", f"a smoother field, by {values}", changed)
+        return self.colder() if self.is_warm else None
+
+    def refine(self) -> Remedy | None:
+        """Return a finer mesh, unless it is as fine as it may be, or the course has none."""
+        finer, p = self._refined + 1, self._parameters
+        is_fixed = not p.reach or p.stage_iterations
+        if finer > MOST_REFINED or is_fixed or p.method == "linearised":
+            return None
+        return Remedy("Refine", "a finer mesh, from this field", {"refine": finer}, True)
+
+    def smoother(self) -> Remedy:
+        """A larger alpha, from no motion: near the present field there is no smoother one."""
+        alpha = min(_rounded(_FURTHER * self._parameters.alpha or _USUAL.alpha), LARGEST_ALPHA)
+        return Remedy("Smoother", f"a larger alpha, such as {alpha:g}", {"alpha": alpha})
+
+    def closer(self) -> Remedy:
+        sigma = max(_rounded(self._sigma / _FURTHER), SMALLEST)
+        return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
+
+    def closer_landmarks(self) -> Remedy:
+        sigma = max(_rounded(self._parameters.landmark_sigma / _FURTHER), SMALLEST)
+        words = f"a smaller landmark_sigma, such as {sigma:g}"
+        return Remedy("Landmarks closer", words, {"landmark_sigma": sigma}, True)
+
+    def colder(self) -> Remedy:
+        least = _USUAL.last_sigma if self.is_warm else SMALLEST
+        sigma = max(_rounded(self._sigma / _COLDER), least)
+        return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma})
+
+    def _changes(self, wanted: dict[str, Any]) -> dict[str, Any]:
+        p = self._parameters
+        return {name: value for name, value in wanted.items() if value != getattr(p, name)}
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.2g}")

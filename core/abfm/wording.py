@@ -1,0 +1,44 @@
+"""How numbers and sentences are written for people."""
+
+from __future__ import annotations
+
+import math
+
+_SHARE_MIN = 1e-4  # a smaller share is written as less than this
+_LOG2_MAX = 100.0  # beyond, a factor is not written
+
+
+def capital(text: str) -> str:
+    """Return a text with a capital first letter; the rest stays, as names of files do."""
+    return text[:1].upper() + text[1:]
+
+
+def sentence(text: str) -> str:
+    """Return a text as a sentence."""
+    return f"{capital(text)}."
+
+
+def counted(number: int, noun: str) -> str:
+    """Return ``1 iteration``, ``2 iterations``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def share(value: float) -> str:
+    """Return a share in percent: ``0.7%``, ``2.6%``, ``33%``.
+
+    Shares are rounded up, so that one beyond a bound of as few digits never reads as within it.
+    """
+    if value < _SHARE_MIN:
+        return f"less than {100 * _SHARE_MIN:g}%"
+    digit = 0.01 if value >= 0.1 else 0.001 if value >= 0.001 else 0.0001
+    return f"{100 * digit * math.ceil(round(value / digit, 6)):.6g}%"
+
+
+def factor(log2: float) -> str:
+    """Return two to the power of a number with two digits: ``1.2``, ``10``, ``330``."""
+    return f"{float(f'{2 ** min(log2, _LOG2_MAX):.2g}'):g}"
+
+
+def value(number: float, span: float) -> str:
+    """Return a value of a function with three digits; 0 if it is rounding beside the span."""
+    return f"{0 if abs(number) < 1e-6 * span else number:.3g}"
