@@ -25,6 +25,7 @@ class Palette:
     source: Color
     target: Color
     failure: Color  # of what went wrong or was not reached; nothing else has its hue
+    warning: Color  # a good result with a warning, or one that is nearly good
     good: Color
     marker: Color
     lines: Color  # in plots: what is left by flow lines, and by the discrete flow
@@ -46,6 +47,7 @@ _CODES = {
     "source": ("2455c3", "a3beff"),
     "target": ("b31f1f", "ffaba3"),
     "failure": ("8a1c9e", "e8a6f7"),
+    "warning": ("854d00", "f2b13c"),
     "good": ("12633a", "69d39a"),
     "marker": ("0b8f6a", "38d9a9"),
     "lines": ("0097ad", "1c93a6"),

@@ -50,6 +50,25 @@ CLICK_TOOLS: tuple[ClickTool, ...] = get_args(ClickTool)
 Triple = tuple[float, float, float]
 EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
+_PREFERENCES = (
+    "theme",
+    "ui_scale",
+    "layout",
+    "colormap",
+    "isolines",
+    "isoline_count",
+    "color_bar",
+    "wireframe",
+    "flat",
+    "finer",
+    "arrow_length",
+    "arrow_density",
+    "flow_after_match",
+    "previous_runs",
+    "trade_off",
+    "trade_off_live",
+)
+"""Attributes of a `View` that stay when another document is opened."""
 NEAREST, FARTHEST = 200.0, 0.2
 """Zooms."""
 MEASURED = "measured"
@@ -229,6 +248,11 @@ class View:
     trade_off_live: bool = False
     trade_off: bool = True
     speeds: bool = False  # of a film's intervals are plotted, and not what is left
+
+    @property
+    def preferences(self) -> View:
+        """Return a view that has the user's preferences and nothing of what is shown."""
+        return View(**{name: getattr(self, name) for name in _PREFERENCES})
 
     @property
     def surfaces(self) -> tuple[str, ...]:

@@ -162,20 +162,24 @@ class Session:
         go()
 
     def set_mesh(self, mesh: TriangleMesh, name: str) -> None:
-        """Show another mesh with default functions; the parameters stay."""
+        """Show another mesh with default functions, parameters and view."""
         self.set_surfaces(Surface(mesh, name))
         self.notices.say(" ".join(mesh.messages))
 
     def set_surfaces(self, *surfaces: Surface) -> None:
-        """Register surface A to another one, B, or go back to one; the first source stays, as do
-        labels and landmarks of A.
+        """Register surface A to another one, B, or go back to one. If A is the present one, the
+        first source, labels and landmarks of A, parameters and the view stay.
         """
-        view = replace(self.view, look=None, large="")
-        fresh = Document(surfaces, parameters=self.parameters, view=view)
+        fresh = Document(surfaces, view=self.view.preferences)
         if surfaces[0].mesh is self.surface("source").mesh:
             halves = tuple(replace(one, target=None) for one in self.document.landmarks)
-            kept = tuple(half for half in halves if half.source is not None)
-            fresh = replace(fresh, labels=self.document.labels, landmarks=kept)
+            fresh = replace(
+                fresh,
+                parameters=self.parameters,
+                view=replace(self.view, look=None, large=""),
+                labels=self.document.labels,
+                landmarks=tuple(half for half in halves if half.source is not None),
+            )
             if self.channels:
                 self._sources[fresh.identity] = self.channels[0].source
         self._go_to(fresh, None, saved=True)

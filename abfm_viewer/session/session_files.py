@@ -338,7 +338,7 @@ class SessionFiles:
 
         def show() -> None:
             here = next((one for one in session.document.surfaces if one == surface), surface)
-            view = replace(session.view, coloring="function", large="")
+            view = replace(session.view.preferences, look=session.view.look)
             shown = document_of_film(film, here, view)
             self._show(path, partial(session.restore, shown, {}, None), notes)
 
@@ -607,7 +607,7 @@ class SessionFiles:
         document, known = read_document(path)
 
         def restore() -> None:
-            view = replace(self._session.view, look=None, large="")
+            view = self._session.view.preferences
             if origin:  # with a view of its own, in the size that the user needs on this screen
                 view = replace(document.view, ui_scale=view.ui_scale)
             elif document.sequence is not None:

@@ -23,7 +23,7 @@ from abfm_viewer.widgets.widget_record import Range, Widget, WidgetKind, WidgetR
 Word = TypeVar("Word", bound=str)
 AUTO = "auto"
 """What is shown of a number that is chosen."""
-Kind = Literal["ink", "muted", "failure", "good", "source", "target"]
+Kind = Literal["ink", "muted", "failure", "warning", "good", "source", "target"]
 """Colours of texts, by their names in the theme."""
 
 _AWAY = 8  # how far the mouse moves before tooltips come again

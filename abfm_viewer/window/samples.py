@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -40,20 +41,6 @@ _WIDTH, _HEIGHT = 420, 50
 _FEWEST, _MOST = 2, 5  # columns
 _SHARE = 0.86  # of the window's height that the menu may take
 _PICTURES = "pictures of the samples"
-_KEPT = (
-    *("theme", "ui_scale", "layout", "colormap", "isolines", "isoline_count", "color_bar"),
-    *(
-        "wireframe",
-        "flat",
-        "finer",
-        "arrow_length",
-        "arrow_density",
-        "flow_after_match",
-        "previous_runs",
-    ),
-    *("trade_off", "trade_off_live"),
-)
-"""What a figure leaves as the user's view has it."""
 _SHOWN: dict[int, dict[str, Any]] = {
     1: {"blend": True},
     2: {"streaks": True},
@@ -79,7 +66,7 @@ def figure_document(figure: int, view: View) -> tuple[Document, dict[str, FloatA
         parameters=parameters,
         result=given,
         time=parameters.tau if given else 0.0,
-        view=View(**{name: getattr(view, name) for name in _KEPT}, **_SHOWN.get(figure, {})),
+        view=replace(view.preferences, **_SHOWN.get(figure, {})),
     )
     return document, example.values
 
@@ -90,7 +77,7 @@ def pair_document(name: str, view: View) -> tuple[Document, dict[str, FloatArray
         return cortex_document(view)
     a, b = name.split(" to ")
     surfaces = (Surface(load_mesh(asset_path(one)), one) for one in (a, b))
-    return Document(tuple(surfaces), (_ON_THE_HUMANS,), view=_seen(view)), {}
+    return Document(tuple(surfaces), (_ON_THE_HUMANS,), view=view.preferences), {}
 
 
 def cortex_document(view: View) -> tuple[Document, dict[str, FloatArray]]:
@@ -107,11 +94,7 @@ def cortex_document(view: View) -> tuple[Document, dict[str, FloatArray]]:
         surfaces.append(Surface(mesh, f"{side} cortex"))
         specs.append(str(abfm.functions.ValuesFile(path=str(folder / f"sulc_{side}.gii.gz"))))
     depth = Channel(specs[0], specs[1])
-    return Document(tuple(surfaces), (depth,), initial="sphere:mirror", view=_seen(view)), {}
-
-
-def _seen(view: View) -> View:
-    return View(**{name: getattr(view, name) for name in _KEPT})
+    return Document(tuple(surfaces), (depth,), initial="sphere:mirror", view=view.preferences), {}
 
 
 def _population(folder: Path) -> Path:
@@ -165,7 +148,7 @@ def draw(ui: Ui, files: SessionFiles, textures: SampleTextures) -> None:
             if name in MESHES:
                 files.open(asset_path(name))
             elif name == WAVE:
-                files.open_made(name.lower(), lambda view: (wave_document(_seen(view)), {}))
+                files.open_made(name.lower(), lambda view: (wave_document(view.preferences), {}))
             elif name in POPULATIONS:
                 files.open_made_table(name, _population)
             elif name in PAIRS:

@@ -185,8 +185,15 @@ def degrees_between(one, other):
     return min(apart, 360 - apart)
 
 
+def test_tones_differ_for_every_eye(colors):
+    """Good, warning and failure are told apart, also by the colour-blind."""
+    tones = [getattr(colors, name) for name in ("good", "warning", "failure")]
+    for sight, (one, other) in product(SIGHTS, combinations(tones, 2)):
+        assert difference(one, other, sight) > APART, sight
+
+
 def test_curves_of_what_is_left_and_failure_have_hues_of_their_own(colors):
-    others = ("source", "target", "accent", "accent_hovered", "good", "marker")
+    others = ("source", "target", "accent", "accent_hovered", "good", "warning", "marker")
     for term, reserved, least in (
         *product(CURVES, ("source", "target", "failure"), (25,)),
         *product(("failure",), others, (45,)),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from abfm import load_mesh
+from abfm import Parameters, load_mesh
 from abfm.assets import asset_names, asset_path
 from abfm.experiments import Stage, as_match, example_of, script
 from abfm.parameters import FIGURES
@@ -23,6 +23,7 @@ from abfm_viewer.appearance.samples import (
 )
 from abfm_viewer.automation import Driver
 from abfm_viewer.scene.scene import Scene
+from tests.mesh_writers import off_text
 from tests.shapes import icosphere
 
 SIZE = (640, 480)  # into which the menu fits
@@ -86,6 +87,18 @@ def test_a_bundled_mesh_opens_like_a_file(samples, name):
     assert samples.window.files.state.recent()[0] == asset_path(name)
     assert [w.label for w in opened_menu(samples) if w.text == "checked"] == [name]
     samples.key("esc")
+
+
+def test_an_own_mesh_starts_with_defaults_after_a_figure(samples, tmp_path):
+    samples.menu("Samples", "Figure 9")
+    wait(samples, lambda session: "9" in samples.window.files.sample and not session.obstacle)
+    assert samples.session.parameters != Parameters()
+    path = tmp_path / "own.off"
+    path.write_text(off_text(icosphere(2).vertices, icosphere(2).faces))
+    samples.window.files.open(path)
+    wait(samples, lambda session: session.document.name == path.name and not session.obstacle)
+    assert samples.session.parameters == Parameters()
+    assert samples.session.view == samples.session.view.preferences
 
 
 def test_a_pair_of_shapes_opens_ready_to_match(samples):

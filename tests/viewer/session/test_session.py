@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from abfm import FunctionError, Parameters
-from abfm_viewer.document.document import Channel, Document, Front, Look, Surface
+from abfm_viewer.document.document import Channel, Document, Front, Look, Surface, View
 from abfm_viewer.session.editor import LONGEST, Editor
 from abfm_viewer.session.player import SECONDS, Player
 from abfm_viewer.session.session import Session
@@ -66,6 +66,23 @@ def test_masks_without_a_meaning_and_functions_beyond_the_screens_precision_are_
         until(lambda: "scale it" in session.obstacle, session)
         session.undo()
         ready(session)
+
+
+def test_another_mesh_starts_with_defaults(fresh):
+    """Parameters and what is shown are not those of the document before, as of a figure."""
+    wanted = replace(fresh.view, theme="dark", error=True, streaks=True, part="commuting")
+    fresh.editor.amend(parameters=Parameters(sigma=0.5, tau=2.0), view=wanted)
+    fresh.set_mesh(TORUS, "torus")
+    assert fresh.parameters == Parameters()
+    assert fresh.view == View(theme="dark")
+    fresh.undo()
+    assert (fresh.parameters.sigma, fresh.view) == (0.5, wanted)
+
+
+def test_a_second_surface_keeps_the_parameters(fresh):
+    fresh.editor.amend(parameters=Parameters(sigma=0.5), view=replace(fresh.view, arrows=True))
+    fresh.set_surfaces(fresh.surface(), Surface(TORUS, "torus"))
+    assert (fresh.parameters.sigma, fresh.view.arrows) == (0.5, True)
 
 
 def test_values_of_one_mesh_are_never_shown_on_another(fresh):
