@@ -87,6 +87,9 @@ def watched_match(
 ) -> Watched:
     """Match, until time is up, energy or mismatch are low enough on the mesh, or stopped."""
     control = Control()
+    functions = problem.functions
+    # the paper's definition, relative to the norm of the target
+    ratio = functions.deviation(functions.target) / functions.norm(functions.target)
     last: Iteration | None = None
     history: list[tuple[float, float, float]] = []
     start = perf_counter()
@@ -96,8 +99,8 @@ def watched_match(
         last, now = iterate, perf_counter() - start
         reached = False
         if iterate.level == iterate.levels - 1:
-            history.append((now, iterate.energy, iterate.mismatch))
-            reached = iterate.energy < energy or iterate.mismatch <= mismatch
+            history.append((now, iterate.energy, ratio * iterate.residual))
+            reached = iterate.energy < energy or ratio * iterate.residual <= mismatch
         if stopped() or now > seconds or reached:
             control.cancel()
 

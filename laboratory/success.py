@@ -228,7 +228,7 @@ class Record:
             key: None if isinstance(value, float) and not math.isfinite(value) else value
             for key, value in asdict(self).items()
         }
-        arrived = self.residual <= LEVEL
+        arrived = self.mismatch <= LEVEL
         success = arrived and self.verified <= LEVEL
         confirmed = self.verified <= CONFIRMED
         return {**numbers, "arrived": arrived, "success": success, "confirmed": confirmed}
@@ -252,7 +252,7 @@ def record_of(entry: Entry) -> Record:
         return replace(spent, stop_reason=str(error))
     record = replace(
         spent,
-        residual=found.residual,
+        mismatch=found.residual,
         iterations=len(found.energy_history) - 1,
         refined=found.refined,
         stop_reason=found.stop_reason,

@@ -17,6 +17,7 @@ import numpy as np
 import abfm
 from abfm import AbfmError, ParameterError, Parameters, TriangleMesh
 from abfm.numerics.factoring_apart import factoring_apart
+from abfm.outcome import outcome_of
 from abfm.types import FloatArray
 from abfm.workers.control import controlled
 from abfm.workers.progress import Step, telling
@@ -114,7 +115,7 @@ class Course:
 
     def __init__(self, vertices: int = 0) -> None:
         self.newest: Snapshot | None = None
-        # total, regularity, mismatch; stage, vertices, reach, relative mismatch
+        # total, regularity, mismatch; stage, vertices, reach, residual
         self._rows: list[tuple[float, float, float, int, int, float, float]] = []
         self._shares: list[dict[str, float]] = []
         self._restarts: list[int] = []
@@ -140,7 +141,7 @@ class Course:
         times = list(self._recent)
         return (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else None
 
-    def run(self, mismatch: float, parameters: Parameters) -> Run | None:
+    def run(self, residual: float, parameters: Parameters) -> Run | None:
         """The run so far, the same object while nothing is added; None before the first iterate."""
         rows, restarts = self._rows[:], tuple(self._restarts)
 
@@ -149,15 +150,15 @@ class Course:
             stages, vertices = (table[:, column].astype(np.int64) for column in (3, 4))
             sigma = "auto" if parameters.sigma is None else f"{parameters.sigma:g}"
             label = f"α {parameters.alpha:g}, β {parameters.beta:g}, σ {sigma}"
-            run = Run(table[:, :3], stages, restarts, mismatch, label, vertices, table[:, 5])
-            run = replace(run, mismatches=table[:, 6])
+            run = Run(table[:, :3], stages, restarts, residual, label, vertices, table[:, 5])
+            run = replace(run, residuals=table[:, 6])
             words = tuple(dict.fromkeys(word for row in self._shares for word in row))
             if len(words) == 1:
                 return run
             shares = [[row.get(word, 0.0) for word in words] for row in self._shares[: len(rows)]]
             return replace(run, words=words, shares=np.array(shares))
 
-        made_of = (len(rows), mismatch, parameters, restarts)
+        made_of = (len(rows), residual, parameters, restarts)
         return self._run.get(made_of, make) if rows else None
 
     def keep(self, snapshot: Snapshot) -> None:
@@ -303,7 +304,7 @@ class Solver:
         if (run := course.run(now.residual, snapshot.problem.parameters)) is None:
             raise AbfmError("the run of that iterate is over")
         reason = abfm.StopReason.CANCELLED
-        kind = abfm.matching.outcome_of(now.residual, snapshot.problem.parameters.goal)
+        kind = outcome_of(now.residual, snapshot.problem.parameters.goal)
         found = abfm.Match(
             problem=snapshot.problem.problem(functions),
             fine_velocity=now.velocity,

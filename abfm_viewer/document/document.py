@@ -270,7 +270,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The energy of one run; vertices of each row's mesh, reaches, and mismatches (n,) are empty if
+    """The energy of one run; vertices of each row's mesh, reaches, and residuals (n,) are empty if
     unknown.
     """
 
@@ -278,13 +278,13 @@ class Run:
     stages: IntArray  # (n,)
     # rows at which a changed problem started the solver again from the field that it had
     restarts: tuple[int, ...]
-    mismatch: float  # the least that a field of it leaves; 0 while it goes on
+    residual: float  # the least of its fields; 0 while it runs
     label: str  # what was solved, in a few words
     vertices: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     reaches: FloatArray = field(default_factory=lambda: np.zeros(0))
     words: tuple[str, ...] = ()  # of the data terms, where there are T > 1
     shares: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))  # (n, T), of the mismatch
-    mismatches: FloatArray = field(default_factory=lambda: np.zeros(0))  # ``||f_tau - g|| / ||g||``
+    residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def has_course(self) -> bool:
@@ -299,11 +299,11 @@ class Run:
 
     @property
     def left(self) -> FloatArray:
-        """The mismatches (n,); where they are unknown, by the energy, whose unit is each stage's: a
-        stage goes on where the one before ended, and the last one ends at the run's mismatch.
+        """The residuals (n,); where they are unknown, by the energy, whose unit is each stage's: a
+        stage goes on where the one before ended, and the last one ends at the run's residual.
         """
-        if len(self.mismatches) or not len(self.stages):
-            return self.mismatches
+        if len(self.residuals) or not len(self.stages):
+            return self.residuals
         roots = np.log(np.maximum(self.energies[:, 2], np.finfo(float).tiny)) / 2
         falls = np.where(np.diff(self.stages) == 0, np.diff(roots), 0.0)
         found: FloatArray = self.residual * np.exp(np.cumsum([0, *falls]) - falls.sum())

@@ -57,8 +57,7 @@ from abfm_viewer.document.label_map import LabelMap
 if TYPE_CHECKING:
     from abfm import Sequence
 
-# of one surface, which older versions read; of two; and of a film, the newest
-_OF_ONE, _OF_TWO, _FORMAT = 2, 3, 4
+_FORMAT = 5
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
 _MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
 _RUN = {
@@ -170,7 +169,7 @@ def save_project(
     runs = []
     for number, run in enumerate(document.runs):
         names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
-        names |= _LEFT if len(run.mismatches) else {}
+        names |= _LEFT if len(run.residuals) else {}
         arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in names}
         runs.append(
             to_plain(run, without=_COURSE | _SHARES | _LEFT) | {"has_course": run.has_course}
@@ -191,7 +190,7 @@ def save_project(
     plain = to_plain(document, without=kept_apart)
     plain["view"] = to_plain(document.view) | {"front": surface.front}
     content = {
-        "format_version": _FORMAT if film else _OF_TWO if document.is_pair else _OF_ONE,
+        "format_version": _FORMAT,
         "file_vertex_count": surface.mesh.file_vertex_count,
         "document": {"name": surface.name} | plain,
         "runs": runs,

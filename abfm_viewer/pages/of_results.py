@@ -12,6 +12,7 @@ import abfm
 from abfm import AbfmError, Match, Registration, TriangleMesh
 from abfm.maps import SurfacePoints
 from abfm.types import FloatArray
+from abfm.wording import share
 from abfm.workers.progress import step
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 from abfm_viewer.computing.defaults import best_front
@@ -178,10 +179,10 @@ def _page(match: Match, title: str, about: str, panels: list[Panel]) -> Page:
 
 
 def _facts(match: Match) -> dict[str, str]:
-    share, told = share, {}
+    told = {}
     if not match.problem.is_of_landmarks:
         left = f"{share(match.initial_residual)} → {share(match.worse_residual)}"
-        told["mismatch left"] = left
+        told["residual"] = left
     if (errors := match.landmark_errors) is not None and np.isfinite(errors).all():
         told["farthest landmark"] = f"{share(float(errors.max()))} of √area"
     if math.isfinite(cost := match.path[match.step].log2_area):

@@ -13,8 +13,8 @@ import numpy as np
 import abfm
 from abfm import TriangleMesh
 from abfm.calculus.operators import vertex_areas
-from abfm.matching.judging.verdict import Verdict, worse_residual
-from abfm.outcome import Tone
+from abfm.matching.judging.verdict import Verdict
+from abfm.outcome import Tone, worse_residual
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import share
 from abfm.workers.control import checkpoint

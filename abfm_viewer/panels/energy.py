@@ -104,7 +104,7 @@ def _iterations(ui: Ui, session: Session, run: Run | None, previous: Sequence[Ru
 def _plot(ui: Ui, run: Run, previous: Sequence[Run]) -> None:
     (stages, meshes), left, least = starts(run), run.left, run.least_left
     # of a result's file it is a guess, whose scale is not to be compared
-    before = [earlier.least_left for earlier in previous if len(earlier.mismatches)]
+    before = [earlier.least_left for earlier in previous if len(earlier.residuals)]
     last = max(*map(len, [left, *before]), _SHORTEST_AXIS + 1) - 1
     with plots.plot(ui, "energy plot") as is_drawn:
         if not is_drawn:

@@ -61,7 +61,8 @@ def confirmed(sequence: Sequence) -> str:
 def doubtful(sequence: Sequence) -> BoolArray:
     """Return which intervals were solved and are not confirmed, (T - 1,) of bool."""
     good = [verdict.kind.is_good for verdict in sequence.verdicts]
-    return sequence.solved & ~np.array(good)
+    found: BoolArray = sequence.solved & ~np.array(good)
+    return found
 
 
 def _speeds(context: Context, film: Film) -> None:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import polyscope.imgui as imgui
 
-import abfm
-from abfm.wording import capital, sentence
+from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
@@ -157,7 +156,7 @@ def _draw_film(ui: Ui, session: Session, lines: int) -> None:
         _line(ui, "Frames or parameters changed since: match all frames again.", "ink", lines)
     now = film.interval(document.time)
     verdict = sequence.verdicts[now]
-    ink: Kind = "ink" if verdict.kind in abfm.sequences.CONFIRMED else "failure"
+    ink: Kind = "ink" if verdict.kind.is_good else "failure"
     told = verdict_words.of_interval(sequence, now)
     _line(ui, f"Frame {now} to {now + 1}: {told}", "muted" if outdated else ink)
     _line(ui, sentence(verdict.cause or verdict.reason), most=lines)

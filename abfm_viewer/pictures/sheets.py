@@ -138,7 +138,7 @@ def match_picture(
 
     def panel(function: FloatArray, label: str, frame: Frame = "other") -> Panel:
         values = Values(function.reshape(len(function), -1)[:, channel])
-        meant = tone(match) if frame == "result" else "ink"
+        meant = match.facts.tone if frame == "result" else "ink"
         return Panel(match.mesh, values, label, frame, tone="" if meant == "ink" else meant)
 
     panels = [panel(match.source, "source", "source")]

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal
 
-Tone = Literal["good", "warning", "failure", "muted"]
-"""How a view shows an outcome: the name of a colour of the theme."""
+Tone = Literal["good", "warning", "failure", "muted", "ink"]
+"""How a view shows an outcome, the name of a colour of the theme; ink is that of plain text."""
 
 
 class Outcome(StrEnum):

@@ -109,7 +109,7 @@ def _subjects(told: Facts) -> str:
         reason = f"; left out: {escape(each['reason'])}" if each["reason"] else ""
         words += f'<div class="reason">{verdict}{weight}{reason}</div>'
         folded = "-" if each["folded"] is None else f"{100 * each['folded']:.2g}%"
-        numbers = [_number(each[name]) for name in ("correlation", "distance", "mismatch")]
+        numbers = [_number(each[name]) for name in ("correlation", "distance", "residual")]
         numbers += [_number(each["displacement"]), _number(each["log2_area"]), folded]
         numbers += [_number(each["landmarks"])] if has_landmarks else []
         numbers += [_both(each["scores"][name]) for name in held]
@@ -120,7 +120,7 @@ def _subjects(told: Facts) -> str:
     text = (
         "Who does not fit first, then those that are least like the others: their correlation with "
         "the mean of the others that fit, and how far they are from it, over its deviation. Left "
-        "is the mismatch of the registration; moved how far the flow moves the subject, of √area; "
+        "is the residual of the registration; moved how far the flow moves the subject, of √area; "
         "|log2 J| how much it changes areas; "
         + ("landmarks how far these are left on average, of √area; " if has_landmarks else "")
         + "of channels that are held out, the correlation before and after."

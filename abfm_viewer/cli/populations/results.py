@@ -42,7 +42,7 @@ def facts(found: Population) -> dict[str, Any]:
                 for name in (
                     "correlation",
                     "distance",
-                    "mismatch",
+                    "residual",
                     "displacement",
                     "log2_area",
                     "folded",

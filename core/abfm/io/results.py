@@ -263,16 +263,13 @@ def is_own(archive: Mapping[str, Any]) -> bool:
     return "format_version" in archive
 
 
-def check_version(version: object, newest: int = FORMAT_VERSION) -> None:
-    """Refuse a newer format (ResultError), or what is no version (ValueError)."""
+def check_version(version: object, current: int = FORMAT_VERSION) -> None:
+    """Refuse another format (ResultError), or what is no version (ValueError)."""
     if type(version) is not int or version < 1:
-        raise ValueError(
-            f"format_version is {brief(version)}; expected a number from 1 to {newest}"
-        )
-    if version > newest:
-        raise ResultError(
-            f"written in format {version}, and this abfm reads up to {newest}; upgrade abfm"
-        )
+        raise ValueError(f"format_version is {brief(version)}; expected {current}")
+    if version != current:
+        cure = "upgrade abfm" if version > current else "it is of an earlier version: solve again"
+        raise ResultError(f"written in format {version}; this abfm reads format {current}; {cure}")
 
 
 def pieces(arrays: Arrays) -> Iterator[bytes | memoryview]:

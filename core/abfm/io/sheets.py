@@ -53,7 +53,9 @@ class Panel:
     points: FloatArray | None = None  # (P, 3), each marked in a colour, the same in all panels
     lines: tuple[FloatArray, ...] = ()  # paths on the surface, (K, 3)
     arrows: FloatArray | None = None  # a field, (F, 3)
-    tone: Literal["", "good", "failure"] = ""  # of the label, in another colour than the frame's
+    tone: Literal["", "good", "warning", "failure", "muted"] = (
+        ""  # of the label, in another colour than the frame's
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,7 +71,7 @@ class MapFacts(NamedTuple):
     """What a subject's map does; NaN where it is unknown."""
 
     folded: float = math.nan  # share of the faces, 0 to 1, that its flow folds
-    mismatch: float = math.nan  # that its registration leaves, by the worse witness
+    residual: float = math.nan  # of its registration, the larger one of both checks
     # root of the mean square of the field without the mean field, in sqrt(area)
     displacement: float = math.nan
     landmarks: float = math.nan  # how far they are left, on average, in sqrt(area)

@@ -87,7 +87,7 @@ class Population:
         How much vertices of the template count.
     numbers : (N, 7) array
         For each subject what ``correlation``, ``distance``, ``log2_area``, ``folded``,
-        ``mismatch``, ``displacement`` and ``landmarks`` are.
+        ``residual``, ``displacement`` and ``landmarks`` are.
     phases : (C, 4) array
         For each channel what `phase_and_amplitude` tells.
     log2_area_mean, log2_area_deviation : (F,) arrays
@@ -157,9 +157,9 @@ class Population:
         return self._number("displacement")
 
     @property
-    def mismatch(self) -> FloatArray:
+    def residual(self) -> FloatArray:
         """What each registration leaves, by the worse witness, (N,)."""
-        return self._number("mismatch")
+        return self._number("residual")
 
     @property
     def landmarks(self) -> FloatArray:

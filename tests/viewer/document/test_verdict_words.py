@@ -15,6 +15,7 @@ import abfm
 from abfm import StopReason
 from abfm.matching import Remedy, Verdict
 from abfm.matching.judging.verdict import Kind
+from abfm.wording import capital, counted, sentence, share
 from abfm_viewer.cli.match import Outcome
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.verdict_words import numbers, place
@@ -69,7 +70,7 @@ def test_the_headline_says_how_well_by_what_is_confirmed_and_has_a_colour(found,
     kind, mismatch, verified, said, meant = case
     match = judged(found, kind, mismatch=mismatch, verified_residual=verified)
     match = replace(match, path=(replace(match.path[match.step], log2_area=0.21),), step=0)
-    assert (match.facts.headline, tone(match)) == (said, meant)
+    assert (match.facts.headline, match.facts.tone) == (said, meant)
 
 
 @settings(deadline=None)
@@ -126,23 +127,25 @@ def test_a_share_reads_as_within_a_bound_exactly_where_it_is(value, percent):
 
 
 def test_why_it_stopped_is_the_verdict_s_cause_or_how_it_ended(found):
-    assert why(judged(found, "not reached")) == "the cause"
-    assert re.fullmatch(r"the cause; at first \d+% was left", why(judged(found, "registered")))
-    assert why(found) == "the discrete flow and flow lines both leave at most 5%"
+    assert judged(found, "not reached").facts.reason == "the cause"
+    assert re.fullmatch(
+        r"the cause; at first \d+% was left", judged(found, "registered").facts.reason
+    )
+    assert found.facts.reason == "the discrete flow and flow lines both leave at most 5%"
     found = replace(found, verified_residual=math.nan)
     for reason, told in (
         (StopReason.GOAL_REACHED, "the mismatch came well below the goal"),
         (StopReason.NO_PROGRESS, "it stopped where going on gained little"),
         ("iteration limit", "it stopped after the 12 iterations it was given"),
     ):
-        assert why(replace(found, stop_reason=reason)) == told
+        assert replace(found, stop_reason=reason).facts.reason == told
     for reason, start, words in (  # of what did not come to its end
         ("cancelled", "cancelled: 1.3% left", "best field so far"),
         ("given", "field given", "Play"),
     ):
         match = replace(found, stop_reason=reason)
-        assert (match.facts.headline, tone(match)) == (start, "ink")
-        assert words in why(match)
+        assert (match.facts.headline, match.facts.tone) == (start, "ink")
+        assert words in match.facts.reason
 
 
 def test_numbers_that_are_not_known_and_places_that_need_no_word_are_left_out(found, iterations):
@@ -198,4 +201,4 @@ def test_of_landmarks_alone_it_is_told_how_far_they_are_left():
     assert re.fullmatch(
         r"matched: 2 landmarks within 0\.\d+% of sqrt\(area\)", found.facts.headline
     )
-    assert why(found) == "flow lines bring every landmark to where it belongs"
+    assert found.facts.reason == "flow lines bring every landmark to where it belongs"

@@ -79,7 +79,7 @@ DOCUMENT = Document(
         Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "on two meshes", *COURSE),
         Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "of two terms", *COURSE, *TERMS),
         Run(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), (), 1.0, "cancelled at once"),
-        Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "left", mismatches=np.array([0.7, 0.5])),
+        Run(np.ones((2, 3)), np.array([0, 1]), (), 0.5, "left", residuals=np.array([0.7, 0.5])),
     ),
     time=1 / 3,
     lines=(Point(3, (0.25, 0.25, 0.5)), Point(79, (1.0, 0.0, 0.0))),

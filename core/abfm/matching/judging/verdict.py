@@ -140,9 +140,9 @@ class _Case:
         found = obstacle(self.functions)
         if found is None or (self.evidence.landmarks is not None and self.functions.is_constant):
             return None
-        if found.cause is not Cause.BOTH_CONSTANT:
-            if max(self.first, self.evidence.residual) <= self.parameters.goal:
-                return None
+        alike = max(self.first, self.evidence.residual) <= self.parameters.goal
+        if alike and found.cause is not Cause.BOTH_CONSTANT:
+            return None
         return self._verdict(found.outcome, found.cause, **found.details)
 
     def of_landmarks(self) -> Verdict | None:

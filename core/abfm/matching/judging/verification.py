@@ -33,7 +33,8 @@ class Verification:
     Attributes
     ----------
     flow_lines : float
-        ``||f o phi^-1 - g|| / ||g - mean(g)||`` in L2 with phi the flow of the continuous fields to tau.
+        ``||f o phi^-1 - g|| / ||g - mean(g)||`` in L2, with phi the flow of the continuous fields
+        to tau.
     subdivided : float
         The same by the exponential of the continuous fields on the midpoint subdivision; inf where
         it overflows or would take very long, NaN where it was not asked.
