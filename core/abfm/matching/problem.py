@@ -15,7 +15,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from abfm.errors import MeshError, ParameterError, ResultError, brief, one_line
+from abfm.calculus.channels import extend_all
+from abfm.errors import FunctionError, MeshError, ParameterError, ResultError, brief, one_line
 from abfm.flow.continuous_flow import on_children
 from abfm.functions.refinement import on_subdivision
 from abfm.functions.spec import function, parse
@@ -23,14 +24,14 @@ from abfm.io import results
 from abfm.maps.surface_points import SurfacePoints
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.data_term import DataTerm, Restriction
-from abfm.matching.terms.functions import FunctionTerm
+from abfm.matching.terms.functions import FunctionTerm, checked_mask
 from abfm.matching.terms.landmarks import Landmarks, landmarks_of, residual_of_errors
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined, times_subdivided
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import KEEPING_AREAS, Parameters
 from abfm.reading import from_json
-from abfm.types import FloatArray
+from abfm.types import BoolArray, FloatArray
 
 
 class Problem:
@@ -47,7 +48,8 @@ class Problem:
         finer meshes evaluate anew. Both None where landmarks alone are to be matched: zero then.
     parameters : Parameters, optional
     mask : (V,) array, optional
-        Weight of the mismatch at each vertex, not negative.
+        Weight of the mismatch at each vertex, not negative. Where it is 0 both functions are filled
+        in harmonically from around: what is given there, NaN included, changes nothing.
     weights : (C,) array, optional
         Weight of each channel's mismatch, not negative. All may be 0 where there are landmarks,
         which are then all that is matched.
@@ -114,7 +116,11 @@ class Problem:
             )
         if landmarks is not None and f is None and g is None:
             f = g = np.zeros(len(mesh.vertices))
-        source, target = (_values(mesh, given) for given in (f, g))
+        source, target = (_values(mesh, given, mask is not None) for given in (f, g))
+        if mask is not None:
+            known = checked_mask(mesh, mask) > 0
+            source = _filled_in(mesh, source, known, "source")
+            target = _filled_in(mesh, target, known, "target")
         functions = FunctionTerm(mesh.normalized(), source, target, mask, weights)
         functions.refuse_extremes()
         if landmarks is None:
@@ -191,7 +197,18 @@ class Problem:
 
     def masked(self, mask: FloatArray) -> Problem:
         """Return the same problem with another mask (V,) of source and target."""
-        functions = self.functions.weighed(mask)
+        return self._with_functions(self.functions.weighed(mask))
+
+    def with_known_values(self, mask: FloatArray | None) -> Problem:
+        """Return the same problem with a mask (V,), whose functions are known also where it is 0,
+        and stay as they are there.
+        """
+        own = self.functions
+        return self._with_functions(
+            FunctionTerm(own.mesh, own.source.T, own.target.T, mask, own.weights)
+        )
+
+    def _with_functions(self, functions: FunctionTerm) -> Problem:
         return self._with(terms=(functions, *self.terms[1:]), functions=functions)
 
     def subdivided(self) -> Problem:
@@ -221,6 +238,11 @@ class Problem:
             for values, specs in zip((own.source, own.target), self.specs, strict=True)
         )
         mask = None if own.mask is None else mask_on_children(mesh, own.mask)
+        if mask is not None:
+            source, target = (
+                extend_all(fine, np.ascontiguousarray(values.T), mask > 0).T
+                for values in (source, target)
+            )
         unit = fine.normalized()
         functions = FunctionTerm(unit, source, target, mask, own.weights)
         functions.function_size = own.function_size
@@ -431,12 +453,25 @@ class _Finer:
         return np.moveaxis(interpolated(self.mesh, np.moveaxis(f, -1, 0)), 0, -1)
 
 
-def _values(mesh: TriangleMesh, given: Any) -> Any:
+def _values(mesh: TriangleMesh, given: Any, may_be_unknown: bool) -> Any:
     if isinstance(given, str):
-        return function(mesh, given)
+        return function(mesh, given, may_be_unknown=may_be_unknown)
     if _is_texts(given):
-        return np.stack([function(mesh, spec) for spec in given], axis=1)
+        values = [function(mesh, spec, may_be_unknown=may_be_unknown) for spec in given]
+        return np.stack(values, axis=1)
     return given
+
+
+def _filled_in(mesh: TriangleMesh, values: Any, known: BoolArray, name: str) -> Any:
+    """Return functions (V,) or (V, C), filled in where they are not known (V,)."""
+    array = real_numbers(values, name, FunctionError)
+    if known.all() or array.ndim not in (1, 2) or array.size == 0:
+        return values
+    array = mesh.restrict(array)
+    rows = np.where(known, array.reshape(len(array), -1).T, 0.0)
+    if np.isfinite(rows).all():
+        rows = extend_all(mesh, rows, known)
+    return rows.T.reshape(array.shape)
 
 
 def _specs(given: Any, count: int) -> tuple[str, ...]:

@@ -45,23 +45,26 @@ class Own(NamedTuple):
 
     @classmethod
     def of(cls, mesh: TriangleMesh, texts: Sequence[str], mask: str | None) -> Own:
-        """Evaluate functions as texts, of which those that are unknown are empty. Where one has NaN
-        its vertices count for nothing, and values are filled in from around.
+        """Evaluate functions as texts, of which those that are unknown are empty. Vertices where
+        one has NaN or the mask is 0 do not count, and values are filled in from around.
         """
         given = [text for text in texts if text]
-        known, functions = known_functions(mesh, given)
+        weight = checked_mask(mesh, mask, "it")
+        known, functions = known_functions(mesh, given, weight)
         filled = dict(zip(given, functions, strict=True))
         unknown = np.full(len(mesh.vertices), np.nan)
         values = np.stack([filled[text] if text else unknown for text in texts], axis=1)
-        return cls(mesh, values, np.where(known, checked_mask(mesh, mask, "it"), 0))
+        return cls(mesh, values, np.where(known, weight, 0))
 
 
-def known_functions(mesh: TriangleMesh, texts: Sequence[str]) -> tuple[BoolArray, FloatArray]:
-    """Evaluate functions as texts, (C, V), filled in from around where one is unknown, and tell
-    where all of them are known, (V,).
+def known_functions(
+    mesh: TriangleMesh, texts: Sequence[str], mask: FloatArray
+) -> tuple[BoolArray, FloatArray]:
+    """Return where all functions are known and the mask (V,) is above 0, (V,), and their values,
+    (C, V), filled in from around elsewhere.
     """
     values = np.stack([function(mesh, text, may_be_unknown=True) for text in texts])
-    known: BoolArray = np.asarray(np.isfinite(values).all(axis=0))
+    known: BoolArray = np.asarray(np.isfinite(values).all(axis=0)) & (mask > 0)
     if not known.any():
         raise FunctionError("its functions are finite together nowhere; give them or their masks")
     return known, extend_all(mesh, values, known)

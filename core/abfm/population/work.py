@@ -92,7 +92,7 @@ class Work:
             with suppress(AbfmError):  # which its registration tells
                 mesh = load_mesh(subject.surface or self.path)
                 texts = [subject.functions[c] for c in self.cohort.registered_by]
-                f = known_functions(mesh, texts)[1]
+                f = known_functions(mesh, texts, checked_mask(mesh, subject.mask, subject.name))[1]
                 sizes = f.std(axis=1)
                 if sizes.all():  # of constants registrations tell
                     levels.append(float(np.sqrt(np.mean((noise(mesh, f) / sizes) ** 2))))
@@ -107,7 +107,7 @@ class Work:
         channels = self.cohort.registered_by
         if given:
             texts = [given[self.cohort.channels[c].name] for c in channels]
-            known, functions = known_functions(self.template, texts)
+            known, functions = known_functions(self.template, texts, self.mask)
             return Target(functions, np.where(known, self.mask, 0))
         self._refuse_maps_by_functions()
         if np.count_nonzero(self.weights) < 2:

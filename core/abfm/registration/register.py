@@ -96,8 +96,8 @@ def register(
     parameters : Parameters, optional
         By default `MEASURED` where the functions are, else ``Parameters()``.
     mask_a, mask_b : (V_A,) and (V_B,) arrays, optional
-        How much the mismatch counts at each vertex, not negative. Where it is 0, A's functions are
-        filled in from around, like values that are not finite.
+        Weight of the mismatch at each vertex, not negative. Where it is 0, functions are filled in
+        from around, like values that are not finite.
     weights : (C,) array, optional
         Weight of each channel's mismatch, all 0 where landmarks alone are to be matched. Masks and
         weights need functions.
@@ -193,9 +193,9 @@ def prepare(
         return Prepared(first.correspondence, problem, first.notes)
     (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
     on_a, on_b = _mask(a, mask_a, known_a, "mask_a"), _mask(b, mask_b, known_b, "mask_b")
-    # what is hidden on A must not come in along the flow
+    # hidden values must neither move along the flow nor count as detail
     source = _filled(a, source, known_a if on_a is None else on_a > 0)
-    target = _filled(b, target, known_b)
+    target = _filled(b, target, known_b if on_b is None else on_b > 0)
     if len(source) != len(target):
         raise FunctionError(
             f"f has {len(source)} and g {len(target)} channels; give as many of each"
@@ -219,11 +219,10 @@ def prepare(
         carried.T,
         target.T,
         parameters or usual,
-        mask=mask,
         weights=counts,
         **({} if marks is None else _on_b(found, marks)),
-    )
-    told = (*_unknown("A", known_a), *_unknown("B", known_b))
+    ).with_known_values(mask)
+    told = (*_unknown("A", known_a, mask_a), *_unknown("B", known_b, mask_b))
     return Prepared(found, problem, (*first.notes, *told, *notes), source.T.copy())
 
 
@@ -273,8 +272,10 @@ def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray
     return np.where(known[:, None], values, 0).T, known
 
 
-def _unknown(side: str, known: BoolArray) -> list[str]:
-    """Tell where functions (V,) are not known, if there is such a place."""
+def _unknown(side: str, known: BoolArray, mask: ArrayLike | None) -> list[str]:
+    """Return a note of how many values that a mask (V,) does not hide are not finite, if any."""
+    if mask is not None:
+        known = known | (np.asarray(mask, dtype=np.float64) == 0)
     count = int(np.count_nonzero(~known))
     what = f"functions of {side} are not finite at {count} of {len(known)} vertices"
     return [f"{what}, where nothing is compared"] if count else []

@@ -62,12 +62,7 @@ class FunctionTerm:
             raise FunctionError(
                 f"source has {count} and target {len(self.target)} channels; give as many of each"
             )
-        self.mask: FloatArray | None = None
-        if mask is not None:
-            of_vertices = real_numbers(mask, "mask", ParameterError)
-            if of_vertices.shape == (mesh.file_vertex_count,):
-                of_vertices = mesh.restrict(of_vertices)
-            self.mask = _weights(of_vertices, len(mesh.vertices), "mask")
+        self.mask = None if mask is None else checked_mask(mesh, mask)
         self.weights = np.ones(count)
         if weights is not None:
             self.weights = _weights(weights, count, "weights", may_be_zero=True)
@@ -255,6 +250,16 @@ class _Mismatch:
             difference = own - target
             total += 0.5 * kernels.inner(float(weight) * self.norm(difference), difference)
         return float(total / float(sigma * self.unit) ** 2)
+
+
+def checked_mask(mesh: TriangleMesh, mask: ArrayLike) -> FloatArray:
+    """Return a mask of the vertices of a mesh or of its file as (V,); ParameterError if it does
+    not fit.
+    """
+    of_vertices = real_numbers(mask, "mask", ParameterError)
+    if of_vertices.shape == (mesh.file_vertex_count,):
+        of_vertices = mesh.restrict(of_vertices)
+    return _weights(of_vertices, len(mesh.vertices), "mask")
 
 
 def _weights(values: ArrayLike, count: int, name: str, may_be_zero: bool = False) -> FloatArray:
