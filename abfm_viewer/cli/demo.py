@@ -21,13 +21,13 @@ DESCRIPTION = """\
 Match two Gaussians on a bundled mesh with default parameters, and write the result, a picture and a
 movie of it.
 
-The exit status is 1 when the mismatch ends above 0.05. Where the machine has no OpenGL, only
+The exit status is 1 when the residual ends above 0.05. Where the machine has no OpenGL, only
 picture and movie are missing.
 
 Example:
   abfm demo --out out
 """
-FAILED, LARGEST_MISMATCH = 1, 0.05
+FAILED, RESIDUAL_MAX = 1, 0.05
 _MOVIE_SIZE, _FRAMES, _FPS = (640, 480), 50, 25.0
 # From the chest to the head, and so wide that this mesh of 1,229 vertices carries them.
 SOURCE, TARGET = "gaussian:vertex=394,width=0.2", "gaussian:vertex=14,width=0.2"
@@ -52,15 +52,15 @@ def run(arguments: argparse.Namespace) -> int:
     drawn = outcome.signal is None and _draw(outcome.match, *drawings)
     if arguments.json:
         picture, movie = (str(path) if drawn else None for path in drawings)
-        shown = {"picture": picture, "movie": movie, "largest_mismatch": LARGEST_MISMATCH}
+        shown = {"picture": picture, "movie": movie, "largest_residual": RESIDUAL_MAX}
         print(json.dumps({"source": SOURCE, "target": TARGET, **outcome.to_dict(), **shown}))
     else:
         more = "".join(f", {printable(path)}" for path in drawings) if drawn else ""
         print(outcome.summary() + more)
     if outcome.signal is not None:
         return outcome.status
-    if outcome.match.mismatch > LARGEST_MISMATCH:
-        print(f"abfm: the self-test failed: mismatch above {LARGEST_MISMATCH}", file=sys.stderr)
+    if outcome.match.worse_residual > RESIDUAL_MAX:
+        print(f"abfm: the self-test failed: residual above {RESIDUAL_MAX}", file=sys.stderr)
         return FAILED
     return 0
 

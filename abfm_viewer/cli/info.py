@@ -92,7 +92,7 @@ def _of_result(arguments: argparse.Namespace) -> int:
     lines = [
         f"{printable(name)}: {match.facts.headline}",
         match.facts.reason,
-        f"mismatch {verdict_words.numbers(match)}, on a mesh of {len(match.mesh.faces):,} faces",
+        f"residual {verdict_words.numbers(match)}, on a mesh of {len(match.mesh.faces):,} faces",
         *results.path_lines(match),
     ]
     print("\n".join(lines))

@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
@@ -17,7 +18,8 @@ import abfm
 from abfm import Control, Match, Parameters, Problem, ResultError, TriangleMesh, load_match
 from abfm.errors import printable
 from abfm.functions import families
-from abfm.matching import bounded
+from abfm.matching import bounded, foreseen
+from abfm.outcome import Facts
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals
@@ -152,15 +154,23 @@ def cancelled_by_signals(
         yield kept
 
 
-def status_of(match: Match, signal: int | None) -> int:
-    """Return the exit status of a match, or of a signal that came."""
+def status_of(facts: Facts, signal: int | None) -> int:
+    """Return the exit status of a result, or of a signal that came."""
     if signal is not None:
         return signals.status(signal)
-    return UNMATCHED if match.verdict.kind in ("not reached", "impossible") else 0
+    return 0 if facts.outcome.is_good else UNMATCHED
+
+
+def warn_if_foreseen(problem: Problem) -> None:
+    """Print what prevents a match and is known before the first iteration."""
+    found = foreseen(problem)
+    if found is not None:
+        line = f"{found.headline}: {found.reason}; {found.advice}"
+        print(f"warning: {printable(line)}", file=sys.stderr)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FinishedMatch:
     match: Match
     seconds: float
     outputs: Sequence[Path]
@@ -170,7 +180,7 @@ class Outcome:
     @property
     def status(self) -> int:
         """Exit status: 130 or the like when a signal came; 3 when the target was not reached."""
-        return status_of(self.match, self.signal)
+        return status_of(self.match.facts, self.signal)
 
     def summary(self) -> str:
         """Say for a person how well it matches, why it stopped, the numbers, and what to try."""
@@ -195,11 +205,12 @@ def solve(
     path: Path | None = None,
     quiet: bool = False,
     max_distortion: float | None = None,
-) -> Outcome:
+) -> FinishedMatch:
     """Match with progress on stderr and write the result, also after a signal, and its path.
 
     A ``max_distortion`` bounds what 99% of the faces may change by, see `abfm.matching.bounded`.
     """
+    warn_if_foreseen(problem)
     control = Control()
     start = time.perf_counter()
     with cancelled_by_signals(control) as kept:
@@ -214,4 +225,4 @@ def solve(
         if path is not None:
             outputs.write_path(path, match)
     written = [*outs, path] if path is not None else outs
-    return Outcome(match, seconds, written, kept.number, picked)
+    return FinishedMatch(match, seconds, written, kept.number, picked)

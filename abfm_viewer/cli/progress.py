@@ -28,7 +28,7 @@ _LASTING = 10  # iterations: what looks wrong for less mostly passes
 _LONG = 2.0  # seconds
 _TENTHS = _LINES_EVERY = _LINES_OF_A_MOVIE = 10
 _BAR, _COUNT = BarColumn(bar_width=None), TextColumn("{task.completed}/{task.total}")
-_NUMBERS = TextColumn("energy {task.fields[energy]}  mismatch {task.fields[mismatch]}")
+_NUMBERS = TextColumn("energy {task.fields[energy]}  residual {task.fields[residual]}")
 
 
 @contextmanager
@@ -36,13 +36,13 @@ def progress(iterations: int, quiet: bool) -> Iterator[Callable[[Iteration], Non
     """Yield what to call after every iteration; a warning that lasts is said once, quiet or not."""
     held = 0  # iterations in a row in which something looked wrong
 
-    def say(place: str, completed: int, energy: str, mismatch: str) -> None:
+    def say(place: str, completed: int, energy: str, residual: str) -> None:
         if completed % _LINES_EVERY == 0:
-            _say(f"iteration {completed}  {place}  energy {energy}  mismatch {mismatch}")
+            _say(f"iteration {completed}  {place}  energy {energy}  residual {residual}")
 
     def report(now: Iteration) -> None:
         nonlocal held
-        numbers = {"energy": f"{now.energy:.4g}", "mismatch": f"{now.residual:.4f}"}
+        numbers = {"energy": f"{now.energy:.4g}", "residual": f"{now.residual:.4f}"}
         update(place=place(now), completed=now.iteration, **numbers)
         if held < _LASTING:
             held = held + 1 if now.warning else 0
@@ -54,7 +54,7 @@ def progress(iterations: int, quiet: bool) -> Iterator[Callable[[Iteration], Non
             update(place=step.words())
 
     columns = ("{task.fields[place]}", _BAR, _COUNT, _NUMBERS, TimeElapsedColumn())
-    blank = {"place": "starting", "energy": "-", "mismatch": "-"}
+    blank = {"place": "starting", "energy": "-", "residual": "-"}
     tell = show if sys.stderr.isatty() else print_long
     with (
         _told(quiet, say, iterations, *columns, TimeRemainingColumn(), **blank) as update,

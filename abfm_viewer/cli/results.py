@@ -11,7 +11,7 @@ from abfm.matching import is_kept
 from abfm.mesh.subdivision import times_subdivided
 from abfm_viewer.document import verdict_words
 
-_HEADS = ("step", "sigma", "mismatch", "by flow lines", "folded", "|log2 J|", "|log2 R|", "refined")
+_HEADS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|", "refined")
 _NUMBERS = [entry.name for entry in fields(PathStep) if entry.name != "velocity"]
 
 
@@ -19,9 +19,9 @@ def facts(match: Match) -> dict[str, Any]:
     """Return what machines are told of a match: plain numbers and texts, None for unknown ones."""
     energies = match.energy_history[-1].tolist()
     return {
-        "mismatch": float(match.residual),
-        "verified_residual": _known(match.verified_residual),
-        "folded": _known(match.folded),
+        **match.facts.numbers,
+        "headline": match.facts.headline,
+        "warnings": list(match.facts.warnings),
         "verdict": asdict(match.verdict),
         "energy": dict(zip(("total", "regularity", "mismatch"), energies, strict=True)),
         "iterations": len(match.energy_history) - 1,
@@ -42,7 +42,8 @@ def told_lines(match: Match, seconds: float, written: Sequence[str]) -> list[str
     return [
         match.facts.headline,
         match.facts.reason,
-        f"mismatch {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
+        *(f"warning: {warning}" for warning in match.facts.warnings),
+        f"residual {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
         f"iterations in {seconds:.1f} s; wrote {', '.join(written)}",
         *(path_lines(match) if len(match.path) > 1 else []),
     ]

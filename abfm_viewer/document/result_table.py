@@ -42,7 +42,7 @@ class Column(NamedTuple):
 COLUMNS: Mapping[Name, Column] = {
     "name": Column("name", "What the row is called in its table."),
     "verdict": Column("verdict", "What it came to. The worst come first."),
-    "left": Column("left", "What the flow leaves of the mismatch, relative.", ".2%"),
+    "left": Column("left", "The residual of the discrete flow.", ".2%"),
     "verified": Column("by flow lines", "The same by the second witness, flow lines.", ".2%"),
     "folded": Column("folded", "Share of the faces that the map folds.", ".2%"),
     "log2_area": Column(

@@ -92,7 +92,7 @@ def _left(context: Context, film: Film, sequence: Sequence) -> None:
     by_flow = np.where(unsolved, np.nan, sequence.residual)
     by_lines = np.where(unsolved, np.nan, sequence.verified_residual)
     doubts = doubtful(sequence)
-    legend = {"mismatch": ui.colors.flow, "by flow lines": ui.colors.lines}
+    legend = {"residual": ui.colors.flow, "by flow lines": ui.colors.lines}
     plots.legend(ui, legend | ({"not confirmed": ui.colors.failure} if doubts.any() else {}))
     with plots.plot(ui, "interval plot") as is_drawn:
         if not is_drawn:
@@ -101,7 +101,7 @@ def _left(context: Context, film: Film, sequence: Sequence) -> None:
         _present(context, film)
         for name, left, ink in (
             ("by flow lines", by_lines, ui.colors.lines),
-            ("mismatch", by_flow, ui.colors.flow),
+            ("residual", by_flow, ui.colors.flow),
         ):
             plots.line(f"##{name}", left, ink, ui.px(1.8), film.middles)
             if len(film) <= _MOST_DOTS:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import polyscope.imgui as imgui
 
+from abfm.outcome import Outcome
 from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.appearance.abbreviation import cut
@@ -31,7 +32,6 @@ _FOLLOW_TIP = (
     "While it runs, another parameter or function restarts the solver from the field that it has "
     "by then. A new smoothness is taken when the mouse lets go of the slider."
 )
-_GOOD = "registered", "matched", "nearly"
 _WARM_TIP = (
     "Match goes on from the present result instead of from zero, with σ at its last value. Good "
     "after small changes; start from zero where it got stuck."
@@ -204,7 +204,7 @@ def _draw_compared(ui: Ui, compared: Comparison) -> None:
     """Say what a subject that is shown on the template has come to."""
     found, number = compared.population, compared.subject
     verdict = found.verdicts[number] or "failed"
-    is_good = verdict in _GOOD and bool(found.fits[number])
+    is_good = Outcome(verdict).is_good and bool(found.fits[number])
     misfit = "" if found.fits[number] else ", does not fit"
     _line(ui, f"{compared.name}: {verdict}{misfit}", "good" if is_good else "failure")
     if found.reasons[number]:
@@ -229,7 +229,7 @@ def _draw_remedies(ui: Ui, session: Session, result: Match, lines: int) -> None:
         if not remedies and is_broken_off:
             _draw_continue(ui, session)
     advice = result.facts.advice
-    if advice and (result.verdict.kind == "impossible" or not remedies):
+    if advice and (result.verdict.kind is Outcome.IMPOSSIBLE or not remedies):
         _line(ui, f"To try: {advice}.", most=lines)
     elif is_broken_off:
         _line(ui, "Continue, or Match starts over.", most=lines)

@@ -38,7 +38,7 @@ _LOOK = "Look for the closest field that keeps it; Undo returns to this one."
 _LEAST_WIDTH = 0.01  # of the axis of areas, in doublings
 _MOST_TICKS = 6
 _RIM, _SIZE, _LARGER, _NEAR = 5.5, 3.5, 2.5, 16
-"""Of marks by flow lines, which are seen behind those of the mismatch; of those; how much larger
+"""Of marks by flow lines, which are seen behind those of the residual; of those; how much larger
 those of the step that is shown are; and how near a click is meant for one."""
 
 
@@ -59,7 +59,7 @@ def draw(context: Context, path: Steps) -> None:
     _choice(ui, session, path, shown, chosen)
     if not is_live:
         _bound(ui, session)
-    colors = {"mismatch": ui.colors.flow, "by flow lines": ui.colors.lines}
+    colors = {"residual": ui.colors.flow, "by flow lines": ui.colors.lines}
     plots.legend(ui, colors if chosen is None else colors | {_CHOSEN: ui.colors.good})
     _curve(ui, session, path, shown, chosen)
 
@@ -124,7 +124,7 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
             plots.level("##now", float(now[0]), (*ui.colors.flow[:3], 0.5), ui.px(1))
         for name, left, ink, size in (
             ("by flow lines", by_lines, ui.colors.lines, _RIM),
-            ("mismatch", by_flow, ui.colors.flow, _SIZE),
+            ("residual", by_flow, ui.colors.flow, _SIZE),
         ):
             plots.line(name, left, ink, ui.px(1.8), areas)
             plots.dots(f"##{name}", (areas, left), ui.px(size), (ink, ink))
@@ -138,7 +138,7 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
 def _clicks(
     ui: Ui, session: Session, path: Steps, curve: tuple[FloatArray, ...], chosen: int | None
 ) -> None:
-    """Let the mouse point at marks; scripts find those of the mismatch by their steps."""
+    """Let the mouse point at marks; scripts find those of the residual by their steps."""
     areas, *witnesses = curve
     places = np.array(
         [

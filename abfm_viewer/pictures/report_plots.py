@@ -53,7 +53,7 @@ def path_picture(
     axes.plot([one], [other], "o", color=_CHOSEN, markersize=9, label="chosen")
     axes.set_ylim(0, 112 * left.max())
     title = "mean |log2 J| of the flow"
-    return _finished(figure, axes, title, "mismatch, %", size)
+    return _finished(figure, axes, title, "residual, %", size)
 
 
 def _axes(size: tuple[int, int]) -> tuple[Figure, Axes]:

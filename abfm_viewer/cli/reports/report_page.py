@@ -158,8 +158,8 @@ def _numbers(told: Facts) -> str:
     of_map = told["map"]
     cells = []
     if "verdict" in told:
-        left = _share(_worse(told["mismatch"], told["verified_residual"]))
-        cells.append(("mismatch left", f"{_share(told['initial_residual'])} → {left}", False))
+        left = _share(told["worse_residual"])
+        cells.append(("residual", f"{_share(told['initial_residual'])} → {left}", False))
     if marks := told.get("landmarks"):
         farthest = ("farthest landmark", f"{_share(marks['farthest'])} of √area", False)
         cells = [farthest] if marks["alone"] else [*cells, farthest]
@@ -184,12 +184,6 @@ def _numbers(told: Facts) -> str:
         for name, value, is_bad in cells
     )
     return f"<dl>{''.join(items)}</dl>"
-
-
-def _worse(mismatch: float | None, verified: float | None) -> float | None:
-    """Return the larger of two that are known; None where neither is a number."""
-    known = [value for value in (mismatch, verified) if value is not None]
-    return max(known, default=None)
 
 
 def _share(value: float | None) -> str:
@@ -280,11 +274,11 @@ def _edges(apart: float) -> str:
 
 
 def _path(told: Facts, picture: Image.Image | None) -> str:
-    heads = ("step", "sigma", "mismatch", "by flow lines", "folded", "|log2 J|", "|log2 R|")
+    heads = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
     rows = []
     for number, step in enumerate(told["path"]):
         folded = "-" if step["folded"] is None else f"{100 * step['folded']:.2g}%"
-        shown = (step["mismatch"], step["verified_residual"])
+        shown = (step["residual"], step["verified_residual"])
         cost = (step["log2_area"], step["log2_shape"])
         mark = "→ " if number == told["step"] else ""
         cells = (*map(_number, shown), folded, *map(_number, cost))

@@ -16,7 +16,7 @@ from abfm.registration import MEASURED, prepare, within
 from abfm.registration.initial import WORDS, read_landmarks
 from abfm.workers.progress import telling
 from abfm_viewer.cli import options, results
-from abfm_viewer.cli.match import cancelled_by_signals, status_of
+from abfm_viewer.cli.match import cancelled_by_signals, status_of, warn_if_foreseen
 from abfm_viewer.cli.progress import print_long, progress
 from abfm_viewer.document import verdict_words
 from abfm_viewer.files import outputs
@@ -124,6 +124,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"note: {note}", file=sys.stderr)
     parameters = prepared.problem.parameters
     problem = prepared.problem.with_parameters(replace(parameters, **changed))
+    warn_if_foreseen(problem)
     control, start, bound = Control(), time.perf_counter(), ""
     with cancelled_by_signals(control) as kept:
         with progress(problem.parameters.iterations, arguments.quiet) as report:
@@ -136,7 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
                 bound = results.bound_told(found.distortion(), arguments.max_distortion, *why)
         outputs.write_registrations(arguments.out, found)
     seconds = time.perf_counter() - start
-    outcome = Outcome(found, seconds, arguments.out, kept.number, bound)
+    outcome = FinishedRegistration(found, seconds, arguments.out, kept.number, bound)
     if arguments.json:
         print(json.dumps({"a": arguments.a, "b": arguments.b, **outcome.to_dict()}))
     else:
@@ -152,7 +153,7 @@ def _mesh(arguments: argparse.Namespace, path: str) -> TriangleMesh:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FinishedRegistration:
     registration: Registration
     seconds: float
     outputs: list[Path]
@@ -165,7 +166,7 @@ class Outcome:
 
     @property
     def status(self) -> int:
-        return status_of(self.match, self.signal)
+        return status_of(self.match.facts, self.signal)
 
     def summary(self) -> str:
         """Say for a person how well it went, what the map does, and what to try."""

@@ -132,6 +132,7 @@ class Report:
         numbers = {
             "residual": evidence.residual,
             "verified_residual": evidence.verified,
+            "worse_residual": self._worse,
             "initial_residual": self.initial_residual,
             "mismatch": self.mismatch,
             "folded": evidence.folded,
