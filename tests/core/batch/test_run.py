@@ -192,7 +192,7 @@ def test_what_it_cost_is_known_beside_the_result(done):
     assert cost.row_products % len(match.mesh.vertices) == 0
     assert by_name["both"].record.evaluations > 0
     assert by_name["far"].record.evaluations is None
-    assert match.mismatch > match.parameters.goal
+    assert match.residual > match.parameters.goal
     assert cost.seconds_to_goal is None
     easy = Cost()
     pair(target=1, goal=1).solve(cost=easy)  # beside the source

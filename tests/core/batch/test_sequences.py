@@ -46,7 +46,7 @@ def test_a_film_is_solved_as_by_hand_and_told_by_its_intervals(folder):
     np.testing.assert_array_equal(found.velocity, by_hand.velocity)
     assert entry.facts.reason == "flow lines confirm 2 of 2 intervals"
     assert entry.facts.verdict == by_hand.verdicts[0].kind
-    assert entry.facts.mismatch == pytest.approx(np.median(by_hand.mismatch))
+    assert entry.facts.residual == pytest.approx(np.median(by_hand.residual))
     before = entry.path.read_bytes()
     entry.path.unlink()
     [again] = run([film(folder, gamma=2)], folder / "out", ONE)

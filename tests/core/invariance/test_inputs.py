@@ -71,7 +71,7 @@ OF_FUNCTIONS = {
     "channels": lambda f: calculus.channels(MESH, f, "f"),
     "transport": lambda f: baselines.optimal_transport(MESH, f, G, 0.5),
     "blend": lambda f: baselines.linear_blend(f, f, 0.5),
-    "verify": lambda f: abfm.verify(abfm.Problem(MESH, f, G), V, subdivided=False).mismatch,
+    "verify": lambda f: abfm.verify(abfm.Problem(MESH, f, G), V, subdivided=False).residual,
     "pull back": lambda f: START.pull_back(f),
 }
 OF_FIELDS = {
@@ -175,7 +175,7 @@ def matched(f, g, start=None, **changes):
     )
     for values in (match.velocity, match.advected, match.energy_history):
         assert np.isfinite(values).all()
-    assert np.isfinite(match.mismatch)
+    assert np.isfinite(match.residual)
     assert match.verdict.reason
     return match
 
@@ -183,7 +183,7 @@ def matched(f, g, start=None, **changes):
 def outcome_of(call):
     """The mismatch, or why there is none."""
     try:
-        return str(call().mismatch)
+        return str(call().residual)
     except abfm.AbfmError as error:
         return str(error)
 
@@ -192,7 +192,7 @@ def outcome_of(call):
 def test_alike_constant_or_far_apart(course):
     for f in (F, FLAT, FLAT + 3, -0.0 * F):
         match = matched(f, f, **course)
-        assert (match.mismatch, match.verdict.kind, match.velocity.any()) == (0, "matched", False)
+        assert (match.residual, match.verdict.kind, match.velocity.any()) == (0, "matched", False)
     assert "the source is constant" in matched(FLAT, G, **course).verdict.reason
     assert "the target is constant" in matched(F, FLAT + 1, **course).verdict.reason
     assert matched(FLAT + 1, FLAT + 2, **course).verdict.kind == "impossible"
@@ -250,7 +250,7 @@ def test_a_start_that_is_too_fast_is_refused_or_left(speed, reach):
 def test_a_start_that_lets_values_grow_a_hundredfold_is_calmed():
     start = 3 * np.random.default_rng(0).normal(size=(len(MESH.faces), 3)).clip(-1, 1)
     assert abfm.Flow(MESH, start).push(F, 1.0).max() > 100 * F.max()
-    assert matched(F, G, start=start, reach=0, iterations=40).mismatch < 0.5
+    assert matched(F, G, start=start, reach=0, iterations=40).residual < 0.5
 
 
 def ends():

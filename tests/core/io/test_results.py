@@ -36,7 +36,7 @@ def result_arrays():
         "velocity": random.normal(size=(3, faces, 3)),
         "energy_history": random.uniform(size=(5, 3)),
         "stages": np.array([0, 0, 1, 1, 2]),
-        "mismatch": 0.03125,
+        "residual": 0.03125,
         "stop_reason": "iteration limit",
         "parameters": json.dumps({"tau": 1, "method": "linearised", "note": "ümlaut ∇"}),
         "vertex_ids": np.arange(vertices) + 3,
@@ -90,10 +90,10 @@ def test_it_is_plain_numpy_with_the_parameters_as_json_text_and_always_the_same_
 def test_other_number_types_are_converted_and_arrays_of_later_versions_ignored(path):
     arrays = result_arrays()
     faces, velocity = arrays["faces"].astype(np.uint16), arrays["velocity"].astype(">f4")
-    saved_by_numpy(path, faces=faces, velocity=velocity, mismatch=1, colour=np.ones(3))
+    saved_by_numpy(path, faces=faces, velocity=velocity, residual=1, colour=np.ones(3))
     loaded = load_arrays(path)
     assert loaded["faces"].dtype == np.int64
-    assert loaded["velocity"].dtype == loaded["mismatch"].dtype == np.float64
+    assert loaded["velocity"].dtype == loaded["residual"].dtype == np.float64
     assert "colour" not in loaded
 
 
@@ -227,7 +227,7 @@ def parameters(more):
     [
         ("mask", -np.ones(V), "mask has the value -1; expected 0 to inf"),
         ("weights", np.array([-0.5]), "weights has the value -0.5"),
-        ("mismatch", np.array(-1.0), "mismatch has the value -1"),
+        ("residual", np.array(-1.0), "residual has the value -1"),
         ("verified_residual", np.array(-1.0), "verified_residual has the value -1"),
         ("mask", np.zeros(V), "mask must be finite, not negative, and not zero everywhere"),
         ("weights", np.zeros(1), "weights are zero everywhere; give a channel one above 0"),
@@ -310,7 +310,7 @@ def test_extreme_values_load_and_members_that_are_not_listed_are_not_read(saved)
     zeros = npy_of("(100000000,)", "|u1", bytes(100_000_000))
     for unknown, method in ((b"no array", zipfile.ZIP_STORED), (zeros, zipfile.ZIP_DEFLATED)):
         saved.write_bytes(zipped(content | {"unknown.npy": unknown}, method))
-        assert load_match(saved).mismatch >= 0
+        assert load_match(saved).residual >= 0
 
 
 def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved, tmp_path):

@@ -39,13 +39,13 @@ def reloaded(found, path, **changes):
 def test_what_was_saved_is_believed_as_it_is(found, tmp_path):
     loaded = reloaded(found, tmp_path / "m.npz")
     assert loaded.doubt == ""
-    assert (loaded.mismatch, loaded.verdict) == (found.mismatch, found.verdict)
+    assert (loaded.residual, loaded.verdict) == (found.residual, found.verdict)
     # rounding to single precision, and what another scheme may come to
     single = reloaded(
         found,
         tmp_path / "m.npz",
         advected=np.float32,
-        mismatch=lambda left: left - 0.004,
+        residual=lambda left: left - 0.004,
     )
     assert single.doubt == ""
 
@@ -53,12 +53,12 @@ def test_what_was_saved_is_believed_as_it_is(found, tmp_path):
 def test_a_field_that_was_set_to_zero_matches_nothing(found, tmp_path):
     name = "fine_velocity" if found.refined else "velocity"
     loaded = reloaded(found, tmp_path / "m.npz", **{name: np.zeros_like})
-    assert loaded.doubt.startswith(f"{found.mismatch:.3g} is said to be left, and its field leaves")
+    assert loaded.doubt.startswith(f"{found.residual:.3g} is said to be left, and its field leaves")
     assert "\n" not in loaded.doubt
     initial = loaded.problem.refined(loaded.refined).functions
-    assert loaded.mismatch == pytest.approx(initial.residual(initial.source))
-    assert loaded.verified_residual == pytest.approx(loaded.mismatch, rel=1e-3)
-    assert loaded.path[0].mismatch == loaded.mismatch
+    assert loaded.residual == pytest.approx(initial.residual(initial.source))
+    assert loaded.verified_residual == pytest.approx(loaded.residual, rel=1e-3)
+    assert loaded.path[0].residual == loaded.residual
     assert loaded.verdict.kind == "not reached"
     assert_allclose(loaded.advected, loaded.source, atol=1e-9)
     loaded.save(again := tmp_path / "again.npz")
@@ -68,8 +68,8 @@ def test_a_field_that_was_set_to_zero_matches_nothing(found, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"mismatch": lambda left: left / 100}, "is said to be left, and its field leaves"),
-        ({"mismatch": lambda left: 0.9 * left}, ""),
+        ({"residual": lambda left: left / 100}, "is said to be left, and its field leaves"),
+        ({"residual": lambda left: 0.9 * left}, ""),
         ({"advected": lambda f: f[::-1]}, "the carried source is off by"),
         ({"target": lambda g: g[::-1]}, "is said to be left, and its field leaves"),
     ],
@@ -99,12 +99,12 @@ def test_a_field_too_fast_to_carry_anything_is_no_match(found, tmp_path):
 def test_a_field_taken_out_of_a_run_has_numbers_of_a_coarser_level_and_is_no_cheat(found):
     coarse = replace(
         found,
-        mismatch=found.mismatch / 3,
+        mismatch=found.residual / 3,
         advected=found.target,
         verified_residual=math.nan,
         stop_reason=StopReason.CANCELLED,
     )
     judged = coarse.borne_out()
     assert judged.doubt == ""
-    assert judged.mismatch == pytest.approx(found.mismatch, rel=1e-6)
+    assert judged.residual == pytest.approx(found.residual, rel=1e-6)
     assert json.dumps(judged.parameters.to_dict()) == json.dumps(found.parameters.to_dict())

@@ -28,11 +28,11 @@ def test_nearly_all_faces_keep_the_bound_and_a_tighter_one_leaves_more(found, mo
     least = told.bound_of(SHARE)
     assert told.share_within(least) >= SHARE > told.share_within(least * (1 - 1e-9))
     assert told.folded == 0
-    assert found.mismatch < within.mismatch < found.initial_residual
+    assert found.residual < within.residual < found.initial_residual
     # the bound is used: the field is none that keeps half of it, too
     assert told.share_within(0.4 * most) < SHARE
     looser = bounded(found, 2 * most)
-    assert looser.mismatch <= within.mismatch
+    assert looser.residual <= within.residual
 
 
 def test_what_keeps_it_already_stays_and_the_path_goes_on_to_what_is_found(found):

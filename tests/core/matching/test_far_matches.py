@@ -48,9 +48,9 @@ def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degr
         matched(degrees, Parameters(reach=reach, refine=refine), width=0.05)
         for reach, refine in ((1.0, 1), (0.0, 0))
     )
-    assert far.mismatch < 0.05
+    assert far.residual < 0.05
     assert far.verified_residual < 0.1
-    assert blind.mismatch > 0.9 < blind.verified_residual
+    assert blind.residual > 0.9 < blind.verified_residual
     assert blind.verdict.kind == "not reached"
     assert "squeezed" in blind.verdict.reason
 
@@ -58,10 +58,10 @@ def test_targets_far_away_are_found_where_without_reach_the_source_vanishes(degr
 def test_a_far_target_on_a_body():
     given = body("human_A.off", 7, 300, 0.08)
     p = Parameters(iterations=120, alpha=0.003, divergence=1.0, refine=0)
-    assert abfm.match(*given, p).mismatch < 0.3
-    assert abfm.match(*given, replace(p, reach=0.0)).mismatch > 0.6
+    assert abfm.match(*given, p).residual < 0.3
+    assert abfm.match(*given, replace(p, reach=0.0)).residual > 0.6
     close = abfm.match(*given, Parameters(refine=0, divergence=1.0, sigma=0.003))
-    assert close.mismatch < 0.05
+    assert close.residual < 0.05
     assert close.worse_residual < 0.5
     shared = abfm.match(*given, Parameters(refine=0, divergence=1.0))  # by both witnesses
     assert shared.worse_residual < 0.35
@@ -83,7 +83,7 @@ def test_a_match_over_several_meshes_ends_on_the_mesh_itself(levels):
     match, seen = matched(80, replace(QUICK, levels=levels, divergence=1.0))
     assert match.velocity.shape == (1, len(SPHERE.faces), 3)
     assert match.advected.shape == (len(SPHERE.vertices), 1)
-    assert match.mismatch < 0.15
+    assert match.residual < 0.15
     assert_allclose(match.push(at(0), 1.0), match.advected[:, 0], atol=1e-6)
     assert len(match.energy_history) == len(match.stages) == len(seen) <= 61
     assert [one.level for one in seen] == sorted(one.level for one in seen)
@@ -111,21 +111,21 @@ def test_few_iterations_are_not_exceeded(iterations, changes):
     if iterations == 0:
         assert not match.velocity.any()
     else:
-        assert match.mismatch < relative_error(SMALL, at(0, SMALL), at(50, SMALL)) * (1 + 1e-9)
+        assert match.residual < relative_error(SMALL, at(0, SMALL), at(50, SMALL)) * (1 + 1e-9)
 
 
 def test_linearised_steps_over_several_meshes():
     p = Parameters(iterations=40, levels=2, method="linearised", segments=8)
     match, _ = matched(40, p, SMALL, 0.2)
     assert match.velocity.shape == (8, len(SMALL.faces), 3)
-    assert match.mismatch < 0.4 * relative_error(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2))
+    assert match.residual < 0.4 * relative_error(SMALL, at(0, SMALL, 0.2), at(40, SMALL, 0.2))
 
 
 def test_a_mask_comes_to_coarser_meshes():
     """Where it is zero the target may be anything, on all of them."""
     seen, f, g, p = SPHERE.vertices[:, 0] > -0.3, at(0), at(60), replace(QUICK, levels=2)
-    assert abfm.match(SPHERE, f, g, p, mask=seen).mismatch < 0.15
-    assert abfm.match(SPHERE, f, np.where(seen, g, 7.0), p, mask=seen).mismatch < 0.3
+    assert abfm.match(SPHERE, f, g, p, mask=seen).residual < 0.15
+    assert abfm.match(SPHERE, f, np.where(seen, g, 7.0), p, mask=seen).residual < 0.3
 
 
 @pytest.fixture
@@ -190,8 +190,8 @@ def test_cancelled_on_a_second_way_it_keeps_the_first_where_that_is_better(contr
 
     p = Parameters(levels=1, refine=0)
     match, _ = matched(120, p, SMALL, 0.07, on_iteration=stop, control=control)
-    left = [max(step.mismatch, step.verified_residual) for step in match.path]
-    assert begun[0].mismatch > 0.8 > 0.4 > match.worse_residual == min(left)
+    left = [max(step.residual, step.verified_residual) for step in match.path]
+    assert begun[0].residual > 0.8 > 0.4 > match.worse_residual == min(left)
     assert {step.velocity.shape for step in match.path} == {(1, len(SMALL.faces), 3)}
 
 
@@ -225,14 +225,14 @@ def test_a_start_near_the_target_is_gone_on_from_and_else_the_way_is_looked_for_
     assert {one.levels for one in seen} == {1}
     assert_allclose(seen[0].velocity[0], field, atol=1e-12)
     assert seen[0].sigma == p.last_sigma
-    assert match.mismatch <= seen[0].mismatch
+    assert match.residual <= seen[0].residual
     p, field = replace(QUICK, levels=2), rotation_field(SPHERE, [np.deg2rad(60), 0, 0])
     match, seen = matched(60, p, start=field)
     assert {one.level for one in seen} == {0, 1}
     assert seen[0].reach == p.reach
     # it begins where the start leads
     assert relative_error(SPHERE, seen[0].advected[:, 0], at(-60)) < 0.4
-    assert match.mismatch < 0.15
+    assert match.residual < 0.15
 
 
 @pytest.mark.parametrize("levels", [1, 2])
@@ -252,7 +252,7 @@ def test_without_reach_any_start_is_gone_on_from_also_one_too_fast_for_flow_line
     assert {one.vertices for one in seen} == {len(SPHERE.vertices)}
     p = replace(QUICK, iterations=2, reach=0)
     match, _ = matched(60, p, SMALL, start=rotation_field(SMALL, [0, 0, 900]))
-    assert np.isfinite(match.mismatch)
+    assert np.isfinite(match.residual)
     assert np.isnan(match.verified_residual)
 
 
@@ -268,7 +268,7 @@ def test_beside_a_needle_nothing_is_found_that_is_worse_than_not_moving(tip, sta
         f, g = bump(mesh, mesh.vertices[a], 0.15), bump(mesh, mesh.vertices[b], 0.15)
         match = abfm.match(mesh, f, g, p, start=given)
         kept = abfm.match(mesh, f, g, replace(p, iterations=0), start=given)
-        assert match.mismatch <= max(match.initial_residual, kept.mismatch)
+        assert match.residual <= max(match.initial_residual, kept.residual)
 
 
 def test_same_bits_with_other_work_beside_it():
@@ -300,7 +300,7 @@ def test_units_place_rotation_and_numbering_hardly_matter():
     assert here.worse_residual < 0.1
     for given in ((turned, f, g), (mixed, f[vertices], g[vertices]), (mesh, 1e6 * f, 1e6 * g)):
         one = abfm.match(*given, p)
-        assert abs(one.mismatch - here.mismatch) < 0.03
+        assert abs(one.residual - here.residual) < 0.03
         assert abs(one.verified_residual - here.verified_residual) < 0.1
 
 
@@ -332,7 +332,7 @@ def test_the_papers_stages_are_plain_ones_of_sigma_in_either_unit_in_the_norm_of
     assert match.energy_history[-1, 1] == pytest.approx(by_hand, rel=1e-9)
     for stage in range(3):
         assert (np.diff(match.energy_history[match.stages == stage, 0]) <= 0).all()
-    assert match.mismatch < 0.05
+    assert match.residual < 0.05
     absolute = Parameters(**PAPER, sigma=0.05, cooling_stages=1, iterations=15)
     one, _ = matched(40, absolute, SMALL, 0.2)
     relative = 0.05 / one.problem.functions.function_size

@@ -80,7 +80,7 @@ def test_on_finer_meshes_by_both_witnesses():
 def test_every_method_lowers_the_mismatch(mesh, changes):
     f, g = pair(mesh, 0, 20, 0.25)
     match = abfm.match(mesh, f, g, abfm.Parameters(iterations=60, sigma=0.01, refine=0, **changes))
-    assert match.mismatch < 0.3 * l2_norm(mesh, f - g) / l2_norm(mesh, g)
+    assert match.residual < 0.3 * l2_norm(mesh, f - g) / l2_norm(mesh, g)
     assert_never_rises_within_a_stage(match)
 
 
@@ -102,7 +102,7 @@ def test_the_result_is_what_it_says_and_every_row_of_its_history_was_told():
     assert np.linalg.norm(match.advected[:, 0] - expected) <= 1e-7 * np.linalg.norm(expected)
     assert match.advect(1.0) == pytest.approx(expected, abs=1e-7)
     left = l2_norm(SPHERE, expected - g) / l2_norm(SPHERE, g)
-    assert match.mismatch == pytest.approx(left, rel=1e-6)
+    assert match.residual == pytest.approx(left, rel=1e-6)
     value, _ = abfm.MatchingEnergy(SPHERE, f, g, p)(match.velocity / SPHERE.length_scale)
     # a search sums its series so far
     assert value == pytest.approx(match.energy_history[-1, 0], rel=1e-7)
@@ -113,7 +113,7 @@ def test_the_result_is_what_it_says_and_every_row_of_its_history_was_told():
     rows = [[item.energy, item.regularity, item.mismatch_energy] for item in seen]
     assert np.array_equal(rows, match.energy_history)
     assert np.array_equal(seen[-1].velocity, match.velocity)
-    assert seen[-1].mismatch == match.mismatch
+    assert seen[-1].residual == match.residual
     assert seen[-1].evaluations >= 13
 
 
@@ -218,9 +218,9 @@ def test_warm_start_goes_on_from_the_field_and_never_ends_worse_at_sigma():
     second = matched(p, start=first.velocity)
     assert second.energy_history[0, 0] == pytest.approx(first.energy_history[-1, 0], rel=1e-9)
     assert second.energy_history[-1, 0] < first.energy_history[-1, 0]
-    assert abfm.match(SPHERE, *pair(SPHERE, 0, 61), p, start=first.velocity).mismatch < 1
+    assert abfm.match(SPHERE, *pair(SPHERE, 0, 61), p, start=first.velocity).residual < 1
     split = matched(replace(p, segments=3, iterations=0), start=first.velocity[0])
-    assert split.mismatch == pytest.approx(first.mismatch, rel=1e-6)
+    assert split.residual == pytest.approx(first.residual, rel=1e-6)
     p = abfm.Parameters(**PAPER, iterations=40, sigma=0.02, cooling_stages=3)
     first = matched(p)
     second = matched(replace(p, iterations=5), start=first.velocity)

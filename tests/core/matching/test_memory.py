@@ -43,7 +43,7 @@ def test_the_best_field_so_far_is_kept(monkeypatch, tmp_path):
     assert match.stop_reason == "out of memory"
     assert "memory ran out" in match.verdict.reason
     assert 2 < len(match.energy_history) < len(whole.energy_history)
-    assert match.mismatch < match.initial_residual
+    assert match.residual < match.initial_residual
     assert np.isfinite(match.verified_residual)
     match.save(tmp_path / "m.npz")
     assert abfm.load_match(tmp_path / "m.npz").stop_reason == "out of memory"
@@ -56,7 +56,7 @@ def test_a_match_is_kept_where_there_is_no_memory_to_check_it(monkeypatch):
     for module in (abfm.match.__module__, Solver.__module__):
         monkeypatch.setattr(sys.modules[module], "measured", measured)
     match = abfm.match(SPHERE, F, G)
-    assert match.mismatch < 0.1
+    assert match.residual < 0.1
     assert np.isnan(match.verified_residual)
 
 
@@ -71,8 +71,8 @@ def test_what_an_earlier_way_found_outlives_one_that_runs_out_of_memory(monkeypa
     match = abfm.match(mesh, f, g, p, on_iteration=seen.append)
     assert match.stop_reason == "out of memory"
     # on the mesh itself as well as on the coarser one, up to what this does not resolve
-    found = min(seen[-1].mismatch, *(step.mismatch for step in seen[-1].path), 2.0)
-    assert match.mismatch <= 1.01 * found + 0.3 * (levels - 1)
+    found = min(seen[-1].residual, *(step.residual for step in seen[-1].path), 2.0)
+    assert match.residual <= 1.01 * found + 0.3 * (levels - 1)
 
 
 def test_it_is_an_error_where_memory_runs_out_for_the_caller_or_without_a_field(monkeypatch):

@@ -65,10 +65,10 @@ def test_a_match_has_a_path_that_ends_with_it_and_a_given_one_is_kept(found, lon
     assert step.log2_area > 0 < step.log2_shape
     assert found.at_step(found.step) is found
     alone = replace(found, path=(), step=0)
-    assert alone.path[0].mismatch == found.mismatch
+    assert alone.path[0].residual == found.residual
     assert math.isnan(alone.path[0].log2_area)
     earlier = longer.at_step(0)
-    assert (earlier.step, earlier.mismatch, earlier.path) == (0, 0.4, longer.path)
+    assert (earlier.step, earlier.residual, earlier.path) == (0, 0.4, longer.path)
     assert_allclose(earlier.advected, found.push(found.source, 0.5), atol=1e-6)
     assert earlier.verdict.kind == "not reached"
     assert earlier.at_step(2).verdict.kind == found.verdict.kind
@@ -96,7 +96,7 @@ def test_files_keep_it_and_files_from_before_load_with_the_step_that_they_hold(l
     arrays = load_arrays(path)
     save_arrays(path, {name: array for name, array in arrays.items() if "path" not in name})
     [step] = load_match(path).path
-    assert (step.mismatch, step.velocity.shape) == (longer.mismatch, longer.velocity.shape)
+    assert (step.residual, step.velocity.shape) == (longer.residual, longer.velocity.shape)
 
 
 @pytest.mark.parametrize(
@@ -131,6 +131,6 @@ def test_a_step_that_went_astray_does_not_keep_a_match_from_its_file(found, tmp_
     wild = PathStep(1.0, 0.1, 0.3, 2 * found.velocity, math.inf, math.inf, 0.5, math.inf, 0.2)
     replace(found, path=(wild, found.path[found.step]), step=1).save(tmp_path / "m.npz")
     again = load_match(tmp_path / "m.npz")
-    assert math.isnan(again.path[0].mismatch)
-    assert again.mismatch == found.mismatch
+    assert math.isnan(again.path[0].residual)
+    assert again.residual == found.residual
     assert again.doubt == ""

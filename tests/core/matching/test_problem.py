@@ -117,7 +117,7 @@ def test_it_cannot_be_changed_and_it_and_its_match_are_written_in_few_words():
             array[0] = 2
     assert repr(problem()).startswith("Problem(TriangleMesh(")
     found = repr(abfm.match(problem()))
-    assert "mismatch=" in found
+    assert "residual=" in found
     assert "array" not in found
 
 

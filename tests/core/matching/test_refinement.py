@@ -210,9 +210,9 @@ def test_a_refined_match_is_seen_on_the_mesh_and_certified_on_the_finer_one(fine
     assert found.advect([0.5, 1]).shape == (2, count)
     assert_array_equal(found.verify().flow_lines, found.fine.verify().flow_lines)
     left = found.fine.problem.functions.residual(found.fine.advected.T)
-    assert left == pytest.approx(found.mismatch, rel=1e-6)
+    assert left == pytest.approx(found.residual, rel=1e-6)
     again = match(found.problem.starting_from(found.start_for(Parameters())).subdivided())
-    assert again.mismatch <= found.mismatch * (1 + 1e-9)
+    assert again.residual <= found.residual * (1 + 1e-9)
 
 
 def test_files_keep_the_finer_field_beside_its_mean(fine_match, tmp_path):
@@ -236,7 +236,7 @@ def test_a_step_of_another_level_is_a_match_of_that_level(fine_match):
     coarse = match(fine_match.problem)
     both = replace(coarse, path=(*fine_match.path, coarse.path[coarse.step]), step=1)
     earlier = both.at_step(0)
-    assert (earlier.refined, earlier.mismatch) == (1, fine_match.mismatch)
+    assert (earlier.refined, earlier.residual) == (1, fine_match.residual)
     assert_allclose(earlier.advected, fine_match.advected, atol=1e-7)
 
 

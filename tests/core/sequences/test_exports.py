@@ -212,7 +212,7 @@ def test_intervals_are_rows_with_verdicts(tmp_path):
     assert_array_equal([float(row["end"]) for row in rows], TIMES[1:])
     for name, wanted in (
         ("speed", solved().speed),
-        ("mismatch", solved().mismatch),
+        ("residual", solved().residual),
         ("by_flow_lines", solved().verified_residual),
         ("folded", solved().folded),
     ):

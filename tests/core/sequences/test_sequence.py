@@ -57,7 +57,7 @@ def test_the_error_of_a_known_motion_falls_with_the_mesh():
 def test_fields_are_per_unit_of_time_and_the_unit_does_not_matter(film, found):
     slow = abfm.sequence(SPHERE, film[0], 250 * np.arange(4.0) - 3, FAST)
     assert_allclose(250 * slow.velocity, found.velocity, rtol=1e-9, atol=1e-12)
-    assert_allclose(slow.mismatch, found.mismatch, rtol=1e-9)
+    assert_allclose(slow.residual, found.residual, rtol=1e-9)
 
 
 def test_intervals_of_different_length_get_the_same_motion():
@@ -215,18 +215,18 @@ def test_frames_in_between(film, found):
 
 def test_an_interval_is_a_match(found):
     match = found[1]
-    assert match.mismatch == found.mismatch[1]
+    assert match.residual == found.residual[1]
     assert match.velocity[0] is not None
     assert_array_equal(match.velocity[0], found.velocity[1])
     assert match.problem.functions.residual(match.advected.T) == pytest.approx(
-        found.mismatch[1], rel=1e-6
+        found.residual[1], rel=1e-6
     )
     assert match.verify(subdivided=False).flow_lines == pytest.approx(
         found.verified_residual[1], rel=1e-6
     )
     assert match.borne_out().doubt == ""
     assert len(list(found)) == 3
-    assert found[-1].mismatch == found.mismatch[2]
+    assert found[-1].residual == found.residual[2]
 
 
 def test_path_lines_turn_with_the_pattern():
@@ -408,7 +408,7 @@ def test_a_gap_in_time_is_matched_though_its_field_is_slow_beside_others():
     frames, _ = turning(SPHERE, 0.1, 4)
     found = abfm.sequence(SPHERE, frames, [0, 1, 101, 102], FAST)
     assert found.confirmed == 3
-    assert found.mismatch.max() < 0.02
+    assert found.residual.max() < 0.02
     assert found.speed[[0, 2]] == pytest.approx(100 * found.speed[1], rel=0.2)
 
 
@@ -428,7 +428,7 @@ def test_a_field_that_explains_nothing_of_small_changes_confirms_nothing():
     frames, still = turning(SPHERE, 0.07, 3, coordinates)[0], defaults(sigma=30)
     assert abfm.sequence(SPHERE, frames, parameters=FAST).confirmed == 2
     told = abfm.sequence(SPHERE, frames, parameters=still)
-    assert told.mismatch.max() < 0.1
+    assert told.residual.max() < 0.1
     assert told.confirmed == 0
     assert "no motion" in told.verdicts[0].reason
 

@@ -3,7 +3,6 @@
 import itertools
 import json
 from dataclasses import asdict, replace
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -14,10 +13,12 @@ from numpy.testing import assert_allclose
 import abfm
 from abfm.errors import ParameterError
 from abfm.matching import Remedy, Verdict
-from abfm.matching.judging.verdict import Kind, Outcome, Remedies, advice, worse_residual
+from abfm.matching.judging.remedies import Remedies
+from abfm.matching.judging.verdict import Evidence, judge
 from abfm.matching.solvability import distance, stood_still, vanished
 from abfm.matching.solving.record import StopReason, early_warning
 from abfm.matching.terms.functions import FunctionTerm
+from abfm.outcome import worse_residual
 from abfm.parameters import LARGEST_ALPHA, MANY, PAPER, SMALLEST, Parameters
 from tests.core.fields import bump
 from tests.shapes import disc, ellipsoid, icosphere
@@ -47,16 +48,16 @@ def matched(f, g, **parameters):
 
 def judged(match, **known):
     last = match.energy_history[match.stages == match.stages[-1], 0]
-    outcome = Outcome(match.advected.T, match.mismatch, match.stop_reason, energies=last, **known)
+    evidence = Evidence(match.advected.T, match.residual, match.stop_reason, energies=last, **known)
     functions = FunctionTerm(match.mesh, match.source, match.target, match.mask, match.weights)
-    return advice(functions, outcome, match.parameters)
+    return judge(functions, evidence, match.parameters)
 
 
 def imagined(f, g, advected, reason="converged", parameters=USUAL, **known):
     """The verdict on a function that a flow might have carried."""
     problem, advected = FunctionTerm(SPHERE, f, g), advected[None]
-    outcome = Outcome(advected, problem.residual(advected), StopReason(reason), **known)
-    return advice(problem, outcome, parameters)
+    evidence = Evidence(advected, problem.residual(advected), StopReason(reason), **known)
+    return judge(problem, evidence, parameters)
 
 
 def labels(found):
@@ -65,7 +66,7 @@ def labels(found):
 
 def test_a_match_needs_no_advice_and_neither_vanishes_nor_stands_still():
     match = matched(at(0), at(45))
-    reason = f"the mismatch fell from 0.86 to {match.mismatch:.2g}"
+    reason = f"the residual fell from 0.86 to {match.residual:.2g}"
     assert judged(match) == Verdict("matched", reason, "")
     assert judged(match, verified=0.04).kind == "matched"
     assert judged(match, verified=0.08).kind == "nearly"
@@ -82,11 +83,11 @@ def test_a_match_needs_no_advice_and_neither_vanishes_nor_stands_still():
 def test_of_functions_that_flows_can_carry_the_kind_is_the_worse_the_more_is_confirmed(mismatches):
     problem, judged_by = FunctionTerm(SPHERE, at(0), at(40)), []
     for mismatch, verified in mismatches:
-        outcome = Outcome(at(38)[None], mismatch, StopReason.CONVERGED, verified)
-        kind = advice(problem, outcome, USUAL).kind
+        evidence = Evidence(at(38)[None], mismatch, StopReason.CONVERGED, verified)
+        kind = judge(problem, evidence, USUAL).kind
         assert (kind == "matched") == (mismatch <= 0.05 and not verified > 0.05)
         assert (kind == "not reached") == (mismatch > 0.15 or verified > 0.15)
-        judged_by.append((worse_residual(mismatch, verified), get_args(Kind).index(kind)))
+        judged_by.append((worse_residual(mismatch, verified), kind.rank))
     (_, better), (_, worse) = sorted(judged_by)
     assert better <= worse
 
@@ -96,9 +97,9 @@ def test_functions_that_are_alike_are_matched_from_the_start():
     for f, g in itertools.product((noise, flat), repeat=2):
         verdict = judged(matched(f, g, iterations=2))
         assert verdict.kind == "matched"
-        assert verdict.cause.startswith("both are constant")
+        assert verdict.why.startswith("both are constant")
     same = judged(matched(at(0), at(0), iterations=2))
-    assert same == Verdict("matched", "the mismatch stayed at 0", "")
+    assert same == Verdict("matched", "the residual stayed at 0", "")
 
 
 def test_functions_are_judged_by_what_varies_however_small_beside_a_constant():
@@ -107,13 +108,13 @@ def test_functions_are_judged_by_what_varies_however_small_beside_a_constant():
         still = judged(matched(1 + size * f, 1 + size * g, iterations=0))
         assert still.kind == "not reached"
         match = matched(1 + size * f, 1 + size * g)
-        assert (match.verdict.kind, match.mismatch < 0.05) == ("matched", True)
+        assert (match.verdict.kind, match.residual < 0.05) == ("matched", True)
         assert judged(matched(1 + size * f, flat, iterations=2)).kind == "impossible"
 
 
 def test_values_that_the_source_lacks_are_impossible_and_told_of_the_channel_that_lacks_most():
     match = matched(at(0, 0.2), 2 * at(30, 0.2))
-    assert match.mismatch < 0.32  # no less is sought, though the discrete flow can leave less
+    assert match.residual < 0.32  # no less is sought, though the discrete flow can leave less
     verdict = judged(match)
     assert verdict.kind == "impossible"
     assert "the target has values from " in verdict.reason
@@ -129,11 +130,11 @@ def test_values_that_the_source_lacks_are_impossible_and_told_of_the_channel_tha
 
 def test_constants_are_impossible():
     match = matched(at(0, 0.2), FLAT)
-    assert match.mismatch < 0.05
+    assert match.residual < 0.05
     to_flat, from_flat = judged(match), judged(matched(FLAT, at(0)))
     assert to_flat.kind == from_flat.kind == "impossible"
     assert "the target is constant and the source is not" in to_flat.reason
-    still = "the mismatch stayed at 1: the source is constant, and no flow changes that"
+    still = "the residual stayed at 1: the source is constant, and no flow changes that"
     assert from_flat.reason == still
     assert judged(matched(FLAT, 2 * FLAT)).kind == "impossible"
     assert judged(matched(at(0), 0 * FLAT, iterations=3)).kind == "impossible"
@@ -145,7 +146,7 @@ def test_a_source_that_vanished_is_told():
     match = abfm.match(FINE, f, g, replace(USUAL, iterations=20), on_iteration=seen.append)
     verdict = judged(match)
     assert verdict.kind == "not reached"
-    squeezed = "the mismatch fell from 1.4 to 1: the flow squeezed the source to nothing"
+    squeezed = "the residual fell from 1.4 to 1: the flow squeezed the source to nothing"
     assert verdict.reason.startswith(squeezed)
     advised = "a larger reach, such as 1 of sqrt(area) and the course of the defaults"
     assert verdict.advice == advised
@@ -153,9 +154,9 @@ def test_a_source_that_vanished_is_told():
     assert not vanished(problem, match.source.T)
     assert seen[0].warning is None
     assert seen[5].warning.startswith("the source is being squeezed to nothing")
-    outcome = Outcome(match.advected.T, match.mismatch, StopReason.NO_PROGRESS)
+    evidence = Evidence(match.advected.T, match.residual, StopReason.NO_PROGRESS)
     assert distance(problem) == pytest.approx(np.sqrt(3) / FINE.length_scale, abs=0.03)
-    assert "wider functions" in advice(problem, outcome, replace(USUAL, reach=1.0)).advice
+    assert "wider functions" in judge(problem, evidence, replace(USUAL, reach=1.0)).advice
 
 
 def test_a_source_that_stood_still_is_told():
@@ -177,7 +178,7 @@ def test_a_source_that_stood_still_is_told():
 def test_other_peaks_are_matched_in_part_at_best():
     """The discrete flow splits a peak; unless flow lines do so too, this is no match."""
     match = matched(at(0), at(50) + at(-50))
-    assert match.mismatch < 0.05
+    assert match.residual < 0.05
     unknown, refuted, confirmed = (judged(match, verified=value) for value in (np.nan, 0.7, 0.05))
     assert (unknown.kind, refuted.kind, confirmed.kind) == ("nearly", "not reached", "matched")
     for verdict in (unknown, refuted):
@@ -199,7 +200,7 @@ def test_what_flow_lines_do_not_confirm_is_not_reached_and_folds_count_unless_th
     given = at(0), at(40), at(40)
     verdict = imagined(*given, verified=0.4)
     assert verdict.kind == "not reached"
-    why = "by flow lines the mismatch is 0.4, so the discrete flow is not one here"
+    why = "by flow lines the residual is 0.4, so the discrete flow is not one here"
     assert verdict.reason.endswith(why)
     further = "a larger reach, such as 1 of sqrt(area) and the course of the defaults"
     assert verdict.advice == further
@@ -218,8 +219,8 @@ def test_what_flow_lines_do_not_confirm_is_not_reached_and_folds_count_unless_th
 def test_iterations_that_ran_out():
     verdict = matched(at(0), at(60), iterations=4).verdict
     assert verdict.kind == "not reached"
-    assert verdict.reason.endswith(verdict.cause)
-    assert verdict.cause == "it stopped after the 4 iterations it was given, still falling"
+    assert verdict.reason.endswith(verdict.why)
+    assert verdict.why == "it stopped after the 4 iterations it was given, still falling"
     assert verdict.advice == "more iterations, such as 1000; or go on from this field"
     assert verdict.remedies == (
         Remedy("More time", "more iterations, such as 1000", {"iterations": 1000}),
@@ -234,7 +235,7 @@ def test_iterations_that_ran_out():
     assert "0 iterations" in still.reason
     assert labels(still) == ["More time", "Continue"]
     given = at(0), at(60), at(30), limit
-    what = "what is left differs, or would cost more smoothness than it gains"
+    what = "without a rougher field"
     assert imagined(*given, energies=np.ones(30)).reason.endswith(what)
     assert "still falling" in imagined(*given, energies=np.linspace(2, 1, 30)).reason
 
@@ -244,14 +245,14 @@ def test_iterations_that_ran_out():
     [
         ("cancelled", "it was cancelled", "go on"),
         ("line search failed", "no step lowers the energy", "a larger alpha, such as 0.06"),
-        ("converged", "what is left differs", "a smaller sigma, such as 0.00033"),
+        ("converged", "without a rougher field", "a smaller sigma, such as 0.00033"),
         ("iteration limit", "still falling", "a larger reach, such as 1"),
     ],
 )
 def test_the_stop_reason_is_told_where_nothing_else_is(stop_reason, words, advised):
     verdict = imagined(at(0), at(60), at(30), stop_reason)
     assert verdict.kind == "not reached"
-    assert verdict.reason.startswith("the mismatch fell from 1.1 to 0.61: ")
+    assert verdict.reason.startswith("the residual fell from 1.1 to 0.61: ")
     assert words in verdict.reason
     assert advised in verdict.advice
 
@@ -269,7 +270,7 @@ def test_signals_that_only_resemble_each_other_are_told_without_blame():
     f, g = waves[:3].sum(axis=0), waves[1:4].sum(axis=0)
     verdict = judged(matched(f, g, iterations=60, alpha=0.3, sigma=0.1))
     assert verdict.kind in ("not reached", "nearly")
-    assert verdict.reason.startswith("the mismatch fell from ")
+    assert verdict.reason.startswith("the residual fell from ")
     assert "failed" not in verdict.reason
 
 
@@ -286,7 +287,7 @@ def test_every_verdict_is_one_line_without_a_full_stop():
             known = {"verified": verified, "folded": folded}
             verdict = imagined(source, target, advected, reason, **known)
             kinds.add(verdict.kind)
-            assert verdict.reason.startswith("the mismatch ")
+            assert verdict.reason.startswith("the residual ")
             for line in (verdict.reason, verdict.advice):
                 assert "\n" not in line
                 assert not line.endswith((".", " "))
@@ -367,10 +368,10 @@ def test_remedies_that_are_followed_never_undo_each_other(p, reason, outcomes):
     """
     problem = FunctionTerm(EGG, around(0), around(60))
     for mismatch, verified, choice in outcomes:
-        outcome = Outcome(
+        evidence = Evidence(
             around(40)[None], mismatch, StopReason(reason), verified, refined=p.refine or 0
         )
-        found = advice(problem, outcome, p).remedies
+        found = judge(problem, evidence, p).remedies
         if not found:
             return
         following = replace(p, **found[choice % len(found)].parameters)
@@ -396,11 +397,11 @@ def test_what_flow_lines_refute_goes_back_towards_the_defaults_first(parameters,
 def test_only_a_finer_mesh_helps_the_defaults():
     assert remedies(Parameters(), width=0.01).truer() is None
     problem = FunctionTerm(EGG, around(0, 0.1), around(60, 0.1))
-    refuted = Outcome(problem.target, 0.0, StopReason.CONVERGED, verified=0.5)
-    for outcome, kind in ((refuted, "not reached"), (replace(refuted, verified=0.1), "nearly")):
-        found = advice(problem, outcome, Parameters())
+    refuted = Evidence(problem.target, 0.0, StopReason.CONVERGED, verified=0.5)
+    for evidence, kind in ((refuted, "not reached"), (replace(refuted, verified=0.1), "nearly")):
+        found = judge(problem, evidence, Parameters())
         assert (found.kind, labels(found)) == (kind, ["Refine"])
-        assert advice(problem, replace(outcome, refined=3), Parameters()).remedies == ()
+        assert judge(problem, replace(evidence, refined=3), Parameters()).remedies == ()
 
 
 @pytest.mark.parametrize("wrong", [{"sigmma": 1.0}, {"sigma": -1.0}, {"sigma": "small"}])
@@ -426,5 +427,5 @@ def test_measured_functions_that_stay_as_unlike_are_not_registered(left, kind):
     functions = FunctionTerm(SPHERE.normalized(), f[0], g[0])
     mismatch = left * functions.residual(functions.source)
     assert mismatch > 1
-    outcome = Outcome(f, mismatch, StopReason.NO_PROGRESS, mismatch, 0.0)
-    assert advice(functions, outcome, Parameters()).kind == kind
+    evidence = Evidence(f, mismatch, StopReason.NO_PROGRESS, mismatch, 0.0)
+    assert judge(functions, evidence, Parameters()).kind == kind

@@ -75,9 +75,9 @@ def test_what_only_the_scheme_carries_is_found_out():
     smooth, rough = (
         verify(mesh, f, advect(mesh, v, f, 1.0), v) for v in (field, noisy(mesh, field, 2.0))
     )
-    assert smooth.mismatch < 0.03
+    assert smooth.residual < 0.03
     assert not smooth.doubtful
-    assert min(rough.mismatch, rough.subdivided) > 5 * smooth.mismatch
+    assert min(rough.residual, rough.subdivided) > 5 * smooth.residual
     assert rough.overturned > 0.02
 
 
@@ -124,7 +124,7 @@ def test_what_a_mask_hides_does_not_matter():
     whole, masked = verify(mesh, f, g, field), verify(mesh, f, hidden, field, mask=mask)
     for name in ("flow_lines", "subdivided"):
         assert getattr(masked, name) == pytest.approx(getattr(whole, name), rel=0.05)
-    assert verify(mesh, f, hidden, field).mismatch > 0.5
+    assert verify(mesh, f, hidden, field).residual > 0.5
 
 
 def test_linearised_steps_are_those_of_the_subdivided_mesh():
@@ -145,7 +145,7 @@ def test_a_match_verifies_itself():
     one = match.verify()
     assert isinstance(one, abfm.Verification)
     assert one == abfm.verify(match.problem, match.velocity)
-    assert abs(one.mismatch - match.mismatch) < 0.1
+    assert abs(one.residual - match.residual) < 0.1
     assert np.isnan(match.verify(subdivided=False).subdivided)
 
 
@@ -174,14 +174,14 @@ def test_the_subdivided_mesh_is_asked_only_where_wanted_and_possible(monkeypatch
 def test_witnesses_that_disagree_are_doubtful(flow_lines, subdivided, doubtful):
     one = Verification(flow_lines, subdivided, 0.0, 0.0, 10.0)
     assert one.doubtful == doubtful
-    assert one.mismatch == flow_lines
+    assert one.residual == flow_lines
     assert ("disagree" in one.report()) == doubtful
     assert ("subdivided" in one.report()) == (not np.isnan(subdivided))
 
 
 def test_the_report_says_what_is_too_narrow():
     assert Verification(0.1, 0.1, 0.012, 0.05, 3.0).report() == (
-        "verified mismatch 0.1000 by flow lines, 0.1000 on the subdivided mesh, 1.2 % of the "
+        "verified residual 0.1000 by flow lines, 0.1000 on the subdivided mesh, 1.2 % of the "
         "faces folded, functions 3.0 edges wide; too narrow for this mesh"
     )
 

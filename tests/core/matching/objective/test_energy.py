@@ -214,8 +214,8 @@ def test_order_changes_the_regularity_alone(order):
     found = E.objective(0.2).evaluate(v)
     expected = sum(float((one * E.regularizer().apply(one)).sum()) for one in v) * 1.3 / 3 / 2
     assert found.regularity == pytest.approx(expected, rel=1e-12)
-    assert found.mismatch == other.objective(0.2).evaluate(v).mismatch
-    assert found.energy == pytest.approx(found.regularity + found.mismatch, rel=1e-15)
+    assert found.residual == other.objective(0.2).evaluate(v).residual
+    assert found.energy == pytest.approx(found.regularity + found.residual, rel=1e-15)
     assert E.regularizer().order == order
 
 

@@ -37,7 +37,7 @@ def exact(width=0.15, b=60, mesh=SPHERE, **parameters):
 
 
 def worse(step):
-    return max(step.mismatch, step.verified_residual)
+    return max(step.residual, step.verified_residual)
 
 
 def waves(points, seed):
@@ -78,12 +78,12 @@ def test_the_far_norm_leads_until_the_target_is_found_and_never_again_on_this_wa
         reaches = [one.reach for one in way]
         assert reaches == sorted(reaches, reverse=True)
         assert set(reaches) == {0.0, 1.0}
-        assert way[0].mismatch > 1.2  # from no motion again
+        assert way[0].residual > 1.2  # from no motion again
         at = reaches.index(0.0)
-        assert way[at - 1].mismatch <= 0.7
+        assert way[at - 1].residual <= 0.7
         assert way[at].sigma == way[at - 1].sigma
         ends = [list(step)[-1] for _, step in groupby(way[:at], lambda one: one.sigma)]
-        assert all(one.mismatch > 0.7 for one in ends[:-1])
+        assert all(one.residual > 0.7 for one in ends[:-1])
 
 
 @pytest.mark.parametrize(("sigma", "enough"), [(None, 0.05), (0.02, 0.15)])
@@ -130,11 +130,11 @@ def test_what_flow_lines_leave_more_is_shared_by_both_witnesses(width, b, monkey
     corrected = exact(width, b)[0].path
     monkeypatch.setattr(solve.Solver, "_correct", lambda solver: None)
     match = abfm.match(SPHERE, *pair(0, b, width), Parameters(refine=0))
-    assert match.mismatch < 0.05 < match.verified_residual
+    assert match.residual < 0.05 < match.verified_residual
     better = min(corrected, key=worse)
     assert worse(better) < 0.8 * match.worse_residual
-    apart = match.verified_residual - match.mismatch
-    assert abs(better.verified_residual - better.mismatch) < 0.5 * apart
+    apart = match.verified_residual - match.residual
+    assert abs(better.verified_residual - better.residual) < 0.5 * apart
 
 
 @pytest.mark.parametrize("sigma", [30.0, 0.7, 0.05])
@@ -150,7 +150,7 @@ def test_a_given_sigma_is_where_it_ends_and_nothing_comes_after(sigma, unit):
 def test_on_measured_functions_what_is_left_falls_with_sigma_and_what_it_costs_rises(seed):
     ends = [registered(seed, sigma=sigma)[0].path[-1] for sigma in SIGMAS]
     assert [end.sigma for end in ends] == list(SIGMAS)
-    assert (np.diff([end.mismatch for end in ends]) < 0).all()
+    assert (np.diff([end.residual for end in ends]) < 0).all()
     for cost in ("log2_area", "log2_shape"):
         assert (np.diff([getattr(end, cost) for end in ends]) > 0).all()
 

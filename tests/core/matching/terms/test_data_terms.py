@@ -137,7 +137,7 @@ def test_a_second_term_has_an_exact_gradient_and_is_matched():
         for match in (found, alone)
     )
     assert apart < min(0.02, without)
-    assert found.mismatch < 0.1
+    assert found.residual < 0.1
 
 
 def test_another_norm_of_fields_has_an_exact_gradient():

@@ -202,7 +202,7 @@ def test_functions_without_weight_are_carried_and_change_nothing():
     beside = abfm.match(abfm.Problem(SPHERE, f, g, weights=[0.0], landmarks=PAIRS[:2]))
     assert beside.problem.is_of_landmarks
     assert_allclose(beside.velocity, alone.velocity)
-    assert (beside.verdict, beside.mismatch) == (alone.verdict, alone.mismatch)
+    assert (beside.verdict, beside.residual) == (alone.verdict, alone.residual)
     assert_allclose(beside.advected[:, 0], beside.advect(1.0), atol=1e-12)
     assert np.linalg.norm(beside.advected[:, 0] - f) > 0.1 * np.linalg.norm(f)
     with pytest.raises(ParameterError, match="weights are zero everywhere; give a channel one"):
