@@ -28,6 +28,8 @@ def share(value: float) -> str:
 
     Shares are rounded up, so that one beyond a bound of as few digits never reads as within it.
     """
+    if not math.isfinite(value):
+        return "an unknown share"
     if value < _SHARE_MIN:
         return f"less than {100 * _SHARE_MIN:g}%"
     digit = 0.01 if value >= 0.1 else 0.001 if value >= 0.001 else 0.0001

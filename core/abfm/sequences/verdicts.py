@@ -3,10 +3,10 @@
 import math
 from dataclasses import replace
 
-from abfm.matching.judging.cause import Cause
+from abfm.matching.judging.cause import Cause, sentence_of
 from abfm.matching.judging.verdict import Evidence, Verdict, judge
 from abfm.matching.problem import Problem
-from abfm.matching.solvability import narrowest
+from abfm.matching.solvability import narrowest, range_bound
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Outcome, worse_residual
@@ -40,6 +40,10 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
     if functions.norm(levels) > _NOTHING_BUT_NOISE * functions.function_size:
         why = f"nothing but {_noise(functions)} is there, and no motion can be told"
         return told.because(Outcome.NOT_REACHED, Cause.NOISE, why)
+    if told.cause is Cause.BOTH_CONSTANT:
+        return told.because(Outcome.NOT_REACHED, told.cause, sentence_of(told.cause))
+    if told.cause is Cause.VALUES_DIFFER and _lacks_values(functions, levels):
+        return replace(told, advice="", remedies=())
     if left <= OFTEN * noise_floor(functions, levels) and not told.kind.is_good:
         why = f"no more is left than {_noise(functions)} leaves"
         told = told.because(Outcome.REGISTERED, Cause.NOISE, why)
@@ -47,6 +51,14 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
         why = _unexplained(functions, levels, said)
         return told.because(Outcome.NOT_REACHED, Cause.NO_MOTION, why)
     return told if told.kind.is_good else replace(told, advice="", remedies=())
+
+
+def _lacks_values(functions: FunctionTerm, levels: FloatArray) -> bool:
+    """Return whether one of the frames has values that the other lacks, beyond noise of levels
+    (C, V).
+    """
+    sides = (functions, functions.reversed())
+    return any(range_bound(side) > OFTEN * noise_floor(side, levels) for side in sides)
 
 
 def _noise(functions: FunctionTerm) -> str:

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from abfm import Parameters, Problem, StopReason, load_match, match
 from abfm.matching import Verdict
+from abfm.outcome import Outcome
 from tests.core.fields import bump
 from tests.shapes import icosphere
 
@@ -83,7 +84,7 @@ def test_other_changes_are_told_where_they_are_larger_than_rounding(found, tmp_p
 def test_a_word_that_is_better_than_its_numbers_is_not_believed(found, tmp_path):
     still = match(PROBLEM.with_parameters(Parameters(iterations=1, cooling_stages=1)))
     assert still.verdict.kind == "not reached"
-    praised = replace(still, verdict=Verdict("matched", "so it is", ""))
+    praised = replace(still, verdict=Verdict(Outcome.MATCHED, "so it is", ""))
     loaded = reloaded(praised, tmp_path / "m.npz")
     assert loaded.doubt.startswith("it is said to be matched, with ")
     assert loaded.verdict.kind == "not reached"
@@ -99,7 +100,7 @@ def test_a_field_too_fast_to_carry_anything_is_no_match(found, tmp_path):
 def test_a_field_taken_out_of_a_run_has_numbers_of_a_coarser_level_and_is_no_cheat(found):
     coarse = replace(
         found,
-        mismatch=found.residual / 3,
+        residual=found.residual / 3,
         advected=found.target,
         verified_residual=math.nan,
         stop_reason=StopReason.CANCELLED,

@@ -59,7 +59,7 @@ def test_a_rotation_keeps_areas_and_shapes_and_no_flow_leaves_all_and_a_swelling
 def test_a_match_has_a_path_that_ends_with_it_and_a_given_one_is_kept(found, longer):
     step = found.path[found.step]
     assert step.velocity is found.velocity
-    for name in ("mismatch", "verified_residual", "folded"):
+    for name in ("residual", "verified_residual", "folded"):
         assert getattr(step, name) == getattr(found, name)
     assert step.alpha == found.parameters.alpha
     assert step.log2_area > 0 < step.log2_shape

@@ -46,7 +46,7 @@ def pair(one, other):
 
 
 @given(SEEDS)
-def test_the_mismatch_is_the_norms_and_the_solvers_and_no_order_of_values_is_below_its_bound(seed):
+def test_residual_and_mismatch_are_ratios_of_norms_and_no_order_of_values_is_below_the_bound(seed):
     """Values in any order, or any between least and largest, are all a flow could give."""
     problem, rng = random_problem(seed), np.random.default_rng(seed)
     source, target, bound = problem.source, problem.target, range_bound(problem)
@@ -55,8 +55,13 @@ def test_the_mismatch_is_the_norms_and_the_solvers_and_no_order_of_values_is_bel
     found = problem.residual(source)
     assert found == pytest.approx(energy.residual(source), rel=1e-12)
     root = np.sqrt(problem.weights)[:, None]
-    norms = [l2_norm(SPHERE, (root * h).T, problem.mask) for h in (source - target, target)]
+    mean = (target @ problem.areas / problem.areas.sum())[:, None]
+    norms = [
+        l2_norm(SPHERE, (root * h).T, problem.mask)
+        for h in (source - target, target - mean, target)
+    ]
     assert found == pytest.approx(norms[0] / norms[1], rel=1e-12)
+    assert problem.mismatch(source) == pytest.approx(norms[0] / norms[2], rel=1e-12)
     apart = source - (source @ problem.areas / problem.areas.sum())[:, None]
     assert problem.deviation(source) == pytest.approx(problem.norm(apart), rel=1e-12)
     low, high = source.min(axis=1, keepdims=True), source.max(axis=1, keepdims=True)

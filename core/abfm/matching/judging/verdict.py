@@ -202,9 +202,12 @@ class _Case:
         if self.outcome is Outcome.MATCHED:
             if self.first > self.parameters.goal and not self.known and self.unmatched:
                 return self._of_what_stays(Outcome.NEARLY)
-            folded = self.evidence.folded
-            advice = f"do not trust its point map, where {share(folded)} of the faces are folded"
-            return self._verdict(Outcome.MATCHED, advice=advice if folded > FOLDED else "")
+            if self.evidence.folded > FOLDED:
+                folds = f"{share(self.evidence.folded)} of the faces are folded"
+                return self._verdict(
+                    Outcome.MATCHED, advice=f"do not trust its point map, where {folds}"
+                )
+            return self._verdict(Outcome.MATCHED)
         if self.bound > self.parameters.goal:
             missing = missing_values(self.functions)
             return self._verdict(Outcome.NEARLY, missing.cause, **missing.details)
