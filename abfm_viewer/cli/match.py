@@ -165,8 +165,9 @@ def warn_if_foreseen(problem: Problem) -> None:
     """Print what prevents a match and is known before the first iteration."""
     found = foreseen(problem)
     if found is not None:
-        line = f"{found.headline}: {found.reason}; {found.advice}"
-        print(f"warning: {printable(line)}", file=sys.stderr)
+        kind = "note" if found.outcome.is_good else "warning"
+        line = f"{kind}: {found.headline}: {found.reason}; {found.advice}"
+        print(printable(line), file=sys.stderr)
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ class Report:
 
     @property
     def _distorts(self) -> bool:
-        return self.log2_area_95 > LOG2_AREA_GOOD
+        return self.verdict.kind.is_good and self.log2_area_95 > LOG2_AREA_GOOD
 
     def _headline(self) -> str:
         reason, outcome = self.evidence.stop_reason, self.verdict.kind
@@ -85,7 +85,7 @@ class Report:
             return f"registered: {left}{self._areas()}"
         if outcome is not size:
             return str(outcome)
-        areas = self._areas() if self._distorts and outcome.is_good else ""
+        areas = self._areas() if self._distorts else ""
         if outcome is Outcome.MATCHED:
             return f"matched to {share(self._worse)}{areas}"
         return f"{outcome}: {left}{areas}"
@@ -123,7 +123,7 @@ class Report:
         return why
 
     def _advice(self) -> str:
-        if self.verdict.advice or not (self._distorts and self.verdict.kind.is_good):
+        if self.verdict.advice or not self._distorts:
             return self.verdict.advice
         return f"limit the distortion, such as to max_distortion {LOG2_AREA_GOOD:g}"
 

@@ -27,10 +27,12 @@ class Obstacle:
 
 
 def foreseen(problem: Problem) -> Facts | None:
-    """Return what is known of a match before it is solved: that no flow can match its functions.
+    """Return what is known of a match before it is solved.
 
-    The check is symmetric: exchanging source and target gives the same outcome. None if nothing
-    prevents a match, or if the functions agree already within the goal.
+    The outcome is impossible if no flow can match the functions, and nearly if they have other
+    peaks or pits, near which a flow cannot match them. The check is symmetric: exchanging source
+    and target gives the same outcome. None if nothing is in the way, or if the functions agree
+    already within the goal.
     """
     functions = problem.functions
     if problem.is_of_landmarks or not functions.weights.any():
@@ -45,7 +47,7 @@ def foreseen(problem: Problem) -> Facts | None:
         return None
     return Facts(
         found.outcome,
-        "impossible" if found.outcome is Outcome.IMPOSSIBLE else "a match in part",
+        "impossible" if found.outcome is Outcome.IMPOSSIBLE else "a part may not match",
         sentence_of(found.cause, **found.details),
         ADVICE[found.cause],
         {"initial_residual": initial, "residual_bound": solvability.value_gap(functions)},
@@ -90,7 +92,7 @@ def differing(functions: FunctionTerm) -> Obstacle | None:
         return None
     channel, here, there = found
     details = {"channel": _channel(functions, channel), "here": here, "there": there}
-    return Obstacle(Outcome.NOT_REACHED, Cause.EXTREMA_DIFFER, details)
+    return Obstacle(Outcome.NEARLY, Cause.EXTREMA_DIFFER, details)
 
 
 def _channel(functions: FunctionTerm, channel: int) -> str:
