@@ -718,3 +718,21 @@ def test_the_goal_is_one_though_functions_are_nothing_but_noise_or_constant(tmp_
 
     assert 0.9 < goal(*texts) <= 1
     assert goal(texts[2], texts[2]) == abfm.Parameters.goal
+
+
+def test_values_under_a_mask_of_0_change_no_bit(tmp_path):
+    """Junk where the mask hides it, in the files of all subjects."""
+    hidden = MESH.vertices[:, 0] < -0.4
+
+    def registered(name, junk):
+        place = Place(tmp_path / name)
+        mask = place.file("mask", np.where(hidden, 0.0, 1.0))
+        for number, each in enumerate(("plus", "minus")):
+            values = pushed(FIELDS[each], height, 0.02, number)
+            place.add(each, np.where(hidden, junk, values) if junk else values, mask=mask)
+        return place.registered(replace(SHORT, rounds=1))
+
+    clean, other = registered("clean", 0), registered("junk", 1e3)
+    for name in ("values", "masks", "residual"):
+        assert np.array_equal(getattr(clean, name), getattr(other, name))
+    assert clean.verdicts == other.verdicts

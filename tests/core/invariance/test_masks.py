@@ -1,0 +1,120 @@
+"""Nothing at vertices whose mask is 0 changes a bit of any result."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import abfm
+from abfm import Parameters, TriangleMesh
+from abfm.functions import quoted
+from abfm.sequences import defaults
+from tests.core.fields import bump
+from tests.shapes import icosphere
+
+MESH = icosphere(3)
+COUNT = len(MESH.vertices)
+HIDDEN = MESH.vertices[:, 0] < -0.4
+MASK = np.where(HIDDEN, 0.0, 1.0)
+F, G = (bump(MESH, place, 0.25) for place in ([0, 0, 1], [0, 0.6, 0.8]))
+BRIEF = Parameters(iterations=25, refine=0, levels=1)
+
+
+def noise(size, seed=0):
+    return size * np.random.default_rng(seed).normal(size=COUNT)
+
+
+JUNK = {
+    "NaN": np.full(COUNT, np.nan),
+    "infinite": np.full(COUNT, -np.inf),
+    "huge": np.full(COUNT, 1e300),
+    "noise": noise(0.3),
+    "large noise": noise(1e3),
+    "tiny": np.full(COUNT, 1e-300),
+}
+
+
+def spoiled(values, kind):
+    """The same values where they count, and others where the mask is 0."""
+    return np.where(HIDDEN, JUNK[kind], values)
+
+
+def assert_same(one, other):
+    for name in ("velocity", "source", "target", "advected", "energy_history"):
+        assert_array_equal(getattr(one, name), getattr(other, name))
+    assert one.verdict == other.verdict
+    assert (one.residual, one.verified_residual) == (other.residual, other.verified_residual)
+
+
+@pytest.fixture(scope="module")
+def matched():
+    return abfm.match(MESH, F, G, BRIEF, mask=MASK)
+
+
+@pytest.mark.parametrize("kind", JUNK)
+def test_match(matched, kind):
+    assert_same(matched, abfm.match(MESH, spoiled(F, kind), spoiled(G, kind), BRIEF, mask=MASK))
+
+
+def test_match_by_default_with_coarser_and_finer_meshes():
+    one, other = (
+        abfm.match(MESH, *pair, Parameters(iterations=60), mask=MASK)
+        for pair in ((F, G), (spoiled(F, "noise"), spoiled(G, "large noise")))
+    )
+    assert_same(one, other)
+
+
+def test_hidden_values_of_files_may_be_unknown(matched, tmp_path):
+    np.save(tmp_path / "f.npy", spoiled(F, "NaN"))
+    spec = f"file:{quoted(str(tmp_path / 'f'))}.npy"
+    assert_same(matched, abfm.match(MESH, spec, G, BRIEF, mask=MASK))
+    with pytest.raises(abfm.FunctionError):
+        abfm.match(MESH, spec, G, BRIEF)
+
+
+def test_values_that_count_must_be_finite():
+    f = F.copy()
+    f[np.flatnonzero(~HIDDEN)[0]] = np.nan
+    with pytest.raises(abfm.FunctionError):
+        abfm.match(MESH, f, G, BRIEF, mask=MASK)
+
+
+def test_hidden_values_are_harmonic_and_have_no_peaks_of_their_own():
+    problem = abfm.Problem(MESH, spoiled(F, "noise"), G, mask=MASK)
+    filled = problem.source[:, 0]
+    assert_array_equal(filled[~HIDDEN], F[~HIDDEN])
+    around = [filled[MESH.edges[(MESH.edges == v).any(axis=1)]] for v in np.flatnonzero(HIDDEN)]
+    for v, ends in zip(np.flatnonzero(HIDDEN), around, strict=True):
+        neighbours = ends.sum(axis=1) - filled[v]
+        assert neighbours.mean() == pytest.approx(filled[v], abs=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["NaN", "noise", "huge"])
+def test_register(kind):
+    """Junk on A, then on B, under masks of both."""
+    rough = F + noise(0.1, 1), G + noise(0.1, 2)
+    given = {"parameters": BRIEF, "initial": "connectivity", "mask_a": MASK, "mask_b": MASK}
+    clean, on_a, on_b = (
+        abfm.register(MESH, TriangleMesh(MESH.vertices, MESH.faces), f, g, **given)
+        for f, g in (
+            rough,
+            (spoiled(rough[0], kind), rough[1]),
+            (rough[0], spoiled(rough[1], kind)),
+        )
+    )
+    for other in (on_a, on_b):
+        assert_same(clean.match, other.match)
+        assert_array_equal(clean.functions, other.functions)
+        assert clean.notes == other.notes
+
+
+@pytest.mark.parametrize("kind", ["NaN", "noise", "huge"])
+def test_sequence(kind):
+    frames = np.stack([F, bump(MESH, [0, 0.3, 0.95], 0.25), G])
+    clean, other = (
+        abfm.sequence(MESH, film, parameters=defaults(sigma=0.1), mask=MASK)
+        for film in (frames, np.stack([spoiled(frame, kind) for frame in frames]))
+    )
+    assert_array_equal(clean.velocity, other.velocity)
+    assert_array_equal(clean.frames, other.frames)
+    assert_array_equal(clean.residual, other.residual)
+    assert clean.verdicts == other.verdicts

@@ -1,0 +1,104 @@
+"""A constant added to both functions changes neither the residual nor the course of a match."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import abfm
+from abfm import MatchingEnergy, Outcome, Parameters, Problem
+from abfm.matching.solvability import is_measured, squeezed, stood_still, value_gap
+from abfm.matching.solving.measures import measured
+from tests.core.fields import bump
+from tests.shapes import ellipsoid, icosphere
+
+SPHERE, EGG = icosphere(3), ellipsoid(3, 1.0, 0.7, 0.55)
+OFFSETS = [1e-3, 1.0, 2.0, 3.0, 100.0, 1e6]
+RNG = np.random.default_rng(5)
+PAIRS = {
+    "bumps": (bump(SPHERE, [0, 0, 1], 0.13), bump(SPHERE, [0, 0.6, 0.8], 0.13)),
+    "noise": (RNG.normal(size=len(SPHERE.vertices)), RNG.normal(size=len(SPHERE.vertices))),
+    "channels": (RNG.normal(size=(len(SPHERE.vertices), 2)), SPHERE.vertices[:, :2]),
+}
+
+
+def measurements(f, g, mask):
+    """Everything that decides the course and the verdict, of one given field."""
+    problem = Problem(SPHERE, f, g, Parameters(sigma=0.1), mask=mask)
+    energy, functions = MatchingEnergy(problem), problem.functions
+    x = 0.1 * np.random.default_rng(2).normal(size=energy.shape)
+    found = energy.objective(problem.parameters.last_sigma).evaluate(x)
+    carried = found.advected
+    numbers = [
+        found.energy,
+        np.linalg.norm(found.gradient),
+        functions.residual(carried),
+        functions.residual(functions.source),
+        functions.function_size,
+        value_gap(functions),
+        *measured(energy, np.zeros((1, len(SPHERE.faces), 3))).values(),
+    ]
+    decisions = [
+        squeezed(functions, carried),
+        stood_still(functions, carried),
+        is_measured(functions),
+    ]
+    return numbers, decisions
+
+
+@pytest.mark.parametrize("offset", OFFSETS)
+@pytest.mark.parametrize("name", PAIRS)
+@pytest.mark.parametrize("mask", [None, (SPHERE.vertices[:, 0] > -0.5) * 1.0])
+def test_offset_changes_no_measurement_of_a_field(offset, name, mask):
+    f, g = PAIRS[name]
+    numbers, decisions = measurements(f, g, mask)
+    others, same = measurements(f + offset, g + offset, mask)
+    assert decisions == same
+    assert_allclose(others, numbers, rtol=1e-12 * max(offset, 1e4), atol=1e-15 * max(offset, 1e3))
+
+
+@pytest.mark.parametrize("offset", OFFSETS)
+def test_offset_changes_neither_path_nor_verdict(offset):
+    """Of a match of 49 iterations: rounding, which grows along a search, is small there."""
+    f, g = (abfm.function(SPHERE, f"gaussian:vertex={v},width=0.13") for v in (1, 30))
+    one, other = (abfm.match(SPHERE, f + c, g + c) for c in (0.0, offset))
+    assert len(one.energy_history) < 150
+    assert (other.verdict.kind, other.verdict.cause) == (one.verdict.kind, one.verdict.cause)
+    assert other.facts.headline == one.facts.headline
+    assert len(other.path) == len(one.path)
+    for step, same in zip(one.path, other.path, strict=True):
+        assert step.sigma == same.sigma
+        assert same.residual == pytest.approx(step.residual, rel=2e-3)
+    apart = np.linalg.norm(other.velocity - one.velocity) / np.linalg.norm(one.velocity)
+    assert apart < 1e-3
+
+
+def test_a_large_constant_hides_no_residual():
+    """Relative to the norm of the target, as in the paper, nearly everything would be a match."""
+    f, g = (bump(EGG, place, 0.13) + 3 for place in ([1, 0, 0], [0, 0, 0.55]))
+    still = abfm.match(EGG, f, g, Parameters(iterations=0))
+    assert still.mismatch < 0.15
+    assert still.residual > 1
+    assert still.facts.outcome is Outcome.NOT_REACHED
+    assert still.facts.numbers["residual"] == still.residual
+
+
+def test_the_residual_is_relative_to_the_masked_deviation():
+    f, g = PAIRS["bumps"]
+    mask = np.where(SPHERE.vertices[:, 2] > 0, 1.0, 0.25)
+    functions = Problem(SPHERE, f, g, mask=mask).functions
+    mean = np.average(g, weights=functions.areas)
+    varying = functions.norm(functions.target - mean)
+    assert functions.residual(functions.source) == pytest.approx(
+        functions.norm(functions.source - functions.target) / varying, rel=1e-12
+    )
+    # the mean of the target is a residual of 1, whatever the target
+    assert functions.residual(np.full_like(functions.target, mean)) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("constant", [0.0, 1.0, -3e5])
+def test_a_constant_target_is_impossible(constant):
+    flat = np.full(len(SPHERE.vertices), constant)
+    for f in (PAIRS["bumps"][0], flat):
+        found = abfm.match(SPHERE, f, flat, Parameters(iterations=2, refine=0))
+        assert found.facts.outcome is Outcome.IMPOSSIBLE
+        assert not found.facts.outcome.is_good
