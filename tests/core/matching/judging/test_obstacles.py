@@ -1,0 +1,81 @@
+"""What prevents a match is known before the first iteration, the same in both directions."""
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm import Outcome, Parameters, Problem
+from abfm.matching import Cause, foreseen
+from tests.core.fields import bump
+from tests.shapes import icosphere
+
+SPHERE = icosphere(3)
+COUNT = len(SPHERE.vertices)
+SHORT = Parameters(iterations=5, refine=0)
+
+
+def at(degrees, width=0.2):
+    angle = np.deg2rad(degrees)
+    return bump(SPHERE, [0, np.sin(angle), np.cos(angle)], width)
+
+
+PAIRS = {
+    "higher peak": (at(0), 2 * at(30)),
+    "vanishing values": (at(0) - at(180), at(30)),
+    "constant": (at(0), np.full(COUNT, 0.5)),
+    "two constants": (np.ones(COUNT), np.ones(COUNT)),
+    "two peaks": (at(0), at(60) + at(-60)),
+    "fine": (at(0), at(30)),
+    "alike": (at(0), at(0)),
+}
+OUTCOMES = {
+    "higher peak": Outcome.IMPOSSIBLE,
+    "vanishing values": Outcome.IMPOSSIBLE,
+    "constant": Outcome.IMPOSSIBLE,
+    "two constants": Outcome.IMPOSSIBLE,
+    "two peaks": Outcome.NEARLY,
+    "fine": None,
+    "alike": None,
+}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_both_directions_have_the_same_outcome(name):
+    f, g = PAIRS[name]
+    for pair in ((f, g), (g, f)):
+        found = foreseen(Problem(SPHERE, *pair))
+        assert (found and found.outcome) == OUTCOMES[name]
+
+
+@pytest.mark.parametrize("name", [name for name, it in OUTCOMES.items() if it == "impossible"])
+def test_the_verdict_agrees_with_what_was_foreseen(name):
+    f, g = PAIRS[name]
+    for pair in ((f, g), (g, f)):
+        problem = Problem(SPHERE, *pair, SHORT)
+        found = abfm.match(problem)
+        assert found.facts.outcome is Outcome.IMPOSSIBLE
+        assert found.verdict.why == foreseen(problem).reason
+
+
+def test_rounding_is_written_as_zero():
+    found = foreseen(Problem(SPHERE, at(0, 0.08), 2 * at(30, 0.08)))
+    assert "from 0 to 1" in found.reason
+    assert "e-1" not in found.reason
+
+
+def test_landmarks_need_no_functions():
+    assert foreseen(Problem(SPHERE, None, None, landmarks=[[0, 20]])) is None
+
+
+def test_values_that_a_mask_hides_are_no_obstacle():
+    mask = np.where(SPHERE.vertices[:, 0] < -0.5, 0.0, 1.0)
+    junk = np.where(mask > 0, at(30), 100.0)
+    assert foreseen(Problem(SPHERE, at(0), junk, mask=mask)) is None
+    assert foreseen(Problem(SPHERE, at(0), junk)).outcome is Outcome.IMPOSSIBLE
+
+
+def test_the_cause_of_values_names_both_ranges():
+    found = foreseen(Problem(SPHERE, at(0), 2 * at(30)))
+    assert found.numbers["residual_bound"] > 0.4
+    verdict = abfm.match(SPHERE, at(0), 2 * at(30), SHORT).verdict
+    assert verdict.cause is Cause.VALUES_DIFFER
