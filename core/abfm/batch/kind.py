@@ -82,7 +82,7 @@ def facts_of_match(path: Path) -> Facts:
         residual, verified, folded = (
             float(archive[name]) if name in archive else math.nan for name in names
         )
-        verdict, reason, _ = archive["verdict"].tolist()
+        verdict, _, reason, _ = archive["verdict"].tolist()
         return Facts(verdict, reason, residual, verified, folded, _log2_area(archive))
 
 
