@@ -137,9 +137,9 @@ def test_every_room_is_seen_at_a_glance():
 
 
 def bound_names(statement):
-    """Names that a statement of a module binds, unless it makes them of themselves."""
+    """Names that a statement of a module binds, except decorated ones and overloads."""
     if isinstance(statement, ast.FunctionDef | ast.ClassDef):
-        return [statement.name]
+        return [] if statement.decorator_list else [statement.name]
     if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
         return []
     names = [node for node in ast.walk(statement) if isinstance(node, ast.Name)]

@@ -86,7 +86,7 @@ class TableReader:
     def _row(self, number: int, entry: Entry) -> ResultRow:
         name = one_line(entry.row.name, 200)
         if entry.path is None:
-            return ResultRow(number, name, entry.facts.outcome, reason=entry.reason)
+            return ResultRow(number, name, entry.facts.outcome, reason=entry.facts.reason)
         # files of results are named by what is in them
         known = self._known.get(entry.path)
         if known is not None and known.key == (number, name):

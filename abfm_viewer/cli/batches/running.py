@@ -12,7 +12,7 @@ from typing import Any
 
 from abfm import Control, ResultError
 from abfm.batch import Cluster, Entry, Ledger, Row, run
-from abfm.batch.run import WAITS, LostError
+from abfm.batch.run import REPORTED_STEPS, LostError
 from abfm.errors import one_line, printable
 from abfm.outcome import Outcome
 from abfm.wording import counted
@@ -97,7 +97,7 @@ def solved(
     keys = {rows[number].key for number in left}
     with (
         cancelled_by_signals(control, "with the rows that are done") as kept,
-        row_progress(len(keys), arguments.quiet, waits=WAITS) as report,
+        row_progress(len(keys), arguments.quiet, reported=REPORTED_STEPS) as report,
     ):
 
         def show(entry: Entry) -> None:

@@ -54,12 +54,15 @@ class Cost:
 
 
 class Prepared(NamedTuple):
-    """What a row is when all is read: the name of its result, and what finds it, with the path that
-    this will have, beside which what is long may keep what it found so far.
-    """
+    """A row whose files are read."""
 
     digest: str
+    """Name of the result."""
     solve: Callable[[Control | None, Cost, Path | None], Saved]
+    """Find the result. Long work may keep a checkpoint next to the path that the result will have.
+    """
+    foreseen: Callable[[], Facts | None] = lambda: None
+    """Return what the functions alone say of the result; None if nothing prevents a match."""
 
 
 def facts_of_match(path: Path) -> Facts:

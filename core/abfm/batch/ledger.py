@@ -39,6 +39,7 @@ class Record:
     evaluations: int | None = None
     seconds_to_goal: float | None = None
     row_products: int | None = None
+    expected: str = ""  # of a row that is being solved: why no flow can match its functions
 
     def __post_init__(self) -> None:
         """Refuse what no run writes, by a ValueError: ledgers may come from elsewhere."""
@@ -82,7 +83,7 @@ class Entry:
         """
         if self.path is None:
             outcome = Outcome.FAILED if self.state == "failed" else Outcome.MISSING
-            return Facts(outcome, str(outcome), self.reason)
+            return Facts(outcome, str(outcome), self.reason or self.record.expected)
         try:
             return self.row.declared.facts(self.path)
         except ResultError as error:
@@ -214,7 +215,10 @@ class Ledger:
         """Return what was written of a row; None if its file is missing or damaged."""
         with suppress(OSError, ValueError, TypeError):
             record = Record(**from_json(read_bytes(self._place(key), _LARGEST)))
-            return replace(record, reason=one_line(record.reason, _LONGEST_REASON))
+            texts = {name: getattr(record, name) for name in ("reason", "expected")}
+            return replace(
+                record, **{name: one_line(text, _LONGEST_REASON) for name, text in texts.items()}
+            )
         return None
 
     def _write(self, path: Path, content: object) -> None:

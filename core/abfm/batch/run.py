@@ -9,7 +9,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from abfm.batch.attempt import Answer, Task, attempt
+from abfm.batch.attempt import EXPECTED, Answer, Task, attempt
 from abfm.batch.ledger import Entry, Ledger, Record
 from abfm.batch.rows import Row
 from abfm.errors import ParameterError, ResultError, brief
@@ -29,11 +29,10 @@ threads come out differently.
 TRIES = 3
 """How often a row is tried whose worker dies."""
 ENDED = f"the process that solved it ended {TRIES} times, as for want of memory"
-WAITS = CONNECTING, NO_WORKERS = (
-    "connecting to the scheduler",
-    "waiting for workers: the cluster has none",
-)
-"""Steps of a cluster elsewhere, see `abfm.workers.progress`."""
+CONNECTING = "connecting to the scheduler"
+NO_WORKERS = "waiting for workers: the cluster has none"
+REPORTED_STEPS = (CONNECTING, NO_WORKERS, EXPECTED)
+"""Beginnings of the steps that a user sees while rows are solved, see `abfm.workers.progress`."""
 
 
 class LostError(ResultError):

@@ -11,12 +11,13 @@ import pytest
 
 import abfm
 from abfm.assets import asset_path
-from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, run
-from abfm.batch.attempt import Task, attempt
+from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, matches, run
+from abfm.batch.attempt import EXPECTED, Task, attempt
 from abfm.batch.run import ENDED, seen_here
 from abfm.errors import ParameterError, ResultError
 from abfm.flow.exponential import counted_row_products
 from abfm.outcome import Outcome
+from abfm.workers.progress import telling
 from abfm.workers.worker import WorkerEndedError
 from tests.core.batch.rows import BRIEF, ONE, Mortal, Quick, pair, results
 from tests.shapes import icosphere
@@ -307,6 +308,28 @@ def test_damaged_result_is_a_failed_row(done, tmp_path, damage):
     facts = replace(entry, path=tmp_path / "damaged.npz").facts
     assert (facts.outcome, facts.numbers) == (Outcome.FAILED, {})
     assert "damaged.npz" in facts.reason
+
+
+def test_impossible_row_is_reported_before_it_is_solved(tmp_path, monkeypatch):
+    row, ledger, seen = pair(target=5, source=4), Ledger(tmp_path), []
+    impossible = Row("sub-01", dict(row.options) | {"source": "expression:1"})
+    solve = matches.match
+
+    def solving(*given, **named):
+        seen.append(ledger.entry(impossible))
+        return solve(*given, **named)
+
+    monkeypatch.setattr(matches, "match", solving)
+    steps = []
+    with telling(lambda step: steps.append(step and step.task)):
+        attempt(Task(impossible, str(tmp_path), ledger.make()))
+        attempt(Task(row, str(tmp_path), ledger.make()))
+    (before, _), after = seen, ledger.entry(impossible)
+    assert (before.state, before.facts.outcome) == ("missing", Outcome.MISSING)
+    assert "source is constant" in before.facts.reason
+    assert after.facts.outcome is Outcome.IMPOSSIBLE
+    [reported] = {each for each in steps if each and each.startswith(EXPECTED)}
+    assert "sub-01" in reported
 
 
 def test_rows_are_kept_for_who_asks_later(done):

@@ -14,7 +14,7 @@ import abfm as library
 from abfm.assets import asset_path
 from abfm.batch import Ledger, read_table
 from abfm.batch.kinds import KINDS
-from abfm.batch.run import CONNECTING, NO_WORKERS, WAITS, LostError
+from abfm.batch.run import CONNECTING, NO_WORKERS, REPORTED_STEPS, LostError
 from abfm.errors import ResultError
 from abfm.outcome import Outcome
 from abfm.workers.progress import step
@@ -271,7 +271,7 @@ def test_what_is_done_is_told_where_who_solves_is_lost_and_where_nothing_can_be_
 
 
 def test_a_cluster_that_is_waited_for_is_told_of(capsys):
-    with row_progress(3, False, waits=WAITS) as report:
+    with row_progress(3, False, reported=REPORTED_STEPS) as report:
         with step(CONNECTING), step("another"):
             pass
         report("one: matched")
