@@ -1,5 +1,6 @@
 """The distribution, the start script, and what importing may not do."""
 
+import ast
 import os
 import re
 import shlex
@@ -133,6 +134,24 @@ def test_every_room_is_seen_at_a_glance():
     rooms = [init.parent for house in PACKAGES for init in house.glob("*/**/__init__.py")]
     counts = {room.name: len({*os.listdir(room)} - {"__pycache__"}) for room in rooms}
     assert {name: count for name, count in counts.items() if count > 18} == {}
+
+
+def bound_names(statement):
+    """Names that a statement of a module binds, except decorated ones and overloads."""
+    if isinstance(statement, ast.FunctionDef | ast.ClassDef):
+        return [] if statement.decorator_list else [statement.name]
+    if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
+        return []
+    names = [node for node in ast.walk(statement) if isinstance(node, ast.Name)]
+    used = {name.id for name in names if isinstance(name.ctx, ast.Load)}
+    return [name.id for name in names if isinstance(name.ctx, ast.Store) and name.id not in used]
+
+
+def test_no_module_binds_a_name_twice():
+    """A second constant of the same name replaces the first, wherever that is used."""
+    for path in (path for package in PACKAGES for path in package.rglob("*.py")):
+        names = [name for each in ast.parse(path.read_text()).body for name in bound_names(each)]
+        assert sorted(names) == sorted(set(names)), path
 
 
 def test_matching_and_the_command_line_need_no_opengl():

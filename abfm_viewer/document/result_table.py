@@ -9,23 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from abfm.outcome import Tone
+from abfm.outcome import Facts, Outcome, Tone, worse_residual
 
 if TYPE_CHECKING:
     from abfm import Population
 
-WORST_FIRST = (
-    "failed",
-    "missing",
-    "does not fit",
-    "impossible",
-    "not reached",
-    "nearly",
-    "registered",
-    "matched",
-)
-"""What rows come to, in the order of tables."""
-_GOOD = "registered", "matched"
 Name = Literal[
     "name", "verdict", "left", "verified", "folded", "log2_area", "correlation", "reason"
 ]
@@ -67,7 +55,7 @@ class ResultRow:
 
     number: int  # in its table
     name: str
-    verdict: str  # one of `WORST_FIRST`
+    verdict: Outcome
     left: float = math.nan
     verified: float = math.nan
     folded: float = math.nan
@@ -76,6 +64,7 @@ class ResultRow:
     reason: str = ""
     path: Path | None = None  # of its result
     texts: tuple[tuple[str, str], ...] = ()  # of its channels: sources and targets, as written
+    warnings: tuple[str, ...] = ()
 
     @property
     def key(self) -> tuple[int, str]:
@@ -84,9 +73,8 @@ class ResultRow:
 
     @property
     def tone(self) -> Tone:
-        if self.verdict in _GOOD:
-            return "good"
-        return "ink" if self.verdict in ("nearly", "missing") else "failure"
+        """The colour of the verdict."""
+        return Facts(self.verdict, "", warnings=self.warnings).tone
 
     def told(self, column: Name) -> str:
         """Return what a cell says."""
@@ -116,9 +104,9 @@ class ResultTable:
 
     @property
     def told(self) -> str:
-        """How many rows came to what: ``9 rows: 7 matched, 2 failed``."""
+        """The number of rows by verdict: ``9 rows: 7 matched, 2 failed``."""
         count = Counter(row.verdict for row in self.rows)
-        parts = [f"{count[word]} {word}" for word in reversed(WORST_FIRST) if count[word]]
+        parts = [f"{count[each]} {each}" for each in Outcome if count[each]]
         noun = "row" if self.population is None else "subject"
         plural = "" if len(self.rows) == 1 else "s"
         return f"{len(self.rows)} {noun}{plural}: {', '.join(parts) or 'none'}"
@@ -148,12 +136,13 @@ class ResultTable:
         return (*known, *unknown)
 
     def _badness(self, row: ResultRow) -> tuple[int, float, str]:
-        order = WORST_FIRST.index(row.verdict) if row.verdict in WORST_FIRST else 0
+        order = -row.verdict.rank
         if self.population is not None:
-            order = min(order, WORST_FIRST.index("nearly")) if row.verdict in _GOOD else order
+            # all that are good are compared by their correlation
+            order = -Outcome.NEARLY.rank if row.verdict.is_good else order
             return order, _or_last(row.correlation), row.name
-        worse = [value for value in (row.left, row.verified) if not math.isnan(value)]
-        return order, -max(worse, default=0.0), row.name
+        worse = worse_residual(row.left, row.verified)
+        return order, 0.0 if math.isnan(worse) else -worse, row.name
 
 
 def _or_last(value: float) -> float:

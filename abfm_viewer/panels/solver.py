@@ -14,7 +14,6 @@ from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.panels.context import Context
-from abfm_viewer.panels.intervals import confirmed
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import child
 from abfm_viewer.widgets.toolkit import Kind, Ui
@@ -149,16 +148,15 @@ def _draw_film(ui: Ui, session: Session, lines: int) -> None:
         _line(ui, about, most=_MOST_LINES)
         return
     outdated = document.is_film_outdated
-    all_good = sequence.confirmed == len(sequence)
-    tone: Kind = "muted" if outdated else "good" if all_good else "ink"
-    _line(ui, confirmed(sequence), tone)
+    facts = sequence.facts
+    _line(ui, capital(facts.headline), "muted" if outdated else facts.tone)
     if outdated:
         _line(ui, "Frames or parameters changed since: match all frames again.", "ink", lines)
     now = film.interval(document.time)
     verdict = sequence.verdicts[now]
-    ink: Kind = "ink" if verdict.kind.is_good else "failure"
     told = verdict_words.of_interval(sequence, now)
-    _line(ui, f"Frame {now} to {now + 1}: {told}", "muted" if outdated else ink)
+    tone: Kind = "muted" if outdated else verdict.kind.tone
+    _line(ui, f"Frame {now} to {now + 1}: {told}", tone)
     _line(ui, sentence(verdict.cause or verdict.reason), most=lines)
 
 

@@ -12,15 +12,16 @@ import pytest
 
 import abfm as library
 from abfm.assets import asset_path
-from abfm.batch import Ledger
+from abfm.batch import Ledger, read_table
 from abfm.batch.kinds import KINDS
-from abfm.batch.run import CONNECTING, NO_WORKERS, WAITS, LostError
+from abfm.batch.run import CONNECTING, NO_WORKERS, REPORTED_STEPS, LostError
 from abfm.errors import ResultError
+from abfm.outcome import Outcome
 from abfm.workers.progress import step
 from abfm_viewer import pictures
 from abfm_viewer.cli import main
 from abfm_viewer.cli.batches import batch, running
-from abfm_viewer.cli.batches.summary import GOOD, WORST_FIRST
+from abfm_viewer.cli.batches.rows import ROWS_SHOWN_MAX
 from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.errors import DrawingError
 from tests.attack.batches import (
@@ -34,7 +35,7 @@ from tests.attack.batches import (
     write_table,
     written,
 )
-from tests.processes import argv
+from tests.processes import argv, python
 
 EIGHT = asset_path("eight.off")
 BRIEF = "--refine 0 --levels 1 --cooling-stages 2"
@@ -125,8 +126,8 @@ def test_the_page_has_the_worst_first_a_picture_a_row_and_nothing_outside_it(sol
     assert "At a glance" not in page.text  # of sweeps
     facts = json.loads(page.facts)
     assert [row["name"] for row in facts["rows"]] == page.names
-    verdicts = [WORST_FIRST.index(row["verdict"]) for row in facts["rows"]]
-    assert verdicts == sorted(verdicts)
+    ranks = [Outcome(row["verdict"]).rank for row in facts["rows"]]
+    assert ranks == sorted(ranks, reverse=True)
     assert len(list((out / "pictures").iterdir())) == 2
 
 
@@ -175,7 +176,7 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     out = f"--over iterations=1 --out {tmp_path}/out --jobs 1 --no-pictures"
     status = main(argv(f"{words} {over} {out}"))
     rows = table_of(tmp_path / "out")
-    assert status == (0 if all(row["verdict"] in GOOD for row in rows) else 3)
+    assert status == (0 if all(Outcome(row["verdict"]).is_good for row in rows) else 3)
     targets = [f"gaussian:vertex={i},width=0.4" for i in (5, 6)]
     wanted = [(alpha, target, "1") for alpha in ("0.1", "0.2") for target in targets]
     assert [(row["alpha"], row["target"], row["iterations"]) for row in rows] == wanted
@@ -270,7 +271,7 @@ def test_what_is_done_is_told_where_who_solves_is_lost_and_where_nothing_can_be_
 
 
 def test_a_cluster_that_is_waited_for_is_told_of(capsys):
-    with row_progress(3, False, waits=WAITS) as report:
+    with row_progress(3, False, reported=REPORTED_STEPS) as report:
         with step(CONNECTING), step("another"):
             pass
         report("one: matched")
@@ -316,6 +317,99 @@ def test_a_signal_ends_a_batch_and_keeps_what_is_done(tmp_path):
     assert 1 <= len(done) < 12
     assert len(results(tmp_path / "out")) == len(done)
     assert lingering(there) == []
+
+
+def write_ledger(folder, rows):
+    """Write a table and a ledger in which every row has failed but each tenth, which is missing."""
+    lines = [f"row {i},none.off,{NEAR},{NEAR},{i}" for i in range(rows)]
+    head = "name,mesh,source,target,iterations"
+    (folder / "table.csv").write_text("\n".join([head, *lines]) + "\n")
+    ledger, found = Ledger(folder / "out"), read_table(folder / "table.csv")
+    ledger.make()
+    ledger.write_rows(found, "table.csv")
+    for number, row in enumerate(found):
+        if number % 10:
+            record = json.dumps({"reason": f"there is no file number {number}"})
+            (ledger.own / f"{row.key}.json").write_text(record)
+
+
+def test_page_of_many_rows_is_bounded(tmp_path, abfm):
+    write_ledger(tmp_path, 3000)
+    printed = json.loads(abfm(f"batch --status {tmp_path}/out --json --quiet", status=4).out)
+    assert printed["counts"] == {"missing": 300, "failed": 2700}
+    assert [row["name"] for row in printed["rows"]] == [f"row {i}" for i in range(3000)]
+    assert len(table_of(tmp_path / "out")) == 3000
+    page = Page(tmp_path / "out" / "summary.html")
+    assert len(page.names) == ROWS_SHOWN_MAX == 1000
+    facts = json.loads(page.facts)
+    assert (facts["count"], len(facts["rows"])) == (3000, ROWS_SHOWN_MAX)
+    assert {row["verdict"] for row in facts["rows"]} == {"failed"}
+    assert "1,000 of 3,000 rows" in page.text
+    assert page.links == ["summary.csv"]
+    assert (tmp_path / "out" / "summary.html").stat().st_size < 1_500_000
+
+
+def test_long_texts_are_cut_on_the_page_only(tmp_path, abfm):
+    text = f"name,mesh,source,target\n{'n' * 20_000},none.off,{NEAR},{NEAR}\n"
+    (tmp_path / "table.csv").write_text(text)
+    abfm(f"batch {tmp_path}/table.csv --out {tmp_path}/out --jobs 1 --quiet", status=4)
+    assert (tmp_path / "out" / "summary.html").stat().st_size < 20_000
+    assert table_of(tmp_path / "out")[0]["name"] == "n" * 20_000
+
+
+def test_letters_that_cannot_be_written_hide_nothing(tmp_path, abfm):
+    write_ledger(tmp_path, 2)
+    rows = tmp_path / "out" / "ledger" / "rows.json"
+    rows.write_text(rows.read_text().replace("row 0", "\\ud800"))
+    told = abfm(f"batch --status {tmp_path}/out", status=4)
+    assert told.out.startswith("2 rows: 1 not done, 1 failed")
+    assert [row["name"] for row in table_of(tmp_path / "out")] == ["?", "row 1"]
+
+
+_SIGNALLED = """
+import importlib, os, signal, sys
+from abfm_viewer.cli import main
+from abfm_viewer.cli.batches import running
+running.ROWS_AFTER_SIGNAL_MAX = 5
+place, name, *words = sys.argv[1:]
+module, _, owner = place.partition(":")
+module = importlib.import_module(module)
+owner = getattr(module, owner) if owner else module
+function, calls = getattr(owner, name), 0
+def signalled(*given, **named):
+    global calls
+    calls += 1
+    if calls == 10:
+        os.kill(os.getpid(), signal.SIGTERM)
+    return function(*given, **named)
+setattr(owner, name, signalled)
+sys.argv[1:] = words
+sys.exit(main())
+"""
+_CLI = "abfm_viewer.cli.batches"
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "words"),
+    [
+        ("abfm.batch.table", "_row", "{t}/table.csv --out {t}/new --jobs 1"),
+        ("abfm.batch.ledger:Ledger", "_read", "--status {t}/out"),
+        ("abfm.batch.ledger:Ledger", "_read", "{t}/table.csv --out {t}/out --jobs 1"),
+        ("abfm.batch.ledger:Ledger", "forget", "{t}/table.csv --out {t}/new --jobs 1"),
+        ("abfm.batch.ledger:Ledger", "record", "{t}/table.csv --out {t}/new --jobs 1"),
+        (f"{_CLI}.running", "summary_row", "--status {t}/out"),
+        (f"{_CLI}.rows:SummaryRow", "to_dict", "--status {t}/out"),
+        (f"{_CLI}.page", "_line", "--status {t}/out"),
+    ],
+)
+def test_signal_ends_a_large_batch_before_it_is_complete(place, name, words, tmp_path):
+    write_ledger(tmp_path, 20)
+    words = words.format(t=tmp_path).split()
+    done = python(_SIGNALLED, place, name, "batch", *words, "--no-pictures")
+    assert done.returncode == 143
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.rglob("summary.html"))
+    assert not list(tmp_path.rglob(".abfm-*"))
 
 
 def test_a_batch_whose_processes_are_killed_goes_on_and_leaves_none_behind(tmp_path, abfm):
