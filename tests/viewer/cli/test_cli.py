@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 from dataclasses import asdict, fields, replace
 from functools import partial
@@ -276,7 +277,7 @@ def test_what_is_advised_on_the_command_line_can_be_typed_there_and_helps(tmp_pa
     assert "\nthe flow squeezed the source to nothing" in told.out
     warning = r"warning: iteration \d+: the source is being squeezed to nothing .*\n"
     assert re.fullmatch(warning, told.err)
-    options = re.search(r"^to try: reach further \((.*?)\)$", told.out, re.M)[1].split()
+    options = shlex.split(re.search(r"^to try: reach further \((.*?)\)$", told.out, re.M)[1])
     before = load_match(out).mismatch
     abfm(*words, *options)
     assert load_match(out).mismatch < 0.2 * before

@@ -152,11 +152,11 @@ from abfm_viewer.{module} import main; sys.exit(main({words}))
 @pytest.mark.parametrize(
     ("act", "words", "module", "number"),
     [
-        ("interrupt", ["[]"], "cli", signal.SIGINT),
-        ("interrupt", ["[]"], "app", signal.SIGINT),
-        ("kill", [], "cli", signal.SIGINT),
-        ("kill", [], "cli", signal.SIGHUP),
-        ("kill", [], "app", signal.SIGTERM),
+        ("interrupt", "[]", "cli", signal.SIGINT),
+        ("interrupt", "[]", "app", signal.SIGINT),
+        ("kill", "", "cli", signal.SIGINT),
+        ("kill", "", "cli", signal.SIGHUP),
+        ("kill", "", "app", signal.SIGTERM),
     ],
 )
 def test_a_signal_inside_an_import_ends_the_program_in_one_line(act, words, module, number):
