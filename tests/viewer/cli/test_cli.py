@@ -21,7 +21,7 @@ from abfm.assets import asset_path
 from abfm.io import write_values
 from abfm.workers import progress
 from abfm_viewer.cli import main
-from abfm_viewer.cli.match import Outcome
+from abfm_viewer.cli.match import FinishedMatch
 from abfm_viewer.cli.options import Parser
 from abfm_viewer.cli.results import path_lines
 from abfm_viewer.document import verdict_words
@@ -321,7 +321,7 @@ def test_channels_and_weights_reach_the_solver_and_what_is_not_known_is_null(res
     assert match.weights == pytest.approx([1, 0.01])
     assert match.target[:, 1] == pytest.approx(match.mesh.vertices[:, 1])
     match = replace(match, verified_residual=float("nan"), folded=float("nan"))
-    outcome = Outcome(match, 1.0, [], False)
+    outcome = FinishedMatch(match, 1.0, [], False)
     assert outcome.to_dict()["verified_residual"] is outcome.to_dict()["folded"] is None
     assert "flow lines" not in outcome.summary().splitlines()[0]
 
