@@ -203,8 +203,10 @@ def test_the_app_says_in_a_line_why_it_does_not_start(environment, words):
 
 @pytest.fixture
 def house(tmp_path):
-    """A folder with a blank in its name, with `run` and an environment that looks installed."""
-    house = tmp_path / "my house"
+    """A folder with a blank and an accent in its name, with `run` and an environment that looks
+    installed.
+    """
+    house = tmp_path / "my höuse"
     programs = house / ".venv" / "bin"
     programs.mkdir(parents=True)
     for name in ("run", "pyproject.toml"):
@@ -328,3 +330,21 @@ def test_run_test_with_words_is_pytest_alone_and_keeps_compiled_modules(house):
 
 def test_run_is_understood_by_bash():
     run("bash", "-n", ROOT / "run", check=True)
+
+
+def test_ci_runs_all_checks_in_a_copy_with_a_difficult_path(tmp_path):
+    """The copy leaves out environments; its exit status is passed on, and nothing stays behind."""
+    checkout, temporary = tmp_path / "checkout", tmp_path / "temporary"
+    for folder in (checkout / ".ci", checkout / ".venv", temporary):
+        folder.mkdir(parents=True)
+    shutil.copy(ROOT / ".ci" / "run", checkout / ".ci")
+    (checkout / ".gitignore").touch()
+    program(checkout / "run", 'echo "$@"; cd "$(dirname "$0")"; ls -A; pwd; exit 5')
+    done = run(checkout / ".ci" / "run", env=os.environ | {"TMPDIR": str(temporary)})
+    words, *names, place = done.stdout.splitlines()
+    assert (done.returncode, words) == (5, "test")
+    assert sorted(names) == [".ci", ".gitignore", "run"]
+    assert place.startswith(str(temporary))
+    assert " " in place
+    assert not place.isascii()
+    assert list(temporary.iterdir()) == []

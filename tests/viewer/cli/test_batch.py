@@ -38,13 +38,13 @@ from tests.attack.batches import (
 from tests.processes import argv, python
 
 EIGHT = asset_path("eight.off")
-BRIEF = "--refine 0 --levels 1 --cooling-stages 2"
-NEAR, FAR = '"gaussian:vertex=5,width=0.4"', '"gaussian:vertex=200,width=0.2"'
+BRIEF = ["--refine", "0", "--levels", "1", "--cooling-stages", "2"]
+NEAR, FAR = "gaussian:vertex=5,width=0.4", "gaussian:vertex=200,width=0.2"
 TABLE = f"""\
 name,mesh,source,target,iterations,refine,levels,alpha
-<far>,{EIGHT},"gaussian:vertex=0,width=0.4",{FAR},0,0,1,0.5
-same,{EIGHT},{NEAR},{NEAR},5,0,1,
-lost,nowhere.off,{NEAR},{NEAR},5,0,1,
+<far>,{EIGHT},"gaussian:vertex=0,width=0.4","{FAR}",0,0,1,0.5
+same,{EIGHT},"{NEAR}","{NEAR}",5,0,1,
+lost,nowhere.off,"{NEAR}","{NEAR}",5,0,1,
 """
 
 
@@ -102,7 +102,7 @@ def test_a_table_is_solved_and_failed_rows_have_their_status_and_reason(solved):
         "failed",
     )
     assert far["alpha"] == "0.5"
-    assert (same["source"], same["alpha"]) == (NEAR.strip('"'), "")
+    assert (same["source"], same["alpha"]) == (NEAR, "")
     assert lost["reason"].endswith("nowhere.off: there is no such file")
     assert (lost["digest"], lost["mismatch"]) == ("", "")
     for row in (far, same):
@@ -134,18 +134,23 @@ def test_the_page_has_the_worst_first_a_picture_a_row_and_nothing_outside_it(sol
 def test_how_far_it_is_is_told_of_a_table_and_of_a_folder_and_nothing_is_solved(solved, abfm):
     folder, _ = solved
     before = (folder / "out" / "summary.html").read_bytes()
-    by_folder = json.loads(abfm(f"batch --status {folder}/out --json --quiet", status=4).out)
+    by_folder = json.loads(
+        abfm("batch", "--status", folder / "out", "--json", "--quiet", status=4).out
+    )
     assert by_folder["counts"] == {"matched": 1, "not reached": 1, "failed": 1}
     assert (folder / "out" / "summary.html").read_bytes() == before
     other = folder / "other.csv"
     other.write_text(TABLE.replace(",5,0,1", ",6,0,1"))
-    words = f"batch {other} --out {folder}/out --status --json --quiet"
-    by_table = json.loads(abfm(words, status=4).out)
+    words = ["batch", other, "--out", folder / "out", "--status", "--json", "--quiet"]
+    by_table = json.loads(abfm(*words, status=4).out)
     assert by_table["counts"] == {"not reached": 1, "missing": 2}
     assert by_table["rows"][1]["digest"] is None
-    assert "same: matched" not in abfm(f"batch --status {other} --out {folder}/out", status=4).out
-    abfm(f"batch --status {folder}/out", status=4)  # as it was
-    told = abfm(f"info {folder}/out", status=2).err
+    assert (
+        "same: matched"
+        not in abfm("batch", "--status", other, "--out", folder / "out", status=4).out
+    )
+    abfm("batch", "--status", folder / "out", status=4)  # as it was
+    told = abfm("info", folder / "out", status=2).err
     assert told.endswith(
         f"out: this is a folder; abfm batch --status {folder}/out tells of a batch\n"
     )
@@ -160,7 +165,7 @@ def test_help_names_every_kind_of_row():
 def test_run_again_it_does_what_is_missing_and_says_so(solved, abfm):
     folder, _ = solved
     before = results(folder / "out")
-    told = abfm(f"batch {folder}/table.csv --out {folder}/out --jobs 1", status=4)
+    told = abfm("batch", folder / "table.csv", "--out", folder / "out", "--jobs", "1", status=4)
     assert "2 of 3 rows are there already" in told.err
     assert re.search(r"^1 of 1: lost: failed: .*no such file$", told.err, re.MULTILINE)
     assert told.out.startswith("3 rows: 1 matched, 1 not reached, 1 failed, in ")
@@ -171,10 +176,19 @@ def test_run_again_it_does_what_is_missing_and_says_so(solved, abfm):
 
 def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(EIGHT.parent)
-    words = f"sweep eight.off --source {NEAR} --channel coordinate:x coordinate:x 0.5 {BRIEF}"
-    over = f"--over alpha=0.1,0.2 --over 'target={NEAR},\"gaussian:vertex=6,width=0.4\"'"
-    out = f"--over iterations=1 --out {tmp_path}/out --jobs 1 --no-pictures"
-    status = main(argv(f"{words} {over} {out}"))
+    words = [
+        "sweep",
+        "eight.off",
+        f"--source={NEAR}",
+        "--channel",
+        "coordinate:x",
+        "coordinate:x",
+        "0.5",
+        *BRIEF,
+    ]
+    over = ["--over=alpha=0.1,0.2", f'--over=target="{NEAR}","gaussian:vertex=6,width=0.4"']
+    out = ["--over=iterations=1", f"--out={tmp_path}/out", "--jobs=1", "--no-pictures"]
+    status = main(argv(*words, *over, *out))
     rows = table_of(tmp_path / "out")
     assert status == (0 if all(Outcome(row["verdict"]).is_good for row in rows) else 3)
     targets = [f"gaussian:vertex={i},width=0.4" for i in (5, 6)]
@@ -201,11 +215,19 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
         assert float(row["log2_area"]) == match.path[match.step].log2_area
     assert "Best" not in text  # targets are no ways to solve one problem
     again = abfm(
-        f"sweep eight.off --source {NEAR} --target {NEAR} {BRIEF} --iterations 1 "
-        f"--over alpha=0.1,0.2 --out {tmp_path}/best --jobs 1 --no-pictures"
+        "sweep",
+        "eight.off",
+        f"--source={NEAR}",
+        f"--target={NEAR}",
+        *BRIEF,
+        "--iterations=1",
+        "--over=alpha=0.1,0.2",
+        f"--out={tmp_path}/best",
+        "--jobs=1",
+        "--no-pictures",
     ).out
     assert re.search(r"^closest, and areas change least: alpha 0.[12]: ", again, re.MULTILINE)
-    told = json.loads(abfm(f"batch --status {tmp_path}/best --json --quiet").out)
+    told = json.loads(abfm("batch", "--status", tmp_path / "best", "--json", "--quiet").out)
     assert told["best"]["closest"] == told["best"]["areas_change_least"]
     assert "Best" in Page(tmp_path / "best" / "summary.html").text
 
@@ -213,41 +235,85 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("batch", "--out is missing"),
-        ("batch --out {t}/out", "TABLE.csv is missing"),
-        ("batch {t}/none.csv --out {t}/out", "cannot read table {t}/none.csv: No such file"),
-        ("batch {t}/summary.csv --out {t}", "summary.csv: it is read; choose another name"),
-        ("batch ~no-user/t.csv --out {t}/out", "cannot read table ~no-user/t.csv: No such file"),
-        ("batch {t}/bad.csv --out {t}/out", "bad.csv: row 1, column alpha: 'much' is no number"),
-        ("batch {t}/good.csv --out {t}/out --jobs 0", "a number of processes"),
-        ("batch {t}/good.csv --out {t}/out --jobs 2 --scheduler x", "give one of --jobs"),
-        ("batch {t}/good.csv --out {t}/out --scheduler ''", "'' is no address, such as tcp://"),
-        ("batch {t}/good.csv --out ''", "'' names no folder"),
-        ("batch --status", "--status DIR is missing"),
-        ("batch {t}/good.csv --out {t}/out --scheduler-file {t}/s", "no scheduler's file {t}/s"),
-        ("batch {t}/good.csv --out {t}/good.csv/out", "choose a folder"),
-        ("batch {t}/good.csv --out {t}/none --status", "nothing was solved yet"),
-        ("batch --status {t}/none", "holds no batch"),
-        ("batch {t}/good.csv --out {t}/a --status {t}/b", "name two folders"),
-        ("sweep {t}/m.off --source curvature:mean --target curvature:mean --out {t}", "--over"),
-        ("sweep m.off --source curvature:mean --out out --over target=a", "unknown function"),
-        ("sweep m.off --source curvature:mean --out out --over alpha=1", "need each other"),
-        ("sweep m.off --out out --over alpa=1", "did you mean 'alpha'"),
-        ("sweep m.off --out out --over alpha", "is not NAME=A,B"),
-        ("sweep m.off --out out --over =1", "is not NAME=A,B"),
-        ("sweep m.off --source curvature:mean --out out --over alpha=x", "--alpha: 'x' is no"),
-        ("sweep m.off --out out --over alpha=1,,2", "expected values with commas"),
-        ("sweep m.off --out out --over alpha=1,1", "has a value twice"),
-        ("sweep m.off --out out --over alpha=1 --over alpha=2", "is given twice"),
-        ("sweep m.off --out out --over alpha=1 --alpha 2", "alpha is given, and swept over"),
-        ("sweep m.off --over alpha=1", "--out is missing"),
+        (["batch"], "--out is missing"),
+        (["batch", "--out", "{t}/out"], "TABLE.csv is missing"),
+        (
+            ["batch", "{t}/none.csv", "--out", "{t}/out"],
+            "cannot read table {t}/none.csv: No such file",
+        ),
+        (
+            ["batch", "{t}/summary.csv", "--out", "{t}"],
+            "summary.csv: it is read; choose another name",
+        ),
+        (
+            ["batch", "~no-user/t.csv", "--out", "{t}/out"],
+            "cannot read table ~no-user/t.csv: No such file",
+        ),
+        (
+            ["batch", "{t}/bad.csv", "--out", "{t}/out"],
+            "bad.csv: row 1, column alpha: 'much' is no number",
+        ),
+        (["batch", "{t}/good.csv", "--out", "{t}/out", "--jobs", "0"], "a number of processes"),
+        (
+            ["batch", "{t}/good.csv", "--out={t}/out", "--jobs=2", "--scheduler=x"],
+            "give one of --jobs",
+        ),
+        (
+            ["batch", "{t}/good.csv", "--out={t}/out", "--scheduler="],
+            "'' is no address, such as tcp://",
+        ),
+        (["batch", "{t}/good.csv", "--out", ""], "'' names no folder"),
+        (["batch", "--status"], "--status DIR is missing"),
+        (
+            ["batch", "{t}/good.csv", "--out={t}/out", "--scheduler-file={t}/s"],
+            "no scheduler's file {t}/s",
+        ),
+        (["batch", "{t}/good.csv", "--out", "{t}/good.csv/out"], "choose a folder"),
+        (["batch", "{t}/good.csv", "--out", "{t}/none", "--status"], "nothing was solved yet"),
+        (["batch", "--status", "{t}/none"], "holds no batch"),
+        (["batch", "{t}/good.csv", "--out={t}/a", "--status", "{t}/b"], "name two folders"),
+        (
+            [
+                "sweep",
+                "{t}/m.off",
+                "--source=curvature:mean",
+                "--target=curvature:mean",
+                "--out={t}",
+            ],
+            "--over",
+        ),
+        (
+            ["sweep", "m.off", "--source=curvature:mean", "--out=out", "--over=target=a"],
+            "unknown function",
+        ),
+        (
+            ["sweep", "m.off", "--source=curvature:mean", "--out=out", "--over=alpha=1"],
+            "need each other",
+        ),
+        (["sweep", "m.off", "--out", "out", "--over", "alpa=1"], "did you mean 'alpha'"),
+        (["sweep", "m.off", "--out", "out", "--over", "alpha"], "is not NAME=A,B"),
+        (["sweep", "m.off", "--out", "out", "--over", "=1"], "is not NAME=A,B"),
+        (
+            ["sweep", "m.off", "--source=curvature:mean", "--out=out", "--over=alpha=x"],
+            "--alpha: 'x' is no",
+        ),
+        (["sweep", "m.off", "--out", "out", "--over", "alpha=1,,2"], "expected values with commas"),
+        (["sweep", "m.off", "--out", "out", "--over", "alpha=1,1"], "has a value twice"),
+        (["sweep", "m.off", "--out=out", "--over=alpha=1", "--over=alpha=2"], "is given twice"),
+        (
+            ["sweep", "m.off", "--out=out", "--over=alpha=1", "--alpha=2"],
+            "alpha is given, and swept over",
+        ),
+        (["sweep", "m.off", "--over", "alpha=1"], "--out is missing"),
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_line_and_nothing_is_solved(words, told, tmp_path, abfm):
     for name in ("good", "summary"):
         (tmp_path / f"{name}.csv").write_text(TABLE)
     (tmp_path / "bad.csv").write_text(TABLE.replace("0.5\n", "much\n"))
-    assert told.format(t=tmp_path) in abfm(words.format(t=tmp_path), status=2).err
+    assert (
+        told.format(t=tmp_path) in abfm(*(word.format(t=tmp_path) for word in words), status=2).err
+    )
     assert not list(tmp_path.rglob("*.npz"))
 
 
@@ -257,16 +323,16 @@ def test_what_is_done_is_told_where_who_solves_is_lost_and_where_nothing_can_be_
     folder, _ = solved
     run = Mock(side_effect=LostError("the scheduler does not answer any more"))
     monkeypatch.setattr(running, "run", run)
-    told = abfm(f"batch {folder}/table.csv --out {folder}/out --quiet", status=4)
+    told = abfm("batch", folder / "table.csv", "--out", folder / "out", "--quiet", status=4)
     assert told.err == "abfm: the scheduler does not answer any more\n"
     assert told.out.startswith("3 rows: 1 matched, 1 not reached, 1 failed")
     refuse = Mock(side_effect=ResultError("cannot write summary.csv"))
     monkeypatch.setattr(running, "write_summary", refuse)
-    told = abfm(f"batch --status {folder}/out", status=4)
+    told = abfm("batch", "--status", folder / "out", status=4)
     assert told.err == "note: no summary is written: cannot write summary.csv\n"
     assert told.out.startswith("3 rows: 1 matched, 1 not reached, 1 failed")
     run.side_effect = lambda rows, folder, *_, **__: Ledger(folder).entries(rows)
-    told = abfm(f"batch {folder}/table.csv --out {folder}/out --quiet", status=2)
+    told = abfm("batch", folder / "table.csv", "--out", folder / "out", "--quiet", status=2)
     assert told.err == "abfm: cannot write summary.csv\n"
 
 
@@ -292,12 +358,12 @@ def test_a_machine_that_cannot_draw_says_so_and_the_rest_is_there(solved, abfm, 
     refuse = Mock(side_effect=DrawingError("cannot draw without OpenGL"))
     with monkeypatch.context() as patched:
         patched.setattr(pictures, "row_pictures", refuse)
-        told = abfm(f"batch --status {folder}/out --quiet", status=4)
+        told = abfm("batch", "--status", folder / "out", "--quiet", status=4)
     assert told.err == "note: the summary has no pictures: cannot draw without OpenGL\n"
     page = Page(folder / "out" / "summary.html")
     assert "No pictures: cannot draw without OpenGL" in page.text
     assert page.pictures == []
-    abfm(f"batch --status {folder}/out --quiet", status=4)
+    abfm("batch", "--status", folder / "out", "--quiet", status=4)
     assert len(Page(folder / "out" / "summary.html").pictures) == 2
 
 
@@ -414,14 +480,8 @@ def test_signal_ends_a_large_batch_before_it_is_complete(place, name, words, tmp
 
 def test_a_batch_whose_processes_are_killed_goes_on_and_leaves_none_behind(tmp_path, abfm):
     write_table(tmp_path / "table.csv", 6, iterations=20)
-    assert (
-        main(
-            argv(
-                f"batch {tmp_path}/table.csv --out {tmp_path}/alone --jobs 1 --quiet --no-pictures"
-            )
-        )
-        == 3
-    )
+    alone = ["batch", tmp_path / "table.csv", "--out", tmp_path / "alone", "--jobs=1"]
+    abfm(*alone, "--quiet", "--no-pictures", status=3)
     out = tmp_path / "out"
     process = start(tmp_path / "table.csv", out, "--jobs", "2")
     while not process.stderr.readline().startswith("1 of 6: "):
@@ -434,7 +494,9 @@ def test_a_batch_whose_processes_are_killed_goes_on_and_leaves_none_behind(tmp_p
     process.communicate()
     assert lingering(there) == []
     done = written(out)
-    told = abfm(f"batch {tmp_path}/table.csv --out {out} --jobs 1 --no-pictures", status=3)
+    told = abfm(
+        "batch", tmp_path / "table.csv", "--out", out, "--jobs=1", "--no-pictures", status=3
+    )
     assert "of 6 rows are there already" in told.err
     assert len(done) >= 1
     assert anew(done, written(out)) == []
