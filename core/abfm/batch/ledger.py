@@ -215,10 +215,10 @@ class Ledger:
         """Return what was written of a row; None if its file is missing or damaged."""
         with suppress(OSError, ValueError, TypeError):
             record = Record(**from_json(read_bytes(self._place(key), _LARGEST)))
-            texts = {name: getattr(record, name) for name in ("reason", "expected")}
-            return replace(
-                record, **{name: one_line(text, _LONGEST_REASON) for name, text in texts.items()}
+            reason, expected = (
+                one_line(text, _LONGEST_REASON) for text in (record.reason, record.expected)
             )
+            return replace(record, reason=reason, expected=expected)
         return None
 
     def _write(self, path: Path, content: object) -> None:
