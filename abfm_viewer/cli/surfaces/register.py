@@ -122,6 +122,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
     for note in prepared.notes:
         print(f"note: {note}", file=sys.stderr)
+    for warning in prepared.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
     parameters = prepared.problem.parameters
     problem = prepared.problem.with_parameters(replace(parameters, **changed))
     warn_if_foreseen(problem)
@@ -166,13 +168,16 @@ class FinishedRegistration:
 
     @property
     def status(self) -> int:
-        return status_of(self.match.facts, self.signal)
+        return status_of(self.registration.facts, self.signal)
 
     def summary(self) -> str:
         """Say for a person how well it went, what the map does, and what to try."""
-        names, advice = map(printable, self.outputs), verdict_words.advice_in_options(self.match)
+        names, advice = (
+            map(printable, self.outputs),
+            verdict_words.advice_in_options(self.registration),
+        )
         lines = [
-            *results.told_lines(self.match, self.seconds, list(names)),
+            *results.told_lines(self.registration, self.seconds, list(names)),
             *results.map_lines(self.registration),
             *results.landmark_lines(self.registration),
             *([self.bound] if self.bound else []),
@@ -182,7 +187,7 @@ class FinishedRegistration:
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            **results.facts(self.match),
+            **results.facts(self.registration),
             "map": results.map_facts(self.registration),
             "notes": list(self.registration.notes),
             "seconds": self.seconds,

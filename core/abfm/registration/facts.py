@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from abfm.errors import AbfmError
 from abfm.maps.spherical import is_sphere
 from abfm.outcome import Facts, worse_residual
 
@@ -17,7 +18,11 @@ def facts_of(found: Registration) -> Facts:
     """Return the facts of a registration: those of its match, with its own verdict, and residual,
     distortion and folds of the complete map from A to B.
     """
-    match, distortion = found.match, found.distortion()
+    match = found.match
+    try:
+        distortion = found.distortion()
+    except AbfmError as error:  # of a field that leads over too many faces
+        return replace(match.facts, warnings=(*match.facts.warnings, *found.warnings, str(error)))
     report, faces = match.report, len(distortion.flipped)
     folded, flipped = distortion.folded, found.flipped_by_vertices()
     is_known = not math.isnan(found.residual)

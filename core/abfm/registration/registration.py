@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from abfm.errors import ResultError
+from abfm.errors import AbfmError, ResultError
 from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.point_maps import PointMap
@@ -92,7 +92,11 @@ class Registration(Correspondence):
         problem = self.match.problem
         if self.functions is None or problem.is_of_landmarks:
             return math.nan
-        return problem.functions.residual(np.ascontiguousarray(found.carry(self.functions).T))
+        try:
+            carried = found.carry(self.functions)
+        except AbfmError:  # by a field that leads over too many faces
+            return math.nan
+        return problem.functions.residual(np.ascontiguousarray(carried.T))
 
     @cached_property
     def verdict(self) -> Verdict:

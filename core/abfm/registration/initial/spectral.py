@@ -60,7 +60,7 @@ class SpectralFit:
     defect: float
     # how far it is from an isometry alone
     isometry_defect: float
-    # the defect of the best map that leads elsewhere: if it is as small, either may be the right one
+    # the defect of the best map that leads elsewhere: if it is as small, either may be right
     rival: float
 
 

@@ -183,8 +183,8 @@ def _spectral(given: Given, words: list[str]) -> Initial:
         )
     if found.isometry_defect > _FAR_FROM_ISOMETRY:
         warnings.append(
-            f"the map is far from an isometry (its defect is {found.isometry_defect:.2f}) and may lead "
-            "elsewhere, such as back to front: look at it, or give landmarks"
+            f"the map is far from an isometry (its defect is {found.isometry_defect:.2f}) and may "
+            "lead elsewhere, such as back to front: look at it, or give landmarks"
         )
     return _checked(_made_continuous(given, points, warnings=tuple(warnings)))
 
