@@ -99,6 +99,33 @@ def test_beside_functions_both_are_matched():
     assert at_first.landmark_errors.max() > found.landmark_errors.max()
 
 
+def with_thin_triangles(mesh):
+    """The mesh with a vertex in each face that is close to the middle of an edge."""
+    weights = np.array([0.01, 0.495, 0.495])
+    added = np.einsum("c,fcx->fx", weights, mesh.vertices[mesh.faces])
+    first, second, third = mesh.faces.T
+    new = len(mesh.vertices) + np.arange(len(mesh.faces))
+    faces = ([first, second, new], [second, third, new], [third, first, new])
+    faces = np.concatenate([np.stack(each, axis=1) for each in faces])
+    return abfm.TriangleMesh(np.concatenate([mesh.vertices, added]), faces)
+
+
+def test_landmark_errors_have_one_computation(tmp_path):
+    """A saved match is consistent with its field, also across thin triangles."""
+    mesh = with_thin_triangles(SMALL)
+    pairs = np.random.default_rng(3).choice(len(SMALL.vertices), (4, 2), replace=False)
+    found = abfm.match(abfm.Problem(mesh, None, None, landmarks=pairs))
+    worst = 10 * found.landmark_errors.max()
+    assert found.residual == pytest.approx(worst, rel=1e-6)
+    assert found.verified_residual == pytest.approx(worst, rel=1e-6)
+    found.save(tmp_path / "m.npz")
+    loaded = abfm.load_match(tmp_path / "m.npz")
+    assert not loaded.doubt
+    assert loaded.residual == found.residual
+    for step in range(len(found.path)):
+        assert not found.at_step(step).doubt
+
+
 def test_a_coarser_mesh_leads_to_the_mesh_itself():
     pair, _ = flowed(SPHERE, 5, seed=3)
     found = abfm.match(abfm.Problem(SPHERE, None, None, abfm.Parameters(levels=2), landmarks=pair))

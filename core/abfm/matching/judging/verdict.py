@@ -250,14 +250,14 @@ class _Case:
             further = (remedies.further(),) if remedies.too_far else ()
             helps = (*further, remedies.colder())
             return self._verdict(Outcome.NOT_REACHED, Cause.STOOD_STILL, *helps)
-        if self.unmatched:
-            return self._of_what_stays()
-        if self._cut_short():
-            return self._of_an_early_end(Outcome.NOT_REACHED)
         if self.is_measured and not self.gained:
             return self._verdict(Outcome.NOT_REACHED, Cause.LITTLE_GAINED)
         if self.is_measured and evidence.held_out >= 1:
             return self._verdict(Outcome.NOT_REACHED, Cause.NOT_HELD_OUT)
+        if self.unmatched:
+            return self._of_what_stays()
+        if self._cut_short():
+            return self._of_an_early_end(Outcome.NOT_REACHED)
         if evidence.stop_reason is StopReason.LINE_SEARCH_FAILED:
             smoother = remedies.smoother()
             return self._verdict(Outcome.NOT_REACHED, Cause.LINE_SEARCH_FAILED, smoother)
