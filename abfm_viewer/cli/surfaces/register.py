@@ -12,6 +12,7 @@ from typing import Any
 import abfm
 from abfm import Control, Match, Parameters, Registration, TriangleMesh, load_mesh
 from abfm.errors import printable
+from abfm.matching import RESIDUAL_REGISTERED, SHARE_REGISTERED
 from abfm.registration import MEASURED, prepare, within
 from abfm.registration.initial import WORDS, read_landmarks
 from abfm.workers.progress import telling
@@ -48,7 +49,10 @@ Functions that were measured, or have other units, are compared in standard devi
 means; where one has the other sign, that is turned and told. Their parameters are {_MEASURED}
 unless given; of other functions they are those of `abfm match`.
 
-The exit status is as of `abfm match`.
+The exit status is as of `abfm match`. It is 3 also if the initial map may lead elsewhere (a warning
+reports why) or if the complete map from A to B has a larger residual than the flow on B. Measured
+functions are registered if the residual is below {SHARE_REGISTERED:g} of that of the initial map
+alone, and below {RESIDUAL_REGISTERED:g}.
 """
 
 

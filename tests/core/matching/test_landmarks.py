@@ -16,7 +16,7 @@ from abfm.matching.objective.regularizer import Regularizer
 from tests.core.fields import bump
 from tests.core.surfaces import SURFACES
 from tests.core.verification import near
-from tests.shapes import icosphere, torus
+from tests.shapes import icosphere, torus, with_thin_triangles
 
 SPHERE, SMALL = icosphere(3), icosphere(2)
 NEAR = 0.005
@@ -97,17 +97,6 @@ def test_beside_functions_both_are_matched():
     assert left.max() > 2 * NEAR
     at_first = found.at_step(0)
     assert at_first.landmark_errors.max() > found.landmark_errors.max()
-
-
-def with_thin_triangles(mesh):
-    """The mesh with a vertex in each face that is close to the middle of an edge."""
-    weights = np.array([0.01, 0.495, 0.495])
-    added = np.einsum("c,fcx->fx", weights, mesh.vertices[mesh.faces])
-    first, second, third = mesh.faces.T
-    new = len(mesh.vertices) + np.arange(len(mesh.faces))
-    faces = ([first, second, new], [second, third, new], [third, first, new])
-    faces = np.concatenate([np.stack(each, axis=1) for each in faces])
-    return abfm.TriangleMesh(np.concatenate([mesh.vertices, added]), faces)
 
 
 def test_landmark_errors_have_one_computation(tmp_path):

@@ -251,7 +251,7 @@ def _turned(given: Given, sphere_a: FloatArray, sphere_b: FloatArray, mirror: bo
         notes.append(_turned_words(turned))
         warnings += _ambiguities(turned)
     elif given.landmarks is not None and len(given.landmarks) >= FEWEST:
-        warnings.append(
+        notes.append(
             "sphere A was not turned: the landmarks are in one place, or in opposite ones; give "
             "three that are apart"
         )
