@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from abfm.errors import AbfmError
 from abfm.maps.spherical import is_sphere
+from abfm.matching.judging.facts import known_numbers
 from abfm.outcome import Facts, worse_residual
 
 if TYPE_CHECKING:
@@ -40,9 +41,9 @@ def facts_of(found: Registration) -> Facts:
         initial_residual=found.initial_residual if is_known else match.initial_residual,
         log2_area_95=areas.p95,
     ).facts()
-    numbers = {
-        "verified_residual": _known(match.verified_residual),
-        "map_residual": _known(found.residual),
+    of_map = {
+        "verified_residual": match.verified_residual,
+        "map_residual": found.residual,
         "folded_faces": folded,
         "flipped_by_vertices": flipped,
     }
@@ -52,8 +53,6 @@ def facts_of(found: Registration) -> Facts:
     if flipped and is_sphere(found.b):
         count = f"{flipped:,} of {len(found.a.faces):,} faces of A"
         warnings.append(f"{count} are flipped if its vertices alone are moved, as in a sphere.reg")
-    return replace(facts, numbers={**facts.numbers, **numbers}, warnings=tuple(warnings))
-
-
-def _known(number: float) -> float | None:
-    return float(number) if math.isfinite(number) else None
+    return replace(
+        facts, numbers={**facts.numbers, **known_numbers(of_map)}, warnings=tuple(warnings)
+    )
