@@ -16,6 +16,7 @@ import types
 import zipfile
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
@@ -68,7 +69,7 @@ _COURSE = _RUN | {
     "vertices": Entry("integer", ("n",), low=0),
     "reaches": Entry("real", ("n",), low=0),
 }
-_LEFT = {"mismatches": Entry("real", ("n",), required=False, low=0)}
+_RESIDUALS = {"residuals": Entry("real", ("n",), required=False, low=0)}
 _SHARES = {"shares": Entry("real", ("n", "T"), low=0)}
 _INITIAL = {  # without the meshes
     name: entry
@@ -169,10 +170,10 @@ def save_project(
     runs = []
     for number, run in enumerate(document.runs):
         names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
-        names |= _LEFT if len(run.residuals) else {}
+        names |= _RESIDUALS if len(run.residuals) else {}
         arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in names}
         runs.append(
-            to_plain(run, without=_COURSE | _SHARES | _LEFT) | {"has_course": run.has_course}
+            to_plain(run, without=_COURSE | _SHARES | _RESIDUALS) | {"has_course": run.has_course}
         )
     result = None
     if document.result is not None:
@@ -418,7 +419,7 @@ def _mesh_parts(arrays: Mapping[str, Any], prefix: str, count: int) -> dict[str,
 
 def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
     entries = _COURSE if state.pop("has_course", False) else _RUN
-    entries = entries | _LEFT | (_SHARES if state.get("words") else {})
+    entries = entries | _RESIDUALS | (_SHARES if state.get("words") else {})
     parts = check_arrays(arrays, entries, f"runs/{number}/")
     return cast(Run, from_plain(Run, state, f"project.runs[{number}]", **parts))
 
@@ -431,7 +432,7 @@ def _result(
     given = {place: arrays[place] for name in entries if (place := f"result/{name}") in arrays}
     given |= {f"result/{name}": value for name, value in known.items()}
     parts = check_arrays(given, entries, "result/", V=len(mesh.vertices), F=len(mesh.faces))
-    kinds: dict[str, Any] = {"parameters": Parameters, "verdict": abfm.matching.Verdict | None}
+    kinds: dict[str, Any] = {"parameters": Parameters, "verdict": abfm.matching.Verdict}
     parameters, verdict = (
         from_plain(kind, known.get(name), f"project.result.{name}") for name, kind in kinds.items()
     )
@@ -540,6 +541,9 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
     if origin is dict or is_dataclass(hint):
         _expect(isinstance(value, dict), where, value, "an object")
         return value if origin is dict else _dataclass(hint, value, where, given)
+    if isinstance(hint, type) and issubclass(hint, StrEnum):
+        _expect(value in list(hint), where, value, f"one of {', '.join(hint)}")
+        return hint(value)
     if hint is float:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         _expect(is_number and math.isfinite(value), where, value, "a finite number")

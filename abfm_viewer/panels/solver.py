@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import polyscope.imgui as imgui
 
-from abfm.outcome import Outcome
+from abfm.outcome import Facts, Outcome
 from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.appearance.abbreviation import cut
@@ -174,10 +174,11 @@ def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
         _line(ui, "No match yet", "ink")
         about = session.obstacle or "Match finds a flow from the source to the target"
         _line(ui, sentence(about), "failure" if failed else "muted", _MOST_LINES)
-    if result is None:
+    facts = session.facts
+    if result is None or facts is None:
         return
-    tone = "muted" if session.outdated else result.facts.tone
-    _line(ui, capital(result.facts.headline), tone)
+    tone = "muted" if session.outdated else facts.tone
+    _line(ui, capital(facts.headline), tone)
     if steps := len(result.energy_history) - 1:  # at the end of the line, if there is room
         text = counted(steps, "iteration")
         end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
@@ -186,16 +187,16 @@ def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
             imgui.SameLine(start)
             ui.note(text)
     changed = "functions or parameters changed since"
-    why = changed if session.outdated else result.facts.reason
+    why = changed if session.outdated else facts.reason
     _line(ui, sentence(why), "ink", lines or _MOST_LINES)
     numbers = verdict_words.in_numbers(result)
     if lines:
-        _draw_remedies(ui, session, result, 1)
+        _draw_remedies(ui, session, result, facts, 1)
         _line(ui, numbers)
     else:
-        has_more = session.outdated or result.facts.advice
+        has_more = session.outdated or facts.advice
         _line(ui, numbers, most=1 if has_more else _MOST_LINES)
-        _draw_remedies(ui, session, result, _MOST_LINES)
+        _draw_remedies(ui, session, result, facts, _MOST_LINES)
 
 
 def _draw_compared(ui: Ui, compared: Comparison) -> None:
@@ -211,9 +212,11 @@ def _draw_compared(ui: Ui, compared: Comparison) -> None:
     _line(ui, about, most=2)
 
 
-def _draw_remedies(ui: Ui, session: Session, result: Match, lines: int) -> None:
+def _draw_remedies(ui: Ui, session: Session, result: Match, facts: Facts, lines: int) -> None:
     """Draw buttons, or what to try where no button can do it in so many lines."""
-    is_broken_off, remedies = verdict_words.is_broken_off(result), result.verdict.remedies
+    is_broken_off, verdict = verdict_words.is_broken_off(result), result.verdict
+    # no other flow helps if the complete map is the cause
+    remedies = verdict.remedies if facts.outcome is verdict.kind else ()
     with ui.group("verdict"):
         if session.outdated:
             _draw_again(ui, session, is_broken_off)
@@ -226,7 +229,7 @@ def _draw_remedies(ui: Ui, session: Session, result: Match, lines: int) -> None:
         # copies of a run, and older files, have no remedies
         if not remedies and is_broken_off:
             _draw_continue(ui, session)
-    advice = result.facts.advice
+    advice = facts.advice
     if advice and (result.verdict.kind is Outcome.IMPOSSIBLE or not remedies):
         _line(ui, f"To try: {advice}.", most=lines)
     elif is_broken_off:

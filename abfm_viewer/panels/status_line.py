@@ -29,7 +29,7 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _state(context: Context) -> str:
-    session, solver, result = context.session, context.session.solver, context.session.result
+    session, solver = context.session, context.session.solver
     if solver.running:
         if (snapshot := solver.snapshot) is None:
             return solver.step.words() if solver.step else "starting the solver"
@@ -49,5 +49,7 @@ def _state(context: Context) -> str:
     if solver.failed:
         return f"the solver stopped: {solver.reason}"
     return (
-        f"{result.facts.headline}{', outdated' if session.outdated else ''}" if result else "ready"
+        f"{session.facts.headline}{', outdated' if session.outdated else ''}"
+        if session.facts
+        else "ready"
     )

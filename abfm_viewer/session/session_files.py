@@ -220,7 +220,8 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
         landmarks = tuple(one.placed("source", start) for start, one in given)
     of = document.channels, document.mask
     marks_of = landmarks, document.landmarks_alone
-    kept = InitialMap(initial, GIVEN, *of, found.notes, *marks_of, found.functions)
+    about = found.notes, *marks_of, found.functions
+    kept = replace(InitialMap(initial, GIVEN, *of, *about), warnings=found.warnings)
     opened = replace(document, surfaces=pair, landmarks=landmarks, initial=GIVEN, initial_map=kept)
     return opened, known
 

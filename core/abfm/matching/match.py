@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import AbfmError, ParameterError, ResultError, one_line
-from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.distortion import Distortion
@@ -173,9 +172,7 @@ class Match:
         """How far from where it is wanted the flow takes each landmark, along the surface and by
         the flow lines that verify a match, (L,), as fractions of sqrt(area); None without any.
         """
-        with suppress(ParameterError):  # flow lines that lead over too many faces
-            return _landmark_errors(self.problem, self.fine_velocity)
-        return np.full(len(self.problem.landmarks or ()), np.inf)
+        return _landmark_errors(self.problem, self.fine_velocity)
 
     @property
     def worse_residual(self) -> float:
@@ -276,6 +273,7 @@ class Match:
                 energy = MatchingEnergy(problem)
                 said = measured(energy, self.fine_velocity / energy.length_scale)
         own = self.path[self.step]
+        said["held_out"] = own.held_out
         own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, left, **said)
         other = replace(
             self,
@@ -306,6 +304,7 @@ class Match:
             log2_area=self.path[self.step].log2_area,
             refined=self.refined,
             landmarks=_landmarks(self.problem, self.landmark_errors),
+            held_out=self.path[self.step].held_out,
         )
 
     def _judged(self) -> Verdict:
@@ -314,6 +313,11 @@ class Match:
     @cached_property
     def facts(self) -> Facts:
         """What is reported of the match: outcome, headline, reason, advice, numbers, warnings."""
+        return self.report.facts()
+
+    @property
+    def report(self) -> Report:
+        """What the facts are written from."""
         return Report(
             self.verdict,
             self._evidence,
@@ -323,7 +327,7 @@ class Match:
             self.problem.is_of_landmarks,
             self.path[self.step].log2_area_95,
             self.doubt,
-        ).facts()
+        )
 
     def start_for(self, parameters: Parameters) -> FloatArray:
         """The fields (N, 4^k F, 3) as a start with other parameters: by another tau as far."""
@@ -458,6 +462,7 @@ def match(
         end.log2_area,
         _refined(end, the_problem.mesh),
         _landmarks(the_problem, errors),
+        end.held_out,
     )
     found = Match(
         problem=the_problem.starting_from(None),
@@ -483,8 +488,7 @@ def _landmark_errors(problem: Problem, velocity: FloatArray) -> FloatArray | Non
     marks, mesh = problem.landmarks, problem.mesh
     if marks is None:
         return None
-    flow = ContinuousFlow(mesh, velocity, problem.parameters.tau)
-    return marks.errors(flow.destinations(marks.points(mesh)))
+    return marks.errors_along(mesh, velocity, problem.parameters.tau)
 
 
 def _landmarks(problem: Problem, errors: FloatArray | None) -> tuple[FloatArray, FloatArray] | None:

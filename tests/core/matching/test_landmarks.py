@@ -16,7 +16,7 @@ from abfm.matching.objective.regularizer import Regularizer
 from tests.core.fields import bump
 from tests.core.surfaces import SURFACES
 from tests.core.verification import near
-from tests.shapes import icosphere, torus
+from tests.shapes import icosphere, torus, with_thin_triangles
 
 SPHERE, SMALL = icosphere(3), icosphere(2)
 NEAR = 0.005
@@ -97,6 +97,22 @@ def test_beside_functions_both_are_matched():
     assert left.max() > 2 * NEAR
     at_first = found.at_step(0)
     assert at_first.landmark_errors.max() > found.landmark_errors.max()
+
+
+def test_landmark_errors_have_one_computation(tmp_path):
+    """A saved match is consistent with its field, also across thin triangles."""
+    mesh = with_thin_triangles(SMALL)
+    pairs = np.random.default_rng(3).choice(len(SMALL.vertices), (4, 2), replace=False)
+    found = abfm.match(abfm.Problem(mesh, None, None, landmarks=pairs))
+    worst = 10 * found.landmark_errors.max()
+    assert found.residual == pytest.approx(worst, rel=1e-6)
+    assert found.verified_residual == pytest.approx(worst, rel=1e-6)
+    found.save(tmp_path / "m.npz")
+    loaded = abfm.load_match(tmp_path / "m.npz")
+    assert not loaded.doubt
+    assert loaded.residual == found.residual
+    for step in range(len(found.path)):
+        assert not found.at_step(step).doubt
 
 
 def test_a_coarser_mesh_leads_to_the_mesh_itself():

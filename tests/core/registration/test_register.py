@@ -6,10 +6,20 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 import abfm
-from abfm import Correspondence, Parameters, PointMap, TriangleMesh, register
+from abfm import (
+    Correspondence,
+    Parameters,
+    PointMap,
+    Registration,
+    TriangleMesh,
+    load_registration,
+    register,
+)
+from abfm.batch.kind import facts_of_match
 from abfm.errors import AbfmError, FunctionError, MeshError, ParameterError, ResultError
 from abfm.io.exports import export_ply
 from abfm.maps.spherical import SphereLayout
+from abfm.matching import Cause
 from abfm.mesh.shapes import even_sphere
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.spheres import (
@@ -143,6 +153,57 @@ def test_it_is_the_same_after_it_was_saved(found, tmp_path):
     assert abfm.load_registration(tmp_path / "before.npz").functions is None
     with pytest.raises(ResultError, match="lacks"):
         abfm.load_registration(saved(found.match, tmp_path / "m.npz"))
+
+
+def test_a_warning_of_the_initial_map_is_the_verdict(found, tmp_path):
+    """Whatever the residual: nothing is registered by a map that may lead elsewhere."""
+    assert found.facts.outcome.is_good
+    warned = Registration(found.initial, found.match, (), found.functions, ("it may be wrong",))
+    warned.save(tmp_path / "r.npz")
+    for each in (warned, warned.at_step(warned.match.step), load_registration(tmp_path / "r.npz")):
+        assert (each.verdict.kind, each.verdict.cause) == ("not reached", Cause.INITIAL_MAP)
+        assert each.verdict.why == "it may be wrong"
+        assert "it may be wrong" in each.facts.warnings
+        assert each.facts.outcome == "not reached"
+    told = facts_of_match(tmp_path / "r.npz")
+    assert told.outcome == "not reached"
+    assert "it may be wrong" in told.warnings
+
+
+def test_facts_are_those_of_the_complete_map(found):
+    """Residual and distortion of A's functions where B's vertices lie on A."""
+    numbers, target = found.facts.numbers, found.match.problem.functions
+    there = found.points.pull_back(found.functions)
+    assert numbers["map_residual"] == pytest.approx(target.residual(there.T))
+    alone = found.initial.points.pull_back(found.functions)
+    assert numbers["initial_residual"] == pytest.approx(target.residual(alone.T))
+    assert numbers["worse_residual"] >= numbers["map_residual"]
+    distortion = found.distortion()
+    assert numbers["log2_area_95"] == distortion.log2_area.p95
+    assert numbers["folded_faces"] == distortion.folded == 0
+    assert numbers["flipped_by_vertices"] == found.flipped_by_vertices() == 0
+
+
+def test_a_residual_of_the_complete_map_counts(found):
+    """A's functions vary between the points that the match on B has seen."""
+    values = found.functions + 9 * np.random.default_rng(0).normal(size=found.functions.shape)
+    rough = Registration(found.initial, found.match, (), values)
+    assert rough.verdict.kind == "not reached"
+    assert rough.verdict.cause is Cause.COMPLETE_MAP
+    assert rough.facts.numbers["worse_residual"] == pytest.approx(rough.residual)
+
+
+def test_faces_that_vertices_alone_flip_are_counted():
+    """Two vertices of a face that change places flip what is between them in a sphere.reg."""
+    order = np.arange(len(B.vertices))
+    first, second = B.faces[0][:2]
+    order[[first, second]] = second, first
+    swapped = Correspondence(PointMap.of_vertices(B, B, order), PointMap.of_vertices(B, B, order))
+    placed = B.vertices[order][B.faces]
+    outward = np.linalg.det(placed) > 0
+    assert swapped.flipped_by_vertices() == (~outward).sum() > 0
+    same = Correspondence(PointMap.of_vertices(B, B), PointMap.of_vertices(B, B))
+    assert same.flipped_by_vertices() == 0
 
 
 def saved(what, path):

@@ -12,6 +12,7 @@ from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh.shapes import even_sphere, five_limbs
 from abfm.registration.initial import WORDS
 from abfm.registration.initial.given import Given
+from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.words import initial_map
 from abfm.registration.register import prepare
 from tests.shapes import icosphere, torus
@@ -117,10 +118,33 @@ def test_a_torn_map_is_made_continuous_and_told_unless_there_are_handles(tmp_pat
 
 def test_a_map_far_from_an_isometry_says_so():
     stretched = TriangleMesh(BODY.vertices * [1, 2.5, 1], BODY.faces)
-    notes = initial_map("spectral", Given(BODY, stretched)).notes
-    assert any("far from an isometry" in note for note in notes)
+    assert initial_map("spectral", Given(BODY, stretched)).warnings
     other, _ = moved(BODY)
-    assert not any("far" in note for note in initial_map("spectral", Given(BODY, other)).notes)
+    assert not initial_map("spectral", Given(BODY, other)).warnings
+
+
+def test_a_map_that_distorts_shapes_has_a_warning():
+    """A map that was searched, unlike one that is given."""
+    long = TriangleMesh(BALL.vertices * [1, 1, 12], BALL.faces)
+    closest = initial_map("closest", Given(OTHER, long))
+    assert closest.correspondence.distortion().log2_shape.mean > 1.2
+    assert len(closest.warnings) == 1
+    assert not initial_map(closest.correspondence, Given(OTHER, long)).warnings
+    assert not initial_map("closest", Given(OTHER, BALL)).warnings
+
+
+def test_an_ambiguous_rotation_has_a_warning():
+    """Any turn about z carries z to itself."""
+    heights = BALL.vertices[:, 2], OTHER.vertices[:, 2]
+    found = prepare(BALL, OTHER, *heights, initial="sphere")
+    assert len(found.warnings) == 1
+    assert not any("rotation" in note for note in found.notes)
+    marks = np.stack([[3, 5, 8]] * 2, axis=1)
+    assert not initial_map("sphere", Given(BALL, BALL, landmarks=_marks(marks))).warnings
+
+
+def _marks(pairs):
+    return Landmarks.of_vertices(BALL, BALL, pairs[:, 0], pairs[:, 1])
 
 
 def test_without_a_word_it_is_chosen_by_what_there_is():

@@ -81,6 +81,24 @@ def test_a_registration_is_told_and_written_in_several_forms(files, abfm, tmp_pa
         np.testing.assert_allclose(placed.vertices, found.back.positions, atol=1e-5)
 
 
+def test_an_ambiguous_initial_map_is_not_registered(files, abfm, tmp_path):
+    """However well the functions match: any turn about z is as good."""
+    told = abfm(
+        f"register {files}/a.ply {files}/b.ply --source expression:z --target expression:z "
+        f"--initial sphere {SHORT} --json --out {tmp_path}/r.npz",
+        status=3,
+    )
+    facts = json.loads(told.out)
+    assert facts["verdict"]["kind"] == "not reached"
+    assert facts["verdict"]["cause"] == "initial map"
+    assert facts["worse_residual"] < 0.15
+    assert len(facts["warnings"]) >= 1
+    assert "warning: " in told.err
+    found = library.load_registration(tmp_path / "r.npz")
+    assert len(found.warnings) == 1
+    assert found.facts.outcome == "not reached"
+
+
 def test_what_machines_are_told_is_whole(files, abfm, tmp_path):
     told = abfm(
         "register",

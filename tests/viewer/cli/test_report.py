@@ -181,7 +181,7 @@ def test_notes_and_doubts_of_a_registration_are_on_its_page(found, written, abfm
     abfm("report", written / "r.npz", "--out", written / "n.html", *SMALL)
     page = Page((written / "n.html").read_text(encoding="utf-8"))
     assert "A & B began <near> each other." in page.text
-    assert "judged anew: 0.1 is said to be left." in page.text
+    assert "0.1 is said to be left." in page.text
     assert json.loads(page.facts)["notes"] == list(other.notes)
 
 

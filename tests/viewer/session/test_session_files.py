@@ -12,7 +12,7 @@ import pytest
 
 from abfm import AbfmError, MeshError, Parameters, Problem, load_match, match
 from abfm_viewer.document.document import Channel
-from abfm_viewer.files.project import load_project
+from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.session import session_files
 from abfm_viewer.session.loading import Load, Loading
 from abfm_viewer.session.notices import Notices
@@ -20,7 +20,7 @@ from abfm_viewer.session.session_files import find_first, open_session
 from abfm_viewer.window.samples import figure_document
 from tests.mesh_writers import freesurfer_bytes, off_text
 from tests.processes import python
-from tests.shapes import icosphere
+from tests.shapes import icosphere, with_thin_triangles
 from tests.viewer.sessions import ENDLESS, QUICK, matched, solving, until
 
 
@@ -160,7 +160,7 @@ def test_a_file_that_its_field_does_not_bear_out_opens_judged_anew_and_says_so(
     assert card.text.startswith(f"{path.name} is not believed, and was judged anew: ")
     judged = solved.session.result
     assert judged.verdict.kind == "not reached"
-    assert judged.mismatch == pytest.approx(found.initial_residual)
+    assert judged.residual == pytest.approx(found.initial_residual)
 
 
 def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch):
@@ -190,7 +190,7 @@ def test_what_is_being_written_is_written_though_the_program_ends_without_closin
         from abfm_viewer.files.autosave import Autosave, StateFolder
         from abfm_viewer.session import session_files
         from abfm_viewer.session.session import Session
-        from tests.shapes import icosphere
+        from tests.shapes import icosphere, with_thin_triangles
 
         def slow(*_):
             time.sleep(0.5)
@@ -569,3 +569,16 @@ def test_closing_does_not_wait_for_what_was_given_up(jobs, loading, slow):
     loading.cancel()
     jobs.close()
     assert reader.is_at_work
+
+
+def test_a_project_of_landmarks_is_consistent_with_its_field(tmp_path):
+    """What a project stores of landmarks is what opening it computes, across thin triangles."""
+    mesh = with_thin_triangles(icosphere(2))
+    pairs = np.random.default_rng(3).choice(162, (4, 2), replace=False)
+    found = match(Problem(mesh, None, None, landmarks=pairs))
+    document, known = session_files.document_of_result(found, tmp_path / "found.npz")
+    save_project(tmp_path / "found.abfm", document, known)
+    opened = load_project(tmp_path / "found.abfm")[0].result
+    assert opened.doubt == ""
+    assert opened.residual == found.residual
+    assert np.array_equal(opened.landmark_errors, found.landmark_errors)

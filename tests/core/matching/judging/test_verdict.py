@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -420,11 +421,26 @@ def test_parameters_at_their_ends_cost_no_result(extreme, size):
         replace(parameters, **getattr(made, name)().parameters)
 
 
-@pytest.mark.parametrize(("left", "kind"), [(0.85, "registered"), (0.95, "not reached")])
-def test_measured_functions_that_stay_as_unlike_are_not_registered(left, kind):
-    f, g = np.random.default_rng(0).normal(size=(2, 1, len(SPHERE.vertices)))
-    functions = FunctionTerm(SPHERE.normalized(), f[0], g[0])
-    mismatch = left * functions.residual(functions.source)
-    assert mismatch > 1
-    evidence = Evidence(f, mismatch, StopReason.NO_PROGRESS, mismatch, 0.0)
-    assert judge(functions, evidence, Parameters()).kind == kind
+@pytest.mark.parametrize(
+    ("alike", "left", "held_out", "kind", "cause"),
+    [
+        (0.0, 0.9, 0.9, "registered", Cause.LIMIT_OF_DATA),
+        (0.0, 0.9, math.nan, "registered", Cause.LIMIT_OF_DATA),
+        (0.0, 0.96, 0.9, "not reached", Cause.LITTLE_GAINED),
+        (0.9, 0.79, 0.9, "registered", Cause.LIMIT_OF_DATA),
+        (0.9, 0.81, 0.9, "not reached", Cause.LITTLE_GAINED),
+        (0.9, 0.5, 1.01, "not reached", Cause.NOT_HELD_OUT),
+    ],
+)
+def test_registered_needs_a_clear_gain(alike, left, held_out, kind, cause):
+    """Noise of a correlation ``alike``: ``left`` is absolute of unlike functions, else a share of
+    the residual without motion.
+    """
+    f, other = np.random.default_rng(0).normal(size=(2, len(SPHERE.vertices)))
+    g = alike * f + math.sqrt(1 - alike**2) * other
+    functions = FunctionTerm(SPHERE.normalized(), f, g)
+    residual = left * (functions.residual(functions.source) if alike else 1)
+    carried = np.roll(f, 1)[None]
+    evidence = Evidence(carried, residual, StopReason.NO_PROGRESS, residual, 0.0, held_out=held_out)
+    found = judge(functions, evidence, Parameters())
+    assert (found.kind, found.cause) == (kind, cause)
