@@ -68,7 +68,7 @@ _COURSE = _RUN | {
     "vertices": Entry("integer", ("n",), low=0),
     "reaches": Entry("real", ("n",), low=0),
 }
-_LEFT = {"mismatches": Entry("real", ("n",), required=False, low=0)}
+_RESIDUALS = {"residuals": Entry("real", ("n",), required=False, low=0)}
 _SHARES = {"shares": Entry("real", ("n", "T"), low=0)}
 _INITIAL = {  # without the meshes
     name: entry
@@ -86,8 +86,7 @@ _FIELDS = {
     for name, entry in results.SEQUENCE.entries.items()
     if name not in MESH_ENTRIES and name not in _FRAMES
 }
-_PLAIN = ("parameters", "verdict", "remedies")  # parts of a result that are no arrays
-_RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in _PLAIN}
+_RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name != "parameters"}
 _ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}
 _FROM_TO = {"arrow_density": (0, 1), "isoline_count": (1, 1000)}
 MEMBER = "origin.json"
@@ -169,18 +168,17 @@ def save_project(
     runs = []
     for number, run in enumerate(document.runs):
         names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
-        names |= _LEFT if len(run.residuals) else {}
+        names |= _RESIDUALS if len(run.residuals) else {}
         arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in names}
         runs.append(
-            to_plain(run, without=_COURSE | _SHARES | _LEFT) | {"has_course": run.has_course}
+            to_plain(run, without=_COURSE | _SHARES | _RESIDUALS) | {"has_course": run.has_course}
         )
     result = None
     if document.result is not None:
         result = abfm.matching.match_arrays(document.result)
         own = [name for name, part in result.items() if isinstance(part, np.ndarray)]
         arrays |= {f"result/{name}": result.pop(name) for name in own}
-        result.pop("remedies", None)  # they are the verdict's
-        result |= {name: getattr(document.result, name) for name in ("parameters", "verdict")}
+        result["parameters"] = document.result.parameters
     of_film, film = _of_film(document)
     arrays |= of_film
     arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
@@ -418,7 +416,7 @@ def _mesh_parts(arrays: Mapping[str, Any], prefix: str, count: int) -> dict[str,
 
 def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
     entries = _COURSE if state.pop("has_course", False) else _RUN
-    entries = entries | _LEFT | (_SHARES if state.get("words") else {})
+    entries = entries | _RESIDUALS | (_SHARES if state.get("words") else {})
     parts = check_arrays(arrays, entries, f"runs/{number}/")
     return cast(Run, from_plain(Run, state, f"project.runs[{number}]", **parts))
 
@@ -431,11 +429,8 @@ def _result(
     given = {place: arrays[place] for name in entries if (place := f"result/{name}") in arrays}
     given |= {f"result/{name}": value for name, value in known.items()}
     parts = check_arrays(given, entries, "result/", V=len(mesh.vertices), F=len(mesh.faces))
-    kinds: dict[str, Any] = {"parameters": Parameters, "verdict": abfm.matching.Verdict | None}
-    parameters, verdict = (
-        from_plain(kind, known.get(name), f"project.result.{name}") for name, kind in kinds.items()
-    )
-    return abfm.matching.match_of(mesh, parts, parameters, verdict)
+    parameters = from_plain(Parameters, known.get("parameters"), "project.result.parameters")
+    return abfm.matching.match_of(mesh, parts, parameters)
 
 
 def _check(document: Document) -> None:
@@ -523,7 +518,7 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
     """Return what JSON was made of, for a type hint; a `ValueError` says where it does not fit.
 
     Missing fields take their defaults, and given ones are not looked for. A dataclass that has a
-    `from_dict` is made by that, which knows what older versions left out.
+    `from_dict` is made by that.
     """
     origin, options = get_origin(hint), get_args(hint)
     if origin is Literal:

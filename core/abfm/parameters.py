@@ -35,9 +35,7 @@ PAPER: dict[str, Any] = {
     "sigma_unit": "absolute",
     "refine": 0,
 }
-"""What makes energy and minimisation those of the paper; also what files of before had."""
-FORMER = ("balance",)
-"""Parameters that files of before name and that mean nothing any more."""
+"""What makes energy and minimisation those of the paper."""
 
 
 class Range(NamedTuple):
@@ -192,21 +190,20 @@ class Parameters:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Parameters:
-        """Return the parameters that `to_dict` wrote; those of `FORMER` are left out, and unknown
-        names refused.
+        """Return the parameters that `to_dict` wrote; those that are missing take their defaults.
 
-        Values that name nothing of `PAPER` were written before there was anything but the paper's
-        energy, and mean it; all that do not name ``divergence`` before it could weigh more.
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, or a value does not fit.
         """
-        values = {name: value for name, value in values.items() if name not in FORMER}
         known = {entry.name for entry in fields(cls)}
         unknown = sorted(set(values) - known)
         if unknown:
             raise ParameterError(
                 f"unknown parameter {brief(unknown[0])}; expected one of {', '.join(sorted(known))}"
             )
-        before = {"divergence": 1.0} if PAPER.keys() & values.keys() else PAPER
-        return cls(**(before | values))
+        return cls(**values)
 
 
 CHOICES: dict[str, tuple[str, ...]] = {
