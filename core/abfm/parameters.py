@@ -73,7 +73,7 @@ sigma_unit: sigma as a fraction of the functions' deviation from their mean in L
 landmark_sigma: weight of landmarks against the smoothness, the last of its path: how far one may be
   left, as a fraction of sqrt(area), where moving it costs as much as that; smaller is closer
 reach: how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper
-goal: mismatch that counts as matched, if flow lines leave no more
+goal: residual that counts as matched, by the discrete flow and by flow lines
 refine: how often the mesh may be subdivided where it is too coarse; 0 never, not given by its
   resolution
 levels: meshes from coarse to fine; 1 only the mesh itself, 0 by its size
