@@ -160,7 +160,7 @@ def test_a_file_that_its_field_does_not_bear_out_opens_judged_anew_and_says_so(
     assert card.text.startswith(f"{path.name} is not believed, and was judged anew: ")
     judged = solved.session.result
     assert judged.verdict.kind == "not reached"
-    assert judged.mismatch == pytest.approx(found.initial_residual)
+    assert judged.residual == pytest.approx(found.initial_residual)
 
 
 def test_saves_are_written_in_order_and_each_is_told(desk, tmp_path, monkeypatch):
