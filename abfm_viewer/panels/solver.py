@@ -226,7 +226,7 @@ def _draw_remedies(ui: Ui, session: Session, result: Match, facts: Facts, lines:
                 ui.beside_if_fits(remedy.label, is_button=True)
             if ui.button(remedy.label, verdict_words.changes(remedy)):
                 session.remedy(remedy)
-        # copies of a run, and older files, have no remedies
+        # copies of a run have no remedies
         if not remedies and is_broken_off:
             _draw_continue(ui, session)
     advice = facts.advice

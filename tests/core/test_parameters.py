@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from abfm import ParameterError, Parameters
 from abfm.matching import Remedy
-from abfm.parameters import LAST, PAPER, TABLE_1, WARMEST, row_of
+from abfm.parameters import LAST, TABLE_1, WARMEST, row_of
 
 
 def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
@@ -68,24 +68,11 @@ def test_round_trip_unknown_names_and_plain_numbers():
     assert kinds == [float, int, int, int]
 
 
-def test_what_was_written_before_there_was_more_than_the_papers_energy_means_it():
-    """A dictionary that names nothing of what is new."""
-    old = {"tau": 2.0, "alpha": 0.02, "sigma": 1e-3, "iterations": 150}
-    assert Parameters.from_dict(old) == Parameters(**old, **PAPER)
-    assert Parameters.from_dict({}) == Parameters(**PAPER)
-    for name, value in PAPER.items():
-        before = Parameters(**{"divergence": 1.0} | {name: value})
-        assert Parameters.from_dict({name: value}) == before
-    assert Parameters(**PAPER) != Parameters()
-    assert "order" not in old
-
-
-def test_what_files_of_before_name_and_means_nothing_any_more_is_left_out():
-    """Also in the remedies that they keep."""
-    written = Parameters(alpha=0.3).to_dict()
-    assert Parameters.from_dict(written | {"balance": 0.5}) == Parameters(alpha=0.3)
-    remedy = Remedy("Smoother", "a smoother field", {"order": 2, "balance": 0.5})
-    assert remedy.parameters == {"order": 2}
+def test_values_that_are_missing_take_their_defaults():
+    given = {"tau": 2.0, "alpha": 0.02, "iterations": 150}
+    assert Parameters.from_dict(given) == Parameters(**given)
+    with pytest.raises(ParameterError, match="sigmma"):
+        Remedy("Smoother", "a smoother field", {"order": 2, "sigmma": 0.5})
 
 
 @given(sigma=st.floats(1e-8, 1e3), stages=st.integers(1, 6), iterations=st.integers(0, 1000))

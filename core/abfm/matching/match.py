@@ -537,7 +537,7 @@ def match_arrays(match: Match) -> dict[str, Any]:
         left_out.add("fine_velocity")
     own = results.MATCH_ENTRIES.keys() - parts.keys() - left_out
     parts |= {name: getattr(match, name) for name in results.MATCH_ENTRIES if name in own}
-    parts["parameters"] = json.dumps(match.problem.parameter_values())
+    parts["parameters"] = json.dumps(match.parameters.to_dict())
     parts["verdict"] = verdict.texts
     if verdict.remedies:
         parts["remedies"] = json.dumps([asdict(remedy) for remedy in verdict.remedies])
@@ -552,15 +552,17 @@ def match_of(
     mesh: TriangleMesh,
     arrays: Mapping[str, NDArray[Any]],
     parameters: Parameters,
-    verdict: Verdict,
 ) -> Match:
     """Return the match that `match_arrays` was given; ValueError if its fields do not fit."""
+    remedies = _remedies(str(arrays.get("remedies", "[]")))
+    verdict = Verdict.of_texts(arrays["verdict"].tolist(), remedies)
     given = {name: arrays[name] for name in arrays.keys() & results.PROBLEM_ENTRIES.keys()}
     parts: dict[str, Any] = {"verified_residual": math.nan, "folded": math.nan}
     parts |= {
         name: array if array.ndim else array.item()
         for name, array in arrays.items()
-        if name not in results.PROBLEM_ENTRIES and name != "landmark_errors"  # these follow
+        # landmark errors follow from the rest
+        if name not in (*results.PROBLEM_ENTRIES, "landmark_errors", "remedies")
     }
     velocity = parts.pop("velocity")
     if parameters.segments not in (0, len(velocity)):
@@ -576,7 +578,7 @@ def match_of(
     if any(name.startswith("path_") for name in arrays):
         parts["path"], parts["step"] = path_of(arrays, parts["fine_velocity"], mesh)
     parts = {name: part for name, part in parts.items() if not name.startswith("path_")}
-    reason = StopReason.of_file(parts["stop_reason"])
+    reason = StopReason(parts["stop_reason"])
     problem = problem_of(mesh, given, parameters)
     return Match(problem=problem, **parts | {"stop_reason": reason, "verdict": verdict})
 
@@ -599,12 +601,11 @@ def loaded_match(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
     """Return the match of a file's arrays, as it was saved; any error if they do not fit."""
     own = {name: array for name, array in arrays.items() if name not in results.MESH_ENTRIES}
     parameters = Parameters.from_dict(from_json(str(own["parameters"])))
-    remedies = _remedies(str(own.pop("remedies", "[]")))
-    return match_of(mesh, own, parameters, Verdict.of_texts(own["verdict"].tolist(), remedies))
+    return match_of(mesh, own, parameters)
 
 
 def _remedies(text: str) -> tuple[Remedy, ...]:
-    """Return what `match_arrays` wrote; files from before there were remedies have none."""
+    """Return the remedies that `match_arrays` wrote."""
     try:
         found = tuple(Remedy(**remedy) for remedy in from_json(text))
     except AbfmError:

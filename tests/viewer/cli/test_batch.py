@@ -104,11 +104,11 @@ def test_a_table_is_solved_and_failed_rows_have_their_status_and_reason(solved):
     assert far["alpha"] == "0.5"
     assert (same["source"], same["alpha"]) == (NEAR, "")
     assert lost["reason"].endswith("nowhere.off: there is no such file")
-    assert (lost["digest"], lost["mismatch"]) == ("", "")
+    assert (lost["digest"], lost["residual"]) == ("", "")
     for row in (far, same):
         match = library.load_match(folder / "out" / f"{row['digest']}.npz")
         assert match.problem.digest == row["digest"]
-        assert float(row["mismatch"]) == match.mismatch
+        assert float(row["residual"]) == match.residual
         assert float(row["verified_residual"]) == match.verified_residual
         assert float(row["folded"]) == match.folded
         assert float(row["seconds"]) > 0
@@ -208,7 +208,7 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     grid = text.partition("At a glance")[2].partition("Rows")[0]
     places = [grid.index(each) for each in (*targets, "alpha 0.1", "alpha 0.2")]
     assert places == sorted(places)
-    left = max(float(rows[0][name]) for name in ("mismatch", "verified_residual"))
+    left = max(float(rows[0][name]) for name in ("residual", "verified_residual"))
     assert f"{100 * left:.2g}%" in grid
     for row in rows:
         match = library.load_match(tmp_path / "out" / f"{row['digest']}.npz")

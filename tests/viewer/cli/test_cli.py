@@ -19,6 +19,7 @@ import laboratory
 from abfm import Parameters, load_match
 from abfm.assets import asset_path
 from abfm.io import write_values
+from abfm.matching.judging.cause import Cause
 from abfm.workers import progress
 from abfm_viewer.cli import main
 from abfm_viewer.cli.match import FinishedMatch
@@ -208,7 +209,7 @@ def test_match_reports_and_writes_what_it_found(tmp_path, abfm):
     assert report["mesh"] == EIGHT
     assert report["outputs"] == [str(out)]
     assert report["iterations"] == len(match.energy_history) - 1 <= 20
-    for name in ("mismatch", "stop_reason", "verified_residual", "folded"):
+    for name in ("residual", "mismatch", "stop_reason", "verified_residual", "folded"):
         assert report[name] == getattr(match, name)
     assert report["energy"]["total"] == match.energy_history[-1, 0]
     assert report["parameters"] == match.parameters.to_dict()
@@ -216,7 +217,7 @@ def test_match_reports_and_writes_what_it_found(tmp_path, abfm):
     assert report["verdict"] == json.loads(json.dumps(asdict(match.verdict)))
     remedies = [remedy["label"] for remedy in report["verdict"]["remedies"]]
     assert remedies == ["More time", "Continue"]
-    first = r"^iteration 0  (mesh 2/2, )?stage 1(, reach [\d.]+)?  energy [\d.]+  mismatch [\d.]+$"
+    first = r"^iteration 0  (mesh 2/2, )?stage 1(, reach [\d.]+)?  energy [\d.]+  residual [\d.]+$"
     assert re.search(first, told.err, re.M)
     assert match.source.shape == (315, 1)
     assert match.advect(0.5).shape == (315,)
@@ -230,7 +231,7 @@ def test_match_says_the_outcome_in_a_few_lines_and_what_to_try(tmp_path, abfm):
     said, why, numbers, *table, advice = told.out.splitlines()
     assert said == match.facts.headline
     assert why == match.facts.reason
-    known = f"mismatch {match.mismatch:.3g}, {match.verified_residual:.3g} by flow lines, "
+    known = f"residual {match.residual:.3g}, {match.verified_residual:.3g} by flow lines, "
     assert numbers.startswith(known)
     assert numbers.endswith(f" s; wrote {out}")
     assert table == (path_lines(match) if len(match.path) > 1 else [])
@@ -250,8 +251,10 @@ def test_measured_functions_that_are_registered_are_a_success(tmp_path, abfm):
         np.save(tmp_path / name, waves + 0.25 * noise.standard_normal(len(x)))
     given = [f"--{side}=file:{tmp_path}/{f}.npy" for side, f in (("source", "f"), ("target", "g"))]
     said, why, *_ = abfm("match", mesh, "--quiet", "--out", out, *given).out.splitlines()
-    assert re.fullmatch(r"registered: \d+% left, areas change by [\d.]+%", said)
-    assert why.startswith("a closer match would not hold where it was not fitted; at first ")
+    assert re.fullmatch(r"registered: \d+% left, areas change by a factor of 1[\d.]*", said)
+    assert load_match(out).verdict.cause is Cause.LIMIT_OF_DATA
+    first = load_match(out).initial_residual
+    assert float(re.findall(r"([\d.]+)%", why)[-1]) == pytest.approx(100 * first, abs=1)
     assert said in abfm("info", out).out
 
 
@@ -278,9 +281,9 @@ def test_what_is_advised_on_the_command_line_can_be_typed_there_and_helps(tmp_pa
     warning = r"warning: iteration \d+: the source is being squeezed to nothing .*\n"
     assert re.fullmatch(warning, told.err)
     options = shlex.split(re.search(r"^to try: reach further \((.*?)\)$", told.out, re.M)[1])
-    before = load_match(out).mismatch
+    before = load_match(out).residual
     abfm(*words, *options)
-    assert load_match(out).mismatch < 0.2 * before
+    assert load_match(out).residual < 0.2 * before
 
 
 def test_progress_tells_meshes_stages_and_reach(tmp_path, abfm):
@@ -321,7 +324,7 @@ def test_channels_and_weights_reach_the_solver_and_what_is_not_known_is_null(res
     assert match.weights == pytest.approx([1, 0.01])
     assert match.target[:, 1] == pytest.approx(match.mesh.vertices[:, 1])
     match = replace(match, verified_residual=float("nan"), folded=float("nan"))
-    outcome = FinishedMatch(match, 1.0, [], False)
+    outcome = FinishedMatch(match, 1.0, [], None)
     assert outcome.to_dict()["verified_residual"] is outcome.to_dict()["folded"] is None
     assert "flow lines" not in outcome.summary().splitlines()[0]
 

@@ -151,13 +151,13 @@ def test_numbers_on_the_page_are_those_of_the_registration(found, written, page)
         apart = one.there_and_back()._asdict()
         assert told[name]["there_and_back"] == pytest.approx(apart, abs=1e-9)
     match = found.match
-    assert told["mismatch"] == pytest.approx(match.mismatch)
+    assert told["residual"] == pytest.approx(match.residual)
     assert told["verdict"]["kind"] == match.verdict.kind
     assert len(told["path"]) == len(match.path)
     assert told["changed_parameters"]["sigma"] == 1
     assert "tau" not in told["changed_parameters"]
     log2 = found.distortion().log2_area
-    for text in (f"{log2.mean:.3f}", f"{log2.maximum:.3f}", f"{match.mismatch:.3f}", "cooling"):
+    for text in (f"{log2.mean:.3f}", f"{log2.maximum:.3f}", f"{match.residual:.3f}", "cooling"):
         assert text in page.text
     assert told["headline"].lower() in page.text.lower()
     for warning in told["warnings"]:

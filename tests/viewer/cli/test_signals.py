@@ -70,7 +70,7 @@ def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path):
     match = load_match(tmp_path / "m.npz")
     assert match.stop_reason == "cancelled"
     assert len(match.energy_history) > 10
-    assert match.mismatch < match.initial_residual
+    assert match.residual < match.initial_residual
 
 
 def test_a_signal_ends_a_benchmark_with_what_was_finished():

@@ -109,7 +109,7 @@ def test_they_are_matched_or_nearly_so(name):
     source, target = (function(mesh, spec) for spec in specs(mesh))
     found = match(mesh, source, target, Parameters(refine=1))
     assert found.verdict.kind in ("matched", "nearly")
-    assert min(step.mismatch for step in found.path) <= 0.05
+    assert min(step.residual for step in found.path) <= 0.05
     assert vertex_areas(mesh) @ np.minimum(source, target) < 0.7 * vertex_areas(mesh) @ source
 
 

@@ -215,5 +215,5 @@ def test_it_opens_what_the_app_opens(tmp_path, matched):
     matched.wait(lambda s: not s.saves.unsaved)
     for name in ("a.npz", "b.abfm"):
         with Driver(tmp_path / name, size=SIZE) as again:
-            assert again.session.result.mismatch == matched.session.result.mismatch
+            assert again.session.result.residual == matched.session.result.residual
             assert not again.session.saves.unsaved

@@ -21,7 +21,7 @@ def test_match_runs_to_its_end_and_shows_the_result(gui):
     gui.click("Match")
     assert session.solver.running
     gui.wait(lambda s: s.solver.finished)
-    assert session.result.mismatch < 0.05
+    assert session.result.residual <= 0.05
     assert session.time == session.parameters.tau
     assert not session.outdated
     assert len(session.document.runs) == 1
@@ -179,7 +179,7 @@ def test_nothing_below_moves_whatever_the_header_says(gui, scale):
 def test_texts_without_room_are_cut_and_hovering_shows_them(gui, monkeypatch):
     blindly(gui, reach=0.0)
     result, words = gui.session.result, "so many words that no panel has room for them " * 4
-    long = replace(result.verdict, reason=f"the mismatch stayed: {words}")
+    long = replace(result.verdict, reason=f"the residual stayed: {words}")
     gui.session.editor.amend(result=replace(result, verdict=long))
     tips = []
     monkeypatch.setattr(Ui, "tip", lambda ui, text, **_: tips.append(text))
@@ -212,10 +212,10 @@ def test_a_source_that_is_squeezed_is_told_while_it_runs(gui, notes, monkeypatch
 def test_a_match_that_was_cancelled_goes_on_at_one_click(running):
     running.wait(lambda s: s.solver.snapshot.iteration.iteration > 3)
     cancel(running)
-    left = running.session.result.mismatch
+    left = running.session.result.residual
     running.click("Continue", within="verdict")
     running.wait(lambda s: s.solver.snapshot is not None)
-    assert running.session.solver.snapshot.iteration.mismatch <= 1.01 * left
+    assert running.session.solver.snapshot.iteration.residual <= 1.01 * left
 
 
 @pytest.mark.parametrize("is_changed", [False, True])
@@ -238,7 +238,7 @@ def test_a_match_that_was_cancelled_near_its_end_goes_on_too(gui, notes, is_chan
         assert "Continue, or Match starts over." in dict(notes())
     gui.click("Continue", within="verdict")
     gui.wait(lambda s: s.solver.snapshot is not None)
-    assert session.solver.snapshot.iteration.mismatch < 0.5
+    assert session.solver.snapshot.iteration.residual < 0.5
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_pa
     with pytest.raises(ResultError, match=expected) as told:
         outputs.write_all([tmp_path / name for name in names], match)
     kept = Path(str(told.value).rpartition("the result is in ")[2])
-    assert load_match(kept).mismatch == match.mismatch
+    assert load_match(kept).residual == match.residual
     written = {name for name in names if "/" not in name}
     assert {path.name for path in tmp_path.iterdir()} == written | {kept.name}
 

@@ -19,12 +19,11 @@ from abfm import (
     PathStep,
     Problem,
     ResultError,
-    StopReason,
     TriangleMesh,
     match,
 )
 from abfm.matching import Verdict
-from abfm.parameters import PAPER
+from abfm.outcome import Outcome
 from abfm.reading.labels import Labels
 from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document import document as documents
@@ -59,7 +58,7 @@ SHORT = Parameters(iterations=5, refine=0, segments=1)
 RESULT = match(SPHERE, XY, YX, SHORT, mask=X**2, weights=[1, 0.5])
 RESULT = replace(RESULT, path=(), step=0)  # files have others' fields in single precision
 COURSE = np.array([12, 42]), np.array([0.5, 0.0])
-CANCELLED = Verdict("not reached", StopReason.CANCELLED, "")
+CANCELLED = Verdict(Outcome.NOT_REACHED, "cancelled", "")
 TERMS = ("closeness", "landmarks"), np.array([[2.0, 1.0], [1.0, 0.0]])
 PLAIN = Problem(SPHERE, RESULT.source, RESULT.target, RESULT.parameters)
 DOCUMENT = Document(
@@ -109,7 +108,7 @@ def saved(tmp_path):
 def error_line(path):
     """Why a file is not opened, and what to do."""
     message = refusal(load_project, path)
-    advice = ("take another copy", "upgrade abfm", "open it as", "check the path")
+    advice = ("take another copy", "upgrade abfm", "solve again", "open it as", "check the path")
     assert any(words in message for words in advice)
     return message
 
@@ -163,7 +162,7 @@ def test_a_project_is_plain_numpy_and_json_and_the_same_one_the_same_bytes(saved
         content = json.loads(archive.read("project.json"))
         with archive.open("result/velocity.npy") as file:
             assert_array_equal(np.load(file, allow_pickle=False), RESULT.velocity)
-    assert content["format_version"] == 2
+    assert content["format_version"] == 5
     assert content["document"]["view"]["theme"] == "dark"
     assert content["known"] == sorted(KNOWN)
     opened, values = load_project(saved)
@@ -186,34 +185,12 @@ def test_a_project_in_other_number_types_and_with_other_members_opens(saved):
     assert load_project(saved)[0].name == DOCUMENT.name
 
 
-def test_fields_that_an_older_version_did_not_have_take_their_defaults(saved):
+def test_remedies_come_back_and_a_view_with_one_field_has_the_defaults_of_the_others(saved):
     assert RESULT.verdict.remedies
-    assert load_project(saved)[0].result.verdict == RESULT.verdict
     changed(saved, lambda content: content["document"].update(view={"theme": "dark"}))
-    changed(saved, lambda content: content["result"]["verdict"].pop("remedies"))
     opened = load_project(saved)[0]
     assert opened.view == View(theme="dark")
-    assert opened.result.verdict == replace(RESULT.verdict, remedies=())
-
-
-def test_what_was_written_before_there_were_verdicts_meshes_and_reach_means_the_paper_s(saved):
-    def aged(content):
-        for parameters in (content["document"]["parameters"], content["result"]["parameters"]):
-            for name in PAPER:
-                del parameters[name]
-        for name in ("verified_residual", "folded", "verdict"):
-            del content["result"][name]
-        for run in content["runs"]:
-            del run["has_course"]
-
-    changed(saved, aged)
-    opened, _ = load_project(saved)
-    assert opened.parameters == replace(DOCUMENT.parameters, **PAPER)
-    assert opened.result.parameters == replace(RESULT.parameters, **PAPER)
-    assert opened.result.verdict.reason == RESULT.stop_reason
-    assert math.isnan(opened.result.verified_residual)
-    assert math.isnan(opened.result.folded)
-    assert not any(run.has_course for run in opened.runs)
+    assert opened.result.verdict == RESULT.verdict
 
 
 def test_every_term_of_a_run_has_its_share(saved):
@@ -313,7 +290,7 @@ ALIKE = {"mesh/vertex_ids": np.zeros((0,), dtype=int), "mesh/vertices": np.zeros
 TURNED = np.vstack([SPHERE.faces[:1, ::-1], SPHERE.faces[1:]])
 BENT = {"direction": [1, 0, 0], "up": [1, 0, 0]}
 FLAT = {"front": {"direction": [1, 0, 0], "up": [0, 1, 0]}, "zoom": 0}
-RUN, HKS = {"mismatch": 0, "label": "a"}, {"source": "hks", "target": "hks"}
+RUN, HKS = {"residual": 0, "label": "a"}, {"source": "hks", "target": "hks"}
 
 
 def same_shape(opened):
@@ -364,7 +341,7 @@ def test_a_missing_member_is_named(saved, member):
         ("runs/1/vertices", np.array([12]), "runs/1/vertices"),
         ("runs/1/reaches", np.array([True, False]), "runs/1/reaches has type bool; expected real"),
         ("runs/1/reaches", None, "runs/1/reaches"),
-        ("runs/4/mismatches", np.array([0.5]), "runs/4/mismatches has shape (1,); expected (2)"),
+        ("runs/4/residuals", np.array([0.5]), "runs/4/residuals has shape (1,); expected (2)"),
         ("result/velocity", np.zeros((1, F - 1, 3)), "result/velocity"),
         ("result/velocity", np.zeros((2, F, 3)), "2 fields, but parameters say 1"),
         ("result/velocity", RESULT.velocity.astype(complex), "type complex128"),
@@ -396,7 +373,8 @@ def test_arrays_that_do_not_fit_are_named(saved, name, array, words):
 @pytest.mark.parametrize(
     ("part", "name", "value", "words"),
     [
-        ("", "format_version", 5, "upgrade abfm"),
+        ("", "format_version", 6, "upgrade abfm"),
+        ("", "format_version", 2, "solve again"),
         ("", "format_version", 0, "format_version is 0"),
         ("", "format_version", "one", "format_version is 'one'"),
         ("", "format_version", None, "format_version is None"),
@@ -419,12 +397,19 @@ def test_arrays_that_do_not_fit_are_named(saved, name, array, words):
         ("document", "channels", [HKS | {"source": "\x1b" * 9999}], "a family"),
         ("document", "channels", [HKS | {"source": "x" * 99_999}], "at most 10000"),
         ("document", "parameters", {"x\n" * 5000: 1}, "project.document.parameters is"),
-        ("result", "mismatch", -1, "result/mismatch has the value -1"),
+        ("result", "residual", -1, "result/residual has the value -1"),
         ("result", "folded", 2, "result/folded has the value 2; expected 0 to 1"),
         ("result", "stop_reason", "a\nb", "some that cannot be shown"),
-        ("result", "mismatch", [[1]] * 1000, "result/mismatch has shape (1000, 1)"),
-        ("result", "mismatch", [[1], []], "damaged"),
-        ("result", "mismatch", {"a": 1}, "result/mismatch has type object"),
+        ("result", "residual", [[1]] * 1000, "result/residual has shape (1000, 1)"),
+        ("result", "residual", [[1], []], "damaged"),
+        ("result", "residual", {"a": 1}, "result/residual has type object"),
+        ("result", "verdict", ["good", "none", "", ""], "good"),
+        ("result", "verdict", ["missing", "none", "", ""], "missing"),
+        ("result", "verdict", ["matched", "luck", "", ""], "luck"),
+        ("result", "verdict", ["matched"], "result/verdict has shape (1,)"),
+        ("result", "verdict", None, "result/verdict"),
+        ("result", "remedies", [{}], "result/remedies"),
+        ("result", "remedies", "[{}]", "the remedies are"),
         ("document", "name", 3, "project.document.name is 3"),
         ("document", "channel", 2, "channel is 2; expected 0 to 1"),
         ("document", "channel", -1, "channel is -1"),

@@ -12,7 +12,7 @@ import numpy as np
 import polyscope.imgui as imgui
 import pytest
 
-from abfm.matching.judging.verdict import Outcome, advice
+from abfm.matching.judging.verdict import Evidence, judge
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import Parameters
@@ -35,8 +35,8 @@ def two_channels_with_other_peaks():
     heights = EGG.vertices[:, 0] / np.ptp(EGG.vertices[:, 0])
     near, far = (np.exp(-20 * (heights - place) ** 2) for place in (heights.max(), heights.min()))
     problem = FunctionTerm(EGG, np.stack([near, heights], 1), np.stack([near + far, heights], 1))
-    outcome = Outcome(problem.target, 0.01, StopReason.CONVERGED, verified=0.5)
-    return advice(problem, outcome, Parameters())
+    evidence = Evidence(problem.target, 0.01, StopReason.CONVERGED, verified=0.5)
+    return judge(problem, evidence, Parameters())
 
 
 def _states(gui):

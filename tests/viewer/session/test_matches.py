@@ -56,13 +56,13 @@ def test_coarse_meshes_are_made_ahead_once_for_a_mesh_and_a_number_of_levels(ask
 
 def test_a_warm_start_goes_on_with_another_number_of_fields_and_another_tau(session):
     session.editor.set_parameter(method="linearised", segments=3)
-    linearised = matched(session).result.mismatch
+    linearised = matched(session).result.residual
     session.editor.set_parameter(method="nonlinear", tau=3.0)
     assert session.parameters.segments == 0
     session.solver.warm = True
     matched(session)
     assert session.document.runs[-1].energies[0, 1] > 0
-    assert session.result.mismatch < linearised
+    assert session.result.residual < linearised
 
 
 def test_a_change_during_a_run_restarts_it_warm_and_match_does_nothing(endless):

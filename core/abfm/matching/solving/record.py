@@ -29,24 +29,18 @@ class StopReason(StrEnum):
     """
 
     CONVERGED = "converged"  # the gradient is as small as the tolerance asks, or rounding allows
-    GOAL_REACHED = "goal reached"  # the mismatch came well below the goal
+    GOAL_REACHED = "goal reached"  # the residual is well below the goal
     NO_PROGRESS = "no progress"  # the energy fell too little to go on
     ITERATION_LIMIT = "iteration limit"
     LINE_SEARCH_FAILED = "line search failed"  # no step lowers the energy: often rounding
     CANCELLED = "cancelled"
     OUT_OF_MEMORY = "out of memory"  # the best field that had been found is kept
     GIVEN = "given"  # the field was not sought
-    UNKNOWN = "unknown"  # of files of before, which had the verdict in its place
 
     @property
     def is_early(self) -> bool:
         """Tell whether it was broken off, so that going on may find more."""
         return self in (StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
-
-    @classmethod
-    def of_file(cls, text: str) -> "StopReason":
-        """Return what a file says; ValueError if that is no reason."""
-        return cls.UNKNOWN if text in ("impossible", "not reached") else cls(text)
 
 
 def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int) -> str | None:
