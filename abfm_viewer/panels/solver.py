@@ -119,7 +119,10 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     left = limit - now.iteration
     at_most = f", at most {rounded(each * left)} more" if each and left > 0 else ""
     left_now = verdict_words.left_now(now, snapshot.problem.is_of_landmarks)
-    ui.note(f"Iteration {now.iteration}/{limit}, {left_now}", "ink")
+    best = snapshot.shown.residual
+    has_better = best < now.residual and not snapshot.problem.is_of_landmarks
+    earlier = f", best {best:.3g}" if has_better else ""
+    ui.note(f"Iteration {now.iteration}/{limit}, {left_now}{earlier}", "ink")
     ui.note(capital(step.words() if step else f"{verdict_words.place(now)}{at_most}"))
     if now.warning:
         ui.note(sentence(now.warning), "failure")
@@ -177,6 +180,10 @@ def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
         about = session.obstacle or "Match finds a flow from the source to the target"
         _line(ui, sentence(about), "failure" if failed else "muted", _MOST_LINES)
     if result is None:
+        return
+    if session.steps.busy:
+        chosen = f"step {session.steps.shown + 1} of {len(result.path)}"
+        _line(ui, f"{capital(chosen)}: computing", "muted")
         return
     tone = "muted" if session.outdated else result.facts.tone
     _line(ui, capital(result.facts.headline), tone)

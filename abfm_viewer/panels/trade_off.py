@@ -73,11 +73,11 @@ def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | Non
         width = room - button if 2 * button < room else room
         new = ui.combo("##step", names[shown], tips, _STEP, width)
         if new != names[shown]:
-            session.steps.show(names.index(new))
+            session.show_step(names.index(new))
         ui.beside_if_fits(_CHOSEN, is_button=True)
         tip = "Back to the step at which the match ended."
         if ui.button(_CHOSEN, tip, enabled=chosen != shown) and chosen is not None:
-            session.steps.show(chosen)
+            session.show_step(chosen)
 
 
 def _bound(ui: Ui, session: Session) -> None:
@@ -92,7 +92,7 @@ def _bound(ui: Ui, session: Session) -> None:
     label = _STOP if bound.busy else _LIMIT
     ui.beside_if_fits(label, is_button=True)
     if ui.button(label, _LOOK, enabled=session.result is not None):
-        bound.stop() if bound.busy else bound.look()
+        bound.stop() if bound.busy else session.limit_distortion()
     ui.refusal("distortion")
 
 
@@ -156,7 +156,7 @@ def _clicks(
         return
     plots.tell(ui, _words(path, nearest, chosen))
     if imgui.IsMouseClicked(0) and ui.record.enabled and not session.solver.running:
-        session.steps.show(nearest)
+        session.show_step(nearest)
 
 
 def area_ticks(widest: float) -> list[float]:

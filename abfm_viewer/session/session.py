@@ -142,6 +142,21 @@ class Session:
         self.player.playing = False
         self.editor.set_time(time)
 
+    def show_step(self, step: int) -> None:
+        """Show another step of the result's path, whatever was to take its place."""
+        self.bound.stop()
+        self.steps.show(step)
+
+    def limit_distortion(self) -> None:
+        """Look for the closest field within the bound of distortion."""
+        self.steps.stop()
+        self.bound.look()
+
+    def _stop_changes(self) -> None:
+        """Let no step or bounded field that was requested before take the result's place."""
+        self.steps.stop()
+        self.bound.stop()
+
     def undo(self) -> None:
         """Take back the last step, but no run that is under way; what plays stops."""
         self._step(self.editor.undo, self.editor.past)
@@ -152,6 +167,7 @@ class Session:
 
     def _step(self, go: Callable[[], None], to: list[Step]) -> None:
         self.player.playing = False
+        self._stop_changes()
         before = self.document
         if to and to[-1].document.identity is not before.identity:
             if self.running:
@@ -362,6 +378,7 @@ class Session:
         self.player.playing = False
         self.editor.amend(time=self.parameters.tau)
         self._run_began, self._remedied = self.document, -1
+        self._stop_changes()
         self.solver.start(self.problem, self.functions_of(self.document), field)
 
     def _take_usual_parameters(self) -> None:

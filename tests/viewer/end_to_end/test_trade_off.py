@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm import Parameters
+from abfm import Match, Parameters
 from abfm.matching import keeps
 from abfm.matching.path import COLUMNS
 from abfm.wording import share
 from abfm_viewer.computing.solver import Solver
 from abfm_viewer.files.project import load_project
+from abfm_viewer.scene.annotations import _titles
+from abfm_viewer.shown.shown_flow import FlowState
 from tests.viewer.sessions import stepped
 
 WINDOW = (1000, 700)  # where the curve is seen as a whole
@@ -51,6 +53,36 @@ def test_clicks_keys_and_the_list_choose_a_step_and_one_click_goes_back(walked):
     walked.key("ctrl+y")
     walked.click("solver's choice")
     is_at(walked, 2)
+
+
+def titles(gui):
+    return {name: title for name, title, _ in _titles(gui.window.scene)}
+
+
+@pytest.mark.parametrize("held", [(Match, "at_step"), (FlowState, "carry")])
+def test_the_surface_is_dimmed_until_it_shows_the_chosen_step(walked, monkeypatch, held):
+    may_end, scene = threading.Event(), walked.window.scene
+    walked.session.set_time(0.5 * walked.session.tau)
+    walked.wait(lambda _: not walked.window.shown.busy and walked.window.shown.flow.settled)
+    walked.frames(2)
+    assert scene.behind == ()
+    owner, name = held
+    compute = getattr(owner, name)
+    monkeypatch.setattr(owner, name, lambda *given: may_end.wait(30) and compute(*given))
+    before = walked.window.shown.flow.advected()
+    walked.click("step 1")
+    walked.frames(3)
+    assert scene.behind == ("advected",)
+    assert titles(walked)["advected"] == "advected: computing"
+    walked.click("step 2")  # the later one wins
+    may_end.set()
+    walked.wait(lambda s: s.result.step == 1 and not walked.window.shown.busy)
+    walked.wait(lambda _: walked.window.shown.flow.settled and not scene.behind)
+    assert "computing" not in titles(walked)["advected"]
+    now = walked.window.shown.flow.advected()
+    assert not np.array_equal(now, before)
+    expected = walked.session.result.advect(walked.session.time)[:, 0]
+    np.testing.assert_allclose(now, expected, atol=1e-6)
 
 
 def test_what_is_chosen_is_said_saved_and_exported(walked, tmp_path, monkeypatch):
