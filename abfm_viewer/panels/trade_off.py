@@ -33,7 +33,8 @@ _AT_MOST = (
     "How much areas and shapes may change, as |log2 J| and |log2 R|, on 99% of the faces, of two "
     "surfaces by the initial map and the flow together: 1 allows factors from a half to 2."
 )
-_LIMIT, _STOP = "Limit distortion", "Stop limiting"
+LIMIT = "Limit distortion"
+_STOP = "Stop limiting"
 _LOOK = "Look for the closest field that keeps it; Undo returns to this one."
 _LEAST_WIDTH = 0.01  # of the axis of areas, in doublings
 _MOST_TICKS = 6
@@ -89,11 +90,18 @@ def _bound(ui: Ui, session: Session) -> None:
     if typed is not None:
         with ui.refusals.refusing("distortion"):
             bound.most = _positive(typed)
-    label = _STOP if bound.busy else _LIMIT
-    ui.beside_if_fits(label, is_button=True)
-    if ui.button(label, _LOOK, enabled=session.result is not None):
-        bound.stop() if bound.busy else session.limit_distortion()
+    ui.beside_if_fits(LIMIT, is_button=True)
+    draw_limit(ui, session)
     ui.refusal("distortion")
+
+
+def draw_limit(ui: Ui, session: Session, primary: bool = False) -> None:
+    """Draw the button that looks for the closest field within the bound, or ends that."""
+    bound = session.bound
+    label = _STOP if bound.busy else LIMIT
+    tip = f"{_LOOK} The bound is {bound.most:g}."
+    if ui.button(label, tip, enabled=session.result is not None, primary=primary):
+        bound.stop() if bound.busy else session.limit_distortion()
 
 
 def _positive(text: str) -> float:

@@ -511,7 +511,7 @@ def test_a_new_attempt_replaces_no_better_field(solver):
 
 def test_a_run_of_several_terms_has_a_curve_for_each():
     course = begun(10)
-    now = SimpleNamespace(energy=6.0, regularity=1.0, mismatch_energy=5.0, mismatch=0.4)
+    now = SimpleNamespace(energy=6.0, regularity=1.0, mismatch_energy=5.0, residual=0.4)
     now.stage, now.vertices, now.reach, now.shares = 0, 10, 0.0, {"closeness": 5.0}
     course.add(now)
     assert list(course.run(0.1, QUICK).curves) == ["energy", "smoothness", "closeness"]

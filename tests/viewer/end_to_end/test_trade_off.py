@@ -94,7 +94,7 @@ def test_what_is_chosen_is_said_saved_and_exported(walked, tmp_path, monkeypatch
     is_at(walked, 0)
     walked.hover("step 1")
     assert shown[-1].splitlines()[2:] == [
-        f"what is left: {share(walked.session.result.mismatch)}, by flow lines 90%",
+        f"what is left: {share(walked.session.result.residual)}, by flow lines 90%",
         "areas change by 7.2% (mean |log2 J| 0.1)",
         "shapes by 15% (mean |log2 R| 0.2)",
         "0% folded",

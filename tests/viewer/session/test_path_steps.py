@@ -27,7 +27,7 @@ def go(session, step):
 def test_a_step_takes_the_result_s_place_and_undo_and_the_solver_s_choice_go_back(walked):
     found, steps = walked.result, walked.steps
     go(walked, 0)
-    assert walked.result.mismatch == found.path[0].mismatch
+    assert walked.result.residual == found.path[0].residual
     assert walked.result.fine_velocity is found.path[0].velocity
     np.testing.assert_array_equal(walked.result.advected, found.at_step(0).advected)
     assert (steps.shown, steps.chosen) == (0, 2)
