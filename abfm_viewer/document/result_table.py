@@ -9,23 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from abfm.outcome import Tone
+from abfm.outcome import Outcome, Tone
 
 if TYPE_CHECKING:
     from abfm import Population
 
-WORST_FIRST = (
-    "failed",
-    "missing",
-    "does not fit",
-    "impossible",
-    "not reached",
-    "nearly",
-    "registered",
-    "matched",
-)
-"""What rows come to, in the order of tables."""
-_GOOD = "registered", "matched"
+WORST_FIRST = tuple(reversed(Outcome))
+"""Outcomes of rows, in the order of tables."""
 Name = Literal[
     "name", "verdict", "left", "verified", "folded", "log2_area", "correlation", "reason"
 ]
@@ -83,10 +73,13 @@ class ResultRow:
         return self.number, self.name
 
     @property
+    def outcome(self) -> Outcome:
+        """The verdict; of one in a file that is none of ours, failed."""
+        return Outcome(self.verdict) if self.verdict in WORST_FIRST else Outcome.FAILED
+
+    @property
     def tone(self) -> Tone:
-        if self.verdict in _GOOD:
-            return "good"
-        return "ink" if self.verdict in ("nearly", "missing") else "failure"
+        return self.outcome.tone
 
     def told(self, column: Name) -> str:
         """Return what a cell says."""
@@ -148,9 +141,10 @@ class ResultTable:
         return (*known, *unknown)
 
     def _badness(self, row: ResultRow) -> tuple[int, float, str]:
-        order = WORST_FIRST.index(row.verdict) if row.verdict in WORST_FIRST else 0
+        order = WORST_FIRST.index(row.outcome)
         if self.population is not None:
-            order = min(order, WORST_FIRST.index("nearly")) if row.verdict in _GOOD else order
+            if row.outcome.is_good:
+                order = WORST_FIRST.index(Outcome.NEARLY)
             return order, _or_last(row.correlation), row.name
         worse = [value for value in (row.left, row.verified) if not math.isnan(value)]
         return order, -max(worse, default=0.0), row.name
