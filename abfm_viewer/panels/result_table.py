@@ -264,7 +264,9 @@ def _draw_row(
             state = "chosen" if is_chosen else ""
             left_out = (each for each in _FIRST_TO_GO[::-1] if each not in columns)
             numbers = [
-                f"{COLUMNS[each].head} {told}" for each in left_out if (told := row.told(each))
+                f"{COLUMNS[each].head} {told}"
+                for each in left_out
+                if COLUMNS[each].digits and (told := row.told(each))
             ]
             parts = f"{row.name}: {row.verdict}", ", ".join(numbers), row.reason
             tip = "\n\n".join(filter(None, parts))
