@@ -43,6 +43,8 @@ def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     _draw_buttons(ui, session)
     height = min(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
+    if session.steps.busy:  # nothing moves under the mouse meanwhile
+        height = max(height, ui.heights.get("state", 0.0))
     with child(ui, "state", height, border=False, fits="at least"):
         if (row := context.files.tables.unshown) is not None:
             ui.note(f"{row.name}: {row.verdict}", row.tone)

@@ -267,7 +267,7 @@ def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
         paint = scene.paints.get(name)
         title = paint.title if paint else name
         if paint is None or name in behind:
-            title = f"{title.removesuffix(COMPUTING)}{COMPUTING}"
+            title = f"{title.partition(': ')[0]}{COMPUTING}"
         yield name, title, scene.view_of(name).label(name)
 
 

@@ -114,6 +114,7 @@ def child(
     imgui.BeginChild(name, (0, height if fits == "exactly" else 0), flags)
     with _ended(ui, imgui.EndChild):
         _keep_scroll(ui, ui.record.path(name))
+        ui.heights[name] = float(imgui.GetWindowHeight())
         yield
 
 
