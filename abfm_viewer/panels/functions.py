@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import abfm
-from abfm import FunctionError, TriangleMesh, functions
+from abfm import Facts, FunctionError, TriangleMesh, functions
 from abfm.wording import sentence
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import gaussians
@@ -17,6 +17,7 @@ from abfm_viewer.document.document import SIDES, Document, Side
 from abfm_viewer.panels import initial_map, landmarks
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.active_gaussian import active_gaussian
+from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Range
 
@@ -28,6 +29,7 @@ _ADD_CHANNEL = (
     "One more channel: another pair of functions that the same flow should match. It begins as a "
     "landmark that stays where it is, far from the Gaussians of the others."
 )
+_RESCALE = "Scale and shift the source so that it has the target's values, from least to largest."
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves it out."
 _SEVERAL = "several terms"
 _FAMILY = "What kind of function it is. Sums can be typed below.\n\n{name}: {summary}"
@@ -91,7 +93,19 @@ def draw(context: Context) -> None:
     for side in SIDES:
         with ui.group(side):
             _Side(context, side, session.active.spec(side)).draw()
+    if (facts := session.foreseen) is not None:
+        _draw_foreseen(ui, session, facts)
     ui.line("Shift-drag on a surface moves its Gaussian.", tip=_BY_MOUSE)
+
+
+def _draw_foreseen(ui: Ui, session: Session, facts: Facts) -> None:
+    """Draw why no flow can match the functions, and what to do about it."""
+    ui.note(sentence(facts.reason), facts.tone)
+    if session.rescaled_channels() != session.channels:
+        if ui.button("Rescale", _RESCALE):
+            session.rescale()
+    elif facts.advice:
+        ui.note(f"To try: {facts.advice}.")
 
 
 def _draw_channels(context: Context) -> None:
@@ -138,6 +152,8 @@ def _short(tree: functions.Spec) -> str:
         return f"{len(tree.terms)} {families.pop() + 's' if len(families) == 1 else 'terms'}"
     if isinstance(tree, functions.Permuted):
         return f"{_short(tree.function)}, {Path(tree.path).name}"
+    if isinstance(tree, functions.Scaled):
+        return f"{_short(tree.function)}, scaled"
     if not isinstance(tree, functions.Family):
         return "function"
     if tree.positional is None:
@@ -227,7 +243,8 @@ class _Side:
             is_gaussian = len(gaussians.gaussians(self._spec)) == len(terms)
             now = "gaussian" if is_gaussian else _SEVERAL
         about = known[now].summary().replace("``", "") if now in known else "A sum of functions."
-        names = [name for name in known if known[name] is not functions.Permuted]
+        of_others = functions.Permuted, functions.Scaled
+        names = [name for name in known if known[name] not in of_others]
         words, tip = [*dict.fromkeys([*names, now])], _FAMILY.format(name=now, summary=about)
         chosen = self._ui.combo("family", now, words, tip, width)
         if chosen == now:

@@ -170,14 +170,22 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
     elif result is None and (compared := session.document.compared) is not None:
         _draw_compared(ui, compared)
     elif result is None:
-        failed = session.problem_told != ""
         ui.note("No match yet", "ink")
-        about = session.obstacle or "Match finds a flow from the source to the target"
-        ui.note(sentence(about), "failure" if failed else "muted")
+        _draw_before(ui, session)
     if result is not None and session.steps.busy:
         ui.note(f"Step {session.steps.shown + 1} of {len(result.path)}: computing")
     elif result is not None:
         _draw_result(ui, session, result)
+
+
+def _draw_before(ui: Ui, session: Session) -> None:
+    """Draw what is known of a match before there is one."""
+    if (facts := session.foreseen) is not None:
+        ui.note(sentence(facts.reason), facts.tone)
+        return
+    failed = session.problem_told != ""
+    about = session.obstacle or "Match finds a flow from the source to the target"
+    ui.note(sentence(about), "failure" if failed else "muted")
 
 
 def _draw_result(ui: Ui, session: Session, result: Match) -> None:

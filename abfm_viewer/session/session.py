@@ -30,6 +30,7 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
+from abfm_viewer.document.rescaling import rescaled
 from abfm_viewer.document.surface_points import points_of, surface_points
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.bound import Bound
@@ -81,6 +82,7 @@ class Session:
         # of documents that began with one of another
         self._sources: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self._coarse_meshes: Latest[None] = self._jobs.latest()
+        self._foreseen: Latest[abfm.Facts | None] = self._jobs.latest()
         self._flow_seen: Identity | None = None  # of a document whose flow was shown
         self._run_began = self.document
         # moves of the history when a remedy began the run: its result belongs to that step
@@ -330,6 +332,17 @@ class Session:
         return told
 
     @property
+    def foreseen(self) -> abfm.Facts | None:
+        """What is known of a match of the present functions before it is solved; None if nothing
+        prevents it, or before that is known.
+        """
+        if self.document.film is not None or self.solver.running or self.obstacle:
+            return None
+        spec = replace(self.problem, parameters=Parameters(goal=self.parameters.goal))
+        given = spec, self.functions_of(self.document)
+        return self._foreseen.newest(spec.mesh, _foreseen, *given)
+
+    @property
     def outdated(self) -> bool:
         return self.functions.outdated(self.document)
 
@@ -489,6 +502,28 @@ class Session:
         in_reach = at_work | _meshes(*in_history, *self.saves.unsaved_documents)
         self.functions.keep(at_work, in_reach)
 
+    def rescaled_channels(self) -> tuple[Channel, ...]:
+        """Return the channels with sources that have the range of their targets, where these have
+        values; the present ones if nothing can be scaled.
+        """
+        document = self.document
+        mask = self.functions.values(document.mask_function) if document.mask else None
+        found = []
+        for channel in document.channels:
+            values = [self.functions.values(document.function(side, channel)) for side in SIDES]
+            source, target = values
+            if target is not None and mask is not None:
+                target = target[mask > 0]
+            spec = channel.source
+            if source is not None and target is not None:
+                spec = rescaled(spec, source, target)
+            found.append(channel.changed("source", spec))
+        return tuple(found)
+
+    def rescale(self) -> None:
+        """Scale and shift the sources to the ranges of their targets."""
+        self.editor.change("rescale the source", channels=self.rescaled_channels())
+
     def _find_defaults(self) -> None:
         if self.channels or self.document.film is not None:
             return
@@ -567,6 +602,10 @@ class Session:
         if self._apart is not None:
             self._apart.close()
         self._jobs.close()
+
+
+def _foreseen(spec: ProblemSpec, functions: Evaluators) -> abfm.Facts | None:
+    return abfm.matching.foreseen(spec.problem(functions))
 
 
 def _broken_off(count: int, whole: int, earlier: abfm.Sequence | None) -> str:
