@@ -17,7 +17,7 @@ from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.intervals import confirmed
 from abfm_viewer.panels.trade_off import LIMIT, draw_limit
 from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.containers import child
+from abfm_viewer.widgets.containers import Fits, child
 from abfm_viewer.widgets.toolkit import Kind, Ui
 
 if TYPE_CHECKING:
@@ -45,7 +45,9 @@ def draw(context: Context) -> None:
     height = min(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
     if session.steps.busy:  # nothing moves under the mouse meanwhile
         height = max(height, ui.heights.get("state", 0.0))
-    with child(ui, "state", height, border=False, fits="at least"):
+    # nothing is reported yet that must be in view as a whole
+    fits: Fits = "exactly" if session.running else "at least"
+    with child(ui, "state", height, border=False, fits=fits):
         if (row := context.files.tables.unshown) is not None:
             ui.note(f"{row.name}: {row.verdict}", row.tone)
             ui.note(sentence(row.reason or "it has no result yet"), "ink")
