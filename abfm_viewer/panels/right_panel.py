@@ -69,7 +69,7 @@ def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
     with window(ui, "panel", rect, scrolls=True):
         guarded("Solver", solver.draw, context)
         label = tabs(ui, STEPS, tuple(TABS))
-        room = max(imgui.GetContentRegionAvail()[1], ui.px(_LEAST_HEIGHT))
-        with child(ui, label, room, border=False), ui.group(label):
+        is_low = imgui.GetContentRegionAvail()[1] < ui.px(_LEAST_HEIGHT)
+        with child(ui, label, 0, False, "at least" if is_low else "exactly"), ui.group(label):
             for part, draw_part in parts[label].items():
                 guarded(part, draw_part, context)

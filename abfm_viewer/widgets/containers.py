@@ -112,7 +112,8 @@ def child(
         padding = 2 * style.WindowPadding[0] if border else 0
         imgui.SetNextWindowContentSize((room - style.ScrollbarSize - ui.px(4) - padding, 0))
     imgui.BeginChild(name, (0, height if fits == "exactly" else 0), flags)
-    with _ended(ui, imgui.EndChild):
+    around = ui.record.areas[-1] if fits == "at least" else None  # which scrolls in its place
+    with _ended(ui, imgui.EndChild, rect=around):
         _keep_scroll(ui, ui.record.path(name))
         ui.heights[name] = float(imgui.GetWindowHeight())
         yield
