@@ -16,6 +16,7 @@ import types
 import zipfile
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
@@ -68,7 +69,7 @@ _COURSE = _RUN | {
     "vertices": Entry("integer", ("n",), low=0),
     "reaches": Entry("real", ("n",), low=0),
 }
-_LEFT = {"mismatches": Entry("real", ("n",), required=False, low=0)}
+_RESIDUALS = {"residuals": Entry("real", ("n",), required=False, low=0)}
 _SHARES = {"shares": Entry("real", ("n", "T"), low=0)}
 _INITIAL = {  # without the meshes
     name: entry
@@ -169,10 +170,10 @@ def save_project(
     runs = []
     for number, run in enumerate(document.runs):
         names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
-        names |= _LEFT if len(run.residuals) else {}
+        names |= _RESIDUALS if len(run.residuals) else {}
         arrays |= {f"runs/{number}/{name}": getattr(run, name) for name in names}
         runs.append(
-            to_plain(run, without=_COURSE | _SHARES | _LEFT) | {"has_course": run.has_course}
+            to_plain(run, without=_COURSE | _SHARES | _RESIDUALS) | {"has_course": run.has_course}
         )
     result = None
     if document.result is not None:
@@ -420,7 +421,7 @@ def _mesh_parts(arrays: Mapping[str, Any], prefix: str, count: int) -> dict[str,
 
 def _run(number: int, state: dict[str, Any], arrays: Mapping[str, Any]) -> Run:
     entries = _COURSE if state.pop("has_course", False) else _RUN
-    entries = entries | _LEFT | (_SHARES if state.get("words") else {})
+    entries = entries | _RESIDUALS | (_SHARES if state.get("words") else {})
     parts = check_arrays(arrays, entries, f"runs/{number}/")
     return cast(Run, from_plain(Run, state, f"project.runs[{number}]", **parts))
 
@@ -546,6 +547,10 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         _expect(is_number and math.isfinite(value), where, value, "a finite number")
         return float(value)
+    if issubclass(hint, StrEnum):
+        words = [member.value for member in hint]
+        _expect(value in words, where, value, " or ".join(map(repr, words)))
+        return hint(value)
     _expect(type(value) is hint, where, value, f"a value of type {hint.__name__}")
     return value
 

@@ -313,7 +313,7 @@ ALIKE = {"mesh/vertex_ids": np.zeros((0,), dtype=int), "mesh/vertices": np.zeros
 TURNED = np.vstack([SPHERE.faces[:1, ::-1], SPHERE.faces[1:]])
 BENT = {"direction": [1, 0, 0], "up": [1, 0, 0]}
 FLAT = {"front": {"direction": [1, 0, 0], "up": [0, 1, 0]}, "zoom": 0}
-RUN, HKS = {"mismatch": 0, "label": "a"}, {"source": "hks", "target": "hks"}
+RUN, HKS = {"residual": 0, "label": "a"}, {"source": "hks", "target": "hks"}
 
 
 def same_shape(opened):
@@ -364,7 +364,7 @@ def test_a_missing_member_is_named(saved, member):
         ("runs/1/vertices", np.array([12]), "runs/1/vertices"),
         ("runs/1/reaches", np.array([True, False]), "runs/1/reaches has type bool; expected real"),
         ("runs/1/reaches", None, "runs/1/reaches"),
-        ("runs/4/mismatches", np.array([0.5]), "runs/4/mismatches has shape (1,); expected (2)"),
+        ("runs/4/residuals", np.array([0.5]), "runs/4/residuals has shape (1,); expected (2)"),
         ("result/velocity", np.zeros((1, F - 1, 3)), "result/velocity"),
         ("result/velocity", np.zeros((2, F, 3)), "2 fields, but parameters say 1"),
         ("result/velocity", RESULT.velocity.astype(complex), "type complex128"),
@@ -419,12 +419,12 @@ def test_arrays_that_do_not_fit_are_named(saved, name, array, words):
         ("document", "channels", [HKS | {"source": "\x1b" * 9999}], "a family"),
         ("document", "channels", [HKS | {"source": "x" * 99_999}], "at most 10000"),
         ("document", "parameters", {"x\n" * 5000: 1}, "project.document.parameters is"),
-        ("result", "mismatch", -1, "result/mismatch has the value -1"),
+        ("result", "residual", -1, "result/residual has the value -1"),
         ("result", "folded", 2, "result/folded has the value 2; expected 0 to 1"),
         ("result", "stop_reason", "a\nb", "some that cannot be shown"),
-        ("result", "mismatch", [[1]] * 1000, "result/mismatch has shape (1000, 1)"),
-        ("result", "mismatch", [[1], []], "damaged"),
-        ("result", "mismatch", {"a": 1}, "result/mismatch has type object"),
+        ("result", "residual", [[1]] * 1000, "result/residual has shape (1000, 1)"),
+        ("result", "residual", [[1], []], "damaged"),
+        ("result", "residual", {"a": 1}, "result/residual has type object"),
         ("document", "name", 3, "project.document.name is 3"),
         ("document", "channel", 2, "channel is 2; expected 0 to 1"),
         ("document", "channel", -1, "channel is -1"),
