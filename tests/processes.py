@@ -1,19 +1,23 @@
 """Programs that tests run, and what they say."""
 
 import os
-import shlex
+import signal
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
+_SECONDS_MAX = 600
+_REFUSED_SECONDS_MAX = 120
 
 
 def run(*words, **options):
-    """Run a program to its end and return its exit status and what it said."""
-    usual = {"capture_output": True, "text": True, "check": False}
-    return subprocess.run([*map(str, words)], **usual | options)
+    """Run a program to its end, which must come, and return its exit status and what it said."""
+    usual = {"capture_output": True, "text": True, "check": False, "timeout": _SECONDS_MAX}
+    return subprocess.run(argv(*words), **usual | options)
 
 
 def python(code, *words, **options):
@@ -21,9 +25,25 @@ def python(code, *words, **options):
     return run(sys.executable, "-c", code, *words, **options)
 
 
-def argv(line):
-    """Return the words of a command line as a shell makes them."""
-    return shlex.split(line)
+def argv(*words):
+    """Return the words of a command line as text; a path is one word whatever is in its name."""
+    return [*map(str, words)]
+
+
+@contextmanager
+def refused_soon():
+    """Fail, instead of working on, if a command that must be refused is accepted."""
+
+    def fail(number, frame):
+        pytest.fail("a command that must be refused was accepted")
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.alarm(_REFUSED_SECONDS_MAX)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def children():

@@ -1,5 +1,6 @@
 """The distribution, the start script, and what importing may not do."""
 
+import ast
 import os
 import re
 import shlex
@@ -135,6 +136,24 @@ def test_every_room_is_seen_at_a_glance():
     assert {name: count for name, count in counts.items() if count > 18} == {}
 
 
+def bound_names(statement):
+    """Names that a statement of a module binds, except decorated ones and overloads."""
+    if isinstance(statement, ast.FunctionDef | ast.ClassDef):
+        return [] if statement.decorator_list else [statement.name]
+    if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
+        return []
+    names = [node for node in ast.walk(statement) if isinstance(node, ast.Name)]
+    used = {name.id for name in names if isinstance(name.ctx, ast.Load)}
+    return [name.id for name in names if isinstance(name.ctx, ast.Store) and name.id not in used]
+
+
+def test_no_module_binds_a_name_twice():
+    """A second constant of the same name replaces the first, wherever that is used."""
+    for path in (path for package in PACKAGES for path in package.rglob("*.py")):
+        names = [name for each in ast.parse(path.read_text()).body for name in bound_names(each)]
+        assert sorted(names) == sorted(set(names)), path
+
+
 def test_matching_and_the_command_line_need_no_opengl():
     code = (
         "import sys, abfm, abfm_viewer.app; from abfm_viewer.cli import main; abfm.match; "
@@ -184,8 +203,10 @@ def test_the_app_says_in_a_line_why_it_does_not_start(environment, words):
 
 @pytest.fixture
 def house(tmp_path):
-    """A folder with a blank in its name, with `run` and an environment that looks installed."""
-    house = tmp_path / "my house"
+    """A folder with a blank and an accent in its name, with `run` and an environment that looks
+    installed.
+    """
+    house = tmp_path / "my höuse"
     programs = house / ".venv" / "bin"
     programs.mkdir(parents=True)
     for name in ("run", "pyproject.toml"):
@@ -309,3 +330,21 @@ def test_run_test_with_words_is_pytest_alone_and_keeps_compiled_modules(house):
 
 def test_run_is_understood_by_bash():
     run("bash", "-n", ROOT / "run", check=True)
+
+
+def test_ci_runs_all_checks_in_a_copy_with_a_difficult_path(tmp_path):
+    """The copy leaves out environments; its exit status is passed on, and nothing stays behind."""
+    checkout, temporary = tmp_path / "checkout", tmp_path / "temporary"
+    for folder in (checkout / ".ci", checkout / ".venv", temporary):
+        folder.mkdir(parents=True)
+    shutil.copy(ROOT / ".ci" / "run", checkout / ".ci")
+    (checkout / ".gitignore").touch()
+    program(checkout / "run", 'echo "$@"; cd "$(dirname "$0")"; ls -A; pwd; exit 5')
+    done = run(checkout / ".ci" / "run", env=os.environ | {"TMPDIR": str(temporary)})
+    words, *names, place = done.stdout.splitlines()
+    assert (done.returncode, words) == (5, "test")
+    assert sorted(names) == [".ci", ".gitignore", "run"]
+    assert place.startswith(str(temporary))
+    assert " " in place
+    assert not place.isascii()
+    assert list(temporary.iterdir()) == []

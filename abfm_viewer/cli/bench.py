@@ -2,11 +2,13 @@
 
 import argparse
 import json
+import os
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 from abfm import Control, TriangleMesh
+from abfm.errors import brief
 from abfm.io import write_atomically
 from abfm_viewer import signals
 from abfm_viewer.cli.batches.running import add_workers, cluster_of
@@ -14,6 +16,23 @@ from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.match import Kept, cancelled_by_signals
 from abfm_viewer.cli.options import adder, count, positive, seed
 from abfm_viewer.files import outputs
+
+_MEASUREMENTS = ("viewer", "success", "measured", "arrival")
+_OPTIONS = {
+    ("success",): ("versions", "solvable"),
+    ("success", "measured"): (
+        "meshes",
+        "only_given",
+        "problems",
+        "seed",
+        "part",
+        "out",
+        "jobs",
+        "scheduler",
+        "scheduler_file",
+    ),
+}
+"""Options by the measurements of which one is needed."""
 
 SUMMARY = (
     "measure the solver against the paper's algorithm and plain L-BFGS, or how often it succeeds"
@@ -108,8 +127,8 @@ def run(arguments: argparse.Namespace) -> int:
         selection = success.Selection(
             arguments.seed, arguments.problems, arguments.part, arguments.solvable
         )
-        meshes = _meshes(arguments)
         place = laboratory.trials.Place(arguments.out, cluster_of(arguments), control)
+        meshes = _meshes(arguments)
         with cancelled_by_signals(control, "with what was finished") as kept:
             if arguments.success:
                 versions = {name: success.VERSIONS[name] for name in sorted(arguments.versions)}
@@ -141,11 +160,25 @@ def _check(arguments: argparse.Namespace) -> None:
             "measurements are run from the repository, and this is an installation without it: "
             "clone it, and type ./run once, then .venv/bin/abfm bench"
         )
-    given = (arguments.jobs, arguments.scheduler, arguments.scheduler_file, arguments.out)
-    if any(given) and not (arguments.success or arguments.measured):
-        raise UsageError(
-            "--jobs, --scheduler, --scheduler-file and --out go with --success or --measured"
-        )
+    chosen = [f"--{name}" for name in _MEASUREMENTS if getattr(arguments, name)]
+    if len(chosen) > 1:
+        raise UsageError(f"{chosen[0]} and {chosen[1]} are two measurements; choose one of them")
+    for measurements, options in _OPTIONS.items():
+        given = [each for each in options if getattr(arguments, each) != _default(arguments, each)]
+        if given and not any(getattr(arguments, each) for each in measurements):
+            needed = " or ".join(f"--{each}" for each in measurements)
+            raise UsageError(f"--{given[0].replace('_', '-')} goes with {needed}; add it")
+    if chosen and arguments.seconds != _default(arguments, "seconds"):
+        raise UsageError(f"--seconds does not go with {chosen[0]}; leave it out")
+    for path in arguments.meshes:
+        if not os.path.exists(path):
+            raise UsageError(
+                f"--meshes: there is no {brief(str(path))}; expected meshes or folders of meshes"
+            )
+
+
+def _default(arguments: argparse.Namespace, name: str) -> object:
+    return arguments.parser.get_default(name)
 
 
 def _meshes(arguments: argparse.Namespace) -> dict[str, TriangleMesh]:

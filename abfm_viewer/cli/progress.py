@@ -87,10 +87,10 @@ def frame_progress(count: int, quiet: bool, machine: bool) -> Iterator[Callable[
 
 @contextmanager
 def row_progress(
-    count: int, quiet: bool, title: str = "rows", waits: Collection[str] = ()
+    count: int, quiet: bool, title: str = "rows", reported: Collection[str] = ()
 ) -> Iterator[Callable[[str], None]]:
     """Yield what to call with a line about each of so many rows once it is done; of 0 they are not
-    counted, and lines are for terminals alone. Of steps, those of these names are told.
+    counted, and lines are for terminals alone. Steps whose names begin so are reported, too.
     """
     done = 0
 
@@ -103,7 +103,7 @@ def row_progress(
     with _told(quiet, say, count or None, *columns, *ends, text="starting") as update:
 
         def show(step: Step | None) -> None:
-            if step and step.task in waits:
+            if step and step.task.startswith(tuple(reported)):
                 update(completed=done, text=step.task)
 
         def tell(text: str) -> None:

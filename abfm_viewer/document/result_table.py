@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
-from abfm.outcome import Outcome, Tone
+from abfm.outcome import Facts, Outcome, Tone, worse_residual
 
 if TYPE_CHECKING:
     from abfm import Population
 
-WORST_FIRST = tuple(reversed(Outcome))
-"""Outcomes of rows, in the order of tables."""
 Name = Literal[
     "name", "verdict", "left", "verified", "folded", "log2_area", "correlation", "reason"
 ]
@@ -57,7 +55,7 @@ class ResultRow:
 
     number: int  # in its table
     name: str
-    verdict: str  # one of `WORST_FIRST`
+    verdict: Outcome
     left: float = math.nan
     verified: float = math.nan
     folded: float = math.nan
@@ -66,6 +64,7 @@ class ResultRow:
     reason: str = ""
     path: Path | None = None  # of its result
     texts: tuple[tuple[str, str], ...] = ()  # of its channels: sources and targets, as written
+    warnings: tuple[str, ...] = ()
 
     @property
     def key(self) -> tuple[int, str]:
@@ -73,13 +72,9 @@ class ResultRow:
         return self.number, self.name
 
     @property
-    def outcome(self) -> Outcome:
-        """The verdict; of one in a file that is none of ours, failed."""
-        return Outcome(self.verdict) if self.verdict in WORST_FIRST else Outcome.FAILED
-
-    @property
     def tone(self) -> Tone:
-        return self.outcome.tone
+        """The colour of the verdict."""
+        return Facts(self.verdict, "", warnings=self.warnings).tone
 
     def told(self, column: Name) -> str:
         """Return what a cell says."""
@@ -109,9 +104,9 @@ class ResultTable:
 
     @property
     def told(self) -> str:
-        """How many rows came to what: ``9 rows: 7 matched, 2 failed``."""
+        """The number of rows by verdict: ``9 rows: 7 matched, 2 failed``."""
         count = Counter(row.verdict for row in self.rows)
-        parts = [f"{count[word]} {word}" for word in reversed(WORST_FIRST) if count[word]]
+        parts = [f"{count[each]} {each}" for each in Outcome if count[each]]
         noun = "row" if self.population is None else "subject"
         plural = "" if len(self.rows) == 1 else "s"
         return f"{len(self.rows)} {noun}{plural}: {', '.join(parts) or 'none'}"
@@ -141,13 +136,13 @@ class ResultTable:
         return (*known, *unknown)
 
     def _badness(self, row: ResultRow) -> tuple[int, float, str]:
-        order = WORST_FIRST.index(row.outcome)
+        order = -row.verdict.rank
         if self.population is not None:
-            if row.outcome.is_good:
-                order = WORST_FIRST.index(Outcome.NEARLY)
+            # all that are good are compared by their correlation
+            order = -Outcome.NEARLY.rank if row.verdict.is_good else order
             return order, _or_last(row.correlation), row.name
-        worse = [value for value in (row.left, row.verified) if not math.isnan(value)]
-        return order, -max(worse, default=0.0), row.name
+        worse = worse_residual(row.left, row.verified)
+        return order, 0.0 if math.isnan(worse) else -worse, row.name
 
 
 def _or_last(value: float) -> float:

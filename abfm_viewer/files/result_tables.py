@@ -8,8 +8,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from abfm import AbfmError, ResultError
+from abfm import AbfmError
 from abfm.errors import one_line
+from abfm.outcome import Outcome
 from abfm_viewer.document.result_table import ResultRow, ResultTable
 
 if TYPE_CHECKING:
@@ -85,19 +86,27 @@ class TableReader:
     def _row(self, number: int, entry: Entry) -> ResultRow:
         name = one_line(entry.row.name, 200)
         if entry.path is None:
-            return ResultRow(number, name, entry.state, reason=entry.reason)
+            return ResultRow(number, name, entry.facts.outcome, reason=entry.facts.reason)
         # files of results are named by what is in them
         known = self._known.get(entry.path)
         if known is not None and known.key == (number, name):
             return known
-        try:
-            facts = entry.facts
-        except ResultError as error:
-            return ResultRow(number, name, "failed", reason=str(error))
-        assert facts is not None
-        numbers = facts.residual, facts.verified_residual, facts.folded, facts.log2_area
-        told = facts.reason, entry.path, _texts(entry)
-        row = ResultRow(number, name, facts.verdict, *numbers, math.nan, *told)
+        facts = entry.facts
+        if not facts.numbers:
+            return ResultRow(number, name, facts.outcome, reason=facts.reason)
+        row = ResultRow(
+            number,
+            name,
+            facts.outcome,
+            left=facts.number("residual"),
+            verified=facts.number("verified_residual"),
+            folded=facts.number("folded"),
+            log2_area=facts.number("log2_area"),
+            reason=facts.reason,
+            path=entry.path,
+            texts=_texts(entry),
+            warnings=facts.warnings,
+        )
         self._known[entry.path] = row
         return row
 
@@ -120,12 +129,12 @@ def _of_population(place: Path, path: Path) -> ResultTable:
     rows, matched = [], [channel for channel in found.channels if not channel.is_held_out]
     for number, name in enumerate(found.names):
         result = path.parent / f"{found.digests[number]}.npz"
-        verdict = found.verdicts[number] or "failed"
+        verdict = _outcome(found.verdicts[number])
         rows.append(
             ResultRow(
                 number,
                 name,
-                verdict if found.fits[number] or verdict == "failed" else "does not fit",
+                verdict if found.fits[number] or verdict is Outcome.FAILED else Outcome.OUTLIER,
                 float(found.residual[number]),
                 math.nan,
                 float(found.folded[number]),
@@ -138,6 +147,11 @@ def _of_population(place: Path, path: Path) -> ResultTable:
         )
     name = path.parent.name if path.name == POPULATION else path.name
     return ResultTable(place, f"population {name}", tuple(rows), found)
+
+
+def _outcome(word: str) -> Outcome:
+    """Return the outcome of a subject; a word that is none, or empty, is a failure."""
+    return Outcome(word) if word in set(Outcome) else Outcome.FAILED
 
 
 def _state(place: Path) -> _State:

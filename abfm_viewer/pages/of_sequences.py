@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Protocol
@@ -13,7 +13,6 @@ import numpy as np
 import abfm
 from abfm import TriangleMesh
 from abfm.calculus.operators import vertex_areas
-from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Tone, worse_residual
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import share
@@ -26,19 +25,24 @@ from abfm_viewer.computing.films import fast_in, ways_of
 from abfm_viewer.computing.registered import MOST_CHANNELS
 from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 
-# in all keys of all functions, and of a part of the field; a value is two bytes of a page
-MOST_VALUES, MOST_OF_A_PART = 4_000_000, 500_000
-_MOST_BETWEEN = 4  # keys of an interval
-_SECONDS_A_FRAME, _SHORTEST, _LONGEST = 0.15, 4.0, 30.0
-_TAIL = 0.2  # of the whole time that a track is seen after
-_LINES, _MOST_PIECES = 140, 15_000  # path lines, and pieces of all of them
-_LIFE = 10  # intervals that a path line goes on
-_ARROWS, _MOST_ARROWS = 480, 40_000  # in an interval, and in all
-_LONGEST, _SHORTEST = 0.92, 0.2  # arrow, of the distance between two; of the longest
-_FLATTEST = 0.6  # cosine of the angle by which the surface turns along an arrow
-_MOSTLY = 0.5  # of the intervals
-_SHOWN = 99.5  # percentile at the ends of the colours
-_TONES: dict[str, Tone] = {"matched": "good", "registered": "good", "nearly": "ink"}
+MOST_VALUES = 4_000_000
+"""Values in all keys of all functions; a value is two bytes of a page."""
+MOST_OF_A_PART = 500_000
+"""The same of a part of the field."""
+_KEYS_PER_INTERVAL_MAX = 4
+PLAY_SECONDS_PER_FRAME = 0.15
+PLAY_SECONDS_MIN = 4.0
+PLAY_SECONDS_MAX = 30.0
+_TAIL_SHARE = 0.2  # of the time of all frames: how long a track stays visible behind its point
+_PATH_LINES_MAX = 140
+_PATH_PIECES_MAX = 15_000  # of all path lines together
+_PATH_INTERVALS = 10  # after which a path line starts anew
+_ARROWS_PER_INTERVAL_MAX = 480
+_ARROWS_MAX = 40_000  # in all intervals
+_ARROW_LENGTH_MAX = 0.92  # of the distance between two arrows
+_ARROW_SPEED_MIN = 0.2  # of the speed of the longest arrow
+_ARROW_COSINE_MIN = 0.6  # of the angle by which the surface turns along an arrow
+_COLOR_PERCENTILE = 99.5  # at the ends of the colours
 _INK: Color = (0.11, 0.13, 0.17)
 
 
@@ -91,16 +95,20 @@ def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = N
     divergence and curl.
     """
     labels = labels or Labels()
-    share, middles = sequence.confirmed / len(sequence), sequence.middles
+    facts, middles = sequence.facts, sequence.middles
     unit = f"1/{labels.unit_of_time}" if labels.unit_of_time else ""
     parts = {"divergence": sequence.divergence, "curl": sequence.curl}
     told = Told(
-        f"{sequence.confirmed} of {len(sequence)} intervals are confirmed by flow lines",
-        "good" if share == 1 else "ink" if share > _MOSTLY else "failure",
-        [(_came_to(sequence, i), _TONES.get(v.kind, "failure")) for i, v in _verdicts(sequence)],
+        facts.headline,
+        facts.tone,
+        [(_came_to(sequence, i), v.kind.tone) for i, v in enumerate(sequence.verdicts)],
         {"median speed": _speed(sequence, labels)},
         [_layer(name, values, middles, unit) for name, values in parts.items()],
-        [_about_arrows(sequence, labels), *_about_mask(sequence)],
+        [
+            *([] if facts.tone == "good" else [facts.reason]),
+            _about_arrows(sequence, labels),
+            *_about_mask(sequence),
+        ],
         sequence.unknown,
     )
     ways = [_arrows(sequence), _path_lines(sequence), *_tracks(sequence)]
@@ -133,7 +141,7 @@ def film_page(
             zip(pairwise(times.tolist()), told.intervals, strict=False), 1
         )
     ]
-    seconds = min(max(_SECONDS_A_FRAME * len(times), _SHORTEST), _LONGEST)
+    seconds = min(max(PLAY_SECONDS_PER_FRAME * len(times), PLAY_SECONDS_MIN), PLAY_SECONDS_MAX)
     ticks = times.tolist()
     clock = None
     if len(times) > 1:
@@ -156,10 +164,6 @@ def film_page(
     )
 
 
-def _verdicts(sequence: abfm.Sequence) -> Iterator[tuple[int, Verdict]]:
-    return enumerate(sequence.verdicts)
-
-
 def _came_to(sequence: abfm.Sequence, interval: int) -> str:
     """``matched, 0.7% left``."""
     left = worse_residual(
@@ -173,7 +177,7 @@ def _layer(name: str, values: FloatArray, times: FloatArray, unit: str) -> Layer
     change.
     """
     every = -(-values.size // MOST_OF_A_PART)
-    shown, most = values[::every], float(np.percentile(np.abs(values), _SHOWN)) or 1.0
+    shown, most = values[::every], float(np.percentile(np.abs(values), _COLOR_PERCENTILE)) or 1.0
     at = times[::every] if len(shown) > 1 else None
     return Layer(name, shown, ColorRange("abfm diverging", -most, most), at, unit)
 
@@ -192,7 +196,7 @@ def _tracks(sequence: abfm.Sequence) -> list[Ways]:
     kinds: dict[str, list[tuple[FloatArray, FloatArray]]] = defaultdict(list)
     for way in ways_of(sequence.tracks()):
         kinds[way.kind].append((way.times, way.points.positions))
-    tail = _TAIL * float(np.ptp(sequence.times))
+    tail = _TAIL_SHARE * float(np.ptp(sequence.times))
     return [
         Ways.along(f"{kind}s", kinds[kind], color[:3], tail=tail)
         for kind, color in CRITICAL.items()
@@ -206,9 +210,9 @@ def _arrows(sequence: abfm.Sequence) -> Ways:
     """
     mesh, times = sequence.mesh, sequence.times
     spread, fast = abfm.maps.spread_points(mesh), fast_in(sequence) or 1.0
-    count = min(_ARROWS, max(_MOST_ARROWS // len(sequence), 1), len(spread.gaps))
+    count = min(_ARROWS_PER_INTERVAL_MAX, max(_ARROWS_MAX // len(sequence), 1), len(spread.gaps))
     points, normals = spread.points[np.arange(count)], spread.normals[:count]
-    longest = _LONGEST * mesh.length_scale * min(float(spread.gaps[count - 1]), 0.2)
+    longest = _ARROW_LENGTH_MAX * mesh.length_scale * min(float(spread.gaps[count - 1]), 0.2)
     face_normals = abfm.calculus.face_normals(mesh)
     parts: list[tuple[FloatArray, ...]] = []
     with step("arrows") as tell:
@@ -217,11 +221,11 @@ def _arrows(sequence: abfm.Sequence) -> Ways:
             vectors = abfm.flow.vectors_at(mesh, velocity, points) / fast
             speed = np.linalg.norm(vectors, axis=1)
             vectors *= (longest * np.minimum(1.0, 1 / np.maximum(speed, 1e-300)))[:, None]
-            seen, tips = speed > _SHORTEST, []
+            seen, tips = speed > _ARROW_SPEED_MIN, []
             for side in (-0.5, 0.5):
                 found, inside = abfm.flow.straight_ways(mesh, points, side * vectors)
                 turned = (face_normals[found.faces] * normals).sum(axis=1)
-                seen &= inside & (turned > _FLATTEST)
+                seen &= inside & (turned > _ARROW_COSINE_MIN)
                 tips.append(found.positions)
             spans = np.broadcast_to(times[number : number + 2], (count, 2))
             parts.append(tuple(each[seen] for each in (*tips, spans, normals)))
@@ -236,7 +240,7 @@ def _about_arrows(sequence: abfm.Sequence, labels: Labels) -> str:
     return (
         f"arrows are the field of each interval, the longest ones where it has a speed of "
         f"{fast:.3g} or more ({_unit_of_speed(labels)}), and none where it has less than "
-        f"{100 * _SHORTEST:.0f}% of that"
+        f"{100 * _ARROW_SPEED_MIN:.0f}% of that"
     )
 
 
@@ -255,10 +259,10 @@ def _path_lines(sequence: abfm.Sequence) -> Ways:
     all at once.
     """
     mesh, times = sequence.mesh, sequence.times
-    count = min(_LINES, _MOST_PIECES // len(sequence))
+    count = min(_PATH_LINES_MAX, _PATH_PIECES_MAX // len(sequence))
     spread = abfm.maps.spread_points(mesh)
     seeds = spread.points[np.arange(min(count, len(spread.gaps)))]
-    ages = np.arange(len(seeds.faces)) % _LIFE
+    ages = np.arange(len(seeds.faces)) % _PATH_INTERVALS
     faces, barycentric = seeds.faces, seeds.barycentric
     starts, ends, spans = [], [], []
     with step("path lines") as tell:
@@ -273,12 +277,12 @@ def _path_lines(sequence: abfm.Sequence) -> Ways:
             ends.append(np.array([line.positions[-1] for line in lines]))
             spans.append(np.tile([begin, end], (len(ages), 1)))
             ages = ages + 1
-            is_old = ages % _LIFE == 0
+            is_old = ages % _PATH_INTERVALS == 0
             faces = np.where(is_old, seeds.faces, [line.faces[-1] for line in lines])
             last = np.array([line.barycentric[-1] for line in lines])
             barycentric = np.where(is_old[:, None], seeds.barycentric, last)
             tell((number + 1) / len(sequence))
-    tail = _LIFE / 2 * float(np.ptp(times)) / len(sequence)
+    tail = _PATH_INTERVALS / 2 * float(np.ptp(times)) / len(sequence)
     pieces = np.concatenate(starts), np.concatenate(ends), np.concatenate(spans)
     return Ways(
         "path lines", *pieces, _INK, tail=tail, disc=2.2, line=1.6, opacity=0.75, shown=False
@@ -298,7 +302,7 @@ def _keys(film: Filmed, times: FloatArray) -> tuple[FloatArray, FloatArray, str]
             frames[chosen],
             f"one of {every} frames is shown, {len(chosen)} in all",
         )
-    between = min(max((most - 1) // max(len(times) - 1, 1), 1), _MOST_BETWEEN)
+    between = min(max((most - 1) // max(len(times) - 1, 1), 1), _KEYS_PER_INTERVAL_MAX)
     keys, values = [times[0]], [frames[0]]
     with step("carrying frames") as tell:
         for number, (start, end) in enumerate(pairwise(times), 1):

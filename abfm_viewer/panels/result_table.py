@@ -6,10 +6,11 @@ import numpy as np
 import polyscope.imgui as imgui
 
 from abfm.errors import brief
+from abfm.outcome import Outcome
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.comparison import Compared
-from abfm_viewer.document.result_table import COLUMNS, WORST_FIRST, Name, ResultRow
+from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.result_tables import Tables
 from abfm_viewer.widgets.containers import window
@@ -151,7 +152,7 @@ def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...
 
 def _width(ui: Ui, column: Name) -> float:
     """Return the width that a column's head and texts need."""
-    words = WORST_FIRST if column == "verdict" else (_WIDEST,)
+    words = tuple(Outcome) if column == "verdict" else (_WIDEST,)
     head = ui.text_width(COLUMNS[column].head) + ui.px(_ARROW)
     return max(head, *map(ui.text_width, words))
 
@@ -268,7 +269,7 @@ def _draw_row(
                 for each in left_out
                 if COLUMNS[each].digits and (told := row.told(each))
             ]
-            parts = f"{row.name}: {row.verdict}", ", ".join(numbers), row.reason
+            parts = f"{row.name}: {row.verdict}", ", ".join(numbers), row.reason, *row.warnings
             tip = "\n\n".join(filter(None, parts))
             ui.remember(row.name, "choice", text=state, tip=tip)
             ui.tip(tip)

@@ -14,11 +14,10 @@ from abfm.workers.progress import Step, rounded
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.panels.context import Context
-from abfm_viewer.panels.intervals import confirmed
 from abfm_viewer.panels.trade_off import LIMIT, draw_limit
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import Fits, child
-from abfm_viewer.widgets.toolkit import Kind, Ui
+from abfm_viewer.widgets.toolkit import Ui
 
 if TYPE_CHECKING:
     from abfm import Match
@@ -150,9 +149,8 @@ def _draw_film(ui: Ui, session: Session) -> None:
         ui.note("Match finds the fields that carry each frame to the next, all together.")
         return
     outdated = document.is_film_outdated
-    all_good = sequence.confirmed == len(sequence)
-    tone: Kind = "muted" if outdated else "good" if all_good else "warning"
-    ui.note(confirmed(sequence), tone)
+    facts = sequence.facts
+    ui.note(capital(facts.headline), "muted" if outdated else facts.tone)
     if outdated:
         ui.note("Frames or parameters changed since: match all frames again.", "ink")
     now = film.interval(document.time)

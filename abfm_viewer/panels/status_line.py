@@ -8,7 +8,6 @@ import polyscope.imgui as imgui
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.verdict_words import left_now, place
 from abfm_viewer.panels.context import Context
-from abfm_viewer.panels.intervals import confirmed
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import window
 from abfm_viewer.widgets.toolkit import Ui
@@ -63,8 +62,9 @@ def _state(context: Context) -> tuple[str, ...]:
     if is_playing and context.shown.quantities.convolving:
         return ("computing streaks; each interval has them when it is played again",)
     if session.document.sequence is not None:
-        told = confirmed(session.document.sequence)
-        return (f"{told}{', outdated' if session.document.is_film_outdated else ''}",)
+        facts = session.document.sequence.facts
+        outdated = ", outdated" if session.document.is_film_outdated else ""
+        return f"{facts.headline}{outdated}", f"{facts.outcome}{outdated}"
     if solver.failed:
         return f"the solver stopped: {solver.reason}", "the solver stopped"
     if result is None:

@@ -118,3 +118,13 @@ class Facts:
         if not self.is_complete or (self.outcome.tone == "good" and self.warnings):
             return "warning"
         return self.outcome.tone
+
+    def number(self, name: str) -> float:
+        """Return a measurement; NaN if it is unknown."""
+        value = self.numbers.get(name)
+        return math.nan if value is None else value
+
+    @property
+    def worse_residual(self) -> float:
+        """The larger residual of both checks; NaN if it is unknown."""
+        return worse_residual(self.number("residual"), self.number("verified_residual"))

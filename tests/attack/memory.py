@@ -12,11 +12,15 @@ import numpy as np
 
 from abfm.assets import asset_path
 from tests.attack.trial import Trial, run
-from tests.processes import argv, python
+from tests.processes import python
 
 MESHES = ("human_A.off", "eight.off", "human_fine_A.off")
-COURSES = ("", "--method linearised --segments 5", "--gradient bracket", "--levels 2")
-_PAIR = "--source gaussian:vertex=7,width=0.1 --target gaussian:vertex=40,width=0.1 --iterations 15"
+COURSES = ((), ("--method=linearised", "--segments=5"), ("--gradient=bracket",), ("--levels=2",))
+_PAIR = (
+    "--source=gaussian:vertex=7,width=0.1",
+    "--target=gaussian:vertex=40,width=0.1",
+    "--iterations=15",
+)
 _PATIENCE = 300  # seconds
 _MOST = 1500  # megabytes: more than a match of these meshes takes
 
@@ -40,14 +44,14 @@ def attempt(seed):
     megabytes = _MOST ** rng.random()
     with TemporaryDirectory() as folder:
         out = Path(folder) / "m.npz"
-        words = ["match", asset_path(mesh), *argv(_PAIR), "--out", out, *course.split()]
+        words = ["match", asset_path(mesh), *_PAIR, "--out", out, *course]
         alone = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         child = python(_CHILD, megabytes, *words, timeout=_PATIENCE, env=alone)
         wrong = fault(child.returncode, child.stderr, out)
         left = [path.name for path in Path(folder).iterdir() if path != out]
     wrong = wrong or (f"left {left[0]}" if left else "")
     outcome = "fault" if wrong else "refused" if child.returncode == 2 else "ok"
-    return Trial(f"{mesh}/{course or 'default'}/{megabytes:.0f} MB", seed, outcome, wrong)
+    return Trial(f"{mesh}/{' '.join(course) or 'default'}/{megabytes:.0f} MB", seed, outcome, wrong)
 
 
 def fault(code, errors, out):

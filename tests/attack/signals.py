@@ -33,33 +33,37 @@ _PATIENCE = 60.0  # seconds after which a process does not end
 
 @dataclass(frozen=True)
 class Command:
-    """A command line, the files that it may leave, and how long it may run if nobody ends it."""
+    """The words of a command line, the files that it may leave, and how long it may run if
+    nobody ends it.
+    """
 
-    line: str
+    words: list[str]
     files: tuple[str, ...] = ()
     statuses: tuple[int, ...] = (0,)  # of a run that ends by itself
     module: str = "cli"
     lasts: float = 0.0  # seconds after the start; 0: to its end
 
 
-PAIR = "--source gaussian:vertex=10,width=0.2 --target gaussian:vertex=40,width=0.2 --quiet"
-MOVIE = "--size 320x240 --seconds 0.3 --quiet"
-ENDLESS = f"match MESH {PAIR} --iterations 1000000 --tolerance 0 --sigma 1e-6 --out m.npz"
-BRIEF = f"match MESH {PAIR} --iterations 3 --out m.npz --out m.vtu"
+PAIR = ["--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2", "--quiet"]
+MOVIE = ["--size=320x240", "--seconds=0.3", "--quiet"]
+LONG = ["--iterations=1000000", "--tolerance=0", "--sigma=1e-6"]
+ENDLESS = ["match", "MESH", *PAIR, *LONG, "--out=m.npz"]
+BRIEF = ["match", "MESH", *PAIR, "--iterations=3", "--out=m.npz", "--out=m.vtu"]
+BENCH = ["bench", "--success", "--only-given", "--meshes", "MESH"]
 DEMO, FIGURE = ("demo.npz", "demo.png", "demo.mp4"), ("figure-3.png", "figure-3.json")
 COMMANDS = {
-    "help": Command("match --help"),
-    "info": Command("info MESH"),
+    "help": Command(["match", "--help"]),
+    "info": Command(["info", "MESH"]),
     "match": Command(ENDLESS, ("m.npz",), (3,), lasts=4.0),
     "short match": Command(BRIEF, ("m.npz", "m.vtu"), (3,)),
-    "map": Command("map RESULT --out map.txt", ("map.txt",)),
-    "picture": Command("render RESULT --out m.png --size 320x240", ("m.png",)),
-    "mp4": Command(f"render RESULT --out m.mp4 {MOVIE}", ("m.mp4",)),
-    "gif": Command(f"render RESULT --out m.gif {MOVIE}", ("m.gif",)),
-    "demo": Command("demo --quiet --out .", DEMO, lasts=12.0),
-    "figure": Command("figure 3 --mesh MESH --quiet --out .", FIGURE, lasts=8.0),
-    "bench": Command("bench --success --only-given --meshes MESH --problems 1 --quiet --json"),
-    "window": Command("MESH", statuses=(2,), module="app", lasts=6.0 * ("DISPLAY" in os.environ)),
+    "map": Command(["map", "RESULT", "--out=map.txt"], ("map.txt",)),
+    "picture": Command(["render", "RESULT", "--out=m.png", "--size=320x240"], ("m.png",)),
+    "mp4": Command(["render", "RESULT", "--out=m.mp4", *MOVIE], ("m.mp4",)),
+    "gif": Command(["render", "RESULT", "--out=m.gif", *MOVIE], ("m.gif",)),
+    "demo": Command(["demo", "--quiet", "--out=."], DEMO, lasts=12.0),
+    "figure": Command(["figure", "3", "--mesh", "MESH", "--quiet", "--out=."], FIGURE, lasts=8.0),
+    "bench": Command([*BENCH, "--problems=1", "--quiet", "--json"]),
+    "window": Command(["MESH"], statuses=(2,), module="app", lasts=6.0 * ("DISPLAY" in os.environ)),
 }
 
 
@@ -113,7 +117,7 @@ class Attack:
     def _start(self, command, folder):
         token, temporary = secrets.token_hex(8), folder / "tmp"
         temporary.mkdir(exist_ok=True)
-        words = (self._places.get(word, word) for word in command.line.split())
+        words = (self._places.get(word, word) for word in command.words)
         places = {"ABFM_STATE_FOLDER": str(temporary), "TMPDIR": str(temporary)}
         process = subprocess.Popen(
             [sys.executable, "-c", _MAIN.format(command.module), *words],

@@ -8,7 +8,13 @@ from abfm.batch import Ledger, read_table
 from abfm.batch.table import known_columns
 from abfm.errors import printable
 from abfm_viewer.cli import options
-from abfm_viewer.cli.batches.running import add_cluster, solve, tell_all
+from abfm_viewer.cli.batches.rows import ROWS_SHOWN_MAX
+from abfm_viewer.cli.batches.running import (
+    ROWS_AFTER_SIGNAL_MAX,
+    add_cluster,
+    report_all,
+    solve,
+)
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.files import outputs
@@ -38,12 +44,14 @@ double quotes:
 All columns are
 {_FILLED.fill(", ".join(["name", *known_columns()]))}
 
-DIR/summary.csv has a line a row, with the digest, what it came to and its columns;
-DIR/summary.html is a page with a picture a row, those first that came least far.
+DIR/summary.csv has a line for each row: its digest, verdict, residuals and columns.
+DIR/summary.html is a page of the worst {ROWS_SHOWN_MAX:,} rows with a picture of each, and counts
+of all.
 
 The exit status is 0 when all rows are matched, nearly or registered; 3 when some did not reach
 their target; 4 when some failed, or with --status are not done; 2 for a table that does not fit,
-of which nothing is solved; and 130 or 143 after Ctrl-C or SIGTERM.
+of which nothing is solved; and 130 or 143 after Ctrl-C or SIGTERM: results that are done are kept,
+and the summary of more than {ROWS_AFTER_SIGNAL_MAX} rows is left to `abfm batch --status DIR`.
 """
 
 
@@ -89,4 +97,4 @@ def run(arguments: argparse.Namespace) -> int:
             entries = [] if status is None else ledger.entries(rows)
     if status is None:
         return solve(rows, title, arguments)
-    return tell_all(entries, title, arguments)
+    return report_all(entries, title, arguments)

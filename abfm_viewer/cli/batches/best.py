@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from abfm import Parameters
 from abfm.batch.columns import option
-
-if TYPE_CHECKING:
-    from abfm_viewer.cli.batches.summary import Told
+from abfm.outcome import Outcome
+from abfm_viewer.cli.batches.rows import SummaryRow
 
 _KINDS = "match", "registration"
 _WAYS = {*(option(each.name) for each in fields(Parameters)), "start", "initial", "max-distortion"}
 """Options that say how a problem is solved, not which."""
-_REACHED = "matched", "registered", "nearly"
 
 
 class Best(NamedTuple):
@@ -24,15 +22,15 @@ class Best(NamedTuple):
     any, and of these the one whose map changes areas least, if that is known of any.
     """
 
-    closest: Told
-    gentlest: Told | None
+    closest: SummaryRow
+    gentlest: SummaryRow | None
     reached: bool  # whether they reached their target
     unbeaten: frozenset[str]  # names of those that no other beats in both
 
     def to_dict(self) -> dict[str, str | None]:
         """Return the names of the rows."""
-        gentlest = None if self.gentlest is None else self.gentlest.entry.row.name
-        return {"closest": self.closest.entry.row.name, "areas_change_least": gentlest}
+        gentlest = None if self.gentlest is None else self.gentlest.name
+        return {"closest": self.closest.name, "areas_change_least": gentlest}
 
     def sentences(self) -> list[str]:
         """Return it in words."""
@@ -43,7 +41,7 @@ class Best(NamedTuple):
         else:
             which = "of those that reached their target, " if self.reached else ""
             found = [f"closest: {_told(first)}", f"{which}areas change least: {_told(other)}"]
-        if first.verdict == "registered" and _sigma(first):
+        if first.facts.outcome is Outcome.REGISTERED and _sigma(first):
             found.append(
                 "the functions were measured, and closer than their noise is no better: "
                 "sigma auto ends where what was held out gains no more"
@@ -51,55 +49,55 @@ class Best(NamedTuple):
         return found
 
 
-def best_of(rows: Sequence[Told]) -> Best | None:
+def best_of(rows: Sequence[SummaryRow]) -> Best | None:
     """Return which rows are best; None where they do not solve one problem in several ways, or
     fewer than two are done.
     """
-    if len({_problem(row) for row in rows}) != 1:
+    if not rows or any(_problem(row) != _problem(rows[0]) for row in rows):
         return None
-    known = [row for row in rows if row.facts is not None and _left(row) < math.inf]
+    known = [row for row in rows if _residual(row) < math.inf]
     if len(known) < 2 or rows[0].entry.row.kind not in _KINDS:
         return None
-    good = [row for row in known if row.verdict in _REACHED]
+    good = [row for row in known if row.facts.outcome.is_good]
     compared = good or known
-    closest = min(compared, key=lambda row: (_left(row), _areas(row)))
+    closest = min(compared, key=lambda row: (_residual(row), _areas(row)))
     gentle = [row for row in compared if _areas(row) < math.inf]
-    gentlest = min(gentle, key=lambda row: (_areas(row), _left(row)), default=None)
+    gentlest = min(gentle, key=lambda row: (_areas(row), _residual(row)), default=None)
     return Best(closest, gentlest, bool(good), _unbeaten(gentle))
 
 
-def _problem(row: Told) -> tuple[tuple[str, str], ...]:
+def _problem(row: SummaryRow) -> tuple[tuple[str, str], ...]:
     return tuple(pair for pair in row.entry.row.options if pair[0] not in _WAYS)
 
 
-def _sigma(row: Told) -> bool:
+def _sigma(row: SummaryRow) -> bool:
     return dict(row.entry.row.options).get("sigma", "auto") != "auto"
 
 
-def _left(row: Told) -> float:
-    return _or_infinite(math.nan if row.facts is None else row.facts.confirmed)
+def _residual(row: SummaryRow) -> float:
+    return _or_infinite(row.facts.worse_residual)
 
 
-def _areas(row: Told) -> float:
-    return _or_infinite(math.nan if row.facts is None else row.facts.log2_area)
+def _areas(row: SummaryRow) -> float:
+    return _or_infinite(row.facts.number("log2_area"))
 
 
 def _or_infinite(value: float) -> float:
     return math.inf if math.isnan(value) else value
 
 
-def _unbeaten(rows: Sequence[Told]) -> frozenset[str]:
+def _unbeaten(rows: Sequence[SummaryRow]) -> frozenset[str]:
     """Return the names of those than which no other leaves less and changes areas less."""
     found, least, last = set[str](), math.inf, (math.nan, math.nan)
-    for row in sorted(rows, key=lambda row: (_left(row), _areas(row))):
-        pair = _left(row), _areas(row)
+    for row in sorted(rows, key=lambda row: (_residual(row), _areas(row))):
+        pair = _residual(row), _areas(row)
         if pair[1] < least or pair == last:
-            found.add(row.entry.row.name)
+            found.add(row.name)
             least, last = pair[1], pair
     return frozenset(found)
 
 
-def _told(row: Told) -> str:
+def _told(row: SummaryRow) -> str:
     areas = _areas(row)
     cost = f", mean |log2 J| {areas:.2f}" if areas < math.inf else ""
-    return f"{row.entry.row.name}: {100 * _left(row):.2g}% left{cost}"
+    return f"{row.name}: {100 * _residual(row):.2g}% left{cost}"

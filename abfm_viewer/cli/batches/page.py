@@ -1,24 +1,23 @@
-"""The page of a batch: a row a problem, the worst first, with nothing outside it."""
+"""The page of a batch in one file: the worst rows first, and counts of all."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.metadata import version
-from typing import TYPE_CHECKING
 
-from abfm.wording import share
+from abfm.errors import one_line
+from abfm.outcome import Outcome
 from abfm_viewer.cli.batches.best import Best, best_of
+from abfm_viewer.cli.batches.rows import ROWS_SHOWN_MAX, SummaryRow, counts, worst
 from abfm_viewer.cli.reports.report_page import document, facts_block, png, sentence
 
-if TYPE_CHECKING:
-    from abfm_viewer.cli.batches.summary import Told
-
-_TONES = {"matched": "good", "registered": "good", "nearly": "ink", "missing": "muted"}
+_TEXT_LENGTH_MAX = 400  # characters of a name, an option or a reason
 _STYLE = """
 .counts dd { font-size: 1.5rem; color: var(--tone); }
-.muted { --tone: var(--muted); }
+.muted { --tone: var(--muted); } .warning { --tone: #8a5300; } .failure { --tone: var(--bad); }
 table.rows { width: 100%; }
 table.rows td, table.rows th { padding: .45rem 0 .45rem 1.1rem; vertical-align: middle;
   white-space: nowrap; }
@@ -51,34 +50,37 @@ table.grid th:first-child { padding-left: 0; text-align: left; }
 """
 _PICTURES = {"sequence": "first, middle, last frame"}
 _HEADS = (
-    *("source, carried, target", "", "mismatch", "by flow lines", "folded", "|log2\u00a0J|"),
+    *("source, carried, target", "", "residual", "by flow lines", "folded", "|log2\u00a0J|"),
     "seconds",
 )
 
 
 def page(
     title: str,
-    rows: Sequence[Told],
-    counts: Mapping[str, int],
+    rows: Sequence[SummaryRow],
     pictures: Mapping[str, bytes],
     why_none: str,
 ) -> str:
-    """Return the page of rows, in this order, with a picture (PNG) by digest where there is one."""
-    shared = _shared(rows)
+    """Return the page of rows, the worst of them first and with a picture (PNG) by digest if there
+    is one.
+
+    Its size is bounded: it shows at most `ROWS_SHOWN_MAX` rows, and refers to the table for all.
+    """
+    shown, shared, best = worst(rows), _shared(rows), best_of(rows)
     kinds = Counter(row.entry.row.kind for row in rows)
-    told = ", ".join(_counted(count, kind) for kind, count in kinds.items())
-    about, best = f"{told}; those that came least far are first.", best_of(rows)
+    sizes = ", ".join(_counted(count, kind) for kind, count in kinds.items())
+    about = f"{sizes}; the worst are first."
     parts = [
         f"<h1>Batch: {escape(title)}</h1>",
         f'<p class="muted">{escape(about)}</p>',
-        _counts(counts),
+        _counts(counts(rows)),
         f'<ul class="warnings"><li>No pictures: {escape(why_none)}</li></ul>' if why_none else "",
         _options(shared),
         _best(best),
-        _grid(rows, best),
-        _table(rows, shared, pictures),
+        _grid(rows, best) if len(shown) == len(rows) else "",
+        _table(shown, len(rows), shared, pictures),
         f"<footer>abfm {escape(version('abfm'))}</footer>",
-        facts_block({"title": title, "rows": [row.to_dict() for row in rows]}),
+        facts_block({"title": title, "count": len(rows), "rows": list(map(_told, shown))}),
     ]
     return document(f"Batch: {title}", parts, _STYLE)
 
@@ -87,51 +89,59 @@ def _counted(number: int, kind: str) -> str:
     return f"{number:,} {kind}{'es' if kind.endswith('ch') else 's'}" if number > 1 else f"1 {kind}"
 
 
-def _counts(counts: Mapping[str, int]) -> str:
+def _told(row: SummaryRow) -> dict[str, object]:
+    found = row.to_dict()
+    return {key: _cut(value) if isinstance(value, str) else value for key, value in found.items()}
+
+
+def _cut(text: str) -> str:
+    return one_line(text, _TEXT_LENGTH_MAX)
+
+
+def _counts(counts: Mapping[Outcome, int]) -> str:
     cells = (
-        f'<div class="{_tone(verdict)}"><dt>{escape(_word(verdict))}</dt><dd>{count:,}</dd></div>'
-        for verdict, count in counts.items()
+        f'<div class="{each.tone}"><dt>{escape(_word(each))}</dt><dd>{count:,}</dd></div>'
+        for each, count in counts.items()
     )
     return f'<dl class="counts">{"".join(cells)}</dl>'
 
 
-def _tone(verdict: str) -> str:
-    return _TONES.get(verdict, "bad")
+def _word(outcome: Outcome) -> str:
+    return "not done yet" if outcome is Outcome.MISSING else str(outcome)
 
 
-def _word(verdict: str) -> str:
-    return "not done yet" if verdict == "missing" else verdict
-
-
-def _shared(rows: Sequence[Told]) -> list[tuple[str, str]]:
+def _shared(rows: Sequence[SummaryRow]) -> list[tuple[str, str]]:
     """Return the options that are the same in all rows."""
     if len(rows) < 2:
         return []
-    every = [row.entry.row.options for row in rows]
-    return [pair for pair in every[0] if all(pair in options for options in every)]
+    found = dict.fromkeys(rows[0].entry.row.options)
+    for row in rows:
+        found = {pair: None for pair in found if pair in row.entry.row.options}
+        if not found:
+            break
+    return list(found)
 
 
 def _options(shared: Sequence[tuple[str, str]]) -> str:
     if not shared:
         return ""
     lines = "".join(
-        f"<tr><td>{escape(column)}</td><td>{escape(text)}</td></tr>" for column, text in shared
+        f"<tr><td>{escape(column)}</td><td>{escape(_cut(text))}</td></tr>"
+        for column, text in shared
     )
     return f'<h2>Of all rows</h2><table class="words wrapped">{lines}</table>'
 
 
 def _best(best: Best | None) -> str:
-    """Say which of several ways to solve one problem is best, and by what."""
+    """Return which of several methods to solve one problem is best, and by what."""
     if best is None:
         return ""
     lines = "".join(f"<li>{sentence(each)}.</li>" for each in best.sentences())
     return f"<h2>Best</h2><ul>{lines}</ul>"
 
 
-def _grid(rows: Sequence[Told], best: Best | None) -> str:
-    """Return what came of all combinations of two options at a glance; nothing where the rows are
-    not that.
-    """
+def _grid(rows: Sequence[SummaryRow], best: Best | None) -> str:
+    """Return a table of all combinations of two options; empty if the rows are anything else."""
     every = [dict(row.entry.row.options) for row in rows]
     varied = [name for name in every[0] if len({each.get(name) for each in every}) > 1]
     if len(varied) != 2:
@@ -148,9 +158,9 @@ def _grid(rows: Sequence[Told], best: Best | None) -> str:
         + "</tr>"
         for one in downs
     )
-    text = "What is left by the worse witness, and the mean |log2 J| of the map."
+    text = "The larger residual of both checks, and the mean |log2 J| of the map."
     if best is not None and best.unbeaten:
-        text += " Framed is what no other combination beats in both."
+        text += " A frame marks combinations that no other beats in both."
     return (
         f"<h2>At a glance</h2><p>{text}</p>"
         f'<table class="grid"><thead><tr><th></th>{head}</tr></thead><tbody>{lines}</tbody></table>'
@@ -164,65 +174,77 @@ def _by_size(text: str) -> tuple[float, str]:
         return float("inf"), text
 
 
-def _glance(row: Told, best: Best | None) -> str:
-    facts, tone = row.facts, _tone(row.verdict)
-    if facts is None:
-        return f'<td class="word {tone}">{escape(_word(row.verdict))}</td>'
-    areas = f"{facts.log2_area:.2f}" if facts.log2_area == facts.log2_area else "-"
-    left = f"{100 * facts.confirmed:.2g}%"
-    told = f'<span class="word {tone}">{left}</span> {areas}'
-    is_framed = best is not None and row.entry.row.name in best.unbeaten
-    return f'<td><span class="framed">{told}</span></td>' if is_framed else f"<td>{told}</td>"
+def _glance(row: SummaryRow, best: Best | None) -> str:
+    facts = row.facts
+    if not row.is_known:
+        return f'<td class="word {facts.tone}">{escape(_word(facts.outcome))}</td>'
+    areas = _number(facts.number("log2_area"), ".2f")
+    residual = f"{100 * facts.worse_residual:.2g}%"
+    cell = f'<span class="word {facts.tone}">{residual}</span> {areas}'
+    is_framed = best is not None and row.name in best.unbeaten
+    return f'<td><span class="framed">{cell}</span></td>' if is_framed else f"<td>{cell}</td>"
 
 
 def _table(
-    rows: Sequence[Told], shared: Sequence[tuple[str, str]], pictures: Mapping[str, bytes]
+    rows: Sequence[SummaryRow],
+    count: int,
+    shared: Sequence[tuple[str, str]],
+    pictures: Mapping[str, bytes],
 ) -> str:
     of_pictures = {_PICTURES.get(row.entry.row.kind, _HEADS[0]) for row in rows}
     heads = ("; ".join(sorted(of_pictures, reverse=True)), *_HEADS[1:])
     head = "".join(f"<th>{escape(each)}</th>" for each in heads)
     lines = "\n".join(_line(row, shared, pictures) for row in rows)
+    rest = (
+        f"<p>The worst {ROWS_SHOWN_MAX:,} of {count:,} rows are shown; "
+        '<a href="summary.csv">summary.csv</a> has all of them.</p>'
+    )
     return (
-        f'<h2>Rows</h2><table class="rows"><thead><tr>{head}</tr></thead>'
+        f"<h2>Rows</h2>{rest if count > len(rows) else ''}"
+        f'<table class="rows"><thead><tr>{head}</tr></thead>'
         f"<tbody>{lines}</tbody></table>"
     )
 
 
-def _line(row: Told, shared: Sequence[tuple[str, str]], pictures: Mapping[str, bytes]) -> str:
-    entry, facts = row.entry, row.facts
+def _line(row: SummaryRow, shared: Sequence[tuple[str, str]], pictures: Mapping[str, bytes]) -> str:
+    entry, facts, name = row.entry, row.facts, _cut(row.name)
     small = pictures.get(entry.digest)
     drawn = (
-        png(small, f"{entry.row.name}: {_PICTURES.get(entry.row.kind, _HEADS[0])}")
-        if small and facts
+        png(small, f"{name}: {_PICTURES.get(entry.row.kind, _HEADS[0])}")
+        if small and row.is_known
         else '<div class="none">no picture</div>'
     )
-    own = [f"{column} {text}" for column, text in entry.row.options if (column, text) not in shared]
-    told = " ".join(f"<span>{escape(each)}</span>" for each in own)
-    options = "" if ", ".join(own) == entry.row.name else f'<div class="options">{told}</div>'
-    reason = f'<div class="reason">{sentence(row.reason)}</div>' if row.reason else ""
-    left = "" if facts is None else f" to {share(facts.confirmed)}"
-    if row.verdict != "matched":
-        left = left and f": {share(facts.confirmed)} left" if facts else ""
+    own = [
+        f"{column} {_cut(text)}"
+        for column, text in entry.row.options
+        if (column, text) not in shared
+    ]
+    spans = " ".join(f"<span>{escape(each)}</span>" for each in own)
+    options = "" if ", ".join(own) == name else f'<div class="options">{spans}</div>'
+    reason = f'<div class="reason">{sentence(_cut(facts.reason))}</div>' if facts.reason else ""
+    headline = facts.headline if row.is_known else _word(facts.outcome)
     words = (
-        f'<div class="name">{escape(entry.row.name)}</div>'
-        f'<div class="word {_tone(row.verdict)}">{sentence(_word(row.verdict))}{left}</div>'
-        f"{reason}{options}"
+        f'<div class="name">{escape(name)}</div>'
+        f'<div class="word {facts.tone}">{sentence(headline)}</div>'
+        f"{''.join(map(_warning, facts.warnings))}{reason}{options}"
     )
-    numbers = ("-", "-", "-", "-")
-    if facts is not None:
-        both = _number(facts.residual), _number(facts.verified_residual)
-        numbers = (*both, _folded(facts.folded), _number(facts.log2_area))
-    seconds = "-" if entry.record.seconds is None else f"{entry.record.seconds:.1f}"
+    numbers = [
+        _number(facts.number("residual")),
+        _number(facts.number("verified_residual")),
+        _number(100 * facts.number("folded"), ".2g", "%"),
+        _number(facts.number("log2_area")),
+        "-" if entry.record.seconds is None else f"{entry.record.seconds:.1f}",
+    ]
     cells = "".join(
         f'<td data-of="{of}">{each}</td>'
-        for of, each in zip(_HEADS, (drawn, words, *numbers, seconds), strict=True)
+        for of, each in zip(_HEADS, (drawn, words, *numbers), strict=True)
     )
     return f"<tr>{cells}</tr>"
 
 
-def _number(value: float) -> str:
-    return f"{value:.3f}" if value == value else "-"
+def _warning(text: str) -> str:
+    return f'<div class="reason">Warning: {escape(text)}</div>'
 
 
-def _folded(value: float) -> str:
-    return f"{100 * value:.2g}%" if value == value else "-"
+def _number(value: float, digits: str = ".3f", unit: str = "") -> str:
+    return "-" if math.isnan(value) else f"{value:{digits}}{unit}"

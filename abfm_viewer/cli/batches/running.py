@@ -12,18 +12,22 @@ from typing import Any
 
 from abfm import Control, ResultError
 from abfm.batch import Cluster, Entry, Ledger, Row, run
-from abfm.batch.run import WAITS, LostError
+from abfm.batch.run import REPORTED_STEPS, LostError
 from abfm.errors import one_line, printable
+from abfm.outcome import Outcome
 from abfm.wording import counted
 from abfm_viewer import signals
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.best import Best, best_of
-from abfm_viewer.cli.batches.summary import GOOD, Told, counts, told_of, write_summary
+from abfm_viewer.cli.batches.rows import SummaryRow, counts, summary_row
+from abfm_viewer.cli.batches.summary import write_summary
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.progress import row_progress
 
-_MOST_TOLD = 8  # failed rows
+ROWS_AFTER_SIGNAL_MAX = 500
+"""Rows of the largest batch whose summary is written after a signal, which takes under a second."""
+_FAILURES_MAX = 8  # that are printed
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
@@ -55,57 +59,83 @@ def cluster_of(arguments: argparse.Namespace) -> Cluster:
 
 
 def solve(rows: Sequence[Row], title: str, arguments: argparse.Namespace) -> int:
-    """Solve what is missing, write the summary, tell it, and return the exit status."""
+    """Solve the rows that have no result, write and print the summary; return the exit status."""
     began = time.perf_counter()
     try:
         entries, status = solved(rows, title, arguments.out, arguments)
     except LostError as error:
         print(f"abfm: {error}", file=sys.stderr)
         entries, status = Ledger(arguments.out).entries(rows), FAILED
-    return tell_all(entries, title, arguments, time.perf_counter() - began, status)
+    seconds = time.perf_counter() - began
+    if status not in (None, FAILED) and len(rows) > ROWS_AFTER_SIGNAL_MAX:
+        done = sum(entry.state == "done" for entry in entries)
+        print(f"{done:,} of {len(rows):,} rows are done; {_how_to_resume(True)}", file=sys.stderr)
+        return status
+    return report_all(entries, title, arguments, seconds, status)
 
 
 def solved(
     rows: Sequence[Row], title: str, folder: Path, arguments: argparse.Namespace
 ) -> tuple[list[Entry], int | None]:
-    """Solve what is missing in a folder, with progress; return what has come of all rows, and the
-    exit status of a signal, if one came.
+    """Solve the rows of a folder that have no result, with progress.
+
+    Returns
+    -------
+    entries : list of Entry
+        What is known of each row.
+    status : int or None
+        The exit status of a signal, if one came.
     """
     cluster, control, ledger = cluster_of(arguments), Control(), Ledger(folder)
     ledger.make()
     ledger.write_rows(rows, title)
-    known = ledger.entries(rows)
-    left = len({entry.row.key for entry in known if entry.state != "done"})
-    there = sum(entry.state == "done" for entry in known)
-    if there and not arguments.quiet:
-        print(f"{there} of {counted(len(rows), 'row')} are there already", file=sys.stderr)
+    entries = ledger.entries(rows)
+    left = [number for number, entry in enumerate(entries) if entry.state != "done"]
+    if len(left) < len(rows) and not arguments.quiet:
+        done = f"{len(rows) - len(left)} of {counted(len(rows), 'row')}"
+        print(f"{done} are there already", file=sys.stderr)
+    keys = {rows[number].key for number in left}
     with (
         cancelled_by_signals(control, "with the rows that are done") as kept,
-        row_progress(left, arguments.quiet, waits=WAITS) as report,
+        row_progress(len(keys), arguments.quiet, reported=REPORTED_STEPS) as report,
     ):
 
-        def tell(entry: Entry) -> None:
-            report(_line(told_of([entry])[0]))
+        def show(entry: Entry) -> None:
+            report(_line(summary_row(entry)))
 
-        entries = run(rows, ledger.folder, cluster, on_change=tell, control=control)
+        found = run(
+            [rows[number] for number in left],
+            ledger.folder,
+            cluster,
+            on_change=show,
+            control=control,
+        )
+    for number, entry in zip(left, found, strict=True):
+        entries[number] = entry
     return entries, signals.status(kept.number) if kept.number is not None else None
 
 
-def tell_all(
+def report_all(
     entries: Sequence[Entry],
     title: str,
     arguments: argparse.Namespace,
     seconds: float | None = None,
     status: int | None = None,
 ) -> int:
-    """Write the summary and tell it; ``seconds`` are those of solving, if that was asked for, and
-    ``status`` is that of a run which was broken off, after which nothing is drawn any more.
+    """Write and print the summary, and return the exit status.
+
+    Parameters
+    ----------
+    seconds : float, optional
+        That solving took, if anything was to be solved.
+    status : int, optional
+        The exit status of a run that ended early; nothing is drawn after it.
     """
-    rows, folder = list[Told](), Path(arguments.out)
+    rows, folder = list[SummaryRow](), Path(arguments.out)
     with row_progress(0, arguments.quiet, "reading") as report:
         for number, entry in enumerate(entries, 1):
             report(f"row {number} of {len(entries)}")
-            rows += told_of([entry])
+            rows.append(summary_row(entry))
     draws = status is None and not arguments.no_pictures
 
     def drawn(number: int, count: int) -> None:
@@ -121,59 +151,68 @@ def tell_all(
         written, why = [], ""
     if why:
         print(f"note: the summary has no pictures: {why}", file=sys.stderr)
-    if status is None:
-        status = _status(rows)
     best = best_of(rows)
     if arguments.json:
-        told: dict[str, Any] = {
+        head = {
             "out": str(folder),
             "counts": counts(rows),
             "seconds": seconds,
             "best": None if best is None else best.to_dict(),
             "summary": list(map(str, written)),
-            "rows": [row.to_dict() for row in rows],
         }
-        print(json.dumps(told))
+        _print_json(head, rows)
     else:
         print("\n".join(_lines(rows, best, written, seconds)))
-    return status
+    return _status(rows) if status is None else status
 
 
-def _status(rows: Sequence[Told]) -> int:
-    verdicts = {row.verdict for row in rows}
-    if verdicts & {"failed", "missing"}:
+def _print_json(head: dict[str, Any], rows: Sequence[SummaryRow]) -> None:
+    """Print one JSON object: the head, and a list of rows that is in memory a row at a time."""
+    print(json.dumps(head)[:-1], end=', "rows": [')
+    for number, row in enumerate(rows):
+        print(", " if number else "", json.dumps(row.to_dict()), sep="", end="")
+    print("]}")
+
+
+def _status(rows: Sequence[SummaryRow]) -> int:
+    outcomes = counts(rows).keys()
+    if outcomes & {Outcome.FAILED, Outcome.MISSING}:
         return FAILED
-    return 0 if verdicts <= set(GOOD) else UNMATCHED
+    return 0 if all(outcome.is_good for outcome in outcomes) else UNMATCHED
 
 
-def _line(row: Told) -> str:
-    """``sub-01: matched, 0.021 left in 1.2 s``, or why it failed."""
-    name = one_line(row.entry.row.name, 80)
-    if row.facts is None:
-        return f"{name}: {row.verdict}: {row.reason}"
+def _line(row: SummaryRow) -> str:
+    """Return ``sub-01: matched to 2.1%, in 1.2 s``, or why the row failed."""
+    name, facts = one_line(row.name, 80), row.facts
+    if not row.is_known:
+        return f"{name}: {facts.outcome}: {facts.reason}"
     seconds = row.entry.record.seconds
-    took = "" if seconds is None else f" in {seconds:.1f} s"
-    return f"{name}: {row.verdict}, {row.facts.confirmed:.3f} left{took}"
+    took = "" if seconds is None else f", in {seconds:.1f} s"
+    return f"{name}: {facts.headline}{took}"
 
 
 def _lines(
-    rows: Sequence[Told], best: Best | None, written: Sequence[Path], seconds: float | None
+    rows: Sequence[SummaryRow], best: Best | None, written: Sequence[Path], seconds: float | None
 ) -> list[str]:
     found = counts(rows)
     words = ", ".join(
-        f"{count} {'not done' if verdict == 'missing' else verdict}"
-        for verdict, count in found.items()
+        f"{count} {'not done' if outcome is Outcome.MISSING else outcome}"
+        for outcome, count in found.items()
     )
     took = "" if seconds is None else f", in {seconds:.1f} s"
     lines = [f"{counted(len(rows), 'row')}: {words}{took}"]
     lines += [] if best is None else best.sentences()
-    failed = [row for row in rows if row.verdict == "failed"]
-    lines += [f"  {_line(row)}" for row in failed[:_MOST_TOLD]]
-    if len(failed) > _MOST_TOLD:
-        lines.append(f"  and {len(failed) - _MOST_TOLD} more, see the summary")
-    if found.get("missing"):
-        how = "the same again" if seconds is not None else "it without --status"
-        lines.append(f"run {how} to go on: what is done is kept")
+    failed = [row for row in rows if row.facts.outcome is Outcome.FAILED]
+    lines += [f"  {_line(row)}" for row in failed[:_FAILURES_MAX]]
+    if len(failed) > _FAILURES_MAX:
+        lines.append(f"  and {len(failed) - _FAILURES_MAX} more, see the summary")
+    if found.get(Outcome.MISSING):
+        lines.append(_how_to_resume(seconds is not None))
     if written:
         lines.append(f"wrote {', '.join(printable(path) for path in written)}")
     return lines
+
+
+def _how_to_resume(was_run: bool) -> str:
+    command = "the same command" if was_run else "the command without --status"
+    return f"run {command} to resume, finished rows are kept"

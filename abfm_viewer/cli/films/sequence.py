@@ -203,4 +203,4 @@ def _cancelled(unfinished: Unfinished) -> str:
 def _status(found: Sequence, signal: int | None) -> int:
     if signal is not None:
         return signals.status(signal)
-    return UNMATCHED if 2 * found.confirmed < len(found) else 0
+    return 0 if found.facts.outcome.is_good else UNMATCHED

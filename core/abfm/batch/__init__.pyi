@@ -1,5 +1,4 @@
 from .kind import Cost as Cost
-from .kind import Facts as Facts
 from .kinds import KINDS as KINDS
 from .kinds import kind_of_columns as kind_of_columns
 from .ledger import Entry as Entry

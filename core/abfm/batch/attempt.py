@@ -17,8 +17,13 @@ from abfm.batch.rows import Row, own_version
 from abfm.errors import AbfmError, ResultError, one_line
 from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
+from abfm.outcome import Outcome
 from abfm.sequences import remove_unfinished
 from abfm.workers.control import CancelledError, Control, checkpoint, present_control
+from abfm.workers.progress import step
+
+EXPECTED = f"{Outcome.IMPOSSIBLE}: "
+"""Begin of the step of a row that no flow can match."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +103,7 @@ def _solved(task: Task, prepared: Prepared) -> Answer:
 def _save(task: Task, prepared: Prepared, path: Path) -> Record:
     """Solve, write the result, and return what it took."""
     control, cost, began = present_control() or Control(), Cost(), time.monotonic()
+    _report_expected(task, prepared)
     with counted_row_products() as products:
         found = prepared.solve(control, cost, path)
     if control.cancelled:
@@ -110,6 +116,20 @@ def _save(task: Task, prepared: Prepared, path: Path) -> Record:
     seconds = time.monotonic() - began
     count = None if products.is_shared else products.count  # unknown in a worker of several threads
     return Record(prepared.digest, seconds=seconds, row_products=count, **dataclasses.asdict(cost))
+
+
+def _report_expected(task: Task, prepared: Prepared) -> None:
+    """Report a row that no flow can match before it is solved, which may take long: as a step, and
+    in the ledger.
+    """
+    facts, ledger = prepared.foreseen(), Ledger(task.folder)
+    if facts is None or facts.outcome is not Outcome.IMPOSSIBLE:
+        return
+    if ledger.is_seen(task.identity):
+        expected = f"{facts.outcome}: {facts.reason}"
+        ledger.record(task.row, Record(prepared.digest, expected=expected))
+    with step(f"{EXPECTED}{one_line(task.row.name, 80)}: {facts.reason}"):
+        pass
 
 
 def _with_contents(row: Row, contents: Mapping[str, bytes], folder: Path) -> Row:

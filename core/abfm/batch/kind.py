@@ -15,18 +15,22 @@ from abfm.batch.columns import Column, parameters_in
 from abfm.errors import ParameterError
 from abfm.functions import function
 from abfm.io import results
+from abfm.matching.judging.facts import distortion_warnings, known_numbers
+from abfm.matching.judging.verdict import Verdict
 from abfm.matching.path import PathStep
 from abfm.matching.solving.record import Iteration
 from abfm.mesh import TriangleMesh, load_mesh
-from abfm.outcome import worse_residual
+from abfm.outcome import Facts, Outcome, worse_residual
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
+from abfm.wording import share
 from abfm.workers.control import Control
 
 if TYPE_CHECKING:
     from abfm.batch.rows import Row, Saved
 
 _MESHES_KEPT = 3  # by a process, with what was computed from them
+_NUMBERS = {"residual", "verified_residual", "folded"}
 
 
 @dataclass
@@ -50,48 +54,61 @@ class Cost:
 
 
 class Prepared(NamedTuple):
-    """What a row is when all is read: the name of its result, and what finds it, with the path that
-    this will have, beside which what is long may keep what it found so far.
-    """
+    """A row whose files are read."""
 
     digest: str
+    """Name of the result."""
     solve: Callable[[Control | None, Cost, Path | None], Saved]
-
-
-@dataclass(frozen=True)
-class Facts:
-    """What a result came to, as its file says it; shares 0 to 1, NaN where unknown."""
-
-    verdict: str
-    reason: str
-    residual: float
-    verified_residual: float
-    folded: float
-    log2_area: float = math.nan  # mean |log2 J|
-
-    @property
-    def confirmed(self) -> float:
-        """What the worse witness leaves."""
-        return worse_residual(self.residual, self.verified_residual)
+    """Find the result. Long work may keep a checkpoint next to the path that the result will have.
+    """
+    foreseen: Callable[[], Facts | None] = lambda: None
+    """Return what the functions alone say of the result; None if nothing prevents a match."""
 
 
 def facts_of_match(path: Path) -> Facts:
-    """Return what the file of a match or of a registration says, or raise a ResultError."""
-    names = ("residual", "verified_residual", "folded")
+    """Return the facts that the file of a match or a registration holds.
+
+    Raises
+    ------
+    ResultError
+        If the file is missing or damaged, or holds values that no match has.
+    """
+    entries = results.RESULT.entries
     with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
-        residual, verified, folded = (
-            float(archive[name]) if name in archive else math.nan for name in names
-        )
-        verdict, reason, _ = archive["verdict"].tolist()
-        return Facts(verdict, reason, residual, verified, folded, _log2_area(archive))
+        numbers = dict.fromkeys(_NUMBERS, math.nan)
+        for name in _NUMBERS & archive.keys():
+            numbers[name] = float(entries[name].check(name, archive[name], {}))
+        texts = entries["verdict"].check("verdict", archive["verdict"], {})
+        verdict = Verdict.of_texts(texts.tolist())
+        numbers |= _distortion(archive)
+    worse = worse_residual(numbers["residual"], numbers["verified_residual"])
+    return Facts(
+        verdict.kind,
+        headline_of(verdict.kind, worse),
+        verdict.reason,
+        verdict.advice,
+        known_numbers(numbers),
+        distortion_warnings(numbers.get("log2_area_95", math.nan)),
+    )
 
 
-def _log2_area(archive: Mapping[str, Any]) -> float:
-    """Return what a match's path tells of its own step; NaN where it has none."""
+def headline_of(outcome: Outcome, residual: float) -> str:
+    """Return ``matched to 4%``, ``nearly: residual 12%``; the outcome if the residual is NaN."""
+    if math.isnan(residual):
+        return str(outcome)
+    joined = " to" if outcome is Outcome.MATCHED else ": residual"
+    return f"{outcome}{joined} {share(residual)}"
+
+
+def _distortion(archive: Mapping[str, Any]) -> dict[str, float]:
+    """Return how much the step of the path that the match is changes areas; empty if unknown."""
     if "path_steps" not in archive or "path_step" not in archive:
-        return math.nan
-    place = [each.name for each in fields(PathStep) if each.name != "velocity"].index("log2_area")
-    return float(archive["path_steps"][int(archive["path_step"])][place])
+        return {}
+    names = [each.name for each in fields(PathStep) if each.name != "velocity"]
+    entries = results.RESULT.entries
+    steps = entries["path_steps"].check("path_steps", archive["path_steps"], {})
+    step = int(entries["path_step"].check("path_step", archive["path_step"], {}))
+    return {name: float(steps[step][names.index(name)]) for name in ("log2_area", "log2_area_95")}
 
 
 class Kind(NamedTuple):

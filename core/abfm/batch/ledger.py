@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import secrets
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 from zipfile import is_zipfile
 
-from abfm.batch.kind import Facts
 from abfm.batch.rows import Row
-from abfm.errors import AbfmError, ResultError, one_line
+from abfm.errors import AbfmError, ResultError, brief, one_line
 from abfm.io import write_atomically
+from abfm.numerics.real_numbers import is_finite_number
+from abfm.outcome import Facts, Outcome
 from abfm.reading import from_json, read_bytes
 
 State = Literal["done", "failed", "missing"]
 """Of a row: there is a result; it was tried in vain; it was not tried, or not to its end."""
 _LARGEST = 256 << 20  # bytes of a file of the ledger
 _LONGEST_REASON = 400
+_NAME = re.compile("[0-9a-f]{1,128}")  # of keys and digests, which become names of files
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,22 @@ class Record:
     evaluations: int | None = None
     seconds_to_goal: float | None = None
     row_products: int | None = None
+    expected: str = ""  # of a row that is being solved: why no flow can match its functions
+
+    def __post_init__(self) -> None:
+        """Refuse what no run writes, by a ValueError: ledgers may come from elsewhere."""
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if isinstance(each.default, str):
+                fits = isinstance(value, str)
+            elif value is None:
+                fits = each.default is None
+            else:
+                fits = is_finite_number(value) and value >= 0
+            if not fits:
+                raise ValueError(f"{each.name} is {brief(value)}")
+        if self.digest and not _NAME.fullmatch(self.digest):
+            raise ValueError(f"digest is {brief(self.digest)}; expected hexadecimal digits")
 
 
 @dataclass(frozen=True)
@@ -58,9 +77,17 @@ class Entry:
         return self.record.reason
 
     @property
-    def facts(self) -> Facts | None:
-        """What the result came to; None where there is none."""
-        return None if self.path is None else self.row.declared.facts(self.path)
+    def facts(self) -> Facts:
+        """The facts of the result, read from its file; without numbers if there is none, and a
+        failure if its file is damaged.
+        """
+        if self.path is None:
+            outcome = Outcome.FAILED if self.state == "failed" else Outcome.MISSING
+            return Facts(outcome, str(outcome), self.reason or self.record.expected)
+        try:
+            return self.row.declared.facts(self.path)
+        except ResultError as error:
+            return Facts(Outcome.FAILED, str(Outcome.FAILED), str(error))
 
     def load(self) -> Any:
         """Read the result, such as a Match or a Registration; an AbfmError says that there is
@@ -158,7 +185,7 @@ class Ledger:
         try:
             told = from_json(read_bytes(self.own / "rows.json", _LARGEST))
             rows = [Row(each["name"], each["options"], each["folder"]) for each in told["rows"]]
-            keys = [str(each["key"]) for each in told["rows"]]
+            keys = [_checked_key(each["key"]) for each in told["rows"]]
             found = [self._entry(row, key) for row, key in zip(rows, keys, strict=True)]
             return str(told["title"]), found
         except (OSError, ValueError, KeyError, TypeError) as error:
@@ -185,15 +212,21 @@ class Ledger:
         return self.own / f"{key}.json"
 
     def _read(self, key: str) -> Record | None:
-        """Return what was written of a row; what is damaged counts as nothing."""
+        """Return what was written of a row; None if its file is missing or damaged."""
         with suppress(OSError, ValueError, TypeError):
-            told = from_json(read_bytes(self._place(key), _LARGEST))
-            record = Record(**told)
-            types = (record.digest, str), (record.reason, str), (record.tries, int)
-            if all(isinstance(value, kind) for value, kind in types):
-                return record
+            record = Record(**from_json(read_bytes(self._place(key), _LARGEST)))
+            reason, expected = (
+                one_line(text, _LONGEST_REASON) for text in (record.reason, record.expected)
+            )
+            return replace(record, reason=reason, expected=expected)
         return None
 
     def _write(self, path: Path, content: object) -> None:
         with write_atomically(path) as temporary:
             temporary.write_text(json.dumps(content), encoding="utf-8")
+
+
+def _checked_key(key: object) -> str:
+    if not (isinstance(key, str) and _NAME.fullmatch(key)):
+        raise ValueError(f"the key of a row is {brief(key)}; expected hexadecimal digits")
+    return key

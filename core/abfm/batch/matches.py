@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from abfm.batch.columns import parameters_in
 from abfm.batch.kind import Cost, Prepared, channels, mesh_of_row, weight
 from abfm.errors import ParameterError, ResultError, one_line
-from abfm.matching import bounded, load_match
+from abfm.matching import bounded, foreseen, load_match
 from abfm.matching.match import match
 from abfm.matching.problem import Problem, load_problem
 from abfm.parameters import Parameters
@@ -65,7 +66,8 @@ def _matched(problem: Problem, most: float | None) -> Prepared:
         found = match(problem, on_iteration=watch, control=control)
         return found if most is None else bounded(found, most, control=control)
 
+    expected = partial(foreseen, problem)
     if most is None:
-        return Prepared(problem.digest, solve)
+        return Prepared(problem.digest, solve, expected)
     named = f"{problem.digest} max-distortion {most!r}"
-    return Prepared(hashlib.sha256(named.encode()).hexdigest(), solve)
+    return Prepared(hashlib.sha256(named.encode()).hexdigest(), solve, expected)

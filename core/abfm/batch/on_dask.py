@@ -46,6 +46,8 @@ _LOGGERS = "distributed", "tornado", "asyncio"
 _ALIVE = "running", "connecting"  # states of a client
 _MOST_STARTS = 4  # of a cluster that dies, without a row between
 _LARGEST = 64 << 20  # bytes of a scheduler's file
+TASKS_SUBMITTED_MAX = 2000
+"""Tasks that a cluster has at once: more than it has workers, and few enough to cancel quickly."""
 
 
 class _LostError(Exception):
@@ -140,12 +142,16 @@ def _submitted(
         waiting[key] = future, task
         future.add_done_callback(lambda future: ended.put(future.key))
 
-    for task in tasks:
-        submit(task)
+    following = iter(tasks)
     with _workers_told(client) as look:
-        while waiting:
+        while True:
             if control.cancelled:
                 client.cancel([future for future, _ in waiting.values()])
+                return
+            if len(waiting) < TASKS_SUBMITTED_MAX and (task := next(following, None)):
+                submit(task)
+                continue
+            if not waiting:
                 return
             try:
                 key = ended.get(timeout=_EVERY)

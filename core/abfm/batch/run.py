@@ -9,7 +9,7 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from abfm.batch.attempt import Answer, Task, attempt
+from abfm.batch.attempt import EXPECTED, Answer, Task, attempt
 from abfm.batch.ledger import Entry, Ledger, Record
 from abfm.batch.rows import Row
 from abfm.errors import ParameterError, ResultError, brief
@@ -29,11 +29,10 @@ threads come out differently.
 TRIES = 3
 """How often a row is tried whose worker dies."""
 ENDED = f"the process that solved it ended {TRIES} times, as for want of memory"
-WAITS = CONNECTING, NO_WORKERS = (
-    "connecting to the scheduler",
-    "waiting for workers: the cluster has none",
-)
-"""Steps of a cluster elsewhere, see `abfm.workers.progress`."""
+CONNECTING = "connecting to the scheduler"
+NO_WORKERS = "waiting for workers: the cluster has none"
+REPORTED_STEPS = (CONNECTING, NO_WORKERS, EXPECTED)
+"""Beginnings of the steps that a user sees while rows are solved, see `abfm.workers.progress`."""
 
 
 class LostError(ResultError):
@@ -161,18 +160,29 @@ class Workers:
         """Solve rows that have no result in a folder yet, see `abfm.batch.run`."""
         rows, control, ledger = list(rows), control or Control(), Ledger(folder)
         identity = ledger.make()
-        wanted = {row.key: row for row in rows if ledger.entry(row).state != "done"}
-        tasks = [Task(row, os.fspath(ledger.folder), identity) for row in wanted.values()]
-        for row in wanted.values():
-            ledger.forget(row)
-        notes = Notes(ledger, on_change)
+        entries, tasks = dict[str, Entry](), list[Task]()
+        for row in rows:
+            if control.cancelled:
+                break
+            if row.key in entries:
+                continue
+            entries[row.key] = ledger.entry(row)
+            if entries[row.key].state != "done":
+                ledger.forget(row)
+                entries[row.key] = Entry(row, "missing")
+                tasks.append(Task(row, os.fspath(ledger.folder), identity))
+        notes = Notes(ledger, on_change, entries)
         if not tasks or control.cancelled:
             pass
         elif self.cluster.is_local and min(self.cluster.processes, len(tasks)) == 1:
             self._by_one(tasks, notes, control)
         else:
             self._by_many(tasks, notes, control)
-        return ledger.entries(rows)
+        # not read from the folder again, which takes long for many rows
+        return [
+            replace(entries[row.key], row=row) if row.key in entries else Entry(row, "missing")
+            for row in rows
+        ]
 
     def _by_one(self, tasks: list[Task], notes: Notes, control: Control) -> None:
         if self._one is None:
@@ -193,24 +203,30 @@ class Workers:
 
 
 class Notes:
-    """Takes down what comes of tasks, and tells of it."""
+    """Keeps the entry of each task that ends, by the key of its row, and reports it."""
 
-    def __init__(self, ledger: Ledger, on_change: Callable[[Entry], object]) -> None:
-        self.ledger, self._on_change = ledger, on_change
+    def __init__(
+        self, ledger: Ledger, on_change: Callable[[Entry], object], entries: dict[str, Entry]
+    ) -> None:
+        self.ledger, self._on_change, self._entries = ledger, on_change, entries
 
     def is_written(self, task: Task) -> bool:
-        """Tell of a task whose worker has written what came of it; False where it has not."""
+        """Report a task whose worker has written its entry; return False if it has not."""
         entry = self.ledger.entry(task.row)
         if entry.state == "missing":
             return False
-        self._on_change(entry)
+        self._keep(entry)
         return True
 
     def write(self, task: Task, answer: Answer) -> None:
-        """Write what came of a task, and tell of it."""
+        """Write the entry of a task, and report it."""
         if answer.result is not None:
             self.ledger.write_result(answer.record.digest, answer.result)
-        self._on_change(self.ledger.record(task.row, answer.record))
+        self._keep(self.ledger.record(task.row, answer.record))
+
+    def _keep(self, entry: Entry) -> None:
+        self._entries[entry.row.key] = entry
+        self._on_change(entry)
 
 
 def _by_one(worker: Worker[None], tasks: list[Task], notes: Notes, control: Control) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from abfm.batch.columns import parameters_in
-from abfm.batch.kind import Cost, Facts, Prepared, mesh_of_row, weight
+from abfm.batch.kind import Cost, Prepared, mesh_of_row, weight
 from abfm.errors import ParameterError, brief
 from abfm.io import results
-from abfm.outcome import Outcome
+from abfm.matching.judging.verdict import Verdict
+from abfm.outcome import Facts
 from abfm.sequences import GAMMA, Unfinished, defaults, read_frames, sequence
+from abfm.sequences.verdicts import NUMBERS, facts_of_intervals
 from abfm.workers.control import Control
 
 if TYPE_CHECKING:
@@ -52,16 +53,20 @@ def check_sequence(given: Mapping[str, Any]) -> None:
 
 
 def facts_of_sequence(path: Path) -> Facts:
-    """Return what a file says: the commonest verdict of its intervals, and their medians."""
+    """Return the facts that the file of a sequence holds, as `abfm.Sequence.facts`.
+
+    Raises
+    ------
+    ResultError
+        If the file is missing or damaged, or holds values that no sequence has.
+    """
+    entries = results.SEQUENCE.entries
     with results.open_archive(path, results.SEQUENCE.name, results.MEND) as archive:
-        kinds = [kind for kind, *_ in archive["verdicts"].tolist()]
-        numbers = [archive[name] for name in ("residual", "verified_residual", "folded")]
-    confirmed = sum(Outcome(kind).is_good for kind in kinds)
-    # as `abfm sequence` has it: by whether most are confirmed
-    is_good = 2 * confirmed >= len(kinds)
-    usual = Counter(k for k in kinds if Outcome(k).is_good == is_good).most_common(1)[0][0]
-    reason = f"flow lines confirm {confirmed} of {len(kinds)} intervals"
-    return Facts(usual, reason, *(float(np.nanmedian(each)) for each in numbers))
+        sizes = dict[str, int]()
+        texts, *numbers = (
+            entries[name].check(name, archive[name], sizes) for name in ("verdicts", *NUMBERS)
+        )
+        return facts_of_intervals(list(map(Verdict.of_texts, texts.tolist())), *numbers)
 
 
 def positive(text: str) -> float:

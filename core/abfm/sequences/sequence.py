@@ -27,6 +27,7 @@ from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import LARGEST
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import is_finite_number
+from abfm.outcome import Facts
 from abfm.parameters import Parameters
 from abfm.sequences.critical_points import CriticalPoints, critical_points
 from abfm.sequences.episodes import Episode, episodes
@@ -36,7 +37,7 @@ from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.solve import LEAST, WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
 from abfm.sequences.unfinished import Unfinished
-from abfm.sequences.verdicts import is_unsolved, verdict_of
+from abfm.sequences.verdicts import facts_of_intervals, is_unsolved, verdict_of
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
 from abfm.workers.progress import step
@@ -134,8 +135,13 @@ class Sequence:
 
     @property
     def confirmed(self) -> int:
-        """How many intervals flow lines confirm: matched, nearly so, or as close as noise lets."""
+        """How many intervals flow lines confirm: those with a good outcome."""
         return sum(verdict.kind.is_good for verdict in self.verdicts)
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What is reported of the sequence: good if at least half of its intervals are."""
+        return facts_of_intervals(self.verdicts, self.residual, self.verified_residual, self.folded)
 
     @property
     def solved(self) -> BoolArray:

@@ -1,7 +1,11 @@
 """What an interval came to, held against what its noise alone would leave."""
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from abfm.matching.judging.cause import Cause, sentence_of
 from abfm.matching.judging.verdict import Evidence, Verdict, judge
@@ -9,11 +13,12 @@ from abfm.matching.problem import Problem
 from abfm.matching.solvability import narrowest, range_bound
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.outcome import Outcome, worse_residual
+from abfm.outcome import Facts, Outcome, worse_residual
 from abfm.sequences.explained import OFTEN, explains_little
 from abfm.sequences.noise import noise_floor
 from abfm.sequences.solve import Said
 from abfm.types import FloatArray
+from abfm.wording import counted
 
 _NOTHING_BUT_NOISE = 0.85  # of the deviation, which is three quarters of the variance
 _FEW_EDGES = 2.0  # what spans less is hardly carried, and looks like noise
@@ -23,6 +28,48 @@ _UNSOLVED = Verdict(
     "solve it again",
     cause=Cause.NOT_SOLVED,
 )
+
+
+NUMBERS = ("residual", "verified_residual", "folded")
+"""Measurements of each interval."""
+
+
+def outcome_of_intervals(outcomes: Sequence[Outcome]) -> Outcome:
+    """Return the outcome of a sequence: good if at least half of its intervals are good.
+
+    It is the most common outcome among its good, or among its other, intervals.
+    """
+    is_good = 2 * sum(outcome.is_good for outcome in outcomes) >= len(outcomes)
+    counts = Counter(outcome for outcome in outcomes if outcome.is_good == is_good)
+    return max(counts, key=lambda outcome: (counts[outcome], -outcome.rank))
+
+
+def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Facts:
+    """Return the facts of a sequence by its intervals: verdicts and `NUMBERS`, (T - 1,) each.
+
+    The numbers are medians over the intervals in which they are known.
+    """
+    outcome = outcome_of_intervals([verdict.kind for verdict in verdicts])
+    confirmed, count = sum(verdict.kind.is_good for verdict in verdicts), len(verdicts)
+    share = f"{confirmed} of {counted(count, 'interval')}"
+    solved = [not is_unsolved(verdict) for verdict in verdicts]
+    others = [verdict for verdict in verdicts if not verdict.kind.is_good]
+    causes = Counter(verdict.why for verdict in others if verdict.why)
+    missing, unconfirmed = solved.count(False), len(others) - solved.count(False)
+    warnings = [f"{counted(missing, 'interval')} not solved"] if missing else []
+    if outcome.is_good and unconfirmed:
+        warnings.append(f"{counted(unconfirmed, 'interval')} not confirmed")
+    return Facts(
+        outcome,
+        f"{outcome}: {share} confirmed",
+        "; ".join([f"flow lines confirm {share}", *(why for why, _ in causes.most_common(1))]),
+        numbers={
+            name: float(np.median(known)) if (known := each[np.isfinite(each)]).size else None
+            for name, each in zip(NUMBERS, numbers, strict=True)
+        },
+        warnings=tuple(warnings),
+        is_complete=not missing,
+    )
 
 
 def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) -> Verdict:

@@ -4,18 +4,20 @@ import json
 import math
 import sys
 from concurrent.futures import Future
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
 import abfm
 from abfm.assets import asset_path
-from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, run
-from abfm.batch.attempt import Task, attempt
+from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, matches, run
+from abfm.batch.attempt import EXPECTED, Task, attempt
 from abfm.batch.run import ENDED, seen_here
 from abfm.errors import ParameterError, ResultError
 from abfm.flow.exponential import counted_row_products
+from abfm.outcome import Outcome
+from abfm.workers.progress import telling
 from abfm.workers.worker import WorkerEndedError
 from tests.core.batch.rows import BRIEF, ONE, Mortal, Quick, pair, results
 from tests.shapes import icosphere
@@ -179,9 +181,11 @@ def test_results_are_what_is_solved_alone_and_are_named_by_their_problem(done, t
     own = by_name["own"].load()
     assert own.problem.specs[0] == ("file:z.npy",)
     facts = by_name["first"].facts
-    assert (facts.verdict, facts.reason) == (match.verdict.kind, match.verdict.reason)
-    assert facts.confirmed == match.worse_residual
-    assert facts.folded == match.folded
+    assert (facts.outcome, facts.reason) == (match.verdict.kind, match.verdict.reason)
+    assert facts.worse_residual == match.worse_residual
+    for name in ("folded", "log2_area", "log2_area_95"):
+        assert facts.numbers[name] == match.facts.numbers[name]
+    assert (facts.tone, facts.warnings) == (match.facts.tone, match.facts.warnings)
 
 
 def test_what_it_cost_is_known_beside_the_result(done):
@@ -245,6 +249,87 @@ def test_a_ledger_that_is_damaged_loses_nothing_but_time(done):
     (entry,) = run([row], folder, ONE)
     assert (entry.state, entry.path) == ("done", path)
     assert path.stat().st_mtime_ns == result  # it was there, and was not solved again
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"seconds": "abc"},
+        {"seconds": {}},
+        {"seconds": float("inf")},
+        {"seconds": float("nan")},
+        {"seconds": -1},
+        {"evaluations": "many"},
+        {"tries": None},
+        {"reason": 3},
+        {"digest": "../x"},
+        {"digest": "/tmp/y"},
+    ],
+)
+def test_record_with_wrong_field_is_missing(done, tmp_path, fields):
+    """A record that no run writes counts as none, and names no file elsewhere."""
+    row, ledger = done[0][0], Ledger(tmp_path)
+    ledger.make()
+    place = ledger.own / f"{row.key}.json"
+    place.write_text(json.dumps({"digest": "ab", **fields}))
+    assert ledger.entry(row).state == "missing"
+    place.write_text(json.dumps({"digest": "ab", "reason": "no \x1b[31mfile"}))
+    assert ledger.entry(row).reason == "no ?[31mfile"
+
+
+@pytest.mark.parametrize("key", ["../x", "/tmp/y", "", 3, None])
+def test_row_with_wrong_key_is_refused(done, tmp_path, key):
+    ledger = Ledger(tmp_path)
+    ledger.make()
+    row = {**done[0][0].told(), "key": key}
+    (ledger.own / "rows.json").write_text(json.dumps({"title": "t", "rows": [row]}))
+    with pytest.raises(ResultError, match="hexadecimal"):
+        ledger.kept()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"verdict": ["splendid", "none", "why", ""]},
+        {"verdict": ["matched", "no cause", "why", ""]},
+        {"verdict": ["matched"]},
+        {"residual": np.inf},
+        {"residual": np.nan},
+        {"residual": -0.5},
+        {"verified_residual": "low"},
+        {"path_step": 99},
+    ],
+)
+def test_damaged_result_is_a_failed_row(done, tmp_path, damage):
+    entry = next(entry for entry in done[2] if entry.row.name == "first")
+    with np.load(entry.path) as file:
+        arrays = dict(file)
+    np.savez(tmp_path / "damaged.npz", **(arrays | damage))
+    facts = replace(entry, path=tmp_path / "damaged.npz").facts
+    assert (facts.outcome, facts.numbers) == (Outcome.FAILED, {})
+    assert "damaged.npz" in facts.reason
+
+
+def test_impossible_row_is_reported_before_it_is_solved(tmp_path, monkeypatch):
+    row, ledger, seen = pair(target=5, source=4), Ledger(tmp_path), []
+    impossible = Row("sub-01", dict(row.options) | {"source": "expression:1"})
+    solve = matches.match
+
+    def solving(*given, **named):
+        seen.append(ledger.entry(impossible))
+        return solve(*given, **named)
+
+    monkeypatch.setattr(matches, "match", solving)
+    steps = []
+    with telling(lambda step: steps.append(step and step.task)):
+        attempt(Task(impossible, str(tmp_path), ledger.make()))
+        attempt(Task(row, str(tmp_path), ledger.make()))
+    (before, _), after = seen, ledger.entry(impossible)
+    assert (before.state, before.facts.outcome) == ("missing", Outcome.MISSING)
+    assert "source is constant" in before.facts.reason
+    assert after.facts.outcome is Outcome.IMPOSSIBLE
+    [reported] = {each for each in steps if each and each.startswith(EXPECTED)}
+    assert "sub-01" in reported
 
 
 def test_rows_are_kept_for_who_asks_later(done):

@@ -44,9 +44,9 @@ def test_a_film_is_solved_as_by_hand_and_told_by_its_intervals(folder):
     found = entry.load()
     by_hand = abfm.sequence(EIGHT, FRAMES, [0, 0.5, 1], defaults(sigma=0.5), 2.0)
     np.testing.assert_array_equal(found.velocity, by_hand.velocity)
-    assert entry.facts.reason == "flow lines confirm 2 of 2 intervals"
-    assert entry.facts.verdict == by_hand.verdicts[0].kind
-    assert entry.facts.residual == pytest.approx(np.median(by_hand.residual))
+    assert entry.facts == by_hand.facts == found.facts
+    assert entry.facts.outcome == by_hand.verdicts[0].kind
+    assert entry.facts.numbers["residual"] == pytest.approx(np.median(by_hand.residual))
     before = entry.path.read_bytes()
     entry.path.unlink()
     [again] = run([film(folder, gamma=2)], folder / "out", ONE)

@@ -11,6 +11,7 @@ from abfm.errors import ResultError
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.io import results
 from abfm.maps.surface_points import vertex_points
+from abfm.matching import Cause
 from abfm.matching.objective.regularizer import Regularizer
 from tests.core.fields import bump
 from tests.core.surfaces import SURFACES
@@ -116,7 +117,7 @@ def test_a_start_goes_on_and_what_is_not_reached_is_told(matched):
     loose = abfm.Parameters(landmark_sigma=3.0, segments=1)
     left = abfm.match(problem.with_parameters(loose))
     assert left.verdict.kind == "not reached"
-    assert "landmarks are left farther than 0.5%" in left.verdict.reason
+    assert left.verdict.cause is Cause.LANDMARKS_FAR
     assert left.verdict.remedies[0].parameters == {"landmark_sigma": 1.0}
     assert left.landmark_errors.max() > 10 * NEAR
 

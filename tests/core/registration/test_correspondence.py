@@ -11,6 +11,7 @@ import abfm
 from abfm import Correspondence, PointMap, TriangleMesh
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmError, FunctionError, ParameterError, ResultError
+from abfm.io import FORMAT_VERSION
 from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.mesh.shapes import even_sphere
 from tests.shapes import ellipsoid, icosphere, square, torus, with_loose_vertex
@@ -227,7 +228,7 @@ def test_files_keep_all(found, tmp_path):
     ],
 )
 def test_damaged_files_are_refused(name, value, words, tmp_path):
-    arrays = spheres(FINE, COARSE).arrays() | {name: value, "format_version": 1}
+    arrays = spheres(FINE, COARSE).arrays() | {name: value, "format_version": FORMAT_VERSION}
     np.savez(tmp_path / "bad.npz", **arrays)
     with pytest.raises(ResultError, match=words):
         abfm.load_correspondence(tmp_path / "bad.npz")

@@ -11,13 +11,15 @@ from abfm import AbfmError, Control, TriangleMesh
 from abfm.calculus.operators import curl, divergence, face_areas
 from abfm.calculus.vector_fields import to_frame
 from abfm.maps import vertex_points
+from abfm.matching.judging.cause import Cause
+from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
 from abfm.sequences import defaults, load_sequence
 from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import checked
 from abfm.sequences.noise import noise_levels
 from abfm.sequences.solve import Said, Solver
-from abfm.sequences.verdicts import verdict_of
+from abfm.sequences.verdicts import facts_of_intervals, verdict_of
 from abfm.workers.progress import telling
 from tests.core.sequences import turning_film
 from tests.core.sequences.films import SPHERE, bumps, coordinates, off, turning
@@ -461,11 +463,45 @@ def test_on_needles_what_moves_is_not_called_no_motion_nor_noise():
     assert "though flow lines do not" in verdict_of(problem, only_lines, levels, True).reason
 
 
-def test_constant_frames_determine_no_motion_whatever_their_value():
-    for value in (0.0, 1.0):
-        found = abfm.sequence(SPHERE, np.full((3, len(SPHERE.vertices)), value))
-        assert {v.kind for v in found.verdicts} == {Outcome.NOT_REACHED}
-        assert found.confirmed == 0
+@pytest.mark.parametrize("values", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 2.0, 3.0)])
+def test_constant_frames_determine_no_motion(values):
+    frames = np.outer(values, np.ones(len(SPHERE.vertices)))
+    found = abfm.sequence(SPHERE, frames)
+    assert [v.kind for v in found.verdicts] == [Outcome.NOT_REACHED] * 2
+    assert {v.cause for v in found.verdicts} == {Cause.BOTH_CONSTANT}
+    assert (found.facts.outcome, found.facts.tone) == (Outcome.NOT_REACHED, "failure")
+    assert "no motion can be determined" in found.facts.reason
+
+
+def test_equal_frames_that_vary_are_matched():
+    frames = np.tile(SPHERE.vertices[:, 2], (3, 1))
+    found = abfm.sequence(SPHERE, frames)
+    assert [v.kind for v in found.verdicts] == [Outcome.MATCHED] * 2
+    assert (found.facts.outcome, found.facts.tone) == (Outcome.MATCHED, "good")
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "outcome", "tone"),
+    [
+        (["matched", "matched"], "matched", "good"),
+        (["matched", "not reached"], "matched", "warning"),
+        (["matched", "registered", "not reached", "impossible"], "matched", "warning"),
+        (["nearly", "registered", "registered", "not reached"], "registered", "warning"),
+        (["matched", "not reached", "not reached"], "not reached", "failure"),
+        (["matched", "impossible", "impossible", "not reached"], "impossible", "failure"),
+    ],
+)
+def test_half_of_the_intervals_make_a_sequence_good(outcomes, outcome, tone):
+    verdicts = [Verdict(Outcome(each), "a: why", "") for each in outcomes]
+    number = np.arange(len(outcomes), dtype=float)
+    facts = facts_of_intervals(verdicts, number, np.full_like(number, np.nan), number)
+    assert (facts.outcome, facts.tone) == (outcome, tone)
+    assert facts.outcome.is_good == (tone != "failure")
+    assert facts.numbers == {
+        "residual": np.median(number),
+        "verified_residual": None,
+        "folded": np.median(number),
+    }
 
 
 def test_an_interval_is_judged_by_its_own_noise():

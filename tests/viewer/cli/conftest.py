@@ -1,9 +1,11 @@
 """The command line, run in this process."""
 
+from contextlib import nullcontext
+
 import pytest
 
 from abfm_viewer.cli import main
-from tests.processes import argv
+from tests.processes import argv, refused_soon
 from tests.spare_processes import spared
 
 
@@ -15,10 +17,11 @@ def _one_process_for_one_batch_after_the_other():
 
 @pytest.fixture
 def abfm(capsys):
-    """Run a line of words with this exit status; gives what it said, an error as one line."""
+    """Run a command by its words with this exit status and return what it printed."""
 
-    def run(words, *more, status=0):
-        assert main([*argv(words), *map(str, more)]) == status
+    def run(*words, status=0):
+        with refused_soon() if status == 2 else nullcontext():
+            assert main(argv(*words)) == status
         told = capsys.readouterr()
         if status == 2:
             assert told.err.startswith("abfm: ")

@@ -38,7 +38,9 @@ def files(tmp_path_factory):
 @pytest.mark.parametrize("kind", ["obj", "glb"])
 def test_a_texture_goes_there_and_back(files, tmp_path, abfm, kind):
     there = tmp_path / f"b.{kind}"
-    told = abfm(f"apply {files}/c.npz --texture {files}/a.{kind} --size 512 --out {there}")
+    told = abfm(
+        "apply", files / "c.npz", f"--texture={files}/a.{kind}", "--size=512", f"--out={there}"
+    )
     names = [there, *(tmp_path / f"b.{end}" for end in ("mtl", "png") if kind == "obj")]
     assert told == (f"wrote {', '.join(map(str, names))}\n", "")
     b = load_mesh(there)
@@ -51,7 +53,7 @@ def test_a_texture_goes_there_and_back(files, tmp_path, abfm, kind):
     assert_allclose(shown[:, :2], np.transpose(level), atol=12)  # both spheres have flat faces
     assert_allclose(shown[:, 2:], np.tile([90.0, 255.0], (2000, 1)))
     back = tmp_path / "back.glb"
-    abfm(f"apply {files}/c.npz --inverse --texture {there} --size 512 --out {back}")
+    abfm("apply", files / "c.npz", "--inverse", f"--texture={there}", "--size=512", f"--out={back}")
     points = points_by_area(A, 2000)
     original = read_texture(files / "a.obj", A)[0].at(points)
     mesh = load_mesh(back)
@@ -62,9 +64,15 @@ def test_a_texture_goes_there_and_back(files, tmp_path, abfm, kind):
 def test_an_image_may_be_given_beside_the_mesh(files, tmp_path, abfm):
     text = (files / "a.obj").read_text().replace("mtllib a.mtl", "mtllib lost.mtl")
     (tmp_path / "a.obj").write_text(text)
-    words = f"apply {files}/c.npz --texture {tmp_path}/a.obj --size 96 --out {tmp_path}/b.obj"
-    assert "lost.mtl" in abfm(words, status=2).err
-    abfm(f"{words} --image {files}/skin.png")
+    words = [
+        "apply",
+        files / "c.npz",
+        f"--texture={tmp_path}/a.obj",
+        "--size=96",
+        f"--out={tmp_path}/b.obj",
+    ]
+    assert "lost.mtl" in abfm(*words, status=2).err
+    abfm(*words, "--image", files / "skin.png")
     with Image.open(tmp_path / "b.png") as written:
         assert written.size == (96, 96)
 
@@ -72,26 +80,50 @@ def test_an_image_may_be_given_beside_the_mesh(files, tmp_path, abfm):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("--texture {f}/a.obj --out {t}/b.ply", "must end in .obj or .glb"),
-        ("--texture {f}/a.obj --out {t}/no/b.obj", "there is no folder"),
-        ("--texture {f}/a.obj --out {f}/a.obj", "a.obj: it is read; choose another name"),
-        ("--texture {f}/a.obj --image {f}/skin.png --out {f}/skin.obj", "skin.png: it is read"),
-        ("--texture {f}/a.obj --out {t}/taken.obj", "taken.mtl: it is a folder"),
-        ("--texture {f}/a.glb --out {f}/skin.obj", "skin.png: it is there without a skin.obj"),
-        ("--texture {f}/a.obj --inverse --out {t}/b.obj", "a.obj: it is of another surface"),
-        ("--texture {f}/plain.ply --out {t}/b.obj", "it names no image and has no colours"),
-        ("--texture {f}/no.obj --out {t}/b.obj", "there is no such file"),
-        ("--texture {f}/a.obj --image {t}/bad.png --out {t}/b.obj", "bad.png: its image cannot"),
-        ("--texture {f}/a.obj --size 3 --out {t}/b.obj", "whole number from 4 to 16384"),
-        ("--texture {f}/a.obj --size 30 --out {t}/b.obj", "no room for 796 faces"),
-        ("--data {f}/a.npy --size 30 --out {t}/b.csv", "of textures: give --texture"),
-        ("--data {f}/a.npy --image {f}/skin.png --out {t}/b.csv", "of textures: give --texture"),
+        (["--texture", "{f}/a.obj", "--out", "{t}/b.ply"], "must end in .obj or .glb"),
+        (["--texture", "{f}/a.obj", "--out", "{t}/no/b.obj"], "there is no folder"),
+        (
+            ["--texture", "{f}/a.obj", "--out", "{f}/a.obj"],
+            "a.obj: it is read; choose another name",
+        ),
+        (
+            ["--texture={f}/a.obj", "--image={f}/skin.png", "--out={f}/skin.obj"],
+            "skin.png: it is read",
+        ),
+        (["--texture", "{f}/a.obj", "--out", "{t}/taken.obj"], "taken.mtl: it is a folder"),
+        (
+            ["--texture", "{f}/a.glb", "--out", "{f}/skin.obj"],
+            "skin.png: it is there without a skin.obj",
+        ),
+        (
+            ["--texture", "{f}/a.obj", "--inverse", "--out", "{t}/b.obj"],
+            "a.obj: it is of another surface",
+        ),
+        (
+            ["--texture", "{f}/plain.ply", "--out", "{t}/b.obj"],
+            "it names no image and has no colours",
+        ),
+        (["--texture", "{f}/no.obj", "--out", "{t}/b.obj"], "there is no such file"),
+        (
+            ["--texture={f}/a.obj", "--image={t}/bad.png", "--out={t}/b.obj"],
+            "bad.png: its image cannot",
+        ),
+        (["--texture={f}/a.obj", "--size=3", "--out={t}/b.obj"], "whole number from 4 to 16384"),
+        (["--texture={f}/a.obj", "--size=30", "--out={t}/b.obj"], "no room for 796 faces"),
+        (
+            ["--data", "{f}/a.npy", "--size", "30", "--out", "{t}/b.csv"],
+            "of textures: give --texture",
+        ),
+        (
+            ["--data={f}/a.npy", "--image={f}/skin.png", "--out={t}/b.csv"],
+            "of textures: give --texture",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_line(words, told, files, tmp_path, abfm):
     (tmp_path / "taken.mtl").mkdir()
     (tmp_path / "bad.png").write_bytes(b"no image")
     before = sorted(files.iterdir()), sorted(tmp_path.iterdir())
-    line = f"apply {files}/c.npz {words}".format(f=files, t=tmp_path)
-    assert told in abfm(line, status=2).err
+    line = [word.format(f=files, t=tmp_path) for word in words]
+    assert told in abfm("apply", files / "c.npz", *line, status=2).err
     assert (sorted(files.iterdir()), sorted(tmp_path.iterdir())) == before

@@ -12,15 +12,16 @@ import pytest
 
 import abfm as library
 from abfm.assets import asset_path
-from abfm.batch import Ledger
+from abfm.batch import Ledger, read_table
 from abfm.batch.kinds import KINDS
-from abfm.batch.run import CONNECTING, NO_WORKERS, WAITS, LostError
+from abfm.batch.run import CONNECTING, NO_WORKERS, REPORTED_STEPS, LostError
 from abfm.errors import ResultError
+from abfm.outcome import Outcome
 from abfm.workers.progress import step
 from abfm_viewer import pictures
 from abfm_viewer.cli import main
 from abfm_viewer.cli.batches import batch, running
-from abfm_viewer.cli.batches.summary import GOOD, WORST_FIRST
+from abfm_viewer.cli.batches.rows import ROWS_SHOWN_MAX
 from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.errors import DrawingError
 from tests.attack.batches import (
@@ -34,16 +35,16 @@ from tests.attack.batches import (
     write_table,
     written,
 )
-from tests.processes import argv
+from tests.processes import argv, python
 
 EIGHT = asset_path("eight.off")
-BRIEF = "--refine 0 --levels 1 --cooling-stages 2"
-NEAR, FAR = '"gaussian:vertex=5,width=0.4"', '"gaussian:vertex=200,width=0.2"'
+BRIEF = ["--refine", "0", "--levels", "1", "--cooling-stages", "2"]
+NEAR, FAR = "gaussian:vertex=5,width=0.4", "gaussian:vertex=200,width=0.2"
 TABLE = f"""\
 name,mesh,source,target,iterations,refine,levels,alpha
-<far>,{EIGHT},"gaussian:vertex=0,width=0.4",{FAR},0,0,1,0.5
-same,{EIGHT},{NEAR},{NEAR},5,0,1,
-lost,nowhere.off,{NEAR},{NEAR},5,0,1,
+<far>,{EIGHT},"gaussian:vertex=0,width=0.4","{FAR}",0,0,1,0.5
+same,{EIGHT},"{NEAR}","{NEAR}",5,0,1,
+lost,nowhere.off,"{NEAR}","{NEAR}",5,0,1,
 """
 
 
@@ -101,7 +102,7 @@ def test_a_table_is_solved_and_failed_rows_have_their_status_and_reason(solved):
         "failed",
     )
     assert far["alpha"] == "0.5"
-    assert (same["source"], same["alpha"]) == (NEAR.strip('"'), "")
+    assert (same["source"], same["alpha"]) == (NEAR, "")
     assert lost["reason"].endswith("nowhere.off: there is no such file")
     assert (lost["digest"], lost["mismatch"]) == ("", "")
     for row in (far, same):
@@ -125,26 +126,31 @@ def test_the_page_has_the_worst_first_a_picture_a_row_and_nothing_outside_it(sol
     assert "At a glance" not in page.text  # of sweeps
     facts = json.loads(page.facts)
     assert [row["name"] for row in facts["rows"]] == page.names
-    verdicts = [WORST_FIRST.index(row["verdict"]) for row in facts["rows"]]
-    assert verdicts == sorted(verdicts)
+    ranks = [Outcome(row["verdict"]).rank for row in facts["rows"]]
+    assert ranks == sorted(ranks, reverse=True)
     assert len(list((out / "pictures").iterdir())) == 2
 
 
 def test_how_far_it_is_is_told_of_a_table_and_of_a_folder_and_nothing_is_solved(solved, abfm):
     folder, _ = solved
     before = (folder / "out" / "summary.html").read_bytes()
-    by_folder = json.loads(abfm(f"batch --status {folder}/out --json --quiet", status=4).out)
+    by_folder = json.loads(
+        abfm("batch", "--status", folder / "out", "--json", "--quiet", status=4).out
+    )
     assert by_folder["counts"] == {"matched": 1, "not reached": 1, "failed": 1}
     assert (folder / "out" / "summary.html").read_bytes() == before
     other = folder / "other.csv"
     other.write_text(TABLE.replace(",5,0,1", ",6,0,1"))
-    words = f"batch {other} --out {folder}/out --status --json --quiet"
-    by_table = json.loads(abfm(words, status=4).out)
+    words = ["batch", other, "--out", folder / "out", "--status", "--json", "--quiet"]
+    by_table = json.loads(abfm(*words, status=4).out)
     assert by_table["counts"] == {"not reached": 1, "missing": 2}
     assert by_table["rows"][1]["digest"] is None
-    assert "same: matched" not in abfm(f"batch --status {other} --out {folder}/out", status=4).out
-    abfm(f"batch --status {folder}/out", status=4)  # as it was
-    told = abfm(f"info {folder}/out", status=2).err
+    assert (
+        "same: matched"
+        not in abfm("batch", "--status", other, "--out", folder / "out", status=4).out
+    )
+    abfm("batch", "--status", folder / "out", status=4)  # as it was
+    told = abfm("info", folder / "out", status=2).err
     assert told.endswith(
         f"out: this is a folder; abfm batch --status {folder}/out tells of a batch\n"
     )
@@ -159,7 +165,7 @@ def test_help_names_every_kind_of_row():
 def test_run_again_it_does_what_is_missing_and_says_so(solved, abfm):
     folder, _ = solved
     before = results(folder / "out")
-    told = abfm(f"batch {folder}/table.csv --out {folder}/out --jobs 1", status=4)
+    told = abfm("batch", folder / "table.csv", "--out", folder / "out", "--jobs", "1", status=4)
     assert "2 of 3 rows are there already" in told.err
     assert re.search(r"^1 of 1: lost: failed: .*no such file$", told.err, re.MULTILINE)
     assert told.out.startswith("3 rows: 1 matched, 1 not reached, 1 failed, in ")
@@ -170,12 +176,21 @@ def test_run_again_it_does_what_is_missing_and_says_so(solved, abfm):
 
 def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(EIGHT.parent)
-    words = f"sweep eight.off --source {NEAR} --channel coordinate:x coordinate:x 0.5 {BRIEF}"
-    over = f"--over alpha=0.1,0.2 --over 'target={NEAR},\"gaussian:vertex=6,width=0.4\"'"
-    out = f"--over iterations=1 --out {tmp_path}/out --jobs 1 --no-pictures"
-    status = main(argv(f"{words} {over} {out}"))
+    words = [
+        "sweep",
+        "eight.off",
+        f"--source={NEAR}",
+        "--channel",
+        "coordinate:x",
+        "coordinate:x",
+        "0.5",
+        *BRIEF,
+    ]
+    over = ["--over=alpha=0.1,0.2", f'--over=target="{NEAR}","gaussian:vertex=6,width=0.4"']
+    out = ["--over=iterations=1", f"--out={tmp_path}/out", "--jobs=1", "--no-pictures"]
+    status = main(argv(*words, *over, *out))
     rows = table_of(tmp_path / "out")
-    assert status == (0 if all(row["verdict"] in GOOD for row in rows) else 3)
+    assert status == (0 if all(Outcome(row["verdict"]).is_good for row in rows) else 3)
     targets = [f"gaussian:vertex={i},width=0.4" for i in (5, 6)]
     wanted = [(alpha, target, "1") for alpha in ("0.1", "0.2") for target in targets]
     assert [(row["alpha"], row["target"], row["iterations"]) for row in rows] == wanted
@@ -200,11 +215,19 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
         assert float(row["log2_area"]) == match.path[match.step].log2_area
     assert "Best" not in text  # targets are no ways to solve one problem
     again = abfm(
-        f"sweep eight.off --source {NEAR} --target {NEAR} {BRIEF} --iterations 1 "
-        f"--over alpha=0.1,0.2 --out {tmp_path}/best --jobs 1 --no-pictures"
+        "sweep",
+        "eight.off",
+        f"--source={NEAR}",
+        f"--target={NEAR}",
+        *BRIEF,
+        "--iterations=1",
+        "--over=alpha=0.1,0.2",
+        f"--out={tmp_path}/best",
+        "--jobs=1",
+        "--no-pictures",
     ).out
     assert re.search(r"^closest, and areas change least: alpha 0.[12]: ", again, re.MULTILINE)
-    told = json.loads(abfm(f"batch --status {tmp_path}/best --json --quiet").out)
+    told = json.loads(abfm("batch", "--status", tmp_path / "best", "--json", "--quiet").out)
     assert told["best"]["closest"] == told["best"]["areas_change_least"]
     assert "Best" in Page(tmp_path / "best" / "summary.html").text
 
@@ -212,41 +235,85 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("batch", "--out is missing"),
-        ("batch --out {t}/out", "TABLE.csv is missing"),
-        ("batch {t}/none.csv --out {t}/out", "cannot read table {t}/none.csv: No such file"),
-        ("batch {t}/summary.csv --out {t}", "summary.csv: it is read; choose another name"),
-        ("batch ~no-user/t.csv --out {t}/out", "cannot read table ~no-user/t.csv: No such file"),
-        ("batch {t}/bad.csv --out {t}/out", "bad.csv: row 1, column alpha: 'much' is no number"),
-        ("batch {t}/good.csv --out {t}/out --jobs 0", "a number of processes"),
-        ("batch {t}/good.csv --out {t}/out --jobs 2 --scheduler x", "give one of --jobs"),
-        ("batch {t}/good.csv --out {t}/out --scheduler ''", "'' is no address, such as tcp://"),
-        ("batch {t}/good.csv --out ''", "'' names no folder"),
-        ("batch --status", "--status DIR is missing"),
-        ("batch {t}/good.csv --out {t}/out --scheduler-file {t}/s", "no scheduler's file {t}/s"),
-        ("batch {t}/good.csv --out {t}/good.csv/out", "choose a folder"),
-        ("batch {t}/good.csv --out {t}/none --status", "nothing was solved yet"),
-        ("batch --status {t}/none", "holds no batch"),
-        ("batch {t}/good.csv --out {t}/a --status {t}/b", "name two folders"),
-        ("sweep {t}/m.off --source curvature:mean --target curvature:mean --out {t}", "--over"),
-        ("sweep m.off --source curvature:mean --out out --over target=a", "unknown function"),
-        ("sweep m.off --source curvature:mean --out out --over alpha=1", "need each other"),
-        ("sweep m.off --out out --over alpa=1", "did you mean 'alpha'"),
-        ("sweep m.off --out out --over alpha", "is not NAME=A,B"),
-        ("sweep m.off --out out --over =1", "is not NAME=A,B"),
-        ("sweep m.off --source curvature:mean --out out --over alpha=x", "--alpha: 'x' is no"),
-        ("sweep m.off --out out --over alpha=1,,2", "expected values with commas"),
-        ("sweep m.off --out out --over alpha=1,1", "has a value twice"),
-        ("sweep m.off --out out --over alpha=1 --over alpha=2", "is given twice"),
-        ("sweep m.off --out out --over alpha=1 --alpha 2", "alpha is given, and swept over"),
-        ("sweep m.off --over alpha=1", "--out is missing"),
+        (["batch"], "--out is missing"),
+        (["batch", "--out", "{t}/out"], "TABLE.csv is missing"),
+        (
+            ["batch", "{t}/none.csv", "--out", "{t}/out"],
+            "cannot read table {t}/none.csv: No such file",
+        ),
+        (
+            ["batch", "{t}/summary.csv", "--out", "{t}"],
+            "summary.csv: it is read; choose another name",
+        ),
+        (
+            ["batch", "~no-user/t.csv", "--out", "{t}/out"],
+            "cannot read table ~no-user/t.csv: No such file",
+        ),
+        (
+            ["batch", "{t}/bad.csv", "--out", "{t}/out"],
+            "bad.csv: row 1, column alpha: 'much' is no number",
+        ),
+        (["batch", "{t}/good.csv", "--out", "{t}/out", "--jobs", "0"], "a number of processes"),
+        (
+            ["batch", "{t}/good.csv", "--out={t}/out", "--jobs=2", "--scheduler=x"],
+            "give one of --jobs",
+        ),
+        (
+            ["batch", "{t}/good.csv", "--out={t}/out", "--scheduler="],
+            "'' is no address, such as tcp://",
+        ),
+        (["batch", "{t}/good.csv", "--out", ""], "'' names no folder"),
+        (["batch", "--status"], "--status DIR is missing"),
+        (
+            ["batch", "{t}/good.csv", "--out={t}/out", "--scheduler-file={t}/s"],
+            "no scheduler's file {t}/s",
+        ),
+        (["batch", "{t}/good.csv", "--out", "{t}/good.csv/out"], "choose a folder"),
+        (["batch", "{t}/good.csv", "--out", "{t}/none", "--status"], "nothing was solved yet"),
+        (["batch", "--status", "{t}/none"], "holds no batch"),
+        (["batch", "{t}/good.csv", "--out={t}/a", "--status", "{t}/b"], "name two folders"),
+        (
+            [
+                "sweep",
+                "{t}/m.off",
+                "--source=curvature:mean",
+                "--target=curvature:mean",
+                "--out={t}",
+            ],
+            "--over",
+        ),
+        (
+            ["sweep", "m.off", "--source=curvature:mean", "--out=out", "--over=target=a"],
+            "unknown function",
+        ),
+        (
+            ["sweep", "m.off", "--source=curvature:mean", "--out=out", "--over=alpha=1"],
+            "need each other",
+        ),
+        (["sweep", "m.off", "--out", "out", "--over", "alpa=1"], "did you mean 'alpha'"),
+        (["sweep", "m.off", "--out", "out", "--over", "alpha"], "is not NAME=A,B"),
+        (["sweep", "m.off", "--out", "out", "--over", "=1"], "is not NAME=A,B"),
+        (
+            ["sweep", "m.off", "--source=curvature:mean", "--out=out", "--over=alpha=x"],
+            "--alpha: 'x' is no",
+        ),
+        (["sweep", "m.off", "--out", "out", "--over", "alpha=1,,2"], "expected values with commas"),
+        (["sweep", "m.off", "--out", "out", "--over", "alpha=1,1"], "has a value twice"),
+        (["sweep", "m.off", "--out=out", "--over=alpha=1", "--over=alpha=2"], "is given twice"),
+        (
+            ["sweep", "m.off", "--out=out", "--over=alpha=1", "--alpha=2"],
+            "alpha is given, and swept over",
+        ),
+        (["sweep", "m.off", "--over", "alpha=1"], "--out is missing"),
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_line_and_nothing_is_solved(words, told, tmp_path, abfm):
     for name in ("good", "summary"):
         (tmp_path / f"{name}.csv").write_text(TABLE)
     (tmp_path / "bad.csv").write_text(TABLE.replace("0.5\n", "much\n"))
-    assert told.format(t=tmp_path) in abfm(words.format(t=tmp_path), status=2).err
+    assert (
+        told.format(t=tmp_path) in abfm(*(word.format(t=tmp_path) for word in words), status=2).err
+    )
     assert not list(tmp_path.rglob("*.npz"))
 
 
@@ -256,21 +323,21 @@ def test_what_is_done_is_told_where_who_solves_is_lost_and_where_nothing_can_be_
     folder, _ = solved
     run = Mock(side_effect=LostError("the scheduler does not answer any more"))
     monkeypatch.setattr(running, "run", run)
-    told = abfm(f"batch {folder}/table.csv --out {folder}/out --quiet", status=4)
+    told = abfm("batch", folder / "table.csv", "--out", folder / "out", "--quiet", status=4)
     assert told.err == "abfm: the scheduler does not answer any more\n"
     assert told.out.startswith("3 rows: 1 matched, 1 not reached, 1 failed")
     refuse = Mock(side_effect=ResultError("cannot write summary.csv"))
     monkeypatch.setattr(running, "write_summary", refuse)
-    told = abfm(f"batch --status {folder}/out", status=4)
+    told = abfm("batch", "--status", folder / "out", status=4)
     assert told.err == "note: no summary is written: cannot write summary.csv\n"
     assert told.out.startswith("3 rows: 1 matched, 1 not reached, 1 failed")
     run.side_effect = lambda rows, folder, *_, **__: Ledger(folder).entries(rows)
-    told = abfm(f"batch {folder}/table.csv --out {folder}/out --quiet", status=2)
+    told = abfm("batch", folder / "table.csv", "--out", folder / "out", "--quiet", status=2)
     assert told.err == "abfm: cannot write summary.csv\n"
 
 
 def test_a_cluster_that_is_waited_for_is_told_of(capsys):
-    with row_progress(3, False, waits=WAITS) as report:
+    with row_progress(3, False, reported=REPORTED_STEPS) as report:
         with step(CONNECTING), step("another"):
             pass
         report("one: matched")
@@ -291,12 +358,12 @@ def test_a_machine_that_cannot_draw_says_so_and_the_rest_is_there(solved, abfm, 
     refuse = Mock(side_effect=DrawingError("cannot draw without OpenGL"))
     with monkeypatch.context() as patched:
         patched.setattr(pictures, "row_pictures", refuse)
-        told = abfm(f"batch --status {folder}/out --quiet", status=4)
+        told = abfm("batch", "--status", folder / "out", "--quiet", status=4)
     assert told.err == "note: the summary has no pictures: cannot draw without OpenGL\n"
     page = Page(folder / "out" / "summary.html")
     assert "No pictures: cannot draw without OpenGL" in page.text
     assert page.pictures == []
-    abfm(f"batch --status {folder}/out --quiet", status=4)
+    abfm("batch", "--status", folder / "out", "--quiet", status=4)
     assert len(Page(folder / "out" / "summary.html").pictures) == 2
 
 
@@ -318,16 +385,103 @@ def test_a_signal_ends_a_batch_and_keeps_what_is_done(tmp_path):
     assert lingering(there) == []
 
 
+def write_ledger(folder, rows):
+    """Write a table and a ledger in which every row has failed but each tenth, which is missing."""
+    lines = [f"row {i},none.off,{NEAR},{NEAR},{i}" for i in range(rows)]
+    head = "name,mesh,source,target,iterations"
+    (folder / "table.csv").write_text("\n".join([head, *lines]) + "\n")
+    ledger, found = Ledger(folder / "out"), read_table(folder / "table.csv")
+    ledger.make()
+    ledger.write_rows(found, "table.csv")
+    for number, row in enumerate(found):
+        if number % 10:
+            record = json.dumps({"reason": f"there is no file number {number}"})
+            (ledger.own / f"{row.key}.json").write_text(record)
+
+
+def test_page_of_many_rows_is_bounded(tmp_path, abfm):
+    write_ledger(tmp_path, 3000)
+    printed = json.loads(abfm(f"batch --status {tmp_path}/out --json --quiet", status=4).out)
+    assert printed["counts"] == {"missing": 300, "failed": 2700}
+    assert [row["name"] for row in printed["rows"]] == [f"row {i}" for i in range(3000)]
+    assert len(table_of(tmp_path / "out")) == 3000
+    page = Page(tmp_path / "out" / "summary.html")
+    assert len(page.names) == ROWS_SHOWN_MAX == 1000
+    facts = json.loads(page.facts)
+    assert (facts["count"], len(facts["rows"])) == (3000, ROWS_SHOWN_MAX)
+    assert {row["verdict"] for row in facts["rows"]} == {"failed"}
+    assert "1,000 of 3,000 rows" in page.text
+    assert page.links == ["summary.csv"]
+    assert (tmp_path / "out" / "summary.html").stat().st_size < 1_500_000
+
+
+def test_long_texts_are_cut_on_the_page_only(tmp_path, abfm):
+    text = f"name,mesh,source,target\n{'n' * 20_000},none.off,{NEAR},{NEAR}\n"
+    (tmp_path / "table.csv").write_text(text)
+    abfm(f"batch {tmp_path}/table.csv --out {tmp_path}/out --jobs 1 --quiet", status=4)
+    assert (tmp_path / "out" / "summary.html").stat().st_size < 20_000
+    assert table_of(tmp_path / "out")[0]["name"] == "n" * 20_000
+
+
+def test_letters_that_cannot_be_written_hide_nothing(tmp_path, abfm):
+    write_ledger(tmp_path, 2)
+    rows = tmp_path / "out" / "ledger" / "rows.json"
+    rows.write_text(rows.read_text().replace("row 0", "\\ud800"))
+    told = abfm(f"batch --status {tmp_path}/out", status=4)
+    assert told.out.startswith("2 rows: 1 not done, 1 failed")
+    assert [row["name"] for row in table_of(tmp_path / "out")] == ["?", "row 1"]
+
+
+_SIGNALLED = """
+import importlib, os, signal, sys
+from abfm_viewer.cli import main
+from abfm_viewer.cli.batches import running
+running.ROWS_AFTER_SIGNAL_MAX = 5
+place, name, *words = sys.argv[1:]
+module, _, owner = place.partition(":")
+module = importlib.import_module(module)
+owner = getattr(module, owner) if owner else module
+function, calls = getattr(owner, name), 0
+def signalled(*given, **named):
+    global calls
+    calls += 1
+    if calls == 10:
+        os.kill(os.getpid(), signal.SIGTERM)
+    return function(*given, **named)
+setattr(owner, name, signalled)
+sys.argv[1:] = words
+sys.exit(main())
+"""
+_CLI = "abfm_viewer.cli.batches"
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "words"),
+    [
+        ("abfm.batch.table", "_row", "{t}/table.csv --out {t}/new --jobs 1"),
+        ("abfm.batch.ledger:Ledger", "_read", "--status {t}/out"),
+        ("abfm.batch.ledger:Ledger", "_read", "{t}/table.csv --out {t}/out --jobs 1"),
+        ("abfm.batch.ledger:Ledger", "forget", "{t}/table.csv --out {t}/new --jobs 1"),
+        ("abfm.batch.ledger:Ledger", "record", "{t}/table.csv --out {t}/new --jobs 1"),
+        (f"{_CLI}.running", "summary_row", "--status {t}/out"),
+        (f"{_CLI}.rows:SummaryRow", "to_dict", "--status {t}/out"),
+        (f"{_CLI}.page", "_line", "--status {t}/out"),
+    ],
+)
+def test_signal_ends_a_large_batch_before_it_is_complete(place, name, words, tmp_path):
+    write_ledger(tmp_path, 20)
+    words = words.format(t=tmp_path).split()
+    done = python(_SIGNALLED, place, name, "batch", *words, "--no-pictures")
+    assert done.returncode == 143
+    assert "Traceback" not in done.stderr
+    assert not list(tmp_path.rglob("summary.html"))
+    assert not list(tmp_path.rglob(".abfm-*"))
+
+
 def test_a_batch_whose_processes_are_killed_goes_on_and_leaves_none_behind(tmp_path, abfm):
     write_table(tmp_path / "table.csv", 6, iterations=20)
-    assert (
-        main(
-            argv(
-                f"batch {tmp_path}/table.csv --out {tmp_path}/alone --jobs 1 --quiet --no-pictures"
-            )
-        )
-        == 3
-    )
+    alone = ["batch", tmp_path / "table.csv", "--out", tmp_path / "alone", "--jobs=1"]
+    abfm(*alone, "--quiet", "--no-pictures", status=3)
     out = tmp_path / "out"
     process = start(tmp_path / "table.csv", out, "--jobs", "2")
     while not process.stderr.readline().startswith("1 of 6: "):
@@ -340,7 +494,9 @@ def test_a_batch_whose_processes_are_killed_goes_on_and_leaves_none_behind(tmp_p
     process.communicate()
     assert lingering(there) == []
     done = written(out)
-    told = abfm(f"batch {tmp_path}/table.csv --out {out} --jobs 1 --no-pictures", status=3)
+    told = abfm(
+        "batch", tmp_path / "table.csv", "--out", out, "--jobs=1", "--no-pictures", status=3
+    )
     assert "of 6 rows are there already" in told.err
     assert len(done) >= 1
     assert anew(done, written(out)) == []

@@ -4,10 +4,12 @@ import math
 
 import pytest
 
-from abfm.batch import Entry, Facts, Row, combinations
+from abfm.batch import Entry, Row, combinations
+from abfm.batch.kind import known_numbers
+from abfm.outcome import Facts, Outcome
 from abfm_viewer.cli.batches.best import best_of
 from abfm_viewer.cli.batches.page import page
-from abfm_viewer.cli.batches.summary import Told
+from abfm_viewer.cli.batches.rows import SummaryRow
 
 PROBLEM = {"mesh": "a.off", "source": "coordinate:x", "target": "coordinate:y"}
 
@@ -18,13 +20,17 @@ def swept(*numbers, sigma="0.1", verdicts=None, over=None):
     rows = combinations([*PROBLEM.items(), ("sigma", sigma)], over or {"alpha": alphas})
     verdicts = verdicts or ["matched"] * len(numbers)
     return [
-        Told(Entry(row, "missing"), None, "missing", "")
+        SummaryRow(Entry(row, "missing"), Facts(Outcome.MISSING, "missing"))
         if each is None
-        else Told(
-            Entry(row, "done"), Facts(verdict, "", each[0], each[0] / 2, 0, each[1]), verdict, ""
-        )
+        else SummaryRow(Entry(row, "done"), facts(verdict, *each))
         for row, each, verdict in zip(rows, numbers, verdicts, strict=True)
     ]
+
+
+def facts(verdict, residual, log2_area):
+    numbers = {"residual": residual, "verified_residual": residual / 2, "folded": 0.0}
+    found = known_numbers(numbers | {"log2_area": log2_area})
+    return Facts(Outcome(verdict), verdict, numbers=found)
 
 
 def names(rows, best):
@@ -84,24 +90,22 @@ def test_of_several_problems_and_of_one_way_none_is_best():
     fixed = [(name, value) for name, value in PROBLEM.items() if name != "target"]
     rows = swept((0.02, 0.1), (0.03, 0.1))
     others = [
-        Told(Entry(row, "done"), told.facts, told.verdict, "")
+        SummaryRow(Entry(row, "done"), told.facts)
         for row, told in zip(combinations(fixed, several), rows, strict=True)
     ]
     assert best_of(others) is None
     film = Row("film", {"mesh": "a.off", "frames": "f.npy"})
-    facts = Facts("matched", "", 0.1, 0.1, 0)
-    assert best_of([Told(Entry(film, "done"), facts, "matched", "")] * 2) is None
+    assert best_of([SummaryRow(Entry(film, "done"), facts("matched", 0.1, 0.1))] * 2) is None
 
 
 def test_the_page_tells_it_and_frames_what_none_beats():
     over = {"alpha": ["0.01", "0.02"], "sigma-unit": ["relative", "absolute"]}
     rows = swept((0.02, 0.5), (0.03, 0.6), (0.04, 0.2), (0.05, 0.3), over=over)
-    text = page("a sweep", rows, {"matched": 4}, {}, "")
+    text = page("a sweep", rows, {}, "")
     assert "Closest: alpha 0.01, sigma-unit relative: 2% left, mean |log2 J| 0.50." in text
     assert "areas change least: alpha 0.02, sigma-unit relative: 4% left" in text
     assert text.count('<td><span class="framed">') == 2
-    assert "Framed is what no other combination beats in both." in text
     assert "0.500</td>" in text
-    alone = page("a batch", rows[:1], {"matched": 1}, {}, "")
+    alone = page("a batch", rows[:1], {}, "")
     assert "<h2>Best</h2>" not in alone
     assert 'class="framed"' not in alone

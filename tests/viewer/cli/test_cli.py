@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 from dataclasses import asdict, fields, replace
 from functools import partial
@@ -20,7 +21,7 @@ from abfm.assets import asset_path
 from abfm.io import write_values
 from abfm.workers import progress
 from abfm_viewer.cli import main
-from abfm_viewer.cli.match import Outcome
+from abfm_viewer.cli.match import FinishedMatch
 from abfm_viewer.cli.options import Parser
 from abfm_viewer.cli.results import path_lines
 from abfm_viewer.document import verdict_words
@@ -34,9 +35,11 @@ from tests.shapes import icosphere
 from tests.viewer.sessions import EGG, SPHERE
 
 HUMAN, EIGHT = (str(asset_path(f"{name}.off")) for name in ("human_A", "eight"))
-PAIR = "--source gaussian:vertex=10,width=0.2 --target gaussian:vertex=40,width=0.2"
-SHORT = "--iterations 6 --quiet"
-MATCH = f"match {EIGHT} {PAIR} {SHORT} --out"
+PAIR = ["--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2"]
+SHORT = ["--iterations", "6", "--quiet"]
+MATCH = ["match", EIGHT, *PAIR, *SHORT, "--out"]
+ONE_PROBLEM = ["--problems=1", "--part=1/1000"]
+SHORT_BENCH = ["bench", "--success", *ONE_PROBLEM]  # even if it is not refused
 UNREACHED = 3  # the exit status of runs that are too short to arrive
 
 
@@ -44,8 +47,8 @@ UNREACHED = 3  # the exit status of runs that are too short to arrive
 def result(tmp_path_factory):
     """A result file of two channels."""
     path = tmp_path_factory.mktemp("result") / "m.npz"
-    channel = "--channel coordinate:x coordinate:y 0.01"
-    assert main(argv(f"{MATCH} {path} {channel}")) == UNREACHED
+    channel = ["--channel", "coordinate:x", "coordinate:y", "0.01"]
+    assert main(argv(*MATCH, path, *channel)) == UNREACHED
     return path
 
 
@@ -61,14 +64,14 @@ def pixels(path):
     return np.asarray(Image.open(path)).astype(int)
 
 
-@pytest.mark.parametrize("words", ["--help", "match --help", "--version"])
+@pytest.mark.parametrize("words", [["--help"], ["match", "--help"], ["--version"]])
 def test_help_and_version_end_well_and_help_names_every_parameter(words, capsys):
     with pytest.raises(SystemExit) as ended:
-        main(argv(words))
+        main(argv(*words))
     assert ended.value.code == 0
     out = capsys.readouterr().out
     assert "abfm" in out
-    if words.startswith("match"):
+    if "match" in words:
         assert "abfm match spot.obj --source" in out
         for entry in fields(Parameters):
             assert f"--{entry.name.replace('_', '-')} " in out
@@ -78,7 +81,7 @@ def test_help_and_version_end_well_and_help_names_every_parameter(words, capsys)
 
 
 def test_without_words_all_commands_are_shown_and_argparse_reaches_their_parsers(abfm):
-    out = abfm("").out
+    out = abfm().out
     for command in ("match", "demo", "figure", "map", "render", "info", "bench"):
         assert f"\n    {command} " in out
     commands = Parser(prog="abfm", description="").add_subparsers()
@@ -89,48 +92,61 @@ def test_without_words_all_commands_are_shown_and_argparse_reaches_their_parsers
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("mtach", "did you mean 'match'?"),
-        ("info", "MESH"),
-        (f"info {EIGHT} --jsno", "did you mean '--json'?"),
-        ("info missing.off", "missing.off: there is no such file"),
-        (f"info {__file__}", "the format is not known"),
-        (f"match {EIGHT} {PAIR}", "--out"),
-        (f"match {EIGHT} --out m.npz", "give --source and --target"),
-        (f"match {EIGHT} --source coordinate:x --out m.npz", "need each other"),
-        (f"match {EIGHT} {PAIR} --out m.txt", "must end in .npz, .ply, .vtu, .csv"),
-        (f"match {EIGHT} {PAIR} --out none/m.npz", "there is no folder none"),
-        (f"{MATCH} m.npz --tau -1", "tau is -1.0; expected a number above 0"),
-        (f"{MATCH} m.npz --tau soon", "--tau"),
-        (f"{MATCH} m.npz --sigma soon", "--sigma: soon is no number, nor auto"),
-        (f"{MATCH} m.npz --refine 9", "refine is 9; expected a whole number at least 0"),
-        (f"{MATCH} m.npz --path p.txt", "must end in .csv"),
-        (f"{MATCH} m.csv --path m.csv", "name the same file"),
-        (f"{MATCH} m.npz --max-distortion -1", "-1 is not a number above 0 and at most 1000"),
-        (f"{MATCH} m.npz --method linear", "--method"),
-        (f"{MATCH} m.npz --sgima 1", "did you mean '--sigma'?"),
-        (f"{MATCH} m.npz --channel coordinate:x coordinate:y z", "not 'z'"),
-        (f"{MATCH} m.npz --mask file:none.npy", "none.npy"),
-        (f"{MATCH} m.npz --start none.npz", "none.npz"),
-        (f"{MATCH} m.npz --source gausian:vertex=1", "did you mean 'gaussian'?"),
-        (f"{MATCH} m.npz --source gaussian:vertex=999", "315"),
-        ("bench --seconds 0", "above 0"),
-        ("bench --success --problems 0", "a whole number from 1 to 1000000"),
-        ("bench --success --part 3/2", "not a part such as 1/2"),
-        ("bench --success --versions then", "invalid choice: 'then'"),
-        ("bench --json none/b.json", "there is no folder none"),
-        (f"bench --success --meshes {EIGHT}", "eight.off is the name of a bundled mesh, too"),
-        ("bench --success --only-given", "needs --meshes that can be loaded"),
-        ("info none.npz", "none.npz"),
-        ("render none.npz --out a.png", "none.npz"),
-        ("render none.abfm --out a.mp4", "none.abfm"),
-        ("render none.npz --out a.jpg", "must end in .png, .mp4, .gif"),
-        ("render none.npz --out a.png --size 10x10", "from 320x240"),
-        ("render none.npz --out a.png --size large", "is not a size"),
+        (["mtach"], "did you mean 'match'?"),
+        (["info"], "MESH"),
+        (["info", EIGHT, "--jsno"], "did you mean '--json'?"),
+        (["info", "missing.off"], "missing.off: there is no such file"),
+        (["info", __file__], "the format is not known"),
+        (["match", EIGHT, *PAIR], "--out"),
+        (["match", EIGHT, "--out", "m.npz"], "give --source and --target"),
+        (["match", EIGHT, "--source", "coordinate:x", "--out", "m.npz"], "need each other"),
+        (["match", EIGHT, *PAIR, "--out", "m.txt"], "must end in .npz, .ply, .vtu, .csv"),
+        (["match", EIGHT, *PAIR, "--out", "none/m.npz"], "there is no folder none"),
+        ([*MATCH, "m.npz", "--tau", "-1"], "tau is -1.0; expected a number above 0"),
+        ([*MATCH, "m.npz", "--tau", "soon"], "--tau"),
+        ([*MATCH, "m.npz", "--sigma", "soon"], "--sigma: soon is no number, nor auto"),
+        ([*MATCH, "m.npz", "--refine", "9"], "refine is 9; expected a whole number at least 0"),
+        ([*MATCH, "m.npz", "--path", "p.txt"], "must end in .csv"),
+        ([*MATCH, "m.csv", "--path", "m.csv"], "name the same file"),
+        (
+            [*MATCH, "m.npz", "--max-distortion", "-1"],
+            "-1 is not a number above 0 and at most 1000",
+        ),
+        ([*MATCH, "m.npz", "--method", "linear"], "--method"),
+        ([*MATCH, "m.npz", "--sgima", "1"], "did you mean '--sigma'?"),
+        ([*MATCH, "m.npz", "--channel", "coordinate:x", "coordinate:y", "z"], "not 'z'"),
+        ([*MATCH, "m.npz", "--mask", "file:none.npy"], "none.npy"),
+        ([*MATCH, "m.npz", "--start", "none.npz"], "none.npz"),
+        ([*MATCH, "m.npz", "--source", "gausian:vertex=1"], "did you mean 'gaussian'?"),
+        ([*MATCH, "m.npz", "--source", "gaussian:vertex=999"], "315"),
+        (["bench", "--seconds", "0"], "above 0"),
+        (
+            ["bench", "--success", "--part=1/1000", "--problems=0"],
+            "a whole number from 1 to 1000000",
+        ),
+        ([*SHORT_BENCH, "--part=3/2"], "not a part such as 1/2"),
+        ([*SHORT_BENCH, "--versions", "then"], "invalid choice: 'then'"),
+        ([*SHORT_BENCH, "--json", "none/b.json"], "there is no folder none"),
+        ([*SHORT_BENCH, "--meshes", EIGHT], "eight.off"),
+        ([*SHORT_BENCH, "--only-given"], "--meshes"),
+        ([*SHORT_BENCH, "--meshes", EIGHT, "a mesh.off"], "a mesh.off"),
+        ([*SHORT_BENCH, "--jobs=1", "--scheduler=tcp://127.0.0.1:1"], "--scheduler"),
+        ([*SHORT_BENCH, "--seconds=1"], "--seconds"),
+        ([*SHORT_BENCH, "--arrival"], "--arrival"),
+        (["bench", "--arrival", "--jobs=2"], "--jobs"),
+        (["bench", "--measured", *ONE_PROBLEM, "--solvable"], "--success"),
+        (["bench", "--seconds=0.1", "--only-given"], "--only-given"),
+        (["info", "none.npz"], "none.npz"),
+        (["render", "none.npz", "--out", "a.png"], "none.npz"),
+        (["render", "none.abfm", "--out", "a.mp4"], "none.abfm"),
+        (["render", "none.npz", "--out", "a.jpg"], "must end in .png, .mp4, .gif"),
+        (["render", "none.npz", "--out", "a.png", "--size", "10x10"], "from 320x240"),
+        (["render", "none.npz", "--out", "a.png", "--size", "large"], "is not a size"),
     ],
 )
 def test_bad_input_is_one_clear_line_and_status_2(words, expected, abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    told = abfm(words, status=2)
+    told = abfm(*words, status=2)
     assert told.out == ""
     assert expected in told.err
     assert list(tmp_path.iterdir()) == []
@@ -139,16 +155,31 @@ def test_bad_input_is_one_clear_line_and_status_2(words, expected, abfm, tmp_pat
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("m.ply", f"m.ply {PAIR} --out m.ply"),
-        ("f.csv", f"{EIGHT} --source file:f.csv+geodesic:vertex=0 --target file:g.csv --out f.csv"),
-        ("f.csv", f"{EIGHT} {PAIR} --channel x file:f.csv,column=1 1 --out a.npz --path f.csv"),
-        ("f.csv", f"{EIGHT} {PAIR} --mask f.csv --out f.csv"),
+        ("m.ply", ["m.ply", *PAIR, "--out", "m.ply"]),
+        (
+            "f.csv",
+            [EIGHT, "--source=file:f.csv+geodesic:vertex=0", "--target=file:g.csv", "--out=f.csv"],
+        ),
+        (
+            "f.csv",
+            [
+                EIGHT,
+                *PAIR,
+                "--channel",
+                "x",
+                "file:f.csv,column=1",
+                "1",
+                "--out=a.npz",
+                "--path=f.csv",
+            ],
+        ),
+        ("f.csv", [EIGHT, *PAIR, "--mask", "f.csv", "--out", "f.csv"]),
     ],
 )
 def test_what_is_read_is_not_replaced_by_what_is_found(name, words, tmp_path, abfm, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text("theirs")
-    assert f"{name}: it is read; choose another name" in abfm(f"match {words}", status=2).err
+    assert f"{name}: it is read; choose another name" in abfm("match", *words, status=2).err
     assert [path.read_text() for path in tmp_path.iterdir()] == ["theirs"]
 
 
@@ -157,13 +188,13 @@ def test_meshes_are_refused_with_the_way_out_and_to_machines_too(tmp_path, abfm)
     spheres[1].apply_translation([3, 0, 0])
     path = tmp_path / "two.off"
     trimesh.util.concatenate(spheres).export(path)
-    assert "--largest-component" in abfm(f"info {path}", status=2).err
-    facts = json.loads(abfm(f"info {path} --largest-component --json").out)
+    assert "--largest-component" in abfm("info", path, status=2).err
+    facts = json.loads(abfm("info", path, "--largest-component", "--json").out)
     assert facts["vertices"] == 162
     assert facts["messages"]
     path = tmp_path / "fan.off"
     path.write_text("OFF\n5 3 0\n0 0 0\n0 0 1\n1 0 0\n-1 1 0\n-1 -1 0\n3 0 1 2\n3 0 1 3\n3 0 1 4\n")
-    told = abfm(f"info {path} --json", status=2)
+    told = abfm("info", path, "--json", status=2)
     facts = json.loads(told.out)
     assert facts["usable"] is False
     assert told.err == f"abfm: {facts['objection']}\n"
@@ -171,8 +202,8 @@ def test_meshes_are_refused_with_the_way_out_and_to_machines_too(tmp_path, abfm)
 
 def test_match_reports_and_writes_what_it_found(tmp_path, abfm):
     out = tmp_path / "m.npz"
-    words = f"match {EIGHT} {PAIR} --iterations 20 --beta 0 --json --out {out}"
-    told = abfm(words, status=UNREACHED)
+    words = ["match", EIGHT, *PAIR, "--iterations=20", "--beta=0", "--json", f"--out={out}"]
+    told = abfm(*words, status=UNREACHED)
     report, match = json.loads(told.out), load_match(out)
     assert report["mesh"] == EIGHT
     assert report["outputs"] == [str(out)]
@@ -193,7 +224,7 @@ def test_match_reports_and_writes_what_it_found(tmp_path, abfm):
 
 def test_match_says_the_outcome_in_a_few_lines_and_what_to_try(tmp_path, abfm):
     out = tmp_path / "m.npz"
-    told = abfm(f"{MATCH} {out}", status=UNREACHED)
+    told = abfm(*MATCH, out, status=UNREACHED)
     match = load_match(out)
     assert told.err == ""
     said, why, numbers, *table, advice = told.out.splitlines()
@@ -204,7 +235,7 @@ def test_match_says_the_outcome_in_a_few_lines_and_what_to_try(tmp_path, abfm):
     assert numbers.endswith(f" s; wrote {out}")
     assert table == (path_lines(match) if len(match.path) > 1 else [])
     assert advice == f"to try: {verdict_words.advice_in_options(match, str(out))}"
-    said = abfm(f"{MATCH} {tmp_path}/m.npz --source expression:1", status=UNREACHED).out
+    said = abfm(*MATCH, tmp_path / "m.npz", "--source", "expression:1", status=UNREACHED).out
     assert said.startswith("impossible\nthe source is constant")
     assert "\nto try: " in said
 
@@ -218,42 +249,67 @@ def test_measured_functions_that_are_registered_are_a_success(tmp_path, abfm):
         waves = np.sin(7 * x + 1) * np.sin(6 * y) + np.cos(8 * z + 2 * x)
         np.save(tmp_path / name, waves + 0.25 * noise.standard_normal(len(x)))
     given = [f"--{side}=file:{tmp_path}/{f}.npy" for side, f in (("source", "f"), ("target", "g"))]
-    said, why, *_ = abfm(f"match {mesh} --quiet --out {out}", *given).out.splitlines()
+    said, why, *_ = abfm("match", mesh, "--quiet", "--out", out, *given).out.splitlines()
     assert re.fullmatch(r"registered: \d+% left, areas change by [\d.]+%", said)
     assert why.startswith("a closer match would not hold where it was not fitted; at first ")
-    assert said in abfm(f"info {out}").out
+    assert said in abfm("info", out).out
 
 
 def test_what_is_advised_on_the_command_line_can_be_typed_there_and_helps(tmp_path, abfm):
     """A source that nothing leads to its target is warned of while it runs, once."""
     mesh, out = tmp_path / "egg.off", tmp_path / "m.npz"
     trimesh.Trimesh(EGG.vertices, EGG.faces, process=False).export(mesh)
-    far = "gaussian:x=0,y=0,z=1,width=0.1 --target gaussian:x=0.5,y=0,z=-0.87,width=0.1"
-    words = f"match {mesh} --source {far} --reach 0 --refine 1 --iterations 40 --quiet --out {out}"
-    told = abfm(words, status=UNREACHED)
+    far = [
+        "--source=gaussian:x=0,y=0,z=1,width=0.1",
+        "--target=gaussian:x=0.5,y=0,z=-0.87,width=0.1",
+    ]
+    words = [
+        "match",
+        mesh,
+        *far,
+        "--reach=0",
+        "--refine=1",
+        "--iterations=40",
+        "--quiet",
+        f"--out={out}",
+    ]
+    told = abfm(*words, status=UNREACHED)
     assert "\nthe flow squeezed the source to nothing" in told.out
     warning = r"warning: iteration \d+: the source is being squeezed to nothing .*\n"
     assert re.fullmatch(warning, told.err)
-    options = re.search(r"^to try: reach further \((.*?)\)$", told.out, re.M)[1]
+    options = shlex.split(re.search(r"^to try: reach further \((.*?)\)$", told.out, re.M)[1])
     before = load_match(out).mismatch
-    abfm(f"{words} {options}")
+    abfm(*words, *options)
     assert load_match(out).mismatch < 0.2 * before
 
 
 def test_progress_tells_meshes_stages_and_reach(tmp_path, abfm):
-    words = f"match {HUMAN} {PAIR} --iterations 40 --levels 2 --reach 0.4 --out {tmp_path}/m.npz"
-    said = abfm(words).err
+    words = [
+        "match",
+        HUMAN,
+        *PAIR,
+        "--iterations=40",
+        "--levels=2",
+        "--reach=0.4",
+        f"--out={tmp_path}/m.npz",
+    ]
+    said = abfm(*words).err
     # thin triangles: the mesh itself comes twice
     assert "iteration 0  mesh 1/3, stage 1, reach 0.4  energy" in said
     assert "  mesh 2/3, stage " in said
 
 
-@pytest.mark.parametrize(("extra", "is_told"), [("", True), ("--quiet", False)])
+@pytest.mark.parametrize(("extra", "is_told"), [([], True), (["--quiet"], False)])
 def test_what_takes_seconds_is_said_with_an_estimate(extra, is_told, tmp_path, monkeypatch, capsys):
     slow = ("factoring for distances", "checking by flow lines")
     monkeypatch.setattr(progress, "_rates", dict.fromkeys(slow, (1.0, 0)))
-    pair = "--source gaussian:vertex=0 --target gaussian:vertex=300 --iterations=5 --levels=1"
-    main(argv(f"match {EIGHT} {pair} --out {tmp_path}/match.npz {extra}"))
+    pair = [
+        "--source=gaussian:vertex=0",
+        "--target=gaussian:vertex=300",
+        "--iterations=5",
+        "--levels=1",
+    ]
+    main(argv("match", EIGHT, *pair, "--out", tmp_path / "match.npz", *extra))
     said = capsys.readouterr().err
     assert all((f"{name}, about " in said) is is_told for name in slow)
     assert "factoring a system" not in said  # nobody knows for how long, which is short here
@@ -265,7 +321,7 @@ def test_channels_and_weights_reach_the_solver_and_what_is_not_known_is_null(res
     assert match.weights == pytest.approx([1, 0.01])
     assert match.target[:, 1] == pytest.approx(match.mesh.vertices[:, 1])
     match = replace(match, verified_residual=float("nan"), folded=float("nan"))
-    outcome = Outcome(match, 1.0, [], False)
+    outcome = FinishedMatch(match, 1.0, [], False)
     assert outcome.to_dict()["verified_residual"] is outcome.to_dict()["folded"] is None
     assert "flow lines" not in outcome.summary().splitlines()[0]
 
@@ -274,7 +330,7 @@ def test_channels_and_weights_reach_the_solver_and_what_is_not_known_is_null(res
 def test_a_mask_is_a_function_or_its_file(as_file, tmp_path, abfm):
     out, values = tmp_path / "m.npz", tmp_path / "a mask, 1.npy"
     np.save(values, np.linspace(0, 1, 315))
-    abfm(f"{MATCH} {out} --mask", values if as_file else "expression:1+x*x", status=UNREACHED)
+    abfm(*MATCH, out, "--mask", values if as_file else "expression:1+x*x", status=UNREACHED)
     match = load_match(out)
     expected = np.linspace(0, 1, 315) if as_file else 1 + match.mesh.vertices[:, 0] ** 2
     assert match.mask == pytest.approx(expected)
@@ -282,19 +338,19 @@ def test_a_mask_is_a_function_or_its_file(as_file, tmp_path, abfm):
 
 def test_a_warm_start_begins_where_the_earlier_result_ended(tmp_path, abfm, result):
     first, second = tmp_path / "first.npz", tmp_path / "second.npz"
-    one_stage = "--cooling-stages 1 --reach 0 --levels 1"
-    abfm(f"{MATCH} {first} {one_stage} --iterations 8", status=UNREACHED)
-    abfm(f"{MATCH} {second} {one_stage} --iterations 1 --start {first}", status=UNREACHED)
+    one_stage = ["--cooling-stages", "1", "--reach", "0", "--levels", "1"]
+    abfm(*MATCH, first, *one_stage, "--iterations", "8", status=UNREACHED)
+    abfm(*MATCH, second, *one_stage, "--iterations", "1", "--start", first, status=UNREACHED)
     energies = [load_match(path).energy_history for path in (first, second)]
     assert energies[1][0] == pytest.approx(energies[0][-1])
-    words = f"match {HUMAN} {PAIR} --start {result} --out {tmp_path}/m.npz"
-    assert "another mesh" in abfm(words, status=2).err
+    words = ["match", HUMAN, *PAIR, "--start", result, "--out", tmp_path / "m.npz"]
+    assert "another mesh" in abfm(*words, status=2).err
 
 
 def test_exports_hold_the_functions_and_the_field(tmp_path, abfm):
     npz, ply, vtu, csv = paths = [tmp_path / f"m.{end}" for end in ("npz", "ply", "vtu", "csv")]
-    words = f"match {EIGHT} {PAIR} {SHORT} --method linearised --segments 2"
-    abfm(words, *(f"--out={path}" for path in paths), status=UNREACHED)
+    words = ["match", EIGHT, *PAIR, *SHORT, "--method", "linearised", "--segments", "2"]
+    abfm(*words, *(f"--out={path}" for path in paths), status=UNREACHED)
     match = load_match(npz)
     attributes = trimesh.load(ply, process=False).metadata["_ply_raw"]
     assert attributes["vertex"]["data"]["advected"].ravel() == pytest.approx(match.advected[:, 0])
@@ -311,28 +367,28 @@ def test_exports_hold_the_functions_and_the_field(tmp_path, abfm):
 def test_info_knows_surfaces_of_freesurfer_and_what_is_none(abfm, tmp_path):
     path, sphere = tmp_path / "lh.sphere.reg", icosphere(1)
     path.write_bytes(freesurfer_bytes(sphere.vertices, sphere.faces))
-    facts = json.loads(abfm(f"info {path} --json").out)
+    facts = json.loads(abfm("info", path, "--json").out)
     assert (facts["vertices"], facts["faces"], facts["genus"]) == (42, 80, 0)
     write_values(tmp_path / "lh.sulc", sphere.vertices[:, 0])
-    told = abfm(f"info {tmp_path / 'lh.sulc'}", status=2).err
+    told = abfm("info", tmp_path / "lh.sulc", status=2).err
     assert "lh.sulc: it holds values at vertices" in told
 
 
 def test_info_tells_the_facts_of_a_mesh_and_its_symmetries(abfm):
-    text = abfm(f"info {EIGHT}").out
+    text = abfm("info", EIGHT).out
     for word in ("315", "634", "951", "genus         2", "none (closed)", "no objection"):
         assert word in text
-    facts = json.loads(abfm(f"info {EIGHT} --json").out)
+    facts = json.loads(abfm("info", EIGHT, "--json").out)
     assert (facts["vertices"], facts["faces"], facts["edges"], facts["genus"]) == (315, 634, 951, 2)
     assert facts["usable"] is True
     assert facts["boundary_loops"] == 0
     lengths = facts["edge_lengths"]
     assert facts["edge_ratio"] == pytest.approx(lengths["longest"] / lengths["shortest"])
     assert facts["length_scale"] ** 2 == pytest.approx(facts["area"])
-    text = abfm(f"info {HUMAN}").out
+    text = abfm("info", HUMAN).out
     assert "mirror        with normal 1 0 0, vertices to vertices" in text
     assert "rotation      none found" in text
-    symmetries = json.loads(abfm(f"info {HUMAN} --json").out)["symmetries"]
+    symmetries = json.loads(abfm("info", HUMAN, "--json").out)["symmetries"]
     assert symmetries["rotation"] is None
     assert symmetries["mirror"]["is_permutation"] is True
     assert symmetries["mirror"]["error"] < 1e-9
@@ -344,7 +400,7 @@ def test_names_that_cannot_be_printed_stay_on_their_lines(tmp_path, capsys):
     folder.mkdir()
     mesh, result, table, picture = (str(folder / f"c\n.{s}") for s in ("off", "npz", "txt", "png"))
     shutil.copy(EIGHT, mesh)
-    match = ["match", mesh, *argv(f"{PAIR} {SHORT}"), "--out", result]
+    match = ["match", mesh, *PAIR, *SHORT, "--out", result]
     render = ["render", result, "--out", picture, "--size", "320x240"]
     for words, status, told in (
         (["info", mesh], 0, "/a?b?[31m/c?.off"),
@@ -359,25 +415,32 @@ def test_names_that_cannot_be_printed_stay_on_their_lines(tmp_path, capsys):
 
 
 def test_render_draws_and_tells_what_was_asked_for(result, tmp_path, abfm, project):
-    words = f"render {result} --out {tmp_path}/a.png --size 800x400 --time 0.5 --channel"
-    assert f"{tmp_path}/a.png" in abfm(f"{words} 1 --up z").out
+    words = [
+        "render",
+        result,
+        f"--out={tmp_path}/a.png",
+        "--size=800x400",
+        "--time=0.5",
+        "--channel",
+    ]
+    assert f"{tmp_path}/a.png" in abfm(*words, "1", "--up", "z").out
     assert pixels(tmp_path / "a.png").shape[:2] == (400, 800)
-    assert "channels 0 to 1" in abfm(f"{words} 2", status=2).err
+    assert "channels 0 to 1" in abfm(*words, "2", status=2).err
     picture = tmp_path / "a.png"
-    words = f"render {project} --out {picture} --size 400x300"
-    assert abfm(f"{words} --transparent").out == f"wrote {picture} (400 x 300)\n"
+    words = ["render", project, "--out", picture, "--size", "400x300"]
+    assert abfm(*words, "--transparent").out == f"wrote {picture} (400 x 300)\n"
     shown = pixels(picture)
     assert shown.shape == (300, 400, 4)
     assert (shown[..., 3].min(), shown[..., 3].max()) == (0, 255)
-    abfm(f"{words} --no-color-bar --no-labels --channel 1 --up z --time 0")
+    abfm(*words, "--no-color-bar", "--no-labels", "--channel", "1", "--up=z", "--time=0")
     assert pixels(picture).shape == (300, 400, 3)
     for style in ("sheet", "window"):
         pictures = [tmp_path / f"{style}{number}.png" for number in range(2)]
         for path, picture in zip((result, project), pictures, strict=True):
-            abfm(f"render {path} --style {style} --size 640x400 --out {picture}")
+            abfm("render", path, "--style", style, "--size", "640x400", "--out", picture)
         assert (pixels(pictures[0]) == pixels(pictures[1])).all()
-    words = "--size 320x240 --seconds 0.3 --fps 10 --progress"
-    *frames, last = abfm(f"render {result} --out {tmp_path}/a.mp4 {words}").out.splitlines()
+    words = ["--size", "320x240", "--seconds", "0.3", "--fps", "10", "--progress"]
+    *frames, last = abfm("render", result, "--out", tmp_path / "a.mp4", *words).out.splitlines()
     assert list(map(json.loads, frames)) == [{"frame": n, "count": 3} for n in (1, 2, 3)]
     assert last.startswith("wrote ")
 
@@ -386,8 +449,8 @@ def test_render_draws_and_tells_what_was_asked_for(result, tmp_path, abfm, proje
 def test_render_writes_movies(suffix, result, project, tmp_path, abfm):
     for path in (result, project):
         movie = tmp_path / f"{path.stem}{suffix}"
-        words = "--size 330x240 --seconds 0.5 --fps 8 --to 2 --turntable -90"
-        told = abfm(f"render {path} --out {movie} {words}")
+        words = ["--size=330x240", "--seconds=0.5", "--fps=8", "--to=2", "--turntable=-90"]
+        told = abfm("render", path, "--out", movie, *words)
         assert told.out == f"wrote {movie} (330 x 240, 4 frames)\n"
         assert told.err == "".join(f"frame {frame} of 4\n" for frame in (1, 2, 3, 4))
         with av.open(str(movie)) as file:
@@ -397,66 +460,69 @@ def test_render_writes_movies(suffix, result, project, tmp_path, abfm):
 
 
 @pytest.mark.usefixtures("coarse_streaks")
-@pytest.mark.usefixtures("coarse_streaks")
 def test_render_draws_streaks_that_move_in_a_loop_or_fade(result, tmp_path, abfm):
     """Frames at one time differ by the streaks alone, from the last to the first as elsewhere."""
     gif = tmp_path / "a.gif"
-    words = "--streaks --from 1 --to 1 --seconds 0.4 --fps 10 --size 320x240"
-    abfm(f"render {result} --out {gif} {words}")
+    words = ["--streaks", "--from=1", "--to=1", "--seconds=0.4", "--fps=10", "--size=320x240"]
+    abfm("render", result, "--out", gif, *words)
     with Image.open(gif) as movie:
         assert (movie.n_frames, movie.info["loop"]) == (4, 0)
         every = ImageSequence.Iterator(movie)
         frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in every]
     steps = [np.abs(frames[i] - frames[i - 1]).mean() for i in range(4)]
     assert 0.1 < max(steps) < 1.5 * min(steps)
-    for number, words in enumerate(("", "--streaks", "--streaks --fade")):
-        style = f"--style window --size 640x400 --out {tmp_path}/{number}.png"
-        abfm(f"render {result} {style} {words}")
+    for number, words in enumerate(([], ["--streaks"], ["--streaks", "--fade"])):
+        style = ["--style=window", "--size=640x400", f"--out={tmp_path}/{number}.png"]
+        abfm("render", result, *style, *words)
     plain, full, faded = (pixels(tmp_path / f"{number}.png") for number in range(3))
     assert 0.1 < np.abs(faded - plain).mean() < np.abs(full - plain).mean()
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
+    ("name", "words", "expected"),
     [
-        ("a.png --time -0.5", "--time is -0.5; expected 0 to 2, which is 2 tau"),
-        ("a.png --time 0.5 --time 2.5", "--time is 2.5; expected 0 to 2"),
-        ("a.png --time nan", "--time is nan"),
-        ("a.png --style window --time 0 --time 1", "--time is given more than once"),
-        ("a.png --transparent", "--transparent is not for sheets; add --style window"),
-        ("a.png --no-labels", "--no-labels is not for sheets"),
-        ("a.png --streaks", "--streaks is not for sheets"),
-        ("a.mp4 --fade", "--fade is for streaks; add --streaks"),
-        ("a.png --fps 30", "--fps is for movies"),
-        ("a.png --style window --size 9000x9000", "16 to 8192"),
-        ("a.mp4 --to 3", "--to is 3; expected 0 to 2"),
-        ("a.mp4 --from -1", "--from is -1"),
-        ("a.mp4 --time 1", "--time is for pictures"),
-        ("a.mp4 --style sheet", "--style sheet is for pictures"),
-        ("a.mp4 --transparent", "--transparent is for pictures"),
-        ("a.mp4 --seconds 0", "--seconds"),
-        ("a.gif --fps 60", "--fps 60: a .gif file takes 0.1 to 50"),
+        ("a.png", ["--time", "-0.5"], "--time is -0.5; expected 0 to 2, which is 2 tau"),
+        ("a.png", ["--time", "0.5", "--time", "2.5"], "--time is 2.5; expected 0 to 2"),
+        ("a.png", ["--time", "nan"], "--time is nan"),
+        (
+            "a.png",
+            ["--style", "window", "--time", "0", "--time", "1"],
+            "--time is given more than once",
+        ),
+        ("a.png", ["--transparent"], "--transparent is not for sheets; add --style window"),
+        ("a.png", ["--no-labels"], "--no-labels is not for sheets"),
+        ("a.png", ["--streaks"], "--streaks is not for sheets"),
+        ("a.mp4", ["--fade"], "--fade is for streaks; add --streaks"),
+        ("a.png", ["--fps", "30"], "--fps is for movies"),
+        ("a.png", ["--style", "window", "--size", "9000x9000"], "16 to 8192"),
+        ("a.mp4", ["--to", "3"], "--to is 3; expected 0 to 2"),
+        ("a.mp4", ["--from", "-1"], "--from is -1"),
+        ("a.mp4", ["--time", "1"], "--time is for pictures"),
+        ("a.mp4", ["--style", "sheet"], "--style sheet is for pictures"),
+        ("a.mp4", ["--transparent"], "--transparent is for pictures"),
+        ("a.mp4", ["--seconds", "0"], "--seconds"),
+        ("a.gif", ["--fps", "60"], "--fps 60: a .gif file takes 0.1 to 50"),
     ],
 )
-def test_render_refuses_what_would_make_no_sense(words, expected, result, tmp_path, abfm):
-    assert expected in abfm(f"render {result} --out {tmp_path}/{words}", status=2).err
+def test_render_refuses_what_would_make_no_sense(name, words, expected, result, tmp_path, abfm):
+    assert expected in abfm("render", result, "--out", f"{tmp_path}/{name}", *words, status=2).err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_render_refuses_a_project_without_a_result_and_a_damaged_one(project, tmp_path, abfm):
     document, known = load_project(project)
     save_project(tmp_path / "unsolved.abfm", replace(document, result=None), known)
-    words = f"render {tmp_path}/unsolved.abfm --out {tmp_path}/a.png"
-    assert "holds no result to make a sheet of" in abfm(f"{words} --style sheet", status=2).err
-    abfm(f"{words} --size 320x240")
+    words = ["render", tmp_path / "unsolved.abfm", "--out", tmp_path / "a.png"]
+    assert "holds no result to make a sheet of" in abfm(*words, "--style", "sheet", status=2).err
+    abfm(*words, "--size", "320x240")
     (tmp_path / "m.npz").write_bytes(b"PK\x03\x04 not a zip")
-    abfm(f"render {tmp_path}/m.npz --out {tmp_path}/a.png", status=2)
+    abfm("render", tmp_path / "m.npz", "--out", tmp_path / "a.png", status=2)
 
 
 def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, abfm, monkeypatch):
     out = tmp_path / "made" / "here"
     monkeypatch.setattr("abfm_viewer.cli.demo._FRAMES", 5)
-    report = json.loads(abfm(f"demo --out {out} --json --quiet").out)
+    report = json.loads(abfm("demo", "--out", out, "--json", "--quiet").out)
     assert report["mismatch"] <= 0.05
     assert sorted(path.name for path in out.iterdir()) == ["demo.mp4", "demo.npz", "demo.png"]
     assert report["movie"] == str(out / "demo.mp4")
@@ -468,7 +534,7 @@ def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, a
         "abfm_viewer.cli.demo.Parameters", lambda: Parameters(iterations=1, refine=0)
     )
     monkeypatch.setattr("abfm_viewer.pictures.match_picture", no_picture)
-    told = abfm(f"demo --out {tmp_path} --quiet", status=1).err
+    told = abfm("demo", "--out", tmp_path, "--quiet", status=1).err
     assert "note: no picture and no movie: no time for it\n" in told
     assert "the self-test failed" in told
 
@@ -476,38 +542,55 @@ def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, a
 def test_bench_prints_its_report_and_counts_successes(abfm, monkeypatch, tmp_path):
     small = {"subdivision": 2, "subdivisions": (1, 2), "iterations": 20, "repeats": 1, "timings": 1}
     monkeypatch.setattr(laboratory, "Settings", partial(laboratory.Settings, **small))
-    told = abfm("bench --seconds 0.1 --json")
+    told = abfm("bench", "--seconds", "0.1", "--json")
     report = json.loads(told.out)
     assert report["settings"]["seconds"] == 0.1
     assert set(report["ratios"]["gradient_to_advection"]) == {"42", "162"}
     assert "cosines" in told.err
     monkeypatch.setattr(laboratory, "run", lambda tell, _: tell("a line") or report)
-    told = abfm("bench --quiet")
+    told = abfm("bench", "--quiet")
     assert "finest / coarsest" in told.out
     assert told.err == ""
     before = replace(laboratory.success.BEFORE, iterations=5, refine=0)
     monkeypatch.setitem(laboratory.success.VERSIONS, "before", before)
     trials = tmp_path / "trials"
-    success = f"bench --success --only-given --problems 1 --jobs 1 --out {trials} --meshes {EIGHT}"
-    told = abfm(f"{success} --json")
+    success = [
+        "bench",
+        "--success",
+        "--only-given",
+        "--problems=1",
+        "--jobs=1",
+        f"--out={trials}",
+        "--meshes",
+        EIGHT,
+    ]
+    told = abfm(*success, "--json")
     (row,) = json.loads(told.out)["rows"]
     assert row["problem"]["mesh"] == "eight.off"
     assert {"before", "now"} <= row.keys()
     assert "1/1 eight.off" in told.err
-    told = abfm(f"{success} --quiet --versions now --json {tmp_path / 'b.json'}")
+    told = abfm(*success, "--quiet", "--versions", "now", "--json", tmp_path / "b.json")
     assert "1 of 1" in told.out
     assert told.err == ""
     (again,) = json.loads((tmp_path / "b.json").read_text())["rows"]
     assert again.keys() == {"problem", "now"}
     assert again["now"] == row["now"]  # read, with its seconds
     assert len([*trials.glob("*.npz")]) == 2
-    assert "--jobs" in abfm("bench --arrival --jobs 2", status=2).err
-    assert "two meshes are called eight.off" in abfm(f"{success} {EIGHT}", status=2).err
+    assert "two meshes are called eight.off" in abfm(*success, EIGHT, status=2).err
 
 
 def test_bench_measures_errors_of_maps(abfm, monkeypatch):
     monkeypatch.setattr("laboratory.measured.SIGMAS", (3.0,))
-    told = abfm(f"bench --measured --jobs 1 --only-given --problems 1 --meshes {EIGHT} --json")
+    told = abfm(
+        "bench",
+        "--measured",
+        "--jobs=1",
+        "--only-given",
+        "--problems=1",
+        "--meshes",
+        EIGHT,
+        "--json",
+    )
     (row,) = json.loads(told.out)["rows"]
     assert row["fixed"].keys() == {"3"}
     assert "1/1 eight.off" in told.err

@@ -43,7 +43,7 @@ def known(small, monkeypatch):
 
 def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, abfm):
     out = tmp_path / "new" / "figures"
-    said = abfm(f"figure 7 --out {out}")
+    said = abfm("figure", "7", "--out", out)
     with Image.open(out / "figure-7.png") as image:
         assert image.width > 1000
     described = json.loads((out / "figure-7.json").read_text())
@@ -59,7 +59,7 @@ def test_a_figure_is_a_picture_and_measured_numbers(small, tmp_path, abfm):
 
 
 def test_outputs_say_what_the_sheet_does_also_without_opengl(known, tmp_path, abfm, monkeypatch):
-    said = abfm(f"figure all --out {tmp_path} --quiet --json")
+    said = abfm("figure", "all", "--out", tmp_path, "--quiet", "--json")
     [described] = json.loads(said.out)["figures"]
     assert described == json.loads((tmp_path / "figure-7.json").read_text())
     assert said.err == ""
@@ -67,21 +67,21 @@ def test_outputs_say_what_the_sheet_does_also_without_opengl(known, tmp_path, ab
     found = ran(7)[1]
     noted = replace(found, sheet=replace(found.sheet, notes=("no map",)))
     monkeypatch.setattr(experiments, "findings_of", lambda script, matches: noted)
-    said = abfm(f"figure all --out {tmp_path} --quiet")
+    said = abfm("figure", "all", "--out", tmp_path, "--quiet")
     assert "no map" in json.loads((tmp_path / "figure-7.json").read_text())["notes"]
     assert "no map" in (tmp_path / "index.html").read_text()
     assert "note: figure 7: no map\n" in said.err
     refuse = Mock(side_effect=DrawingError("cannot draw without OpenGL"))
     monkeypatch.setattr(pictures, "figure_picture", refuse)
     bare = tmp_path / "bare"
-    assert "cannot draw without OpenGL" in abfm(f"figure 7 --out {bare} --quiet").err
+    assert "cannot draw without OpenGL" in abfm("figure", "7", "--out", bare, "--quiet").err
     assert [path.name for path in bare.iterdir()] == ["figure-7.json"]
 
 
 def test_all_are_matched_by_a_batch_and_nothing_twice(small, tmp_path, abfm, monkeypatch):
     monkeypatch.setattr(pictures, "figure_picture", lambda *sheet: Image.new("RGB", (4, 3)))
-    words = f"figure all --out {tmp_path} --jobs 1"
-    first = abfm(words)
+    words = ["figure", "all", "--out", tmp_path, "--jobs", "1"]
+    first = abfm(*words)
     assert "1 of 1: figure 7, matching: " in first.err
     described = json.loads((tmp_path / "figure-7.json").read_text())
     # in this process or in another one, solved or read: the same numbers
@@ -89,11 +89,11 @@ def test_all_are_matched_by_a_batch_and_nothing_twice(small, tmp_path, abfm, mon
     [result] = (tmp_path / "matches").glob("*.npz")
     assert result.stem == ran(7)[0].problem.digest
     before = result.read_bytes()
-    again = abfm(words)
+    again = abfm(*words)
     assert "1 of 1 row are there already" in again.err
     assert again.out == first.out
     result.unlink()
-    assert abfm(f"figure 7 --out {tmp_path} --jobs 1 --quiet").err == ""
+    assert abfm("figure", "7", "--out", tmp_path, "--jobs", "1", "--quiet").err == ""
     assert result.read_bytes() == before
     assert json.loads((tmp_path / "figure-7.json").read_text()) == described
 
@@ -103,33 +103,33 @@ def test_another_mesh_stands_upright_or_is_refused_with_the_reason(small, tmp_pa
     trimesh.creation.capsule(height=3, radius=0.5, count=(12, 12)).export(mesh)
     sizes = []
     for up in ("y", "z"):
-        abfm(f"figure 7 --mesh {mesh} --up {up} --out {tmp_path} --quiet")
+        abfm("figure", "7", "--mesh", mesh, "--up", up, "--out", tmp_path, "--quiet")
         with Image.open(tmp_path / "figure-7.png") as image:
             sizes.append(image.size)
     assert sizes[1][1] > 1.1 * sizes[0][1]  # upright panels are narrow, so that they may be high
     assert "long.off" in json.loads((tmp_path / "figure-7.json").read_text())["setting"]
     mesh = tmp_path / "box.off"
     trimesh.creation.box().export(mesh)
-    words = f"--mesh {mesh} --out {tmp_path} --quiet"
-    assert abfm(f"figure 7 {words}", status=2).err == "abfm: too few vertices\n"
-    abfm(f"figure all {words}")
+    words = ["--mesh", mesh, "--out", tmp_path, "--quiet"]
+    assert abfm("figure", "7", *words, status=2).err == "abfm: too few vertices\n"
+    abfm("figure", "all", *words)
     assert "Not on this mesh: too few vertices" in (tmp_path / "index.html").read_text()
 
 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("99", "--out"),
-        ("99 --out x", "there is no figure '99'; expected a number from"),
-        ("seven --out x", "or all"),
-        (f"7 --out {__file__}", "cannot make the folder"),
-        ("7 --mesh none.off --out x", "none.off"),
-        ("7 --up w --out x", "--up"),
+        (["99"], "--out"),
+        (["99", "--out", "x"], "there is no figure '99'; expected a number from"),
+        (["seven", "--out", "x"], "or all"),
+        (["7", "--out", __file__], "cannot make the folder"),
+        (["7", "--mesh", "none.off", "--out", "x"], "none.off"),
+        (["7", "--up", "w", "--out", "x"], "--up"),
     ],
 )
 def test_bad_words_are_refused_in_one_line(words, expected, abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert expected in abfm(f"figure {words}", status=2).err
+    assert expected in abfm("figure", *words, status=2).err
 
 
 class Balanced(HTMLParser):

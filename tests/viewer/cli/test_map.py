@@ -31,12 +31,12 @@ def turned(tmp_path_factory):
 
 def test_the_map_is_half_a_turn_works_in_functions_and_its_errors_are_told(turned, tmp_path, abfm):
     for name in ("map.txt", "map.npy", "map.csv"):
-        said = abfm(f"map {turned} --out {tmp_path / name}")
+        said = abfm("map", turned, "--out", tmp_path / name)
         assert said.out.startswith("|log2 J| of areas: mean 0.0")
         assert "folded faces: 0 of 1280\nthere and back: median 0.00" in said.out
         assert said.out.endswith(f"\nwrote {tmp_path / name}\n")
         assert said.err == ""
-    assert "folded faces: 0 of 1280" in abfm(f"map {turned}").out  # which needs no file
+    assert "folded faces: 0 of 1280" in abfm("map", turned).out  # which needs no file
     mesh, found = load_match(turned).mesh, np.load(tmp_path / "map.npy")
     places = mesh.vertices * [-1, -1, 1]
     assert np.abs(mesh.vertices[found] - places).max() < 0.1
@@ -44,12 +44,12 @@ def test_the_map_is_half_a_turn_works_in_functions_and_its_errors_are_told(turne
     np.testing.assert_array_equal(values, mesh.vertices[found, 0])
     half_turn = [np.argmin(np.linalg.norm(mesh.vertices - p, axis=1)) for p in places]
     np.savetxt(tmp_path / "truth.txt", half_turn, fmt="%d")
-    told = abfm(f"map {turned} --truth {tmp_path}/truth.txt --json").out
+    told = abfm("map", turned, "--truth", tmp_path / "truth.txt", "--json").out
     right = json.loads(told)["accuracy"]
     assert right["mean"] < 0.03
     assert right["vertices"] == len(mesh.vertices)
-    assert "\ngeodesic error: mean 0." in abfm(f"map {turned} --truth identity").out
-    told = abfm(f"map {turned} --truth identity --time 0 --json").out
+    assert "\ngeodesic error: mean 0." in abfm("map", turned, "--truth", "identity").out
+    told = abfm("map", turned, "--truth", "identity", "--time", "0", "--json").out
     assert json.loads(told)["accuracy"]["maximum"] < 1e-6
 
 
@@ -61,11 +61,12 @@ def wild(tmp_path_factory):
     return saved(tmp_path_factory.mktemp("map") / "wild.npz", mesh, velocity, tau=0.5)
 
 
-@pytest.mark.parametrize("what", ["", "--inverse", "--functional-map 5", "--carry {}/uv.npy"])
+@pytest.mark.parametrize("what", [[], ["--inverse"], ["--functional-map=5"], ["--carry={}/uv.npy"]])
 def test_what_is_no_map_is_told_and_warned_of_in_one_line(wild, what, tmp_path, abfm):
     match = load_match(wild)
     np.save(tmp_path / "uv.npy", match.mesh.vertices)
-    said = abfm(f"map {wild} --out {tmp_path}/out.npy {what.format(tmp_path)}")
+    words = [word.format(tmp_path) for word in what]
+    said = abfm("map", wild, "--out", tmp_path / "out.npy", *words)
     found = match.flow.map_quality()
     assert "come back" in found.warning
     assert said.err == f"warning: {found.warning}\n"
@@ -74,7 +75,7 @@ def test_what_is_no_map_is_told_and_warned_of_in_one_line(wild, what, tmp_path, 
 
 def test_json_has_the_numbers_of_the_map_that_is_asked_for(wild, turned, tmp_path, abfm):
     for path, time in ((wild, 0.5), (wild, -0.5), (wild, 0.0), (turned, 1.0)):
-        said = abfm(f"map {path} --time {time} --out {tmp_path}/map.txt --json")
+        said = abfm("map", path, "--time", time, "--out", tmp_path / "map.txt", "--json")
         told = json.loads(said.out)["quality"]
         found = load_match(path).flow.map_quality(time)
         for name in ("log2_area", "log2_shape"):
@@ -86,8 +87,8 @@ def test_json_has_the_numbers_of_the_map_that_is_asked_for(wild, turned, tmp_pat
 
 
 def test_the_inverse_is_the_map_of_the_time_below_zero(turned, tmp_path, abfm):
-    abfm(f"map {turned} --out {tmp_path}/inverse.txt --inverse --time 0.3")
-    abfm(f"map {turned} --out {tmp_path}/below.txt --time -0.3")
+    abfm("map", turned, f"--out={tmp_path}/inverse.txt", "--inverse", "--time=0.3")
+    abfm("map", turned, "--out", tmp_path / "below.txt", "--time", "-0.3")
     assert (tmp_path / "inverse.txt").read_text() == (tmp_path / "below.txt").read_text()
 
 
@@ -95,23 +96,23 @@ def test_what_is_carried_comes_back_and_unused_vertices_keep_their_values(turned
     mesh = load_match(turned).mesh
     np.save(tmp_path / "uv.npy", mesh.vertices[:, :2])
     there, back = tmp_path / "there.npy", tmp_path / "back.csv"
-    abfm(f"map {turned} --carry {tmp_path}/uv.npy --out {there}")
+    abfm("map", turned, "--carry", tmp_path / "uv.npy", "--out", there)
     assert np.abs(np.load(there) + mesh.vertices[:, :2]).max() < 0.05
-    abfm(f"map {turned} --carry {there} --time -1 --out {back}")
+    abfm("map", turned, "--carry", there, "--time", "-1", "--out", back)
     np.testing.assert_allclose(np.loadtxt(back, delimiter=","), mesh.vertices[:, :2], atol=0.02)
     sphere = icosphere(2)
     mesh = TriangleMesh(np.concatenate([[[9.0, 9, 9]], sphere.vertices]), sphere.faces + 1)
     still = saved(tmp_path / "still.npz", mesh, np.zeros((len(mesh.faces), 3)))
-    abfm(f"map {still} --out {tmp_path}/map.txt")
+    abfm("map", still, "--out", tmp_path / "map.txt")
     assert np.loadtxt(tmp_path / "map.txt").tolist() == [-1, *range(1, len(sphere.vertices) + 1)]
     table = np.arange(2.0 * mesh.file_vertex_count).reshape(-1, 2)
     np.save(tmp_path / "uv.npy", table)
-    abfm(f"map {still} --carry {tmp_path}/uv.npy --out {tmp_path}/out.npy")
+    abfm("map", still, "--carry", tmp_path / "uv.npy", "--out", tmp_path / "out.npy")
     np.testing.assert_allclose(np.load(tmp_path / "out.npy"), table, atol=1e-9)
 
 
 def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, tmp_path, abfm):
-    abfm(f"map {turned} --functional-map 12 --out {tmp_path}/C.npy")
+    abfm("map", turned, "--functional-map", "12", "--out", tmp_path / "C.npy")
     C = np.load(tmp_path / "C.npy")
     np.testing.assert_allclose(C[:, 0], np.eye(12)[0], atol=1e-6)
     np.testing.assert_allclose(C.T @ C, np.eye(12), atol=0.05)
@@ -122,25 +123,28 @@ def test_the_functional_map_is_nearly_orthogonal_and_keeps_the_constant(turned, 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("--carry uv.npy", "need --out"),
-        ("--functional-map 5", "need --out"),
-        ("--out map.obj", "must end in .txt, .csv, .npy"),
-        ("--out map.txt --carry none.npy", "none.npy"),
-        ("--out short.npy --carry short.npy", "short.npy: it is read; choose another name"),
-        ("--out map.txt --carry short.npy", "file 'short.npy': 3 values were given"),
-        ("--out map.txt --carry inf.npy", "file 'inf.npy': some values are not finite"),
-        ("--out C.npy --functional-map 0", "0 eigenfunctions"),
-        ("--out C.npy --functional-map 100000", "100000 eigenfunctions"),
-        ("--truth none.txt", "none.txt"),
-        ("--out map.txt --time nan", "finite time"),
-        ("--out map.txt --time 1e9", "shorten the time"),
+        (["--carry", "uv.npy"], "need --out"),
+        (["--functional-map", "5"], "need --out"),
+        (["--out", "map.obj"], "must end in .txt, .csv, .npy"),
+        (["--out", "map.txt", "--carry", "none.npy"], "none.npy"),
+        (
+            ["--out", "short.npy", "--carry", "short.npy"],
+            "short.npy: it is read; choose another name",
+        ),
+        (["--out", "map.txt", "--carry", "short.npy"], "file 'short.npy': 3 values were given"),
+        (["--out", "map.txt", "--carry", "inf.npy"], "file 'inf.npy': some values are not finite"),
+        (["--out", "C.npy", "--functional-map", "0"], "0 eigenfunctions"),
+        (["--out", "C.npy", "--functional-map", "100000"], "100000 eigenfunctions"),
+        (["--truth", "none.txt"], "none.txt"),
+        (["--out", "map.txt", "--time", "nan"], "finite time"),
+        (["--out", "map.txt", "--time", "1e9"], "shorten the time"),
     ],
 )
 def test_bad_words_are_refused_in_one_line(turned, words, expected, abfm, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     np.save("short.npy", np.zeros(3))
     np.save("inf.npy", np.full(len(load_match(turned).mesh.vertices), np.inf))
-    assert expected in abfm(f"map {turned} {words}", status=2).err
+    assert expected in abfm("map", turned, *words, status=2).err
 
 
 def test_a_file_whose_field_was_taken_out_is_not_believed(turned, tmp_path, abfm):
@@ -149,7 +153,7 @@ def test_a_file_whose_field_was_taken_out_is_not_believed(turned, tmp_path, abfm
     np.savez(
         path := tmp_path / "cheat.npz", **arrays | {"velocity": np.zeros_like(arrays["velocity"])}
     )
-    for command in (f"map {path} --truth identity", f"render {path} --out {tmp_path}/a.png"):
-        [line] = abfm(command).err.splitlines()
+    for command in (["map", path, "--truth=identity"], ["render", path, f"--out={tmp_path}/a.png"]):
+        [line] = abfm(*command).err.splitlines()
         assert line.startswith(f"warning: {path} is not believed, and was judged anew: ")
         assert "is said to be left, and its field leaves 2" in line

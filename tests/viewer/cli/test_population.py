@@ -23,7 +23,8 @@ from tests.viewer.cli.test_report import Page
 
 MESH = icosphere(2)
 NAME = "<b>odd</b>"
-BRIEF = "--refine 0 --iterations 20 --jobs 1 --quiet --rounds 1"
+COMMAND = ["population", "table.csv", "--template", "template.gii", "--out", "out"]
+BRIEF = ["--refine=0", "--iterations=20", "--jobs=1", "--quiet", "--rounds=1"]
 
 
 def height(places):
@@ -58,7 +59,7 @@ def told(folder):
         said = []
         patch.setattr("builtins.print", lambda text, **where: said.append(text))
         patch.setattr(population, "_WIDTH", 48)
-        more = ["--out", folder / "out", "--json", *BRIEF.split()]
+        more = ["--out", folder / "out", "--json", *BRIEF]
         status = main([*map(str, words), *map(str, more)])
     return json.loads(said[-1]), status
 
@@ -165,8 +166,14 @@ def test_weights_and_landmarks_are_told(abfm, folder, monkeypatch):
     lines += [f"s{k};{k}.npy;{k}.csv;{'marks/one.csv' if k == 1 else ''}" for k in (1, 2)]
     (folder / "two.csv").write_text("\r\n".join(lines), encoding="utf-8-sig")
     monkeypatch.chdir(folder.parent)
-    words = f"population {folder}/two.csv --template {folder}/template.gii --no-pictures --json"
-    said = abfm(f"{words} --weight edge=0.25 --out {folder}/two {BRIEF}", status=3)
+    words = [
+        "population",
+        folder / "two.csv",
+        f"--template={folder}/template.gii",
+        "--no-pictures",
+        "--json",
+    ]
+    said = abfm(*words, "--weight", "edge=0.25", "--out", folder / "two", *BRIEF, status=3)
     facts = json.loads(said.out)
     assert [each["weight"] for each in facts["channels"]] == [1, 0.25]
     left = {each["name"]: each["landmarks"] for each in facts["subjects"]}
@@ -185,8 +192,13 @@ def test_running_again_solves_nothing_and_says_the_same(abfm, folder, found, mon
 
     monkeypatch.setattr(sys.modules["abfm.batch.run"], "_by_one", refuse)
     before = (folder / "out" / "population.npz").read_bytes()
-    words = f"population {folder}/table.csv --template {folder}/template.gii --no-pictures"
-    said = abfm(f"{words} --out {folder}/out {BRIEF}", status=3)
+    words = [
+        "population",
+        folder / "table.csv",
+        f"--template={folder}/template.gii",
+        "--no-pictures",
+    ]
+    said = abfm(*words, "--out", folder / "out", *BRIEF, status=3)
     assert (folder / "out" / "population.npz").read_bytes() == before
     lines = said.out.splitlines()
     assert lines[0].startswith("5 of 6 subjects fit; the mean changed by ")
@@ -197,24 +209,26 @@ def test_running_again_solves_nothing_and_says_the_same(abfm, folder, found, mon
 
 
 def test_registrations_of_the_last_round_are_a_batch(abfm, folder, found):
-    said = json.loads(abfm(f"batch --status {folder}/out --no-pictures --json", status=0).out)
+    said = json.loads(
+        abfm("batch", "--status", folder / "out", "--no-pictures", "--json", status=0).out
+    )
     assert {row["digest"] for row in said["rows"]} == set(found.digests)
     assert {row["name"] for row in said["rows"]} == set(found.names)
 
 
 def test_info_says_what_the_run_said(abfm, folder, told, found):
     path = folder / "out" / "population.npz"
-    again = json.loads(abfm(f"info {path} --json").out)
+    again = json.loads(abfm("info", path, "--json").out)
     assert again.pop("result") == str(path)
     own = {name: told[0][name] for name in ("table", "template", "bound", "seconds", "outputs")}
     assert {**again, **own} == told[0]
-    lines = abfm(f"info {path}").out.splitlines()
+    lines = abfm("info", path).out.splitlines()
     count = int(found.fits.sum())
     assert lines[0].startswith(f"{path}: {count} of 6 subjects fit; the mean changed by ")
     assert lines[-1].startswith(f"left out: {NAME}: ")
     assert library.load_population(folder / "out").names == found.names
-    assert abfm(f"info {folder}/out").out.splitlines()[1:] == lines[1:]
-    refused = abfm(f"render {path} --out {folder}/p.png", status=2).err
+    assert abfm("info", folder / "out").out.splitlines()[1:] == lines[1:]
+    refused = abfm("render", path, "--out", folder / "p.png", status=2).err
     assert "it holds a population, and no single match" in refused
 
 
@@ -223,8 +237,8 @@ def test_a_page_without_a_screen_has_no_pictures(abfm, folder, found, monkeypatc
         raise DrawingError("there is no screen")
 
     monkeypatch.setattr(pictures, "population_pictures", refuse)
-    words = f"population {folder}/table.csv --template {folder}/template.gii"
-    said = abfm(f"{words} --out {folder}/out --bound 0.9 {BRIEF}")  # which it keeps
+    words = ["population", folder / "table.csv", "--template", folder / "template.gii"]
+    said = abfm(*words, "--out", folder / "out", "--bound", "0.9", *BRIEF)  # which it keeps
     assert "note: the page has no pictures: there is no screen" in said.err
     text = (folder / "out" / "population.html").read_text(encoding="utf-8")
     assert "The mean has come to rest" in text
@@ -234,8 +248,13 @@ def test_a_page_without_a_screen_has_no_pictures(abfm, folder, found, monkeypatc
 def test_a_subject_that_cannot_be_registered_is_told(abfm, folder, found):
     lines = (folder / "table.csv").read_text().splitlines()
     (folder / "more.csv").write_text("\n".join([*lines, "gone,file:gone.npy,,"]))
-    words = f"population {folder}/more.csv --template {folder}/template.gii --no-pictures"
-    said = abfm(f"{words} --out {folder}/out {BRIEF}", status=4)
+    words = [
+        "population",
+        folder / "more.csv",
+        f"--template={folder}/template.gii",
+        "--no-pictures",
+    ]
+    said = abfm(*words, "--out", folder / "out", *BRIEF, status=4)
     assert "note: gone failed: " in said.err
     assert "left out: gone: it was not registered: " in said.out
 
@@ -243,37 +262,42 @@ def test_a_subject_that_cannot_be_registered_is_told(abfm, folder, found):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("population table.csv --out out", "--template is missing"),
-        ("population table.csv --template template.gii", "--out"),
-        ("population ~no-user/s.csv --template t.gii --out out", "table ~no-user/s.csv"),
-        ("population none.csv --template template.gii --out out", "cannot read table none.csv"),
-        ("population table.csv --template none.gii --out out", "none.gii"),
-        ("population table.csv --template template.gii --out out --function depth", "NAME=SPEC"),
+        (["population", "table.csv", "--out", "out"], "--template is missing"),
+        (["population", "table.csv", "--template", "template.gii"], "--out"),
+        (["population", "~no-user/s.csv", "--template=t.gii", "--out=out"], "table ~no-user/s.csv"),
         (
-            "population table.csv --template template.gii --out out --initial closset",
+            ["population", "none.csv", "--template=template.gii", "--out=out"],
+            "cannot read table none.csv",
+        ),
+        (["population", "table.csv", "--template=none.gii", "--out=out"], "none.gii"),
+        ([*COMMAND, "--function", "depth"], "NAME=SPEC"),
+        (
+            [*COMMAND, "--initial", "closset"],
             "abfm: unknown initial map 'closset' (did you mean 'closest'?)",
         ),
         (
-            "population table.csv --template template.gii --out out --function depht=coordinate:x",
+            [*COMMAND, "--function", "depht=coordinate:x"],
             "and no such channel to register by (did you mean 'depth'?)",
         ),
-        ("population table.csv --template template.gii --out out --weight depth", "NAME=N"),
-        ("population table.csv --template template.gii --out out --weight depth=much", "a number"),
-        ("population table.csv --template template.gii --out out --weight depth=0", "above 0"),
+        ([*COMMAND, "--weight", "depth"], "NAME=N"),
+        ([*COMMAND, "--weight", "depth=much"], "a number"),
+        ([*COMMAND, "--weight", "depth=0"], "above 0"),
         (
-            "population table.csv --template template.gii --out out --weight depth=1 "
-            "--weight depth=2",
+            [*COMMAND, "--weight", "depth=1", "--weight", "depth=2"],
             "--weight depth: it is given twice",
         ),
-        ("population table.csv --template template.gii --out out --mask nonsense", "nonsense"),
-        ("population table.csv --template template.gii --out out --bound -1", "--bound"),
-        ("population table.csv --template template.gii --out out --alpha -1", "alpha is -1"),
-        ("population table.csv --template template.gii --out table.csv", "cannot make the folder"),
+        ([*COMMAND, "--mask", "nonsense"], "nonsense"),
+        ([*COMMAND, "--bound", "-1"], "--bound"),
+        ([*COMMAND, "--alpha", "-1"], "alpha is -1"),
+        (
+            ["population", "table.csv", "--template=template.gii", "--out=table.csv"],
+            "cannot make the folder",
+        ),
     ],
 )
 def test_what_does_not_fit_is_told_in_a_line(abfm, folder, monkeypatch, words, told):
     monkeypatch.chdir(folder)
-    assert told in abfm(f"{words} --quiet", status=2).err
+    assert told in abfm(*words, "--quiet", status=2).err
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which nobody may write")
@@ -281,14 +305,14 @@ def test_a_folder_that_takes_no_files_is_refused_before_subjects_are_read(
     abfm, folder, monkeypatch
 ):
     monkeypatch.chdir(folder)
-    words = "population table.csv --template template.gii --out /proc/self"
-    assert "abfm: cannot write /proc/self/population.npz" in abfm(words, status=2).err
+    words = ["population", "table.csv", "--template=template.gii", "--out=/proc/self"]
+    assert "abfm: cannot write /proc/self/population.npz" in abfm(*words, status=2).err
 
 
 def test_the_table_of_subjects_is_not_replaced_by_what_is_found(abfm, tmp_path):
     (tmp_path / "subjects.csv").write_text("theirs")
-    words = f"population {tmp_path}/subjects.csv --template t.gii --out {tmp_path}"
-    assert "subjects.csv: it is read; choose another name" in abfm(words, status=2).err
+    words = ["population", tmp_path / "subjects.csv", "--template=t.gii", f"--out={tmp_path}"]
+    assert "subjects.csv: it is read; choose another name" in abfm(*words, status=2).err
     assert (tmp_path / "subjects.csv").read_text() == "theirs"
 
 

@@ -14,11 +14,12 @@ from abfm.io import export_ply, write_labels
 from abfm.mesh.shapes import even_sphere
 from abfm.reading import Labels
 from tests.core.registration.test_register import TURN, flowed, hills
+from tests.processes import argv
 from tests.shapes import icosphere
 
 A, B = even_sphere(1500), icosphere(3)
 POSES = [str(asset_path(f"human_{pose}.off")) for pose in "AB"]
-SHORT = "--iterations 30 --refine 0 --quiet"
+SHORT = ["--iterations", "30", "--refine", "0", "--quiet"]
 
 
 @pytest.fixture(scope="module")
@@ -38,18 +39,33 @@ def files(tmp_path_factory):
 def registration(files):
     from abfm_viewer.cli import main
 
-    words = f"register {files}/a.ply {files}/b.ply --source file:{files}/a.npy --target"
-    words += f" file:{files}/b.npy --sigma 2 {SHORT} --out {files}/r.npz"
-    assert main(words.split()) in (0, 3)
+    words = [
+        "register",
+        files / "a.ply",
+        files / "b.ply",
+        f"--source=file:{files}/a.npy",
+        f"--target=file:{files}/b.npy",
+        "--sigma=2",
+        *SHORT,
+        f"--out={files}/r.npz",
+    ]
+    assert main(argv(*words)) in (0, 3)
     return files / "r.npz"
 
 
 def test_a_registration_is_told_and_written_in_several_forms(files, abfm, tmp_path):
     outs = [tmp_path / name for name in ("r.npz", "r.csv", "r.ply", "lh.sphere.reg", "r.surf.gii")]
-    words = " ".join(f"--out {out}" for out in outs)
+    words = [f"--out={out}" for out in outs]
     told = abfm(
-        f"register {files}/a.ply {files}/b.ply --source file:{files}/a.npy --target "
-        f"file:{files}/b.npy --sigma 2 {SHORT} --max-distortion 2 {words}",
+        "register",
+        files / "a.ply",
+        files / "b.ply",
+        f"--source=file:{files}/a.npy",
+        f"--target=file:{files}/b.npy",
+        "--sigma=2",
+        *SHORT,
+        "--max-distortion=2",
+        *words,
     )
     assert told.out.startswith("registered: ")
     assert "note: sphere A was turned by " in told.err
@@ -67,9 +83,20 @@ def test_a_registration_is_told_and_written_in_several_forms(files, abfm, tmp_pa
 
 def test_what_machines_are_told_is_whole(files, abfm, tmp_path):
     told = abfm(
-        f"register {files}/a.ply {files}/b.ply --channel file:{files}/a.npy file:{files}/b.npy 2 "
-        f"--initial sphere --mask-a expression:x>-2 --mask-b expression:1 {SHORT} --sigma 5 --json "
-        f"--out {tmp_path}/r.npz"
+        "register",
+        files / "a.ply",
+        files / "b.ply",
+        "--channel",
+        f"file:{files}/a.npy",
+        f"file:{files}/b.npy",
+        "2",
+        "--initial=sphere",
+        "--mask-a=expression:x>-2",
+        "--mask-b=expression:1",
+        *SHORT,
+        "--sigma=5",
+        "--json",
+        f"--out={tmp_path}/r.npz",
     ).out
     facts = json.loads(told)
     assert facts["map"]["folded"] == 0
@@ -82,23 +109,35 @@ def test_what_machines_are_told_is_whole(files, abfm, tmp_path):
 def test_data_labels_and_points_go_there_and_back(registration, files, abfm, tmp_path):
     found = library.load_registration(registration)
     for by in ("area", "point"):
-        abfm(f"apply {registration} --data {files}/a.npy --by {by} --out {tmp_path}/d.csv")
+        abfm(
+            "apply", registration, f"--data={files}/a.npy", f"--by={by}", f"--out={tmp_path}/d.csv"
+        )
         carried = np.loadtxt(tmp_path / "d.csv", delimiter=",")
         np.testing.assert_allclose(carried, found.carry(np.load(files / "a.npy"), by))
-    told = abfm(f"apply {registration} --labels {files}/a.label.gii --out {tmp_path}/l.label.gii")
+    told = abfm(
+        "apply", registration, f"--labels={files}/a.label.gii", f"--out={tmp_path}/l.label.gii"
+    )
     assert told.out == f"wrote {tmp_path}/l.label.gii\n"
     labels, wanted = read_labels(tmp_path / "l.label.gii"), read_labels(files / "b.label.gii")
     assert labels.names == {2: "south", 5: "north"}
     assert (labels.values == wanted.values).mean() > 0.95
-    abfm(f"apply {registration} --inverse --labels {tmp_path}/l.label.gii --out {tmp_path}/k.csv")
+    abfm(
+        "apply",
+        registration,
+        "--inverse",
+        f"--labels={tmp_path}/l.label.gii",
+        f"--out={tmp_path}/k.csv",
+    )
     back = np.loadtxt(tmp_path / "k.csv", delimiter=",")
     assert (back == read_labels(files / "a.label.gii").values).mean() > 0.95
     np.savetxt(tmp_path / "p.csv", [3, 17], fmt="%d")
-    abfm(f"apply {registration} --points {tmp_path}/p.csv --out {tmp_path}/q.csv")
+    abfm("apply", registration, f"--points={tmp_path}/p.csv", f"--out={tmp_path}/q.csv")
     places = np.loadtxt(tmp_path / "q.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(places, found.back.positions[[3, 17]])
     np.savetxt(tmp_path / "q.txt", places)
-    abfm(f"apply {registration} --inverse --points {tmp_path}/q.txt --out {tmp_path}/p.csv")
+    abfm(
+        "apply", registration, "--inverse", f"--points={tmp_path}/q.txt", f"--out={tmp_path}/p.csv"
+    )
     places = np.loadtxt(tmp_path / "p.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(places, A.vertices[[3, 17]], atol=1e-3)
 
@@ -119,17 +158,17 @@ def test_one_of_several_columns_of_labels_is_chosen(registration, tmp_path, abfm
     left = (A.vertices[:, 0] > 0).astype(int)
     wanted = library.load_registration(registration).carry_labels(left, "area")
     for name, column in (("two.csv", "left"), ("two.csv", "1"), ("two.label.gii", "left")):
-        labels = f"--labels {tmp_path}/{name} --column {column}"
-        abfm(f"apply {registration} {labels} --out {tmp_path}/x.csv")
+        labels = ["--labels", f"{tmp_path}/{name}", "--column", column]
+        abfm("apply", registration, *labels, "--out", tmp_path / "x.csv")
         np.testing.assert_array_equal(np.loadtxt(tmp_path / "x.csv"), wanted)
 
 
 def test_points_beside_a_surface_are_told(registration, tmp_path, abfm):
     np.savetxt(tmp_path / "p.csv", [[0, 0, 1.0], [0, 1.25, 0]])
-    told = abfm(f"apply {registration} --points {tmp_path}/p.csv --out {tmp_path}/q.csv")
+    told = abfm("apply", registration, f"--points={tmp_path}/p.csv", f"--out={tmp_path}/q.csv")
     assert "note: of the points, 2 was farthest: 0.25" in told.err
     np.savetxt(tmp_path / "p.csv", A.vertices[[4]])
-    told = abfm(f"apply {registration} --points {tmp_path}/p.csv --out {tmp_path}/q.csv")
+    told = abfm("apply", registration, f"--points={tmp_path}/p.csv", f"--out={tmp_path}/q.csv")
     assert told.err == ""
 
 
@@ -138,18 +177,22 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
     count = len(a.vertices)
     Correspondence.of_same_faces(a, b).save(tmp_path / "c.npz")
     np.savetxt(tmp_path / "t.txt", np.arange(count), fmt="%d")
-    told = abfm(f"map {tmp_path}/c.npz --truth {tmp_path}/t.txt --out {tmp_path}/m.txt").out
+    told = abfm(
+        "map", tmp_path / "c.npz", f"--truth={tmp_path}/t.txt", f"--out={tmp_path}/m.txt"
+    ).out
     assert "geodesic error: mean 0.0000" in told
     assert "of A is covered" in told
     np.testing.assert_array_equal(np.loadtxt(tmp_path / "m.txt"), np.arange(count))
-    told = abfm(f"info {tmp_path}/c.npz").out
+    told = abfm("info", tmp_path / "c.npz").out
     assert told.splitlines()[0].endswith("faces and B of 2,454, without a match")
     assert "of A is covered" in told
-    assert json.loads(abfm(f"info {tmp_path}/c.npz --json").out)["map"]["coverage"] == 1
-    for words in ("render {} --out {}/x.png", "render {} --out {}/x.png --style sheet"):
-        told = abfm(words.format(tmp_path / "c.npz", tmp_path), status=2).err
+    assert json.loads(abfm("info", tmp_path / "c.npz", "--json").out)["map"]["coverage"] == 1
+    for style in ([], ["--style", "sheet"]):
+        told = abfm("render", tmp_path / "c.npz", "--out", tmp_path / "x.png", *style, status=2).err
         assert "it holds a map between two surfaces, and no match; `abfm map` tells" in told
-    facts = json.loads(abfm(f"map {tmp_path}/c.npz --truth identity --inverse --json").out)
+    facts = json.loads(
+        abfm("map", tmp_path / "c.npz", "--truth", "identity", "--inverse", "--json").out
+    )
     assert facts["accuracy"]["maximum"] < 1e-9
     assert facts["map"]["coverage"] == 1
 
@@ -157,52 +200,126 @@ def test_a_map_between_surfaces_is_judged_by_a_true_one(tmp_path, abfm):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("register {a} {b} --source file:{n} --out {t}/r.npz", "need each other"),
+        (["register", "{a}", "{b}", "--source=file:{n}", "--out={t}/r.npz"], "need each other"),
         (
-            "register {a} {b} --source {x} --target {x} --initial sphere:~-/a,~-/b --out {t}/r.npz",
+            [
+                "register",
+                "{a}",
+                "{b}",
+                "--source={x}",
+                "--target={x}",
+                "--initial=sphere:~-/a,~-/b",
+                "--out={t}/r.npz",
+            ],
             "~-/a",
         ),
-        ("register {a} {b} --out {t}/r.npz", "give --source and --target"),
+        (["register", "{a}", "{b}", "--out", "{t}/r.npz"], "give --source and --target"),
         (
-            "register {a} {b} --source {x} --target {x} --out {b}",
+            ["register", "{a}", "{b}", "--source={x}", "--target={x}", "--out={b}"],
             "b.ply: it is read; choose another",
         ),
         (
-            "register {a} {b} --landmarks {n} --initial file:{t}/p.csv --out {t}/p.csv",
+            [
+                "register",
+                "{a}",
+                "{b}",
+                "--landmarks={n}",
+                "--initial=file:{t}/p.csv",
+                "--out={t}/p.csv",
+            ],
             "p.csv: it is read; choose another",
         ),
         (
-            "register {a} {b} --source file:{t}/p.csv --target {x} --out {t}/p.csv",
+            [
+                "register",
+                "{a}",
+                "{b}",
+                "--source=file:{t}/p.csv",
+                "--target={x}",
+                "--out={t}/p.csv",
+            ],
             "p.csv: it is read; choose another",
         ),
-        ("register {a} {b} --source file:{n} --target file:{n} --out {t}/r.npz", "one per vertex"),
-        ("register {a} {a} --source file:{n} --target file:{n} --out {t}/r.xyz", "must end in"),
         (
-            "register {a} {a} --source file:{n} --target file:{n} --initial spher --out {t}/r.npz",
+            ["register", "{a}", "{b}", "--source=file:{n}", "--target=file:{n}", "--out={t}/r.npz"],
+            "one per vertex",
+        ),
+        (
+            ["register", "{a}", "{a}", "--source=file:{n}", "--target=file:{n}", "--out={t}/r.xyz"],
+            "must end in",
+        ),
+        (
+            [
+                "register",
+                "{a}",
+                "{a}",
+                "--source=file:{n}",
+                "--target=file:{n}",
+                "--initial=spher",
+                "--out={t}/r.npz",
+            ],
             "did you mean",
         ),
-        ("register {a} {a} --source file:{n} --target file:{n} --out {t}/x.reg", "must end in"),
-        ("register {a} {a} --source {x} --target {x} --out {t}/x.shape.gii", "must end in"),
-        ("register {a} {b} --source {x} --target {x} --alpha -1 --out {t}/r.npz", "alpha is -1"),
-        ("register {a} {b} --landmarks {t}/p.csv --mask-a {x} --out {t}/r.npz", "there are none"),
-        ("register {a} {b} --landmarks {t}/huge.csv --out {t}/r.npz", "has 1e+300 for the vertex"),
-        ("apply {r} --labels {t}/inf.csv --out {t}/x.csv", "whole numbers"),
-        ("apply {r} --data {n}", "give --out"),
-        ("apply {r} --out {t}/x.csv", "one of the arguments"),
-        ("apply {r} --inverse --data {n} --out {t}/x.csv", "they fit the other surface"),
-        ("apply {r} --labels {n} --out {t}/x.csv", "whole numbers"),
-        ("apply {a} --data {n} --out {t}/x.csv", "damaged"),
-        ("apply {r} --points {n} --out {t}/x.csv", "no vertex in use"),
-        ("apply {r} --points {t}/p.csv --out {t}/p.csv", "p.csv: it is read; choose another name"),
         (
-            "apply {r} --points {t}/p.csv --by area --out {t}/x.csv",
+            ["register", "{a}", "{a}", "--source=file:{n}", "--target=file:{n}", "--out={t}/x.reg"],
+            "must end in",
+        ),
+        (
+            ["register", "{a}", "{a}", "--source={x}", "--target={x}", "--out={t}/x.shape.gii"],
+            "must end in",
+        ),
+        (
+            [
+                "register",
+                "{a}",
+                "{b}",
+                "--source={x}",
+                "--target={x}",
+                "--alpha=-1",
+                "--out={t}/r.npz",
+            ],
+            "alpha is -1",
+        ),
+        (
+            ["register", "{a}", "{b}", "--landmarks={t}/p.csv", "--mask-a={x}", "--out={t}/r.npz"],
+            "there are none",
+        ),
+        (
+            ["register", "{a}", "{b}", "--landmarks={t}/huge.csv", "--out={t}/r.npz"],
+            "has 1e+300 for the vertex",
+        ),
+        (["apply", "{r}", "--labels={t}/inf.csv", "--out={t}/x.csv"], "whole numbers"),
+        (["apply", "{r}", "--data", "{n}"], "give --out"),
+        (["apply", "{r}", "--out", "{t}/x.csv"], "one of the arguments"),
+        (
+            ["apply", "{r}", "--inverse", "--data={n}", "--out={t}/x.csv"],
+            "they fit the other surface",
+        ),
+        (["apply", "{r}", "--labels", "{n}", "--out", "{t}/x.csv"], "whole numbers"),
+        (["apply", "{a}", "--data", "{n}", "--out", "{t}/x.csv"], "damaged"),
+        (["apply", "{r}", "--points", "{n}", "--out", "{t}/x.csv"], "no vertex in use"),
+        (
+            ["apply", "{r}", "--points={t}/p.csv", "--out={t}/p.csv"],
+            "p.csv: it is read; choose another name",
+        ),
+        (
+            ["apply", "{r}", "--points={t}/p.csv", "--by=area", "--out={t}/x.csv"],
             "--by is of --data and --labels",
         ),
-        ("apply {r} --points {t}/far.csv --out {t}/x.csv", "point 2 is 39 away from the surface"),
-        ("apply {r} --data {n} --column 0 --out {t}/x.csv", "--column is of --labels"),
-        ("apply {r} --labels {t}/two.csv --out {t}/x.csv", "choose --column 0 to 1"),
-        ("apply {r} --labels {t}/two.label.gii --out {t}/x.csv", "choose --column 0 to 1"),
-        ("map {r} --truth identity --time 1", "on one surface"),
+        (
+            ["apply", "{r}", "--points={t}/far.csv", "--out={t}/x.csv"],
+            "point 2 is 39 away from the surface",
+        ),
+        (
+            ["apply", "{r}", "--data={n}", "--column=0", "--out={t}/x.csv"],
+            "--column is of --labels",
+        ),
+        (["apply", "{r}", "--labels={t}/two.csv", "--out={t}/x.csv"], "choose --column 0 to 1"),
+        (
+            ["apply", "{r}", "--labels={t}/two.label.gii", "--out={t}/x.csv"],
+            "choose --column 0 to 1",
+        ),
+        (["map", "{r}", "--truth", "identity", "--time", "1"], "on one surface"),
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_line(words, told, registration, files, tmp_path, abfm):
@@ -212,15 +329,23 @@ def test_what_does_not_fit_is_refused_in_a_line(words, told, registration, files
     (tmp_path / "far.csv").write_text("0,0,2\n0,40,0\n")
     write_two_columns(tmp_path)
     (tmp_path / "inf.csv").write_text("1\n" * (len(A.vertices) - 1) + "inf\n")
-    line = words.format(**names, r=registration, t=tmp_path, x="expression:1+x")
-    assert told in abfm(line, status=2).err
+    places = {**names, "r": registration, "t": tmp_path, "x": "expression:1+x"}
+    assert told in abfm(*(word.format(**places) for word in words), status=2).err
 
 
 def test_what_was_not_reached_says_what_to_try_without_a_result_to_start_from(
     files, abfm, tmp_path
 ):
-    pair = "--source gaussian:vertex=5 --target gaussian:vertex=300"
-    words = f"register {files}/b.ply {files}/b.ply {pair} --iterations 3 --refine 0 --quiet"
-    told = abfm(f"{words} --out {tmp_path}/r.npz", status=3).out
+    pair = ["--source", "gaussian:vertex=5", "--target", "gaussian:vertex=300"]
+    words = [
+        "register",
+        files / "b.ply",
+        files / "b.ply",
+        *pair,
+        "--iterations=3",
+        "--refine=0",
+        "--quiet",
+    ]
+    told = abfm(*words, "--out", tmp_path / "r.npz", status=3).out
     assert "\nto try: " in told
     assert "--start" not in told

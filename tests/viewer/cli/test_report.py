@@ -19,12 +19,13 @@ from abfm.maps import project_onto_surface
 from abfm.mesh.shapes import even_sphere
 from abfm_viewer import pictures
 from abfm_viewer.errors import DrawingError
+from tests.processes import argv
 from tests.shapes import icosphere
 
 A, B = even_sphere(400), icosphere(2)
 BRIEF = Parameters(iterations=60, refine=0, levels=1, sigma=1, cooling_stages=3, order=1)
 TITLE = '<i>"A" & B</i>'
-SMALL = "--width 40 --quiet"
+SMALL = ["--width", "40", "--quiet"]
 
 
 class Page(HTMLParser):
@@ -93,7 +94,7 @@ def written(registered, tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     registered.save(folder / "r.npz")
     words = ["report", folder / "r.npz", "--out", folder / "r.html", "--title", TITLE]
-    assert main([*map(str, words), *SMALL.split()]) == 0
+    assert main(argv(*words, *SMALL)) == 0
     return folder
 
 
@@ -166,7 +167,9 @@ def test_numbers_on_the_page_are_those_of_the_registration(found, written, page)
 def test_the_same_file_gives_the_same_bytes_and_machines_the_same_numbers(
     written, page, abfm, tmp_path
 ):
-    told = abfm(f"report {written}/r.npz --out {tmp_path}/s.html --json {SMALL} --title", TITLE)
+    told = abfm(
+        "report", written / "r.npz", f"--out={tmp_path}/s.html", "--json", *SMALL, "--title", TITLE
+    )
     assert json.loads(told.out) == json.loads(page.facts)
     assert (tmp_path / "s.html").read_bytes() == (written / "r.html").read_bytes()
 
@@ -175,7 +178,7 @@ def test_notes_and_doubts_of_a_registration_are_on_its_page(found, written, abfm
     doubtful = replace(found.match, doubt="0.1 is said to be left")
     other = library.Registration(found.initial, doubtful, ("A & B began <near> each other",))
     monkeypatch.setattr("abfm_viewer.cli.reports.report.load_correspondence", lambda path: other)
-    abfm(f"report {written}/r.npz --out {written}/n.html {SMALL}")
+    abfm("report", written / "r.npz", "--out", written / "n.html", *SMALL)
     page = Page((written / "n.html").read_text(encoding="utf-8"))
     assert "A & B began <near> each other." in page.text
     assert "judged anew: 0.1 is said to be left." in page.text
@@ -187,7 +190,7 @@ def test_a_map_without_functions_is_told_with_its_faults(abfm, tmp_path):
     places = project_onto_surface(A, moved)
     found = Correspondence(PointMap(B, A, places.faces, places.barycentric))
     found.save(tmp_path / "c.npz")
-    told = abfm(f"report {tmp_path}/c.npz --out {tmp_path}/c.html --width 40")
+    told = abfm("report", tmp_path / "c.npz", "--out", tmp_path / "c.html", "--width", "40")
     folded = found.distortion().folded
     assert folded > 5
     warning = f"{folded} of {len(B.faces)} faces are folded"
@@ -204,7 +207,7 @@ def test_a_map_without_functions_is_told_with_its_faults(abfm, tmp_path):
 def test_a_match_on_one_surface_has_its_page(abfm, tmp_path):
     f, g = waves(B.vertices)[:, 0], waves(B.vertices[:, [1, 0, 2]])[:, 0]
     library.match(B, f, g, BRIEF).save(tmp_path / "m.npz")
-    abfm(f"report {tmp_path}/m.npz --out {tmp_path}/m.html {SMALL}")
+    abfm("report", tmp_path / "m.npz", "--out", tmp_path / "m.html", *SMALL)
     page = Page((tmp_path / "m.html").read_text())
     assert "A match on a surface of 162 vertices" in page.text
     assert "function 1, carried, back" in page.pictures
@@ -230,17 +233,17 @@ def test_a_is_seen_from_where_the_map_brings_b(is_mirrored):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("{t}/none.npz --out {t}/r.html", "none.npz"),
-        ("{r} --out {t}/r.txt", "must end in .html"),
-        ("{r} --out {t}/no/r.html", "there is no folder"),
-        ("{r} --out {t}/r.html --width 5", "from 32 to 2000"),
-        ("{r} --out {t}/r.html --width much", "from 32 to 2000"),
-        ("{r}", "--out"),
+        (["{t}/none.npz", "--out", "{t}/r.html"], "none.npz"),
+        (["{r}", "--out", "{t}/r.txt"], "must end in .html"),
+        (["{r}", "--out", "{t}/no/r.html"], "there is no folder"),
+        (["{r}", "--out", "{t}/r.html", "--width", "5"], "from 32 to 2000"),
+        (["{r}", "--out", "{t}/r.html", "--width", "much"], "from 32 to 2000"),
+        (["{r}"], "--out"),
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_line(words, told, written, tmp_path, abfm):
-    line = words.format(r=written / "r.npz", t=tmp_path)
-    assert told in abfm(f"report {line} --quiet", status=2).err
+    line = [word.format(r=written / "r.npz", t=tmp_path) for word in words]
+    assert told in abfm("report", *line, "--quiet", status=2).err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -249,7 +252,7 @@ def test_a_machine_that_cannot_draw_says_so_and_leaves_no_page(
 ):
     refuse = Mock(side_effect=DrawingError("cannot draw without OpenGL"))
     monkeypatch.setattr(pictures, "registration_pictures", refuse)
-    told = abfm(f"report {written}/r.npz --out {tmp_path}/r.html --quiet", status=2)
+    told = abfm("report", written / "r.npz", "--out", tmp_path / "r.html", "--quiet", status=2)
     assert told.err == "abfm: cannot draw without OpenGL\n"
     assert list(tmp_path.iterdir()) == []
 
@@ -258,7 +261,7 @@ def test_landmarks_alone_have_no_pictures_of_functions_and_the_farthest_is_told(
     ball = icosphere(2)
     found = library.register(ball, ball, landmarks=[[0, 20], [50, 60]])
     found.save(tmp_path / "r.npz")
-    abfm(f"report {tmp_path}/r.npz --out {tmp_path}/r.html --width 160 --quiet")
+    abfm("report", tmp_path / "r.npz", f"--out={tmp_path}/r.html", "--width=160", "--quiet")
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "Matched: 2 landmarks within 0." in text
     assert "farthest landmark" in text

@@ -16,7 +16,15 @@ from abfm.mesh import load_mesh
 
 EIGHT = str(asset_path("eight.off"))
 PAIR = [f"gaussian:vertex={vertex},width=0.2" for vertex in (10, 40)]
-WORDS = f"match {EIGHT} --source {PAIR[0]} --target {PAIR[1]} --iterations 6 --quiet --out"
+WORDS = [
+    "match",
+    EIGHT,
+    f"--source={PAIR[0]}",
+    f"--target={PAIR[1]}",
+    "--iterations=6",
+    "--quiet",
+    "--out",
+]
 SHORT = 3  # the exit status of a run that is too short to arrive
 
 
@@ -38,19 +46,19 @@ def test_info_shows_the_path_of_a_result_with_the_step_that_it_is(found, tmp_pat
     out = tmp_path / "m.npz"
     for step in (1, 2):
         found.at_step(step).save(out)
-        lines = abfm(f"info {out}").out.splitlines()
+        lines = abfm("info", out).out.splitlines()
         table = [line for line in lines if line.split()[:1] in (["1"], ["2"], ["3"], ["*"])]
         assert [line.startswith("*") for line in table] == [number == step for number in range(3)]
         assert [line.split()[-1] for line in table] == ["0", "1", "0"]
     assert lines[0].startswith(f"{out}: ")
-    told = json.loads(abfm(f"info {out} --json").out)
+    told = json.loads(abfm("info", out, "--json").out)
     assert (told["step"], told["refined"], told["path"][1]["verified_residual"]) == (2, 0, None)
     assert [told["path"][1][name] for name in ("sigma", "refined")] == [1.0, 1]
 
 
 def test_match_writes_its_path_and_takes_the_step_that_is_asked_for(tmp_path, abfm):
     out, table = tmp_path / "m.npz", tmp_path / "p.csv"
-    told = abfm(f"{WORDS} {out} --path {table} --max-distortion 1000", status=SHORT)
+    told = abfm(*WORDS, out, "--path", table, "--max-distortion", "1000", status=SHORT)
     header, *rows = csv.reader(table.read_text().splitlines())
     written = load_match(out)
     assert tuple(header) == COLUMNS
@@ -58,10 +66,12 @@ def test_match_writes_its_path_and_takes_the_step_that_is_asked_for(tmp_path, ab
     assert 0 <= written.step < len(rows)
     assert f"; wrote {out}, {table}" in told.out
     assert "--max-distortion 1000: kept by 100.00% of the faces" in told.out
-    told = abfm(f"{WORDS} {out} --max-distortion 1e-9", status=SHORT)
+    told = abfm(*WORDS, out, "--max-distortion", "1e-9", status=SHORT)
     assert "this is the smoothest field that was tried" in told.out
     told = json.loads(
-        abfm(f"{WORDS} {out} --sigma 2 --goal 0.2 --refine auto --json", status=SHORT).out
+        abfm(
+            *WORDS, out, "--sigma", "2", "--goal", "0.2", "--refine", "auto", "--json", status=SHORT
+        ).out
     )
     parameters = told["parameters"]
     assert [parameters[name] for name in ("sigma", "goal", "refine")] == [2.0, 0.2, None]

@@ -21,7 +21,7 @@ from tests.core.sequences.turning_film import MESH, TIMES, film
 from tests.viewer.cli.test_signals import ended, start
 
 STEP = TIMES[1] - TIMES[0]
-SOLVED = "--sigma 0.1 --quiet"
+SOLVED = ["--sigma", "0.1", "--quiet"]
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +36,9 @@ def files(tmp_path_factory):
 
 def test_a_film_is_solved_told_and_written_in_several_forms(files, tmp_path, abfm):
     outs = [tmp_path / name for name in ("s.npz", "s.pvd", "s-lh.stc", "lh.s.func.gii", "s.html")]
-    words = " ".join(f"--out {out}" for out in outs)
-    tables = f"--tracks {tmp_path}/t.csv --intervals {tmp_path}/i.csv"
-    told = abfm(f"sequence {files}/m.ply {files}/f.npz --sigma 0.1 {words} {tables}")
+    words = [f"--out={out}" for out in outs]
+    tables = ["--tracks", tmp_path / "t.csv", "--intervals", tmp_path / "i.csv"]
+    told = abfm("sequence", files / "m.ply", files / "f.npz", "--sigma=0.1", *words, *tables)
     found, wanted = load_sequence(outs[0]), library.sequence(MESH, film(), TIMES, given(sigma=0.1))
     np.testing.assert_array_equal(found.velocity, wanted.velocity)
     lines = told.out.splitlines()
@@ -58,9 +58,9 @@ def test_a_film_is_solved_told_and_written_in_several_forms(files, tmp_path, abf
     assert "4 of 4 intervals are confirmed" in outs[4].read_text(encoding="utf-8")
     again = tmp_path / "again" / "s.html"
     again.parent.mkdir()
-    abfm(f"render {outs[0]} --out {again}")
+    abfm("render", outs[0], "--out", again)
     assert again.read_bytes() == outs[4].read_bytes()
-    assert abfm(f"info {outs[0]}").out.splitlines()[1:4] == lines[1:4]
+    assert abfm("info", outs[0]).out.splitlines()[1:4] == lines[1:4]
 
 
 def given(**changes):
@@ -68,21 +68,39 @@ def given(**changes):
 
 
 def test_seconds_between_frames_may_be_said(files, tmp_path, abfm):
-    told = abfm(f"sequence {files}/m.ply {files}/f.npy --dt {STEP} {SOLVED} --out {tmp_path}/a.npz")
+    told = abfm(
+        "sequence",
+        files / "m.ply",
+        files / "f.npy",
+        f"--dt={STEP}",
+        *SOLVED,
+        f"--out={tmp_path}/a.npz",
+    )
     assert told.err == ""
     np.testing.assert_allclose(load_sequence(tmp_path / "a.npz").times, TIMES - TIMES[0])
-    told = abfm(f"sequence {files}/m.ply {files}/f.npz --dt 2 {SOLVED} --out {tmp_path}/a.npz")
+    told = abfm(
+        "sequence", files / "m.ply", files / "f.npz", "--dt=2", *SOLVED, f"--out={tmp_path}/a.npz"
+    )
     np.testing.assert_array_equal(load_sequence(tmp_path / "a.npz").times, 2 * np.arange(5))
-    told = abfm(f"sequence {files}/m.ply {files}/f.npy {SOLVED} --out {tmp_path}/a.npz")
+    told = abfm("sequence", files / "m.ply", files / "f.npy", *SOLVED, f"--out={tmp_path}/a.npz")
     assert told.err == "note: the file says no times: frames count as 1 apart; --dt gives seconds\n"
     assert "unit per frame\n" in told.out
-    assert "unit per frame\n" in abfm(f"info {tmp_path}/a.npz").out
+    assert "unit per frame\n" in abfm("info", tmp_path / "a.npz").out
 
 
 def test_machines_are_told_and_parameters_are_taken(files, tmp_path, abfm):
     told = abfm(
-        f"sequence {files}/m.ply {files}/f.npz --gamma 0 --alpha 0.5 --order 2 --sigma 0.2 --json "
-        f"--mask expression:x>-2 --quiet --out {tmp_path}/a.npz"
+        "sequence",
+        files / "m.ply",
+        files / "f.npz",
+        "--gamma=0",
+        "--alpha=0.5",
+        "--order=2",
+        "--sigma=0.2",
+        "--json",
+        "--mask=expression:x>-2",
+        "--quiet",
+        f"--out={tmp_path}/a.npz",
     ).out
     facts = json.loads(told)
     found = load_sequence(tmp_path / "a.npz")
@@ -96,19 +114,26 @@ def test_machines_are_told_and_parameters_are_taken(files, tmp_path, abfm):
     assert facts["speed"]["median_where_steep"] != facts["speed"]["median"] > 0
     assert facts["tracks"]["spiral"] == len([t for t in found.tracks() if t.kind == "spiral"])
     assert facts["film"].endswith("f.npz")
-    again = json.loads(abfm(f"info {tmp_path}/a.npz --json").out)
+    again = json.loads(abfm("info", tmp_path / "a.npz", "--json").out)
     assert {name: again[name] for name in again if name in facts} == {
         name: facts[name] for name in again if name in facts
     }
-    assert abfm(f"info {tmp_path}/a.npz").out.splitlines()[0].endswith("lines: 4 matched")
+    assert abfm("info", tmp_path / "a.npz").out.splitlines()[0].endswith("lines: 4 matched")
 
 
 def test_channels_are_weighed(files, tmp_path, abfm):
     np.save(tmp_path / "two.npy", np.stack([film(), film()[::-1]], axis=2))
-    words = f"sequence {files}/m.ply {tmp_path}/two.npy --dt 1 {SOLVED} --out {tmp_path}/a.npz"
-    abfm(f"{words} --weights 0,1")
+    words = [
+        "sequence",
+        files / "m.ply",
+        tmp_path / "two.npy",
+        "--dt=1",
+        *SOLVED,
+        f"--out={tmp_path}/a.npz",
+    ]
+    abfm(*words, "--weights", "0,1")
     backward = load_sequence(tmp_path / "a.npz")
-    abfm(f"{words} --weights 1,0")
+    abfm(*words, "--weights", "1,0")
     forward = load_sequence(tmp_path / "a.npz")
     np.testing.assert_array_equal(forward[0].weights, [1, 0])
     assert (forward.velocity * backward.velocity).sum() < 0
@@ -118,20 +143,27 @@ def test_fewer_than_half_confirmed_is_an_exit_status_of_its_own(files, tmp_path,
     noise = np.random.default_rng(0).normal(size=film().shape)
     noise[:, ::2] *= 40  # which no flow carries
     np.save(tmp_path / "noise.npy", noise)
-    words = f"sequence {files}/m.ply {tmp_path}/noise.npy --sigma 3 --quiet --out {tmp_path}/a.npz"
-    told = abfm(words, status=3).out
+    words = [
+        "sequence",
+        files / "m.ply",
+        tmp_path / "noise.npy",
+        "--sigma=3",
+        "--quiet",
+        f"--out={tmp_path}/a.npz",
+    ]
+    told = abfm(*words, status=3).out
     found = load_sequence(tmp_path / "a.npz")
     assert 2 * found.confirmed < len(found)
     assert told.startswith(f"{found.confirmed} of 4 intervals confirmed by flow lines: ")
 
 
 def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
-    abfm(f"sequence {files}/m.ply {files}/f.npz {SOLVED} --out {tmp_path}/a.npz")
-    draw = f"render {tmp_path}/a.npz --out {tmp_path}"
-    assert abfm(f"{draw}/a.html").out == f"wrote {tmp_path}/a.html\n"
+    abfm("sequence", files / "m.ply", files / "f.npz", *SOLVED, f"--out={tmp_path}/a.npz")
+    draw = ["render", tmp_path / "a.npz", "--out"]
+    assert abfm(*draw, tmp_path / "a.html").out == f"wrote {tmp_path}/a.html\n"
     assert "intervals are confirmed" in (tmp_path / "a.html").read_text(encoding="utf-8")
-    for name, times in (("one", "--time 0"), ("other", "--time 0.1"), ("both", "")):
-        abfm(f"{draw}/{name}.png --size 900x500 {times}")
+    for name, times in (("one", ["--time=0"]), ("other", ["--time=0.1"]), ("both", [])):
+        abfm(*draw, f"{tmp_path}/{name}.png", "--size", "900x500", *times)
     one, other, both = (
         np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB"), dtype=int)
         for name in ("one", "other", "both")
@@ -140,48 +172,75 @@ def test_a_page_and_a_sheet_are_drawn_of_a_file(files, tmp_path, abfm):
     red, blue = (np.abs(one - [r, 40, b]).sum(axis=2) < 90 for r, b in ((200, 50), (40, 150)))
     assert min(red.sum(), blue.sum()) > 5000  # of the function's colours
     assert (np.abs(one - other).max(axis=2) > 20).sum() > 2000  # it has turned
-    for words, told in (
-        ("a.png --time 3", "expected a time from -0.1 to 0.1"),
-        ("a.png --channel 1", "there are channels 0 to 0"),
-        ("a.png --streaks", "--streaks is for pictures of matches"),
-        ("a.html --time 0", "--time is for pictures and movies"),
+    for name, words, told in (
+        ("a.png", ["--time=3"], "expected a time from -0.1 to 0.1"),
+        ("a.png", ["--channel=1"], "there are channels 0 to 0"),
+        ("a.png", ["--streaks"], "--streaks is for pictures of matches"),
+        ("a.html", ["--time=0"], "--time is for pictures and movies"),
     ):
-        assert told in abfm(f"{draw}/{words}", status=2).err
+        assert told in abfm(*draw, f"{tmp_path}/{name}", *words, status=2).err
 
 
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("{m} {f} --out {t}/a.vtu", "its name must end in .npz, .pvd, .stc, .gii, .html"),
-        ("{m} {f} --out {t}/a.stc", "must end in -lh.stc or -rh.stc"),
-        ("{m} {f} --out {t}/no/a.npz", "there is no folder"),
-        ("{m} {f} --tracks {t}/t.txt --out {t}/a.npz", "must end in .csv"),
-        ("{m} {f} --tracks {t}/t.csv --intervals {t}/t.csv --out {t}/a.npz", "the same name"),
-        ("{m} {f} --dt 0 --out {t}/a.npz", "--dt: 0 is not a number above 0"),
-        ("{m} {f} --dt 1 --gamma -1 --out {t}/a.npz", "--gamma: -1 is not a number from 0"),
-        ("{m} {f} --dt 1 --weights 0 --out {t}/a.npz", "zero everywhere; give a channel one above"),
-        ("{m} {f} --weights '' --out {t}/a.npz", "'' is not weights of channels"),
-        ("{m} {f} --out {t}/file/a.npz", "file is no folder; choose another place"),
-        ("{m} {f} --weights 1,-1 --out {t}/a.npz", "-1 is not weights of channels such as 1,0.5"),
-        ("{m} {f} --dt 1 --weights 1,1 --out {t}/a.npz", "one for each channel"),
-        ("{m} {f} --alpha -1 --out {t}/a.npz", "alpha is -1"),
-        ("{m} {f} --tau 2 --out {t}/a.npz", "'--tau' is not understood"),
-        ("{m} {f} --array u --out {t}/a.npz", "has no arrays with names"),
-        ("{m} {t}/one.npy --dt 1 --out {t}/a.npz", "there is one frame"),
-        ("{m} {t}/short.npy --out {t}/a.npz", "the mesh has 162 vertices"),
-        ("{m} {t}/none.npy --out {t}/a.npz", "cannot be read: No such file"),
-        ("{m} {t}/back.npz --out {t}/a.npz", "times must be finite, and each later"),
-        ("{m} {t}/uneven.npz --out {t}/a.npz --out {t}/a-lh.stc", "times are not evenly spaced"),
-        ("{m} {t}/back.npz --out {t}/back.npz", "back.npz: it is read; choose another name"),
-        ("{m} {t}/x.pvd --array u --out {t}/x.pvd", "x.pvd: it is read"),
-        ("{m} {t}/x/x_1.vtu --out {t}/x.pvd", "x.pvd: its x_1.vtu is read"),
-        ("{m} {f} --mask {t}/t.csv --intervals {t}/t.csv --out {t}/a.npz", "t.csv: it is read"),
-        ("{m} {f} --mask file:{t}/t.csv --tracks {t}/t.csv --out {t}/a.npz", "t.csv: it is read"),
-        ("~no-user/m.ply {f} --out {t}/a.npz", "m.ply"),
-        (f"{{m}} {{f}} --mask {'a+' * 200} --out {{t}}/a.npz", "unknown function family"),
-        ("{t}/x/m.ply {f} --out {t}/x.pvd", "m.ply"),  # which no frame is called as
-        ("{m} {f} --out {t}/file.pvd", "file: there is a file; choose another name\n"),
-        ("{m} {f}", "the following arguments are required: --out"),
+        (
+            ["{m}", "{f}", "--out", "{t}/a.vtu"],
+            "its name must end in .npz, .pvd, .stc, .gii, .html",
+        ),
+        (["{m}", "{f}", "--out", "{t}/a.stc"], "must end in -lh.stc or -rh.stc"),
+        (["{m}", "{f}", "--out", "{t}/no/a.npz"], "there is no folder"),
+        (["{m}", "{f}", "--tracks", "{t}/t.txt", "--out", "{t}/a.npz"], "must end in .csv"),
+        (
+            ["{m}", "{f}", "--tracks={t}/t.csv", "--intervals={t}/t.csv", "--out={t}/a.npz"],
+            "the same name",
+        ),
+        (["{m}", "{f}", "--dt", "0", "--out", "{t}/a.npz"], "--dt: 0 is not a number above 0"),
+        (
+            ["{m}", "{f}", "--dt=1", "--gamma=-1", "--out={t}/a.npz"],
+            "--gamma: -1 is not a number from 0",
+        ),
+        (
+            ["{m}", "{f}", "--dt=1", "--weights=0", "--out={t}/a.npz"],
+            "zero everywhere; give a channel one above",
+        ),
+        (["{m}", "{f}", "--weights", "", "--out", "{t}/a.npz"], "'' is not weights of channels"),
+        (["{m}", "{f}", "--out", "{t}/file/a.npz"], "file is no folder; choose another place"),
+        (
+            ["{m}", "{f}", "--weights", "1,-1", "--out", "{t}/a.npz"],
+            "-1 is not weights of channels such as 1,0.5",
+        ),
+        (["{m}", "{f}", "--dt=1", "--weights=1,1", "--out={t}/a.npz"], "one for each channel"),
+        (["{m}", "{f}", "--alpha", "-1", "--out", "{t}/a.npz"], "alpha is -1"),
+        (["{m}", "{f}", "--tau", "2", "--out", "{t}/a.npz"], "'--tau' is not understood"),
+        (["{m}", "{f}", "--array", "u", "--out", "{t}/a.npz"], "has no arrays with names"),
+        (["{m}", "{t}/one.npy", "--dt", "1", "--out", "{t}/a.npz"], "there is one frame"),
+        (["{m}", "{t}/short.npy", "--out", "{t}/a.npz"], "the mesh has 162 vertices"),
+        (["{m}", "{t}/none.npy", "--out", "{t}/a.npz"], "cannot be read: No such file"),
+        (["{m}", "{t}/back.npz", "--out", "{t}/a.npz"], "times must be finite, and each later"),
+        (
+            ["{m}", "{t}/uneven.npz", "--out={t}/a.npz", "--out={t}/a-lh.stc"],
+            "times are not evenly spaced",
+        ),
+        (
+            ["{m}", "{t}/back.npz", "--out", "{t}/back.npz"],
+            "back.npz: it is read; choose another name",
+        ),
+        (["{m}", "{t}/x.pvd", "--array", "u", "--out", "{t}/x.pvd"], "x.pvd: it is read"),
+        (["{m}", "{t}/x/x_1.vtu", "--out", "{t}/x.pvd"], "x.pvd: its x_1.vtu is read"),
+        (
+            ["{m}", "{f}", "--mask={t}/t.csv", "--intervals={t}/t.csv", "--out={t}/a.npz"],
+            "t.csv: it is read",
+        ),
+        (
+            ["{m}", "{f}", "--mask=file:{t}/t.csv", "--tracks={t}/t.csv", "--out={t}/a.npz"],
+            "t.csv: it is read",
+        ),
+        (["~no-user/m.ply", "{f}", "--out", "{t}/a.npz"], "m.ply"),
+        (["{m}", "{f}", "--mask", "a+" * 200, "--out", "{t}/a.npz"], "unknown function family"),
+        (["{t}/x/m.ply", "{f}", "--out", "{t}/x.pvd"], "m.ply"),  # which no frame is called as
+        (["{m}", "{f}", "--out", "{t}/file.pvd"], "file: there is a file; choose another name\n"),
+        (["{m}", "{f}"], "the following arguments are required: --out"),
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_line(words, told, files, tmp_path, abfm):
@@ -192,8 +251,9 @@ def test_what_does_not_fit_is_refused_in_a_line(words, told, files, tmp_path, ab
     (tmp_path / "x").mkdir()
     for name in ("file", "x.pvd", "x/x_1.vtu", "x/m.ply", "t.csv"):
         (tmp_path / name).write_text("theirs")
-    line = words.format(m=files / "m.ply", f=files / "f.npy", t=tmp_path)
-    assert told in abfm(f"sequence {line}", status=2).err
+    places = {"m": files / "m.ply", "f": files / "f.npy", "t": tmp_path}
+    line = [word.format(**places) for word in words]
+    assert told in abfm("sequence", *line, status=2).err
     assert not (tmp_path / "a.npz").exists()
     assert (tmp_path / "x.pvd").read_text() == (tmp_path / "t.csv").read_text() == "theirs"
 
@@ -202,8 +262,14 @@ def test_what_does_not_fit_is_refused_in_a_line(words, told, files, tmp_path, ab
 def test_a_signal_keeps_what_was_found(number, files, tmp_path):
     times = 0.01 * np.arange(400)
     np.savez(tmp_path / "long.npz", frames=film(times=times), times=times)
-    words = f"sequence {files}/m.ply {tmp_path}/long.npz --sigma 0.1 --out {tmp_path}/a.npz"
-    process = start(*words.split())
+    words = [
+        "sequence",
+        files / "m.ply",
+        tmp_path / "long.npz",
+        "--sigma=0.1",
+        f"--out={tmp_path}/a.npz",
+    ]
+    process = start(*words)
     while "following the frames: 10%" not in process.stderr.readline():
         assert process.poll() is None
     told, errors = ended(process, number)
@@ -237,15 +303,15 @@ def test_a_film_of_which_nothing_was_solved_has_no_speed(files):
 def test_a_run_that_is_killed_goes_on(files, tmp_path, abfm):
     times = 0.01 * np.arange(30)
     np.savez(tmp_path / "f.npz", frames=film(times=times), times=times)
-    words = f"sequence {files}/m.ply {tmp_path}/f.npz {SOLVED} --out {tmp_path}/"
-    abfm(f"{words}whole.npz")
-    process = start(*f"{words}a.npz".split())
+    words = ["sequence", files / "m.ply", tmp_path / "f.npz", *SOLVED]
+    abfm(*words, "--out", tmp_path / "whole.npz")
+    process = start(*words, "--out", tmp_path / "a.npz")
     while not [*tmp_path.glob("a.npz-*.unfinished")]:
         assert process.poll() is None
     process.kill()
     process.communicate()
     assert not (tmp_path / "a.npz").exists()
-    told = abfm(f"{words}a.npz").err.splitlines()
+    told = abfm(*words, "--out", tmp_path / "a.npz").err.splitlines()
     assert told[0].startswith("note: going on after ")
     assert told[0].endswith(" of 29 intervals, which an earlier run found")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()

@@ -2,6 +2,8 @@
 
 import json
 import os
+import resource
+import shlex
 import signal
 import subprocess
 import sys
@@ -13,15 +15,28 @@ import pytest
 from abfm import load_match
 from abfm.assets import asset_path
 from abfm_viewer.cli import main
-from tests.processes import argv, python
+from tests.processes import argv, python, refused_soon
 
 PROGRAM = "import sys; from abfm_viewer.cli import main; sys.exit(main())"
 EIGHT = str(asset_path("eight.off"))
-PAIR = "--source gaussian:vertex=10,width=0.2 --target gaussian:vertex=40,width=0.2"
+CPU_SECONDS_MAX = 300
+PAIR = ["--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2"]
 LONG = argv(
-    f"match '{asset_path('human_A.off')}' --source gaussian:vertex=394 --target gaussian:vertex=14 "
-    "--iterations 1000000 --tolerance 0 --sigma 1e-6 --out"
+    "match",
+    asset_path("human_A.off"),
+    "--source=gaussian:vertex=394",
+    "--target=gaussian:vertex=14",
+    "--iterations=1000000",
+    "--tolerance=0",
+    "--sigma=1e-6",
+    "--out",
 )
+
+
+def _limited():
+    """Let a process be interrupted, and end it if a test does not."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS_MAX, CPU_SECONDS_MAX))
 
 
 def start(*words):
@@ -31,7 +46,7 @@ def start(*words):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=_limited,
     )
 
 
@@ -61,7 +76,8 @@ def test_a_signal_ends_the_match_and_keeps_its_best_result(number, tmp_path):
 def test_a_signal_ends_a_benchmark_with_what_was_finished():
     """Nothing is raised while libraries call back into Python: they would print it and go on."""
     process = start(
-        *argv(f"bench --success --only-given --versions now --meshes {EIGHT} --jobs 1 --json")
+        *["bench", "--success", "--only-given", "--versions", "now"],
+        *["--meshes", EIGHT, "--jobs=1", "--json"],
     )
     while not process.stderr.readline().startswith("1/6"):
         assert process.poll() is None
@@ -94,15 +110,15 @@ def test_an_interrupt_before_the_solve_writes_nothing(tmp_path):
 def result(tmp_path_factory):
     """A result file."""
     path = tmp_path_factory.mktemp("result") / "m.npz"
-    words = f"match {EIGHT} {PAIR} --iterations 3 --quiet --out {path}"
-    assert main(argv(words)) == 3  # too few to reach the target
+    words = ["match", EIGHT, *PAIR, "--iterations", "3", "--quiet", "--out", path]
+    assert main(argv(*words)) == 3  # too few to reach the target
     return path
 
 
 def test_a_signal_ends_a_movie_and_leaves_the_older_file(result, tmp_path):
     movie = tmp_path / "m.mp4"
     movie.write_text("older")
-    options = argv("--size 320x240 --seconds 60 --progress")
+    options = argv("--size", "320x240", "--seconds", "60", "--progress")
     process = start("render", str(result), "--out", str(movie), *options)
     assert '"frame": 1,' in process.stdout.readline()
     told, errors = ended(process, signal.SIGINT)
@@ -219,10 +235,11 @@ def test_what_a_reader_or_an_encoding_lacks_is_no_error():
     assert process.wait(timeout=60) == 0
 
 
-def shell(command, **environment):
-    """Run a line of the shell, where ABFM stands for the program."""
+def shell(line, *words, **environment):
+    """Run a line of the shell, where ABFM stands for the program and "$@" for the words."""
+    program = shlex.join([sys.executable, "-c", PROGRAM])
     done = subprocess.run(
-        ["bash", "-c", command.replace("ABFM", f'{sys.executable} -c "{PROGRAM}"')],
+        ["bash", "-c", line.replace("ABFM", program), "bash", *words],
         capture_output=True,
         check=False,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | environment,
@@ -238,8 +255,8 @@ def test_help_is_printed_in_an_encoding_that_lacks_its_letters():
 
 
 def test_closed_streams_are_no_error_and_get_nothing_of_the_other():
-    assert shell(f"ABFM info {EIGHT} >&-") == (0, b"", b"")
-    status, out, _ = shell(f"ABFM info {EIGHT} 2>&- <&-")
+    assert shell('ABFM info "$@" >&-', EIGHT) == (0, b"", b"")
+    status, out, _ = shell('ABFM info "$@" 2>&- <&-', EIGHT)
     assert status == 0
     assert b"vertices" in out
 
@@ -247,13 +264,13 @@ def test_closed_streams_are_no_error_and_get_nothing_of_the_other():
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a disk that is full")
 def test_output_that_is_lost_is_told():
     expected = b"abfm: cannot write the output: No space left on device\n"
-    assert shell(f"ABFM info {EIGHT} >/dev/full") == (2, b"", expected)
+    assert shell('ABFM info "$@" >/dev/full', EIGHT) == (2, b"", expected)
     assert shell("ABFM info none.off 2>/dev/full") == (2, b"", b"")
 
 
 def test_a_match_whose_messages_nobody_reads_goes_on_and_is_written(tmp_path):
-    words = f"match {EIGHT} {PAIR} --iterations 30 --out {tmp_path}/m.npz"
-    status, _, _ = shell(f"set -o pipefail; ABFM {words} 2>&1 | head -c 1 >/dev/null")
+    words = ["match", EIGHT, *PAIR, "--iterations", "30", "--out", tmp_path / "m.npz"]
+    status, _, _ = shell('set -o pipefail; ABFM "$@" 2>&1 | head -c 1 >/dev/null', *words)
     assert status == 3
     assert (tmp_path / "m.npz").exists()
 
@@ -265,31 +282,39 @@ NAMES = ["a\nb.off", "a\rb\x1b[2J.off", "\udcff.off", "a" * 50_000 + ".off", "\u
 @pytest.mark.parametrize(
     "words",
     [
-        "info NAME",
-        "render NAME --out m.png",
-        "render m.npz --out NAME",
-        "map NAME --truth identity",
-        "figure NAME --out .",
-        "figure 3 --mesh NAME --out .",
-        "figure 3 --out NAME/a",
-        "demo --out NAME/a",
-        "match NAME --source a --target b --out m.npz",
-        "match EIGHT --source file:NAME --target NAME --out m.npz",
-        "match EIGHT --source coordinate:x --target coordinate:y --tau NAME --out m.npz",
-        "NAME",
-        "info EIGHT NAME",
-        "info EIGHT --NAME",
-        "bench --part NAME",
-        "bench --success --only-given --meshes NAME --json NAME",
+        ["info", "NAME"],
+        ["render", "NAME", "--out", "m.png"],
+        ["render", "m.npz", "--out", "NAME"],
+        ["map", "NAME", "--truth", "identity"],
+        ["figure", "NAME", "--out", "."],
+        ["figure", "3", "--mesh", "NAME", "--out", "."],
+        ["figure", "3", "--out", "NAME/a"],
+        ["demo", "--out", "NAME/a"],
+        ["match", "NAME", "--source=a", "--target=b", "--out=m.npz"],
+        ["match", "EIGHT", "--source=file:NAME", "--target=NAME", "--out=m.npz"],
+        [
+            "match",
+            "EIGHT",
+            "--source=coordinate:x",
+            "--target=coordinate:y",
+            "--tau=NAME",
+            "--out=m.npz",
+        ],
+        ["NAME"],
+        ["info", "EIGHT", "NAME"],
+        ["info", "EIGHT", "--NAME"],
+        ["bench", "--success", "--problems=1", "--part", "NAME"],
+        ["bench", "--success", "--only-given", "--meshes", "NAME", "--json", "NAME"],
     ],
 )
 def test_names_of_all_letters_are_one_bounded_line(words, name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "file").touch()
-    used = [word.replace("NAME", name).replace("EIGHT", EIGHT) for word in words.split()]
-    if words.endswith("NAME/a") and "\0" not in name and len(name) < 100:
+    used = [word.replace("NAME", name).replace("EIGHT", EIGHT) for word in words]
+    if words[-1] == "NAME/a" and "\0" not in name and len(name) < 100:
         (tmp_path / os.fsdecode(os.fsencode(name))).touch()
-    assert main(used) == 2
+    with refused_soon():
+        assert main(used) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1

@@ -11,9 +11,10 @@ import pytest
 
 from abfm import TriangleMesh
 from abfm.batch import Entry, Row
+from abfm.outcome import Facts, Outcome
 from abfm_viewer.appearance.colormaps import ColorRange, linear_table
 from abfm_viewer.cli.batches.page import page as batch_page
-from abfm_viewer.cli.batches.summary import Told
+from abfm_viewer.cli.batches.rows import SummaryRow
 from abfm_viewer.cli.reports.report_page import document, rows_table
 from abfm_viewer.document.document import Front
 from abfm_viewer.pages import Clock, Layer, Page, Panel, Span, Ways
@@ -498,8 +499,9 @@ def test_panels_stand_where_there_is_room_and_all_is_in_view(open_page, size):
 def test_tables_of_reports_and_batches_stay_on_a_phone(driver, tmp_path):
     numbers = rows_table([f"head {k}" for k in range(12)], [["0.123456"] * 12] * 3)
     row = Row("one", {"mesh": "a" * 60 + ".off", "source": "file:f.npy", "target": "file:g.npy"})
-    failed = Told(Entry(row, "failed"), None, "failed", "a/" * 60 + "b.off: there is no such file")
-    of_batch = batch_page("t.csv", [failed] * 2, {"failed": 2}, {}, "")
+    reason = "a/" * 60 + "b.off: there is no such file"
+    failed = SummaryRow(Entry(row, "failed"), Facts(Outcome.FAILED, "failed", reason))
+    of_batch = batch_page("t.csv", [failed] * 2, {}, "")
     for text in (document("a report", [numbers]), of_batch):
         (tmp_path / "static.html").write_text(text, encoding="utf-8")
         shown = Shown(driver, (tmp_path / "static.html").as_uri(), ready="true")

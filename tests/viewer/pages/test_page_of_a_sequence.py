@@ -1,14 +1,18 @@
 """The page of a sequence: frames, what is carried between them, path lines, critical points."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import abfm
+from abfm.matching.judging.verdict import Verdict
+from abfm.outcome import Outcome
 from abfm_viewer.computing.films import fast_in
 from abfm_viewer.pages import Labels, Told, film_page, sequence_page
+from abfm_viewer.pages.of_sequences import PLAY_SECONDS_MAX, PLAY_SECONDS_MIN
 from tests.shapes import icosphere
 
 COUNT = 5
@@ -110,8 +114,8 @@ def test_tracks_are_those_of_critical_points(sequence, page):
 
 
 def test_every_interval_is_told_on_the_bar(sequence, page):
-    assert page.headline == f"{sequence.confirmed} of 4 intervals are confirmed by flow lines"
-    assert page.tone == "good"
+    assert (page.headline, page.tone) == (sequence.facts.headline, "good")
+    assert f"{sequence.confirmed} of 4 intervals" in page.headline
     spans = page.clock.spans
     assert [(span.start, span.end) for span in spans] == list(
         zip(sequence.times[:-1], sequence.times[1:], strict=True)
@@ -185,3 +189,23 @@ def test_channels_beyond_the_first_four_are_told():
     for times, told in ((1, []), (2, ["these are the first 4 of 6 channels"])):
         page = film_page(Film([0.0, 1.0], np.tile(frames, (1, 1, times))), "a film", Told())
         assert list(page.notes) == told
+
+
+@pytest.mark.parametrize(
+    ("frames", "seconds"), [(2, PLAY_SECONDS_MIN), (100, 15.0), (300, PLAY_SECONDS_MAX)]
+)
+def test_play_seconds(frames, seconds):
+    """A page plays for 0.15 s a frame, between 4 s and 30 s."""
+    film = Film(np.arange(float(frames)), np.tile(Film.mesh.vertices[:, 0], (frames, 1)))
+    assert (PLAY_SECONDS_MIN, PLAY_SECONDS_MAX) == (4.0, 30.0)
+    assert film_page(film, "a film", Told()).clock.seconds == pytest.approx(seconds)
+
+
+def test_page_of_half_confirmed_sequence_is_not_red(sequence):
+    kinds = (Outcome.MATCHED, Outcome.NOT_REACHED) * 2
+    verdicts = tuple(Verdict(kind, "", "") for kind in kinds)
+    half = replace(sequence, verdicts=verdicts)
+    page = sequence_page(half, "half")
+    assert half.facts.outcome.is_good
+    assert page.tone == half.facts.tone == "warning"
+    assert [span.tone for span in page.clock.spans] == ["good", "failure"] * 2

@@ -97,7 +97,7 @@ class RealWindow:
 def screen():
     """A screen without a monitor; the environment of programs that use it."""
     read, write = os.pipe()
-    words = f"Xvfb -displayfd {write} -screen 0 1280x800x24 -nolisten tcp".split()
+    words = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x800x24", "-nolisten", "tcp"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     server = subprocess.Popen(words, pass_fds=(write,), **quiet)
     os.close(write)

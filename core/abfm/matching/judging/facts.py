@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from abfm.matching.judging.cause import Cause
@@ -141,15 +142,23 @@ class Report:
         }
         if evidence.landmarks is not None:
             numbers["landmark_error"] = float(self._errors.max())
-        return {name: _known(number) for name, number in numbers.items()}
+        return known_numbers(numbers)
 
     def _warnings(self) -> tuple[str, ...]:
         found = [self.doubt] if self.doubt else []
-        if self._distorts:
-            times = factor(self.log2_area_95)
-            found.append(f"5% of the surface changes its area by a factor of {times} or more")
-        return tuple(found)
+        return (*found, *distortion_warnings(self.log2_area_95))
 
 
-def _known(number: float) -> float | None:
-    return float(number) if math.isfinite(number) else None
+def distortion_warnings(log2_area_95: float) -> tuple[str, ...]:
+    """Return the warning of a map whose 95th percentile of ``|log2 J|`` is large, if it is."""
+    if not log2_area_95 > LOG2_AREA_GOOD:
+        return ()
+    times = factor(log2_area_95)
+    return (f"5% of the surface changes its area by a factor of {times} or more",)
+
+
+def known_numbers(numbers: Mapping[str, float]) -> dict[str, float | None]:
+    """Return the numbers of facts; None for those that are not finite."""
+    return {
+        name: float(number) if math.isfinite(number) else None for name, number in numbers.items()
+    }

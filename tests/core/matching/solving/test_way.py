@@ -19,7 +19,7 @@ from tests.core.fields import bump, wavy_field
 from tests.shapes import icosphere
 
 SPHERE, SMALL = icosphere(3), icosphere(2)
-NUMBERS = "mismatch", "verified_residual", "folded", "log2_area", "log2_shape"
+NUMBERS = "residual", "verified_residual", "folded", "log2_area", "log2_shape"
 SIGMAS = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 SEEDS = (0, 2, 3)
 
