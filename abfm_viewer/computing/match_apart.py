@@ -23,13 +23,18 @@ from abfm.workers.worker import Worker, WorkerEndedError, report
 from abfm_viewer.computing.freed_memory import give_back
 
 _ENDED = "the process that matches has ended; match again"
-_KEPT = 4  # iterates whose fields may be asked for
+_KEPT = 4  # of the newest iterates whose fields may be requested, besides the best one
 _TIMES_A_PICTURE, _SHORTEST_WAIT, _LONGEST_WAIT = 9, 0.05, 0.2
 """How long no picture is made after one, so that pictures take a tenth of the time: times what it
 took, and at least and at most, in seconds."""
 
 Fields = tuple[FloatArray, FloatArray]
 """The fields (N, F, 3) of an iterate, and the source carried by them (V, C)."""
+
+
+def better(now: abfm.Iteration, before: abfm.Iteration) -> bool:
+    """Return whether an iterate is at least as good as an earlier one of the same problem."""
+    return now.residual <= before.residual
 
 
 def _forgotten() -> NoReturn:
@@ -63,7 +68,9 @@ class Look:
 
 
 class Matching:
-    """What the process does, and the last few pictured iterates of a run and of the one before."""
+    """What the process does, and of a run and the one before the best pictured iterate, and the
+    last few.
+    """
 
     def __init__(self) -> None:
         self._recent: dict[int, tuple[abfm.Iteration, ...]] = {}
@@ -85,15 +92,15 @@ class Matching:
                 done = clock.perf_counter()
                 wait = max(_TIMES_A_PICTURE * (done - began), _SHORTEST_WAIT)
                 next_picture = done + min(wait, _LONGEST_WAIT)
-                self._recent[run] = (*self._recent[run], iteration)[-_KEPT:]
+                self._recent[run] = _worth_keeping((*self._recent[run], iteration))
             report(replace(iteration, look=look))
 
         try:
             with factoring_apart():
                 return abfm.match(problem, on_iteration=post)
         finally:
-            # of a run that has ended the last fields stay, and not the workspace behind them
-            kept = self._recent[run] = self._recent[run][-1:]  # who asks meanwhile finds it
+            # of a run that has ended the best fields stay, and not the workspace behind them
+            kept = self._recent[run] = self._recent[run][:1]  # requests meanwhile find it
             try:
                 self._recent[run] = tuple(
                     replace(last, look=Look(last.warning, last.advected, last.velocity))
@@ -104,10 +111,20 @@ class Matching:
             give_back()
 
     def fields(self, run: int, iteration: int) -> Fields:
-        """Return those of an iterate, or of the last one that is still known; AbfmError if none."""
+        """Return those of an iterate, or of the best one so far; AbfmError if none is known."""
         known = self._recent.get(run) or _forgotten()
-        found = next((each for each in known if each.iteration == iteration), known[-1])
+        found = next((each for each in known if each.iteration == iteration), known[0])
         return found.velocity, found.advected
+
+
+def _worth_keeping(known: tuple[abfm.Iteration, ...]) -> tuple[abfm.Iteration, ...]:
+    """Return the best of some iterates, and after it the last few of the others."""
+    best, *others = known
+    for one in others:
+        if better(one, best):
+            best = one
+    others = [one for one in known if one is not best]
+    return (best, *others[-_KEPT:])
 
 
 class MatchApart:

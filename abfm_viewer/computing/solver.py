@@ -24,7 +24,7 @@ from abfm.workers.progress import Step, telling
 from abfm_viewer.computing.background import THREADS, Memo, error_line
 from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.freed_memory import give_back
-from abfm_viewer.computing.match_apart import Look, MatchApart
+from abfm_viewer.computing.match_apart import Look, MatchApart, better
 from abfm_viewer.document.document import SIDES, Channel, InitialMap, Landmark, Run
 from abfm_viewer.document.surface_points import paired
 
@@ -95,7 +95,9 @@ class ProblemSpec:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """The newest iterate of a problem, and the newest `shown`, whose ``advected`` is there."""
+    """The newest iterate of a problem, and the best one so far that is `shown`, whose ``advected``
+    is there. A new attempt of the solver starts with a larger residual than the one before.
+    """
 
     problem: ProblemSpec
     iteration: abfm.Iteration
@@ -110,11 +112,11 @@ _GOES_ON = (State.RUNNING, State.PAUSED)  # neither cancelled nor closed, which 
 class Course:
     """What a run has come to: one thread adds to it, others read.
 
-    Should its process be killed, the `newest` snapshot of the present solve has its field here.
+    If its process is killed, the field of `best`, a snapshot of the present solve, is here.
     """
 
     def __init__(self, vertices: int = 0) -> None:
-        self.newest: Snapshot | None = None
+        self.best: Snapshot | None = None
         # total, regularity, mismatch; stage, vertices, reach, residual
         self._rows: list[tuple[float, float, float, int, int, float, float]] = []
         self._shares: list[dict[str, float]] = []
@@ -126,7 +128,7 @@ class Course:
         self._next = clock.perf_counter() + self._wait
 
     def begin(self, problem: ProblemSpec) -> None:
-        self.newest, self._problem = None, problem
+        self.best, self._problem = None, problem
         if self._rows:
             self._restarts.append(len(self._rows))
 
@@ -162,19 +164,20 @@ class Course:
         return self._run.get(made_of, make) if rows else None
 
     def keep(self, snapshot: Snapshot) -> None:
-        """Remember one whose field is here, unless of an earlier solve or older than the newest."""
-        newest = self.newest.iteration.iteration if self.newest else -1
-        if snapshot.problem is self._problem and newest < snapshot.iteration.iteration:
-            self.newest = snapshot
+        """Keep a snapshot whose field is here, unless it is of an earlier solve or a worse one."""
+        if snapshot.problem is not self._problem:
+            return
+        if self.best is None or better(snapshot.shown, self.best.shown):
+            self.best = snapshot
 
     def fetch(self, snapshot: Snapshot) -> None:
         """Fetch its field if it is time for one; it waits, so not for the frame loop."""
         began = clock.perf_counter()
-        # what was shown is what can be fetched
-        if began < self._next or not snapshot.shown.iteration:
+        is_new = self.best is None or self.best.shown is not snapshot.shown
+        if began < self._next or not snapshot.shown.iteration or not is_new:
             return
         with suppress(AbfmError):  # that the process has ended is told by what comes next
-            _ = snapshot.iteration.velocity
+            _ = snapshot.shown.velocity
             self.keep(snapshot)
         now = clock.perf_counter()
         self._wait = max(min(_GROWTH * self._wait, _LONGEST_WAIT), _TIMES_A_FIELD * (now - began))
@@ -295,12 +298,13 @@ class Solver:
         return left
 
     def unfinished(self, snapshot: Snapshot, functions: Evaluators) -> tuple[abfm.Match, Run]:
-        """A snapshot as if the run had been cancelled there, unverified, and the run's energies.
+        """Return the best field of a snapshot as if the run had been cancelled there, unverified,
+        and the run's energies.
 
         It waits, so not for the frame loop; it is kept, should the run fail. AbfmError if its field
         is not known any more, or the run is over.
         """
-        course, now = self._course, snapshot.iteration
+        course, now = self._course, snapshot.shown
         if (run := course.run(now.residual, snapshot.problem.parameters)) is None:
             raise AbfmError("the run of that iterate is over")
         reason = abfm.StopReason.CANCELLED
@@ -348,7 +352,7 @@ class Solver:
                 traceback.print_exc()
             self._error = error_line(error)
             # what a run that fails has found
-            for snapshot in (self.snapshot if self._since_restart else None, self._course.newest):
+            for snapshot in (self.snapshot if self._since_restart else None, self._course.best):
                 with suppress(AbfmError, MemoryError):  # where its process was killed
                     if snapshot is not None:
                         self._result, _ = self.unfinished(snapshot, functions)
@@ -394,7 +398,7 @@ class Solver:
         shown, before = now, self.snapshot
         if before is not None and before.problem is problem:
             is_pictured = isinstance(now.look, Look) and now.look.picture is not None
-            shown = now if is_pictured else before.shown
+            shown = now if is_pictured and better(now, before.shown) else before.shown
         self.snapshot = Snapshot(problem, now, shown)
         self._since_restart += 1
         self._course.fetch(self.snapshot)

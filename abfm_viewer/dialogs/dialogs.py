@@ -30,7 +30,7 @@ class Message:
         """Draw the lines; whether they were closed in this frame."""
         with dialog(ui, self.title, _MESSAGE_WIDTH):
             height = imgui.GetIO().DisplaySize[1] * 0.92 - 4 * imgui.GetFrameHeightWithSpacing()
-            with child(ui, "lines", height, border=False, shrinks=True):
+            with child(ui, "lines", height, border=False, fits="at most"):
                 for line in self.lines:
                     self._draw_line(ui, line)
             if self.copied:

@@ -1,6 +1,6 @@
 """The Gaussians of a function: which there are, and the text with one of them changed.
 
-Counted are the terms of a sum, also of one that is composed with a vertex map.
+Counted are the terms of a sum, also of one that is scaled or composed with a vertex map.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 from abfm import FunctionError, TriangleMesh, functions
 
 _WIDTH = 0.1
+_AROUND = functions.Permuted, functions.Scaled
 
 
 def gaussians(spec: str) -> list[functions.Gaussian]:
@@ -23,7 +24,10 @@ def gaussians(spec: str) -> list[functions.Gaussian]:
 
 def is_mapped(spec: str) -> bool:
     """Return whether a vertex map stands between the Gaussians and what is seen of them."""
-    return isinstance(functions.parse(spec), functions.Permuted)
+    tree = functions.parse(spec)
+    while isinstance(tree, functions.Scaled):
+        tree = tree.function
+    return isinstance(tree, functions.Permuted)
 
 
 def changed(spec: str, bump: int, **values: Any) -> str:
@@ -72,8 +76,16 @@ def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
 
 
 def _terms(tree: functions.Spec) -> tuple[functions.Spec, ...]:
-    inner = tree.function if isinstance(tree, functions.Permuted) else tree
-    return inner.terms if isinstance(inner, functions.Sum) else (inner,)
+    while isinstance(tree, _AROUND):
+        tree = tree.function
+    return tree.terms if isinstance(tree, functions.Sum) else (tree,)
+
+
+def _with_inner(tree: functions.Spec, inner: functions.Spec) -> functions.Spec:
+    """Return a function that is scaled or composed with a vertex map, of another one inside."""
+    if isinstance(tree, _AROUND):
+        return replace(tree, function=_with_inner(tree.function, inner))
+    return inner
 
 
 def _with_bump(spec: str, bump: int | None, *by: functions.Spec) -> str:
@@ -84,4 +96,4 @@ def _with_bump(spec: str, bump: int | None, *by: functions.Spec) -> str:
     place = len(terms) if bump is None else places[bump]
     terms[place : place + 1] = by
     inner = functions.Sum(tuple(terms)) if len(terms) > 1 else terms[0]
-    return str(replace(tree, function=inner) if isinstance(tree, functions.Permuted) else inner)
+    return str(_with_inner(tree, inner))

@@ -315,6 +315,8 @@ def terms_from_files(spec: str) -> list[str]:
     def reads_files(term: abfm.functions.Spec) -> bool:
         if isinstance(term, abfm.functions.Permuted):
             return not term.is_detected or reads_files(term.function)
+        if isinstance(term, abfm.functions.Scaled):
+            return reads_files(term.function)
         return isinstance(term, abfm.functions.ValuesFile) or (
             isinstance(term, abfm.functions.Sum) and any(map(reads_files, term.terms))
         )
@@ -543,6 +545,10 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         _expect(is_number and math.isfinite(value), where, value, "a finite number")
         return float(value)
+    if issubclass(hint, StrEnum):
+        words = [member.value for member in hint]
+        _expect(value in words, where, value, " or ".join(map(repr, words)))
+        return hint(value)
     _expect(type(value) is hint, where, value, f"a value of type {hint.__name__}")
     return value
 

@@ -97,7 +97,8 @@ def _iterations(ui: Ui, session: Session, run: Run | None, previous: Sequence[Ru
     stages, meshes = starts(run)
     told = (("grey: stage", stages), ("wide: mesh", meshes), ("green: restart", run.restarts))
     marks = ", ".join(mark for mark, places in told if places)
-    ui.line("; ".join(filter(None, [run.label, marks])), tip=_MARKS if marks else "")
+    ui.note("; ".join(filter(None, [run.label, marks])))
+    ui.tip(_MARKS if marks else "")
     _plot(ui, run, previous if session.view.previous_runs else ())
 
 

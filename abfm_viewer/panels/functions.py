@@ -138,6 +138,8 @@ def _short(tree: functions.Spec) -> str:
         return f"{len(tree.terms)} {families.pop() + 's' if len(families) == 1 else 'terms'}"
     if isinstance(tree, functions.Permuted):
         return f"{_short(tree.function)}, {Path(tree.path).name}"
+    if isinstance(tree, functions.Scaled):
+        return f"{_short(tree.function)}, scaled"
     if not isinstance(tree, functions.Family):
         return "function"
     if tree.positional is None:
@@ -227,7 +229,8 @@ class _Side:
             is_gaussian = len(gaussians.gaussians(self._spec)) == len(terms)
             now = "gaussian" if is_gaussian else _SEVERAL
         about = known[now].summary().replace("``", "") if now in known else "A sum of functions."
-        names = [name for name in known if known[name] is not functions.Permuted]
+        of_others = functions.Permuted, functions.Scaled
+        names = [name for name in known if known[name] not in of_others]
         words, tip = [*dict.fromkeys([*names, now])], _FAMILY.format(name=now, summary=about)
         chosen = self._ui.combo("family", now, words, tip, width)
         if chosen == now:

@@ -51,13 +51,6 @@ def draw(context: Context) -> None:
         _left(context, film, sequence)
 
 
-def confirmed(sequence: Sequence) -> str:
-    """Return how many intervals flow lines confirm, and how many were not solved."""
-    missing = np.count_nonzero(~sequence.solved)
-    text = f"Flow lines confirm {sequence.confirmed} of {len(sequence)} intervals"
-    return f"{text}; {missing} not solved" if missing else text
-
-
 def doubtful(sequence: Sequence) -> BoolArray:
     """Return which intervals were solved and are not confirmed, (T - 1,) of bool."""
     good = [verdict.kind.is_good for verdict in sequence.verdicts]

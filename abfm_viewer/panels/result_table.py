@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import polyscope.imgui as imgui
 
 from abfm.errors import brief
 from abfm.outcome import Outcome
+from abfm.types import FloatArray
+from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.comparison import Compared
 from abfm_viewer.document.result_table import COLUMNS, Name, ResultRow
 from abfm_viewer.panels.context import Context
@@ -28,17 +31,18 @@ _FLAGS = (
     | imgui.ImGuiTableFlags_NoSavedSettings
     | imgui.ImGuiTableFlags_SizingStretchProp
 )
-_WEIGHTS: dict[Name, float] = {"name": 2.0, "reason": 2.5}
-_LEAST_TEXT = 110  # how wide names and reasons are at least, at a scale of 1
+_WEIGHTS: dict[Name, float] = {"name": 2.0, "reason": 4.0}
+_LEAST_TEXT: dict[Name, float] = {"name": 110, "reason": 220}  # widths, at a scale of 1
 _ARROW = 14  # beside a head, the same
 _COMPARE = 110
 _WIDEST = "100.00%"  # number
-_FIRST_TO_GO: tuple[Name, ...] = ("folded", "log2_area", "verified", "left")
-"""Columns that are left out where there is no room for names; a row's tip tells them then."""
+_FIRST_TO_GO: tuple[Name, ...] = ("folded", "log2_area", "verified", "left", "reason")
+"""Columns that are left out where there is no room for all; a row's tip has them then."""
 _HINT = "in names and reasons"
 _AGAIN = "Read the folder again now; it is looked at every two seconds."
 _CLOSE = "Take the table away; what the surfaces show stays."
 _AROUND = 3  # rows above and below those in sight that are drawn, too
+_ENDS = Memo[FloatArray]()
 _HEIGHT, _SHARE, _LEAST = 236, 0.4, 130  # at a scale of 1, and of what is left for surfaces
 
 
@@ -77,7 +81,7 @@ def _draw_line(ui: Ui, tables: Tables) -> None:
         ui.line(told, kind, room=room)
         ui.beside()
     else:
-        ui.line(told, kind, room=float(imgui.GetContentRegionAvail()[0]))
+        ui.note(told, kind)
     tables.search = ui.live_text("search", tables.search, _HINT, width=search)
     if is_of_population:
         ui.beside_if_fits("compare", is_button=True)
@@ -111,8 +115,8 @@ def _draw_rows(ui: Ui, tables: Tables) -> None:
         return
     try:
         with ui.record.within("rows", (left, top, left + width, top + high)):
-            _draw_heads(ui, tables, columns)
-            _draw_cells(ui, tables, columns, rows)
+            width = _draw_heads(ui, tables, columns)
+            _draw_cells(ui, tables, columns, (rows, _ends(rows, width)))
     finally:
         imgui.EndTable()
     if none_is_found:
@@ -137,7 +141,10 @@ def _fitting(ui: Ui, columns: tuple[Name, ...], width: float) -> tuple[Name, ...
     padding = 2 * style.CellPadding[0] + 1
     for column in (None, *_FIRST_TO_GO):
         columns = tuple(each for each in columns if each != column)
-        widths = [ui.px(_LEAST_TEXT) if each in _WEIGHTS else _width(ui, each) for each in columns]
+        widths = [
+            ui.px(_LEAST_TEXT[each]) if each in _LEAST_TEXT else _width(ui, each)
+            for each in columns
+        ]
         if sum(widths) + padding * len(widths) + style.ScrollbarSize <= width:
             break
     return columns
@@ -150,7 +157,21 @@ def _width(ui: Ui, column: Name) -> float:
     return max(head, *map(ui.text_width, words))
 
 
-def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> None:
+def _ends(rows: tuple[ResultRow, ...], width: float) -> FloatArray:
+    """Return where rows end below the heads (n,), whose reasons wrap in a column of a width."""
+    line, padding = float(imgui.GetTextLineHeight()), _row_height() - imgui.GetTextLineHeight()
+
+    def make() -> FloatArray:
+        reasons = (row.reason if width else "" for row in rows)
+        heights = [float(imgui.CalcTextSize(each, False, width)[1]) for each in reasons]
+        return np.cumsum([max(height, line) + padding for height in heights])
+
+    return _ENDS.get((rows, round(width), line, padding), make)
+
+
+def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> float:
+    """Draw the heads; the width of reasons, 0 without that column."""
+    width = 0.0
     for column in columns:
         if column in _WEIGHTS:
             flags, size = imgui.ImGuiTableColumnFlags_WidthStretch, _WEIGHTS[column]
@@ -163,6 +184,8 @@ def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> None:
     for place, column in enumerate(columns):
         head, tip, _ = COLUMNS[column]
         imgui.TableSetColumnIndex(place)
+        if column == "reason":
+            width = float(imgui.GetContentRegionAvail()[0])
         with pushed({imgui.ImGuiCol_Text: ui.colors.muted}):
             imgui.TableHeader(head)
         clicked = imgui.IsItemClicked(0) and ui.record.enabled
@@ -174,6 +197,7 @@ def _draw_heads(ui: Ui, tables: Tables, columns: tuple[Name, ...]) -> None:
             _draw_arrow(ui, tables.falls)
         if clicked:
             tables.sort(column)
+    return width
 
 
 def _draw_arrow(ui: Ui, falls: bool) -> None:
@@ -186,49 +210,64 @@ def _draw_arrow(ui: Ui, falls: bool) -> None:
     imgui.GetWindowDrawList().AddTriangleFilled(*corners, ink)
 
 
-def _draw_cells(
-    ui: Ui, tables: Tables, columns: tuple[Name, ...], rows: tuple[ResultRow, ...]
-) -> None:
+Rows = tuple[tuple[ResultRow, ...], FloatArray]
+"""Rows, and where they end below the heads (n,)."""
+
+
+def _draw_cells(ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: Rows) -> None:
     """Draw the rows in sight: hundreds of others only take their room."""
-    high = _row_height()
-    in_sight = imgui.GetWindowHeight() - high  # below the heads
+    rows, ends = placed
+    in_sight = imgui.GetWindowHeight() - _row_height()  # below the heads
     if tables.scrolls:
-        _scroll(tables, rows, high, in_sight)
-    first = min(max(int(imgui.GetScrollY() / high) - _AROUND, 0), len(rows))
-    last = min(first + int(in_sight / high) + 2 * _AROUND + 2, len(rows))
+        _scroll(tables, placed, in_sight)
+    top = imgui.GetScrollY()
+    first = max(int(np.searchsorted(ends, top)) - _AROUND, 0)
+    last = min(int(np.searchsorted(ends, top + in_sight)) + _AROUND + 1, len(rows))
+    starts = np.concatenate([[0.0], ends])
     if first:
-        imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, first * high)
-    for row in rows[first:last]:
+        imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, starts[first])
+    for number in range(first, last):
+        high = float(starts[number + 1] - starts[number])
         imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, high)
-        _draw_row(ui, tables, columns, row)
+        _draw_row(ui, tables, columns, (rows[number], high))
     if last < len(rows):
-        imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, (len(rows) - last) * high)
+        imgui.TableNextRow(imgui.ImGuiTableRowFlags_None, starts[-1] - starts[last])
 
 
-def _scroll(tables: Tables, rows: tuple[ResultRow, ...], high: float, in_sight: float) -> None:
+def _scroll(tables: Tables, placed: Rows, in_sight: float) -> None:
     """Bring the chosen row into sight."""
     tables.scrolls = False
+    rows, ends = placed
     keys = [row.key for row in rows]
     if tables.cursor not in keys:
         return
-    top, now = keys.index(tables.cursor) * high, imgui.GetScrollY()
-    if not now <= top <= now + in_sight - 2 * high:
+    number, now = keys.index(tables.cursor), imgui.GetScrollY()
+    top = float(ends[number - 1]) if number else 0.0
+    if not now <= top <= float(ends[number]) <= now + in_sight:
         imgui.SetScrollY(max(top - in_sight / 2, 0.0))
 
 
-def _draw_row(ui: Ui, tables: Tables, columns: tuple[Name, ...], row: ResultRow) -> None:
-    is_chosen = row.key == tables.cursor
+def _draw_row(
+    ui: Ui, tables: Tables, columns: tuple[Name, ...], placed: tuple[ResultRow, float]
+) -> None:
+    """Draw a row in so many pixels."""
+    row, high = placed
+    is_chosen, padding = row.key == tables.cursor, _row_height() - imgui.GetTextLineHeight()
     flags = imgui.ImGuiSelectableFlags_SpanAllColumns
     for place, column in enumerate(columns):
         imgui.TableSetColumnIndex(place)
         text, room = row.told(column), float(imgui.GetContentRegionAvail()[0])
         if column == "name":
             shown = ui.fitted(text, room).replace("##", "# #")  # which would hide the rest
-            clicked = imgui.Selectable(f"{shown}###{row.number}", is_chosen, flags)
+            clicked = imgui.Selectable(
+                f"{shown}###{row.number}", is_chosen, flags, (0, high - padding)
+            )
             state = "chosen" if is_chosen else ""
             left_out = (each for each in _FIRST_TO_GO[::-1] if each not in columns)
             numbers = [
-                f"{COLUMNS[each].head} {told}" for each in left_out if (told := row.told(each))
+                f"{COLUMNS[each].head} {told}"
+                for each in left_out
+                if COLUMNS[each].digits and (told := row.told(each))
             ]
             parts = f"{row.name}: {row.verdict}", ", ".join(numbers), row.reason, *row.warnings
             tip = "\n\n".join(filter(None, parts))
@@ -241,5 +280,8 @@ def _draw_row(ui: Ui, tables: Tables, columns: tuple[Name, ...], row: ResultRow)
             spare = room - ui.text_width(text)
             imgui.SetCursorPosX(imgui.GetCursorPosX() + max(spare, 0.0))
         color = getattr(ui.colors, row.tone) if column == "verdict" else ui.colors.ink
+        if column == "reason":
+            ui.note(text, "ink")
+            continue
         with pushed({imgui.ImGuiCol_Text: color}):
             imgui.TextUnformatted(ui.fitted(text, room))

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+import polyscope.imgui as imgui
+
 from abfm_viewer.panels import (
     energy,
     export,
@@ -50,6 +52,8 @@ OF_FILMS: dict[str, dict[str, Callable[[Context], None]]] = {
     "Export": TABS["Export"],
 }
 """The same where a film is open."""
+# of a tab, at a scale of 1; where a long verdict leaves less, the column scrolls
+_LEAST_HEIGHT = 120
 STEPS = "steps"
 """Where the tabs are, for the Driver: the button Match has the name of one of them."""
 
@@ -62,9 +66,10 @@ def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
     of_film = document.film, document.settings
     ui.refusals.accept_after(*accepted, *of_film, session.result, session.running)
     parts = TABS if document.film is None else OF_FILMS
-    with window(ui, "panel", rect):
+    with window(ui, "panel", rect, scrolls=True):
         guarded("Solver", solver.draw, context)
         label = tabs(ui, STEPS, tuple(TABS))
-        with child(ui, label, 0, border=False), ui.group(label):
+        is_low = imgui.GetContentRegionAvail()[1] < ui.px(_LEAST_HEIGHT)
+        with child(ui, label, 0, False, "at least" if is_low else "exactly"), ui.group(label):
             for part, draw_part in parts[label].items():
                 guarded(part, draw_part, context)

@@ -7,25 +7,27 @@ from typing import TYPE_CHECKING
 
 import polyscope.imgui as imgui
 
+import abfm
 from abfm.outcome import Facts, Outcome
 from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded
-from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.comparison import Comparison
 from abfm_viewer.panels.context import Context
+from abfm_viewer.panels.trade_off import LIMIT, draw_limit
 from abfm_viewer.session.session import Session
-from abfm_viewer.widgets.containers import child
-from abfm_viewer.widgets.toolkit import Kind, Ui
+from abfm_viewer.widgets.containers import Fits, child
+from abfm_viewer.widgets.toolkit import Ui
 
 if TYPE_CHECKING:
     from abfm import Match
 
-_STATE_HEIGHT = 130  # six lines, or four and a row of buttons
+# at least, so that what is below seldom moves: six lines, or four and a row of buttons
+_STATE_HEIGHT = 130
 _STATE_SHARE = 0.3  # of a low panel
 _SIDE_BUTTON, _SIDE_SHARE = 76, 0.3
 _BAR = 8  # high, as those in the viewport: below it is room for three lines and a warning
-_MOST_LINES = 2  # for why it stopped, or cannot start
+_RESCALE = "Scale and shift the source so that it has the target's values, from least to largest."
 _WARM = "from the current field"
 _FOLLOW_TIP = (
     "While it runs, another parameter or function restarts the solver from the field that it has "
@@ -40,25 +42,22 @@ _WARM_TIP = (
 def draw(context: Context) -> None:
     ui, session = context.ui, context.session
     _draw_buttons(ui, session)
-    room, height = _STATE_SHARE * imgui.GetContentRegionAvail()[1], ui.px(_STATE_HEIGHT)
-    lines = 0  # that a low panel has for why a match ended, with remedies before numbers
-    if height > room:
-        line, spacing = float(imgui.GetTextLineHeight()), float(imgui.GetStyle().ItemSpacing[1])
-        height = 2 * line + 2 * spacing + imgui.GetFrameHeight()  # headline, a line, and buttons
-        lines = 1
-        if height + line <= room:
-            height, lines = height + line, 2
-    with child(ui, "state", height, border=False):  # always as high: what is below must not jump
+    height = min(ui.px(_STATE_HEIGHT), _STATE_SHARE * imgui.GetContentRegionAvail()[1])
+    if session.steps.busy:  # nothing moves under the mouse meanwhile
+        height = max(height, ui.heights.get("state", 0.0))
+    # nothing is reported yet that must be in view as a whole
+    fits: Fits = "exactly" if session.running else "at least"
+    with child(ui, "state", height, border=False, fits=fits):
         if (row := context.files.tables.unshown) is not None:
-            _line(ui, f"{row.name}: {row.verdict}", "failure")
-            _line(ui, sentence(row.reason or "it has no result yet"), "ink", 2)
-            _line(ui, f"The surfaces still show {session.document.name}.", most=2)
+            ui.note(f"{row.name}: {row.verdict}", row.tone)
+            ui.note(sentence(row.reason or "it has no result yet"), "ink")
+            ui.note(f"The surfaces still show {session.document.name}.")
         elif session.document.film is not None:
-            _draw_film(ui, session, lines or _MOST_LINES)
+            _draw_film(ui, session)
         elif session.solver.running:
             _draw_progress(ui, session)
         else:
-            _draw_verdict(ui, session, lines)
+            _draw_verdict(ui, session)
 
 
 def _draw_buttons(ui: Ui, session: Session) -> None:
@@ -118,7 +117,10 @@ def _draw_progress(ui: Ui, session: Session) -> None:
     left = limit - now.iteration
     at_most = f", at most {rounded(each * left)} more" if each and left > 0 else ""
     left_now = verdict_words.left_now(now, snapshot.problem.is_of_landmarks)
-    ui.note(f"Iteration {now.iteration}/{limit}, {left_now}", "ink")
+    best = snapshot.shown.residual
+    has_better = best < now.residual and not snapshot.problem.is_of_landmarks
+    earlier = f", best {best:.3g}" if has_better else ""
+    ui.note(f"Iteration {now.iteration}/{limit}, {left_now}{earlier}", "ink")
     ui.note(capital(step.words() if step else f"{verdict_words.place(now)}{at_most}"))
     if now.warning:
         ui.note(sentence(now.warning), "failure")
@@ -132,7 +134,7 @@ def draw_step(ui: Ui, step: Step) -> None:
     ui.note(capital(step.words()))
 
 
-def _draw_film(ui: Ui, session: Session, lines: int) -> None:
+def _draw_film(ui: Ui, session: Session) -> None:
     """Draw how far a film's match is, or what it and the present interval have come to."""
     document, run = session.document, session.film_match
     film, sequence = document.film, document.sequence
@@ -143,42 +145,70 @@ def _draw_film(ui: Ui, session: Session, lines: int) -> None:
         ui.note(f"Intervals found: {found} of {film.intervals}", "ink")
         return
     if sequence is None:
-        _line(ui, "No match yet", "ink")
-        about = "Match finds the fields that carry each frame to the next, all together."
-        _line(ui, about, most=_MOST_LINES)
+        ui.note("No match yet", "ink")
+        ui.note("Match finds the fields that carry each frame to the next, all together.")
         return
     outdated = document.is_film_outdated
     facts = sequence.facts
-    _line(ui, capital(facts.headline), "muted" if outdated else facts.tone)
+    ui.note(capital(facts.headline), "muted" if outdated else facts.tone)
     if outdated:
-        _line(ui, "Frames or parameters changed since: match all frames again.", "ink", lines)
+        ui.note("Frames or parameters changed since: match all frames again.", "ink")
     now = film.interval(document.time)
     verdict = sequence.verdicts[now]
     told = verdict_words.of_interval(sequence, now)
-    tone: Kind = "muted" if outdated else verdict.kind.tone
-    _line(ui, f"Frame {now} to {now + 1}: {told}", tone)
-    _line(ui, sentence(verdict.cause or verdict.reason), most=lines)
+    ui.note(f"Frame {now} to {now + 1}: {told}", "muted" if outdated else verdict.kind.tone)
+    if reason := verdict.why or verdict.reason:
+        ui.note(sentence(reason))
 
 
 # When it has ended
 
 
-def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
+def _draw_verdict(ui: Ui, session: Session) -> None:
     result, solver = session.result, session.solver
     if solver.failed:
-        _line(ui, f"The solver stopped: {solver.reason}", "failure", _MOST_LINES)
+        ui.note(f"The solver stopped: {solver.reason}", "failure")
     elif result is None and (compared := session.document.compared) is not None:
         _draw_compared(ui, compared)
     elif result is None:
-        failed = session.problem_told != ""
-        _line(ui, "No match yet", "ink")
-        about = session.obstacle or "Match finds a flow from the source to the target"
-        _line(ui, sentence(about), "failure" if failed else "muted", _MOST_LINES)
-    facts = session.facts
-    if result is None or facts is None:
+        ui.note("No match yet", "ink")
+        _draw_before(ui, session)
+    if result is not None and session.steps.busy:
+        ui.note(f"Step {session.steps.shown + 1} of {len(result.path)}: computing")
+    elif result is not None and (facts := session.facts) is not None:
+        _draw_result(ui, session, result, facts)
+
+
+def _draw_before(ui: Ui, session: Session) -> None:
+    """Draw what is known of a match before there is one."""
+    if _draw_foreseen(ui, session):
         return
-    tone = "muted" if session.outdated else facts.tone
-    _line(ui, capital(facts.headline), tone)
+    failed = session.problem_told != ""
+    about = session.obstacle or "Match finds a flow from the source to the target"
+    ui.note(sentence(about), "failure" if failed else "muted")
+
+
+def _draw_foreseen(ui: Ui, session: Session) -> bool:
+    """Draw why no flow can match the present functions, and what to do; whether that is known."""
+    if (facts := session.foreseen) is None:
+        return False
+    ui.note(sentence(facts.reason), facts.tone)
+    if not _draw_rescale(ui, session) and facts.advice:
+        ui.note(f"To try: {facts.advice}.")
+    return True
+
+
+def _draw_rescale(ui: Ui, session: Session) -> bool:
+    """Draw a button if the source lacks values of the target; whether it is there."""
+    if session.foreseen is None or session.rescaled_channels() == session.channels:
+        return False
+    if ui.button("Rescale", _RESCALE):
+        session.rescale()
+    return True
+
+
+def _draw_result(ui: Ui, session: Session, result: Match, facts: Facts) -> None:
+    ui.note(capital(facts.headline), "muted" if session.outdated else facts.tone)
     if steps := len(result.energy_history) - 1:  # at the end of the line, if there is room
         text = counted(steps, "iteration")
         end = imgui.GetCursorPosX() + imgui.GetContentRegionAvail()[0]
@@ -187,16 +217,15 @@ def _draw_verdict(ui: Ui, session: Session, lines: int) -> None:
             imgui.SameLine(start)
             ui.note(text)
     changed = "functions or parameters changed since"
-    why = changed if session.outdated else facts.reason
-    _line(ui, sentence(why), "ink", lines or _MOST_LINES)
-    numbers = verdict_words.in_numbers(result)
-    if lines:
-        _draw_remedies(ui, session, result, facts, 1)
-        _line(ui, numbers)
+    ui.note(sentence(changed if session.outdated else facts.reason), "ink")
+    if session.outdated:
+        _draw_foreseen(ui, session)
     else:
-        has_more = session.outdated or facts.advice
-        _line(ui, numbers, most=1 if has_more else _MOST_LINES)
-        _draw_remedies(ui, session, result, facts, _MOST_LINES)
+        for warning in facts.warnings:
+            ui.note(sentence(warning), "warning")
+    _draw_remedies(ui, session, result, facts)
+    if numbers := verdict_words.in_numbers(result):
+        ui.note(numbers)
 
 
 def _draw_compared(ui: Ui, compared: Comparison) -> None:
@@ -205,15 +234,15 @@ def _draw_compared(ui: Ui, compared: Comparison) -> None:
     verdict = found.verdicts[number] or "failed"
     is_good = Outcome(verdict).is_good and bool(found.fits[number])
     misfit = "" if found.fits[number] else ", does not fit"
-    _line(ui, f"{compared.name}: {verdict}{misfit}", "good" if is_good else "failure")
+    ui.note(f"{compared.name}: {verdict}{misfit}", "good" if is_good else "failure")
     if found.reasons[number]:
-        _line(ui, sentence(found.reasons[number]), "ink", 2)
+        ui.note(sentence(found.reasons[number]), "ink")
     about = "As it was carried to the template. Registration, in the table, shows the flow."
-    _line(ui, about, most=2)
+    ui.note(about)
 
 
-def _draw_remedies(ui: Ui, session: Session, result: Match, facts: Facts, lines: int) -> None:
-    """Draw buttons, or what to try where no button can do it in so many lines."""
+def _draw_remedies(ui: Ui, session: Session, result: Match, facts: Facts) -> None:
+    """Draw buttons, or what to try where no button can do it."""
     is_broken_off, verdict = verdict_words.is_broken_off(result), result.verdict
     # no other flow helps if the complete map is the cause
     remedies = verdict.remedies if facts.outcome is verdict.kind else ()
@@ -226,14 +255,25 @@ def _draw_remedies(ui: Ui, session: Session, result: Match, facts: Facts, lines:
                 ui.beside_if_fits(remedy.label, is_button=True)
             if ui.button(remedy.label, verdict_words.changes(remedy)):
                 session.remedy(remedy)
+        if distorts := _distorts(facts):
+            if remedies:
+                ui.beside_if_fits(LIMIT, is_button=True)
+            draw_limit(ui, session, primary=True)
         # copies of a run have no remedies
         if not remedies and is_broken_off:
             _draw_continue(ui, session)
+        has_button = _draw_rescale(ui, session) or bool(remedies) or distorts
     advice = facts.advice
-    if advice and (result.verdict.kind is Outcome.IMPOSSIBLE or not remedies):
-        _line(ui, f"To try: {advice}.", most=lines)
+    if advice and (verdict.kind is Outcome.IMPOSSIBLE or not has_button):
+        ui.note(f"To try: {advice}.")
     elif is_broken_off:
-        _line(ui, "Continue, or Match starts over.", most=lines)
+        ui.note("Continue, or Match starts over.")
+
+
+def _distorts(facts: Facts) -> bool:
+    """Return whether a good result changes areas so much that a bound is advised."""
+    log2 = facts.numbers.get("log2_area_95")
+    return facts.outcome.is_good and log2 is not None and log2 > abfm.matching.LOG2_AREA_GOOD
 
 
 def _draw_again(ui: Ui, session: Session, is_broken_off: bool) -> None:
@@ -245,20 +285,10 @@ def _draw_again(ui: Ui, session: Session, is_broken_off: bool) -> None:
         ui.beside_if_fits("Continue", is_button=True)
         _draw_continue(ui, session)
     if session.obstacle:
-        ui.beside()
-        _line(ui, sentence(session.obstacle), "failure")
+        ui.note(sentence(session.obstacle), "failure")
 
 
 def _draw_continue(ui: Ui, session: Session) -> None:
     tip = "Match from the field that was found."
     if ui.button("Continue", tip, enabled=not session.obstacle):
         session.match(goes_on=True)
-
-
-def _line(ui: Ui, text: str, kind: Kind = "muted", most: int = 1) -> None:
-    """Write a line, or at most some; what has no room is in a tooltip."""
-    width, room = imgui.GetContentRegionAvail()[0], most * imgui.GetTextLineHeight() + 1
-    shown = cut(text, room, lambda part: float(imgui.CalcTextSize(part, False, width)[1]))
-    ui.note(shown, kind)
-    if shown != text:
-        ui.tip(text)

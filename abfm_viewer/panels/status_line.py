@@ -1,55 +1,84 @@
 """The status line."""
 
+from collections.abc import Sequence
+from itertools import product
+
 import polyscope.imgui as imgui
 
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.verdict_words import left_now, place
 from abfm_viewer.panels.context import Context
-from abfm_viewer.panels.intervals import confirmed
+from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.containers import window
+from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
+
+_APART = 16  # between what goes on and details, at a scale of 1
 
 
 def draw(context: Context, rect: Rect) -> None:
-    """Draw a notice or what goes on; at the right the mesh, its size and frames per second."""
+    """Draw a notice or what goes on; at the right the mesh, its size and frames per second, as far
+    as they leave room.
+    """
     ui, session = context.ui, context.session
     with window(ui, "status line", rect):
         left = imgui.GetCursorPosX()
-        right = left + imgui.GetContentRegionAvail()[0]
-        name = cut(session.document.name, (right - left) / 3, ui.text_width)
-        sizes = (f"{len(one.mesh.vertices):,}" for one in session.document.surfaces)
-        size = f"{' and '.join(sizes)} vertices"
-        details = f"{name}   {size}   {imgui.GetIO().Framerate:.0f} fps"
-        start = right - ui.text_width(details) - ui.px(2)
+        room = imgui.GetContentRegionAvail()[0] - ui.px(2)
         # errors are cards in the viewport
         text = "" if session.notices.latest.is_error else session.notices.latest.text
-        ui.line(text or _state(context), "ink", room=start - left - ui.px(16))
-        imgui.SameLine(start)
-        ui.line(details)
+        texts = (text,) if text else _state(context)
+        text, details = _fitting(ui, texts, _details(ui, session, room), room)
+        start = left + room - ui.text_width(details)
+        ui.line(text, "ink", room=(start - left - ui.px(_APART)) if details else room)
+        if details:
+            imgui.SameLine(start)
+            ui.line(details)
 
 
-def _state(context: Context) -> str:
+def _details(ui: Ui, session: Session, room: float) -> tuple[str, ...]:
+    """Return the mesh, its size and frames per second, and less and less of that."""
+    name = cut(session.document.name, room / 3, ui.text_width)
+    sizes = (f"{len(one.mesh.vertices):,}" for one in session.document.surfaces)
+    size = f"{name}   {' and '.join(sizes)} vertices"
+    return f"{size}   {imgui.GetIO().Framerate:.0f} fps", size, name, ""
+
+
+def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) -> tuple[str, str]:
+    """Return the longest text that has room, with as many details as that leaves."""
+    for text, more in product(texts, details):
+        if ui.text_width(text) + ui.text_width(more) + ui.px(_APART) * (more != "") <= room:
+            return text, more
+    return texts[-1], ""
+
+
+def _state(context: Context) -> tuple[str, ...]:
+    """Return what goes on or what the result is, and a shorter form if there is one."""
     session, solver = context.session, context.session.solver
-    if solver.running:
-        if (snapshot := solver.snapshot) is None:
-            return solver.step.words() if solver.step else "starting the solver"
-        state = "paused" if solver.paused else "solving"
-        left = left_now(snapshot.iteration, snapshot.problem.is_of_landmarks)
-        return f"{state}, {place(snapshot.iteration)}, {left}"
-    if session.film_match.running:
-        return session.film_match.words(session.document)
+    if session.running:
+        return (_progress(context),)
     is_playing = session.document.film is not None and session.player.playing
     if context.shown.busy and not is_playing:  # else it would flicker
-        return context.shown.busy
+        return (context.shown.busy,)
     if is_playing and context.shown.quantities.convolving:
-        return "computing streaks; each interval has them when it is played again"
+        return ("computing streaks; each interval has them when it is played again",)
     if session.document.sequence is not None:
-        told = confirmed(session.document.sequence)
-        return f"{told}{', outdated' if session.document.is_film_outdated else ''}"
+        facts = session.document.sequence.facts
+        outdated = ", outdated" if session.document.is_film_outdated else ""
+        return f"{facts.headline}{outdated}", f"{facts.outcome}{outdated}"
     if solver.failed:
-        return f"the solver stopped: {solver.reason}"
-    return (
-        f"{session.facts.headline}{', outdated' if session.outdated else ''}"
-        if session.facts
-        else "ready"
-    )
+        return f"the solver stopped: {solver.reason}", "the solver stopped"
+    if (reported := session.facts) is None:
+        return ("ready",)
+    outdated = ", outdated" if session.outdated else ""
+    return f"{reported.headline}{outdated}", f"{reported.outcome}{outdated}"
+
+
+def _progress(context: Context) -> str:
+    session, solver = context.session, context.session.solver
+    if session.film_match.running:
+        return session.film_match.words(session.document)
+    if (snapshot := solver.snapshot) is None:
+        return solver.step.words() if solver.step else "starting the solver"
+    state = "paused" if solver.paused else "solving"
+    left = left_now(snapshot.iteration, snapshot.problem.is_of_landmarks)
+    return f"{state}, {place(snapshot.iteration)}, {left}"

@@ -10,7 +10,7 @@ import polyscope.implot as implot
 
 from abfm import ParameterError
 from abfm.types import FloatArray
-from abfm.wording import share
+from abfm.wording import factor, share
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.session import Session
 from abfm_viewer.widgets import plots
@@ -33,10 +33,12 @@ _AT_MOST = (
     "How much areas and shapes may change, as |log2 J| and |log2 R|, on 99% of the faces, of two "
     "surfaces by the initial map and the flow together: 1 allows factors from a half to 2."
 )
-_LIMIT, _STOP = "Limit distortion", "Stop limiting"
+LIMIT = "Limit distortion"
+_STOP = "Stop limiting"
 _LOOK = "Look for the closest field that keeps it; Undo returns to this one."
 _LEAST_WIDTH = 0.01  # of the axis of areas, in doublings
 _MOST_TICKS = 6
+_FACTORS = (1.001, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0)
 _RIM, _SIZE, _LARGER, _NEAR = 5.5, 3.5, 2.5, 16
 """Of marks by flow lines, which are seen behind those of the residual; of those; how much larger
 those of the step that is shown are; and how near a click is meant for one."""
@@ -73,11 +75,11 @@ def _choice(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | Non
         width = room - button if 2 * button < room else room
         new = ui.combo("##step", names[shown], tips, _STEP, width)
         if new != names[shown]:
-            session.steps.show(names.index(new))
+            session.show_step(names.index(new))
         ui.beside_if_fits(_CHOSEN, is_button=True)
         tip = "Back to the step at which the match ended."
         if ui.button(_CHOSEN, tip, enabled=chosen != shown) and chosen is not None:
-            session.steps.show(chosen)
+            session.show_step(chosen)
 
 
 def _bound(ui: Ui, session: Session) -> None:
@@ -89,11 +91,18 @@ def _bound(ui: Ui, session: Session) -> None:
     if typed is not None:
         with ui.refusals.refusing("distortion"):
             bound.most = _positive(typed)
-    label = _STOP if bound.busy else _LIMIT
-    ui.beside_if_fits(label, is_button=True)
-    if ui.button(label, _LOOK, enabled=session.result is not None):
-        bound.stop() if bound.busy else bound.look()
+    ui.beside_if_fits(LIMIT, is_button=True)
+    draw_limit(ui, session)
     ui.refusal("distortion")
+
+
+def draw_limit(ui: Ui, session: Session, primary: bool = False) -> None:
+    """Draw the button that looks for the closest field within the bound, or ends that."""
+    bound = session.bound
+    label = _STOP if bound.busy else LIMIT
+    tip = f"{_LOOK} The bound is {bound.most:g}."
+    if ui.button(label, tip, enabled=session.result is not None, primary=primary):
+        bound.stop() if bound.busy else session.limit_distortion()
 
 
 def _positive(text: str) -> float:
@@ -114,9 +123,9 @@ def _curve(ui: Ui, session: Session, path: Steps, shown: int, chosen: int | None
         if not is_drawn:
             return
         ends = -0.04 * widest, 1.06 * widest
-        plots.set_up("areas change by", ends, (by_flow, by_lines, now), inverted=True)
+        plots.set_up("areas change by a factor of", ends, (by_flow, by_lines, now), inverted=True)
         ticks = area_ticks(widest)
-        words = [f"{_percent(tick):.3g}%" for tick in ticks]
+        words = [f"{2**tick:.4g}" for tick in ticks]
         implot.SetupAxisTicks(implot.ImAxis_X1, np.array(ticks), words)
         if chosen is not None:
             plots.uprights("##chosen", [float(areas[chosen])], ui.colors.good, ui.px(1.5))
@@ -156,22 +165,17 @@ def _clicks(
         return
     plots.tell(ui, _words(path, nearest, chosen))
     if imgui.IsMouseClicked(0) and ui.record.enabled and not session.solver.running:
-        session.steps.show(nearest)
+        session.show_step(nearest)
 
 
 def area_ticks(widest: float) -> list[float]:
-    """Return doublings of areas that are round percents, from 0, apart enough on an axis."""
+    """Return doublings of areas that are round factors, from 0, apart enough on an axis."""
     ticks = [0.0]
-    for percent in (float(f"{m}e{decade}") for decade in range(-2, 9) for m in (1, 2, 3, 5, 7)):
-        place = float(np.log2(1 + percent / 100))
+    for times in (*_FACTORS, *(m * 10.0**decade for decade in range(1, 30) for m in (1, 2, 5))):
+        place = float(np.log2(times))
         if ticks[-1] + widest / _MOST_TICKS <= place <= widest:
             ticks.append(place)
     return ticks
-
-
-def _percent(log2: float) -> float:
-    """Return by how many percent what changes by so many doublings changes."""
-    return float(100 * np.expm1(np.log(2) * log2))
 
 
 def _words(path: Steps, number: int, chosen: int | None) -> str:
@@ -190,8 +194,9 @@ def _words(path: Steps, number: int, chosen: int | None) -> str:
     ]
     if step.log2_area == step.log2_area:
         lines += [
-            f"areas change by {_percent(step.log2_area):.2g}% (mean |log2 J| {step.log2_area:.3g})",
-            f"shapes by {_percent(step.log2_shape):.2g}% (mean |log2 R| {step.log2_shape:.3g})",
+            f"areas change by a factor of {factor(step.log2_area)}, mean |log2 J| "
+            f"{step.log2_area:.3g}",
+            f"shapes by {factor(step.log2_shape)}, mean |log2 R| {step.log2_shape:.3g}",
         ]
     if step.folded == step.folded:
         lines.append(f"{100 * step.folded:.2g}% folded")

@@ -95,7 +95,7 @@ def letter(picture: Image.Image, parts: Iterable[Part], pen: Pen, font: Font) ->
             ImageDraw.Draw(picture).line(part.points, fill=rgb(part.color), width=width)
         elif isinstance(part, Disc):
             _draw_disc(picture, part)
-        else:
+        elif isinstance(part, Strip):
             _color(picture, part)
 
 

@@ -21,6 +21,7 @@ from abfm_viewer.document.document import SIDES, Side, triple
 from abfm_viewer.scene.scene import MARK_RADIUS, NO_VALUE, DrawnMark, Scene
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session
+from abfm_viewer.shown.paint import COMPUTING
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Rect
 
@@ -33,6 +34,7 @@ _SHORTEST, _LONGEST, _APART = 30, 300, 16
 _LINK, _DOT = 1.2, 5.0
 _RADIUS, _LINE = 9.0, 2.0  # of rings
 _MOST = 0.25  # of the height: where bars would take more, each is one line
+_VEIL = 0.6  # opacity
 _GREY = NO_VALUES ** (1 / 2.2)
 _LEGEND = {**CRITICAL, NO_VALUE: (_GREY, _GREY, _GREY, 1.0)}
 
@@ -72,7 +74,15 @@ class Disc:
     hole: float = 0.0  # radius
 
 
-Part = Text | Strip | Line | Disc
+@dataclass(frozen=True)
+class Veil:
+    """A rectangle that dims what is below it."""
+
+    rect: Rect
+    color: Color
+
+
+Part = Text | Strip | Line | Disc | Veil
 
 
 @dataclass(frozen=True)
@@ -191,7 +201,9 @@ def laid_out(
     scene: Scene, rect: Rect, pen: Pen, color_bar: bool = True, labels: bool = True
 ) -> list[Part]:
     borders = scene.view.borders() if scene.shown else []
-    found: list[Part] = [Line(ends, pen.inks.border, pen.scale) for ends in borders]
+    behind, veil = scene.behind, (*pen.inks.ground[:3], _VEIL)
+    found: list[Part] = [Veil(scene.view.slots[name].rect, veil) for name in behind]
+    found += [Line(ends, pen.inks.border, pen.scale) for ends in borders]
     for place, other, color in scene.links():
         found.append(Line((place, other), (*triple(color), 1.0), _LINK * pen.scale))
     found += landmark_parts(scene.landmarks(), pen)
@@ -250,9 +262,13 @@ def landmark_parts(marks: Sequence[DrawnMark], pen: Pen) -> list[Part]:
 
 
 def _titles(scene: Scene) -> Iterator[tuple[str, str, Rect]]:
+    behind = scene.behind
     for name in scene.shown:
         paint = scene.paints.get(name)
-        yield name, paint.title if paint else f"{name}: computing", scene.view_of(name).label(name)
+        title = paint.title if paint else name
+        if paint is None or name in behind:
+            title = f"{title.partition(': ')[0]}{COMPUTING}"
+        yield name, title, scene.view_of(name).label(name)
 
 
 def _bars(scene: Scene, rect: Rect, pen: Pen) -> list[Part]:
@@ -286,7 +302,9 @@ def draw_annotations(ui: Ui, scene: Scene, rect: Rect, color_bar: bool = True) -
     parts = laid_out(scene, rect, pen, color_bar)
     tell_what_is_cut(scene, parts, pen)
     for one in parts:
-        if isinstance(one, Text):
+        if isinstance(one, Veil):
+            canvas.AddRectFilled(one.rect[:2], one.rect[2:], _u32(one.color))
+        elif isinstance(one, Text):
             canvas.AddText((one.left, one.top), _u32(one.color), one.text)
         elif isinstance(one, Line):
             for start, end in pairwise(one.points):

@@ -50,7 +50,7 @@ class Scene:
     """Surfaces in slots: `names` are those that exist, `shown` those that have room."""
 
     def __init__(self, shown: Shown, turns: bool = False) -> None:
-        self._session = shown.session
+        self._shown, self._session = shown, shown.session
         self._turns = turns  # the surfaces get room to turn in
         # another where nothing is drawn
         self.pick: Callable[[Place], Hit | None] = self._picked
@@ -127,6 +127,12 @@ class Scene:
     def shown(self) -> tuple[str, ...]:
         """Return those that got a slot in this frame: all, or the one that is shown large."""
         return tuple(name for name in self.names if name in self.view.slots)
+
+    @property
+    def behind(self) -> tuple[str, ...]:
+        """Return the shown surfaces that still have an earlier result."""
+        is_behind = self._shown.is_behind
+        return tuple(name for name in self.shown if is_behind and name in ("advected", "error"))
 
     @property
     def look(self) -> Look | None:

@@ -26,7 +26,7 @@ class PathSteps:
 
     @property
     def busy(self) -> str:
-        return "carrying the source by another step" if self._wanted else ""
+        return f"computing step {self._wanted[1] + 1}" if self._wanted else ""
 
     @property
     def shown(self) -> int:
@@ -47,6 +47,10 @@ class PathSteps:
         if result := self._editor.document.result:
             self._wanted = result, min(max(step, 0), len(result.path) - 1)
             self.update()
+
+    def stop(self) -> None:
+        """Stay at the result that there is."""
+        self._wanted = None
 
     def update(self) -> None:
         """Take in what was computed: call once per frame."""

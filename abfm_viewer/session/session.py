@@ -30,6 +30,7 @@ from abfm_viewer.document.document import (
     Surface,
     View,
 )
+from abfm_viewer.document.rescaling import rescaled
 from abfm_viewer.document.surface_points import points_of, surface_points
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.bound import Bound
@@ -83,6 +84,7 @@ class Session:
         self._coarse_meshes: Latest[None] = self._jobs.latest()
         self._registration: Memo[abfm.Registration] = Memo()
         self._facts: Latest[abfm.Facts] = self._jobs.latest()
+        self._foreseen: Latest[abfm.Facts | None] = self._jobs.latest()
         self._flow_seen: Identity | None = None  # of a document whose flow was shown
         self._run_began = self.document
         # moves of the history when a remedy began the run: its result belongs to that step
@@ -144,6 +146,21 @@ class Session:
         self.player.playing = False
         self.editor.set_time(time)
 
+    def show_step(self, step: int) -> None:
+        """Show another step of the result's path, whatever was to take its place."""
+        self.bound.stop()
+        self.steps.show(step)
+
+    def limit_distortion(self) -> None:
+        """Look for the closest field within the bound of distortion."""
+        self.steps.stop()
+        self.bound.look()
+
+    def _stop_changes(self) -> None:
+        """Let no step or bounded field that was requested before take the result's place."""
+        self.steps.stop()
+        self.bound.stop()
+
     def undo(self) -> None:
         """Take back the last step, but no run that is under way; what plays stops."""
         self._step(self.editor.undo, self.editor.past)
@@ -154,6 +171,7 @@ class Session:
 
     def _step(self, go: Callable[[], None], to: list[Step]) -> None:
         self.player.playing = False
+        self._stop_changes()
         before = self.document
         if to and to[-1].document.identity is not before.identity:
             if self.running:
@@ -327,6 +345,17 @@ class Session:
         return told
 
     @property
+    def foreseen(self) -> abfm.Facts | None:
+        """What is known of a match of the present functions before it is solved; None if nothing
+        prevents it, or before that is known.
+        """
+        if self.document.film is not None or self.solver.running or self.obstacle:
+            return None
+        spec = replace(self.problem, parameters=Parameters(goal=self.parameters.goal))
+        given = spec, self.functions_of(self.document)
+        return self._foreseen.newest(spec.mesh, _foreseen, *given)
+
+    @property
     def outdated(self) -> bool:
         return self.functions.outdated(self.document)
 
@@ -375,6 +404,7 @@ class Session:
         self.player.playing = False
         self.editor.amend(time=self.parameters.tau)
         self._run_began, self._remedied = self.document, -1
+        self._stop_changes()
         self.solver.start(self.problem, self.functions_of(self.document), field)
 
     def _take_usual_parameters(self) -> None:
@@ -485,6 +515,28 @@ class Session:
         in_reach = at_work | _meshes(*in_history, *self.saves.unsaved_documents)
         self.functions.keep(at_work, in_reach)
 
+    def rescaled_channels(self) -> tuple[Channel, ...]:
+        """Return the channels with sources that have the range of their targets, where these have
+        values; the present ones if nothing can be scaled.
+        """
+        document = self.document
+        mask = self.functions.values(document.mask_function) if document.mask else None
+        found = []
+        for channel in document.channels:
+            values = [self.functions.values(document.function(side, channel)) for side in SIDES]
+            source, target = values
+            if target is not None and mask is not None:
+                target = target[mask > 0]
+            spec = channel.source
+            if source is not None and target is not None:
+                spec = rescaled(spec, source, target)
+            found.append(channel.changed("source", spec))
+        return tuple(found)
+
+    def rescale(self) -> None:
+        """Scale and shift the sources to the ranges of their targets."""
+        self.editor.change("rescale the source", channels=self.rescaled_channels())
+
     def _find_defaults(self) -> None:
         if self.channels or self.document.film is not None:
             return
@@ -563,6 +615,10 @@ class Session:
         if self._apart is not None:
             self._apart.close()
         self._jobs.close()
+
+
+def _foreseen(spec: ProblemSpec, functions: Evaluators) -> abfm.Facts | None:
+    return abfm.matching.foreseen(spec.problem(functions))
 
 
 def _broken_off(count: int, whole: int, earlier: abfm.Sequence | None) -> str:

@@ -22,6 +22,8 @@ from abfm_viewer.computing.background import Memo
 from abfm_viewer.document.document import CARRIED, HODGE_PARTS, SIDES, Front, Side, Theme
 from abfm_viewer.shown.shown import Field, Shown
 
+COMPUTING = ": computing"
+"""What follows the title of a surface whose values are still to come."""
 PaintKind = Literal["vertex values", "face values", "colors", "checker", "texture"]
 _LEAST_RANGE = 1e-12
 _BESIDE = 0.02  # of a range: what values may leave it by before it is told
@@ -390,7 +392,7 @@ class Painter:
 
 
 def _labelled(title: str, is_behind: bool) -> str:
-    return f"{title}: computing" if is_behind else title
+    return f"{title}{COMPUTING}" if is_behind else title
 
 
 def _with_range(title: str, values: FloatArray, colors: ColorRange) -> str:

@@ -41,6 +41,7 @@ _MOST_KEPT = 300_000_000  # bytes of streaks of a film's intervals
 _PHASES = 16  # of moving streaks that are computed; those between are blended
 _SHOWN_PHASES = 32  # of moving streaks in the window
 _EXACT = 1e-6
+_OF_FIELD: tuple[Coloring, ...] = ("speed", "divergence", "curl")
 _FASTEST = 1e30  # that cards know
 
 
@@ -214,6 +215,15 @@ class FieldQuantities(Jobs):
     @property
     def finding(self) -> bool:
         return self._field.busy
+
+    @property
+    def is_behind(self) -> bool:
+        """Return whether the field that the view shows is that of an earlier flow."""
+        view, flow, known = self._session.view, self._flow.state, self._field.key
+        of_field = view.coloring in _OF_FIELD or view.arrows or view.streaks
+        if flow is None or not (of_field and isinstance(known, tuple)):
+            return False
+        return not any(one is flow for one in known[1])
 
     @property
     def convolving(self) -> bool:
@@ -439,6 +449,18 @@ class Shown:
         """
         is_film = self.session.document.film is not None
         return self.flow.is_ready and (is_film or not self.quantities.convolving)
+
+    @property
+    def is_behind(self) -> bool:
+        """Return whether the surfaces do not show yet what the panel reports: the result, or the
+        step of its path that was chosen.
+        """
+        session = self.session
+        if session.running or session.result is None or session.outdated:
+            return False
+        waits = session.player.playing and session.player.held
+        of_earlier = self.flow.is_behind or self.quantities.is_behind
+        return session.steps.busy != "" or waits or of_earlier
 
     @property
     def busy(self) -> str:

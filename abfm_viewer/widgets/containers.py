@@ -5,6 +5,7 @@ What opens something is a context manager, so that an error inside leaves ImGui'
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Literal
 
 import polyscope.imgui as imgui
 
@@ -12,6 +13,8 @@ from abfm_viewer.appearance.theme import Color
 from abfm_viewer.widgets.toolkit import Ui, close_by_escape, pushed
 from abfm_viewer.widgets.widget_record import Rect
 
+Fits = Literal["exactly", "at most", "at least"]
+_ENDLESS = 1e6  # pixels
 _STILL = imgui.ImGuiWindowFlags_NoMove | imgui.ImGuiWindowFlags_NoSavedSettings
 _WINDOW = (
     _STILL | imgui.ImGuiWindowFlags_NoDecoration | imgui.ImGuiWindowFlags_NoBringToFrontOnFocus
@@ -40,10 +43,10 @@ def _ended(
 
 
 @contextmanager
-def window(ui: Ui, name: str, rect: Rect) -> Iterator[None]:
+def window(ui: Ui, name: str, rect: Rect, scrolls: bool = False) -> Iterator[None]:
     imgui.SetNextWindowPos(rect[:2])
     imgui.SetNextWindowSize((rect[2] - rect[0], rect[3] - rect[1]))
-    imgui.Begin(name, _WINDOW)
+    imgui.Begin(name, _WINDOW & ~imgui.ImGuiWindowFlags_NoScrollbar if scrolls else _WINDOW)
     with _ended(ui, imgui.End, rect=rect):
         _keep_scroll(ui, name)
         yield
@@ -93,22 +96,26 @@ def card(
 
 @contextmanager
 def child(
-    ui: Ui, name: str, height: float, border: bool = True, shrinks: bool = False
+    ui: Ui, name: str, height: float, border: bool = True, fits: Fits = "exactly"
 ) -> Iterator[None]:
-    """Draw a part of a panel that scrolls by itself; a negative height leaves that much below it,
-    and one that `shrinks` is as low as what is in it.
+    """Draw a part of a panel that scrolls by itself; a negative height leaves that much below it.
+    One that `fits` "at most" or "at least" that height is as high as what is in it, within that
+    limit.
     """
     flags = imgui.ImGuiChildFlags_Borders if border else imgui.ImGuiChildFlags_None
     style, room = imgui.GetStyle(), imgui.GetContentRegionAvail()[0]
-    if shrinks:
+    if fits != "exactly":
         flags |= imgui.ImGuiChildFlags_AutoResizeY
-        imgui.SetNextWindowSizeConstraints((0, 0), (room, height))
+        lowest, highest = (height, _ENDLESS) if fits == "at least" else (0.0, height)
+        imgui.SetNextWindowSizeConstraints((0, lowest), (room, highest))
     else:  # what is in it stays where it is when a scroll bar comes
         padding = 2 * style.WindowPadding[0] if border else 0
         imgui.SetNextWindowContentSize((room - style.ScrollbarSize - ui.px(4) - padding, 0))
-    imgui.BeginChild(name, (0, 0 if shrinks else height), flags)
-    with _ended(ui, imgui.EndChild):
+    imgui.BeginChild(name, (0, height if fits == "exactly" else 0), flags)
+    around = ui.record.areas[-1] if fits == "at least" else None  # which scrolls in its place
+    with _ended(ui, imgui.EndChild, rect=around):
         _keep_scroll(ui, ui.record.path(name))
+        ui.heights[name] = float(imgui.GetWindowHeight())
         yield
 
 

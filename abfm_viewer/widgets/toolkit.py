@@ -109,6 +109,7 @@ class Ui:
         self.open_tab = ""
         self.open_sections: dict[str, bool] = {}
         self.scrolls: dict[str, float] = {}
+        self.heights: dict[str, float] = {}  # of children, by their names
         # of the parts of windows and children, by their names, that must be scrolled to
         self.hidden_heights: dict[str, float] = {}
         self._clicked_at: tuple[float, float] | None = None

@@ -323,7 +323,7 @@ class Actions:
         if self._files.tables.has_keys:
             self._files.tables.move(count)
         elif not self._session.solver.running:
-            self._session.steps.show(self._session.steps.shown + count)
+            self._session.show_step(self._session.steps.shown + count)
 
     def _step(self, share: float) -> None:
         document = self._session.document

@@ -88,7 +88,7 @@ class Recoveries:
             self._ask_next()
         self._mind_reading(self._recoveries)
         present, running = session.document, session.snapshot
-        if running and not running.iteration.iteration:  # before its first step
+        if running and not running.shown.iteration:  # before its first step
             running = None
         unsaved = {one.identity: one for one in reversed(session.saves.unsaved_documents)}
         film_run = session.film_match.began

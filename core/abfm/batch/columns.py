@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from abfm.errors import FunctionError, ParameterError, brief
-from abfm.functions import Permuted, Spec, Sum, ValuesFile, parse, quoted
+from abfm.functions import Permuted, Scaled, Spec, Sum, ValuesFile, parse, quoted
 from abfm.matching.bounded import check_bound
 from abfm.parameters import CHOICES, Parameters, is_whole
 from abfm.registration import initial
@@ -106,6 +106,8 @@ def _with_files(spec: Spec, rename: Rename) -> Spec:
         return Sum(tuple(_with_files(term, rename) for term in spec.terms))
     if isinstance(spec, ValuesFile):
         return replace(spec, path=rename(spec.path))
+    if isinstance(spec, Scaled):
+        return replace(spec, function=_with_files(spec.function, rename))
     if isinstance(spec, Permuted):
         path = spec.path if spec.is_detected or "." not in spec.path else rename(spec.path)
         return replace(spec, path=path, function=_with_files(spec.function, rename))

@@ -14,6 +14,8 @@ from .labels import Labels as Labels
 from .labels import read_labels as read_labels
 from .local_shape import vertex_normals as vertex_normals
 from .places import Gaussian as Gaussian
+from .scaled import Scaled as Scaled
+from .scaled import scaled as scaled
 from .spec import Sum as Sum
 from .spec import families as families
 from .spec import function as function

@@ -6,6 +6,7 @@ from abfm.errors import AbfmError
 from abfm.functions.family import Spec
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature
+from abfm.functions.scaled import Scaled
 from abfm.functions.spec import Sum, function, parse
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, refined
@@ -42,4 +43,6 @@ def _is_of_the_surface(term: Spec) -> bool:
     """Say whether it needs no file, and no curvature, which is 0 at middles of flat edges."""
     if isinstance(term, Sum):
         return all(map(_is_of_the_surface, term.terms))
+    if isinstance(term, Scaled):
+        return _is_of_the_surface(term.function)
     return not isinstance(term, ValuesFile | Permuted | Curvature)

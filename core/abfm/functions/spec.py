@@ -6,6 +6,7 @@
     term     = family [ ":" argument { "," argument } ]
              | "expression:" formula     up to the end of the spec or of the parentheses around it
              | "permuted:" path "(" spec ")"
+             | "scaled:" argument { "," argument } "(" spec ")"
              | "(" spec ")"
     argument = key "=" value | value            the key may be left out before the positional value
 
@@ -17,7 +18,7 @@ no quotes; a value in double quotes may hold anything (a double quote inside is 
 import re
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from abfm.functions.family import Family, Spec
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
+from abfm.functions.scaled import Scaled
 from abfm.functions.spectral import Eigenfunction, HeatKernelSignature, WaveKernelSignature
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray
@@ -37,7 +39,7 @@ _FAMILIES: dict[str, type[Family]] = {
     cls.family: cls
     for cls in (
         *(Gaussian, Eigenfunction, HeatKernelSignature, WaveKernelSignature, Curvature),
-        *(Coordinate, Geodesic, ShapeDiameter, Indicator, ValuesFile, Expression, Permuted),
+        *(Coordinate, Geodesic, ShapeDiameter, Indicator, ValuesFile, Expression, Permuted, Scaled),
     )
 }
 
@@ -135,7 +137,9 @@ def _has_file(spec: Spec) -> bool:
     """Tell whether a function has values of a file in it."""
     if isinstance(spec, Sum):
         return any(map(_has_file, spec.terms))
-    return _has_file(spec.function) if isinstance(spec, Permuted) else isinstance(spec, ValuesFile)
+    if isinstance(spec, Permuted | Scaled):
+        return _has_file(spec.function)
+    return isinstance(spec, ValuesFile)
 
 
 class _Parser:
@@ -184,12 +188,21 @@ class _Parser:
             return _build(cls, [])
         if cls.is_open_ended:
             return cls(**{str(cls.positional): self.formula()})
+        if cls is Scaled:
+            return self.scaled(depth)
         if cls is not Permuted:
             return _build(cls, self.arguments())
         path = _unquoted(self.take(_QUOTED) or self.take(r"[^(]*"))
         if not self.take(r"\("):
             self.fail("'(' and the function to compose, as in permuted:map.txt(gaussian:vertex=1)")
         return Permuted(path=path, function=self.inner(depth))
+
+    def scaled(self, depth: int) -> Spec:
+        arguments = self.take(r"[^(]*").split(",")
+        if not self.take(r"\("):
+            self.fail("'(' and the function to scale, as in scaled:2(gaussian:vertex=1)")
+        values = _values(Scaled, [argument.strip() for argument in arguments])
+        return Scaled(function=self.inner(depth), **values)
 
     def inner(self, depth: int) -> Spec:
         """Return the spec up to the parenthesis that closes it."""
@@ -230,9 +243,14 @@ class _Parser:
 
 
 def _build(cls: type[Family], arguments: list[str]) -> Family:
+    return cls(**_values(cls, arguments))
+
+
+def _values(cls: type[Family], arguments: list[str]) -> dict[str, Any]:
+    """Return the parameters of a family by their keys, as text."""
     keys = [p.name for p in cls.parameters()]
     expected = f"keys are {', '.join(keys)}" if keys else "it takes no parameters"
-    values: dict[str, str] = {}
+    values: dict[str, Any] = {}
     for place, argument in enumerate(arguments):
         match = _KEY_AND_VALUE.fullmatch(argument)
         if match:
@@ -254,7 +272,7 @@ def _build(cls: type[Family], arguments: list[str]) -> Family:
         if p.required and p.name not in values:
             form = f"{cls.family}:..." if p.name == cls.positional else f"{p.name}="
             raise FunctionError(f"{cls.family}: {p.name} is missing; give {p.kind.name}, as {form}")
-    return cls(**values)
+    return values
 
 
 def _unquoted(text: str) -> str:

@@ -12,11 +12,13 @@ from abfm.functions.expression import Expression
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
+from abfm.functions.scaled import Scaled, scaled
 from abfm.functions.spectral import Eigenfunction, HeatKernelSignature, WaveKernelSignature
 from abfm.mesh import TriangleMesh
 from tests.shapes import icosphere
 
 HKS, WKS = HeatKernelSignature(), WaveKernelSignature()
+ALONG_X = Coordinate(axis="x")
 MEANINGS = {
     "gaussian:vertex=12,width=0.1": Gaussian(vertex=(12,), width=0.1),
     "gaussian:x=1,y=-2e-3,z=.5,metric=euclidean,height=-2": Gaussian(
@@ -48,6 +50,13 @@ MEANINGS = {
     ),
     'permuted:"p(1).txt"(permuted:q.npy(hks))': Permuted(
         path="p(1).txt", function=Permuted(path="q.npy", function=HKS)
+    ),
+    "scaled:2(hks)": Scaled(factor=2.0, function=HKS),
+    "scaled:-0.5, offset=1e-3(hks + wks) + wks": Sum(
+        (Scaled(factor=-0.5, offset=1e-3, function=Sum((HKS, WKS))), WKS)
+    ),
+    "scaled:2(permuted:mirror(hks))": Scaled(
+        factor=2.0, function=Permuted(path="mirror", function=HKS)
     ),
     "gaussian:vertex=1,width=0.1 + gaussian:vertex=9": Sum(
         (Gaussian(vertex=(1,), width=0.1), Gaussian(vertex=(9,)))
@@ -101,6 +110,10 @@ ERRORS = {
     'file:"a.npy': "expected a closing double quote",
     "permuted:p.txt": "expected '('",
     "permuted:p.txt(hks": "expected ')', found nothing more",
+    "scaled:2": "expected '('",
+    "scaled:offset=1(hks)": "factor is missing",
+    "scaled:x(hks)": "factor must be a finite number",
+    "scaled:2,ofset=1(hks)": "did you mean 'offset'?",
     "(hks": "expected ')'",
     "hks)": "expected '+' or the end, found ')'",
     "hks hks": "expected ':' after hks, found 'hks'",
@@ -134,7 +147,7 @@ def test_specs_made_in_python_are_checked_like_text():
 def test_families_describe_themselves():
     described = {cls.family: cls for cls in families()}
     assert set(described) == {spec.family for spec in MEANINGS.values() if isinstance(spec, Family)}
-    assert set(described) == {*TERMS, "permuted"}
+    assert set(described) == {*TERMS, "permuted", "scaled"}
     for cls in described.values():
         assert cls.summary()
         assert all(p.summary for p in cls.parameters())
@@ -145,6 +158,14 @@ def test_families_describe_themselves():
     (index,) = described["eigenfunction"].parameters()
     assert index.required
     assert described["eigenfunction"].positional == "index"
+
+
+def test_a_function_that_is_scaled_twice_is_scaled_once():
+    once = scaled(ALONG_X, 3.0, 1.0)
+    twice = scaled(once, -2.0, 0.5)
+    assert (twice.factor, twice.offset, twice.function) == (-6.0, -1.5, ALONG_X)
+    np.testing.assert_allclose(twice.evaluate(MESH), -2 * (3 * X + 1) + 0.5, atol=1e-15)
+    np.testing.assert_array_equal(function(MESH, str(twice)), twice.evaluate(MESH))
 
 
 def test_a_sum_adds_any_families():
@@ -206,6 +227,7 @@ specs = st.recursive(
     st.one_of(*TERMS.values()),
     lambda inner: st.one_of(
         st.builds(Permuted, path=names, function=inner),
+        st.builds(Scaled, factor=numbers, offset=numbers, function=inner),
         st.lists(inner.filter(lambda s: not isinstance(s, Sum)), min_size=2, max_size=3).map(
             lambda t: Sum(tuple(t))
         ),

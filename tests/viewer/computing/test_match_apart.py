@@ -73,6 +73,7 @@ def test_no_picture_is_made_for_nine_times_as_long_as_one_took_within_limits(
     class Iteration:
         look: object = None
         warning = velocity = None
+        residual = 1.0
 
         @property
         def advected(self):
@@ -93,3 +94,39 @@ def test_no_picture_is_made_for_nine_times_as_long_as_one_took_within_limits(
     monkeypatch.setattr(abfm, "match", match)
     Matching().match(1, None)
     assert [one.look.picture for one in reports] == 3 * ["picture", None, None]
+
+
+@dataclass(eq=False)
+class Iterate:
+    iteration: int
+    residual: float
+    look: object = None
+    warning = None
+
+    @property
+    def velocity(self):
+        return f"field {self.iteration}"
+
+    @property
+    def advected(self):
+        return f"picture {self.iteration}"
+
+
+def test_the_best_field_is_known_during_a_later_attempt_and_after_the_run(reports, monkeypatch):
+    """Though only a few of the newest are."""
+    monkeypatch.setattr(match_apart, "_SHORTEST_WAIT", 0.0)
+    monkeypatch.setattr(match_apart, "_TIMES_A_PICTURE", 0.0)
+    residuals, known = (1.4, 0.5, 0.04, 1.3, 1.2, 1.1, 1.0, 0.9, 0.8), []
+    state = Matching()
+
+    def match(problem, on_iteration):
+        for number, residual in enumerate(residuals):
+            on_iteration(Iterate(number, residual))
+            known.append(state.fields(1, 2)[0])
+        assert state.fields(1, 6)[0] == "field 6"
+        assert state.fields(1, 1)[0] == "field 2"  # forgotten
+
+    monkeypatch.setattr(abfm, "match", match)
+    state.match(1, None)
+    assert known == ["field 0", "field 1", *7 * ["field 2"]]
+    assert state.fields(1, 8) == ("field 2", "picture 2")

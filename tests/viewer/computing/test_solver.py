@@ -20,7 +20,7 @@ from abfm import AbfmError
 from abfm.workers import worker as worker_module
 from abfm_viewer.computing import solver as solver_module
 from abfm_viewer.computing.evaluation import Evaluators, Functions
-from abfm_viewer.computing.match_apart import MatchApart
+from abfm_viewer.computing.match_apart import Look, MatchApart
 from abfm_viewer.computing.solver import FIRST, Course, ProblemSpec, Snapshot, Solver, State
 from abfm_viewer.document.document import Channel
 from tests.shapes import icosphere, tetrahedron
@@ -345,18 +345,18 @@ def keeping(solver, functions, monkeypatch):
     """One with a run of which a field came over early though nobody asked."""
     monkeypatch.setattr(solver_module, "FIRST", 0.2)
     solver.start(problem(ENDLESS), functions)
-    until(lambda: solver._course.newest)
+    until(lambda: solver._course.best)
     return solver
 
 
 def test_a_killed_process_leaves_the_field_that_came_over(keeping, functions):
     solver = keeping
-    course, kept = solver._course, solver._course.newest
+    course, kept = solver._course, solver._course.best
     result, run = killed(solver)
     assert "\n" not in solver.reason
     assert result.velocity.any()
-    if course.newest is kept:  # else another one came just before
-        np.testing.assert_array_equal(result.velocity, kept.iteration.velocity)
+    if course.best is kept:  # else another one came just before
+        np.testing.assert_array_equal(result.velocity, kept.shown.velocity)
     carries(result, functions)
     assert len(run.stages) > kept.iteration.iteration
 
@@ -412,9 +412,10 @@ def clock(monkeypatch):
 class Iterate:
     """Whose field takes a while."""
 
-    def __init__(self, clock, iteration, seconds, is_known=True):
+    def __init__(self, clock, iteration, seconds, is_known=True, residual=None):
         self.clock, self.iteration, self.seconds = clock, iteration, seconds
         self.is_known = is_known
+        self.residual = 1 / (1 + iteration) if residual is None else residual
 
     @property
     def velocity(self):
@@ -456,20 +457,20 @@ def test_fetching_takes_a_fiftieth_of_the_time_but_for_one_field(clock, vertices
         assert max(waits) < solver_module._LONGEST_WAIT + 0.1
 
 
-def test_the_newest_of_the_present_solve_is_kept(clock):
+def test_the_best_of_the_present_solve_is_kept(clock):
     course = begun(10)
     first, second = (snapshot(Iterate(clock, number, 0)) for number in (4, 7))
     course.keep(second)
     course.keep(first)
-    assert course.newest is second
+    assert course.best is second
     other = replace(PROBLEM)
     course.begin(other)
-    assert course.newest is None
+    assert course.best is None
     course.keep(second)
-    assert course.newest is None
+    assert course.best is None
     third = snapshot(Iterate(clock, 1, 0), other)
     course.keep(third)
-    assert course.newest is third
+    assert course.best is third
 
 
 def test_a_start_is_no_field_and_a_process_that_ended_has_none(clock):
@@ -478,14 +479,34 @@ def test_a_start_is_no_field_and_a_process_that_ended_has_none(clock):
     for newest, shown in (
         (start, start),
         (later, start),  # nothing that moves was shown yet
-        (Iterate(clock, 5, 0, is_known=False), later),
+        (later, Iterate(clock, 5, 0, is_known=False)),
         (SimpleNamespace(iteration=6), later),  # not yet time for the next one
     ):
         course.fetch(Snapshot(PROBLEM, newest, shown))
-        assert course.newest is None
+        assert course.best is None
     clock.seconds += 100
     course.fetch(snapshot(later))
-    assert course.newest is not None
+    assert course.best is not None
+
+
+def test_a_new_attempt_replaces_no_better_field(solver):
+    """On the screen, in copies and where the process is killed: the best one so far stays."""
+    solver._under_way, solver._next, solver._since_restart = threading.Event(), None, 0
+    solver._course.begin(PROBLEM)
+
+    def post(number, residual, picture="picture", problem=PROBLEM):
+        rest = dict.fromkeys(("energy", "regularity", "mismatch_energy", "stage", "reach"), 0.0)
+        now = SimpleNamespace(iteration=number, residual=residual, vertices=1, shares={}, **rest)
+        now.look = Look(None, picture)
+        solver._post(problem, now)
+        return solver.snapshot.iteration.iteration, solver.snapshot.shown.iteration
+
+    assert post(0, 1.4) == (0, 0)
+    assert post(1, 0.04) == (1, 1)
+    assert post(2, 1.3) == (2, 1)
+    assert post(3, 0.02, picture=None) == (3, 1)
+    assert post(4, 0.03) == (4, 4)
+    assert post(5, 0.9, problem=replace(PROBLEM)) == (5, 5)  # of another problem
 
 
 def test_a_run_of_several_terms_has_a_curve_for_each():

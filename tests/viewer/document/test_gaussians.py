@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abfm import FunctionError, TriangleMesh
-from abfm.functions import Gaussian, Permuted, Sum, parse
+from abfm.functions import Gaussian, Permuted, Scaled, Sum, parse
 from abfm.functions.expression import Expression
 from abfm.functions.places import Coordinate
 from abfm.functions.spectral import Eigenfunction
@@ -37,8 +37,12 @@ OTHERS = st.one_of(
 
 
 def text(terms, mapped):
+    """Also scaled, if it is mapped."""
     inner = Sum(tuple(terms)) if len(terms) > 1 else terms[0]
-    return str(Permuted(path="a map (1).txt", function=inner) if mapped else inner)
+    if not mapped:
+        return str(inner)
+    mapped = Permuted(path="a map (1).txt", function=inner)
+    return str(Scaled(factor=2.0, function=mapped))
 
 
 @given(

@@ -113,7 +113,7 @@ def test_a_killed_process_leaves_a_card_to_go_on_with(gui, monkeypatch):
         gui.session.solver.unfinished(
             gui.session.solver.snapshot, gui.session.functions_of(gui.session.document)
         )
-        kept = gui.session.solver._course.newest.iteration.velocity
+        kept = gui.session.solver._course.best.shown.velocity
         os.kill(gui.session.solver._apart._worker.pid, signal.SIGKILL)
         gui.wait(lambda s: s.solver.failed)
         assert (gui.session.result.velocity == kept).all()

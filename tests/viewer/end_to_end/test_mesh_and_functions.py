@@ -61,6 +61,25 @@ def test_channels_and_gaussians_are_added_changed_and_removed_by_widget(gui):
     settled(gui)
 
 
+def test_an_impossible_pair_is_reported_at_once_and_rescaled_by_a_button(gui):
+    session = gui.session
+    assert "Rescale" not in gui.labels()
+    gui.type("spec", "coordinate:x", within="source")
+    gui.type("spec", "expression:4*x+1", within="target")
+    settled(gui)
+    gui.wait(lambda s: s.foreseen)
+    gui.frames(2)
+    gui.click("Rescale")
+    settled(gui)
+    gui.wait(lambda s: s.foreseen is None)
+    source, target = (session.values(side) for side in ("source", "target"))
+    np.testing.assert_allclose(source, target, atol=1e-4)
+    assert "Rescale" not in gui.labels()
+    gui.key("ctrl+z")
+    assert session.active.source == "coordinate:x"
+    gui.wait(lambda s: s.foreseen)
+
+
 def test_controls_of_the_families(gui):
     """Every family can be chosen and is evaluated, and every control of it used."""
     side, drag, write, choose = "target", gui.drag, gui.type, gui.choose
@@ -91,7 +110,9 @@ def test_controls_of_the_families(gui):
         "expression": [(write, "formula", "x*y")],
     }
     expected = {"eigenfunction": ":4", "geodesic": ":vertex=5", "expression": ":x*y"}
-    for family in sorted({cls.family for cls in families()} - {"gaussian", "file", "permuted"}):
+    for family in sorted(
+        {cls.family for cls in families()} - {"gaussian", "file", "permuted", "scaled"}
+    ):
         choose("family", family, within=side)
         assert spec().startswith(family)
         settled(gui)

@@ -8,8 +8,6 @@ import abfm
 from abfm.matching import Remedy
 from abfm.workers.control import present_control
 from abfm_viewer.computing.match_apart import MatchApart
-from abfm_viewer.panels.right_panel import STEPS
-from abfm_viewer.widgets.toolkit import Ui
 from tests.viewer.sessions import ENDLESS, begin, cancel, match
 
 WINDOW = (640, 480)  # in which no line of the verdict is cut
@@ -156,35 +154,14 @@ def test_a_result_of_another_problem_says_so_and_offers_a_match(gui, notes):
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
-def test_nothing_below_moves_whatever_the_header_says(gui, scale):
-    editor = gui.session.editor
-    editor.set_view("scale", ui_scale=scale)
-
-    def below():
-        gui.frames(2)
-        called = (STEPS, "Look")
-        [tab] = [w for w in gui.window.ui.widgets if (w.section, w.label) == called]
-        return tab.rect
-
-    place = below()
+def test_a_long_verdict_wraps_as_a_whole(gui, notes, scale):
     blindly(gui, reach=0.0)
-    assert below() == place
-    editor.set_parameter(alpha=0.02)
-    assert below() == place
-    editor.set_parameter(iterations=100_000, tolerance=0.0, reach=1.0)
-    begin(gui)
-    assert below() == place
-
-
-def test_texts_without_room_are_cut_and_hovering_shows_them(gui, monkeypatch):
-    blindly(gui, reach=0.0)
-    result, words = gui.session.result, "so many words that no panel has room for them " * 4
+    gui.session.editor.set_view("scale", ui_scale=scale)
+    result, words = gui.session.result, "so many words that no line has room for them " * 4
     long = replace(result.verdict, reason=f"the residual stayed: {words}")
     gui.session.editor.amend(result=replace(result, verdict=long))
-    tips = []
-    monkeypatch.setattr(Ui, "tip", lambda ui, text, **_: tips.append(text))
-    gui.frames(1)
-    assert any(tip.startswith("So many words") and tip.endswith("for them .") for tip in tips)
+    gui.frames(2)
+    assert f"{words[:1].upper()}{words[1:]}." in dict(notes())
 
 
 def test_a_source_that_is_squeezed_is_told_while_it_runs(gui, notes, monkeypatch):

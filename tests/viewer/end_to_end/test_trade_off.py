@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm import Parameters
+from abfm import Match, Parameters
 from abfm.matching import keeps
 from abfm.matching.path import COLUMNS
 from abfm.wording import share
 from abfm_viewer.computing.solver import Solver
 from abfm_viewer.files.project import load_project
+from abfm_viewer.panels.right_panel import STEPS
+from abfm_viewer.scene.annotations import _titles
+from abfm_viewer.shown.shown_flow import FlowState
 from tests.viewer.sessions import stepped
 
 WINDOW = (1000, 700)  # where the curve is seen as a whole
@@ -53,6 +56,42 @@ def test_clicks_keys_and_the_list_choose_a_step_and_one_click_goes_back(walked):
     is_at(walked, 2)
 
 
+def titles(gui):
+    return {name: title for name, title, _ in _titles(gui.window.scene)}
+
+
+@pytest.mark.parametrize("held", [(Match, "at_step"), (FlowState, "carry")])
+def test_the_surface_is_dimmed_until_it_shows_the_chosen_step(walked, monkeypatch, held):
+    may_end, scene = threading.Event(), walked.window.scene
+    walked.session.set_time(0.5 * walked.session.tau)
+    walked.wait(lambda _: not walked.window.shown.busy and walked.window.shown.flow.settled)
+    walked.frames(2)
+    assert scene.behind == ()
+    owner, name = held
+    compute = getattr(owner, name)
+    monkeypatch.setattr(owner, name, lambda *given: may_end.wait(30) and compute(*given))
+    before = walked.window.shown.flow.advected()
+
+    def tabs():
+        return [w.rect for w in walked.window.ui.widgets if w.section == STEPS]
+
+    places = tabs()
+    walked.click("step 1")
+    walked.frames(3)
+    assert scene.behind == ("advected",)
+    assert titles(walked)["advected"] == "advected: computing"
+    assert tabs() == places or walked.session.steps.shown == walked.session.result.step
+    walked.click("step 2")  # the later one wins
+    may_end.set()
+    walked.wait(lambda s: s.result.step == 1 and not walked.window.shown.busy)
+    walked.wait(lambda _: walked.window.shown.flow.settled and not scene.behind)
+    assert "computing" not in titles(walked)["advected"]
+    now = walked.window.shown.flow.advected()
+    assert not np.array_equal(now, before)
+    expected = walked.session.result.advect(walked.session.time)[:, 0]
+    np.testing.assert_allclose(now, expected, atol=1e-6)
+
+
 def test_what_is_chosen_is_said_saved_and_exported(walked, tmp_path, monkeypatch):
     shown = []
     monkeypatch.setattr("polyscope.imgui.SetTooltip", shown.append)
@@ -63,8 +102,8 @@ def test_what_is_chosen_is_said_saved_and_exported(walked, tmp_path, monkeypatch
     walked.hover("step 1")
     assert shown[-1].splitlines()[2:] == [
         f"what is left: {share(walked.session.result.residual)}, by flow lines 90%",
-        "areas change by 7.2% (mean |log2 J| 0.1)",
-        "shapes by 15% (mean |log2 R| 0.2)",
+        "areas change by a factor of 1.1, mean |log2 J| 0.1",
+        "shapes by 1.1, mean |log2 R| 0.2",
         "0% folded",
     ]
     for button, name in (("Export CSV...", "path.csv"), ("Save result...", "match.npz")):
@@ -123,7 +162,7 @@ def test_the_distortion_is_limited_and_undo_goes_back(walked):
     most = float(f"{0.7 * max(found.log2_area.p95, found.log2_shape.p95):.3g}")
     assert not keeps(before, most)
     walked.type("distortion", str(most))
-    walked.click("Limit distortion")
+    walked.click("Limit distortion", "Match")
     walked.wait(lambda s: not s.bound.busy)
     assert keeps(session.result, most)
     assert session.result is not before
@@ -132,7 +171,7 @@ def test_the_distortion_is_limited_and_undo_goes_back(walked):
     kept = session.result
     walked.type("distortion", "none")
     walked.type("distortion", "4")
-    walked.click("Limit distortion")
+    walked.click("Limit distortion", "Match")
     walked.wait(lambda s: not s.bound.busy)
     assert session.result is kept
     assert "keep 4 already" in session.notices.log[-1].text
@@ -143,10 +182,10 @@ def test_the_distortion_is_limited_and_undo_goes_back(walked):
 def test_a_search_for_less_distortion_is_stopped_or_ends_with_its_result(walked):
     session, before = walked.session, walked.session.result
     walked.type("distortion", "0.01")
-    walked.click("Limit distortion")
-    walked.click("Stop limiting")
+    walked.click("Limit distortion", "Match")
+    walked.click("Stop limiting", "Match")
     assert session.result is before
-    walked.click("Limit distortion")
+    walked.click("Limit distortion", "Match")
     session.editor.change("clear", result=None)
     walked.frames(2)
     assert not session.bound.busy

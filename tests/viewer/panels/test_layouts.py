@@ -12,19 +12,24 @@ import numpy as np
 import polyscope.imgui as imgui
 import pytest
 
+from abfm.matching.judging.cause import ADVICE, SENTENCES, Cause, sentence_of
 from abfm.matching.judging.verdict import Evidence, judge
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
+from abfm.outcome import Facts, Outcome
 from abfm.parameters import Parameters
 from abfm_viewer.automation import Driver
 from abfm_viewer.panels.right_panel import TABS
 from abfm_viewer.widgets.toolkit import Ui
+from abfm_viewer.window.menus import UI_SCALES
 from tests.processes import run
 from tests.viewer.sessions import EGG, ENDLESS, stepped
 
 SIZES = ((1000, 700), (1280, 800), (2560, 1440))
 _WRITTEN = "saved /a/folder/with/a/name/that/is/long/enough/to/need/more/than/one/line/picture.png"
 _ROUNDING = 1.0  # pixels
+LONGEST = "longest"
+LONG = LONGEST, "advised"
 
 
 # The program
@@ -37,6 +42,22 @@ def two_channels_with_other_peaks():
     problem = FunctionTerm(EGG, np.stack([near, heights], 1), np.stack([near + far, heights], 1))
     evidence = Evidence(problem.target, 0.01, StopReason.CONVERGED, verified=0.5)
     return judge(problem, evidence, Parameters())
+
+
+def longest():
+    """The longest sentences that there are, though not of one match."""
+    details = {"channel": "in channel 12 ", "bound": "100%", "here": "12 peaks and 12 pits"}
+    values = dict.fromkeys(("source", "target"), "-1.23e-05 to 1.23e+05")
+    details |= values | dict.fromkeys(("there", "to_nothing", "why", "limit", "folded"), "so")
+    details |= dict.fromkeys(("far", "count", "verified", "iterations", "sigma"), 1)
+    reasons = [sentence_of(cause, **details) for cause in Cause if cause in SENTENCES]
+    return Facts(
+        Outcome.REGISTERED,
+        "registered: less than 0.01% left, areas change by a factor of 1200",
+        max(reasons, key=len),
+        max(ADVICE.values(), key=len),
+        warnings=("5% of the surface changes its area by a factor of 1200 or more",),
+    )
 
 
 def _states(gui):
@@ -57,6 +78,12 @@ def _states(gui):
     yield "advised"
     session.editor.amend(result=stepped(found))
     yield "with a path"
+    verdict = replace(found.verdict, remedies=())
+    told = replace(found, stop_reason=StopReason.NO_PROGRESS, verdict=verdict)
+    vars(told)["facts"] = longest()
+    session.editor.amend(result=told)
+    gui.wait(lambda _: not gui.window.shown.busy)
+    yield LONGEST
     session.editor.amend(result=found)
     gui.window.exporter.message = _WRITTEN
     yield "exported"
@@ -71,7 +98,9 @@ def _recorded(method):
     def recorded(ui, text, *options, **more):
         write(ui, text, *options, **more)
         rect = (*imgui.GetItemRectMin(), *imgui.GetItemRectMax())
-        found.append({"text": text, "rect": rect, "area": ui.record.areas[-1]})
+        width = imgui.CalcTextSize(text)[0]
+        area = ui.record.areas[-1]
+        found.append({"text": text, "rect": rect, "area": area, "text_width": width})
 
     setattr(Ui, method, recorded)
     return found
@@ -79,7 +108,7 @@ def _recorded(method):
 
 def _layouts(gui, size, texts):
     for state in _states(gui):
-        for scale in (1.0, 2.0):
+        for scale in UI_SCALES if state == LONGEST else (1.0, 2.0):
             gui.session.editor.amend(view=replace(gui.session.view, ui_scale=scale))
             for tab in TABS:
                 gui.window.ui.open_tab = tab
@@ -145,7 +174,7 @@ def overlaps(parts):
 
 def test_each_tab_fits_one_screen(layouts):
     shown = [layout for layout in layouts if layout["size"] == [1280, 800] and layout["scale"] == 1]
-    for layout in shown:
+    for layout in (layout for layout in shown if layout["state"] != LONGEST):
         ends = f"/{layout['tab']}"
         hidden = [height for name, height in layout["hidden"].items() if name.endswith(ends)]
         assert hidden == [0], where(layout)
@@ -163,9 +192,12 @@ def test_nothing_is_cut_off_at_the_side_and_surfaces_have_most_of_the_width(layo
 
 
 def test_what_does_not_scroll_is_in_view(drawn):
+    """Where a verdict in large letters leaves no room, the column with the tabs scrolls."""
     sliders = 0
     for widget, layout, place in drawn:
         inside = widget["section"].split("/")[0]
+        if inside == "steps" and layout["hidden"]["panel"] and layout["scale"] > 1:
+            continue
         (left, top, right, bottom), (_, first, _, last) = widget["rect"], widget["area"]
         if inside in ("time bar", "steps") or widget["label"] in ("Match", "Pause", "Cancel"):
             assert first <= top < bottom <= last, f"{widget['label']!r}: {place}"
@@ -202,29 +234,57 @@ def test_no_widget_or_text_covers_another(layouts):
             assert one["area"] != other["area"] or over <= _ROUNDING, what
 
 
+def test_verdicts_are_never_clipped(layouts):
+    """Neither at any size nor at any scale: the state wraps and is as high as it needs."""
+    facts = longest()
+    told = {facts.headline, facts.reason, *facts.warnings, f"to try: {facts.advice}"}
+    for layout in (layout for layout in layouts if layout["state"] == LONGEST):
+        notes = {note["text"].lower().removesuffix("."): note for note in layout["notes"]}
+        assert told <= notes.keys(), where(layout)
+        for text in told:
+            (left, top, right, bottom), area = notes[text]["rect"], notes[text]["area"]
+            assert area[0] <= left <= right <= area[2] + _ROUNDING, f"{text}: {where(layout)}"
+            is_in_view = area[1] <= top < bottom <= area[3] + _ROUNDING
+            scrolls = layout["hidden"]["panel"] > 0 and layout["scale"] > 1.5
+            assert is_in_view or scrolls, f"{text}: {where(layout)}"
+
+
+def test_the_status_line_has_the_verdict_in_full_or_its_word(layouts):
+    facts = longest()
+    for layout in (layout for layout in layouts if layout["state"] == LONGEST):
+        lines = [line for line in layout["lines"] if line["area"] == layout["parts"]["status"]]
+        assert lines[0]["text"] in (facts.headline, str(facts.outcome)), where(layout)
+        for line in lines:
+            (left, _, right, _) = line["rect"]
+            assert right - left >= line["text_width"] - _ROUNDING, f"{line['text']}: {layout}"
+        assert lines[0]["text"] == facts.headline or layout["scale"] > 1
+
+
 def test_remedies_and_advice_that_no_button_carries_out_are_in_view(layouts):
-    """Advice with its cause, at an ordinary scale; else as much as has room."""
     for layout in layouts:
         remedies = [widget for widget in layout["widgets"] if widget["section"] == "verdict"]
         are_there = layout["state"] in ("matched", "with a path", "exported", "asked")
         assert bool(remedies) == are_there, where(layout)
         for widget in remedies:
             below = widget["rect"][3] - widget["area"][3]
-            assert below <= _ROUNDING, f"{widget['label']!r}: {where(layout)}"
+            scrolls = layout["hidden"]["panel"] > 0 and layout["scale"] > 1.5
+            assert below <= _ROUNDING or scrolls, f"{widget['label']!r}: {where(layout)}"
     whole = "To try: smooth the functions, refine the mesh, or expect a match in part."
     for layout in (layout for layout in layouts if layout["state"] == "advised"):
         (advice,) = [note for note in layout["notes"] if note["text"].startswith("To try: ")]
         (_, top, _, bottom), (_, first, _, last) = advice["rect"], advice["area"]
-        assert first <= top < bottom <= last + _ROUNDING, where(layout)
-        if layout["scale"] == 1:
-            beside = [n["text"] for n in layout["notes"] if n["area"] == advice["area"]]
-            assert not any(text.endswith("...") for text in beside), where(layout)
-            assert advice["text"] == whole
+        scrolls = layout["hidden"]["panel"] > 0 and layout["scale"] > 1.5
+        assert first <= top < bottom <= last + _ROUNDING or scrolls, where(layout)
+        assert advice["text"] == whole
 
 
 def test_nothing_jumps_from_one_state_to_the_next(drawn):
+    """Unless a verdict is so long that the column needs more room for it."""
     first = {}
     for widget, layout, place in drawn:
+        is_long = layout["state"] in LONG or layout["scale"] > 1
+        if is_long and widget["rect"][0] >= layout["parts"]["panel"][0]:
+            continue
         if widget["kind"] != "plot" and widget["section"] not in ("A title", "verdict"):
             left_top, key = widget["rect"][:2], (widget["section"], widget["label"], widget["kind"])
             which = (*layout["size"], layout["scale"], layout["tab"], *key)

@@ -62,12 +62,11 @@ def test_an_axis_of_what_is_left_has_round_shares(low, high, ticks):
 
 
 @pytest.mark.parametrize(
-    ("widest", "percents"),
-    [(0.02, [0, 0.3, 0.7, 1]), (0.7, [0, 10, 20, 50]), (5.8, [0, 100, 300, 700, 2000, 5000])],
+    ("widest", "factors"),
+    [(0.02, [1, 1.005, 1.01]), (0.7, [1, 1.1, 1.2, 1.5]), (5.8, [1, 2, 5, 10, 20, 50])],
 )
-def test_an_axis_of_areas_has_round_percents(widest, percents):
-    ticks = np.array(trade_off.area_ticks(widest))
-    np.testing.assert_allclose(100 * (2**ticks - 1), percents)
+def test_an_axis_of_areas_has_round_factors(widest, factors):
+    np.testing.assert_allclose(2 ** np.array(trade_off.area_ticks(widest)), factors)
 
 
 def test_what_is_under_the_mouse_is_told():

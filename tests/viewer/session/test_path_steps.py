@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from abfm import AbfmError, Match
+from abfm_viewer.session.bound import _Found
 from tests.viewer.sessions import matched, stepped, until
 
 
@@ -53,7 +54,7 @@ def test_the_latest_wish_wins_and_one_for_another_match_is_dropped(walked, monke
     for step in (0, 1):
         walked.steps.show(step)
     assert walked.steps.shown == 1
-    assert walked.busy == "carrying the source by another step"
+    assert walked.busy == "computing step 2"
     assert walked.result is found
     may.set()
     until(lambda: walked.result.step == 1, walked)
@@ -65,6 +66,48 @@ def test_the_latest_wish_wins_and_one_for_another_match_is_dropped(walked, monke
     walked.update()
     assert not walked.busy
     assert walked.result.path != found.path
+
+
+@pytest.fixture
+def slow(walked, monkeypatch):
+    """The same, where a step takes until the event that is returned."""
+    may, at_step = threading.Event(), Match.at_step
+    monkeypatch.setattr(Match, "at_step", lambda match, n: may.wait(30) and at_step(match, n))
+    yield walked, may
+    may.set()
+
+
+def test_a_step_wins_over_an_earlier_bound(slow, monkeypatch):
+    session, may = slow
+    found, bounded = session.result, threading.Event()
+
+    def search(wanted):
+        bounded.wait(30)
+        return _Found(replace(found, fine_velocity=0 * found.fine_velocity), True, "", None)
+
+    monkeypatch.setattr(session.bound, "_search", search)
+    session.limit_distortion()
+    session.show_step(1)
+    bounded.set()
+    may.set()
+    until(lambda: session.result.step == 1, session)
+    until(lambda: not session.busy, session)
+    assert session.result.fine_velocity is found.path[1].velocity
+
+
+@pytest.mark.parametrize("change", ["limit_distortion", "undo", "match"])
+def test_a_later_change_wins_over_a_step(slow, monkeypatch, change):
+    session, may = slow
+    session.editor.set_spec("source", session.channels[0].source.replace("0.15", "0.16"))
+    until(lambda: not session.obstacle, session)
+    monkeypatch.setattr(session.bound, "look", lambda: None)
+    session.show_step(0)
+    getattr(session, change)()
+    assert not session.steps.busy
+    may.set()
+    until(lambda: not session.solver.running, session)
+    session.update()
+    assert session.result.step != 0
 
 
 def test_a_step_whose_flow_cannot_be_followed_says_so(walked, monkeypatch):

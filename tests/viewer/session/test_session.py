@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from abfm import FunctionError, Parameters
+from abfm.outcome import Outcome
 from abfm_viewer.document.document import Channel, Document, Front, Look, Surface, View
 from abfm_viewer.session.editor import LONGEST, Editor
 from abfm_viewer.session.player import SECONDS, Player
@@ -342,3 +343,31 @@ def test_ping_pong_turns_at_both_ends_and_another_way_to_repeat_goes_forward_aga
     assert next_time(player, 1.0) < 1
     player.repeat = "loop"
     assert next_time(player, 1.0) > 1
+
+
+def test_a_pair_that_no_flow_matches_is_foreseen_and_can_be_rescaled(session):
+    until(lambda: session.foreseen is None and not session._foreseen.busy, session)
+    session.editor.set_spec("target", "expression:5*y+3")
+    session.editor.set_spec("source", "coordinate:x")
+    ready(session)
+    until(lambda: session.foreseen, session)
+    assert session.foreseen.outcome is Outcome.IMPOSSIBLE
+    before = session.channels
+    session.rescale()
+    ready(session)
+    values = session.values("source")
+    np.testing.assert_allclose([values.min(), values.max()], [-2, 8], atol=1e-4)
+    until(lambda: not session.foreseen, session)
+    assert session.rescaled_channels() == session.channels
+    session.undo()
+    ready(session)
+    assert session.channels == before
+    until(lambda: session.foreseen, session)
+
+
+def test_a_constant_target_is_foreseen_and_not_rescaled(session):
+    session.editor.set_spec("target", "expression:2")
+    ready(session)
+    until(lambda: session.foreseen, session)
+    assert session.foreseen.outcome is Outcome.IMPOSSIBLE
+    assert session.rescaled_channels() == session.channels

@@ -1,0 +1,32 @@
+"""A source that is scaled to the range of its target."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from abfm import functions
+from abfm.types import FloatArray
+
+_SAME = 1e-3  # of the target's range: what differs by less stays
+
+
+def rescaled(spec: str, source: FloatArray, target: FloatArray) -> str:
+    """Return the spec of a source with the range of a target; the same spec if it has that already,
+    or if one of them is constant.
+
+    Parameters
+    ----------
+    spec : str
+    source, target : ndarray, (V,) and (W,)
+        Their values.
+    """
+    (low, high), (least, most) = ((float(f.min()), float(f.max())) for f in (source, target))
+    if not (high > low and most > least):
+        return spec
+    slack = _SAME * (most - least)
+    if np.allclose((low, high), (least, most), rtol=0, atol=slack):
+        return spec
+    factor = (most - least) / (high - low)
+    found = functions.scaled(functions.parse(spec), factor, least - factor * low)
+    factor, offset = (float(f"{number:.12g}") for number in (found.factor, found.offset))
+    return str(replace(found, factor=factor, offset=offset))

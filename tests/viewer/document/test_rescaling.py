@@ -1,0 +1,30 @@
+"""A source that is scaled to the range of its target."""
+
+import numpy as np
+import pytest
+
+from abfm.functions import function, parse
+from abfm_viewer.document.rescaling import rescaled
+from tests.shapes import icosphere
+
+MESH = icosphere(2)
+
+
+@pytest.mark.parametrize("spec", ["coordinate:x", "scaled:-3,offset=2(coordinate:x)"])
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-1e6, 1e6), (3.0, 3.001), (-2e-7, 5e-6)])
+def test_a_rescaled_source_has_the_range_of_the_target(spec, low, high):
+    target = np.linspace(low, high, 50)
+    source = function(MESH, spec)
+    found = rescaled(spec, source, target)
+    values = function(MESH, found)
+    slack = 1e-4 * (high - low)
+    np.testing.assert_allclose([values.min(), values.max()], [low, high], rtol=0, atol=slack)
+    assert str(parse(found).function) == "coordinate:x"  # scaled once
+    assert rescaled(found, values, target) == found
+    assert np.corrcoef(values, source)[0, 1] == pytest.approx(1)
+
+
+def test_constants_stay():
+    source = function(MESH, "coordinate:x")
+    assert rescaled("coordinate:x", source, np.full(3, 2.0)) == "coordinate:x"
+    assert rescaled("expression:2", np.full(3, 2.0), source) == "expression:2"
