@@ -23,6 +23,7 @@ from laboratory.success import (
     run_success,
 )
 from laboratory.trials import Place
+from tests.messages import raises
 from tests.shapes import icosphere, square
 
 SHORT = {name: replace(each, iterations=15, refine=0) for name, each in VERSIONS.items()}
@@ -176,9 +177,9 @@ def test_parts_and_their_reports_put_together_are_the_whole(report, folder):
     whole = success.merged([part(count=2, part=(k, 2)) for k in (1, 2)])
     for found, wanted in zip(whole["rows"], report["rows"], strict=True):
         assert found == wanted
-    with pytest.raises(ParameterError, match="different seed"):
+    with raises(ParameterError, "seed"):
         success.merged([report, part(Place(control=ended), seed=1)])
-    with pytest.raises(ParameterError, match="at least one"):
+    with raises(ParameterError):
         success.merged([])
 
 

@@ -13,6 +13,7 @@ from abfm_viewer.computing.match_apart import MatchApart
 from abfm_viewer.document.document import Channel, View
 from abfm_viewer.files.project import Origin
 from abfm_viewer.session.session import Session
+from tests.messages import check_message
 from tests.shapes import torus
 from tests.viewer import sessions
 from tests.viewer.sessions import ENDLESS, PAIR, SPHERE, end_run, matched, ready, solving, until
@@ -129,7 +130,7 @@ def test_undo_does_not_leave_a_mesh_that_is_being_matched(session):
     session.undo()
     session.undo()
     assert session.surface().mesh is TORUS
-    assert "cancel the run first" in session.notices.latest.text
+    check_message(session.notices.latest.text)
     end_run(session)
     assert session.notices.cards == ()
     found = session.result
