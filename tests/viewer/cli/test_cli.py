@@ -236,10 +236,12 @@ def test_match_says_the_outcome_in_a_few_lines_and_what_to_try(tmp_path, abfm):
     assert numbers.startswith(known)
     assert numbers.endswith(f" s; wrote {out}")
     assert table == (path_lines(match) if len(match.path) > 1 else [])
-    assert advice == f"to try: {verdict_words.advice_in_options(match, str(out))}"
+    assert verdict_words.advice_in_options(match, str(out)) in advice
     said = abfm(*MATCH, tmp_path / "m.npz", "--source", "expression:1", status=UNREACHED).out
-    assert said.startswith("impossible\nthe source is constant")
-    assert "\nto try: " in said
+    said, why, *_, advice = said.splitlines()
+    assert said.startswith("impossible")
+    check_message(why)
+    check_message(advice)
 
 
 def test_measured_functions_that_are_registered_are_a_success(tmp_path, abfm):
@@ -252,7 +254,7 @@ def test_measured_functions_that_are_registered_are_a_success(tmp_path, abfm):
         np.save(tmp_path / name, waves + 0.25 * noise.standard_normal(len(x)))
     given = [f"--{side}=file:{tmp_path}/{f}.npy" for side, f in (("source", "f"), ("target", "g"))]
     said, why, *_ = abfm("match", mesh, "--quiet", "--out", out, *given).out.splitlines()
-    assert re.fullmatch(r"registered: \d+% left, areas change by a factor of 1[\d.]*", said)
+    check_message(said, "registered")
     assert load_match(out).verdict.cause is Cause.LIMIT_OF_DATA
     first = load_match(out).initial_residual
     assert float(re.findall(r"([\d.]+)%", why)[-1]) == pytest.approx(100 * first, abs=1)
