@@ -543,7 +543,7 @@ def test_demo_passes_its_own_test_and_fails_when_mismatch_stays_high(tmp_path, a
     )
     monkeypatch.setattr("abfm_viewer.pictures.match_picture", no_picture)
     told = abfm("demo", "--out", tmp_path, "--quiet", status=1).err
-    check_message(line_with(told, "note: "), "no time for it")
+    check_message(line_with(told, "no time for it"), "note")
     check_message(told.splitlines()[-1])
 
 
