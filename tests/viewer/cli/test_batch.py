@@ -385,9 +385,12 @@ def test_a_signal_ends_a_batch_and_keeps_what_is_done(tmp_path):
     assert lingering(there) == []
 
 
+STATUS = ("batch", "--status")
+
+
 def write_ledger(folder, rows):
     """Write a table and a ledger in which every row has failed but each tenth, which is missing."""
-    lines = [f"row {i},none.off,{NEAR},{NEAR},{i}" for i in range(rows)]
+    lines = [f'row {i},none.off,"{NEAR}","{NEAR}",{i}' for i in range(rows)]
     head = "name,mesh,source,target,iterations"
     (folder / "table.csv").write_text("\n".join([head, *lines]) + "\n")
     ledger, found = Ledger(folder / "out"), read_table(folder / "table.csv")
@@ -401,7 +404,7 @@ def write_ledger(folder, rows):
 
 def test_page_of_many_rows_is_bounded(tmp_path, abfm):
     write_ledger(tmp_path, 3000)
-    printed = json.loads(abfm(f"batch --status {tmp_path}/out --json --quiet", status=4).out)
+    printed = json.loads(abfm(*STATUS, tmp_path / "out", "--json", "--quiet", status=4).out)
     assert printed["counts"] == {"missing": 300, "failed": 2700}
     assert [row["name"] for row in printed["rows"]] == [f"row {i}" for i in range(3000)]
     assert len(table_of(tmp_path / "out")) == 3000
@@ -416,9 +419,10 @@ def test_page_of_many_rows_is_bounded(tmp_path, abfm):
 
 
 def test_long_texts_are_cut_on_the_page_only(tmp_path, abfm):
-    text = f"name,mesh,source,target\n{'n' * 20_000},none.off,{NEAR},{NEAR}\n"
+    text = f'name,mesh,source,target\n{"n" * 20_000},none.off,"{NEAR}","{NEAR}"\n'
     (tmp_path / "table.csv").write_text(text)
-    abfm(f"batch {tmp_path}/table.csv --out {tmp_path}/out --jobs 1 --quiet", status=4)
+    words = (tmp_path / "table.csv", "--out", tmp_path / "out", "--jobs", "1", "--quiet")
+    abfm("batch", *words, status=4)
     assert (tmp_path / "out" / "summary.html").stat().st_size < 20_000
     assert table_of(tmp_path / "out")[0]["name"] == "n" * 20_000
 
@@ -427,7 +431,7 @@ def test_letters_that_cannot_be_written_hide_nothing(tmp_path, abfm):
     write_ledger(tmp_path, 2)
     rows = tmp_path / "out" / "ledger" / "rows.json"
     rows.write_text(rows.read_text().replace("row 0", "\\ud800"))
-    told = abfm(f"batch --status {tmp_path}/out", status=4)
+    told = abfm(*STATUS, tmp_path / "out", status=4)
     assert told.out.startswith("2 rows: 1 not done, 1 failed")
     assert [row["name"] for row in table_of(tmp_path / "out")] == ["?", "row 1"]
 
@@ -470,7 +474,7 @@ _CLI = "abfm_viewer.cli.batches"
 )
 def test_signal_ends_a_large_batch_before_it_is_complete(place, name, words, tmp_path):
     write_ledger(tmp_path, 20)
-    words = words.format(t=tmp_path).split()
+    words = [word.format(t=tmp_path) for word in words.split()]
     done = python(_SIGNALLED, place, name, "batch", *words, "--no-pictures")
     assert done.returncode == 143
     assert "Traceback" not in done.stderr
