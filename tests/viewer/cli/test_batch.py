@@ -385,9 +385,6 @@ def test_a_signal_ends_a_batch_and_keeps_what_is_done(tmp_path):
     assert lingering(there) == []
 
 
-STATUS = ("batch", "--status")
-
-
 def write_ledger(folder, rows):
     """Write a table and a ledger in which every row has failed but each tenth, which is missing."""
     lines = [f'row {i},none.off,"{NEAR}","{NEAR}",{i}' for i in range(rows)]
