@@ -9,7 +9,7 @@ from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LAST, LONGEST, WARMEST, Parameters
 from abfm.types import FloatArray
 
-_FOUND = 0.7  # residual with which the target is found: the paper's norm leads on, without reach
+_FOUND = 0.75  # residual with which the target is found: the paper's norm leads on, without reach
 _LESS = 1 / 3  # factor of alpha on the less smooth way
 # a step goes on while its energy falls by this share within so many iterations
 _PAYING, _OVER = 0.03, 6
