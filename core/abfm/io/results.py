@@ -136,8 +136,11 @@ _MATCH = {
     # the columns of `abfm.matching.path.COLUMNS`
     "path_steps": Entry("real", ("S", 11), required=False, low=0, may_be_unknown=True),
     "path_step": Entry("integer", (), required=False, low=0),  # which of them the match is
-    # the others' fields side by side, in lengths of the mesh: squares of more overflow
-    "path_velocity": Entry("single", ("N", "P", 3), required=False, low=-1e30, high=1e30),
+    # the number of fields of each step, if these differ
+    "path_fields": Entry("integer", ("S",), required=False, low=1, high=1e6),
+    # the others' fields in lengths of the mesh, side by side, (N, P, 3); one after another,
+    # (1, P, 3), if their numbers differ. Squares of larger values overflow
+    "path_velocity": Entry("single", ("R", "P", 3), required=False, low=-1e30, high=1e30),
 }
 MATCH_ENTRIES = _FUNCTIONS | _MATCH | SPEC_ENTRIES | LANDMARK_ENTRIES | _DATA
 

@@ -530,7 +530,13 @@ def match_arrays(match: Match) -> dict[str, Any]:
     """Return what files hold of a match besides its mesh; what is not known is left out."""
     verdict = match.verdict
     parts = path_arrays(match.path, match.step, match.mesh) | match.problem.spec_arrays()
-    left_out = {"remedies", "path_velocity", *results.SPEC_ENTRIES, *results.LANDMARK_ENTRIES}
+    left_out = {
+        "remedies",
+        "path_fields",
+        "path_velocity",
+        *results.SPEC_ENTRIES,
+        *results.LANDMARK_ENTRIES,
+    }
     if match.problem.landmarks is not None:
         parts |= match.problem.landmarks.arrays()
     if not match.refined:
