@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from abfm.errors import AbfmError, ParameterError, ResultError, one_line
 from abfm.flow.flow import Flow
 from abfm.io import results
-from abfm.maps.distortion import Distortion
+from abfm.maps.distortion import Bound, Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.facts import Report
@@ -84,6 +84,9 @@ class Match:
         Which of them the match is.
     doubt : str
         What a file said of the match that its field does not bear out, in a line; mostly empty.
+    bound : Bound, optional
+        How its map keeps the bound of distortion within which it was sought (`abfm.matching
+        .bounded`); None if there was no bound.
     """
 
     problem: Problem
@@ -99,14 +102,15 @@ class Match:
     path: tuple[PathStep, ...] = field(default=(), repr=False)
     step: int = 0
     doubt: str = ""
+    bound: Bound | None = None
 
     def __post_init__(self) -> None:
-        # a copy with another field is on no path
+        # a copy with another field is on no path, and within no bound
         if not self.path or self.path[self.step].velocity is not self.fine_velocity:
             p = self.parameters
             known = self.fine_velocity, self.residual, self.verified_residual, self.folded
             alone = PathStep(p.last_sigma, p.alpha, p.reach, *known)
-            self.__dict__.update(path=(alone,), step=0)
+            self.__dict__.update(path=(alone,), step=0, bound=None)
 
     @property
     def mesh(self) -> TriangleMesh:
@@ -231,9 +235,24 @@ class Match:
             verified_residual=found.verified_residual,
             folded=found.folded,
             step=step % len(self.path),
+            bound=None,
         )
         judged = replace(other, verdict=other._judged().of_a_step(found.sigma))
         return judged._held_against(problem, carried)
+
+    def with_step(self, step: PathStep) -> Match:
+        """Return the match of the fields of a step that follows its path, by both checks; the
+        numbers that the step has are recomputed.
+
+        AbfmError if its fields carry nothing to their end.
+        """
+        problem = self.problem.refined(_refined(step, self.mesh))
+        carried = _carried(problem, step.velocity)
+        path, number = (*self.path, step), len(self.path)
+        other = replace(
+            self, fine_velocity=step.velocity, path=path, step=number, bound=None, doubt=""
+        )
+        return other._recomputed(problem, carried)
 
     def borne_out(self) -> Match:
         """Return the match as its field bears it out, by carrying the source once: itself, or with
@@ -267,22 +286,28 @@ class Match:
         is_estimate = self.stop_reason is StopReason.CANCELLED and math.isnan(
             self.verified_residual
         )
-        said = dict[str, float]()
-        if not is_estimate:
+        other = self._recomputed(problem, carried, is_verified=not is_estimate)
+        return replace(other, doubt="" if is_estimate else doubt)
+
+    def _recomputed(
+        self, problem: Problem, carried: FloatArray, is_verified: bool = True
+    ) -> Match:
+        """Return it with the numbers of its field, which carries the source (V, C) on its mesh."""
+        said, own = dict[str, float](), self.path[self.step]
+        if is_verified:
             with suppress(AbfmError):  # too fast for walks
                 energy = MatchingEnergy(problem)
                 said = measured(energy, self.fine_velocity / energy.length_scale)
-        own = self.path[self.step]
         said["held_out"] = own.held_out
-        own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, left, **said)
+        residual = problem.left(carried.T, self.landmark_errors)
+        own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, residual, **said)
         other = replace(
             self,
-            advected=advected,
-            residual=left,
+            advected=carried[: len(self.mesh.vertices)],
+            residual=residual,
             verified_residual=own.verified_residual,
             folded=own.folded,
             path=(*self.path[: self.step], own, *self.path[self.step + 1 :]),
-            doubt="" if is_estimate else doubt,
         )
         return replace(other, verdict=other._judged())
 
