@@ -56,6 +56,12 @@ class Bound(NamedTuple):
     largest: float  # what 99% of the faces are within
     folded: int  # faces
 
+    @classmethod
+    def of(cls, numbers: ArrayLike) -> Bound:
+        """Return the bound of four numbers, as files hold them."""
+        most, share, largest, folded = np.asarray(numbers).tolist()
+        return cls(most, share, largest, int(folded))
+
     @property
     def is_kept(self) -> bool:
         """Return whether 99% of the faces are within the bound, and none is folded."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from abfm.errors import AbfmError, ParameterError, brief
-from abfm.maps.distortion import SHARE, Distortion
+from abfm.maps.distortion import Distortion
 from abfm.matching.match import Match, match
 from abfm.matching.path import PathStep
 from abfm.matching.solving.course import Course
@@ -77,12 +77,12 @@ def bounded(
     with step("looking for the closest field within the bound"):
         bound = measure(found).bound(most)
         if bound.is_kept:
-            return replace(found, bound=bound)
+            return found if found.bound == bound else replace(found, bound=bound)
         search = _Search(found, most, measure, control or present_control())
         search.run()
         if search.best is None:
-            return replace(found, bound=bound)
-        return replace(search.best, bound=measure(search.best).bound(most))
+            return found.within(bound)
+        return search.best.within(measure(search.best).bound(most))
 
 
 def check_bound(most: float) -> None:
@@ -121,7 +121,10 @@ class _Search:
     def run(self) -> None:
         """Try all candidates after a match that is beyond the bound."""
         found, first = self._found, self._found.path[0]
-        start, number = found.with_step(replace(first, velocity=0 * first.velocity, held_out=math.nan)), -1
+        start, number = (
+            found.with_step(replace(first, velocity=0 * first.velocity, held_out=math.nan)),
+            -1,
+        )
         self._still = self._distortion(start)
         if self._still <= self._most:
             self._take(start)
@@ -175,7 +178,11 @@ class _Search:
                 high, at_high = middle, at_middle
         if low:
             with suppress(AbfmError):  # fields that carry nothing to their end
-                self._take(self._found.with_step(replace(beyond, velocity=low * velocity, held_out=math.nan)))
+                self._take(
+                    self._found.with_step(
+                        replace(beyond, velocity=low * velocity, held_out=math.nan)
+                    )
+                )
 
     def _between(self, start: Match, number: int) -> None:
         """Try sigmas between those of a step that keeps the bound and of the next one, each from

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, overload
 
 import numpy as np
@@ -254,6 +254,10 @@ class Match:
         )
         return other._recomputed(problem, carried)
 
+    def within(self, bound: Bound) -> Match:
+        """Return the match as one that was sought within a bound of distortion."""
+        return replace(self, bound=bound, verdict=self.verdict.within(bound))
+
     def borne_out(self) -> Match:
         """Return the match as its field bears it out, by carrying the source once: itself, or with
         what was recomputed, and the `doubt` that says so.
@@ -289,9 +293,7 @@ class Match:
         other = self._recomputed(problem, carried, is_verified=not is_estimate)
         return replace(other, doubt="" if is_estimate else doubt)
 
-    def _recomputed(
-        self, problem: Problem, carried: FloatArray, is_verified: bool = True
-    ) -> Match:
+    def _recomputed(self, problem: Problem, carried: FloatArray, is_verified: bool = True) -> Match:
         """Return it with the numbers of its field, which carries the source (V, C) on its mesh."""
         said, own = dict[str, float](), self.path[self.step]
         if is_verified:
@@ -330,6 +332,7 @@ class Match:
             refined=self.refined,
             landmarks=_landmarks(self.problem, self.landmark_errors),
             held_out=self.path[self.step].held_out,
+            bound=self.bound,
         )
 
     def _judged(self) -> Verdict:
@@ -383,6 +386,13 @@ class Match:
         Of the data terms it keeps the functions and the landmarks.
         """
         results.save_arrays(path, results.mesh_arrays(self.mesh) | match_arrays(self))
+
+    def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
+        """Write what can be written of a match that `save` refuses, at least its field; return what
+        is missing and why, a line each, or raise ResultError.
+        """
+        parts = {"the mesh": partial(results.mesh_arrays, self.mesh), **match_parts(self)}
+        return results.save_parts(path, parts, substitutes(self))
 
 
 @overload
@@ -553,30 +563,68 @@ def _problem_of(*problem: Any, **given: Any) -> Problem:
 
 def match_arrays(match: Match) -> dict[str, Any]:
     """Return what files hold of a match besides its mesh; what is not known is left out."""
-    verdict = match.verdict
-    parts = path_arrays(match.path, match.step, match.mesh) | match.problem.spec_arrays()
-    left_out = {
-        "remedies",
-        "path_fields",
-        "path_velocity",
-        *results.SPEC_ENTRIES,
-        *results.LANDMARK_ENTRIES,
+    return results.made(match_parts(match))
+
+
+def match_parts(match: Match) -> results.Parts:
+    """Return the parts of `match_arrays`, of which any but the fields may fail."""
+    grouped = {
+        "the fields": ("velocity", "fine_velocity") if match.refined else ("velocity",),
+        "the energies": ("energy_history", "stages"),
+        "the path": ("path_steps", "path_step", "path_fields", "path_velocity"),
+        "the functions' texts": tuple(results.SPEC_ENTRIES),
+        "the landmarks": (*results.LANDMARK_ENTRIES, "landmark_errors"),
     }
-    if match.problem.landmarks is not None:
-        parts |= match.problem.landmarks.arrays()
-    if not match.refined:
-        left_out.add("fine_velocity")
-    own = results.MATCH_ENTRIES.keys() - parts.keys() - left_out
-    parts |= {name: getattr(match, name) for name in results.MATCH_ENTRIES if name in own}
-    parts["parameters"] = json.dumps(match.parameters.to_dict())
-    parts["verdict"] = verdict.texts
-    if verdict.remedies:
-        parts["remedies"] = json.dumps([asdict(remedy) for remedy in verdict.remedies])
+    left_out = {name for names in grouped.values() for name in names} | {"fine_velocity"}
+    parts: dict[str, Callable[[], Mapping[str, Any]]] = {
+        name: partial(_known, match, (name,))
+        for name in results.MATCH_ENTRIES
+        if name not in left_out
+    }
+    return parts | {
+        "parameters": lambda: {"parameters": json.dumps(match.parameters.to_dict())},
+        "verdict": lambda: {"verdict": match.verdict.texts},
+        "remedies": partial(_remedies_array, match.verdict.remedies),
+        "bound": lambda: {} if match.bound is None else {"bound": np.array(match.bound, float)},
+        "the fields": partial(_known, match, grouped["the fields"]),
+        "the energies": partial(_known, match, grouped["the energies"]),
+        "the path": lambda: path_arrays(match.path, match.step, match.mesh),
+        "the functions' texts": match.problem.spec_arrays,
+        "the landmarks": partial(_landmark_arrays, match),
+    }
+
+
+def substitutes(match: Match) -> dict[str, Any]:
+    """Return what stands in a file for arrays of a match that cannot be saved: what its field does
+    not bear out is recomputed when it is loaded.
+    """
+    return {
+        "advected": match.source,
+        "energy_history": np.zeros((1, 3)),
+        "stages": np.zeros(1, np.int64),
+        "residual": 0.0,
+        "stop_reason": str(StopReason.GIVEN),
+        "verdict": Verdict(Outcome.NOT_REACHED, "", "", cause=Cause.INCONSISTENT).texts,
+    }
+
+
+def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return attributes of a match; what is not known is left out."""
+    values = {name: getattr(match, name) for name in names}
     return {
         name: value
-        for name, value in parts.items()
+        for name, value in values.items()
         if not (value is None or (isinstance(value, float) and math.isnan(value)))
     }
+
+
+def _remedies_array(remedies: tuple[Remedy, ...]) -> dict[str, Any]:
+    return {"remedies": json.dumps([asdict(remedy) for remedy in remedies])} if remedies else {}
+
+
+def _landmark_arrays(match: Match) -> dict[str, Any]:
+    marks = match.problem.landmarks
+    return {} if marks is None else marks.arrays() | _known(match, ("landmark_errors",))
 
 
 def match_of(
@@ -599,6 +647,8 @@ def match_of(
     if parameters.segments not in (0, len(velocity)):
         raise ValueError(f"{len(velocity)} fields, but parameters say {parameters.segments}")
     parts.setdefault("fine_velocity", velocity)
+    if "bound" in parts:
+        parts["bound"] = Bound.of(parts["bound"])
     times_subdivided(parts["fine_velocity"].shape[1], mesh)
     fastest = np.abs(parts["fine_velocity"]).max()
     if fastest > results.LARGEST * mesh.length_scale:
