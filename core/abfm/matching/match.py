@@ -595,14 +595,20 @@ def match_parts(match: Match) -> results.Parts:
 
 
 def substitutes(match: Match) -> dict[str, Any]:
-    """Return what stands in a file for arrays of a match that cannot be saved: what its field does
-    not bear out is recomputed when it is loaded.
+    """Return what stands in a file for arrays of a match that cannot be saved: recomputed from its
+    field, or unknown. What the field does not bear out is recomputed when the file is loaded.
     """
+    advected, residual = match.source, 0.0
+    with suppress(Exception):  # whatever a field does that was never checked
+        problem = match.problem.refined(match.refined)
+        carried = _carried(problem, match.fine_velocity)
+        advected = carried[: len(match.mesh.vertices)]
+        residual = problem.left(carried.T, match.landmark_errors)
     return {
-        "advected": match.source,
+        "advected": advected,
         "energy_history": np.zeros((1, 3)),
         "stages": np.zeros(1, np.int64),
-        "residual": 0.0,
+        "residual": residual,
         "stop_reason": str(StopReason.GIVEN),
         "verdict": Verdict(Outcome.NOT_REACHED, "", "", cause=Cause.INCONSISTENT).texts,
     }

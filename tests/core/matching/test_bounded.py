@@ -1,6 +1,7 @@
 """The closest match within a bound of distortion."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -56,7 +57,8 @@ def test_the_path_is_within_the_bound(found):
     assert not keeps(found, 0.4)
 
 
-def problem_of(name):
+@cache
+def match_of(name):
     """Return short matches of several kinds, some of which fail."""
     sphere = icosphere(2)
     x, y, z = sphere.vertices.T
@@ -70,16 +72,16 @@ def problem_of(name):
         "smaller": (np.exp(-((z - 1) ** 2) / 0.9), np.exp(-((z - 1) ** 2) / 0.2), short),
         "linearised": (x, y, Parameters(iterations=20, method="linearised", refine=0)),
     }
-    return Problem(sphere, *problems[name])
+    return match(Problem(sphere, *problems[name]))
 
 
-@pytest.mark.parametrize("most", [1.5, 0.3, 0.02])
+@pytest.mark.parametrize("most", [1.5, 0.3, 0.05])
 @pytest.mark.parametrize(
     "name", ["far", "near", "turned", "two fields", "paper", "smaller", "linearised"]
 )
 def test_no_step_within_the_bound_is_closer(name, most):
     """Nor is the field without motion, and the bound is kept."""
-    found = match(problem_of(name))
+    found = match_of(name)
     within = bounded(found, most)
     assert keeps(within, most)
     assert within.bound.is_kept
@@ -93,7 +95,7 @@ def test_no_step_within_the_bound_is_closer(name, most):
             assert within.worse_residual <= each.worse_residual
     assert within.problem is found.problem
     replayed = found.with_step(within.path[within.step])
-    assert replayed.worse_residual == within.worse_residual
+    assert replayed.worse_residual == pytest.approx(within.worse_residual, rel=1e-6)
 
 
 def test_landmarks_come_as_close_as_the_bound_lets_them():

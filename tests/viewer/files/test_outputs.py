@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import sys
 import tempfile
 from pathlib import Path
 
@@ -74,7 +75,7 @@ PARTS = ["path_arrays", "_remedies_array", "_landmark_arrays"]
 
 @pytest.mark.parametrize("part", PARTS)
 def test_a_result_is_saved_without_a_part_that_fails(part, match, tmp_path, monkeypatch):
-    monkeypatch.setattr(f"abfm.matching.match.{part}", refuse)
+    monkeypatch.setattr(sys.modules["abfm.matching.match"], part, refuse)
     [note] = outputs.write_all([tmp_path / "m.npz", tmp_path / "m.csv"], match)
     assert "a part cannot be made" in note
     assert "m.npz" in note
@@ -93,8 +94,7 @@ WRONG = {
     "residual": lambda _: math.inf,
     "verified_residual": lambda _: -1.0,
     "folded": lambda _: 2.0,
-    "stop_reason": lambda _: "\0",
-    "doubt": lambda _: "as it was",
+    "stop_reason": lambda _: 7,
 }
 
 
@@ -102,8 +102,8 @@ WRONG = {
 def test_wrong_numbers_do_not_lose_a_result(name, match, tmp_path):
     """What its field does not bear out is recomputed when the file is loaded."""
     wrong = dataclasses.replace(match, **{name: WRONG[name](match)})
-    notes = outputs.write_all([tmp_path / "m.npz"], wrong)
-    assert len(notes) == (name != "doubt")
+    [note] = outputs.write_all([tmp_path / "m.npz"], wrong)
+    assert "m.npz" in note
     loaded = load_match(tmp_path / "m.npz")
     np.testing.assert_array_equal(loaded.fine_velocity, match.fine_velocity)
     np.testing.assert_allclose(loaded.advected, match.advected, atol=1e-9)
@@ -111,7 +111,7 @@ def test_wrong_numbers_do_not_lose_a_result(name, match, tmp_path):
 
 
 def test_a_registration_is_saved_without_its_path(match, tmp_path, monkeypatch):
-    monkeypatch.setattr("abfm.matching.match.path_arrays", refuse)
+    monkeypatch.setattr(sys.modules["abfm.matching.match"], "path_arrays", refuse)
     same = PointMap.of_vertices(match.mesh, match.mesh, np.arange(len(match.mesh.vertices)))
     found = Registration(Correspondence(same, same), match)
     [note] = outputs.write_registrations([tmp_path / "r.npz"], found)
