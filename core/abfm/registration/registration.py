@@ -16,7 +16,7 @@ from abfm.io import results
 from abfm.maps.point_maps import PointMap
 from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
 from abfm.matching.judging.verdict import Verdict, is_registered
-from abfm.matching.match import Match, match_arrays
+from abfm.matching.match import Match, match_parts, substitutes
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.facts import facts_of
@@ -139,13 +139,18 @@ class Registration(Correspondence):
 
     def arrays(self) -> dict[str, Any]:
         """Return what files hold: the initial map, the notes, A's functions, and the match."""
-        own: dict[str, Any] = {"notes": np.array(self.notes)} if self.notes else {}
-        if self.warnings:
-            own["warnings"] = np.array(self.warnings)
-        if self.functions is not None:
-            own["a_functions"] = self.functions
-        own["registration_verdict"] = self.verdict.texts
-        return self.initial.arrays() | own | match_arrays(self.match)
+        return results.made(self._parts())
+
+    def _parts(self) -> results.Parts:
+        notes, warnings, functions = self.notes, self.warnings, self.functions
+        return {
+            "the surfaces": self.initial.arrays,
+            "the notes": lambda: {"notes": np.array(notes)} if notes else {},
+            "the warnings": lambda: {"warnings": np.array(warnings)} if warnings else {},
+            "A's functions": lambda: {} if functions is None else {"a_functions": functions},
+            "the verdict of the map": lambda: {"registration_verdict": self.verdict.texts},
+            **match_parts(self.match),
+        }
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Registration, (
@@ -161,6 +166,12 @@ class Registration(Correspondence):
         result file it holds the match on B.
         """
         results.save_arrays(path, self.arrays(), results.REGISTRATION)
+
+    def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
+        """Write what can be written of it, as of a match."""
+        return results.save_parts(
+            path, self._parts(), substitutes(self.match), results.REGISTRATION
+        )
 
 
 def _because(verdict: Verdict, cause: Cause, **details: object) -> Verdict:
