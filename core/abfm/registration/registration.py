@@ -107,14 +107,16 @@ class Registration(Correspondence):
         if not verdict.kind.is_good:
             return verdict
         if self.warnings:
-            return _because(verdict, Cause.INITIAL_MAP, warning=self.warnings[0])
+            reason = self.warnings[0]
+            return _because(verdict, Outcome.NOT_REACHED, Cause.INITIAL_MAP, warning=reason)
         worse = worse_residual(match.worse_residual, self.residual)
+        due = outcome_of(worse, match.parameters.goal)
         if verdict.kind is Outcome.REGISTERED:
-            if not self.residual >= 0 or is_registered(worse, self.initial_residual):
+            if math.isnan(self.residual) or is_registered(worse, self.initial_residual):
                 return verdict
-        elif outcome_of(worse, match.parameters.goal).rank <= verdict.kind.rank:
+        elif due.rank <= verdict.kind.rank:
             return verdict
-        return _because(verdict, Cause.COMPLETE_MAP, residual=share(worse))
+        return _because(verdict, due, Cause.COMPLETE_MAP, residual=share(worse))
 
     @cached_property
     def facts(self) -> Facts:
@@ -174,6 +176,6 @@ class Registration(Correspondence):
         )
 
 
-def _because(verdict: Verdict, cause: Cause, **details: object) -> Verdict:
-    changed = verdict.because(Outcome.NOT_REACHED, cause, sentence_of(cause, **details))
+def _because(verdict: Verdict, kind: Outcome, cause: Cause, **details: object) -> Verdict:
+    changed = verdict.because(kind, cause, sentence_of(cause, **details))
     return replace(changed, advice=ADVICE[cause])
