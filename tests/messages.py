@@ -26,7 +26,8 @@ _PROPERTY = "message"
 _COMPUTED = re.compile(
     r"(?<![\w.])[-+]?\d+((\.\d+)+(e[-+]?\d+)?|e[-+]?\d+|(?= ?%| bytes))(?!\w|\.\d)"
 )
-_ADDRESS = re.compile(r"\b0x[0-9a-f]{6,}\b")
+# addresses, and the random name of a result that could not be written to its place
+_ADDRESS = re.compile(r"\b0x[0-9a-f]{6,}\b|(?<=\babfm-)[0-9a-f]{8}(?=\.npz)")
 _CHOICES = re.compile(r"\(choose from .*?\)")  # Python 3.12 omits the quotes
 _current = None  # the Messages of the test that runs now
 
