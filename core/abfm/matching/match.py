@@ -391,7 +391,8 @@ class Match:
         """Write what can be written of a match that `save` refuses, at least its field; return what
         is missing and why, a line each, or raise ResultError.
         """
-        parts = {"the mesh": partial(results.mesh_arrays, self.mesh), **match_parts(self)}
+        parts: dict[str, Callable[[], Mapping[str, Any]]] = dict(match_parts(self))
+        parts["the mesh"] = partial(results.mesh_arrays, self.mesh)
         return results.save_parts(path, parts, substitutes(self))
 
 
@@ -493,11 +494,11 @@ def match(
         reason,
         end.verified_residual,
         end.folded,
-        history[stages == stages[-1], 0],
-        end.log2_area,
-        _refined(end, the_problem.mesh),
-        _landmarks(the_problem, errors),
-        end.held_out,
+        energies=history[stages == stages[-1], 0],
+        log2_area=end.log2_area,
+        refined=_refined(end, the_problem.mesh),
+        landmarks=_landmarks(the_problem, errors),
+        held_out=end.held_out,
     )
     found = Match(
         problem=the_problem.starting_from(None),
@@ -630,7 +631,7 @@ def _remedies_array(remedies: tuple[Remedy, ...]) -> dict[str, Any]:
 
 def _landmark_arrays(match: Match) -> dict[str, Any]:
     marks = match.problem.landmarks
-    return {} if marks is None else marks.arrays() | _known(match, ("landmark_errors",))
+    return {} if marks is None else {**marks.arrays(), **_known(match, ("landmark_errors",))}
 
 
 def match_of(
