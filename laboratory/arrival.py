@@ -45,7 +45,7 @@ def run_arrival(
                 "vertices": size,
                 "seconds": now.to_level if now.to_level < inf else None,
                 "seconds_to_end": now.to_end,
-                "mismatch": now.found.residual,
+                "residual": now.found.residual,
                 "verified_residual": now.found.verified_residual,
                 "before_seconds": before.to_level if came else None,
                 "ratio": before.to_level / now.to_level if came else None,
@@ -62,13 +62,13 @@ def run_arrival(
 def format_arrival(report: dict[str, Any]) -> str:
     """Return the report as a table in Markdown, with the machine below it."""
     seconds = f"seconds to mismatch {LEVEL:g}"
-    rows = [("vertices", seconds, "to the end", "mismatch, by flow lines", "before / now")]
+    rows = [("vertices", seconds, "to the end", "residual, by flow lines", "before / now")]
     for row in report["arrival"]:
         came, ended = number(row["seconds"]), number(row["seconds_to_end"])
-        mismatches = f"{row['mismatch']:.3f}, {row['verified_residual']:.3f}"
+        residuals = f"{row['residual']:.3f}, {row['verified_residual']:.3f}"
         ratio = number(row["ratio"] or row["ratio_at_least"])
         over = "over " if row["ratio"] is None else ""
-        rows.append((str(row["vertices"]), came, ended, mismatches, f"{over}{ratio}"))
+        rows.append((str(row["vertices"]), came, ended, residuals, f"{over}{ratio}"))
     lines = markdown(rows)
     if report["growth"] is not None:
         lines += ["", f"Seconds to the end grow like vertices^{report['growth']:.2f}."]

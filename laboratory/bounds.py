@@ -21,7 +21,7 @@ HEADS = (
     "within the bound",
     "times a match",
 )
-"""Of a table of `rows`: shares of the faces, what is left of the mismatch, and CPU time."""
+"""Of a table of `rows`: shares of the faces, the residuals, and CPU time."""
 
 
 def rows(

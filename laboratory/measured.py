@@ -152,7 +152,7 @@ def _found(match: Match, truth: PointMap) -> Row:
         "sigma": step.sigma,
         "alpha": step.alpha,
         "refined": match.refined,
-        "mismatch": match.residual,
+        "residual": match.residual,
         "log2_area": match.distortion().log2_area.mean,
         "verdict": match.verdict.kind,
     }

@@ -44,7 +44,7 @@ had a reach.
 VERSIONS = {"before": BEFORE, "now": Parameters()}
 """What is compared."""
 CONFIRMED = 0.1
-"""Largest mismatch by flow lines that says that a field carries about what it is said to carry."""
+"""Largest residual by flow lines that says that a field carries about what it is said to carry."""
 UNFOLDED = 0.01
 """Largest share of folded faces of a flow that folds none but for its discretisation."""
 
@@ -201,8 +201,8 @@ def _landmark(mesh: TriangleMesh, rng: np.random.Generator) -> int | None:
 class Record:
     """One problem by one version of the solver, in numbers; NaN is what could not be had."""
 
-    mismatch: float = math.nan
-    # mismatch by flow lines of the continuous field, and shares of the faces, see `abfm.verify`
+    residual: float = math.nan
+    # residual by flow lines of the continuous field, and shares of the faces, see `abfm.verify`
     verified: float = math.nan
     folded: float = math.nan
     overturned: float = math.nan
@@ -228,7 +228,7 @@ class Record:
             key: None if isinstance(value, float) and not math.isfinite(value) else value
             for key, value in asdict(self).items()
         }
-        arrived = self.mismatch <= LEVEL
+        arrived = self.residual <= LEVEL
         success = arrived and self.verified <= LEVEL
         confirmed = self.verified <= CONFIRMED
         return {**numbers, "arrived": arrived, "success": success, "confirmed": confirmed}
@@ -252,7 +252,7 @@ def record_of(entry: Entry) -> Record:
         return replace(spent, stop_reason=str(error))
     record = replace(
         spent,
-        mismatch=found.residual,
+        residual=found.residual,
         iterations=len(found.energy_history) - 1,
         refined=found.refined,
         stop_reason=found.stop_reason,
@@ -359,7 +359,7 @@ def _line(row: Row, versions: Mapping[str, Parameters]) -> str:
     kind = [problem["mesh"], problem["family"]]
     kind += [f"{problem['width']:g}", problem["distance"]] if problem["width"] else []
     results = [
-        f"{name} {digits(row[name]['mismatch'])} ({digits(row[name]['verified'])}) "
+        f"{name} {digits(row[name]['residual'])} ({digits(row[name]['verified'])}) "
         f"{digits(row[name]['seconds'], '.1f')} s"
         for name in versions
     ]
@@ -402,7 +402,7 @@ def _table(report: dict[str, Any]) -> list[list[str]]:
     """Return a header, and a row for every group of problems that has any."""
     rows, versions = report["rows"], list(report["settings"]["versions"])
     header = (
-        f"problems,both at most {LEVEL:g},flow lines at most {CONFIRMED:g},mismatch,by flow lines,"
+        f"problems,both at most {LEVEL:g},flow lines at most {CONFIRMED:g},residual,by flow lines,"
         "unfolded,refined,products,seconds,seconds where refined,seconds where not"
     )
     far: dict[str, Row] = {
@@ -468,7 +468,7 @@ def _cells(name: str, group: list[Row], versions: list[str]) -> list[str]:
         name,
         count("success"),
         count("confirmed"),
-        each(middle, "mismatch"),
+        each(middle, "residual"),
         each(middle, "verified"),
         each(unfolded, "folded"),
         count("refined"),
@@ -492,7 +492,7 @@ def _context(report: dict[str, Any]) -> list[str]:
         costs += f"what {first} costs over what {last} costs, median over problems in which both "
         costs += f"leave at most {LEVEL:g} by the discrete flow"
     return [
-        f"{_ARROW.join(versions)}. Both: the discrete flow and flow lines each leave a mismatch of "
+        f"{_ARROW.join(versions)}. Both: the discrete flow and flow lines each leave a residual of "
         f"at most {LEVEL:g}, which is a success. Flow lines at most {CONFIRMED:g}: what was called "
         "confirmed before, whatever the discrete flow leaves. Solvable: the source has the "
         "target's values and peaks, also on boundaries and on parts joined at vertices alone. "

@@ -6,6 +6,7 @@ import os
 import pytest
 from hypothesis import settings
 
+from tests.messages import MessageSnapshot
 from tests.viewer.end_to_end.widget_coverage import WidgetCoverage
 
 # the last one is Mesa's
@@ -17,7 +18,9 @@ settings.load_profile("untimed")
 
 def pytest_addoption(parser):
     parser.addoption(
-        "--update-snapshots", action="store_true", help="write the pictures of tests/snapshots anew"
+        "--update-snapshots",
+        action="store_true",
+        help="rewrite the pictures and messages in tests/snapshots",
     )
 
 
@@ -39,3 +42,4 @@ def pytest_collection():
 
 def pytest_configure(config):
     config.pluginmanager.register(WidgetCoverage(config), "widget coverage")
+    config.pluginmanager.register(MessageSnapshot(config), "message snapshot")

@@ -23,6 +23,17 @@ def with_loose_vertex(mesh):
     return TriangleMesh(np.insert(mesh.vertices, 5, 9.0, axis=0), mesh.faces + (mesh.faces >= 5))
 
 
+def with_thin_triangles(mesh):
+    """The mesh with a vertex in each face that is close to the middle of an edge."""
+    weights = np.array([0.01, 0.495, 0.495])
+    added = np.einsum("c,fcx->fx", weights, mesh.vertices[mesh.faces])
+    first, second, third = mesh.faces.T
+    new = len(mesh.vertices) + np.arange(len(mesh.faces))
+    faces = ([first, second, new], [second, third, new], [third, first, new])
+    faces = np.concatenate([np.stack(each, axis=1) for each in faces])
+    return TriangleMesh(np.concatenate([mesh.vertices, added]), faces)
+
+
 def tetrahedron():
     """Regular tetrahedron with edge length 2 sqrt(2): the smallest closed mesh."""
     vertices = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)

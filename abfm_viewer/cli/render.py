@@ -184,8 +184,7 @@ def _write_page(arguments: argparse.Namespace) -> None:
         raise ParameterError(f"{arguments.input} holds no result to make a page of")
     warn_of_doubt(arguments.input, match)
     if document.is_pair and initial is not None:
-        of = initial.correspondence, match, initial.notes, initial.functions
-        outputs.write_registration(out, abfm.Registration(*of), arguments.up or "y")
+        outputs.write_registration(out, initial.registration(match), arguments.up or "y")
     else:
         outputs.write(out, match, arguments.up or "y")
     print(f"wrote {printable(out)}")

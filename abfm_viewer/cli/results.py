@@ -15,14 +15,17 @@ _HEADS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|
 _NUMBERS = [entry.name for entry in fields(PathStep) if entry.name != "velocity"]
 
 
-def facts(match: Match) -> dict[str, Any]:
-    """Return what machines are told of a match: plain numbers and texts, None for unknown ones."""
+def facts(found: Match | Registration) -> dict[str, Any]:
+    """Return what machines are told of a match, or of a registration: plain numbers and texts, None
+    for unknown ones.
+    """
+    match = found.match if isinstance(found, Registration) else found
     energies = match.energy_history[-1].tolist()
     return {
-        **match.facts.numbers,
-        "headline": match.facts.headline,
-        "warnings": list(match.facts.warnings),
-        "verdict": asdict(match.verdict),
+        **found.facts.numbers,
+        "headline": found.facts.headline,
+        "warnings": list(found.facts.warnings),
+        "verdict": asdict(found.verdict),
         "energy": dict(zip(("total", "regularity", "mismatch"), energies, strict=True)),
         "iterations": len(match.energy_history) - 1,
         "stop_reason": match.stop_reason,
@@ -37,12 +40,13 @@ def facts(match: Match) -> dict[str, Any]:
     }
 
 
-def told_lines(match: Match, seconds: float, written: Sequence[str]) -> list[str]:
+def told_lines(found: Match | Registration, seconds: float, written: Sequence[str]) -> list[str]:
     """Return how well it matches, why it stopped, the numbers, and the path, for people."""
+    match = found.match if isinstance(found, Registration) else found
     return [
-        match.facts.headline,
-        match.facts.reason,
-        *(f"warning: {warning}" for warning in match.facts.warnings),
+        found.facts.headline,
+        found.facts.reason,
+        *(f"warning: {warning}" for warning in found.facts.warnings),
         f"residual {verdict_words.numbers(match)}, after {len(match.energy_history) - 1} "
         f"iterations in {seconds:.1f} s; wrote {', '.join(written)}",
         *(path_lines(match) if len(match.path) > 1 else []),

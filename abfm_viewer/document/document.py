@@ -14,7 +14,7 @@ from abfm.types import FloatArray, IntArray
 from abfm_viewer.document.film import FilmSettings, is_of
 
 if TYPE_CHECKING:
-    from abfm import Correspondence, Match, Sequence
+    from abfm import Correspondence, Match, Registration, Sequence
     from abfm_viewer.document.comparison import Comparison
     from abfm_viewer.document.film import Film
     from abfm_viewer.document.label_map import LabelMap
@@ -191,6 +191,13 @@ class InitialMap:
     landmarks_alone: bool = False
     # A's, (V_A, C), as they are compared; None where they are known on B alone
     functions: FloatArray | None = field(default=None, compare=False)
+    warnings: tuple[str, ...] = ()  # why it may lead elsewhere
+
+    def registration(self, match: Match) -> Registration:
+        """Return the registration of a match that began with this map."""
+        from abfm import Registration  # with all that it loads
+
+        return Registration(self.correspondence, match, self.notes, self.functions, self.warnings)
 
     @property
     def asked(self) -> Asked:

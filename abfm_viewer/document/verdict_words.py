@@ -40,7 +40,7 @@ def is_broken_off(match: abfm.Match) -> bool:
     return match.stop_reason in ("cancelled", "out of memory")
 
 
-def advice_in_options(match: abfm.Match, result: str = "") -> str:
+def advice_in_options(match: abfm.Match | abfm.Registration, result: str = "") -> str:
     """Say what to try: ``reach further (--reach 0.6 --start match.npz)``, or in words; without a
     result to start from all begins with no motion.
     """

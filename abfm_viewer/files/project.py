@@ -87,8 +87,7 @@ _FIELDS = {
     for name, entry in results.SEQUENCE.entries.items()
     if name not in MESH_ENTRIES and name not in _FRAMES
 }
-_PLAIN = ("parameters", "verdict", "remedies")  # parts of a result that are no arrays
-_RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name not in _PLAIN}
+_RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name != "parameters"}
 _ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}
 _FROM_TO = {"arrow_density": (0, 1), "isoline_count": (1, 1000)}
 MEMBER = "origin.json"
@@ -180,8 +179,7 @@ def save_project(
         result = abfm.matching.match_arrays(document.result)
         own = [name for name, part in result.items() if isinstance(part, np.ndarray)]
         arrays |= {f"result/{name}": result.pop(name) for name in own}
-        result.pop("remedies", None)  # they are the verdict's
-        result |= {name: getattr(document.result, name) for name in ("parameters", "verdict")}
+        result["parameters"] = document.result.parameters
     of_film, film = _of_film(document)
     arrays |= of_film
     arrays |= {f"known/{number}": known[spec] for number, spec in enumerate(sorted(known))}
@@ -434,11 +432,8 @@ def _result(
     given = {place: arrays[place] for name in entries if (place := f"result/{name}") in arrays}
     given |= {f"result/{name}": value for name, value in known.items()}
     parts = check_arrays(given, entries, "result/", V=len(mesh.vertices), F=len(mesh.faces))
-    kinds: dict[str, Any] = {"parameters": Parameters, "verdict": abfm.matching.Verdict | None}
-    parameters, verdict = (
-        from_plain(kind, known.get(name), f"project.result.{name}") for name, kind in kinds.items()
-    )
-    return abfm.matching.match_of(mesh, parts, parameters, verdict)
+    parameters = from_plain(Parameters, known.get("parameters"), "project.result.parameters")
+    return abfm.matching.match_of(mesh, parts, parameters)
 
 
 def _check(document: Document) -> None:
@@ -526,7 +521,7 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
     """Return what JSON was made of, for a type hint; a `ValueError` says where it does not fit.
 
     Missing fields take their defaults, and given ones are not looked for. A dataclass that has a
-    `from_dict` is made by that, which knows what older versions left out.
+    `from_dict` is made by that.
     """
     origin, options = get_origin(hint), get_args(hint)
     if origin is Literal:
@@ -543,6 +538,9 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
     if origin is dict or is_dataclass(hint):
         _expect(isinstance(value, dict), where, value, "an object")
         return value if origin is dict else _dataclass(hint, value, where, given)
+    if isinstance(hint, type) and issubclass(hint, StrEnum):
+        _expect(value in list(hint), where, value, f"one of {', '.join(hint)}")
+        return hint(value)
     if hint is float:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         _expect(is_number and math.isfinite(value), where, value, "a finite number")

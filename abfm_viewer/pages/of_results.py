@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 import abfm
-from abfm import AbfmError, Match, Registration, TriangleMesh
+from abfm import AbfmError, Facts, Match, Registration, TriangleMesh
 from abfm.maps import SurfacePoints
 from abfm.types import FloatArray
 from abfm.wording import share
@@ -30,6 +29,7 @@ _SECONDS = 4.0
 _LINES, _PLACES, _LEAST = 160, 16, 0.02  # flow lines, keys of each, and how long in sqrt(area)
 _INK: Color = (0.11, 0.13, 0.17)
 _MARK: Color = (0.04, 0.56, 0.42)
+_OF_MAP = "log2_area", "folded"
 _ALWAYS = (-1e30, 1e30)
 
 
@@ -79,7 +79,7 @@ def registration_page(found: Registration, title: str, up: str = "y") -> Page:
         own = [Layer(name, match.target[:, c], colors) for c, (name, colors) in enumerate(shown)]
         panels.append(Panel("B", found.b, own, of_b, _marks(match, 1)))
     about = f"Surface A, {_sized(found.a)}, registered to surface B, {_sized(found.b)}"
-    page = _page(match, title, about, panels)
+    page = _page(found, title, about, panels)
     facts = {**page.facts, "A covered": f"{100 * found.coverage():.3g}%"}
     return replace(page, facts=facts, notes=[*page.notes, *found.notes])
 
@@ -164,31 +164,34 @@ def _marks_on_a(found: Registration) -> list[Ways]:
     return [Ways.points("landmarks", places, _ALWAYS, _MARK)]
 
 
-def _page(match: Match, title: str, about: str, panels: list[Panel]) -> Page:
+def _page(found: Match | Registration, title: str, about: str, panels: list[Panel]) -> Page:
+    match = found.match if isinstance(found, Registration) else found
     tau = match.parameters.tau
     clock = Clock(0.0, tau, _SECONDS, first=tau, ticks=np.linspace(0, tau, 5).tolist())
-    told = [match.facts.reason]
-    if advice := match.facts.advice:
+    told = [found.facts.reason, *(f"warning: {each}" for each in found.facts.warnings)]
+    if advice := found.facts.advice:
         told.append(f"advice: {advice}")
     if (count := match.source.shape[1]) > MOST_CHANNELS:
         told.append(f"these are the first {MOST_CHANNELS} of {count} pairs of functions")
-    words = match.facts.headline, match.facts.tone
+    words = found.facts.headline, found.facts.tone
     specs = zip(*(side[:MOST_CHANNELS] for side in match.problem.specs), strict=True)
     about = "; ".join([about, *(" → ".join(pair) for pair in specs if all(pair))])
-    return Page(title, words[0], panels, clock, words[1], about, _facts(match), told)
+    return Page(title, words[0], panels, clock, words[1], about, _facts(match, found.facts), told)
 
 
-def _facts(match: Match) -> dict[str, str]:
+def _facts(match: Match, facts: Facts) -> dict[str, str]:
     told = {}
-    if not match.problem.is_of_landmarks:
-        left = f"{share(match.initial_residual)} → {share(match.worse_residual)}"
-        told["residual"] = left
+    initial, residual, log2_area, folded = (
+        facts.numbers[name] for name in ("initial_residual", "worse_residual", *_OF_MAP)
+    )
+    if not match.problem.is_of_landmarks and initial is not None and residual is not None:
+        told["residual"] = f"{share(initial)} → {share(residual)}"
     if (errors := match.landmark_errors) is not None and np.isfinite(errors).all():
         told["farthest landmark"] = f"{share(float(errors.max()))} of √area"
-    if math.isfinite(cost := match.path[match.step].log2_area):
-        told["areas: |log2 J|, mean"] = f"{cost:.2f}"
-    if math.isfinite(match.folded):
-        told["folded faces"] = f"{100 * match.folded:.2g}%"
+    if log2_area is not None:
+        told["areas: |log2 J|, mean"] = f"{log2_area:.2f}"
+    if folded is not None:
+        told["folded faces"] = f"{100 * folded:.2g}%"
     return told
 
 

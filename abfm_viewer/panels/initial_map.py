@@ -107,6 +107,8 @@ def draw_notes(context: Context) -> None:
     if session.prepared is not None:
         for note in session.prepared.notes:
             context.ui.note(sentence(note))
+        for warning in session.prepared.warnings:
+            context.ui.note(sentence(warning), "warning")
     elif error := session.initial_maps.error:
         context.ui.note(f"No initial map: {error}", "failure")
 

@@ -61,7 +61,7 @@ _REMEDIES = {
     "alpha": "Smaller if the target is missed, larger if the field is rough.",
     "sigma": "Auto is mostly best; smaller if the match is loose, larger if the field is wild. It "
     "is relative to the functions, whatever their scale and width, unless the unit of σ is "
-    "absolute: half as large asks for half the mismatch.",
+    "absolute: half as large asks for half the residual.",
     "beta": "0 is mostly best; try 1e-4 if the target's edges are blurred.",
     "tau": "Leave it and change the smoothness: mostly only speed and time trade places.",
     "reach": "Larger if the source shrinks where it is instead of moving to the target.",

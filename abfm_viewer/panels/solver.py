@@ -175,8 +175,8 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
         _draw_before(ui, session)
     if result is not None and session.steps.busy:
         ui.note(f"Step {session.steps.shown + 1} of {len(result.path)}: computing")
-    elif result is not None:
-        _draw_result(ui, session, result)
+    elif result is not None and (facts := session.facts) is not None:
+        _draw_result(ui, session, result, facts)
 
 
 def _draw_before(ui: Ui, session: Session) -> None:
@@ -189,8 +189,7 @@ def _draw_before(ui: Ui, session: Session) -> None:
     ui.note(sentence(about), "failure" if failed else "muted")
 
 
-def _draw_result(ui: Ui, session: Session, result: Match) -> None:
-    facts = result.facts
+def _draw_result(ui: Ui, session: Session, result: Match, facts: Facts) -> None:
     ui.note(capital(facts.headline), "muted" if session.outdated else facts.tone)
     if steps := len(result.energy_history) - 1:  # at the end of the line, if there is room
         text = counted(steps, "iteration")
@@ -204,7 +203,7 @@ def _draw_result(ui: Ui, session: Session, result: Match) -> None:
     if not session.outdated:
         for warning in facts.warnings:
             ui.note(sentence(warning), "warning")
-    _draw_remedies(ui, session, result)
+    _draw_remedies(ui, session, result, facts)
     if numbers := verdict_words.in_numbers(result):
         ui.note(numbers)
 
@@ -222,9 +221,11 @@ def _draw_compared(ui: Ui, compared: Comparison) -> None:
     ui.note(about)
 
 
-def _draw_remedies(ui: Ui, session: Session, result: Match) -> None:
+def _draw_remedies(ui: Ui, session: Session, result: Match, facts: Facts) -> None:
     """Draw buttons, or what to try where no button can do it."""
-    is_broken_off, remedies = verdict_words.is_broken_off(result), result.verdict.remedies
+    is_broken_off, verdict = verdict_words.is_broken_off(result), result.verdict
+    # no other flow helps if the complete map is the cause
+    remedies = verdict.remedies if facts.outcome is verdict.kind else ()
     with ui.group("verdict"):
         if session.outdated:
             _draw_again(ui, session, is_broken_off)
@@ -234,16 +235,15 @@ def _draw_remedies(ui: Ui, session: Session, result: Match) -> None:
                 ui.beside_if_fits(remedy.label, is_button=True)
             if ui.button(remedy.label, verdict_words.changes(remedy)):
                 session.remedy(remedy)
-        if distorts := _distorts(result.facts):
+        if distorts := _distorts(facts):
             if remedies:
                 ui.beside_if_fits(LIMIT, is_button=True)
             draw_limit(ui, session, primary=True)
-        # copies of a run, and older files, have no remedies
+        # copies of a run have no remedies
         if not remedies and is_broken_off:
             _draw_continue(ui, session)
-    has_button = bool(remedies) or distorts
-    advice = result.facts.advice
-    if advice and (result.verdict.kind is Outcome.IMPOSSIBLE or not has_button):
+    has_button, advice = bool(remedies) or distorts, facts.advice
+    if advice and (verdict.kind is Outcome.IMPOSSIBLE or not has_button):
         ui.note(f"To try: {advice}.")
     elif is_broken_off:
         ui.note("Continue, or Match starts over.")

@@ -53,7 +53,7 @@ def _fitting(ui: Ui, texts: Sequence[str], details: Sequence[str], room: float) 
 
 def _state(context: Context) -> tuple[str, ...]:
     """Return what goes on or what the result is, and a shorter form if there is one."""
-    session, solver, result = context.session, context.session.solver, context.session.result
+    session, solver = context.session, context.session.solver
     if session.running:
         return (_progress(context),)
     is_playing = session.document.film is not None and session.player.playing
@@ -67,10 +67,10 @@ def _state(context: Context) -> tuple[str, ...]:
         return f"{facts.headline}{outdated}", f"{facts.outcome}{outdated}"
     if solver.failed:
         return f"the solver stopped: {solver.reason}", "the solver stopped"
-    if result is None:
+    if (reported := session.facts) is None:
         return ("ready",)
     outdated = ", outdated" if session.outdated else ""
-    return f"{result.facts.headline}{outdated}", f"{result.facts.outcome}{outdated}"
+    return f"{reported.headline}{outdated}", f"{reported.outcome}{outdated}"
 
 
 def _progress(context: Context) -> str:

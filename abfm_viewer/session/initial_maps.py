@@ -46,6 +46,7 @@ class _Way(NamedTuple):
     a: TriangleMesh
     b: TriangleMesh
     by: str | abfm.Correspondence
+    warnings: tuple[str, ...] = ()  # of a map
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +59,7 @@ class Prepared:
     asked: Asked
     functions: FloatArray | None = None  # A's, (V_A, C), as they are compared
     usual: Parameters | None = None  # what functions like these are best matched with
+    warnings: tuple[str, ...] = ()  # why the map may lead elsewhere
 
 
 class InitialMaps:
@@ -74,7 +76,7 @@ class InitialMaps:
         self._prepared: Latest[Prepared] = jobs.latest()
         self._control, self._wanted = Control(), object()
         self._apart = apart
-        self._maps: Memo[tuple[abfm.Correspondence, tuple[str, ...]]] = Memo()
+        self._maps: Memo[Initial] = Memo()
         self._of_result = Memo[Prepared]()
         self._columns: dict[Side, Memo[FloatArray]] = defaultdict(Memo)
 
@@ -99,7 +101,10 @@ class InitialMaps:
         if kept is not None and result is not None and kept.is_for(document):
             asked, functions = kept.asked, kept.functions
             of_result = kept.correspondence, result.problem, kept.notes, asked, functions
-            return self._of_result.get(of_result, lambda: Prepared(*of_result))
+            warnings = kept.warnings
+            return self._of_result.get(
+                (*of_result, warnings), lambda: Prepared(*of_result, warnings=warnings)
+            )
         given = self._given(document)
         a, b = (surface.mesh for surface in document.surfaces)
         if given is None:
@@ -110,10 +115,9 @@ class InitialMaps:
             self._wanted = wanted
             self._control.cancel()
             self._control = Control()
-        word: str | abfm.Correspondence = document.initial
-        if word == GIVEN and kept is not None:
-            word = kept.correspondence
-        way = _Way(a, b, word)
+        way = _Way(a, b, document.initial)
+        if document.initial == GIVEN and kept is not None:
+            way = _Way(a, b, kept.correspondence, kept.warnings)
         asked = document.asked
         return self._prepared.newest(wanted, self._prepare, self._control, way, given, asked)
 
@@ -158,29 +162,28 @@ class InitialMaps:
     def _prepare(self, control: Control, way: _Way, given: _Given, asked: Asked) -> Prepared:
         source, target = (np.stack(own, axis=1) for own in (given.source, given.target))
         with controlled(control), _told():
-            initial, notes = self._map(way, given)
+            initial = self._map(way, given)
             found = abfm.registration.prepare(
                 way.a,
                 way.b,
                 source,
                 target,
-                initial=initial,
+                initial=initial.correspondence,
                 landmarks=paired(way.a, way.b, given.landmarks),
                 mask_b=given.mask,
                 weights=given.weights,
             )
-        notes, usual = (*notes, *found.notes), found.problem.parameters
-        return Prepared(found.initial, found.problem, notes, asked, found.functions, usual)
+        notes, usual = (*initial.notes, *found.notes), found.problem.parameters
+        of = found.initial, found.problem, notes, asked, found.functions, usual
+        return Prepared(*of, initial.warnings)
 
-    def _map(self, way: _Way, given: _Given) -> tuple[abfm.Correspondence, tuple[str, ...]]:
-        """Return the map, found anew where something changed that it asks for, and what is worth
-        knowing of it.
-        """
-        from abfm.registration.initial.given import Given
+    def _map(self, way: _Way, given: _Given) -> Initial:
+        """Return the map, found anew where something changed that it asks for."""
+        from abfm.registration.initial.given import Given, Initial
         from abfm.registration.initial.words import chosen_word
 
         if not isinstance(way.by, str):
-            return way.by, ()
+            return Initial(way.by, warnings=way.warnings)
         about = Given(way.a, way.b, landmarks=paired(way.a, way.b, given.landmarks))
         if counts := any(given.weights):
             f, g = np.stack(given.source), np.stack(given.target)
@@ -193,7 +196,7 @@ class InitialMaps:
         functions = given.source, given.target, given.mask, given.weights
         asked = functions if by_functions else (), given.landmarks if by_landmarks else ()
 
-        def find() -> tuple[abfm.Correspondence, tuple[str, ...]]:
+        def find() -> Initial:
             if self._apart is None:
                 return _found(None, word, about)
             try:

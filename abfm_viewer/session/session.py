@@ -16,7 +16,7 @@ from abfm.wording import counted
 from abfm.workers import progress
 from abfm.workers.progress import said
 from abfm.workers.worker import Worker, stateless
-from abfm_viewer.computing.background import Jobs, Latest
+from abfm_viewer.computing.background import Jobs, Latest, Memo
 from abfm_viewer.computing.evaluation import Evaluators
 from abfm_viewer.computing.solver import ProblemSpec, Snapshot, Solver
 from abfm_viewer.document.document import (
@@ -82,6 +82,8 @@ class Session:
         # of documents that began with one of another
         self._sources: WeakKeyDictionary[Identity, str] = WeakKeyDictionary()
         self._coarse_meshes: Latest[None] = self._jobs.latest()
+        self._registration: Memo[abfm.Registration] = Memo()
+        self._facts: Latest[abfm.Facts] = self._jobs.latest()
         self._foreseen: Latest[abfm.Facts | None] = self._jobs.latest()
         self._flow_seen: Identity | None = None  # of a document whose flow was shown
         self._run_began = self.document
@@ -255,8 +257,18 @@ class Session:
         result, initial = self.document.result, self.document.initial_map
         if result is None or initial is None:
             return None
-        of = initial.correspondence, result, initial.notes, initial.functions
-        return abfm.Registration(*of)
+        return self._registration.get((result, initial), lambda: initial.registration(result))
+
+    @property
+    def facts(self) -> abfm.Facts | None:
+        """What is reported of the result; of two surfaces those of the match on B, marked as
+        incomplete, until the complete map is measured.
+        """
+        result, found = self.document.result, self.registration
+        if result is None or found is None:
+            return None if result is None else result.facts
+        facts = self._facts.ask(found, lambda: found.facts)
+        return facts or replace(result.facts, is_complete=False)
 
     def compared(self, side: Side) -> FloatArray | None:
         """The same as a flow carries or meets it, (V,), on B where there are two surfaces."""
@@ -299,6 +311,7 @@ class Session:
                 of.landmarks,
                 of.landmarks_alone,
                 prepared.functions,
+                prepared.warnings,
             )
         return ProblemSpec(
             self.surface().mesh,

@@ -218,9 +218,17 @@ def document_of_registration(found: abfm.Registration, path: Path) -> Opened:
         starts = points_of(back.carry_points(marks.points(match.mesh)))
         given = zip(starts, document.landmarks, strict=True)
         landmarks = tuple(one.placed("source", start) for start, one in given)
-    of = document.channels, document.mask
-    marks_of = landmarks, document.landmarks_alone
-    kept = InitialMap(initial, GIVEN, *of, found.notes, *marks_of, found.functions)
+    kept = InitialMap(
+        initial,
+        GIVEN,
+        document.channels,
+        document.mask,
+        found.notes,
+        landmarks,
+        document.landmarks_alone,
+        found.functions,
+        found.warnings,
+    )
     opened = replace(document, surfaces=pair, landmarks=landmarks, initial=GIVEN, initial_map=kept)
     return opened, known
 

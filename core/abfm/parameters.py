@@ -35,9 +35,7 @@ PAPER: dict[str, Any] = {
     "sigma_unit": "absolute",
     "refine": 0,
 }
-"""What makes energy and minimisation those of the paper; also what files of before had."""
-FORMER = ("balance",)
-"""Parameters that files of before name and that mean nothing any more."""
+"""What makes energy and minimisation those of the paper."""
 
 
 class Range(NamedTuple):
@@ -75,7 +73,7 @@ sigma_unit: sigma as a fraction of the functions' deviation from their mean in L
 landmark_sigma: weight of landmarks against the smoothness, the last of its path: how far one may be
   left, as a fraction of sqrt(area), where moving it costs as much as that; smaller is closer
 reach: how far the first stages look for the target, as a fraction of sqrt(area); 0 as the paper
-goal: mismatch that counts as matched, if flow lines leave no more
+goal: residual that counts as matched, by the discrete flow and by flow lines
 refine: how often the mesh may be subdivided where it is too coarse; 0 never, not given by its
   resolution
 levels: meshes from coarse to fine; 1 only the mesh itself, 0 by its size
@@ -192,21 +190,20 @@ class Parameters:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Parameters:
-        """Return the parameters that `to_dict` wrote; those of `FORMER` are left out, and unknown
-        names refused.
+        """Return the parameters that `to_dict` wrote; those that are missing take their defaults.
 
-        Values that name nothing of `PAPER` were written before there was anything but the paper's
-        energy, and mean it; all that do not name ``divergence`` before it could weigh more.
+        Raises
+        ------
+        ParameterError
+            If a name is unknown, or a value does not fit.
         """
-        values = {name: value for name, value in values.items() if name not in FORMER}
         known = {entry.name for entry in fields(cls)}
         unknown = sorted(set(values) - known)
         if unknown:
             raise ParameterError(
                 f"unknown parameter {brief(unknown[0])}; expected one of {', '.join(sorted(known))}"
             )
-        before = {"divergence": 1.0} if PAPER.keys() & values.keys() else PAPER
-        return cls(**(before | values))
+        return cls(**values)
 
 
 CHOICES: dict[str, tuple[str, ...]] = {

@@ -95,7 +95,7 @@ def _result(path):
     match, again = abfm.load_match(path), path.with_name("again.npz")
     _check_match(match)
     match.save(again)
-    _hold(abfm.load_match(again).mismatch == match.mismatch, "a result that changes when saved")
+    _hold(abfm.load_match(again).residual == match.residual, "a result that changes when saved")
     half_way = match.advect(match.parameters.tau / 2)
     _hold(np.isfinite(half_way).all(), "a result that carries to what is not finite")
 
@@ -113,7 +113,7 @@ def _check_match(match):
     is_positive = (match.weights >= 0).all() and (mask is None or (mask >= 0).all())
     _hold(is_positive, "a result of negative weights")
     _hold(len(match.energy_history) == len(match.stages), "a result with a history of two lengths")
-    _hold(0 <= match.mismatch < np.inf, f"a result with the mismatch {match.mismatch}")
+    _hold(0 <= match.residual < np.inf, f"a result with the residual {match.residual}")
     _hold(match.verdict.kind and isinstance(match.stop_reason, str), "a result without a verdict")
 
 

@@ -279,7 +279,7 @@ def numbers(random):
     elif act == 4:
         arrays["mask" if random.random() < 0.5 else "weights"] *= random.choice((-1.0, 1e300, 0.0))
     elif act == 5:
-        arrays["verdict"] = np.array(["x" * 10**5, "a\nb", "\0"])
+        arrays["verdict"] = np.array(["x" * 10**5, "a\nb", "\0", ""])
     else:
         arrays["stop_reason"] = np.array(random.choice(("x" * 10**6, "a\nb\nc", "", "\udc80")))
     file = io.BytesIO()

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from abfm import ParameterError, Parameters
 from abfm.matching import Remedy
-from abfm.parameters import LAST, PAPER, TABLE_1, WARMEST, row_of
+from abfm.parameters import LAST, TABLE_1, WARMEST, row_of
+from tests.messages import raises
 
 
 def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
@@ -22,70 +23,57 @@ def test_segments_follow_the_method_and_every_parameter_says_what_it_does():
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "named"),
     [
-        ({"tau": 0}, "tau is 0; expected a number above 0"),
-        ({"tau": float("nan")}, "tau is nan"),
-        ({"alpha": -1}, "alpha is -1; expected a number at least 0"),
-        ({"sigma": "x"}, "sigma is 'x'"),
-        ({"beta": float("inf")}, "beta is inf"),
-        ({"iterations": 2.5}, "iterations is 2.5; expected a whole number at least 0"),
-        ({"substeps": 0}, "expected a whole number at least 1"),
-        ({"memory": True}, "memory is True"),
-        ({"alpha": None}, "alpha is None"),
-        ({"goal": None}, "goal is None; expected a number above 0 and at most 1"),
-        ({"goal": 0}, "goal is 0; expected a number above 0 and at most 1"),
-        ({"refine": 4}, "refine is 4; expected a whole number at least 0 and at most 3"),
-        ({"method": "magic"}, "method is 'magic'; expected 'nonlinear' or 'linearised'"),
-        ({"gradient": "exact"}, "expected 'adjoint' or 'bracket'"),
-        ({"cooling_stages": 400}, "fewer stages"),
-        ({"cooling_stages": 10**6}, "at least 0 and at most 1000"),
-        ({"cooling_stages": 3, "stage_iterations": 60, "iterations": 100}, "never reached"),
-        ({"cooling_factor": 1e300}, r"above 1 and at most 1e\+30"),
-        ({"sigma": 1e-300}, "sigma is 1e-300; expected a number above 0 .* from 1e-30 on"),
-        ({"beta": 1e300}, "beta is 1e.300"),
-        ({"segments": 10**300}, r"segments is 1000000\d+\.\.\.\d+; expected .* at most 1000"),
-        ({"memory": 10**5}, "memory is 100000"),
-        ({"alpha": 1e12}, r"alpha is 1000000000000.0; .* at most 1e\+07"),
-        ({"order": 3}, "order is 3; expected a whole number at least 1 and at most 2"),
-        ({"reach": -0.1}, "reach is -0.1; expected a number at least 0"),
-        ({"levels": 11}, "levels is 11; expected a whole number at least 0 and at most 10"),
-        ({"sigma_unit": "metres"}, "sigma_unit is 'metres'; expected 'relative' or 'absolute'"),
+        ({"tau": 0}, ("tau", 0)),
+        ({"tau": float("nan")}, ("tau", "nan")),
+        ({"alpha": -1}, ("alpha", -1, 0)),
+        ({"sigma": "x"}, ("sigma", "x")),
+        ({"beta": float("inf")}, ("beta", "inf")),
+        ({"iterations": 2.5}, ("iterations", "2.5", 0)),
+        ({"substeps": 0}, (1,)),
+        ({"memory": True}, ("memory",)),
+        ({"alpha": None}, ("alpha",)),
+        ({"goal": None}, ("goal", 0, 1)),
+        ({"goal": 0}, ("goal", 0, 1)),
+        ({"refine": 4}, ("refine", 4, 0, 3)),
+        ({"method": "magic"}, ("method", "magic", "nonlinear", "linearised")),
+        ({"gradient": "exact"}, ("adjoint", "bracket")),
+        ({"cooling_stages": 400}, ()),
+        ({"cooling_stages": 10**6}, (0, 1000)),
+        ({"cooling_stages": 3, "stage_iterations": 60, "iterations": 100}, ()),
+        ({"cooling_factor": 1e300}, (1, "1e+30")),
+        ({"sigma": 1e-300}, ("sigma", "1e-300", 0, "1e-30")),
+        ({"beta": 1e300}, ("beta", "1e+300")),
+        ({"segments": 10**300}, ("segments", 1000)),
+        ({"memory": 10**5}, ("memory", 100000)),
+        ({"alpha": 1e12}, ("alpha", "1000000000000.0", "1e+07")),
+        ({"order": 3}, ("order", 3, 1, 2)),
+        ({"reach": -0.1}, ("reach", "-0.1", 0)),
+        ({"levels": 11}, ("levels", 11, 0, 10)),
+        ({"sigma_unit": "metres"}, ("metres", "relative", "absolute", "sigma_unit")),
     ],
 )
-def test_bad_values_are_refused_in_words(changes, words):
-    with pytest.raises(ParameterError, match=words):
+def test_bad_values_are_refused_in_words(changes, named):
+    with raises(ParameterError, *named):
         Parameters(**changes)
 
 
 def test_round_trip_unknown_names_and_plain_numbers():
     for p in (Parameters(alpha=3.0, method="linearised", segments=4), Parameters(sigma=0.3)):
         assert Parameters.from_dict(json.loads(json.dumps(p.to_dict()))) == p
-    with pytest.raises(ParameterError, match="unknown parameter 'aplha'"):
+    with raises(ParameterError, "aplha"):
         Parameters.from_dict({"aplha": 1})
     p = Parameters(tau=np.float32(1), memory=np.uint8(3), segments=2.0, iterations=np.int64(7))
     kinds = [type(value) for value in (p.tau, p.memory, p.segments, p.iterations)]
     assert kinds == [float, int, int, int]
 
 
-def test_what_was_written_before_there_was_more_than_the_papers_energy_means_it():
-    """A dictionary that names nothing of what is new."""
-    old = {"tau": 2.0, "alpha": 0.02, "sigma": 1e-3, "iterations": 150}
-    assert Parameters.from_dict(old) == Parameters(**old, **PAPER)
-    assert Parameters.from_dict({}) == Parameters(**PAPER)
-    for name, value in PAPER.items():
-        before = Parameters(**{"divergence": 1.0} | {name: value})
-        assert Parameters.from_dict({name: value}) == before
-    assert Parameters(**PAPER) != Parameters()
-    assert "order" not in old
-
-
-def test_what_files_of_before_name_and_means_nothing_any_more_is_left_out():
-    """Also in the remedies that they keep."""
-    written = Parameters(alpha=0.3).to_dict()
-    assert Parameters.from_dict(written | {"balance": 0.5}) == Parameters(alpha=0.3)
-    remedy = Remedy("Smoother", "a smoother field", {"order": 2, "balance": 0.5})
-    assert remedy.parameters == {"order": 2}
+def test_values_that_are_missing_take_their_defaults():
+    given = {"tau": 2.0, "alpha": 0.02, "iterations": 150}
+    assert Parameters.from_dict(given) == Parameters(**given)
+    with raises(ParameterError, "sigmma"):
+        Remedy("Smoother", "a smoother field", {"order": 2, "sigmma": 0.5})
 
 
 @given(sigma=st.floats(1e-8, 1e3), stages=st.integers(1, 6), iterations=st.integers(0, 1000))

@@ -38,7 +38,7 @@ def facts(sequence: Sequence) -> dict[str, Any]:
             "median_where_steep": float(np.median(speed[steep])) if steep.any() else None,
             "maximum": float(speed.max()) if speed.size else None,
         },
-        "mismatch": [_known(each) for each in sequence.residual.tolist()],
+        "residual": [_known(each) for each in sequence.residual.tolist()],
         "verified_residual": [_known(each) for each in sequence.verified_residual.tolist()],
         "folded": [_known(each) for each in sequence.folded.tolist()],
         "verdicts": [verdict.kind for verdict in sequence.verdicts],

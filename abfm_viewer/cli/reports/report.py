@@ -14,7 +14,6 @@ from typing import Any
 
 from abfm import (
     Correspondence,
-    Match,
     Parameters,
     Registration,
     TriangleMesh,
@@ -121,11 +120,9 @@ def _facts(
         match = found.match
         if found.a is not found.b:
             told["initial_map"] = results.map_facts(found.initial)
-        told |= results.facts(match) | {
-            "headline": match.facts.headline,
-            "why": match.facts.reason,
-            "tone": match.facts.tone,
-            "initial_residual": match.initial_residual,
+        facts = found.facts
+        told |= results.facts(found) | {"why": facts.reason, "tone": facts.tone}
+        told |= {
             "notes": [*found.notes, *match.mesh.messages],
             "changed_parameters": changed(match.parameters),
         }
@@ -158,9 +155,8 @@ def changed(parameters: Parameters) -> dict[str, Any]:
 def _warnings(of_map: dict[str, Any], found: Correspondence) -> list[str]:
     folded, collapsed, faces = (of_map[name] for name in ("folded", "collapsed", "faces"))
     apart, covered = of_map["there_and_back"]["p95"], of_map["coverage"]
-    match: Match | None = found.match if isinstance(found, Registration) else None
-    told = []
-    if folded:
+    told = list(found.facts.warnings) if isinstance(found, Registration) else []
+    if folded and not isinstance(found, Registration):
         told.append(f"{folded:,} of {faces:,} faces are folded, {_percent(folded / faces)}")
     if collapsed:
         told.append(f"{collapsed:,} of {faces:,} faces collapse to a line or a point")
@@ -168,8 +164,6 @@ def _warnings(of_map: dict[str, Any], found: Correspondence) -> list[str]:
         told.append(f"only {_percent(covered)} of A is covered")
     if apart > MOST_APART:
         told.append(f"5% of the vertices come back {apart:.2g} edges or more from where they were")
-    if match is not None and match.doubt:
-        told.append(f"the file was not believed, and was judged anew: {match.doubt}")
     return told
 
 

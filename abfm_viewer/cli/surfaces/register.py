@@ -12,6 +12,7 @@ from typing import Any
 import abfm
 from abfm import Control, Match, Parameters, Registration, TriangleMesh, load_mesh
 from abfm.errors import printable
+from abfm.matching import RESIDUAL_REGISTERED, SHARE_REGISTERED
 from abfm.registration import MEASURED, prepare, within
 from abfm.registration.initial import WORDS, read_landmarks
 from abfm.workers.progress import telling
@@ -48,7 +49,10 @@ Functions that were measured, or have other units, are compared in standard devi
 means; where one has the other sign, that is turned and told. Their parameters are {_MEASURED}
 unless given; of other functions they are those of `abfm match`.
 
-The exit status is as of `abfm match`.
+The exit status is as of `abfm match`. It is 3 also if the initial map may lead elsewhere (a warning
+reports why) or if the complete map from A to B has a larger residual than the flow on B. Measured
+functions are registered if the residual is below {SHARE_REGISTERED:g} of that of the initial map
+alone, and below {RESIDUAL_REGISTERED:g}.
 """
 
 
@@ -122,6 +126,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
     for note in prepared.notes:
         print(f"note: {note}", file=sys.stderr)
+    for warning in prepared.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
     parameters = prepared.problem.parameters
     problem = prepared.problem.with_parameters(replace(parameters, **changed))
     warn_if_foreseen(problem)
@@ -166,13 +172,16 @@ class FinishedRegistration:
 
     @property
     def status(self) -> int:
-        return status_of(self.match.facts, self.signal)
+        return status_of(self.registration.facts, self.signal)
 
     def summary(self) -> str:
         """Say for a person how well it went, what the map does, and what to try."""
-        names, advice = map(printable, self.outputs), verdict_words.advice_in_options(self.match)
+        names, advice = (
+            map(printable, self.outputs),
+            verdict_words.advice_in_options(self.registration),
+        )
         lines = [
-            *results.told_lines(self.match, self.seconds, list(names)),
+            *results.told_lines(self.registration, self.seconds, list(names)),
             *results.map_lines(self.registration),
             *results.landmark_lines(self.registration),
             *([self.bound] if self.bound else []),
@@ -182,7 +191,7 @@ class FinishedRegistration:
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            **results.facts(self.match),
+            **results.facts(self.registration),
             "map": results.map_facts(self.registration),
             "notes": list(self.registration.notes),
             "seconds": self.seconds,

@@ -91,6 +91,7 @@ def _bound(text: str) -> float:
     return bound
 
 
+@lru_cache(maxsize=1000)  # many rows of a table have the same functions
 def _spec(text: str) -> str:
     parse(text)
     return text

@@ -78,7 +78,10 @@ def facts_of_match(path: Path) -> Facts:
         numbers = dict.fromkeys(_NUMBERS, math.nan)
         for name in _NUMBERS & archive.keys():
             numbers[name] = float(entries[name].check(name, archive[name], {}))
-        texts = entries["verdict"].check("verdict", archive["verdict"], {})
+        # of a registration, which may be worse than that of its match
+        name = "registration_verdict" if "registration_verdict" in archive else "verdict"
+        texts = entries["verdict"].check(name, archive[name], {})
+        warnings = tuple(archive["warnings"].tolist()) if "warnings" in archive else ()
         verdict = Verdict.of_texts(texts.tolist())
         numbers |= _distortion(archive)
     worse = worse_residual(numbers["residual"], numbers["verified_residual"])
@@ -88,7 +91,7 @@ def facts_of_match(path: Path) -> Facts:
         verdict.reason,
         verdict.advice,
         known_numbers(numbers),
-        distortion_warnings(numbers.get("log2_area_95", math.nan)),
+        (*distortion_warnings(numbers.get("log2_area_95", math.nan)), *warnings),
     )
 
 

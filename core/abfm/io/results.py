@@ -133,8 +133,8 @@ _MATCH = {
     "landmark_errors": Entry("real", ("L",), required=False, low=0),  # of sqrt(area)
     "verdict": Entry("text", (4,)),  # outcome, cause, reason, advice
     "remedies": Entry("text", (), required=False),
-    # sigma, alpha, reach, residual, by flow lines, folded, log2 J, log2 R, its 95%, times refined
-    "path_steps": Entry("real", ("S", 10), required=False, low=0, may_be_unknown=True),
+    # the columns of `abfm.matching.path.COLUMNS`
+    "path_steps": Entry("real", ("S", 11), required=False, low=0, may_be_unknown=True),
     "path_step": Entry("integer", (), required=False, low=0),  # which of them the match is
     # the others' fields side by side, in lengths of the mesh: squares of more overflow
     "path_velocity": Entry("single", ("N", "P", 3), required=False, low=-1e30, high=1e30),
@@ -171,6 +171,8 @@ CORRESPONDENCE = Kind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRI
 # the initial map, and the match on B
 _OF_BOTH = {
     "notes": Entry("text", ("K",), required=False),
+    "warnings": Entry("text", ("W",), required=False),
+    "registration_verdict": Entry("text", (4,), required=False),  # as `verdict`
     "a_functions": Entry("real", ("VA", "C"), required=False),  # as they are compared
 }
 REGISTRATION = Kind("registration file", {**RESULT.entries, **CORRESPONDENCE_ENTRIES, **_OF_BOTH})

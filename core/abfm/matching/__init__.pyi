@@ -7,6 +7,8 @@ from .judging.cause import Cause as Cause
 from .judging.facts import LOG2_AREA_GOOD as LOG2_AREA_GOOD
 from .judging.obstacles import foreseen as foreseen
 from .judging.remedies import Remedy as Remedy
+from .judging.verdict import RESIDUAL_REGISTERED as RESIDUAL_REGISTERED
+from .judging.verdict import SHARE_REGISTERED as SHARE_REGISTERED
 from .judging.verdict import Verdict as Verdict
 from .judging.verification import Verification as Verification
 from .judging.verification import verify as verify

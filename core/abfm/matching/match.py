@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import AbfmError, ParameterError, ResultError, one_line
-from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.distortion import Distortion
@@ -173,9 +172,7 @@ class Match:
         """How far from where it is wanted the flow takes each landmark, along the surface and by
         the flow lines that verify a match, (L,), as fractions of sqrt(area); None without any.
         """
-        with suppress(ParameterError):  # flow lines that lead over too many faces
-            return _landmark_errors(self.problem, self.fine_velocity)
-        return np.full(len(self.problem.landmarks or ()), np.inf)
+        return _landmark_errors(self.problem, self.fine_velocity)
 
     @property
     def worse_residual(self) -> float:
@@ -276,6 +273,7 @@ class Match:
                 energy = MatchingEnergy(problem)
                 said = measured(energy, self.fine_velocity / energy.length_scale)
         own = self.path[self.step]
+        said["held_out"] = own.held_out
         own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, left, **said)
         other = replace(
             self,
@@ -306,6 +304,7 @@ class Match:
             log2_area=self.path[self.step].log2_area,
             refined=self.refined,
             landmarks=_landmarks(self.problem, self.landmark_errors),
+            held_out=self.path[self.step].held_out,
         )
 
     def _judged(self) -> Verdict:
@@ -314,6 +313,11 @@ class Match:
     @cached_property
     def facts(self) -> Facts:
         """What is reported of the match: outcome, headline, reason, advice, numbers, warnings."""
+        return self.report.facts()
+
+    @property
+    def report(self) -> Report:
+        """What the facts are written from."""
         return Report(
             self.verdict,
             self._evidence,
@@ -323,7 +327,7 @@ class Match:
             self.problem.is_of_landmarks,
             self.path[self.step].log2_area_95,
             self.doubt,
-        ).facts()
+        )
 
     def start_for(self, parameters: Parameters) -> FloatArray:
         """The fields (N, 4^k F, 3) as a start with other parameters: by another tau as far."""
@@ -458,6 +462,7 @@ def match(
         end.log2_area,
         _refined(end, the_problem.mesh),
         _landmarks(the_problem, errors),
+        end.held_out,
     )
     found = Match(
         problem=the_problem.starting_from(None),
@@ -483,8 +488,7 @@ def _landmark_errors(problem: Problem, velocity: FloatArray) -> FloatArray | Non
     marks, mesh = problem.landmarks, problem.mesh
     if marks is None:
         return None
-    flow = ContinuousFlow(mesh, velocity, problem.parameters.tau)
-    return marks.errors(flow.destinations(marks.points(mesh)))
+    return marks.errors_along(mesh, velocity, problem.parameters.tau)
 
 
 def _landmarks(problem: Problem, errors: FloatArray | None) -> tuple[FloatArray, FloatArray] | None:
@@ -533,7 +537,7 @@ def match_arrays(match: Match) -> dict[str, Any]:
         left_out.add("fine_velocity")
     own = results.MATCH_ENTRIES.keys() - parts.keys() - left_out
     parts |= {name: getattr(match, name) for name in results.MATCH_ENTRIES if name in own}
-    parts["parameters"] = json.dumps(match.problem.parameter_values())
+    parts["parameters"] = json.dumps(match.parameters.to_dict())
     parts["verdict"] = verdict.texts
     if verdict.remedies:
         parts["remedies"] = json.dumps([asdict(remedy) for remedy in verdict.remedies])
@@ -548,15 +552,17 @@ def match_of(
     mesh: TriangleMesh,
     arrays: Mapping[str, NDArray[Any]],
     parameters: Parameters,
-    verdict: Verdict,
 ) -> Match:
     """Return the match that `match_arrays` was given; ValueError if its fields do not fit."""
+    remedies = _remedies(str(arrays.get("remedies", "[]")))
+    verdict = Verdict.of_texts(arrays["verdict"].tolist(), remedies)
     given = {name: arrays[name] for name in arrays.keys() & results.PROBLEM_ENTRIES.keys()}
     parts: dict[str, Any] = {"verified_residual": math.nan, "folded": math.nan}
     parts |= {
         name: array if array.ndim else array.item()
         for name, array in arrays.items()
-        if name not in results.PROBLEM_ENTRIES and name != "landmark_errors"  # these follow
+        # landmark errors follow from the rest
+        if name not in (*results.PROBLEM_ENTRIES, "landmark_errors", "remedies")
     }
     velocity = parts.pop("velocity")
     if parameters.segments not in (0, len(velocity)):
@@ -572,7 +578,7 @@ def match_of(
     if any(name.startswith("path_") for name in arrays):
         parts["path"], parts["step"] = path_of(arrays, parts["fine_velocity"], mesh)
     parts = {name: part for name, part in parts.items() if not name.startswith("path_")}
-    reason = StopReason.of_file(parts["stop_reason"])
+    reason = StopReason(parts["stop_reason"])
     problem = problem_of(mesh, given, parameters)
     return Match(problem=problem, **parts | {"stop_reason": reason, "verdict": verdict})
 
@@ -595,12 +601,11 @@ def loaded_match(mesh: TriangleMesh, arrays: results.Arrays) -> Match:
     """Return the match of a file's arrays, as it was saved; any error if they do not fit."""
     own = {name: array for name, array in arrays.items() if name not in results.MESH_ENTRIES}
     parameters = Parameters.from_dict(from_json(str(own["parameters"])))
-    remedies = _remedies(str(own.pop("remedies", "[]")))
-    return match_of(mesh, own, parameters, Verdict.of_texts(own["verdict"].tolist(), remedies))
+    return match_of(mesh, own, parameters)
 
 
 def _remedies(text: str) -> tuple[Remedy, ...]:
-    """Return what `match_arrays` wrote; files from before there were remedies have none."""
+    """Return the remedies that `match_arrays` wrote."""
     try:
         found = tuple(Remedy(**remedy) for remedy in from_json(text))
     except AbfmError:

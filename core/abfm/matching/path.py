@@ -22,6 +22,7 @@ COLUMNS = (
     "log2 J",
     "log2 R",
     "log2 J 95%",
+    "held out",
     "refined",
 )
 
@@ -47,6 +48,9 @@ class PathStep:
         of the stretches of the map along flow lines.
     log2_area_95 : float
         The 95th percentile of ``|log2 J|``, by area.
+    held_out : float
+        Residual of held-out patches over that of the same patches without motion: below 1 the field
+        improves also what it was not fitted to. NaN if nothing was held out.
     """
 
     sigma: float
@@ -59,6 +63,7 @@ class PathStep:
     log2_area: float = math.nan
     log2_shape: float = math.nan
     log2_area_95: float = math.nan
+    held_out: float = math.nan
 
 
 _NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]

@@ -289,7 +289,7 @@ class Problem:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return all that it is made of: what files hold, and what the digest is of."""
-        parameters = json.dumps(self.parameter_values(), sort_keys=True)
+        parameters = json.dumps(self.parameters.to_dict(), sort_keys=True)
         parts: dict[str, Any] = results.mesh_arrays(self.mesh)
         for index, term in enumerate(self.terms):
             for name, array in term.arrays().items():
@@ -301,15 +301,6 @@ class Problem:
             parts |= self.landmarks.arrays()
         parts |= self.spec_arrays()
         return {name: np.asarray(part) for name, part in parts.items()}
-
-    def parameter_values(self) -> dict[str, Any]:
-        """Return the parameters as files and digests have them: as before there were landmarks
-        where there are none.
-        """
-        values = self.parameters.to_dict()
-        if self.landmarks is None and self.parameters.landmark_sigma == Parameters.landmark_sigma:
-            del values["landmark_sigma"]
-        return values
 
     def left(self, carried: FloatArray, errors: FloatArray | None) -> float:
         """Return the residual of functions (C, V) and of landmarks that are so far off,

@@ -1,7 +1,7 @@
 """What the functions alone say of a match: what no flow can do, or this mesh, and what goes astray.
 
 A flow makes no new values, and neither splits nor joins peaks: functions that need this have no
-match. The discrete flow can do both, between vertices, and its own mismatch does not tell.
+match. The discrete flow can do both, between vertices, and its own residual does not show it.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -45,7 +45,7 @@ def within_range(functions: FunctionTerm) -> FloatArray:
 
 
 def range_bound(functions: FunctionTerm) -> float:
-    """Return the least relative mismatch that any flow can leave; 0 if the source has all values:
+    """Return the least residual that any flow can leave; 0 if the source has all values:
     ``|f_tau - g| >= |clip(g, min f, max f) - g|`` everywhere.
     """
     return functions.residual(within_range(functions))

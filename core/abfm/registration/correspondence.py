@@ -13,7 +13,7 @@ from scipy import sparse
 from abfm.calculus.operators import edge_lengths, face_areas, vertex_areas
 from abfm.errors import AbfmError, FunctionError, ParameterError, brief
 from abfm.io import results
-from abfm.maps.distortion import Distortion
+from abfm.maps.distortion import Distortion, turned_over
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import MapAccuracy, ThereAndBack, map_accuracy, there_and_back
 from abfm.maps.spherical import SphereLayout, through_sphere
@@ -204,6 +204,13 @@ class Correspondence:
         """Whether most of B, by area, lies on A with its other side up."""
         found = PointMap(self.b, self.a, self.points.faces, self.points.barycentric).distortion()
         return bool(found.weights[found.flipped].sum() > found.weights.sum() / 2)
+
+    def flipped_by_vertices(self) -> int:
+        """Return how many faces of A are flipped where its vertices alone are moved to B, as files
+        of surfaces hold a map, such as a sphere.reg: their faces stay straight between vertices.
+        """
+        flipped = int(turned_over(self.b, self.back.positions[self.a.faces]).sum())
+        return len(self.a.faces) - flipped if self.is_mirrored else flipped
 
     def coverage(self) -> float:
         """Return the share of A's area, 0 to 1, that B is mapped onto: of the faces whose middle,

@@ -57,5 +57,8 @@ def _loaded(
 def _registration_of(arrays: results.Arrays) -> Registration:
     initial = correspondence_of(arrays)
     own = {name: arrays[name] for name in arrays.keys() & results.RESULT.entries.keys()}
-    notes = tuple(arrays["notes"].tolist()) if "notes" in arrays else ()
-    return Registration(initial, loaded_match(initial.b, own), notes, arrays.get("a_functions"))
+    notes, warnings = (
+        tuple(arrays[name].tolist()) if name in arrays else () for name in ("notes", "warnings")
+    )
+    match, functions = loaded_match(initial.b, own), arrays.get("a_functions")
+    return Registration(initial, match, notes, functions, warnings)

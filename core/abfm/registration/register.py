@@ -51,10 +51,11 @@ class Prepared(NamedTuple):
     problem: Problem
     notes: tuple[str, ...]
     functions: FloatArray | None = None  # A's, (V_A, C), as they are compared
+    warnings: tuple[str, ...] = ()  # of the initial map
 
     def matched_by(self, match: Match) -> Registration:
         """Return the registration that a match of the problem makes."""
-        return Registration(self.initial, match, self.notes, self.functions)
+        return Registration(self.initial, match, self.notes, self.functions, self.warnings)
 
 
 def register(
@@ -190,7 +191,7 @@ def prepare(
             )
         first = initial_map(initial, Given(a, b, landmarks=marks))
         problem = Problem(b, None, None, parameters, **_on_b(first.correspondence, marks))
-        return Prepared(first.correspondence, problem, first.notes)
+        return Prepared(first.correspondence, problem, first.notes, None, first.warnings)
     (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
     on_a, on_b = _mask(a, mask_a, known_a, "mask_a"), _mask(b, mask_b, known_b, "mask_b")
     # hidden values must neither move along the flow nor count as detail
@@ -223,7 +224,8 @@ def prepare(
         **({} if marks is None else _on_b(found, marks)),
     ).with_known_values(mask)
     told = (*_unknown("A", known_a, mask_a), *_unknown("B", known_b, mask_b))
-    return Prepared(found, problem, (*first.notes, *told, *notes), source.T.copy())
+    notes = [*first.notes, *told, *notes]
+    return Prepared(found, problem, tuple(notes), source.T.copy(), first.warnings)
 
 
 def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:

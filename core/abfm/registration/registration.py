@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import os
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from abfm.errors import ResultError
+from abfm.errors import AbfmError, ResultError
 from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.point_maps import PointMap
-from abfm.matching.judging.verdict import Verdict
+from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
+from abfm.matching.judging.verdict import Verdict, is_registered
 from abfm.matching.match import Match, match_arrays
+from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.registration.correspondence import Correspondence
+from abfm.registration.facts import facts_of
 from abfm.types import FloatArray
+from abfm.wording import share
 
 
 class Registration(Correspondence):
@@ -33,6 +39,8 @@ class Registration(Correspondence):
         What is worth knowing of how they came about, a line each.
     functions : (V_A, C) array, optional
         A's, as they are compared; None where they are known on B alone.
+    warnings : tuple of str
+        Why the initial map may lead elsewhere, a line each: nothing is registered by such a map.
     """
 
     def __init__(
@@ -41,15 +49,17 @@ class Registration(Correspondence):
         match: Match,
         notes: tuple[str, ...] = (),
         functions: FloatArray | None = None,
+        warnings: tuple[str, ...] = (),
     ) -> None:
         if len(match.mesh.faces) != len(initial.b.faces):
             raise ResultError("the match is on another surface than the initial map leads to")
         self.initial, self.match, self.notes = initial, match, notes
-        self.functions = functions
+        self.functions, self.warnings = functions, warnings
 
     def matched_by(self, match: Match, notes: tuple[str, ...] = ()) -> Registration:
         """Return the registration with another match, and notes added."""
-        return Registration(self.initial, match, (*self.notes, *notes), self.functions)
+        notes = (*self.notes, *notes)
+        return Registration(self.initial, match, notes, self.functions, self.warnings)
 
     @cached_property
     def points(self) -> PointMap:
@@ -66,10 +76,52 @@ class Registration(Correspondence):
         """The flow on B."""
         return self.match.flow
 
-    @property
+    @cached_property
+    def residual(self) -> float:
+        """The residual of the complete map: of A's functions, each taken where a vertex of B lies
+        on A, against B's, as `Match.residual` measures it; NaN if A's functions are not known.
+        """
+        return self._residual_by(self)
+
+    @cached_property
+    def initial_residual(self) -> float:
+        """The residual of the initial map alone."""
+        return self._residual_by(self.initial)
+
+    def _residual_by(self, found: Correspondence) -> float:
+        problem = self.match.problem
+        if self.functions is None or problem.is_of_landmarks:
+            return math.nan
+        try:
+            carried = found.carry(self.functions)
+        except AbfmError:  # by a field that leads over too many faces
+            return math.nan
+        return problem.functions.residual(np.ascontiguousarray(carried.T))
+
+    @cached_property
     def verdict(self) -> Verdict:
-        """What the match came to, why, and what to try."""
-        return self.match.verdict
+        """The verdict of the match, unless there is a warning of the initial map, or the complete
+        map has a larger residual than the verdict allows.
+        """
+        verdict, match = self.match.verdict, self.match
+        if not verdict.kind.is_good:
+            return verdict
+        if self.warnings:
+            return _because(verdict, Cause.INITIAL_MAP, warning=self.warnings[0])
+        worse = worse_residual(match.worse_residual, self.residual)
+        if verdict.kind is Outcome.REGISTERED:
+            if not self.residual >= 0 or is_registered(worse, self.initial_residual):
+                return verdict
+        elif outcome_of(worse, match.parameters.goal).rank <= verdict.kind.rank:
+            return verdict
+        return _because(verdict, Cause.COMPLETE_MAP, residual=share(worse))
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What is reported of the registration: that of its match, with residual, distortion and
+        folds of the complete map from A to B.
+        """
+        return facts_of(self)
 
     @property
     def landmark_errors(self) -> FloatArray | None:
@@ -88,15 +140,29 @@ class Registration(Correspondence):
     def arrays(self) -> dict[str, Any]:
         """Return what files hold: the initial map, the notes, A's functions, and the match."""
         own: dict[str, Any] = {"notes": np.array(self.notes)} if self.notes else {}
+        if self.warnings:
+            own["warnings"] = np.array(self.warnings)
         if self.functions is not None:
             own["a_functions"] = self.functions
+        own["registration_verdict"] = self.verdict.texts
         return self.initial.arrays() | own | match_arrays(self.match)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Registration, (self.initial, self.match, self.notes, self.functions)
+        return Registration, (
+            self.initial,
+            self.match,
+            self.notes,
+            self.functions,
+            self.warnings,
+        )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError; as a
         result file it holds the match on B.
         """
         results.save_arrays(path, self.arrays(), results.REGISTRATION)
+
+
+def _because(verdict: Verdict, cause: Cause, **details: object) -> Verdict:
+    changed = verdict.because(Outcome.NOT_REACHED, cause, sentence_of(cause, **details))
+    return replace(changed, advice=ADVICE[cause])

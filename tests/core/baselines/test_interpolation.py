@@ -8,6 +8,7 @@ from abfm import AbfmError
 from abfm.baselines import HeatKernel, linear_blend, optimal_transport
 from abfm.calculus.operators import vertex_areas
 from tests.core.surfaces import SURFACES
+from tests.messages import raises
 from tests.shapes import icosphere, open_cylinder
 
 
@@ -143,20 +144,20 @@ def test_what_is_negative_by_rounding_counts_as_nothing():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "named"),
     [
-        ({"f": bump(P) - 0.5}, r"f is negative at \d+ of 642 vertices, down to -0.5 at vertex \d+"),
-        ({"g": 0 * bump(P)}, "target g is zero everywhere"),
-        ({"g": np.full(642, np.nan)}, "not finite"),
-        ({"f": np.ones((642, 2))}, "f has 2 channels"),
-        ({"f": np.ones(5)}, "5 values"),
-        ({"times": 1.5}, "times is 1.5; expected a time from 0 to 1"),
-        ({"times": [0.5, np.nan]}, "expected a time from 0 to 1"),
-        ({"blur": 0.0}, "blur is 0.0"),
-        ({"steps": 0}, "steps is 0"),
-        ({"f": 1.0 * (angle(P) < 0.3), "blur": 1e-5}, "does not reach"),
+        ({"f": bump(P) - 0.5}, ("f", 642, "-0.5")),
+        ({"g": 0 * bump(P)}, ()),
+        ({"g": np.full(642, np.nan)}, ()),
+        ({"f": np.ones((642, 2))}, ("f", 2)),
+        ({"f": np.ones(5)}, (5,)),
+        ({"times": 1.5}, ("times", "1.5", 0, 1)),
+        ({"times": [0.5, np.nan]}, (0, 1)),
+        ({"blur": 0.0}, ("blur", "0.0")),
+        ({"steps": 0}, ("steps", 0)),
+        ({"f": 1.0 * (angle(P) < 0.3), "blur": 1e-5}, ()),
     ],
 )
-def test_what_cannot_be_transported_is_refused(change, words):
-    with pytest.raises(AbfmError, match=words):
+def test_what_cannot_be_transported_is_refused(change, named):
+    with raises(AbfmError, *named):
         optimal_transport(SPHERE, **{"f": bump(P), "g": bump(Q), "times": 0.5} | change)

@@ -14,6 +14,7 @@ from abfm.errors import AbfmError
 from abfm.maps.functional_maps import functional_map
 from abfm.maps.point_maps import PointMap
 from abfm.parameters import Parameters
+from tests.messages import raises
 from tests.shapes import ellipsoid, hemisphere, icosphere, torus
 
 
@@ -83,20 +84,20 @@ def test_a_rotation_of_the_sphere_is_found_and_nothing_moves_where_nothing_is_wr
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "named"),
     [
-        ({"target": np.eye(5)}, "two matrices alike"),
-        ({"start": np.full((6, 6), np.nan)}, "not finite"),
-        ({"fields": 0}, "fields is 0"),
-        ({"fields": 10_000}, "10001 eigenfunctions"),
+        ({"target": np.eye(5)}, ()),
+        ({"start": np.full((6, 6), np.nan)}, ()),
+        ({"fields": 0}, ("fields", 0)),
+        ({"fields": 10_000}, (10001,)),
     ],
 )
-def test_what_does_not_fit_is_refused(change, words):
+def test_what_does_not_fit_is_refused(change, named):
     given = {"start": np.eye(6), "target": np.eye(6), "fields": 3}
-    with pytest.raises(AbfmError, match=words):
+    with raises(AbfmError, *named):
         ReducedEnergy(icosphere(1), parameters=Parameters(), **(given | change))
 
 
 def test_too_many_fields_on_a_disc_are_refused():
-    with pytest.raises(AbfmError, match="off the boundary"):
+    with raises(AbfmError):
         hodge_basis(hemisphere(4), 40)

@@ -18,6 +18,7 @@ from abfm.errors import AbfmError, ResultError
 from abfm.workers.process import ProcessEndedError
 from abfm.workers.progress import telling
 from tests.core.batch.rows import ONE, Deadly, pair, results
+from tests.messages import check_message, raises
 from tests.processes import children
 
 ROWS = [pair(target=target) for target in (9, 12, 15, 18)]
@@ -70,7 +71,7 @@ def test_processes_of_this_machine_that_end_are_started_again_a_few_times(
 
     monkeypatch.setattr("abfm.batch.on_dask.OwnProcess", start)
     if deaths == 4:
-        with pytest.raises(ResultError, match="ended 4 times before a row was done"):
+        with raises(ResultError, 4):
             run(ROWS, tmp_path, Cluster(jobs=2))
     else:
         run(ROWS, tmp_path, Cluster(jobs=2))
@@ -115,7 +116,7 @@ def test_a_cluster_elsewhere_writes_where_it_sees_the_folder_else_sends(
         monkeypatch.setattr("abfm.batch.attempt.all", lambda _: False, raising=False)
     entries = run([*ROWS, pair("lost", mesh="nowhere.off")], tmp_path / "out", cluster)
     assert [entry.state for entry in entries] == ["done"] * 4 + ["failed"]
-    assert "no such file" in entries[-1].reason
+    check_message(entries[-1].reason)
     assert results(tmp_path / "out") == alone
 
 
@@ -136,7 +137,7 @@ def test_a_cluster_is_kept_from_one_run_to_the_next(alone, elsewhere, tmp_path, 
 
 def test_a_scheduler_that_goes_is_told_with_what_is_left(elsewhere, tmp_path, capfd):
     cluster = Cluster(scheduler=elsewhere.scheduler_address)
-    with pytest.raises(LostError, match="3 rows are left: run the same again"):
+    with raises(LostError, 3):
         run(ROWS, tmp_path, cluster, on_change=lambda entry: elsewhere.close())
     assert len(results(tmp_path)) >= 1
     assert capfd.readouterr() == ("", "")
@@ -155,15 +156,15 @@ def test_a_run_elsewhere_that_is_cancelled_keeps_what_is_done(elsewhere, tmp_pat
 
 
 def test_no_scheduler_is_told(tmp_path):
-    with pytest.raises(ResultError, match="there is no scheduler's file"):
+    with raises(ResultError):
         run(ROWS, tmp_path, Cluster(scheduler_file=tmp_path / "none.json"))
-    with pytest.raises(ResultError, match="no scheduler answers at nonsense"):
+    with raises(ResultError, "scheduler", "nonsense"):
         run(ROWS, tmp_path, Cluster(scheduler="nonsense://1"))
     clients = [each for each in gc.get_objects() if type(each) is Client]
     assert {each.status for each in clients} <= {"closed"}  # else Dask may wait for its own lock
     # what answers is none
     refuse = Mock(side_effect=MemoryError("out of memory"))
-    with pytest.raises(ResultError, match="no scheduler answers at tcp://1: out of memory"):
+    with raises(ResultError, "tcp://1"):
         on_dask._client(refuse, "tcp://1", abfm.Control())
 
 
@@ -185,9 +186,7 @@ def test_who_waits_for_a_scheduler_may_cancel_that(tmp_path, monkeypatch):
 @pytest.mark.parametrize("text", ["", "{}", "[]", "nonsense", '{"address": 5}', '{"address": ""}'])
 def test_a_scheduler_file_without_an_address_is_told_at_once(text, tmp_path):
     (tmp_path / "scheduler.json").write_text(text)
-    with pytest.raises(
-        ResultError, match=r"scheduler\.json has no address: expected the file that"
-    ):
+    with raises(ResultError, "scheduler.json"):
         run(ROWS, tmp_path / "out", Cluster(scheduler_file=tmp_path / "scheduler.json"))
 
 
@@ -195,7 +194,7 @@ def test_a_scheduler_file_that_may_not_be_read_is_told(tmp_path, monkeypatch):
     (tmp_path / "scheduler.json").touch()
     refuse = Mock(side_effect=PermissionError(13, "Permission denied"))
     monkeypatch.setattr(on_dask, "read_bytes", refuse)
-    with pytest.raises(ResultError, match=r"cannot read .*scheduler\.json: Permission denied"):
+    with raises(ResultError, "scheduler.json"):
         run(ROWS, tmp_path / "out", Cluster(scheduler_file=tmp_path / "scheduler.json"))
 
 
@@ -221,19 +220,18 @@ def test_workers_are_waited_for_and_that_is_told(alone, tmp_path, monkeypatch):
 
 def test_a_cluster_with_another_abfm_is_refused(elsewhere, tmp_path, monkeypatch):
     monkeypatch.setattr(on_dask, "own_version", lambda: "9.9")
-    told = f"the scheduler has abfm {version('abfm')}; install abfm 9.9 there"
-    with pytest.raises(ResultError, match=told):
+    with raises(ResultError, "scheduler", version("abfm"), "9.9"):
         run(ROWS, tmp_path, Cluster(scheduler=elsewhere.scheduler_address))
 
 
 def test_a_cluster_without_abfm_is_refused():
     none = PackageNotFoundError("abfm")
-    with pytest.raises(ResultError, match="the scheduler has no abfm; install"):
+    with raises(ResultError):
         on_dask._check_alike(Mock(run_on_scheduler=Mock(side_effect=none)))
     there = {"tcp://1": version("abfm"), "tcp://2": OSError("gone meanwhile"), "tcp://3": none}
     client = Mock(run_on_scheduler=Mock(return_value=version("abfm")))
     client.run.return_value = there
-    with pytest.raises(ResultError, match="worker tcp://3 has no abfm; install"):
+    with raises(ResultError, "tcp://3"):
         on_dask._check_alike(client)
     del there["tcp://3"]
     on_dask._check_alike(client)
@@ -241,7 +239,7 @@ def test_a_cluster_without_abfm_is_refused():
 
 def test_several_processes_need_dask(tmp_path, monkeypatch):
     monkeypatch.setattr("abfm.batch.on_dask.find_spec", lambda name: None)
-    with pytest.raises(AbfmError, match=r'pip install "abfm\[cluster\]"'):
+    with raises(AbfmError, "abfm[cluster]"):
         run(ROWS, tmp_path, Cluster(jobs=2))
     (entry,) = run([Row("r", pair().options)], tmp_path, Cluster(jobs=2))
     assert entry.state == "done"  # one row needs one process

@@ -12,6 +12,7 @@ from abfm.assets import asset_path
 from abfm.batch import Row, problem_row
 from abfm.errors import ParameterError
 from tests.core.batch.rows import BRIEF, pair
+from tests.messages import raises
 
 EIGHT = abfm.load_mesh(asset_path("eight.off"))
 COUNT = len(EIGHT.vertices)
@@ -96,7 +97,7 @@ def test_files_are_known_and_a_row_whose_files_moved_is_the_same_problem(folder,
         places[path] = shutil.move(path, place)
     moved = row.moved(places)
     assert (moved.digest, moved.key) == (digest, row.key)
-    with pytest.raises(abfm.AbfmError, match="no such file"):
+    with raises(abfm.AbfmError):
         row.prepared()
 
 
@@ -161,32 +162,32 @@ def test_a_problem_made_in_python_is_found_in_a_relative_folder(tmp_path, monkey
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "named"),
     [
-        ({}, r"fill frames and mesh \(sequence\), or mesh \(match\)"),
-        ({"mesh": "m.off"}, "needs source and target"),
-        ({"mesh": "m.off", "source": "curvature:mean"}, "source and target need each other"),
-        ({"a": "a.off", "source": "curvature:mean"}, "column b: a registration needs it"),
-        ({"a": "a.off", "b": "b.off"}, "or landmarks"),
-        ({"mesh": "m.off", "landmarks": "l.csv"}, "a match has no such option"),
-        ({"mesh": "m.off", "alpa": "1"}, "did you mean 'alpha'"),
-        ({"mesh": "m.off", "alpha": "much"}, "column alpha: 'much' is no number"),
-        ({"mesh": "m.off", "iterations": "1.5"}, "is no whole number"),
-        ({"mesh": "m.off", "alpha": "-1"}, "column alpha: alpha is -1"),
-        ({"mesh": "m.off", "alpha": [1]}, "neither text, path nor number"),
-        ({"mesh": "m.off", "sigma": "auto", "alpha": "auto"}, "column alpha: 'auto' is no number"),
-        ({"mesh": "m.off", "method": "fast"}, "expected 'nonlinear' or 'linearised'"),
-        ({"mesh": "m.off", "source": "gausian:vertex=1"}, "did you mean 'gaussian'"),
-        ({"mesh": "m.off", "channel": "curvature:mean 1"}, "is no channel"),
-        ({"mesh": "m.off", "channel": "curvature:mean curvature:mean x"}, "is no channel"),
-        ({"mesh": "m.off", "channel": "curvature:mean nothing:1 1"}, "unknown function family"),
-        ({"mesh": "m.off", "largest-component": "maybe"}, "neither yes nor no"),
-        ({"mesh": "m.off", "max-distortion": "0"}, "column max-distortion"),
-        ({"a": "a.off", "b": "b.off", "initial": "closset"}, "column initial: unknown initial map"),
-        ([("mesh", "m.off"), ("mesh", "n.off")], "column mesh: it is given twice"),
-        (PLAIN | {"stage-iterations": 50, "cooling-stages": 9, "iterations": 100}, "is 50 for"),
+        ({}, ("frames", "mesh")),
+        ({"mesh": "m.off"}, ("source", "target")),
+        ({"mesh": "m.off", "source": "curvature:mean"}, ("source", "target")),
+        ({"a": "a.off", "source": "curvature:mean"}, ("b",)),
+        ({"a": "a.off", "b": "b.off"}, ()),
+        ({"mesh": "m.off", "landmarks": "l.csv"}, ("landmarks",)),
+        ({"mesh": "m.off", "alpa": "1"}, ("alpha",)),
+        ({"mesh": "m.off", "alpha": "much"}, ("much", "alpha")),
+        ({"mesh": "m.off", "iterations": "1.5"}, ("iterations",)),
+        ({"mesh": "m.off", "alpha": "-1"}, ("alpha", "-1.0")),
+        ({"mesh": "m.off", "alpha": [1]}, ("[1]",)),
+        ({"mesh": "m.off", "sigma": "auto", "alpha": "auto"}, ("auto", "alpha")),
+        ({"mesh": "m.off", "method": "fast"}, ("method", "nonlinear", "linearised")),
+        ({"mesh": "m.off", "source": "gausian:vertex=1"}, ("gaussian",)),
+        ({"mesh": "m.off", "channel": "curvature:mean 1"}, ("channel",)),
+        ({"mesh": "m.off", "channel": "curvature:mean curvature:mean x"}, ("channel",)),
+        ({"mesh": "m.off", "channel": "curvature:mean nothing:1 1"}, ("channel", "nothing")),
+        ({"mesh": "m.off", "largest-component": "maybe"}, ("largest-component",)),
+        ({"mesh": "m.off", "max-distortion": "0"}, ("max-distortion",)),
+        ({"a": "a.off", "b": "b.off", "initial": "closset"}, ("initial",)),
+        ([("mesh", "m.off"), ("mesh", "n.off")], ("mesh",)),
+        (PLAIN | {"stage-iterations": 50, "cooling-stages": 9, "iterations": 100}, (50,)),
     ],
 )
-def test_what_does_not_fit_is_refused_with_its_column(options, told):
-    with pytest.raises(ParameterError, match=told):
+def test_what_does_not_fit_is_refused_with_its_column(options, named):
+    with raises(ParameterError, *named):
         Row("r", options)

@@ -20,6 +20,7 @@ from abfm.outcome import Outcome
 from abfm.workers.progress import telling
 from abfm.workers.worker import WorkerEndedError
 from tests.core.batch.rows import BRIEF, ONE, Mortal, Quick, pair, results
+from tests.messages import check_message, raises
 from tests.shapes import icosphere
 
 QUICK = Quick("quick", pair().options)
@@ -37,7 +38,7 @@ def files(folder):
 def test_a_worker_with_another_abfm_solves_nothing(tmp_path):
     ledger = Ledger(tmp_path)
     task = Task(QUICK, str(ledger.folder), ledger.make(), version="0.0.9")
-    assert "install abfm 0.0.9 there, as it is here" in attempt(task).record.reason
+    check_message(attempt(task).record.reason, "0.0.9")
     assert not results(tmp_path)
 
 
@@ -99,14 +100,14 @@ def test_rows_that_fail_are_told_and_stop_no_others(done):
     failed = {"lost", "broken", "far"}
     assert states == {name: "failed" if name in failed else "done" for name in states}
     reasons = {entry.row.name: entry.reason for entry in entries}
-    assert reasons["lost"].endswith("nowhere.off: there is no such file")
+    check_message(reasons["lost"], "nowhere.off")
     assert "broken.off" in reasons["broken"]
-    assert "there is no vertex 100000" in reasons["far"]
+    check_message(reasons["far"], 100000)
     assert not any(reasons[name] for name in states.keys() - failed)
     assert len(told) == len(rows) - 1  # equal ones are solved once
     by_name = {entry.row.name: entry for entry in entries}
     assert by_name["again"].path == by_name["first"].path
-    with pytest.raises(ResultError, match="no result of far: there is no vertex"):
+    with raises(ResultError, "far"):
         by_name["far"].load()
 
 
@@ -164,7 +165,7 @@ def test_a_process_is_replaced_that_was_ended_though_it_was_told_by_an_error(tmp
 
     monkeypatch.setattr(sys.modules["abfm.batch.run"], "Worker", Here)
     with Workers(ONE) as workers:
-        with pytest.raises(OSError, match="no space"):
+        with raises(OSError, "no space left"):
             workers.run([pair("first")], tmp_path, on_change=refuse, control=control)
         (entry,) = workers.run([pair("second", 3, 12)], tmp_path)
     assert entry.state == "done"
@@ -283,7 +284,7 @@ def test_row_with_wrong_key_is_refused(done, tmp_path, key):
     ledger.make()
     row = {**done[0][0].told(), "key": key}
     (ledger.own / "rows.json").write_text(json.dumps({"title": "t", "rows": [row]}))
-    with pytest.raises(ResultError, match="hexadecimal"):
+    with raises(ResultError):
         ledger.kept()
 
 
@@ -326,7 +327,7 @@ def test_impossible_row_is_reported_before_it_is_solved(tmp_path, monkeypatch):
         attempt(Task(row, str(tmp_path), ledger.make()))
     (before, _), after = seen, ledger.entry(impossible)
     assert (before.state, before.facts.outcome) == ("missing", Outcome.MISSING)
-    assert "source is constant" in before.facts.reason
+    check_message(before.facts.reason, "source")
     assert after.facts.outcome is Outcome.IMPOSSIBLE
     [reported] = {each for each in steps if each and each.startswith(EXPECTED)}
     assert "sub-01" in reported
@@ -338,9 +339,9 @@ def test_rows_are_kept_for_who_asks_later(done):
     ledger.write_rows(rows, "a title")
     assert ledger.kept() == ("a title", [ledger.entry(row) for row in rows])
     (folder / "ledger" / "rows.json").write_text('{"rows": [{"name": 1}]}')
-    with pytest.raises(ResultError, match="damaged"):
+    with raises(ResultError):
         ledger.kept()
-    with pytest.raises(ResultError, match="holds no batch"):
+    with raises(ResultError):
         Ledger(folder / "nothing").kept()
 
 
@@ -412,10 +413,10 @@ def test_seconds_are_told_and_are_in_no_result(done):
 
 
 def test_a_cluster_is_one_thing():
-    with pytest.raises(ParameterError, match="give one of"):
+    with raises(ParameterError):
         Cluster(jobs=2, scheduler="tcp://1.2.3.4:5")
     for jobs in (0, -1, 2.5, 10_000):
-        with pytest.raises(ParameterError, match="number of processes"):
+        with raises(ParameterError):
             Cluster(jobs=jobs)
     assert Cluster().processes >= 1
 
@@ -428,7 +429,7 @@ def test_a_row_is_of_the_kind_whose_columns_it_fills():
 
 def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(ResultError, match="choose a folder"):
+    with raises(ResultError):
         run([pair()], tmp_path / "file" / "out")
 
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from abfm.batch import KINDS, combinations, read_table
 from abfm.batch.table import known_columns, rows_of_text
 from abfm.errors import AbfmError, ParameterError
+from tests.messages import check_message, raises
 
 SPECS = ["curvature:mean", "gaussian:vertex=1,width=0.2", 'file:"a ""b"", c.npy"', "hks:time=0.1"]
 NAMES = st.text(st.characters(exclude_categories=("C", "Z")), min_size=1, max_size=8)
@@ -89,33 +90,33 @@ def test_names_of_columns_may_be_written_as_options_or_as_in_python_and_some_rep
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "named"),
     [
-        ("", "it has no rows"),
-        ("mesh,source,target\n", "it has no rows"),
-        ("mesh,sauce\nm.off,1\n", "column 2: there is no column 'sauce' (did you mean 'source'?)"),
-        ("mesh,mesh\nm.off,1\n", "column 2: 'mesh' is there twice"),
-        ("mesh,\nm.off,1\n", "row 1: cell 2 is in a column without a name"),
-        ("mesh,alpha\nm.off,much\n", "row 1, column alpha: 'much' is no number"),
+        ("", ()),
+        ("mesh,source,target\n", ()),
+        ("mesh,sauce\nm.off,1\n", ("sauce", "source", 2)),
+        ("mesh,mesh\nm.off,1\n", ("mesh", 2)),
+        ("mesh,\nm.off,1\n", (1, 2)),
+        ("mesh,alpha\nm.off,much\n", ("much", 1, "alpha")),
         (
             "mesh,source,target\nm.off,curvature:mean,curvature:mean\nm.off,x:1,curvature:mean",
-            "row 2, column source: unknown function family 'x'",
+            ("x", 2, "source"),
         ),
-        ("mesh,source\nm.off,gaussian:vertex=1,width=2\n", "in double quotes"),
+        ("mesh,source\nm.off,gaussian:vertex=1,width=2\n", ()),
         (
             "source,target\ncurvature:mean,curvature:mean\n",
-            "row 1, it is of no kind: fill frames and mesh (sequence), or mesh (match)",
+            (1,),
         ),
-        ('mesh,source\nm.off,"x\n', "line 2: "),
+        ('mesh,source\nm.off,"x\n', (2,)),
     ],
 )
-def test_what_does_not_fit_is_refused_with_row_and_column(text, told, tmp_path):
+def test_what_does_not_fit_is_refused_with_row_and_column(text, named, tmp_path):
     path = tmp_path / "table.csv"
     path.write_text(text)
     with pytest.raises(ParameterError) as error:
         read_table(path)
     assert str(error.value).startswith(f"table {path}: ")
-    assert told in str(error.value)
+    check_message(str(error.value), *named)
 
 
 @pytest.mark.parametrize("content", [None, b"\xff\xfe\0mesh"])
@@ -123,7 +124,7 @@ def test_what_is_no_text_is_refused(content, tmp_path):
     path = tmp_path / "table.csv"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(ParameterError, match=r"table\.csv: "):
+    with raises(ParameterError, "table.csv"):
         read_table(path)
 
 
@@ -152,11 +153,11 @@ def test_combinations_are_all_there_are_once_the_last_option_first():
 
 def test_an_option_is_given_or_varied():
     fixed = {"mesh": "m.off", "source": "curvature:mean", "target": "coordinate:x", "alpha": 1}
-    with pytest.raises(ParameterError, match="alpha is given, and swept over"):
+    with raises(ParameterError, "alpha"):
         combinations(fixed.items(), {"alpha": [1]})
-    with pytest.raises(ParameterError, match="no values"):
+    with raises(ParameterError):
         combinations(fixed.items(), {"sigma": []})
-    with pytest.raises(ParameterError, match="at most"):
+    with raises(ParameterError):
         combinations(fixed.items(), {"sigma": range(2000), "beta": range(2000)})
 
 

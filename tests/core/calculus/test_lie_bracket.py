@@ -21,6 +21,7 @@ from tests.core.calculus import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.surfaces import SURFACES, last_order, relative_error
 from tests.core.verification import near
+from tests.messages import raises
 from tests.shapes import icosphere, square
 
 TORI = exact.refined(4)
@@ -181,17 +182,17 @@ def test_pushforward_starts_with_the_bracket():
 
 
 @pytest.mark.parametrize(
-    ("call", "error", "words"),
+    ("call", "error", "named"),
     [
-        (lambda m, v: lie_bracket_of(m, v, v[1:]), ParameterError, r"u has shape \(3, 3\); expec"),
-        (lambda m, v: pushforward(m, v + np.nan, v, 1.0), ParameterError, "v has values that are"),
-        (lambda m, v: pushforward(m, v, v, np.inf), AdvectionError, "shorten the time"),
-        (lambda m, v: pushforward(m, v, wavy_field(m, 2), 1e9), AdvectionError, "shorten the time"),
+        (lambda m, v: lie_bracket_of(m, v, v[1:]), ParameterError, ("u", "(3, 3)")),
+        (lambda m, v: pushforward(m, v + np.nan, v, 1.0), ParameterError, ("v",)),
+        (lambda m, v: pushforward(m, v, v, np.inf), AdvectionError, ()),
+        (lambda m, v: pushforward(m, v, wavy_field(m, 2), 1e9), AdvectionError, ()),
     ],
 )
-def test_bad_input_is_refused_in_words(call, error, words):
+def test_bad_input_is_refused_in_words(call, error, named):
     mesh = SURFACES["tetrahedron"]
-    with pytest.raises(error, match=words):
+    with raises(error, *named):
         call(mesh, wavy_field(mesh, 1))
 
 
@@ -236,5 +237,5 @@ def test_exponential_ends_and_shows_what_is_not_finite():
     ("scale", "t"), [(1.0, np.nan), (1.0, np.inf), (np.nan, 1.0), (np.inf, 1.0), (1e30, 1.0)]
 )
 def test_exponential_over_too_long_a_time_is_refused(scale, t):
-    with pytest.raises(AdvectionError, match="shorten the time or slow the field"):
+    with raises(AdvectionError):
         exponential_action(Matrix(np.array([[scale, 1.0], [1.0, 0.0]])), np.ones(2), t)

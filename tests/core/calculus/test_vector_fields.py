@@ -14,6 +14,7 @@ from tests.core import surfaces
 from tests.core.calculus import torus_calculus as exact
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.verification import near
+from tests.messages import raises
 from tests.shapes import disc, ellipsoid, icosphere, torus
 
 
@@ -105,16 +106,16 @@ def test_product_rule_has_order_two():
 
 
 @pytest.mark.parametrize(
-    ("field", "words"),
+    ("field", "named"),
     [
-        (np.zeros((3, 3)), r"v has shape \(3, 3\); expected \(4, 3\)"),
-        (np.zeros((4, 2)), r"expected \(4, 3\), a vector per face"),
-        (np.full((4, 3), np.nan), "v has values that are not finite"),
+        (np.zeros((3, 3)), ("v", "(3, 3)", "(4, 3)")),
+        (np.zeros((4, 2)), ("(4, 3)",)),
+        (np.full((4, 3), np.nan), ("v",)),
     ],
 )
-def test_bad_fields_are_refused_in_words(field, words):
+def test_bad_fields_are_refused_in_words(field, named):
     for call in (vf.helmholtz_hodge, lambda mesh, v: vf.check_field(mesh, v, "v")):
-        with pytest.raises(ParameterError, match=words):
+        with raises(ParameterError, *named):
             call(surfaces.SURFACES["tetrahedron"], field)
 
 
@@ -322,20 +323,20 @@ def test_a_larger_weight_gives_a_smaller_bracket_and_a_rougher_field():
 
 
 @pytest.mark.parametrize(
-    ("v", "options", "said"),
+    ("v", "options", "named"),
     [
-        (np.zeros((24, 3)), {}, "zero"),
-        (np.ones((23, 3)), {}, "expected"),
-        (np.full((24, 3), np.nan), {}, "finite"),
-        (np.ones((24, 3)), {"count": 0}, "1 to 24"),
-        (np.ones((24, 3)), {"count": 25}, "1 to 24"),
-        (np.ones((24, 3)), {"weight": -1.0}, "at least 0"),
-        (np.ones((24, 3)), {"weight": float("nan")}, "at least 0"),
+        (np.zeros((24, 3)), {}, ()),
+        (np.ones((23, 3)), {}, ()),
+        (np.full((24, 3), np.nan), {}, ()),
+        (np.ones((24, 3)), {"count": 0}, (1, 24)),
+        (np.ones((24, 3)), {"count": 25}, (1, 24)),
+        (np.ones((24, 3)), {"weight": -1.0}, (0,)),
+        (np.ones((24, 3)), {"weight": float("nan")}, (0,)),
     ],
 )
-def test_what_nothing_commutes_with_is_refused_in_words(v, options, said):
-    with pytest.raises(ParameterError, match=said):
+def test_what_nothing_commutes_with_is_refused_in_words(v, options, named):
+    with raises(ParameterError, *named):
         vf.commuting_fields(disc(2), v, **options)
     if not v.any():
-        with pytest.raises(ParameterError, match=said):
+        with raises(ParameterError, *named):
             vf.relative_bracket(disc(2), wavy_field(disc(2), 1), v)

@@ -21,6 +21,7 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.shapes import five_limbs
 from tests.core.experiments.small import ran, run, stated, value, values
 from tests.core.surfaces import SURFACES, edge_divergence, last_order, norm
+from tests.messages import raises
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron, torus
 
 MODES = {2: 1.0, 3: -0.5}
@@ -55,7 +56,7 @@ def test_meshes_are_closed_and_even_and_one_with_nothing_inside_its_boundary_has
     lengths = np.linalg.norm(np.subtract(*body.vertices[body.edges.T]), axis=1)
     assert lengths.max() < 6 * lengths.min()
     corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    with pytest.raises(MeshError, match="no smooth field without divergence flows inside"):
+    with raises(MeshError):
         stream_field(TriangleMesh(corners, [[0, 1, 2], [0, 2, 3]]), {2: 1.0}, 0.1)
 
 

@@ -18,6 +18,7 @@ from abfm.matching.match import match
 from abfm.mesh import TriangleMesh
 from abfm.parameters import TABLE_1
 from tests.core.experiments.small import ran, run, stated, values
+from tests.messages import raises
 from tests.shapes import ellipsoid, open_cylinder, tetrahedron, torus
 
 SMALL = Stage(small=True)
@@ -176,5 +177,5 @@ def test_bending_keeps_lengths_along_the_middle():
 
 
 def test_a_coarse_mesh_is_refused():
-    with pytest.raises(MeshError, match="at least 60"):
+    with raises(MeshError, 60):
         stated(12, tetrahedron())

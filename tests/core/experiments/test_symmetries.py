@@ -16,6 +16,7 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.shapes import sphere, stepped_slab
 from abfm.parameters import TABLE_1, Parameters
 from tests.core.experiments.small import ran, run, stated, values
+from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere, open_cylinder, torus
 
 BALL = icosphere(2)
@@ -65,8 +66,7 @@ def test_another_mesh_gives_its_own_symmetry(mesh, kind):
 
 @pytest.mark.parametrize(("figure", "mesh"), [(9, "human_B.off"), (10, "fandisk.off")])
 def test_a_mesh_without_symmetry_is_refused(figure, mesh):
-    words = r"the mesh has no symmetry: .* carry a vertex 0\.\d+ and 0\.\d+ sqrt\(area\)"
-    with pytest.raises(MeshError, match=words):
+    with raises(MeshError):
         stated(figure, bundled(mesh))
 
 

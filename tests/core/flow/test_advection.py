@@ -17,6 +17,7 @@ from abfm.flow.derivative import derivative_pattern
 from abfm.flow.exponential import bessel_coefficients
 from tests.core.fields import bump, rotation_field, wavy_field
 from tests.core.verification import near, observed_orders
+from tests.messages import raises
 from tests.shapes import icosphere, square, torus, with_loose_vertex
 
 BALL = icosphere(3, radius=2.0)
@@ -160,26 +161,26 @@ ZERO, NOTHING = np.zeros((1280, 3)), np.zeros(642)
 
 
 @pytest.mark.parametrize(
-    ("velocity", "f", "t", "words", "options"),
+    ("velocity", "f", "t", "named", "options"),
     [
-        (np.zeros((3, 3)), NOTHING, 1.0, "velocity has shape", {}),
-        (np.zeros((0, 1280, 3)), NOTHING, 1.0, "velocity has shape", {}),
-        (ZERO, np.zeros(5), 1.0, "5 values were given", {}),
-        (ZERO + np.nan, NOTHING, 1.0, "not finite", {}),
-        (ZERO, NOTHING, np.inf, "expected a finite time or a list of them", {}),
-        (ZERO, NOTHING, [0.0, np.nan], "expected a finite time or a list of them", {}),
-        (ZERO, NOTHING, [[0, 1]], "expected a finite time or a list of them", {}),
-        (ZERO, NOTHING, "1", "expected real numbers", {}),
-        (ZERO + 1e9, np.ones(642), 1.0, "shorten the time", {}),
-        (ZERO, NOTHING, 1.0, "tau is 0.0; expected a positive time", {"tau": 0.0}),
-        (ZERO, NOTHING, 1.0, "'exact'; expected 'nonlinear' or", {"method": "exact"}),
+        (np.zeros((3, 3)), NOTHING, 1.0, ("velocity",), {}),
+        (np.zeros((0, 1280, 3)), NOTHING, 1.0, ("velocity",), {}),
+        (ZERO, np.zeros(5), 1.0, (5,), {}),
+        (ZERO + np.nan, NOTHING, 1.0, (), {}),
+        (ZERO, NOTHING, np.inf, (), {}),
+        (ZERO, NOTHING, [0.0, np.nan], (), {}),
+        (ZERO, NOTHING, [[0, 1]], (), {}),
+        (ZERO, NOTHING, "1", (), {}),
+        (ZERO + 1e9, np.ones(642), 1.0, (), {}),
+        (ZERO, NOTHING, 1.0, ("tau", "0.0"), {"tau": 0.0}),
+        (ZERO, NOTHING, 1.0, ("exact", "nonlinear"), {"method": "exact"}),
     ],
 )
-def test_bad_input_is_refused_in_words(velocity, f, t, words, options):
-    with pytest.raises(AbfmError, match=words):
+def test_bad_input_is_refused_in_words(velocity, f, t, named, options):
+    with raises(AbfmError, *named):
         Flow(BALL, velocity, **options).push(f, t)
     if not options:
-        with pytest.raises(AbfmError, match=words):
+        with raises(AbfmError, *named):
             advect(BALL, velocity, f, t)
 
 
@@ -193,7 +194,7 @@ def test_functions_may_come_with_the_vertices_of_the_file():
 def test_overflow_is_an_error_and_not_an_array():
     mesh = icosphere(1)
     v = 10 * np.random.default_rng(0).normal(size=(len(mesh.faces), 3))
-    with pytest.raises(AdvectionError, match="overflow"):
+    with raises(AdvectionError):
         advect(mesh, v, np.random.default_rng(1).normal(size=len(mesh.vertices)), 1000.0)
 
 

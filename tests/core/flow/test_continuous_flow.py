@@ -15,6 +15,7 @@ from abfm.workers.control import CancelledError, Control, controlled
 from tests.core.fields import rotation_field, wavy_field
 from tests.core.surfaces import SURFACES
 from tests.core.verification import near, observed_orders
+from tests.messages import raises
 from tests.shapes import disc, icosphere, open_cylinder, square, torus
 
 AXIS = np.array([0.3, -0.5, 0.8])
@@ -230,10 +231,9 @@ def test_the_caller_may_end_the_work_between_chunks():
 def test_what_does_not_fit_or_would_take_very_long_is_refused():
     mesh = icosphere(2)
     field = wavy_field(mesh, 1)
-    wrong = [(field[1:], 1.0, "velocity has shape"), (field * np.nan, 1.0, "not finite")]
-    wrong += [(field, tau, "tau is") for tau in (-1.0, np.inf, np.nan, np.ones(2))]
-    long = r"leads points over .* faces .* scale it down"
-    wrong += [(factor * field, 1.0, long) for factor in (1e6, 1e200, 1e307)]
-    for velocity, tau, words in wrong:
-        with pytest.raises(ParameterError, match=words):
+    wrong = [(field[1:], 1.0, "velocity"), (field * np.nan, 1.0, "")]
+    wrong += [(field, tau, "tau") for tau in (-1.0, np.inf, np.nan, np.ones(2))]
+    wrong += [(factor * field, 1.0, "") for factor in (1e6, 1e200, 1e307)]
+    for velocity, tau, named in wrong:
+        with raises(ParameterError, named):
             ContinuousFlow(mesh, velocity, tau)

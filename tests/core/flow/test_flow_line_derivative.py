@@ -14,6 +14,7 @@ from abfm.maps.surface_points import SurfacePoints, vertex_points
 from tests.core.fields import rotation_field, wavy_field
 from tests.core.surfaces import SURFACES
 from tests.core.verification import near, observed_orders, taylor_order
+from tests.messages import raises
 from tests.shapes import ellipsoid, hemisphere, icosphere
 
 NEEDLES = ellipsoid(3, 1.0, 1.0, 0.01)
@@ -143,5 +144,5 @@ def test_more_speed_takes_more_steps_and_too_much_is_refused():
     assert lines.steps(16 * field, 1) == 2 * lines.steps(8 * field, 1)
     assert lines.steps(16 * field, 4) == lines.steps(4 * field, 1)
     for speed in (1e5, 1e200):
-        with pytest.raises(AdvectionError, match="slow the field"):
+        with raises(AdvectionError):
             lines.walk(speed * field[None])

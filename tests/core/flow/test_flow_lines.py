@@ -17,6 +17,7 @@ from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex
 from abfm.mesh import TriangleMesh
 from tests.core.fields import rotation_field, tangent, wavy_field
 from tests.core.verification import near
+from tests.messages import raises
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 AXIS = np.array([1.0, 2.0, -2.0]) / 3
@@ -252,20 +253,20 @@ SPOILT = np.where(np.arange(60).reshape(20, 3) == 10, np.nan, FIELD)
 
 
 @pytest.mark.parametrize(
-    ("words", "field", "start", "times"),
+    ("named", "field", "start", "times"),
     [
-        ("not finite", SPOILT, BALL, [1.0]),
-        ("not finite", np.nan_to_num(SPOILT, nan=np.inf), BALL, [1.0]),
-        ("duration", FIELD, BALL, [np.nan]),
-        ("duration", FIELD, BALL, [np.inf]),
-        ("scale it down", 1e200 * FIELD, BALL, [1.0]),
-        (r"shape \(19, 3\)", FIELD[1:], BALL, [1.0]),
-        (r"shape \(20,\)", FIELD[:, 0], BALL, [1.0]),
-        ("a mesh of 80 faces", FIELD, icosphere(1), [1.0]),
-        ("tau is missing", np.stack([FIELD] * 2), BALL, [1.0]),
-        ("positive time", FIELD, BALL, [1.0, -1.0]),
+        ("", SPOILT, BALL, [1.0]),
+        ("", np.nan_to_num(SPOILT, nan=np.inf), BALL, [1.0]),
+        ("", FIELD, BALL, [np.nan]),
+        ("", FIELD, BALL, [np.inf]),
+        ("", 1e200 * FIELD, BALL, [1.0]),
+        ("(19, 3)", FIELD[1:], BALL, [1.0]),
+        ("(20,)", FIELD[:, 0], BALL, [1.0]),
+        (80, FIELD, icosphere(1), [1.0]),
+        ("tau", np.stack([FIELD] * 2), BALL, [1.0]),
+        ("", FIELD, BALL, [1.0, -1.0]),
     ],
 )
-def test_what_does_not_fit_is_refused(words, field, start, times):
-    with pytest.raises(ParameterError, match=words):
+def test_what_does_not_fit_is_refused(named, field, start, times):
+    with raises(ParameterError, named):
         flow_lines(BALL, field, centre(start, 0), *times)

@@ -16,6 +16,7 @@ from abfm.mesh.subdivision import subdivided
 from abfm.workers.control import CancelledError, Control, controlled
 from tests.core.fields import rotation_field, wavy_field
 from tests.core.verification import near
+from tests.messages import raises
 from tests.shapes import disc, icosphere, square, torus
 
 BALL = icosphere(3)
@@ -56,9 +57,9 @@ def test_several_times_are_walked_at_once(fields, inverse):
     flow, times = Flow(BALL, fields, 0.6), [0.0, 0.05, 0.3, 0.3, 0.8, 0.2, -0.1, -0.4]
     for t, found in zip(times, flow.point_maps(times, inverse), strict=True):
         assert off(found, flow.point_map(t, inverse)) < 0.01
-    with pytest.raises(ParameterError, match="finite time"):
+    with raises(ParameterError):
         flow.point_maps([0.0, np.nan])
-    with pytest.raises(ParameterError, match="shorten the time"):
+    with raises(ParameterError):
         flow.point_map(1e9)
 
 

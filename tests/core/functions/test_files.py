@@ -15,6 +15,7 @@ from abfm.functions.files import read_column
 from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
 from tests.core.reading.hostile import npy_of, one_byte_changed
+from tests.messages import check_message, raises
 from tests.processes import python
 from tests.shapes import ellipsoid, icosphere, with_loose_vertex
 
@@ -68,16 +69,16 @@ def test_one_column_from_every_format(tmp_path):
 
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
 def test_columns_by_name_and_by_number(tmp_path, delimiter):
-    path = tmp_path / "table, (1) + more.csv"
+    path = tmp_path / "a, (1) +.csv"
     write_text(path, delimiter.join(["index", '"depth"']), delimiter, [np.arange(COUNT), VALUES])
     for column in ("1", "depth" if delimiter != " " else '"""depth"""'):
         assert_array_equal(function(MESH, f'file:"{path}",column={column}'), VALUES)
-    for asked, told in (
-        ("", "2 columns; choose column=0 to 1 or one of index"),
-        (",column=dept", r"none called 'dept'.*did you mean"),
-        (",column=2", "none called '2'"),
+    for asked, named in (
+        ("", (2, "column=0", 1)),
+        (",column=dept", ("dept",)),
+        (",column=2", (2,)),
     ):
-        with pytest.raises(FunctionError, match=told):
+        with raises(FunctionError, *named):
             function(MESH, f'file:"{path}"{asked}')
 
 
@@ -93,7 +94,7 @@ def test_a_title_of_more_words_than_columns_names_none(tmp_path):
     path = tmp_path / "v.csv"
     path.write_text("a,b,c\n1,2\n3,4\n")
     assert_allclose(read_column(str(path), "1"), [2, 4])
-    with pytest.raises(FunctionError, match="2 columns, none called"):
+    with raises(FunctionError, 2):
         read_column(str(path), "c")
     path.write_text("mean curvature\n1\n3\n")
     assert_allclose(read_column(str(path)), [1, 3])
@@ -106,7 +107,7 @@ def test_files_count_as_the_mesh_file_does_after_repairs(tmp_path):
     assert_array_equal(function(mesh, f"file:{tmp_path / 'a.npy'}"), VALUES)
     in_file[12] = np.inf
     np.save(tmp_path / "a.npy", in_file)
-    with pytest.raises(FunctionError, match=f"1 of {COUNT} vertices, for example inf at vertex 12"):
+    with raises(FunctionError, 1, COUNT, 12):
         function(mesh, f"file:{tmp_path / 'a.npy'}")
 
 
@@ -118,13 +119,13 @@ def test_files_may_have_unknown_values_where_that_is_asked(tmp_path):
     assert_array_equal(function(MESH, text, may_be_unknown=True), values)
     with_more = function(MESH, f"(coordinate:x + {text})", may_be_unknown=True)
     assert_array_equal(np.flatnonzero(np.isnan(with_more)), [3])
-    with pytest.raises(FunctionError, match="a finite value: write a number there, and hide it"):
+    with raises(FunctionError):
         function(MESH, text)
     for wrong in (np.full(COUNT, np.nan), np.where(np.arange(COUNT) == 4, np.inf, values)):
         np.save(tmp_path / "a.npy", wrong)
-        with pytest.raises(FunctionError, match="not finite"):
+        with raises(FunctionError):
             function(MESH, text, may_be_unknown=True)
-    with pytest.raises(FunctionError, match=r"every vertex needs a finite value$"):
+    with raises(FunctionError):
         function(MESH, "expression:sqrt(x)", may_be_unknown=True)
 
 
@@ -150,7 +151,7 @@ def test_a_map_counts_as_the_mesh_file_does_after_repairs(tmp_path, first):
     if not first:
         in_file[3] = 0
         save(path, in_file)
-        with pytest.raises(FunctionError, match=rf"1 of {COUNT} entries .* \(vertex 3 has 0\)"):
+        with raises(FunctionError, 1, COUNT, 3, 0):
             through(path, mesh)
 
 
@@ -159,8 +160,7 @@ def test_wrong_map_entries_are_counted_with_an_example(tmp_path, bad):
     target = np.arange(COUNT, dtype=np.float64)
     target[[4, 6]] = bad
     np.save(tmp_path / "map.npy", target)
-    told = rf"2 of {COUNT} entries are not numbers of vertices .* \(vertex 4 has"
-    with pytest.raises(FunctionError, match=told):
+    with raises(FunctionError, 2, COUNT, 4):
         through(tmp_path / "map.npy", MESH)
 
 
@@ -181,7 +181,7 @@ def test_pairs_that_fit_both_ways_are_refused_as_text(tmp_path):
     pairs = np.arange(2, COUNT - COUNT % 2).reshape(-1, 2)
     save(tmp_path / "pairs.txt", pairs)
     save(tmp_path / "pairs.npy", pairs)
-    with pytest.raises(FunctionError, match=rf"neither 0 nor {COUNT}; save them as .npy"):
+    with raises(FunctionError, 0, COUNT, ".npy"):
         through(tmp_path / "pairs.txt", MESH)
     swapped = np.arange(COUNT)
     swapped[pairs] = pairs[:, ::-1]
@@ -211,22 +211,22 @@ def test_symmetries_by_way_of_a_template(tmp_path):
     assert np.abs(found - SWAP_VALUES).max() <= 2 * edge
     assert not known.all()
     save(tmp_path / "a.vts", points[1:] + 1)
-    with pytest.raises(FunctionError, match=r"has \d+ lines, 'a.vts' has \d+"):
+    with raises(FunctionError, "a.vts"):
         through(tmp_path / "a.sym.vts")
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    ("content", "named"),
     [
-        ([[0, 1], [0, 2]], r"vertex 0 \(counted from 0\) has two partners"),
-        ([[0, 1]], "its pairs name 2 of 162 vertices; give every pair"),
-        ([[0, 1], [5, 500]], r"1 of 4 entries are not numbers of vertices .* \(line 2 has 500\)"),
-        (np.zeros((COUNT, 3)), "has 3 columns"),
+        ([[0, 1], [0, 2]], (0,)),
+        ([[0, 1]], (2, 162)),
+        ([[0, 1], [5, 500]], (1, 4, 2, 500)),
+        (np.zeros((COUNT, 3)), (3,)),
     ],
 )
-def test_what_is_no_map_is_refused(tmp_path, content, message):
+def test_what_is_no_map_is_refused(tmp_path, content, named):
     save(tmp_path / "map.txt", content)
-    with pytest.raises(FunctionError, match=message):
+    with raises(FunctionError, *named):
         through(tmp_path / "map.txt")
 
 
@@ -242,11 +242,9 @@ def test_detected_symmetries_compose():
 def test_symmetries_that_are_not_there_are_refused():
     x = MESH.vertices
     uneven = TriangleMesh(x * (1 + 0.3 * np.sin(3 * x[:, [1]] + x[:, [2, 0, 1]])), MESH.faces)
-    told = r"permuted:mirror: the surface has no mirror plane: .*sqrt\(area\)"
-    with pytest.raises(FunctionError, match=told):
+    with raises(FunctionError):
         through("mirror", uneven)
-    told = r"'miror' is neither mirror nor rotation nor .*did you mean 'mirror'"
-    with pytest.raises(FunctionError, match=told):
+    with raises(FunctionError, "miror", "mirror"):
         through("miror", MESH)
 
 
@@ -263,50 +261,50 @@ def error_line(path, form="file:{}"):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    ("name", "content", "named"),
     [
-        ("a.npy", b"PK\x03\x04", "not a table of numbers"),
-        ("a.npy", b"\x93NUMPY\x01\x00", "not a table of numbers"),
-        ("a.npy", npy_of("(10**15,)"), "not a table"),
-        ("a.npy", npy_of("(6442450944,)", data=bytes(8)), "size is not what its header says"),
-        ("a.npy", npy_of("(12,)", "|O", bytes(96)), "type is object"),
-        ("a.npy", b"\x93NUMPY\x01\x00v\x00" + b"(" * 118, "header is damaged"),
-        ("a.csv", b"", "it is empty"),
-        ("a.csv", b"a,b\n", "it has only the line 'a,b'"),
+        ("a.npy", b"PK\x03\x04", ()),
+        ("a.npy", b"\x93NUMPY\x01\x00", ()),
+        ("a.npy", npy_of("(10**15,)"), ()),
+        ("a.npy", npy_of("(6442450944,)", data=bytes(8)), ("size",)),
+        ("a.npy", npy_of("(12,)", "|O", bytes(96)), ("type",)),
+        ("a.npy", b"\x93NUMPY\x01\x00v\x00" + b"(" * 118, ("header",)),
+        ("a.csv", b"", ()),
+        ("a.csv", b"a,b\n", ("a,b",)),
         (
             *("a.csv", b"a,b\n1,2\n3,x\n"),
-            "row 1 of its numbers, counting from 0, has 'x' in column 1, where a number is",
+            ("x", 1, 0),
         ),
-        ("a.csv", b"1,2\n3\n", "number of columns changed"),
-        ("a.csv", b"x" * 100_000 + b"\n1\n", "1 values were given"),
-        ("a.csv", b"x" * 200_000 + b",y\n1,2\n", "field larger than field limit"),
+        ("a.csv", b"1,2\n3\n", ()),
+        ("a.csv", b"x" * 100_000 + b"\n1\n", (1,)),
+        ("a.csv", b"x" * 200_000 + b",y\n1,2\n", ()),
         (
             *("a.csv", b"a" * 10_000 + b",\x1b[31m,c\n1,2,3\n"),
-            "has 3 columns; choose column=0 to 2 or one of aaa",
+            (3, "column=0", 2),
         ),
-        ("a.csv", b"1,2\n3," + b"x" * 10_000, "where a number is expected"),
-        ("a.csv", b"\x1b" * 10_000, "it has only the line"),
-        ("a.txt", b"1 " * 100_000, "has 100000 columns"),
-        ("a.txt", b"1" * 100_000, "1 values were given"),
+        ("a.csv", b"1,2\n3," + b"x" * 10_000, ()),
+        ("a.csv", b"\x1b" * 10_000, ()),
+        ("a.txt", b"1 " * 100_000, (100000,)),
+        ("a.txt", b"1" * 100_000, (1,)),
         (
             *("a.txt", b"1\n\xff"),
-            "not a table of numbers: byte 2, counting from 0, is no text in UTF-8",
+            (2, 0, "UTF-8"),
         ),
-        ("a.txt", b"1\n2\n", f"2 values were given for a mesh of {COUNT} vertices"),
-        ("a.gii", b"<GIFTI", "not a table of numbers"),
-        ("a.gii", b"", "not a table of numbers"),
-        ("a.gii.gz", b"\x1f\x8b\x08\x00", "not a table of numbers"),
-        ("b.gii.gz", b"plain", "it is no XML, or cut short"),
-        ("a.xyz", b"1", "must end in .npy, .csv, .txt, .gii"),
-        ("lh.sulc", b"\xff\xff\xff", "it is cut off: a number is missing"),
-        ("a.mgh", b"\0\0\0\1", "it is cut off: a number is missing"),
-        ("a.mgz", b"\x1f\x8b\x08\x00", "compressed data is damaged or cut short"),
+        ("a.txt", b"1\n2\n", (2, COUNT)),
+        ("a.gii", b"<GIFTI", ()),
+        ("a.gii", b"", ()),
+        ("a.gii.gz", b"\x1f\x8b\x08\x00", ()),
+        ("b.gii.gz", b"plain", ("XML",)),
+        ("a.xyz", b"1", (".npy", ".csv", ".txt", ".gii")),
+        ("lh.sulc", b"\xff\xff\xff", ()),
+        ("a.mgh", b"\0\0\0\1", ()),
+        ("a.mgz", b"\x1f\x8b\x08\x00", ()),
     ],
 )
-def test_what_is_wrong_fits_one_line(tmp_path, name, content, words):
+def test_what_is_wrong_fits_one_line(tmp_path, name, content, named):
     (tmp_path / name).write_bytes(content)
     line = error_line(tmp_path / name)
-    assert words in line
+    check_message(line, *named)
     assert name in line
     assert error_line(tmp_path / name, FORMS[1])
 
@@ -317,7 +315,7 @@ def test_what_is_wrong_fits_one_line(tmp_path, name, content, words):
 )
 def test_files_that_cannot_be_read_say_why(tmp_path, monkeypatch, path):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(FunctionError, match=r"cannot be read: \w"):
+    with raises(FunctionError):
         function(MESH, f"file:{path}")
 
 
@@ -327,23 +325,23 @@ def test_devices_pipes_and_folders_are_refused(tmp_path, suffix, form):
     os.mkfifo(tmp_path / f"pipe{suffix}")
     (tmp_path / f"zero{suffix}").symlink_to("/dev/zero")
     (tmp_path / f"folder{suffix}").mkdir()
-    for name, why in (("pipe", "it is a pipe"), ("zero", "it is a device"), ("folder", "Is a dir")):
-        assert f"cannot be read: {why}" in error_line(tmp_path / f"{name}{suffix}", form)
+    for name, kind in (("pipe", "pipe"), ("zero", "device"), ("folder", "directory")):
+        check_message(error_line(tmp_path / f"{name}{suffix}", form), kind)
 
 
 def test_a_line_of_another_length_is_named_without_advice_and_names_are_made_printable(tmp_path):
     (tmp_path / "a.csv").write_text("1,2\n3,4\n5,6,7\n")
-    assert error_line(tmp_path / "a.csv").endswith("columns changed from 2 to 3 at row 3")
+    check_message(error_line(tmp_path / "a.csv"), 2, 3)
     for name in ("a\nb.csv", "\x1b[31m.csv", "x" * 200 + ".csv"):
         (tmp_path / name).write_bytes(b"")
-        assert "it is empty" in error_line(tmp_path / name)
+        check_message(error_line(tmp_path / name))
 
 
 def test_columns_are_asked_for_in_one_line(tmp_path):
     names = ",".join(f"name{number}" for number in range(5000))
     (tmp_path / "a.csv").write_text(names + "\n" + ",".join(["1"] * 5000))
-    assert "none called" in error_line(tmp_path / "a.csv", "file:{},column=" + "9" * 5000)
-    assert "did you mean 'name12'" in error_line(tmp_path / "a.csv", "file:{},column=nome12")
+    check_message(error_line(tmp_path / "a.csv", "file:{},column=" + "9" * 5000))
+    check_message(error_line(tmp_path / "a.csv", "file:{},column=nome12"), "name12")
 
 
 def test_likely_words_are_sought_among_few_and_short_ones():

@@ -11,6 +11,7 @@ from numpy.testing import assert_array_equal
 from abfm.errors import FunctionError
 from abfm.functions import function, read_labels, read_table, read_vertex_map
 from tests.core.reading.hostile import one_byte_changed
+from tests.messages import raises
 from tests.shapes import icosphere, with_loose_vertex
 
 MESH = icosphere(1)
@@ -100,8 +101,8 @@ def test_columns_of_labels_are_chosen(tmp_path):
     path = write_gifti(tmp_path / "a.label.gii", [VALUES, VALUES[::-1]])
     assert_array_equal(function(MESH, f"file:{path},label=odd,column=1"), VALUES[::-1] == -7)
     assert_array_equal(read_labels(path, "map 1").values, VALUES[::-1])
-    for asked, told in (("", "2 columns; choose column=0 to 1"), (",column=2", "called '2'")):
-        with pytest.raises(FunctionError, match=told):
+    for asked, named in (("", (2, "column=0", 1)), (",column=2", (2,))):
+        with raises(FunctionError, *named):
             function(MESH, f"file:{path},label=odd{asked}")
 
 
@@ -122,28 +123,27 @@ def test_what_a_list_of_vertices_names_is_a_function(tmp_path):
     assert names == ["vertex", "value"]
     assert table.tolist() == [[5, 2.5], [0, -1], [7, 1]]
     path.write_text(LIST.replace("7 0", f"{COUNT} 0"))
-    for asked, told in (
-        ("", f"lists vertex {COUNT}, and the mesh has {COUNT}, counted from 0"),
-        (",column=2", "give column=value"),
-        (",label=V1", "but lists the vertices of one: give it as file:"),
+    for asked, named in (
+        ("", (COUNT, 0)),
+        (",column=2", ("column=value",)),
+        (",label=V1", ()),
     ):
-        with pytest.raises(FunctionError, match=told):
+        with raises(FunctionError, *named):
             function(MESH, f"file:{path}{asked}")
 
 
 def test_labels_are_no_values_and_no_map(tmp_path):
     """They would be interpolated, or count vertices, without a word."""
-    told = r"it holds labels, which cannot be interpolated; give label=NAME .*\.read_labels"
     for path in (
         write_gifti(tmp_path / "a.label.gii", [VALUES]),
         write_gifti(tmp_path / "b.gii.gz", [VALUES], names={}),
         write_annotation(tmp_path / "lh.aparc.annot", np.zeros(COUNT, dtype=int)),
     ):
         for read in (read_table, lambda p: function(MESH, f"file:{p}")):
-            with pytest.raises(FunctionError, match=told) as caught:
+            with raises(FunctionError, "label=NAME", "read_labels") as caught:
                 read(str(path))
             assert str(caught.value).startswith("file ")
-        with pytest.raises(FunctionError, match="it holds labels"):
+        with raises(FunctionError):
             read_vertex_map(MESH, str(path))
 
 
@@ -160,27 +160,27 @@ def test_values_of_freesurfer_are_known_by_how_they_begin(tmp_path):
         nibabel.freesurfer.write_morph_data(tmp_path / name, values)
         assert_array_equal(function(MESH, f"file:{tmp_path / name}"), values)
     nibabel.freesurfer.write_geometry(tmp_path / "lh.white", MESH.vertices, MESH.faces)
-    with pytest.raises(FunctionError, match="a surface of FreeSurfer's; give values"):
+    with raises(FunctionError, "FreeSurfer's"):
         function(MESH, f"file:{tmp_path / 'lh.white'}")
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    ("name", "content", "named"),
     [
-        ("a.npy", b"", "expected .label.gii, .gii, .gii.gz, .annot"),
-        ("lh.annot", b"\0", "a number is missing"),
-        ("missing.annot", None, "cannot be read: No such file"),
-        ("a.label.gii", b"<GIFTI", "no XML, or cut short"),
-        ("b.label.gii", b'<GIFTI><LabelTable><Label Key="1.5"/></LabelTable></GIFTI>', "'1.5'"),
-        ("c.label.gii", b'<GIFTI><LabelTable><Label Key="%d"/>' % 10**18, "cut short"),
-        ("d.label.gii", b'<GIFTI><Label Key="9223372036854775808"/></GIFTI>', "at most"),
-        ("e.label.gii", b"<GIFTI><Label>a</Label></GIFTI>", "a label has the key ''"),
+        ("a.npy", b"", (".label.gii", ".gii", ".gii.gz", ".annot")),
+        ("lh.annot", b"\0", ()),
+        ("missing.annot", None, ()),
+        ("a.label.gii", b"<GIFTI", ("XML",)),
+        ("b.label.gii", b'<GIFTI><LabelTable><Label Key="1.5"/></LabelTable></GIFTI>', ("1.5",)),
+        ("c.label.gii", b'<GIFTI><LabelTable><Label Key="%d"/>' % 10**18, ()),
+        ("d.label.gii", b'<GIFTI><Label Key="9223372036854775808"/></GIFTI>', ()),
+        ("e.label.gii", b"<GIFTI><Label>a</Label></GIFTI>", ()),
     ],
 )
-def test_what_holds_no_labels_says_so_in_one_line(tmp_path, name, content, words):
+def test_what_holds_no_labels_says_so_in_one_line(tmp_path, name, content, named):
     if content is not None:
         (tmp_path / name).write_bytes(content)
-    with pytest.raises(FunctionError, match=words) as caught:
+    with raises(FunctionError, *named) as caught:
         read_labels(tmp_path / name)
     assert name in str(caught.value)
     assert str(caught.value).isprintable()
@@ -188,20 +188,20 @@ def test_what_holds_no_labels_says_so_in_one_line(tmp_path, name, content, words
 
 def test_values_and_fractions_are_no_labels_and_unknown_labels_are_told(tmp_path):
     path = write_gifti(tmp_path / "a.gii", [VALUES], "NIFTI_INTENT_SHAPE", kind=np.float32)
-    with pytest.raises(FunctionError, match="none of its 1 arrays has the intent"):
+    with raises(FunctionError, 1):
         read_labels(path)
     write_gifti(path, [VALUES + 0.5], kind=np.float32)
-    with pytest.raises(FunctionError, match="a key is no whole number"):
+    with raises(FunctionError):
         read_labels(path)
     write_gifti(path, [np.full(COUNT, np.nan)], kind=np.float32)
-    with pytest.raises(FunctionError, match="a key is no whole number"):
+    with raises(FunctionError):
         read_labels(path)
     write_gifti(path, [VALUES])
-    for word, told in (
-        ("pre centrall", "did you mean 'pre central'"),
-        *((number, "there are odd, ") for number in ("9", "9" * 40, "9" * 5000, "1.5")),
+    for word, named in (
+        ("pre centrall", "pre central"),
+        *((number, "odd") for number in ("9", "9" * 40, "9" * 5000, "1.5")),
     ):
-        with pytest.raises(FunctionError, match=told):
+        with raises(FunctionError, named):
             function(MESH, f'file:{path},label="{word}"')
 
 

@@ -16,6 +16,7 @@ from abfm.functions import function
 from abfm.functions.local_shape import gaussian_curvature, mean_curvature, mixed_areas
 from abfm.mesh import TriangleMesh, load_mesh
 from tests import shapes
+from tests.messages import raises
 from tests.shapes import hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 
@@ -50,9 +51,9 @@ def test_geodesic_distance_to_the_nearest_of_several_and_to_a_point():
 
 @pytest.mark.parametrize("source", [-1, 42, 3.5, np.nan])
 def test_what_is_no_vertex_has_no_distances(source):
-    with pytest.raises(FunctionError, match=rf"sources are {source}; expected vertices 0 to 41"):
+    with raises(FunctionError, "sources", source, 0, 41):
         geodesic_distance(icosphere(1), [3, source])
-    with pytest.raises(FunctionError, match="sources are missing"):
+    with raises(FunctionError, "sources"):
         geodesic_distance(icosphere(1), [])
 
 
@@ -142,7 +143,7 @@ def test_curvature_at_a_boundary_is_carried_over_from_the_inside():
     assert_allclose(function(cylinder, "curvature:mean"), 1 / 4, rtol=1e-3)
     assert_allclose(function(cylinder, "curvature:gaussian"), 0, atol=1e-10)
     assert_allclose(function(hemisphere(12), "curvature:gaussian"), 1, rtol=0.02)
-    with pytest.raises(FunctionError, match="every vertex lies on the boundary"):
+    with raises(FunctionError):
         function(TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), "curvature:mean")
 
 
@@ -184,7 +185,7 @@ def test_shape_diameter_fills_in_what_sees_nothing_and_refuses_flat_sheets():
     assert f.max() < 3
     pinched, _ = pinched_sphere()
     assert np.isfinite(function(pinched, "shape-diameter")).all()
-    with pytest.raises(FunctionError, match="no ray meets an opposite side"):
+    with raises(FunctionError):
         function(square(4), "shape-diameter")
 
 
@@ -259,9 +260,9 @@ def test_eigenbasis_is_read_only_and_bounded():
     with pytest.raises(ValueError, match="read-only"):
         eigenbasis(mesh, 3)[1][0] = 0
     for k in (0, 43):
-        with pytest.raises(FunctionError, match="on a mesh of 42 vertices it can be 1 to 42"):
+        with raises(FunctionError, 42, 1):
             eigenbasis(mesh, k)
-    with pytest.raises(FunctionError, match="it can be 1 to 1024"):
+    with raises(FunctionError, 1, 1024):
         function(icosphere(4), "eigenfunction:1024")
 
 

@@ -14,6 +14,7 @@ from abfm.matching.terms.functions import LARGEST, SMALLEST
 from abfm.parameters import CHOICES, PAPER, Parameters, is_whole
 from tests.core.fields import bump, wavy_field
 from tests.core.invariance.moves import MESHES, examples
+from tests.messages import check_message, raises
 
 pytestmark = pytest.mark.filterwarnings("error")
 
@@ -193,8 +194,8 @@ def test_alike_constant_or_far_apart(course):
     for f, kind in ((F, "matched"), *((f, "impossible") for f in (FLAT, FLAT + 3, -0.0 * F))):
         match = matched(f, f, **course)
         assert (match.residual, match.verdict.kind, match.velocity.any()) == (0, kind, False)
-    assert "the source is constant" in matched(FLAT, G, **course).verdict.reason
-    assert "the target is constant" in matched(F, FLAT + 1, **course).verdict.reason
+    check_message(matched(FLAT, G, **course).verdict.reason)
+    check_message(matched(F, FLAT + 1, **course).verdict.reason)
     assert matched(FLAT + 1, FLAT + 2, **course).verdict.kind == "impossible"
     assert matched(-F, F, **course).verdict.kind == "impossible"
     far = matched(POINTS[3], POINTS[80], **course).verdict
@@ -232,10 +233,9 @@ def test_any_unit_does_up_to_rounding(size):
 @pytest.mark.parametrize("unit", ["relative", "absolute"])
 @pytest.mark.parametrize("size", [5e-324, 1e-300, 1e-162, 1e-101, 1e101, 1e200, 1e300, 1.7e308])
 def test_functions_whose_squares_leave_the_numbers_are_refused(size, unit):
-    words = "over- or underflow; scale both"
-    with pytest.raises(abfm.FunctionError, match=words):
+    with raises(abfm.FunctionError):
         matched(size * F, size * G, sigma_unit=unit)
-    with pytest.raises(abfm.FunctionError, match=words):
+    with raises(abfm.FunctionError):
         abfm.verify(abfm.Problem(MESH, size * F, size * G), np.zeros((len(MESH.faces), 3)))
 
 
@@ -314,5 +314,5 @@ def test_ends_of_all_units_together(sigma, size, weight, unit):
 def test_masks_and_weights_of_no_usual_size_are_refused(name):
     count = len(FLAT) if name == "mask" else 1
     for value in (1e-31, 1e31, 5e-324, 1e308):
-        with pytest.raises(abfm.ParameterError, match=f"{name} is .* at most"):
+        with raises(abfm.ParameterError, name):
             abfm.match(MESH, F, G, **{name: np.full(count, value)})

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from abfm.errors import ParameterError
 from abfm.io import bids_name, hemisphere, parse_bids_name
 from abfm.io.bids_names import ENTITIES
+from tests.messages import raises
 
 words = st.text("0123456789abcXYZ", min_size=1, max_size=8)
 entities = st.dictionaries(st.sampled_from(ENTITIES), words, min_size=1, max_size=8)
@@ -33,7 +34,7 @@ def test_what_is_given_takes_the_place_of_what_the_source_says(first, second, su
     if left:
         assert parse_bids_name(bids_name(source, **removed)).entities == left
     else:
-        with pytest.raises(ParameterError, match="no entity is left"):
+        with raises(ParameterError):
             bids_name(source, **removed)
 
 
@@ -70,20 +71,20 @@ def test_names_as_others_have_them(source, given, expected):
 
 
 @pytest.mark.parametrize(
-    ("source", "given", "words"),
+    ("source", "given", "named"),
     [
-        ("a.npy", {"sub": "01"}, "suffix of a BIDS name is missing; give .* such as 'sphere'"),
-        ("lh.white", {}, "extension of a BIDS name is missing; give .* such as '.surf.gii'"),
-        ("a.npy", {"suffix": "x", "extension": ".npy"}, "no entity is left .* 'a.npy'"),
-        ("a.npy", {"sub": "0_1"}, "sub of a BIDS name is '0_1'; give letters and digits"),
-        ("a.npy", {"sub": ""}, "sub of a BIDS name is missing"),
-        ("a.npy", {"sbu": "1"}, r"'sbu' is no entity of BIDS \(did you mean 'sub'\?\)"),
-        ("a.npy", {"sub": 1, "suffix": "a-b"}, "suffix of a BIDS name is 'a-b'"),
-        ("a.npy", {"sub": 1, "suffix": "a", "extension": "gii"}, "extension .* is 'gii'"),
+        ("a.npy", {"sub": "01"}, ("sphere", "BIDS")),
+        ("lh.white", {}, (".surf.gii", "BIDS")),
+        ("a.npy", {"suffix": "x", "extension": ".npy"}, ("a.npy",)),
+        ("a.npy", {"sub": "0_1"}, ("0_1", "BIDS")),
+        ("a.npy", {"sub": ""}, ("BIDS",)),
+        ("a.npy", {"sbu": "1"}, ("sbu", "sub", "BIDS")),
+        ("a.npy", {"sub": 1, "suffix": "a-b"}, ("a-b", "BIDS")),
+        ("a.npy", {"sub": 1, "suffix": "a", "extension": "gii"}, ("gii",)),
     ],
 )
-def test_what_makes_no_name_is_refused(source, given, words):
-    with pytest.raises(ParameterError, match=words):
+def test_what_makes_no_name_is_refused(source, given, named):
+    with raises(ParameterError, *named):
         bids_name(source, **given)
 
 

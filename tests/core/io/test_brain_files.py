@@ -17,6 +17,7 @@ from abfm.errors import ResultError
 from abfm.functions import Labels, function, read_labels, read_table
 from abfm.io import write_labels, write_surface, write_values
 from abfm.mesh import load_mesh
+from tests.messages import raises
 from tests.shapes import icosphere, torus
 
 MESH = icosphere(1)
@@ -96,9 +97,9 @@ def test_columns_keep_their_names(tmp_path, name):
     names, values = ["depth, mean", 'Ärmel "b"'], np.stack([VALUES, np.cos(VALUES)], 1)
     write_values(tmp_path / name, values, names=names)
     assert read_table(str(tmp_path / name))[0] == names
-    with pytest.raises(ResultError, match="1 names were given for 2 columns"):
+    with raises(ResultError, 1, 2):
         write_values(tmp_path / name, values, names=["depth"])
-    with pytest.raises(ResultError, match=r"a name of values is 'a\\nb'"):
+    with raises(ResultError, "a\\nb"):
         write_values(tmp_path / name, VALUES, names=["a\nb"])
 
 
@@ -107,7 +108,7 @@ def test_values_of_freesurfer_come_back(tmp_path, name):
     write_values(tmp_path / name, VALUES[:, None])
     assert_array_equal(function(MESH, f"file:{tmp_path / name}"), VALUES.astype(np.float32))
     assert_array_equal(freesurfer.read_morph_data(tmp_path / name), VALUES.astype(np.float32))
-    with pytest.raises(ResultError, match="hold one column, and 2 are given"):
+    with raises(ResultError, 2):
         write_values(tmp_path / name, np.ones((COUNT, 2)))
 
 
@@ -242,7 +243,7 @@ def test_the_same_data_makes_the_same_bytes_whenever_and_whoever_writes_them(tmp
     ],
 )
 def test_wrong_endings_are_refused_with_what_there_is(tmp_path, write, data, name):
-    with pytest.raises(ResultError, match=rf"cannot write .*{name}: its name must end in \.") as e:
+    with raises(ResultError) as e:
         write(tmp_path / name, data)
     assert ".gii" in str(e.value)
     assert os.listdir(tmp_path) == []
@@ -286,7 +287,7 @@ def test_without_nibabel_what_needs_it_says_what_to_install(tmp_path, monkeypatc
         (write_values, VALUES, "lh.sulc"),
         (write_labels, LABELS, "lh.annot"),
     ):
-        with pytest.raises(ResultError, match=r"needs nibabel; type: pip install 'abfm\[brain\]'"):
+        with raises(ResultError, "abfm[brain]"):
             write(tmp_path / name, data)
     assert os.listdir(tmp_path) == []
     write_surface(tmp_path / "a.ply", MESH)

@@ -20,6 +20,7 @@ from abfm.reading import open_plain, read_bytes
 from tests.core.fields import bump
 from tests.core.reading import hostile
 from tests.core.reading.hostile import members, npy_of, refusal, zipped
+from tests.messages import check_message, raises
 from tests.processes import ROOT, python
 from tests.shapes import icosphere, square, with_loose_vertex
 
@@ -59,7 +60,6 @@ def saved_by_numpy(path, **changes):
 
 
 error_line = partial(refusal, load_arrays)
-INFINITE = "has values that are not finite"
 
 
 @pytest.mark.parametrize("left_out", [(), ("mask",)])
@@ -98,61 +98,61 @@ def test_other_number_types_are_converted_and_arrays_of_later_versions_ignored(p
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "named"),
     [
-        ({"velocity": None}, "lacks velocity"),
-        ({"source": None, "target": None}, "lacks source, target"),
-        ({"format_version": None}, "format_version is None; expected"),
-        ({"format_version": FORMAT_VERSION + 1}, "upgrade abfm"),
-        ({"format_version": 0}, "format_version is 0"),
-        ({"format_version": "one"}, "format_version is 'one'"),
-        ({"vertices": np.zeros((16, 2))}, "vertices has shape (16, 2); expected (V, 3)"),
-        ({"faces": np.zeros((0, 3), dtype=int)}, "faces has shape (0, 3)"),
-        ({"faces": np.full((18, 3), 16)}, "faces has an index outside 0 to 15"),
-        ({"faces": np.full((18, 3), -1)}, "faces has an index outside 0 to 15"),
-        ({"faces": np.zeros((18, 3))}, "faces has type float64; expected integer"),
-        ({"source": np.zeros(16)}, "source has shape (16,); expected (16, C)"),
-        ({"target": np.zeros((16, 3))}, "target has shape (16, 3); expected (16, 2)"),
-        ({"advected": np.zeros((15, 2))}, "advected has shape (15, 2); expected (16, 2)"),
-        ({"advected": np.full((16, 2), 1j)}, "advected has type complex128"),
-        ({"velocity": np.zeros((3, 17, 3))}, "velocity has shape (3, 17, 3); expected (N, 18, 3)"),
-        ({"velocity": np.zeros((0, 18, 3))}, "velocity has shape (0, 18, 3)"),
-        ({"velocity": np.full((1, 18, 3), np.nan)}, f"velocity {INFINITE}"),
-        ({"energy_history": np.full((5, 3), np.inf)}, f"energy_history {INFINITE}"),
-        ({"stages": np.zeros(4, dtype=int)}, "stages has shape (4,); expected (5)"),
-        ({"vertex_ids": np.arange(16) + 4}, "vertex_ids has an index outside 0 to 18"),
-        ({"vertex_ids": np.arange(16)[::-1] + 3}, "vertex_ids do not ascend"),
-        ({"weights": np.ones(3)}, "weights has shape (3,)"),
-        ({"mask": np.ones(15)}, "mask has shape (15,)"),
-        ({"channels_given": 1}, "channels_given has type int64; expected boolean"),
-        ({"stop_reason": b"converged"}, "stop_reason has type |S9; expected text"),
-        ({"stop_reason": ["a", "b"]}, "stop_reason has shape (2,)"),
-        ({"parameters": "{'tau': 1}"}, "not JSON"),
-        ({"parameters": "[1]"}, "not one flat JSON object"),
-        ({"parameters": '{"tau": 1, "more": {"a": 1}}'}, "not one flat JSON object"),
-        ({"parameters": '{"alpha": 1}'}, "tau = None"),
-        ({"parameters": '{"tau": true}'}, "tau = True"),
-        ({"parameters": '{"tau": NaN}'}, "tau = nan"),
-        ({"parameters": '{"tau": 1' + 400 * "0" + "}"}, "tau = inf"),
-        ({"source": np.array([[{}]], dtype=object)}, "damaged"),
+        ({"velocity": None}, ("velocity",)),
+        ({"source": None, "target": None}, ("source", "target")),
+        ({"format_version": None}, ("format_version",)),
+        ({"format_version": FORMAT_VERSION + 1}, ()),
+        ({"format_version": 0}, ("format_version", 0)),
+        ({"format_version": "one"}, ("one", "format_version")),
+        ({"vertices": np.zeros((16, 2))}, ("(16, 2)", 3)),
+        ({"faces": np.zeros((0, 3), dtype=int)}, ("(0, 3)",)),
+        ({"faces": np.full((18, 3), 16)}, (0, 15)),
+        ({"faces": np.full((18, 3), -1)}, (0, 15)),
+        ({"faces": np.zeros((18, 3))}, ("float64",)),
+        ({"source": np.zeros(16)}, ("source", "(16,)", 16)),
+        ({"target": np.zeros((16, 3))}, ("target", "(16, 3)", "(16, 2)")),
+        ({"advected": np.zeros((15, 2))}, ("advected", "(15, 2)", "(16, 2)")),
+        ({"advected": np.full((16, 2), 1j)}, ("advected", "complex128")),
+        ({"velocity": np.zeros((3, 17, 3))}, ("velocity", "(3, 17, 3)", 18, 3)),
+        ({"velocity": np.zeros((0, 18, 3))}, ("velocity", "(0, 18, 3)")),
+        ({"velocity": np.full((1, 18, 3), np.nan)}, ("velocity",)),
+        ({"energy_history": np.full((5, 3), np.inf)}, ("energy_history",)),
+        ({"stages": np.zeros(4, dtype=int)}, ("stages", "(4,)", 5)),
+        ({"vertex_ids": np.arange(16) + 4}, ("vertex_ids", 0, 18)),
+        ({"vertex_ids": np.arange(16)[::-1] + 3}, ("vertex_ids",)),
+        ({"weights": np.ones(3)}, ("(3,)", "weights")),
+        ({"mask": np.ones(15)}, ("mask", "(15,)")),
+        ({"channels_given": 1}, ("channels_given", "int64")),
+        ({"stop_reason": b"converged"}, ("stop_reason", "|S9")),
+        ({"stop_reason": ["a", "b"]}, ("(2,)", "stop_reason")),
+        ({"parameters": "{'tau': 1}"}, ("JSON",)),
+        ({"parameters": "[1]"}, ("JSON",)),
+        ({"parameters": '{"tau": 1, "more": {"a": 1}}'}, ("JSON",)),
+        ({"parameters": '{"alpha": 1}'}, ("tau", "None")),
+        ({"parameters": '{"tau": true}'}, ("tau", "True")),
+        ({"parameters": '{"tau": NaN}'}, ("tau", "nan")),
+        ({"parameters": '{"tau": 1' + 400 * "0" + "}"}, ("tau", "inf")),
+        ({"source": np.array([[{}]], dtype=object)}, ()),
     ],
 )
-def test_wrong_content_is_named(path, change, words):
+def test_wrong_content_is_named(path, change, named):
     saved_by_numpy(path, **change)
     told = error_line(path)
-    assert words in told
+    check_message(told, *named)
     assert "; " in told
 
 
 def test_other_files_are_refused(tmp_path, path):
     for content in (b"", b"OFF\n4 4 0\n", b"\x80\x04N."):
         path.write_bytes(content)
-        assert "no result file of abfm" in error_line(path)
+        check_message(error_line(path))
     for name, words in (("readme.txt", "no result file"), ("format_version.npy", "format_version")):
         with zipfile.ZipFile(path, "w") as file:
             file.writestr(name, "hello")
         assert words in error_line(path)
-    assert "No such file" in error_line(tmp_path / "none.npz")
+    check_message(error_line(tmp_path / "none.npz"))
     assert "directory" in error_line(tmp_path)
 
 
@@ -169,14 +169,17 @@ def test_damage_is_noticed(path):
     hostile.with_flipped_bits(path, load_arrays, check)
     for length in range(0, len(whole), len(whole) // 50):
         path.write_bytes(whole[:length])
-        assert "cut short" in error_line(path)
+        check_message(error_line(path))
 
 
 def test_what_would_not_load_is_not_saved(path):
     nans = result_arrays() | {"velocity": np.full((1, 18, 3), np.nan)}
-    with pytest.raises(ResultError, match=rf"m\.npz not written: velocity {INFINITE}"):
+    with raises(
+        ResultError,
+        "m.npz",
+    ):
         save_arrays(path, nans)
-    with pytest.raises(ResultError, match="no place for colour"):
+    with raises(ResultError):
         save_arrays(path, result_arrays() | {"colour": np.ones(3)})
     assert os.listdir(path.parent) == []
 
@@ -223,58 +226,58 @@ def parameters(more):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "words"),
+    ("name", "value", "named"),
     [
-        ("mask", -np.ones(V), "mask has the value -1; expected 0 to inf"),
-        ("weights", np.array([-0.5]), "weights has the value -0.5"),
-        ("residual", np.array(-1.0), "residual has the value -1"),
-        ("verified_residual", np.array(-1.0), "verified_residual has the value -1"),
-        ("mask", np.zeros(V), "mask must be finite, not negative, and not zero everywhere"),
-        ("weights", np.zeros(1), "weights are zero everywhere; give a channel one above 0"),
-        ("source", 1e200 * ONES, "source has the value 1e+200; expected -1e+154 to 1e+154"),
-        ("target", -1e308 * ONES, "target has the value -1e+308"),
-        ("advected", 1e155 * ONES, "advected has the value 1e+155"),
-        ("velocity", 1e300 * FIELD, "velocity has the value 1e+300; expected up to 1e+154"),
-        ("velocity", npy_of("(6442450944,)", data=bytes(8)), "velocity"),
-        ("velocity", npy_of("(1, 9999999999, 3)", data=bytes(8)), "velocity"),
-        ("velocity", npy_of("(999999999999999999, 0, 3)", data=bytes(8)), "velocity"),
-        ("folded", np.array(1.5), "folded has the value 1.5; expected 0 to 1"),
-        ("folded", np.array(np.nan), "folded has values that are not finite"),
-        ("stages", np.full(3, -1), "stages has"),
-        ("file_vertex_count", np.array(10**8), f"file had 100000000 vertices, and {V} are used"),
-        ("file_vertex_count", np.array(4 * 10**18), "file had 4000000000000000000 vertices"),
-        ("file_vertex_count", np.array(2**63, dtype=np.uint64), "beyond those of 64 bits"),
-        ("format_version", np.zeros((100, 100)), "format_version is array"),
-        ("format_version", np.array("x\n" * 5000), "format_version is 'x"),
-        ("format_version", np.array([1]), "format_version is array"),
-        ("velocity", np.array("x\n" * 5000), "velocity has type"),
-        ("stop_reason", np.array("a\nb"), "some that cannot be shown"),
-        ("stop_reason", np.array("\x1b[31m"), "some that cannot be shown"),
-        ("stop_reason", np.array("a" * 10_001), "more than 10000 characters"),
-        ("parameters", np.array("[" * 9000), "parameters are not JSON"),
-        ("parameters", parameters('"method": "' + "x" * 5000 + '"'), "method is 'xxx"),
-        ("parameters", parameters('"' + "x" * 5000 + '": 1'), "unknown parameter 'xxx"),
-        ("parameters", parameters('"alpha": ' + "1" * 5000), "a number of too many digits"),
-        ("parameters", parameters('"alpha": Infinity'), "alpha is inf"),
-        ("parameters", parameters('"alpha": [[[[]]]]'), "alpha is [[[[]]]]"),
-        ("parameters", parameters('"method": []'), "method is []"),
-        ("remedies", np.array("[" * 9000), "the remedies are '[[["),
-        ("remedies", np.array('{"a": 1}'), "the remedies are"),
-        ("remedies", np.array('[{"label": [], "words": ""}]'), "the label of a remedy is no str"),
-        ("remedies", np.array('[{"label": "", "words": "", "parameters": 3}]'), "the remedies are"),
-        ("remedies", np.array("[{}]"), "JSON of what has label, words, parameters, goes_on"),
-        ("remedies", np.array("{"), "the remedies are '{'; expected a list in JSON"),
-        ("remedies", np.array("3"), "the remedies are '3'; expected a list in JSON"),
-        ("remedies", np.array(UNKNOWN), "unknown parameter 'sigmma'"),
-        ("verdict", np.array(["pink", "", "", ""]), "is 'pink'; expected one of matched"),
-        ("verdict", np.full((4,), "\ud800").astype("<U1"), "cannot be shown"),
-        ("verdict", npy_of("(4,)", "<U1", b"\xff" * 16), "verdict"),
-        ("channels_given", npy_of("()", "|b1", b"\x02"), "neither 0 nor 1"),
+        ("mask", -np.ones(V), ("mask", -1, 0)),
+        ("weights", np.array([-0.5]), ("weights", "-0.5")),
+        ("residual", np.array(-1.0), ("residual", -1)),
+        ("verified_residual", np.array(-1.0), ("verified_residual", -1)),
+        ("mask", np.zeros(V), ("mask",)),
+        ("weights", np.zeros(1), ("weights", 0)),
+        ("source", 1e200 * ONES, ("source", "1e+200", "-1e+154", "1e+154")),
+        ("target", -1e308 * ONES, ("target", "-1e+308")),
+        ("advected", 1e155 * ONES, ("advected", "1e+155")),
+        ("velocity", 1e300 * FIELD, ("velocity", "1e+300", "1e+154")),
+        ("velocity", npy_of("(6442450944,)", data=bytes(8)), ("velocity",)),
+        ("velocity", npy_of("(1, 9999999999, 3)", data=bytes(8)), ("velocity",)),
+        ("velocity", npy_of("(999999999999999999, 0, 3)", data=bytes(8)), ("velocity",)),
+        ("folded", np.array(1.5), ("folded", "1.5", 0, 1)),
+        ("folded", np.array(np.nan), ("folded",)),
+        ("stages", np.full(3, -1), ("stages",)),
+        ("file_vertex_count", np.array(10**8), (100000000, V)),
+        ("file_vertex_count", np.array(4 * 10**18), (4000000000000000000,)),
+        ("file_vertex_count", np.array(2**63, dtype=np.uint64), (64,)),
+        ("format_version", np.zeros((100, 100)), ("format_version",)),
+        ("format_version", np.array("x\n" * 5000), ("format_version",)),
+        ("format_version", np.array([1]), ("format_version",)),
+        ("velocity", np.array("x\n" * 5000), ("velocity",)),
+        ("stop_reason", np.array("a\nb"), ()),
+        ("stop_reason", np.array("\x1b[31m"), ()),
+        ("stop_reason", np.array("a" * 10_001), (10000,)),
+        ("parameters", np.array("[" * 9000), ("parameters", "JSON")),
+        ("parameters", parameters('"method": "' + "x" * 5000 + '"'), ("method",)),
+        ("parameters", parameters('"' + "x" * 5000 + '": 1'), ()),
+        ("parameters", parameters('"alpha": ' + "1" * 5000), ()),
+        ("parameters", parameters('"alpha": Infinity'), ("alpha",)),
+        ("parameters", parameters('"alpha": [[[[]]]]'), ("alpha", "[[[[]]]]")),
+        ("parameters", parameters('"method": []'), ("method", "[]")),
+        ("remedies", np.array("[" * 9000), ("remedies", "[[[")),
+        ("remedies", np.array('{"a": 1}'), ("remedies",)),
+        ("remedies", np.array('[{"label": [], "words": ""}]'), ("label",)),
+        ("remedies", np.array('[{"label": "", "words": "", "parameters": 3}]'), ("remedies",)),
+        ("remedies", np.array("[{}]"), ("label", "words", "parameters", "goes_on")),
+        ("remedies", np.array("{"), ("{", "remedies", "JSON")),
+        ("remedies", np.array("3"), (3, "remedies", "JSON")),
+        ("remedies", np.array(UNKNOWN), ("sigmma",)),
+        ("verdict", np.array(["pink", "", "", ""]), ("pink",)),
+        ("verdict", np.full((4,), "\ud800").astype("<U1"), ()),
+        ("verdict", npy_of("(4,)", "<U1", b"\xff" * 16), ("verdict",)),
+        ("channels_given", npy_of("()", "|b1", b"\x02"), (0, 1)),
     ],
 )
-def test_values_that_make_no_sense_are_named(saved, name, value, words):
+def test_values_that_make_no_sense_are_named(saved, name, value, named):
     put(saved, **{name: value})
-    assert words in match_error(saved)
+    check_message(match_error(saved), *named)
 
 
 def test_a_vertex_that_no_face_uses_is_refused(saved):
@@ -282,7 +285,7 @@ def test_a_vertex_that_no_face_uses_is_refused(saved):
     kept = ~(arrays["faces"] == V - 1).any(axis=1)
     put(saved, faces=arrays["faces"][kept], velocity=arrays["velocity"][:, kept])
     for refused in (match_error, error_line):
-        assert f"1 of its {V} vertices are in no face" in refused(saved)
+        check_message(refused(saved), 1, V)
 
 
 def test_vertices_that_the_mesh_file_had_besides_need_no_room(saved):
@@ -314,16 +317,16 @@ def test_extreme_values_load_and_members_that_are_not_listed_are_not_read(saved)
 
 
 def test_what_a_zip_unpacks_to_is_bounded_by_its_size(saved, tmp_path):
-    content, whole = members(saved), "more bytes than a zip of this size can hold"
+    content = members(saved)
     data = npy_of("(2, 40000000)", "|u1", bytes(80_000_000))
     saved.write_bytes(zipped(content | {"source.npy": data}, zipfile.ZIP_DEFLATED))
-    assert whole in match_error(saved)
+    check_message(match_error(saved))
     saved.write_bytes(zipped(content | {"source.npy": bytes(1000)}, zipfile.ZIP_LZMA))
-    assert "a method other than deflate" in match_error(saved)
+    check_message(match_error(saved))
     names = [f"{number}.npy" for number in range(30)]
     hostile.overlapping_zip(tmp_path / "overlap.npz", names, bytes(4_000_000))
     with (  # newer versions of Python refuse overlapping members themselves
-        pytest.raises(ResultError, match=f"{whole}|Overlapped entries"),
+        raises(ResultError, recorded=False),
         open_archive(tmp_path / "overlap.npz", "result", "") as archive,
     ):
         assert all(archive.read(name) for name in names)
@@ -335,7 +338,7 @@ def test_a_zip_that_lies_about_a_size_or_names_an_entry_in_no_text_is_refused(sa
     named[7] |= 8  # the name of the first entry is UTF-8
     named[30] = 0xFF  # its first letter
     saved.write_bytes(named)
-    assert "byte 0, counting from 0, is no text in UTF-8" in match_error(saved)
+    check_message(match_error(saved), 0, "UTF-8")
     for size in (1 << 40, 100, len(packed) - 1):
         for width in (4, 8):
             truth, lie = (n.to_bytes(width, "little") for n in (len(packed), size % 256**width))
@@ -349,12 +352,12 @@ def test_own_files_may_be_larger_than_those_of_others(path, monkeypatch):
     size = path.stat().st_size
     monkeypatch.setattr(results, "LARGEST_MEMBER", size // 100)
     monkeypatch.setattr(open_plain.__wrapped__, "__defaults__", (size - 1,))
-    with pytest.raises(OSError, match=f"it has {size} bytes"):
+    with raises(OSError, size):
         read_bytes(path, size - 1)
     assert_array_equal(load_arrays(path)["velocity"], result_arrays()["velocity"])
     packed = result_arrays() | {"energy_history": np.zeros((size, 3))}
     np.savez_compressed(path, format_version=FORMAT_VERSION, **packed)
-    assert "expected at most" in error_line(path)  # what is packed is bounded as before
+    check_message(error_line(path))  # what is packed is bounded as before
 
 
 def test_devices_and_pipes_are_refused(tmp_path):
@@ -362,13 +365,13 @@ def test_devices_and_pipes_are_refused(tmp_path):
     (tmp_path / "zero.npz").symlink_to("/dev/zero")
     (tmp_path / "random.npz").symlink_to("/dev/urandom")
     for name, kind in (("pipe", "pipe"), ("zero", "device"), ("random", "device")):
-        assert f"it is a {kind}, not a file" in match_error(tmp_path / f"{name}.npz")
+        check_message(match_error(tmp_path / f"{name}.npz"), kind)
 
 
 @pytest.mark.parametrize("name", ["a\nb.npz", "\x1b[31m.npz", "\u202e.npz", "x" * 200 + ".npz"])
 def test_names_that_cannot_be_printed_are_told_in_one_line(tmp_path, name):
     (tmp_path / name).write_bytes(b"no zip")
-    with pytest.raises(ResultError, match="no result file of abfm") as caught:
+    with raises(ResultError) as caught:
         load_match(tmp_path / name)
     assert str(caught.value).isprintable()
 

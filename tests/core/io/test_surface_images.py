@@ -10,6 +10,7 @@ from numpy.testing import assert_array_equal
 
 from abfm.errors import MeshError, ResultError
 from abfm.io import from_surface_image, to_surface_image, write_surface, write_values
+from tests.messages import raises
 from tests.shapes import icosphere, torus, with_loose_vertex
 
 LEFT, RIGHT = icosphere(1), torus(8, 5)
@@ -64,7 +65,7 @@ def test_what_is_made_does_not_change_with_the_image():
 
 @pytest.mark.parametrize("given", [None, 3, "image", SimpleNamespace(mesh=1, data=2)])
 def test_what_is_no_image_is_refused(given):
-    with pytest.raises(ResultError, match="expected nilearn's SurfaceImage"):
+    with raises(ResultError, "SurfaceImage"):
         from_surface_image(given)
 
 
@@ -72,39 +73,39 @@ def test_parts_that_cannot_be_used_are_named():
     two = np.concatenate([LEFT.vertices, LEFT.vertices + 9])
     faces = np.concatenate([LEFT.faces, LEFT.faces + len(LEFT.vertices)])
     image = SurfaceImage(PolyMesh(left=InMemoryMesh(two, faces)), PolyData(left=two[:, 0]))
-    with pytest.raises(MeshError, match=r"part 'left' of the image: .*2 components"):
+    with raises(MeshError, "left", 2):
         from_surface_image(image)
     mesh = SimpleNamespace(coordinates=LEFT.vertices, faces=LEFT.faces)
-    for values, words in (
-        ({"left": np.array(["a"])}, "its values has values of type"),
-        ({}, "no values for its part 'left'"),
+    for values, named in (
+        ({"left": np.array(["a"])}, ""),
+        ({}, "left"),
     ):
         parts = SimpleNamespace(
             mesh=SimpleNamespace(parts={"left": mesh}), data=SimpleNamespace(parts=values)
         )
-        with pytest.raises(ResultError, match=words):
+        with raises(ResultError, named):
             from_surface_image(parts)
 
 
 @pytest.mark.parametrize(
-    ("parts", "words"),
+    ("parts", "named"),
     [
-        ({}, "expected left, right or both"),
-        ({"top": (LEFT, np.ones(42))}, "expected left, right or both"),
-        ({"left": (LEFT, np.ones(41))}, r"left have shape \(41,\); expected \(42,\) or \(42, T\)"),
-        ({"left": (LEFT, np.ones((42, 1, 1)))}, r"shape \(42, 1, 1\)"),
+        ({}, ()),
+        ({"top": (LEFT, np.ones(42))}, ()),
+        ({"left": (LEFT, np.ones(41))}, ("left", "(41,)", "(42,)", 42)),
+        ({"left": (LEFT, np.ones((42, 1, 1)))}, ("(42, 1, 1)",)),
         (
             {"left": (LEFT, np.ones(42)), "right": (RIGHT, np.ones((40, 2)))},
-            r"\(42,\) and \(40, 2\); expected as many columns",
+            ("(42,)", "(40, 2)"),
         ),
     ],
 )
-def test_parts_that_do_not_fit_are_refused(parts, words):
-    with pytest.raises(ResultError, match=words):
+def test_parts_that_do_not_fit_are_refused(parts, named):
+    with raises(ResultError, *named):
         to_surface_image(parts)
 
 
 def test_without_nilearn_it_is_said_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "nilearn.surface", None)
-    with pytest.raises(ResultError, match=r"needs nilearn; type: pip install 'abfm\[brain\]'"):
+    with raises(ResultError, "abfm[brain]"):
         to_surface_image({"left": (LEFT, np.ones(42))})

@@ -12,6 +12,7 @@ from abfm import ResultError, TriangleMesh, load_mesh
 from abfm.io import textured_files, write_textured
 from abfm.mesh.colors import load_colors
 from tests.core.surfaces import renumbered
+from tests.messages import raises
 from tests.shapes import icosphere, open_cylinder, tetrahedron
 
 MESH = renumbered(icosphere(1), 4)[0]
@@ -66,7 +67,7 @@ def test_what_was_there_stays_whole_if_one_file_cannot_be_written(tmp_path):
     before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
     (tmp_path / "a.png").unlink()
     (tmp_path / "a.png").mkdir()
-    with pytest.raises(ResultError, match=r"a.png: it is a folder"):
+    with raises(ResultError, "a.png"):
         write_textured(path, tetrahedron(), np.zeros((4, 3, 2)), png())
     (tmp_path / "a.png").rmdir()
     left = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
@@ -74,24 +75,24 @@ def test_what_was_there_stays_whole_if_one_file_cannot_be_written(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "named"),
     [
-        ("a.ply", "must end in .obj or .glb"),
-        ("a#1.obj", "without #, line ends"),
-        ("a\n.obj", "without #, line ends"),
-        ("a  b.obj", "several blanks"),
+        ("a.ply", (".obj", ".glb")),
+        ("a#1.obj", ()),
+        ("a\n.obj", ()),
+        ("a  b.obj", ()),
     ],
 )
-def test_names_that_files_cannot_have_are_refused(tmp_path, name, words):
-    with pytest.raises(ResultError, match=words):
+def test_names_that_files_cannot_have_are_refused(tmp_path, name, named):
+    with raises(ResultError, *named):
         write_textured(tmp_path / name, MESH, PLACES, png())
     assert not [*tmp_path.iterdir()]
 
 
 def test_what_single_precision_does_not_hold_is_refused(tmp_path):
     far = TriangleMesh(MESH.vertices + 1e8, MESH.faces)
-    with pytest.raises(ResultError, match=r"\d+ vertices come to lie on others; write .obj"):
+    with raises(ResultError, ".obj"):
         write_textured(tmp_path / "a.glb", far, PLACES, png())
-    with pytest.raises(ResultError, match=r"shape \(2, 3, 2\); expected \(80, 3, 2\)"):
+    with raises(ResultError, "(2, 3, 2)", "(80, 3, 2)"):
         write_textured(tmp_path / "a.glb", MESH, PLACES[:2], png())
     assert not [*tmp_path.iterdir()]

@@ -28,6 +28,7 @@ from abfm.io import (
     write_atomically,
 )
 from abfm.io.atomic import temporary_file
+from tests.messages import check_message, raises
 from tests.shapes import tetrahedron, torus
 
 
@@ -59,19 +60,19 @@ def make_socket(path):
 
 
 @pytest.mark.parametrize(
-    ("make", "words"),
+    ("make", "named"),
     [
-        (os.mkdir, "a folder"),
-        (os.mkfifo, "a pipe"),
-        (make_socket, "a socket"),
-        (lambda path: path.symlink_to("/dev/null"), "it is a device"),
+        (os.mkdir, "folder"),
+        (os.mkfifo, "pipe"),
+        (make_socket, "socket"),
+        (lambda path: path.symlink_to("/dev/null"), "device"),
     ],
 )
-def test_what_is_no_file_is_not_replaced(tmp_path, monkeypatch, make, words):
+def test_what_is_no_file_is_not_replaced(tmp_path, monkeypatch, make, named):
     monkeypatch.chdir(tmp_path)  # names of sockets are short
     make(Path("m.npz"))
     kind = stat.S_IFMT(os.stat("m.npz").st_mode)
-    assert words in refusal(tmp_path / "m.npz")
+    check_message(refusal(tmp_path / "m.npz"), named)
     assert stat.S_IFMT(os.stat("m.npz").st_mode) == kind
 
 
@@ -79,7 +80,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path, monkeypatch, make, words):
 def test_places_without_room_for_a_file_are_refused(tmp_path, name):
     (tmp_path / "file").touch()
     (tmp_path / "loop").symlink_to("loop")
-    assert refusal(tmp_path / name).startswith("cannot write ")
+    check_message(refusal(tmp_path / name))
 
 
 @pytest.mark.parametrize(
@@ -104,8 +105,8 @@ def test_an_error_of_the_block_is_not_hidden_by_what_tidies_up(tmp_path, raised)
                 raise raised
 
     (tmp_path / "folder").mkdir()
-    words = raised.strerror if raised else "No such file"
-    with pytest.raises(ResultError, match=rf"cannot write .*m\.npz: {words}"):
+    strerror = raised.strerror if raised else ""
+    with raises(ResultError, "m.npz", strerror):
         write()
 
 
@@ -124,7 +125,7 @@ def test_a_full_disk_leaves_the_old_file_whole(old):
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
     try:
-        with pytest.raises(ResultError, match="File too large"):
+        with raises(ResultError):
             written(old, "new" * 100)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -307,23 +308,23 @@ def test_ply_keeps_every_digit_and_without_data_is_a_plain_mesh(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("points", "cells", "words"),
+    ("points", "cells", "named"),
     [
-        ({"f": np.ones(34)}, {}, r"'f' has shape \(34,\); expected \(35,\) or \(35, C\)"),
-        ({}, {"v": np.ones((35, 3))}, r"'v' has shape \(35, 3\); expected \(70,\)"),
-        ({"f": np.ones((35, 2, 2))}, {}, r"'f' has shape \(35, 2, 2\)"),
-        ({"my f": np.ones(35)}, {}, "cannot be named 'my f'"),
-        ({}, {"<v>": np.ones(70)}, "cannot be named '<v>'"),
-        ({"f": np.ones((35, 2)), "f_1": np.ones(35)}, {}, "cannot be named 'f_1'"),
+        ({"f": np.ones(34)}, {}, ("f", "(34,)", "(35,)", 35)),
+        ({}, {"v": np.ones((35, 3))}, ("v", "(35, 3)", "(70,)")),
+        ({"f": np.ones((35, 2, 2))}, {}, ("f", "(35, 2, 2)")),
+        ({"my f": np.ones(35)}, {}, ("my f",)),
+        ({}, {"<v>": np.ones(70)}, ("<v>",)),
+        ({"f": np.ones((35, 2)), "f_1": np.ones(35)}, {}, ("f_1",)),
     ],
 )
-def test_data_that_does_not_fit_is_refused(tmp_path, points, cells, words):
+def test_data_that_does_not_fit_is_refused(tmp_path, points, cells, named):
     for export, name in ((export_ply, "a.ply"), (export_vtu, "a.vtu")):
-        with pytest.raises(ResultError, match=words):
+        with raises(ResultError, *named):
             export(tmp_path / name, MESH, points, cells)
-    with pytest.raises(ResultError, match="cannot be named 'x'"):
+    with raises(ResultError, "x"):
         export_ply(tmp_path / "a.ply", MESH, {"x": F}, {})
-    with pytest.raises(ResultError, match=r"must end in \.vtu"):
+    with raises(ResultError, ".vtu"):
         export_vtu(tmp_path / "a.vtk", MESH, {}, {})
     assert os.listdir(tmp_path) == []
 

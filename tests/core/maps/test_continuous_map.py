@@ -11,6 +11,7 @@ from abfm.maps import PointMap, continuous_map, functional_map, point_map, zoom_
 from abfm.maps.spherical import SphereLayout, through_sphere
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.shapes import torus, two_armed
+from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere
 
 
@@ -120,11 +121,11 @@ def test_holes_are_kept():
 def test_maps_that_mirror_are_refused(bent):
     a, _ = bent
     mirrored = TriangleMesh(a.vertices * [1, 1, -1], a.faces[:, ::-1])
-    with pytest.raises(AbfmError, match="goes -1 times around"):
+    with raises(AbfmError, -1):
         continuous_map(PointMap.of_vertices(mirrored, a))
 
 
 def test_handles_are_refused():
     ring = torus(12, 8)
-    with pytest.raises(MeshError, match="genus 1"):
+    with raises(MeshError, 1):
         continuous_map(PointMap.of_vertices(ring, ring))

@@ -15,6 +15,7 @@ from abfm.maps.functional_maps import carry, refined, spectral_coefficients
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.mesh import TriangleMesh, load_mesh
+from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere
 
 
@@ -166,16 +167,16 @@ COUNT = len(BALL.vertices)
 @pytest.mark.parametrize("bad", [np.full((3, 3), np.nan), np.zeros(3), np.zeros((0, 3))])
 def test_what_is_no_functional_map_is_refused(bad):
     for use, more in ((point_map, ()), (carry, (BALL.vertices,)), (zoom_out, (5,))):
-        with pytest.raises(ParameterError, match="functional map"):
+        with raises(ParameterError):
             use(BALL, BALL, bad, *more)
 
 
 def test_numbers_out_of_range_are_refused():
-    for size, step, words in ((3, 0, "step"), (6, 1, "at least the size")):
-        with pytest.raises(ParameterError, match=words):
+    for size, step in ((3, 0), (6, 1)):
+        with raises(ParameterError):
             zoom_out(BALL, BALL, np.eye(size), 5, step=step)
     with pytest.raises(FunctionError):
         point_map(BALL, BALL, np.eye(COUNT + 1))
     for wrong in ([-1], [COUNT], [0.5], [[0]]):
-        with pytest.raises(AbfmError, match="vertices"):
+        with raises(AbfmError):
             vertex_points(BALL, wrong)

@@ -19,6 +19,7 @@ from abfm.maps.quality import FOLDED, MapAccuracy, MapQuality, map_accuracy, map
 from abfm.maps.surface_points import project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh, load_mesh
 from tests.core.fields import rotation_field, wavy_field
+from tests.messages import check_message, raises
 from tests.shapes import icosphere, square, torus
 
 LARGEST, RMS = quality.LARGEST_DISTANCE, quality.RMS_DISTANCE
@@ -88,13 +89,10 @@ def test_share_under_a_bound_counts(errors, bounds):
 
 
 def test_reports_have_the_numbers_and_every_bound_warns_alone():
-    assert MapAccuracy(np.arange(4), np.array([0.0, 0.01, 0.06, 0.3])).report() == (
-        "geodesic error: mean 0.0925, median 0.0350, largest 0.3000; "
-        "50.0 % under 0.05, 75.0 % under 0.1, 75.0 % under 0.25"
-    )
-    assert MapQuality(0.25, 0.0125, 0.031).report() == (
-        "off the surface: largest 0.25, RMS 0.0125 sqrt(area); folded: 3.1 % of the faces"
-    )
+    accuracy = MapAccuracy(np.arange(4), np.array([0.0, 0.01, 0.06, 0.3]))
+    errors, bounds = ("0.0925", "0.0350", "0.3000"), ("0.05", "0.1", "0.25")
+    check_message(accuracy.report(), *errors, "50.0", "75.0", *bounds)
+    check_message(MapQuality(0.25, 0.0125, 0.031).report(), "0.25", "0.0125", "3.1")
     for over in np.diag([1.01 * LARGEST, 1.01 * RMS, 1.01 * FOLDED]):
         assert MapQuality(*over).faults
     assert not MapQuality(LARGEST, RMS, FOLDED).faults
@@ -102,14 +100,14 @@ def test_reports_have_the_numbers_and_every_bound_warns_alone():
 
 def test_what_does_not_fit_is_refused():
     count = len(RING.vertices)
-    for truth, options, words in (
-        (np.arange(3), {}, "truth has shape"),
-        (np.arange(count) + 1, {}, "expected 0 to"),
-        (None, {"most": 0}, "at least 1"),
+    for truth, options, named in (
+        (np.arange(3), {}, "truth"),
+        (np.arange(count) + 1, {}, 0),
+        (None, {"most": 0}, 1),
     ):
-        with pytest.raises(AbfmError, match=words):
+        with raises(AbfmError, named):
             errors_of(RING, None, truth, **options)
-    with pytest.raises(AbfmError, match="one point per vertex"):
+    with raises(AbfmError):
         PointMap.of_vertices(RING, RING, np.arange(5))
 
 
@@ -128,7 +126,7 @@ def test_distances_are_those_that_were_given_in_any_unit(unit):
     assert found.largest_distance == pytest.approx(0.3)
     assert found.rms_distance == pytest.approx(np.sqrt(np.mean(off**2)))
     assert found.folded == 0
-    assert "up to 0.3 sqrt(area) off the surface" in found.faults
+    check_message(found.faults, "0.3")
     assert "folded" not in found.faults
 
 
@@ -136,7 +134,7 @@ def test_a_mirror_folds_everything_and_a_dragged_vertex_its_own_faces():
     mirrored = map_quality(PointMap.project(RING, RING, RING.vertices * [1, 1, -1]))
     assert mirrored.folded == 1
     assert mirrored.largest_distance < 1e-12
-    assert "100% of the faces folded" in mirrored.faults
+    check_message(mirrored.faults, "100%")
     flat = square(6)
     dragged = flat.vertices.copy()
     dragged[np.argmin(np.linalg.norm(flat.vertices - [0.5, 0.5, 0], axis=1))] += [0.3, 0, 0]

@@ -11,6 +11,7 @@ from abfm.errors import MeshError
 from abfm.maps import sphere_embedding
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.shapes import five_limbs, geodesic_sphere, three_arms, torus, two_armed
+from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere, square, tetrahedron
 
 
@@ -147,7 +148,7 @@ def test_a_disc_is_embedded():
 
 
 def test_handles_are_refused():
-    with pytest.raises(MeshError, match="has genus 1; expected 0"):
+    with raises(MeshError, 1, 0):
         sphere_embedding(torus(12, 8))
 
 
@@ -156,5 +157,5 @@ def test_pinched_vertices_are_refused():
     first = ball.vertices[0]
     twice = np.concatenate([ball.vertices, 2 * first - ball.vertices[1:]])
     other = np.append(0, np.arange(len(ball.vertices), len(twice)))[ball.faces][:, ::-1]
-    with pytest.raises(MeshError, match="pinched"):
+    with raises(MeshError):
         sphere_embedding(TriangleMesh(twice, np.concatenate([ball.faces, other])))

@@ -13,6 +13,7 @@ from abfm.errors import ParameterError
 from abfm.experiments.vocabulary import bundled
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh, shapes
+from tests.messages import raises
 from tests.shapes import disc, ellipsoid, hemisphere, open_cylinder, square, tetrahedron, torus
 
 BOX = trimesh.creation.box()
@@ -140,8 +141,8 @@ def test_of_several_symmetries_the_one_that_moves_most_is_chosen():
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", ["fandisk.off", "human_B.off"])
 def test_surfaces_without_symmetry_are_refused_with_the_best_error(name, kind):
-    mesh, words = bundled(name), r"has no (mirror plane|axis of rotation by 180 degrees)"
-    with pytest.raises(SymmetryError, match="the surface " + words) as refused:
+    mesh = bundled(name)
+    with raises(SymmetryError) as refused:
         detect_symmetry(mesh, kind)
     assert refused.value.error > 0.05
     assert f"{refused.value.error:.3g} sqrt(area)" in str(refused.value)
@@ -152,5 +153,5 @@ def test_surfaces_without_symmetry_are_refused_with_the_best_error(name, kind):
     ("kind", "order"), [("mirror", 3), ("rotation", 1), ("rotation", 0), ("glide", 2)]
 )
 def test_kinds_and_orders_that_there_are_not(kind, order):
-    with pytest.raises(ParameterError, match="expected"):
+    with raises(ParameterError):
         detect_symmetry(tetrahedron(), kind, order)

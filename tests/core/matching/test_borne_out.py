@@ -12,6 +12,7 @@ from abfm import Parameters, Problem, StopReason, load_match, match
 from abfm.matching import Verdict
 from abfm.outcome import Outcome
 from tests.core.fields import bump
+from tests.messages import check_message
 from tests.shapes import icosphere
 
 BALL = icosphere(2)
@@ -54,7 +55,7 @@ def test_what_was_saved_is_believed_as_it_is(found, tmp_path):
 def test_a_field_that_was_set_to_zero_matches_nothing(found, tmp_path):
     name = "fine_velocity" if found.refined else "velocity"
     loaded = reloaded(found, tmp_path / "m.npz", **{name: np.zeros_like})
-    assert loaded.doubt.startswith(f"{found.residual:.3g} is said to be left, and its field leaves")
+    check_message(loaded.doubt, f"{found.residual:.3g}")
     assert "\n" not in loaded.doubt
     initial = loaded.problem.refined(loaded.refined).functions
     assert loaded.residual == pytest.approx(initial.residual(initial.source))
@@ -67,18 +68,20 @@ def test_a_field_that_was_set_to_zero_matches_nothing(found, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "is_told"),
     [
-        ({"residual": lambda left: left / 100}, "is said to be left, and its field leaves"),
-        ({"residual": lambda left: 0.9 * left}, ""),
-        ({"advected": lambda f: f[::-1]}, "the carried source is off by"),
-        ({"target": lambda g: g[::-1]}, "is said to be left, and its field leaves"),
+        ({"residual": lambda left: left / 100}, True),
+        ({"residual": lambda left: 0.9 * left}, False),
+        ({"advected": lambda f: f[::-1]}, True),
+        ({"target": lambda g: g[::-1]}, True),
     ],
 )
-def test_other_changes_are_told_where_they_are_larger_than_rounding(found, tmp_path, changes, told):
+def test_other_changes_are_told_where_they_are_larger_than_rounding(
+    found, tmp_path, changes, is_told
+):
     loaded = reloaded(found, tmp_path / "m.npz", **changes)
-    assert told in loaded.doubt
-    assert bool(told) == bool(loaded.doubt)
+    assert bool(loaded.doubt) == is_told
+    check_message(loaded.doubt)
 
 
 def test_a_word_that_is_better_than_its_numbers_is_not_believed(found, tmp_path):
@@ -86,14 +89,14 @@ def test_a_word_that_is_better_than_its_numbers_is_not_believed(found, tmp_path)
     assert still.verdict.kind == "not reached"
     praised = replace(still, verdict=Verdict(Outcome.MATCHED, "so it is", ""))
     loaded = reloaded(praised, tmp_path / "m.npz")
-    assert loaded.doubt.startswith("it is said to be matched, with ")
+    check_message(loaded.doubt)
     assert loaded.verdict.kind == "not reached"
 
 
 def test_a_field_too_fast_to_carry_anything_is_no_match(found, tmp_path):
     name = "fine_velocity" if found.refined else "velocity"
     loaded = reloaded(found, tmp_path / "m.npz", **{name: lambda v: 1e9 * v})
-    assert loaded.doubt.startswith("its field carries nothing to its end: ")
+    check_message(loaded.doubt)
     assert loaded.verdict.kind == "not reached"
 
 

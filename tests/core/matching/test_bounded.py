@@ -7,6 +7,7 @@ from numpy.testing import assert_array_equal
 from abfm import Flow, Parameters, Problem, match
 from abfm.errors import ParameterError
 from abfm.matching import SHARE, bounded, keeps
+from tests.messages import raises
 from tests.shapes import icosphere
 
 MESH = icosphere(3)
@@ -79,5 +80,5 @@ def test_what_no_field_keeps_gives_the_smoothest(found):
 
 @pytest.mark.parametrize("most", [0, -1, np.nan, "1"])
 def test_bounds_are_positive_numbers(found, most):
-    with pytest.raises(ParameterError, match="positive number"):
+    with raises(ParameterError):
         bounded(found, most)

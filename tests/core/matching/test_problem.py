@@ -13,6 +13,7 @@ import abfm
 from abfm.errors import AbfmError, ResultError
 from abfm.matching.terms.functions import FunctionTerm
 from tests.core.fields import bump, wavy_field
+from tests.messages import raises
 from tests.shapes import icosphere
 
 SPHERE = icosphere(2)
@@ -41,10 +42,10 @@ def test_match_takes_a_problem_or_what_makes_one_which_is_the_same():
     one, other = abfm.match(made), abfm.match(SPHERE, made.source, made.target, P, **GIVEN)
     assert np.array_equal(one.velocity, other.velocity)
     assert one.problem.digest == other.problem.digest == problem(start=None).digest
-    with pytest.raises(AbfmError, match="takes a Problem, or"):
+    with raises(AbfmError):
         abfm.match(SPHERE)
     for more, named in (((P,), {}), ((), {"mask": np.ones(len(F))})):
-        with pytest.raises(AbfmError, match="takes a Problem alone"):
+        with raises(AbfmError):
             abfm.match(problem(), *more, **named)
 
 
@@ -93,7 +94,7 @@ def test_terms_with_arrays_of_the_same_name_are_told_apart(tmp_path):
     made = [abfm.Problem(SPHERE, F, G, terms=[term]) for term in (other, same)]
     made += [abfm.Problem(SPHERE, G, F, terms=[other]), abfm.Problem(SPHERE, H, F)]
     assert len({each.digest for each in made}) == len(made)
-    with pytest.raises(ResultError, match="no place for source of term 1"):
+    with raises(ResultError, 1):
         made[0].save(tmp_path / "lost.npz")
 
 
@@ -122,26 +123,26 @@ def test_it_cannot_be_changed_and_it_and_its_match_are_written_in_few_words():
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "named"),
     [
-        ({"f": F[1:]}, "values were given"),
-        ({"f": np.full(162, np.nan)}, "not finite at 162 of 162 vertices"),
-        ({"f": np.array(["a"] * 162)}, "real numbers"),
-        ({"f": np.zeros((162, 0))}, "shape"),
-        ({"mask": 0 * F}, "zero everywhere"),
-        ({"mask": np.ones(5)}, "mask has shape"),
-        ({"g": np.stack([G, G], axis=1)}, "source has 1 and target 2 channels"),
-        ({"f": 1e101 * F}, "scale both by the same factor"),
-        ({"mesh": "sphere.off"}, "expected a TriangleMesh"),
-        ({"parameters": {"tau": 1}}, "expected abfm.Parameters"),
-        ({"mask": -F}, "not negative"),
-        ({"weights": [1, 2]}, r"expected \(1,\)"),
-        ({"start": np.zeros((3, 3))}, "start has shape"),
-        ({"start": np.full((len(SPHERE.faces), 3), np.inf)}, "not finite"),
+        ({"f": F[1:]}, ()),
+        ({"f": np.full(162, np.nan)}, (162,)),
+        ({"f": np.array(["a"] * 162)}, ()),
+        ({"f": np.zeros((162, 0))}, ()),
+        ({"mask": 0 * F}, ()),
+        ({"mask": np.ones(5)}, ("mask",)),
+        ({"g": np.stack([G, G], axis=1)}, ("source", 1, 2)),
+        ({"f": 1e101 * F}, ()),
+        ({"mesh": "sphere.off"}, ("TriangleMesh",)),
+        ({"parameters": {"tau": 1}}, ("abfm.Parameters",)),
+        ({"mask": -F}, ()),
+        ({"weights": [1, 2]}, ("(1,)",)),
+        ({"start": np.zeros((3, 3))}, ("start",)),
+        ({"start": np.full((len(SPHERE.faces), 3), np.inf)}, ()),
     ],
 )
-def test_what_does_not_fit_is_refused_at_once(changes, words):
-    with pytest.raises(AbfmError, match=words):
+def test_what_does_not_fit_is_refused_at_once(changes, named):
+    with raises(AbfmError, *named):
         abfm.Problem(**{"mesh": SPHERE, "f": F, "g": G} | changes)
 
 
@@ -149,5 +150,5 @@ def test_a_file_that_is_no_problem_is_refused(tmp_path):
     abfm.match(SPHERE, F, G, P).save(tmp_path / "m.npz")
     assert abfm.load_problem(tmp_path / "m.npz").channels_given is False  # a result holds one
     np.savez(tmp_path / "other.npz", source=F)
-    with pytest.raises(ResultError, match="no problem file"):
+    with raises(ResultError):
         abfm.load_problem(tmp_path / "other.npz")

@@ -15,6 +15,7 @@ from abfm.maps import SurfacePoints
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined, to_children, to_parents
 from tests.core.fields import bump, rotation_field, wavy_field
+from tests.messages import raises
 from tests.shapes import icosphere, square, with_loose_vertex
 
 BALL = icosphere(2)
@@ -90,9 +91,7 @@ def test_flow_lines_of_finer_fields_run_on_the_finer_mesh_and_are_told_on_the_me
 
 @pytest.mark.parametrize("faces", [1, 319, 2 * 320, 3 * 320])
 def test_fields_on_no_subdivision_are_refused_in_a_line(faces):
-    with pytest.raises(
-        AbfmError, match=f"velocity has shape .{faces}, 3., {faces} faces; expected .* 320, .* 1280"
-    ):
+    with raises(AbfmError, "velocity", faces, 320, 1280):
         Flow(BALL, np.zeros((faces, 3)))
 
 
@@ -142,7 +141,7 @@ def test_a_finer_start_is_its_mean_and_goes_to_its_own_mesh_as_it_is():
     assert_array_equal(given.start, mean_of_children(finer, len(BALL.faces)))
     assert_array_equal(given.refined(2).start, finer)
     assert given.refined(2).refined(1).start.shape == (1, 64 * len(BALL.faces), 3)
-    with pytest.raises(AbfmError, match="start has shape"):
+    with raises(AbfmError, "start"):
         Problem(BALL, *np.eye(2, len(BALL.vertices)), start=finer[:, 1:])
 
 
@@ -188,7 +187,7 @@ def test_texts_are_part_of_the_digest_where_given_and_of_files_and_copies(tmp_pa
         assert (copy.digest, copy.specs) == (named.digest, named.specs)
         assert copy.subdivided().digest == named.subdivided().digest
     assert not any(map(any, named.with_specs(["file:\x07.npy"], [""]).specs))
-    with pytest.raises(AbfmError, match="2 texts of 1 channels"):
+    with raises(AbfmError, 2, 1):
         plain.with_specs(SPECS, SPECS)
 
 

@@ -17,6 +17,7 @@ from abfm import Monitor, ParameterError, Parameters, Problem, match, solve_many
 from abfm.matching.solve_many import _meshes, _Task
 from abfm.parameters import PAPER
 from tests.core.fields import bump
+from tests.messages import raises
 from tests.shapes import icosphere
 
 SPHERE, OTHER = icosphere(2), icosphere(2, 1.1)
@@ -88,7 +89,7 @@ def test_an_error_comes_in_the_place_of_its_problem(executor):
     wild = np.full((1, len(SPHERE.faces), 3), 1e12)
     matches = solve_many([problem(0), problem(1).starting_from(wild), problem(2)], executor)
     next(matches)
-    with pytest.raises(ParameterError, match="start"):
+    with raises(ParameterError):
         next(matches)
 
 

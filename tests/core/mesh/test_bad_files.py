@@ -26,6 +26,7 @@ from tests.mesh_writers import (
     ply_bytes,
     write,
 )
+from tests.messages import raises
 from tests.shapes import icosphere, tetrahedron
 
 SMALL, SPHERE = tetrahedron(), icosphere(0)
@@ -39,80 +40,79 @@ POINTS = trimesh.PointCloud(np.eye(3))
 TRIANGLE = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 OFF_TRIANGLE = b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n"
 FREESURFER = freesurfer_bytes(SMALL.vertices, SMALL.faces)
-DIGITS = "'3333.*' where a number of fewer digits is expected"
 BAD_FILES = {
-    "empty.obj": (b"", "the file is empty"),
-    "words.obj": (b"hello\nworld", "no vertices"),
-    "points.obj": (TRIANGLE, "no faces.*point cloud"),
-    "zero.obj": (TRIANGLE + b"f 0 1 2\n", "vertex 0, but OBJ counts vertices from 1"),
-    "beyond.obj": (TRIANGLE + b"f 1 2 4\n", "names vertex 3 of 3"),
-    "line.obj": (TRIANGLE + b"f 1 2 3\nf 1 2\n", "face 1, counting from 0, has 2 corners"),
-    "short.obj": (b"v 0 0 0\nv 1 0\nv 0 1 0\n", "vertex 1, .* has 2 coordinates instead of 3"),
-    "letters.obj": (b"v 0 0 0\nv 1 O 0\n", "it has 'O' where a number is expected"),
-    "letters_in_faces.obj": (TRIANGLE + b"f 1 2 x/3\n", "'x' where a whole number is expected"),
-    "digits.obj": (b"f 1 2 " + b"3" * 5000, DIGITS),
-    "digits.ply": (PLY.replace(b"vertex 4", b"vertex " + b"3" * 5000), f"it has {DIGITS}"),
-    "counts_in_words.off": (b"OFF\nthree 1 0\n", "it has 'three' where a whole number is expected"),
-    "letters.off": (b"OFF\n3 1 0\n0 0 0\n1 O 0\n0 1 0\n3 0 1 2\n", "'O' where a number is"),
-    "letters_in_faces.off": (OFF_TRIANGLE + b"3 0 1 x\n", "'x' where a whole number is expected"),
-    "letters.ply": (PLY.replace(b"\n1.0", b"\none"), "it has 'one' where a number is"),
-    "letters_in_faces.ply": (PLY.replace(b"\n3 0", b"\nx 0"), "it has 'x' where a number is"),
-    "letters.stl": (b"solid\nvertex 0 0 x\nendsolid", "it has 'x' where a number is expected"),
-    "bytes.gltf": (b"{\xff", "byte 1, counting from 0, is no text in UTF-8"),
-    "digits.gltf": (b"1" * 5000, "its JSON has a number of too many digits"),
-    "header.off": (b"PLY\n3 1 0\n", "first line is not OFF"),
-    "counts.off": (b"OFF\n", "numbers of vertices and faces are missing"),
-    "cut.off": (OFF[:-10], "4 faces .* cut off"),
-    "corners.off": (OFF_TRIANGLE + b"4 0 1 2\n", "announces 4 corners, but its line has 3"),
-    "beyond_64.obj": (TRIANGLE + b"f 1 2 %d\n" % 10**20, "face 0, .* beyond all numbers"),
-    "beyond_64.off": (OFF_TRIANGLE + b"3 0 1 -%d\n" % 10**20, "face 0, .* beyond all numbers"),
-    "huge.off": (b"OFF\n99999999999999999999 1 0\n0 0 0\n", "cut off"),
-    "cut.ply": (PLY[:-12], "cut off"),
-    "cut_binary.ply": (BINARY_PLY[:-1], "cut off"),
-    "header.ply": (b"ply\nformat ascii 1.0\n", "does not begin with a PLY header"),
-    "format.ply": (b"ply\nformat utf 1.0\nend_header\n", "its format is utf"),
-    "type.ply": (PLY.replace(b"double x", b"real x"), "a line .*property real x"),
-    "no_z.ply": (PLY.replace(b"double z", b"double w"), "it has no property z"),
-    "points.ply": (POINTS.export(file_type="ply"), "no faces.*point cloud"),
-    "words.stl": (b"hello world", "neither a complete text file nor as long as its binary header"),
-    "cut.stl": (STL[:-7], "may be cut off"),
-    "cut_text.stl": (TEXT_STL[:-70], "may be cut off"),
-    "two.stl": (b"solid\nvertex 0 0 0\nvertex 1 0 0\nendsolid", "2 corners do not make whole tri"),
-    "nothing.stl": (b"solid\nendsolid", "no vertices"),
-    "no_triangles.stl": (bytes(84), "no vertices"),
-    "no_scene.glb": (b"glTF" + bytes(80), r"cannot be read as \.glb"),
-    "words.glb": (b"hello world", "cannot be read"),
-    "cut.glb": (GLB[:-70], "cannot be read"),
-    "points.glb": (trimesh.Scene([POINTS]).export(file_type="glb"), "no vertices"),
-    "words.gltf": (b"hello world", "its JSON is damaged in line 1: Expecting value"),
-    "words.gii": (b"hello world", "cannot be read"),
-    "words.gii.gz": (b"hello world", "cannot be read"),
-    "no_surface.gii": (nibabel.gifti.GiftiImage().to_bytes(), "0 point sets and 0 triangle arrays"),
-    "surface.txt": (b"", r"format is not known .* are \.obj, \.off, \.ply, \.stl, \.glb, \.gltf"),
-    "surface": (b"hello", "format is not known"),
-    "points_in_disguise.obj": (STL, "no vertices"),
-    "lh.white": (FREESURFER[:-8], "cut off: 47 bytes are left for 4 triangles, which have 48"),
-    "lh.pial": (FREESURFER[:60], "cut off: .* 4 vertices"),
-    "lh.orig": (FREESURFER[:8], "lines that say who made it do not end"),
-    "lh.inflated": (FREESURFER[:23], "cut off: a number is missing"),
-    "lh.quadrangles": (b"\xff\xff\xfd" + FREESURFER[3:], "let mris_convert write it anew"),
-    "lh.sulc": (b"\xff\xff\xff" + bytes(12), "it holds values at vertices"),
-    "lh.aparc.annot": (bytes(8), "it holds labels of vertices"),
-    "lh.V1.label": (b"#!ascii label\n0\n", "it holds a list of vertices"),
+    "empty.obj": (b"", ()),
+    "words.obj": (b"hello\nworld", ()),
+    "points.obj": (TRIANGLE, ()),
+    "zero.obj": (TRIANGLE + b"f 0 1 2\n", (0, "OBJ", 1)),
+    "beyond.obj": (TRIANGLE + b"f 1 2 4\n", (3,)),
+    "line.obj": (TRIANGLE + b"f 1 2 3\nf 1 2\n", (1, 0, 2)),
+    "short.obj": (b"v 0 0 0\nv 1 0\nv 0 1 0\n", (1, 2, 3)),
+    "letters.obj": (b"v 0 0 0\nv 1 O 0\n", ("O",)),
+    "letters_in_faces.obj": (TRIANGLE + b"f 1 2 x/3\n", ("x",)),
+    "digits.obj": (b"f 1 2 " + b"3" * 5000, ()),
+    "digits.ply": (PLY.replace(b"vertex 4", b"vertex " + b"3" * 5000), ()),
+    "counts_in_words.off": (b"OFF\nthree 1 0\n", ("three",)),
+    "letters.off": (b"OFF\n3 1 0\n0 0 0\n1 O 0\n0 1 0\n3 0 1 2\n", ("O",)),
+    "letters_in_faces.off": (OFF_TRIANGLE + b"3 0 1 x\n", ("x",)),
+    "letters.ply": (PLY.replace(b"\n1.0", b"\none"), ("one",)),
+    "letters_in_faces.ply": (PLY.replace(b"\n3 0", b"\nx 0"), ("x",)),
+    "letters.stl": (b"solid\nvertex 0 0 x\nendsolid", ("x",)),
+    "bytes.gltf": (b"{\xff", (1, 0, "UTF-8")),
+    "digits.gltf": (b"1" * 5000, ("JSON",)),
+    "header.off": (b"PLY\n3 1 0\n", ("OFF",)),
+    "counts.off": (b"OFF\n", ()),
+    "cut.off": (OFF[:-10], (4,)),
+    "corners.off": (OFF_TRIANGLE + b"4 0 1 2\n", (4, 3)),
+    "beyond_64.obj": (TRIANGLE + b"f 1 2 %d\n" % 10**20, (0,)),
+    "beyond_64.off": (OFF_TRIANGLE + b"3 0 1 -%d\n" % 10**20, (0,)),
+    "huge.off": (b"OFF\n99999999999999999999 1 0\n0 0 0\n", ()),
+    "cut.ply": (PLY[:-12], ()),
+    "cut_binary.ply": (BINARY_PLY[:-1], ()),
+    "header.ply": (b"ply\nformat ascii 1.0\n", ("PLY",)),
+    "format.ply": (b"ply\nformat utf 1.0\nend_header\n", ("utf",)),
+    "type.ply": (PLY.replace(b"double x", b"real x"), ("real",)),
+    "no_z.ply": (PLY.replace(b"double z", b"double w"), ("z",)),
+    "points.ply": (POINTS.export(file_type="ply"), ()),
+    "words.stl": (b"hello world", ()),
+    "cut.stl": (STL[:-7], ()),
+    "cut_text.stl": (TEXT_STL[:-70], ()),
+    "two.stl": (b"solid\nvertex 0 0 0\nvertex 1 0 0\nendsolid", (2,)),
+    "nothing.stl": (b"solid\nendsolid", ()),
+    "no_triangles.stl": (bytes(84), ()),
+    "no_scene.glb": (b"glTF" + bytes(80), (".glb",)),
+    "words.glb": (b"hello world", ()),
+    "cut.glb": (GLB[:-70], ()),
+    "points.glb": (trimesh.Scene([POINTS]).export(file_type="glb"), ()),
+    "words.gltf": (b"hello world", ("JSON", 1)),
+    "words.gii": (b"hello world", ()),
+    "words.gii.gz": (b"hello world", ()),
+    "no_surface.gii": (nibabel.gifti.GiftiImage().to_bytes(), (0,)),
+    "surface.txt": (b"", (".obj", ".off", ".ply", ".stl", ".glb", ".gltf")),
+    "surface": (b"hello", ()),
+    "points_in_disguise.obj": (STL, ()),
+    "lh.white": (FREESURFER[:-8], (47, 4, 48)),
+    "lh.pial": (FREESURFER[:60], (4,)),
+    "lh.orig": (FREESURFER[:8], ()),
+    "lh.inflated": (FREESURFER[:23], ()),
+    "lh.quadrangles": (b"\xff\xff\xfd" + FREESURFER[3:], ("mris_convert",)),
+    "lh.sulc": (b"\xff\xff\xff" + bytes(12), ()),
+    "lh.aparc.annot": (bytes(8), ()),
+    "lh.V1.label": (b"#!ascii label\n0\n", ()),
     "lh.minus": (
         FREESURFER[:20] + struct.pack(">i", -4) + FREESURFER[24:],
-        "it says to have -4 vertices",
+        (-4,),
     ),
-    "lh.beyond": (FREESURFER[:-11] + bytes([9]) + FREESURFER[-10:], "names vertex"),
-    "lh.nan": (FREESURFER[:28] + b"\xff" * 4 + FREESURFER[32:], "not finite"),
+    "lh.beyond": (FREESURFER[:-11] + bytes([9]) + FREESURFER[-10:], ()),
+    "lh.nan": (FREESURFER[:28] + b"\xff" * 4 + FREESURFER[32:], ()),
 }
 
 
 @pytest.mark.parametrize("name", BAD_FILES)
 def test_bad_file_is_one_line_that_begins_with_its_name(tmp_path, name):
-    content, message = BAD_FILES[name]
+    content, named = BAD_FILES[name]
     path = write(tmp_path, name, content)
-    with pytest.raises(MeshError, match=message) as caught:
+    with raises(MeshError, *named) as caught:
         load_mesh(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
@@ -120,20 +120,19 @@ def test_bad_file_is_one_line_that_begins_with_its_name(tmp_path, name):
 
 
 def test_missing_file_and_folder(tmp_path):
-    with pytest.raises(MeshError, match=r"none\.obj: there is no such file"):
+    with raises(MeshError, "none.obj"):
         load_mesh(tmp_path / "none.obj")
     (tmp_path / "folder.obj").mkdir()
-    with pytest.raises(MeshError, match=r"folder\.obj: this is a folder"):
+    with raises(MeshError, "folder.obj"):
         load_mesh(str(tmp_path / "folder.obj"))
-    with pytest.raises(MeshError, match=r"bad\?name\.obj: there is no such file"):
+    with raises(MeshError, "bad?name.obj"):
         load_mesh("bad\0name.obj")
 
 
 def test_gltf_without_its_buffer_names_it(tmp_path):
     files = trimesh.Scene([trimesh.creation.box()]).export(file_type="gltf")
     path = write(tmp_path, "a.gltf", files["model.gltf"])
-    told = r"a\.gltf: a file that it names is missing: .*gltf_buffer_[01]\.bin"
-    with pytest.raises(MeshError, match=told):
+    with raises(MeshError, "a.gltf"):
         load_mesh(path)
     for name, content in files.items():
         write(tmp_path, name, content)
@@ -217,7 +216,7 @@ def test_pipes_sockets_and_devices_are_refused_unread(tmp_path, monkeypatch, end
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(f"socket.{ending}")
         for kind in ("pipe", "device", "socket"):
-            with pytest.raises(MeshError, match=f"it is a {kind}, not a file"):
+            with raises(MeshError, kind):
                 load_mesh(f"{kind}.{ending}")
 
 
@@ -238,7 +237,7 @@ def test_what_does_not_fit_into_memory_says_so(tmp_path, monkeypatch):
         raise MemoryError
 
     monkeypatch.setattr("abfm.mesh.triangle_mesh.check", check)
-    with pytest.raises(MeshError, match="does not fit into memory"):
+    with raises(MeshError):
         load_mesh(write(tmp_path, "a.off", "OFF 3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"))
 
 

@@ -13,6 +13,7 @@ from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.checks import flat_faces
 from abfm.mesh.topology import edges_of_faces
 from tests import shapes
+from tests.messages import check_message, raises
 from tests.shapes import disc, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -56,62 +57,62 @@ def klein_bottle(n):
 
 ONE = [[0, 1, 2]]
 REFUSED = {
-    "no vertices": (np.zeros((0, 3)), np.zeros((0, 3), int), "no vertices"),
-    "no faces": (TRIANGLE, np.zeros((0, 3), int), "no faces"),
-    "flat vertices": (TRIANGLE[:, :2], ONE, r"vertices has shape \(3, 2\).*\(V, 3\)"),
-    "ragged vertices": ([[0, 0, 0], [1, 0]], ONE, "rows of vertices differ in length"),
-    "words as vertices": ([["a", "b", "c"]] * 3, ONE, "vertices has shape .* type <U1"),
-    "complex vertices": (TRIANGLE * 1j, ONE, "type complex128"),
-    "quads": (SHEET, [[0, 1, 3, 2]], r"faces has shape \(1, 4\).*split larger polygons"),
-    "ragged faces": (SHEET, [[0, 1, 2], [0, 1, 2, 3]], "rows of faces differ in length"),
-    "truth values as faces": (TRIANGLE, [[False, True, True]], "type bool"),
+    "no vertices": (np.zeros((0, 3)), np.zeros((0, 3), int), ()),
+    "no faces": (TRIANGLE, np.zeros((0, 3), int), ()),
+    "flat vertices": (TRIANGLE[:, :2], ONE, ("(3, 2)", "(V, 3)")),
+    "ragged vertices": ([[0, 0, 0], [1, 0]], ONE, ()),
+    "words as vertices": ([["a", "b", "c"]] * 3, ONE, ("<U1",)),
+    "complex vertices": (TRIANGLE * 1j, ONE, ("complex128",)),
+    "quads": (SHEET, [[0, 1, 3, 2]], ("(1, 4)",)),
+    "ragged faces": (SHEET, [[0, 1, 2], [0, 1, 2, 3]], ()),
+    "truth values as faces": (TRIANGLE, [[False, True, True]], ("bool",)),
     "fractional index": (
         *(SHEET, [[0, 1, 3], [0, 2, 1.5]]),
-        r"1 face has .* no whole .* \(face 1: \[0.0, 2.0, 1.5\]\)",
+        (1, "[0.0, 2.0, 1.5]"),
     ),
-    "nan index": (TRIANGLE, [[0, 1, np.nan]], "no whole numbers"),
-    "infinite index": (TRIANGLE, [[0, 1, np.inf]], "names vertex inf of 3"),
+    "nan index": (TRIANGLE, [[0, 1, np.nan]], ()),
+    "infinite index": (TRIANGLE, [[0, 1, np.inf]], ("inf", 3)),
     "index too large": (
         *(TRIANGLE, [[0, 1, 2], [1, 2, 3]]),
-        "1 face names .*face 1, .* vertex 3 of 3 numbered from 0",
+        (1, 3, 0),
     ),
-    "negative index": (TRIANGLE, [[0, 1, -1]], "names vertex -1 of 3"),
-    "nan": (*with_vertex(7, np.nan), r"1 vertex has .* not finite \(vertex 7, .*\[nan, nan, nan\]"),
-    "infinity": (*with_vertex(0, [0, np.inf, 0]), r"not finite \(vertex 0, .*\[0.0, inf, 0.0\]"),
-    "overflow": (*with_vertex(3, [1e200, 0, 0]), r"reaches 1e\+200 \(vertex 3\).*rescale"),
-    "underflow": (SPHERE.vertices * 1e-90, SPHERE.faces, "2e-90 wide.*rescale"),
+    "negative index": (TRIANGLE, [[0, 1, -1]], (-1, 3)),
+    "nan": (*with_vertex(7, np.nan), (7, "[nan, nan, nan]")),
+    "infinity": (*with_vertex(0, [0, np.inf, 0]), (0, "[0.0, inf, 0.0]")),
+    "overflow": (*with_vertex(3, [1e200, 0, 0]), ("1e+200", 3)),
+    "underflow": (SPHERE.vertices * 1e-90, SPHERE.faces, ("2e-90",)),
     "vertex used twice": (
         *with_faces([3, 4, 3], [9, 9, 9]),
-        "2 faces are degenerate.*face 80, .*vertices 3, 4, 3",
+        (2, 80, 3, 4),
     ),
-    "line": ([[0, 0, 0], [0.1, 0, 0], [0.3, 0, 0]], ONE, "1 face is degenerate: no area"),
-    "point": (np.ones((3, 3)), ONE, "no area"),
-    "line far away": (TRIANGLE * [1, 1e-12, 1] + 1e6, ONE, "no area"),
-    "same face": (*with_faces(SPHERE.faces[5]), "1 face repeats .*faces 5 and 80"),
+    "line": ([[0, 0, 0], [0.1, 0, 0], [0.3, 0, 0]], ONE, (1,)),
+    "point": (np.ones((3, 3)), ONE, ()),
+    "line far away": (TRIANGLE * [1, 1e-12, 1] + 1e6, ONE, ()),
+    "same face": (*with_faces(SPHERE.faces[5]), (1, 5, 80)),
     "same face turned": (
         *(SHEET, [[0, 1, 2], [3, 2, 1], [1, 0, 2]]),
-        "faces 0 and 2, counting from 0: vertices 1, 0, 2",
+        (0, 2, 1),
     ),
     "edge with three faces": (
         *(np.vstack([SHEET, [[0, 0, 1]]]), [[0, 1, 2], [1, 3, 2], [2, 1, 4]]),
-        r"1 edge has more than two faces \(vertices 1 and 2, .* faces 0, 1, 2\)",
+        (1, 2, 0),
     ),
-    "Moebius strip": (*shapes.moebius_arrays(20), "not orientable.*40 of 40 faces"),
-    "Klein bottle": (*klein_bottle(6), "not orientable.*72 of 72 faces"),
+    "Moebius strip": (*shapes.moebius_arrays(20), (40,)),
+    "Klein bottle": (*klein_bottle(6), (72,)),
     "two spheres": (
         *side_by_side(icosphere(0), SPHERE),
-        r"2 components.*80 of 100 faces; face 0, .*--largest-component .*largest_component=True",
+        (2, 80, 100, 0, "--largest-component", "largest_component=True"),
     ),
     "separate faces at equal positions": (
         *(icosphere(0).vertices[icosphere(0).faces].reshape(-1, 3), np.arange(60).reshape(-1, 3)),
-        "20 components.*48 vertices repeat the position of another.*merging",
+        (20, 48),
     ),
 }
 
 
-@pytest.mark.parametrize(("vertices", "faces", "message"), REFUSED.values(), ids=REFUSED)
-def test_refused(vertices, faces, message):
-    with pytest.raises(MeshError, match=message) as caught:
+@pytest.mark.parametrize(("vertices", "faces", "named"), REFUSED.values(), ids=REFUSED)
+def test_refused(vertices, faces, named):
+    with raises(MeshError, *named) as caught:
         TriangleMesh(vertices, faces)
     assert "\n" not in str(caught.value)
     assert ": " in str(caught.value)  # the advice
@@ -122,7 +123,7 @@ def test_examples_count_as_the_input_does():
     vertices, faces = side_by_side(tetrahedron(), icosphere(1, radius=3))
     faces = np.concatenate([faces, [[9, 9, 9]]]) + 2
     vertices = np.concatenate([np.zeros((2, 3)), vertices])
-    with pytest.raises(MeshError, match="face 84, counting from 0: vertices 11, 11, 11"):
+    with raises(MeshError, 84, 0, 11):
         TriangleMesh(vertices, faces, largest_component=True)
 
 
@@ -133,7 +134,8 @@ def test_largest_component_is_largest_by_area():
     assert mesh.vertices.tolist() == vertices[-4:].tolist()
     assert mesh.vertex_ids.tolist() == [174, 175, 176, 177]
     assert mesh.face_ids.tolist() == [340, 341, 342, 343]
-    assert mesh.messages == ("kept the largest of 3 components: 4 of 178 vertices, 4 of 344 faces",)
+    (told,) = mesh.messages
+    check_message(told, 3, 4, 178, 344)
 
 
 def test_unreferenced_vertices_are_dropped_even_if_not_finite():
@@ -144,35 +146,35 @@ def test_unreferenced_vertices_are_dropped_even_if_not_finite():
     assert mesh.faces.tolist() == SPHERE.faces.tolist()
     assert mesh.vertex_ids.tolist() == kept.tolist()
     assert mesh.file_vertex_count == 45
-    assert mesh.messages == ("3 vertices that no face uses were dropped (for example vertex 0)",)
+    (told,) = mesh.messages
+    check_message(told, 3, 0)
 
 
 def test_local_vertex_and_restrict_count_as_the_file_does():
     mesh = shapes.with_loose_vertex(SPHERE)
     assert [mesh.local_vertex(index) for index in (0, 4, 6, 42)] == [0, 4, 5, 41]
-    with pytest.raises(FunctionError, match="vertex 5 was dropped"):
+    with raises(FunctionError, 5):
         mesh.local_vertex(5)
     for outside in (-1, 43):
-        told = f"no vertex {outside}: .* 43 vertices, numbered 0 to 42"
-        with pytest.raises(FunctionError, match=told):
+        with raises(FunctionError, outside, 43, 0, 42):
             mesh.local_vertex(outside)
     assert mesh.restrict(np.arange(43)).tolist() == [*range(5), *range(6, 43)]
     assert mesh.restrict(np.ones((43, 2))).shape == (42, 2)
     assert mesh.restrict(np.arange(42)).tolist() == list(range(42))
-    with pytest.raises(FunctionError, match=r"7 values .* 43 vertices \(42 of them kept\)"):
+    with raises(FunctionError, 7, 43, 42):
         mesh.restrict(np.ones(7))
-    with pytest.raises(FunctionError, match=r"7 values .* 42 vertices:"):
+    with raises(FunctionError, 7, 42):
         SPHERE.restrict(np.ones(7))
 
 
 def test_pinched_vertices_are_reported():
     """Two discs that share their centre; two tetrahedra, and tori, are one surface, too."""
     mesh = TriangleMesh(*glued(disc(2), disc(2), disc(2).vertices - [0, 0, 1]))
-    assert re.match(r"warning: 1 vertex is pinched.*vertex 0\)", mesh.messages[0])
+    check_message(mesh.messages[0], 1, 0)
     assert len(mesh.boundary_loops) == 2
     assert mesh.genus == 0
     mesh = TriangleMesh(*glued(tetrahedron(), tetrahedron(), tetrahedron().vertices + 10))
-    assert "1 vertex is pinched" in mesh.messages[-1]
+    check_message(mesh.messages[-1], 1)
     assert mesh.is_closed
     one = torus(6, 5)
     assert TriangleMesh(*glued(one, one, one.vertices + np.array([0, 0, 3]))).genus == 2
@@ -213,7 +215,7 @@ def test_normalized_keeps_everything_but_the_size():
     for name in (*names, "edges", "face_edges"):
         assert getattr(unit, name) is getattr(mesh, name)
     assert unit.cache == {}
-    assert mesh.messages[0] == "read from a file"
+    check_message(mesh.messages[0])
     with pytest.raises(ValueError, match="read-only"):
         unit.vertices[0] = 0
 
@@ -223,7 +225,7 @@ def test_acceptance_does_not_depend_on_the_unit(power):
     """A needle of aspect 1e-9 is accepted, one of 1e-13 is refused, in any unit of length."""
     needle, flat = (TRIANGLE * [1, height, 1] * 10.0**power for height in (1e-9, 1e-13))
     assert TriangleMesh(needle, ONE).messages == ()
-    with pytest.raises(MeshError, match="no area"):
+    with raises(MeshError):
         TriangleMesh(flat, ONE)
 
 
@@ -256,9 +258,9 @@ def test_a_mesh_far_away_is_used_with_a_warning(power):
 
 
 def test_more_faces_than_pairs_of_vertices_are_refused_before_edges_are_looked_for(monkeypatch):
-    mesh, told = tetrahedron(), "5 faces on 4 vertices have more sides than there are pairs"
+    mesh = tetrahedron()
     monkeypatch.setattr("abfm.mesh.checks.edges_of_faces", None)
-    with pytest.raises(MeshError, match=told):
+    with raises(MeshError, 5, 4):
         TriangleMesh(mesh.vertices, [*mesh.faces, [0, 1, 2]])
 
 
@@ -326,14 +328,14 @@ def test_pieces_joined_at_a_vertex_are_settled_one_by_one():
     which = np.concatenate([np.arange(80) > 2, np.arange(24) == 5])
     mesh = TriangleMesh(vertices, turned(faces, which))
     assert same_up_to_rotation(mesh.faces, faces)
-    assert mesh.messages[0].startswith("78 faces were turned over")
+    check_message(mesh.messages[0], 78)
     assert "pinched" in mesh.messages[1]
 
 
 @given(flips=st.lists(st.booleans(), min_size=30, max_size=30))
 def test_moebius_strip_is_refused_however_its_faces_are_turned(flips):
     vertices, faces = shapes.moebius_arrays(15)
-    with pytest.raises(MeshError, match="not orientable"):
+    with raises(MeshError):
         TriangleMesh(vertices, turned(faces, flips))
 
 

@@ -16,6 +16,7 @@ from abfm.mesh.colors import load_colors
 from tests.attack.heavy_meshes import TRIANGLE, glb, gltf_header
 from tests.core.surfaces import renumbered
 from tests.mesh_writers import write
+from tests.messages import raises
 from tests.shapes import icosphere, tetrahedron, torus
 
 MESH = torus(9, 6)
@@ -250,78 +251,78 @@ def test_a_mirrored_gltf_node_keeps_corners_with_their_coordinates(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "named"),
     [
-        ({"texture": {"index": 1}}, r"names textures\[1\], but has 1"),
-        ({"textures": [{}]}, "no PNG, JPEG or WebP image"),
-        ({"textures": [{"source": 3}]}, r"names images\[3\]"),
-        ({"textures": [{"source": 0, "sampler": 0}], "samplers": [{"wrapS": 7}]}, "wraps the text"),
-        ({"attributes": {"POSITION": 0}}, "1 of 1 faces have an image and no texture coordinates"),
-        ({"attributes": {"POSITION": 0, "TEXCOORD_0": 0}}, "accessor 0 is not made of texture"),
-        ({"attributes": {"POSITION": 0, "TEXCOORD_0": 9}}, r"accessors\[9\]"),
-        ({"texture": {"texCoord": 1}}, "no texture coordinates"),
-        ({"texture": {"index": "0"}}, "its index is no whole number"),
-        ({"images": [{"bufferView": 9}]}, r"bufferViews\[9\]"),
-        ({"images": [{"uri": "missing.png"}]}, "file that it names is missing: .*missing.png"),
-        ({"images": [{"uri": "data:image/png;base64,A"}]}, "image 0 is no base64"),
+        ({"texture": {"index": 1}}, ("textures[1]", 1)),
+        ({"textures": [{}]}, ("PNG", "JPEG", "WebP")),
+        ({"textures": [{"source": 3}]}, ("images[3]",)),
+        ({"textures": [{"source": 0, "sampler": 0}], "samplers": [{"wrapS": 7}]}, ()),
+        ({"attributes": {"POSITION": 0}}, (1,)),
+        ({"attributes": {"POSITION": 0, "TEXCOORD_0": 0}}, (0,)),
+        ({"attributes": {"POSITION": 0, "TEXCOORD_0": 9}}, ("accessors[9]",)),
+        ({"texture": {"texCoord": 1}}, ()),
+        ({"texture": {"index": "0"}}, ()),
+        ({"images": [{"bufferView": 9}]}, ("bufferViews[9]",)),
+        ({"images": [{"uri": "missing.png"}]}, ("missing.png",)),
+        ({"images": [{"uri": "data:image/png;base64,A"}]}, (0, "base64")),
         (
             {"texture": {"extensions": {"KHR_texture_transform": {"rotation": 1.0}}}},
-            "its texture is turned",
+            (),
         ),
         (
             {"texture": {"extensions": {"KHR_texture_transform": {"scale": [1]}}}},
-            "the scale of a texture is not made of 2 numbers",
+            (2,),
         ),
         (
             {"texture": {"extensions": {"KHR_texture_transform": {"scale": [1e999, 1]}}}},
-            "no texture coordinates",
+            (),
         ),
-        ({"materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1]}}]}, "of 4 numbers"),
-        ({"materials": [{}]}, "no image and has no colours"),
-        ({"materials": 3}, "its materials is no array"),
+        ({"materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1]}}]}, (4,)),
+        ({"materials": [{}]}, ()),
+        ({"materials": 3}, ()),
     ],
 )
-def test_gltf_that_is_wrong_is_refused(tmp_path, changes, words):
-    with pytest.raises(MeshError, match=words) as refused:
+def test_gltf_that_is_wrong_is_refused(tmp_path, changes, named):
+    with raises(MeshError, *named) as refused:
         triangle(tmp_path, **changes)
     assert str(refused.value).startswith(f"{tmp_path}/a.glb: ")
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "named"),
     [
-        ("mtllib no.mtl\n{s}f 1 2 3\nf 1 3 4", "a file that it names is missing: .*no.mtl"),
-        ("{s}f 1/1 2/1 3/1\nf 1 3 4", "texture coordinates '1', and 0 are given"),
-        ("{s}vt 0 0\nf 1/1 2/0 3/1\nf 1 3 4", "counts vertices from 1"),
-        ("{s}vt 0 0\nf 1/1 2/-2 3/1\nf 1 3 4", "texture coordinates '-2', and 1"),
-        ("{s}vt 0 x\nf 1/1 2/1 3/1\nf 1 3 4", "'x' where a number"),
-        ("{s}f 1 2 3\nf 1 3 5", "names a vertex that is none of its 4"),
-        ("{s}f 1 2 3\nf 1 3 4", "names no image"),
-        ("{s}f 1 2 3", "another surface: of the 2 faces that are to be coloured, 1 are not among"),
-        ("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", "not finite"),
-        ("mtllib o.mtl\n{s}f 1 2 3\nf 1 3 4", "gives map_Kd options"),
-        ("mtllib d.mtl\n{s}usemtl a\nvt 0 0\nf 1/1 2/1 3/1\nf 1 3 4", "1 of 2 faces have an image"),
-        ("", "the file is empty"),
+        ("mtllib no.mtl\n{s}f 1 2 3\nf 1 3 4", ("no.mtl",)),
+        ("{s}f 1/1 2/1 3/1\nf 1 3 4", (1, 0)),
+        ("{s}vt 0 0\nf 1/1 2/0 3/1\nf 1 3 4", (1,)),
+        ("{s}vt 0 0\nf 1/1 2/-2 3/1\nf 1 3 4", (-2, 1)),
+        ("{s}vt 0 x\nf 1/1 2/1 3/1\nf 1 3 4", ("x",)),
+        ("{s}f 1 2 3\nf 1 3 5", (4,)),
+        ("{s}f 1 2 3\nf 1 3 4", ()),
+        ("{s}f 1 2 3", (2, 1)),
+        ("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", ()),
+        ("mtllib o.mtl\n{s}f 1 2 3\nf 1 3 4", ("map_Kd",)),
+        ("mtllib d.mtl\n{s}usemtl a\nvt 0 0\nf 1/1 2/1 3/1\nf 1 3 4", (1, 2)),
+        ("", ()),
     ],
 )
-def test_obj_that_is_wrong_or_of_another_surface_is_refused(tmp_path, text, words):
+def test_obj_that_is_wrong_or_of_another_surface_is_refused(tmp_path, text, named):
     write(tmp_path, "i.png", image())
     write(tmp_path, "o.mtl", b"newmtl a\nmap_Kd -s 2 2 2 i.png\n")
     write(tmp_path, "d.mtl", b"newmtl a\nmap_Kd i.png\n")
     path = write(tmp_path, "a.obj", text.format(s=SQUARE).encode())
-    with pytest.raises(MeshError, match=words) as refused:
+    with raises(MeshError, *named) as refused:
         load_colors(path, square())
     assert str(refused.value).startswith(str(path))
 
 
 def test_other_formats_and_missing_files_are_refused(tmp_path):
-    for name, words in (("a.off", "read from .obj, .glb, .gltf, .ply"), ("a.obj", "no such file")):
-        with pytest.raises(MeshError, match=words):
+    for name, named in (("a.off", (".obj", ".glb", ".gltf", ".ply")), ("a.obj", ())):
+        with raises(MeshError, *named):
             load_colors(tmp_path / name, square())
     path = as_obj(tmp_path, MESH, coordinates(MESH))
-    with pytest.raises(MeshError, match=r"the image .*no.png: No such file"):
+    with raises(MeshError, "no.png"):
         load_colors(path, MESH, tmp_path / "no.png")
-    with pytest.raises(MeshError, match="another surface"):
+    with raises(MeshError):
         load_colors(path, icosphere(1))
 
 

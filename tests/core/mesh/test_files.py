@@ -13,6 +13,7 @@ from abfm.mesh import load_mesh
 from abfm.mesh.readers import contents as readers
 from abfm.mesh.readers.contents import split_polygons
 from tests.mesh_writers import STL_WRITERS, WRITERS, exported, off_text, ply_bytes, write
+from tests.messages import check_message, raises
 from tests.shapes import icosphere, open_cylinder, square, tetrahedron, torus
 
 shapes = st.sampled_from([icosphere(1), torus(6, 5), square(3), open_cylinder(5, 2)])
@@ -43,8 +44,8 @@ def test_stl_is_merged_in_order_of_first_appearance(folder, name, shape, scale):
     np.testing.assert_allclose(mesh.vertices, expected, rtol=0, atol=4e-7 * scale)
     np.testing.assert_array_equal(order[mesh.faces], shape.faces)
     assert mesh.file_vertex_count == len(shape.vertices)
-    merged = f"{3 * len(shape.faces)} vertices were merged to {len(shape.vertices)} by position, "
-    assert mesh.messages == (merged + "and are counted in order of first appearance",)
+    (told,) = mesh.messages
+    check_message(told, 3 * len(shape.faces), len(shape.vertices))
 
 
 @pytest.mark.parametrize("name", [name for name in WRITERS if not name.endswith("glb")])
@@ -55,7 +56,8 @@ def test_unused_vertices_still_count(tmp_path, name):
     mesh = load_mesh(write(tmp_path, name, WRITERS[name][0](vertices, faces)))
     assert mesh.vertex_ids.tolist() == [0, 2, 3, 4]
     assert mesh.file_vertex_count == 6
-    assert mesh.messages == ("2 vertices that no face uses were dropped (for example vertex 1)",)
+    (told,) = mesh.messages
+    check_message(told, 2, 1)
 
 
 HAND_MADE = {
@@ -158,7 +160,8 @@ def test_polygons_are_split_in_the_order_of_the_file(tmp_path, kind):
     content = "\n".join(lines) if len(kind) == 3 else ply_bytes(points, polygons, kind)
     mesh = load_mesh(write(tmp_path, f"a.{kind if len(kind) == 3 else 'ply'}", content))
     assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2]]
-    assert mesh.messages == ("polygons with more than three corners were split into triangles: 1",)
+    (told,) = mesh.messages
+    check_message(told, 1)
 
 
 def test_gltf_scene_is_joined_where_seams_split_it(tmp_path):
@@ -176,7 +179,7 @@ def test_gltf_scene_is_joined_where_seams_split_it(tmp_path):
     mesh = load_mesh(tmp_path / "a.glb")
     assert mesh.is_closed
     assert len(mesh.vertices) == mesh.file_vertex_count == 42
-    assert mesh.messages[0].startswith("240 vertices were merged to 42 by position")
+    check_message(mesh.messages[0], 240, 42)
     np.testing.assert_allclose(mesh.vertices.max(axis=0), sphere.vertices.max(axis=0), atol=1e-3)
 
 
@@ -185,8 +188,7 @@ def test_largest_component_of_a_file(tmp_path):
     vertices = np.concatenate([small.vertices + 20, sphere.vertices])
     faces = np.concatenate([small.faces, sphere.faces + 4])
     path = write(tmp_path, "a.off", off_text(vertices, faces))
-    told = r"a\.off: the surface has 2 components.*--largest-component"
-    with pytest.raises(MeshError, match=told):
+    with raises(MeshError, "a.off", 2, "--largest-component"):
         load_mesh(path)
     mesh = load_mesh(path, largest_component=True)
     assert mesh.vertex_ids.tolist() == list(range(4, 46))
@@ -252,36 +254,36 @@ def test_ply_in_all_spellings_is_read(tmp_path, content):
 
 BIG = ply_bytes(tetrahedron().vertices, tetrahedron().faces.tolist(), "binary_big_endian")
 REFUSED_PLY = {
-    "float indices": (ply_text(b"uchar int", b"uchar float"), "of type float"),
-    "double indices": (BIG.replace(b"uchar int", b"uchar float"), "numbers of type float"),
-    "float lengths": (ply_text(b"uchar", b"float"), "a length of type"),
-    "fractional index": (ply_text(b"3 0 1 2", b"3 0 1 1.5"), "1.5 where a whole number is"),
-    "no list": (ply_text(b"list uchar int", b"int"), "no list property"),
-    "x is a list": (ply_text(b"float x", b"list uchar float x"), "no property"),
-    "length -3": (ply_text(b"uchar", b"char").replace(b"\n3", b"\n-3"), "a list has the length -3"),
-    "too long a list": (ply_text(b"3 0 1 2", b"200 0 1 2"), "cut off: it has fewer rows of face"),
+    "float indices": (ply_text(b"uchar int", b"uchar float"), ("float",)),
+    "double indices": (BIG.replace(b"uchar int", b"uchar float"), ("float",)),
+    "float lengths": (ply_text(b"uchar", b"float"), ("float",)),
+    "fractional index": (ply_text(b"3 0 1 2", b"3 0 1 1.5"), ("1.5",)),
+    "no list": (ply_text(b"list uchar int", b"int"), ()),
+    "x is a list": (ply_text(b"float x", b"list uchar float x"), ()),
+    "length -3": (ply_text(b"uchar", b"char").replace(b"\n3", b"\n-3"), (-3,)),
+    "too long a list": (ply_text(b"3 0 1 2", b"200 0 1 2"), ()),
     "a list beyond all bytes": (
         BIG.replace(b"element face", b"property list uint64 char q\nelement face").replace(
             b"end_header\n", b"end_header\n" + bytes(24) + b"\xff" * 8
         ),
-        "cut off: it has fewer rows of vertex",
+        (),
     ),
-    "too many rows": (ply_text(b"face 1", b"face 1000000000000"), "cut off"),
-    "no data": (b"ply\nformat ascii 1.0\nelement vertex %d\nend_header\n" % 10**12, "no property"),
-    "negative rows": (ply_text(b"vertex 3", b"vertex -3"), "does not know: element vertex -3"),
-    "two corners": (ply_text(b"3 0 1 2", b"2 0 1"), "face 0, counting from 0, has 2 corners"),
+    "too many rows": (ply_text(b"face 1", b"face 1000000000000"), ()),
+    "no data": (b"ply\nformat ascii 1.0\nelement vertex %d\nend_header\n" % 10**12, ()),
+    "negative rows": (ply_text(b"vertex 3", b"vertex -3"), (-3,)),
+    "two corners": (ply_text(b"3 0 1 2", b"2 0 1"), (0, 2)),
     "a large index": (
         ply_text(b"3 0 1 2", b"3 0 1 99999999999999999999"),
-        r"1e\+20 where a whole number is .* at most 16 digits",
+        ("1e+20", 16),
     ),
-    "no end": (ply_text(b"end_header", b"comment end_header"), "begin with a PLY header"),
-    "a long word": (ply_text(b"ascii", b"a" * 10**5), "its format is a{40},"),
+    "no end": (ply_text(b"end_header", b"comment end_header"), ("PLY",)),
+    "a long word": (ply_text(b"ascii", b"a" * 10**5), ("a" * 40,)),
 }
 
 
-@pytest.mark.parametrize(("content", "message"), REFUSED_PLY.values(), ids=REFUSED_PLY)
-def test_ply_of_what_is_no_number_or_not_there_is_refused(tmp_path, content, message):
-    with pytest.raises(MeshError, match=message) as caught:
+@pytest.mark.parametrize(("content", "named"), REFUSED_PLY.values(), ids=REFUSED_PLY)
+def test_ply_of_what_is_no_number_or_not_there_is_refused(tmp_path, content, named):
+    with raises(MeshError, *named) as caught:
         load_mesh(write(tmp_path, "a.ply", content))
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 500
@@ -402,5 +404,5 @@ def test_polygons_that_would_take_for_ever_are_refused(tmp_path, monkeypatch, bo
     monkeypatch.setattr(readers, "_WORK_OF_A_CORNER", 1)
     points = star(np.random.default_rng(0), 10).tolist()
     lines = ["OFF 10 1 0", *(f"{x!r} {y!r} 0" for x, y in points), "10 0 1 2 3 4 5 6 7 8 9"]
-    with pytest.raises(MeshError, match=r"10 corners.*split polygons into triangles"):
+    with raises(MeshError, 10):
         load_mesh(write(tmp_path, "a.off", "\n".join(lines)))

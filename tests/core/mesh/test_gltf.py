@@ -13,6 +13,7 @@ from abfm.mesh import load_mesh
 from abfm.mesh.readers import gltf
 from tests.attack.heavy_meshes import TRIANGLE, glb, gltf_header
 from tests.mesh_writers import write
+from tests.messages import raises
 from tests.shapes import icosphere
 
 
@@ -111,38 +112,38 @@ CIRCLE = {"nodes": [{"mesh": 0, "children": [1]}, {"children": [0]}]}
 WITHOUT_VIEW = {"componentType": 5126, "count": 10**8, "type": "VEC3"}
 LINES = {"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "mode": 1}]}
 REFUSED = {
-    "nan": (node(matrix=[float("nan")] * 16), "node 0 is placed by numbers that are not finite"),
-    "infinite": (node(translation=[0, 1e999, 0]), "node 0 is placed by numbers that are not f"),
-    "short matrix": (node(matrix=[1.0] * 15), "matrix of a node is not made of 16 numbers"),
-    "flattened": (node(scale=[1, 0, 0]), "degenerate"),
-    "a circle": (CIRCLE, "node 0 is in the scene twice"),
-    "2^30 copies": ({"nodes": DOUBLED}, "node 30 is in the scene twice"),
-    "no node": ({"nodes": []}, r"names nodes\[0\], but has 0 nodes"),
-    "negative node": ({"scenes": [{"nodes": [-1]}]}, r"names nodes\[-1\], but has 1 nodes"),
-    "words as nodes": ({"nodes": "all"}, "its nodes is no array"),
-    "no accessor": ({"accessors": [POSITIONS]}, r"names accessors\[1\], but has 1 accessors"),
-    "sparse": (accessors({"sparse": SPARSE}, {}), "accessor 0 is sparse"),
-    "many": (accessors({"count": 10**9}, {}), "announces 1000000000 entries"),
-    "no data": ({"accessors": [WITHOUT_VIEW, CORNERS]}, "0 has no buffer view: export without com"),
-    "one place": (view(byteStride=0), "ask for what the buffer"),
-    "outside": (view(byteOffset=40), "the buffer of 48 bytes does not have"),
-    "before": (view(byteOffset=-8), "the buffer of 48 bytes does not have"),
-    "of another kind": (accessors({"type": "VEC4"}, {}), "not made of positions"),
-    "float corners": (accessors({}, {"componentType": 5126}), "not made of corners"),
-    "two corners": (accessors({}, {"count": 2}), "do not make whole triangles"),
-    "few positions": (accessors({"count": 2}, {}), "mesh 0 names vertex 2 of 2"),
-    "glTF 1": ({"asset": {"version": "1.0"}}, "it is glTF 1.0; only glTF 2 is read"),
-    "buffer elsewhere": (buffer("none.bin"), r"names is missing: .*none\.bin"),
-    "a device": (buffer("/dev/zero"), "it is a device"),
-    "a folder": (buffer("."), "a file that it names is a folder"),
-    "no base64": (buffer("data:;base64,a"), "buffer 0 is no base64"),
-    "lines": ({"meshes": [LINES]}, "no vertices"),
+    "nan": (node(matrix=[float("nan")] * 16), (0,)),
+    "infinite": (node(translation=[0, 1e999, 0]), (0,)),
+    "short matrix": (node(matrix=[1.0] * 15), (16,)),
+    "flattened": (node(scale=[1, 0, 0]), ()),
+    "a circle": (CIRCLE, (0,)),
+    "2^30 copies": ({"nodes": DOUBLED}, (30,)),
+    "no node": ({"nodes": []}, ("nodes[0]", 0)),
+    "negative node": ({"scenes": [{"nodes": [-1]}]}, ("nodes[-1]", 1)),
+    "words as nodes": ({"nodes": "all"}, ()),
+    "no accessor": ({"accessors": [POSITIONS]}, ("accessors[1]", 1)),
+    "sparse": (accessors({"sparse": SPARSE}, {}), (0,)),
+    "many": (accessors({"count": 10**9}, {}), (1000000000,)),
+    "no data": ({"accessors": [WITHOUT_VIEW, CORNERS]}, (0,)),
+    "one place": (view(byteStride=0), ()),
+    "outside": (view(byteOffset=40), (48,)),
+    "before": (view(byteOffset=-8), (48,)),
+    "of another kind": (accessors({"type": "VEC4"}, {}), ()),
+    "float corners": (accessors({}, {"componentType": 5126}), ()),
+    "two corners": (accessors({}, {"count": 2}), ()),
+    "few positions": (accessors({"count": 2}, {}), (0, 2)),
+    "glTF 1": ({"asset": {"version": "1.0"}}, ("glTF", "1.0", 2)),
+    "buffer elsewhere": (buffer("none.bin"), ("none.bin",)),
+    "a device": (buffer("/dev/zero"), ()),
+    "a folder": (buffer("."), ()),
+    "no base64": (buffer("data:;base64,a"), (0, "base64")),
+    "lines": ({"meshes": [LINES]}, ()),
 }
 
 
-@pytest.mark.parametrize(("changes", "message"), REFUSED.values(), ids=REFUSED)
-def test_refused(tmp_path, changes, message):
-    with pytest.raises(MeshError, match=message) as caught:
+@pytest.mark.parametrize(("changes", "named"), REFUSED.values(), ids=REFUSED)
+def test_refused(tmp_path, changes, named):
+    with raises(MeshError, *named) as caught:
         load_mesh(write(tmp_path, "a.glb", glb(gltf_header(**changes))))
     assert "\n" not in str(caught.value)
 
@@ -156,15 +157,14 @@ def test_meshes_that_are_shown_again_and_again_are_refused(tmp_path, monkeypatch
     header = json.loads(path.read_bytes()[20 : 20 + header_length])
     header |= {"nodes": nodes, "scenes": [{"nodes": list(range(20))}]}
     data = path.read_bytes()[28 + header_length :]
-    told = "again and again, more than 4 times, with 210 vertices where the file has 42"
-    with pytest.raises(MeshError, match=told):
+    with raises(MeshError, 4, 210, 42):
         load_mesh(write(tmp_path, "b.glb", glb(header, data)))
 
 
 def test_endless_scenes_and_deep_json_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(gltf, "_MOST_PARTS", 50)
     nodes = [*({"children": [k + 1]} for k in range(60)), {"mesh": 0}]
-    with pytest.raises(MeshError, match="node 51 is beyond the first 50"):
+    with raises(MeshError, 51, 50):
         load_mesh(write(tmp_path, "a.glb", glb(gltf_header(nodes=nodes))))
-    with pytest.raises(MeshError, match="its JSON is nested too deeply"):
+    with raises(MeshError, "JSON"):
         load_mesh(write(tmp_path, "a.gltf", b"[" * 100_000))

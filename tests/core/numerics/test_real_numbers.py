@@ -8,6 +8,7 @@ from numpy.testing import assert_array_equal
 
 from abfm import FunctionError
 from abfm.numerics.real_numbers import real_numbers
+from tests.messages import raises
 from tests.shapes import icosphere
 
 X = icosphere(1).vertices[:, 0]
@@ -49,6 +50,6 @@ def test_arrays_of_all_kinds_are_taken(given):
 
 @pytest.mark.parametrize("given", NO_NUMBERS.values(), ids=NO_NUMBERS)
 def test_what_holds_no_real_numbers_is_one_short_line(given):
-    with pytest.raises(FunctionError, match=r"^f .*; expected real numbers$") as refused:
+    with raises(FunctionError) as refused:
         real_numbers(given, "f", FunctionError)
     assert len(str(refused.value)) < 200

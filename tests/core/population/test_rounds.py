@@ -23,6 +23,7 @@ from abfm.population.carrying import Carrying, load_carried
 from abfm.population.target import Target
 from abfm.population.work import Work
 from abfm.workers.control import CancelledError, Control
+from tests.messages import check_message, raises
 from tests.shapes import icosphere
 
 MESH = icosphere(3)
@@ -222,7 +223,7 @@ def test_who_comes_and_goes_stays_out(tmp_path, monkeypatch):
     assert [name for name, fits in zip(found.names, found.fits, strict=True) if not fits] == [
         "over"
     ]
-    assert found.reasons[found.subject("over")].startswith("it hardly fits: it was left out twice")
+    check_message(found.reasons[found.subject("over")])
 
 
 def test_the_mean_is_nearer_to_the_template_than_the_plain_one(usual):
@@ -299,7 +300,7 @@ def test_damaged_files_of_what_is_carried_are_told(kept, usual, tmp_path):
     path = next((kept.folder / "out" / "carried").glob("*.npz"))
     damaged = tmp_path / "carried.npz"
     damaged.write_bytes(path.read_bytes()[:-300])
-    with pytest.raises(AbfmError, match="no file of a subject on a template of abfm, or damaged"):
+    with raises(AbfmError):
         load_carried(damaged)
 
 
@@ -342,22 +343,22 @@ def test_damaged_files_are_told(usual, tmp_path, cut):
     path = tmp_path / "p.npz"
     usual.save(path)
     path.write_bytes(path.read_bytes()[:cut])
-    with pytest.raises(AbfmError, match="no population file of abfm, or damaged"):
+    with raises(AbfmError):
         load_population(path)
 
 
 def test_files_of_another_kind_are_told(usual, kept):
     path = kept.folder / "out" / f"{usual.digests[0]}.npz"
-    with pytest.raises(AbfmError, match=r"it lacks|holds a map"):
+    with raises(AbfmError):
         load_population(path)
 
 
 def test_unknown_names_are_told(usual):
-    with pytest.raises(ParameterError, match=r"no subject 'pluss' \(did you mean 'plus'\?\)"):
+    with raises(ParameterError, "pluss", "plus"):
         usual.subject("pluss")
     assert usual.subject("minus") == 1
     for channel in ("depth", 2, -1):
-        with pytest.raises(ParameterError, match="expected one of height, label"):
+        with raises(ParameterError):
             usual.mean(channel)
 
 
@@ -443,7 +444,7 @@ def test_who_is_known_together_nowhere_is_told(tmp_path):
     place.add("d", *halves)
     found = place.registered(Settings(options=BRIEF, rounds=1), held_out=["label"])
     assert found.fits.tolist() == [True, True, True, False]
-    assert "finite together nowhere" in found.reasons[3]
+    check_message(found.reasons[3])
 
 
 def test_vertices_of_the_template_that_do_not_count(tmp_path):
@@ -474,8 +475,7 @@ def test_subjects_on_other_surfaces_come_by_initial_maps(tmp_path):
 @pytest.mark.parametrize(("word", "needs"), [("embedding", "functions"), ("landmarks", "landm")])
 def test_initial_maps_that_need_functions_are_refused_without_the_templates(tmp_path, word, needs):
     place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
-    told = rf"'{word}' is found by {needs}.*--function NAME=SPEC.*landmarks of each subject"
-    with pytest.raises(ParameterError, match=told):
+    with raises(ParameterError, word, "--function"):
         place.registered(Settings(initial=word))
 
 
@@ -579,21 +579,21 @@ def test_who_cannot_be_carried_is_told_and_stops_nobody(tmp_path):
     place.subjects[1] = Subject("b", (place.subjects[1].functions[0], gone))
     found = place.registered(held_out=["label"])
     assert found.fits.tolist() == [True, False, True]
-    assert "it was not carried" in found.reasons[1]
+    check_message(found.reasons[1])
     assert "gone.npy" in found.reasons[1]
     assert found.digests[1] == ""
 
 
 @pytest.mark.parametrize(
-    ("functions", "told"),
+    ("functions", "named"),
     [
-        ({"depth": "coordinate:x"}, "there is a function of 'depth', and no such channel"),
-        ({"height": ""}, "the template has no function 'height'"),
+        ({"depth": "coordinate:x"}, "depth"),
+        ({"height": ""}, "height"),
     ],
 )
-def test_functions_of_the_template_are_those_of_channels(tmp_path, functions, told):
+def test_functions_of_the_template_are_those_of_channels(tmp_path, functions, named):
     place = Place(tmp_path).add("a", height(MESH.vertices)).add("b", height(MESH.vertices))
-    with pytest.raises(ParameterError, match=told):
+    with raises(ParameterError, named):
         place.registered(Settings(functions))
 
 
@@ -602,24 +602,24 @@ def test_weights_are_those_of_channels_to_register_by(tmp_path):
     for name in "ab":
         place.add(name, height(MESH.vertices), label(MESH.vertices))
     for name in ("label", "heigth"):
-        with pytest.raises(ParameterError, match=f"there is a weight of '{name}', and no such"):
+        with raises(ParameterError, name):
             place.registered(Settings(weights={name: 2.0}), held_out=["label"])
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("settings", "named"),
     [
-        ({"rounds": 0}, "rounds is 0; expected 1 to 1000"),
-        ({"rounds": 1.5}, "rounds is 1.5"),
-        ({"bound": -1.0}, "bound is -1.0"),
-        ({"bound": float("nan")}, "bound is nan"),
-        ({"weights": {"height": 0.0}}, "channel height has weight 0.0; expected a number above 0"),
-        ({"weights": {"height": float("nan")}}, "channel height has weight nan"),
-        ({"weights": {"height": "2"}}, "channel height has weight '2'"),
+        ({"rounds": 0}, ("rounds", 0, 1, 1000)),
+        ({"rounds": 1.5}, ("rounds", "1.5")),
+        ({"bound": -1.0}, ("bound", "-1.0")),
+        ({"bound": float("nan")}, ("bound", "nan")),
+        ({"weights": {"height": 0.0}}, ("height", "0.0", 0)),
+        ({"weights": {"height": float("nan")}}, ("height", "nan")),
+        ({"weights": {"height": "2"}}, (2, "height")),
     ],
 )
-def test_settings_are_checked(settings, told):
-    with pytest.raises(ParameterError, match=told):
+def test_settings_are_checked(settings, named):
+    with raises(ParameterError, *named):
         Settings(**settings)
 
 
@@ -631,7 +631,7 @@ def test_who_cannot_be_registered_is_told_and_stops_nobody(tmp_path):
     told = []
     found = place.registered(on_change=told.append)
     assert found.fits.tolist() == [True, True, True, False]
-    assert "it was not registered" in found.reasons[3]
+    check_message(found.reasons[3])
     assert "gone.npy" in found.reasons[3]
     assert found.digests[3] == ""
     assert np.isnan(found.values[3]).all()
@@ -642,7 +642,7 @@ def test_who_cannot_be_registered_is_told_and_stops_nobody(tmp_path):
 def test_of_one_subject_there_is_no_population(tmp_path):
     place = Place(tmp_path).add("a", height(MESH.vertices))
     place.subjects.append(Subject("gone", (f"file:{tmp_path}/gone.npy",)))
-    with pytest.raises(AbfmError, match="1 of 2 subjects could be registered; of gone: "):
+    with raises(AbfmError, 1, 2):
         place.registered(Settings({"height": "coordinate:x"}, options=BRIEF))
 
 

@@ -8,6 +8,7 @@ from abfm import ParameterError, read_subjects
 from abfm.functions import parse
 from abfm.population import Channel, Cohort, Subject
 from abfm.population.subjects import _cohort
+from tests.messages import raises
 
 
 def written(folder, text):
@@ -44,45 +45,45 @@ def test_rows_without_a_name_have_their_number(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "named"),
     [
-        ("", "it is empty"),
-        ("name,f\none,coordinate:x\n", "subjects: 1; a population has two or more"),
-        ("name,held-out:f\none,coordinate:x\ntwo,coordinate:x\n", "no channel to register by"),
-        ("name,landmarks\none,a.csv\ntwo,b.csv\n", "landmarks alone make no mean"),
-        ("name,f\none,coordinate:x\none,coordinate:x\n", "two subjects are called one"),
-        ("name,f,f\none,coordinate:x,coordinate:x\n", "two columns are called f"),
-        ("f,held-out:f\ncoordinate:x,coordinate:x\ncoordinate:x,\n", "two channels are called f"),
-        ("name,,f\none,,coordinate:x\n", "column 2 has no name"),
-        ("name,held-out:\none,coordinate:x\n", "has no name of a channel"),
-        ("name,f\none,coordinate:x\ntwo,\n", "subject two has no f"),
-        ("name,f\none,coordinate:x\ntwo,no.npy\n", "row 2, column f: there is no file 'no.npy'"),
-        ("name,f,weight\none,coordinate:x,x\n", "weight 'x' is no number"),
-        ("name,f,weight\none,coordinate:x,-1\ntwo,coordinate:x,1\n", "has weight -1"),
-        ("name,f,weight\none,coordinate:x,nan\ntwo,coordinate:x,1\n", "has weight nan"),
-        ("name,f,weight\none,coordinate:x,0\ntwo,coordinate:x,0\n", "all subjects have weight 0"),
-        ("name,f\none,coordinate:x,3,4\n", "row 1: it has 4 cells, and there are 2 columns"),
-        ('name,f\n"one,coordinate:x\n', "line 2: its last double quote has no other one"),
-        ("f,mask\ncoordinate:x,nonsense\ncoordinate:x,\n", "row 1, column mask"),
+        ("", ()),
+        ("name,f\none,coordinate:x\n", (1,)),
+        ("name,held-out:f\none,coordinate:x\ntwo,coordinate:x\n", ()),
+        ("name,landmarks\none,a.csv\ntwo,b.csv\n", ()),
+        ("name,f\none,coordinate:x\none,coordinate:x\n", ("one",)),
+        ("name,f,f\none,coordinate:x,coordinate:x\n", ("f",)),
+        ("f,held-out:f\ncoordinate:x,coordinate:x\ncoordinate:x,\n", ("f",)),
+        ("name,,f\none,,coordinate:x\n", (2,)),
+        ("name,held-out:\none,coordinate:x\n", ()),
+        ("name,f\none,coordinate:x\ntwo,\n", ("two", "f")),
+        ("name,f\none,coordinate:x\ntwo,no.npy\n", ("no.npy", 2, "f")),
+        ("name,f,weight\none,coordinate:x,x\n", ("x", "weight")),
+        ("name,f,weight\none,coordinate:x,-1\ntwo,coordinate:x,1\n", ("weight", -1)),
+        ("name,f,weight\none,coordinate:x,nan\ntwo,coordinate:x,1\n", ("weight", "nan")),
+        ("name,f,weight\none,coordinate:x,0\ntwo,coordinate:x,0\n", ("weight", 0)),
+        ("name,f\none,coordinate:x,3,4\n", (1, 4, 2)),
+        ('name,f\n"one,coordinate:x\n', (2,)),
+        ("f,mask\ncoordinate:x,nonsense\ncoordinate:x,\n", (1, "mask")),
     ],
 )
-def test_what_does_not_fit_is_told(tmp_path, text, told):
-    with pytest.raises(ParameterError, match=f"table .*table.csv: .*{told}"):
+def test_what_does_not_fit_is_told(tmp_path, text, named):
+    with raises(ParameterError, "table.csv", *named):
         read_subjects(written(tmp_path, text))
 
 
 def test_a_table_that_is_not_there_or_no_text_is_told(tmp_path):
-    with pytest.raises(ParameterError, match="cannot read table"):
+    with raises(ParameterError):
         read_subjects(tmp_path / "none.csv")
     path = tmp_path / "latin.csv"
     path.write_bytes(b"name,f\n\xe9,coordinate:x\n")
-    with pytest.raises(ParameterError, match="save it as UTF-8"):
+    with raises(ParameterError, "UTF-8"):
         read_subjects(path)
 
 
 def test_each_subject_has_all_channels():
     channels = (Channel("f"), Channel("g"))
-    with pytest.raises(ParameterError, match="has 1 functions for 2 channels"):
+    with raises(ParameterError, 1, 2):
         Cohort(
             channels,
             (Subject("a", ("coordinate:x",)), Subject("b", ("coordinate:x", "coordinate:x"))),

@@ -19,6 +19,7 @@ from abfm.reading import (
 )
 from tests.core.reading.hostile import one_byte_changed
 from tests.mesh_writers import freesurfer_bytes
+from tests.messages import raises
 from tests.shapes import icosphere, tetrahedron
 
 seeds = st.integers(0, 2**32 - 1)
@@ -165,51 +166,51 @@ READERS = {
 
 
 @pytest.mark.parametrize(
-    ("reader", "content", "words"),
+    ("reader", "content", "named"),
     [
-        (freesurfer_surface, b"", "no FreeSurfer surface of triangles"),
-        (freesurfer_surface, b"\xff\xff\xfd" + SURFACE[3:], "quadrangles; let mris_convert"),
-        (freesurfer_surface, b"\xff\xff\xfe" + b"a" * 10**6, "do not end"),
-        (freesurfer_surface, SURFACE[:20] + LARGE + SURFACE[24:], "2147483647 vertices, which"),
-        (freesurfer_surface, SURFACE[:24] + LARGE + SURFACE[28:], "2147483647 triangles, which"),
-        (freesurfer_surface, SURFACE[:20] + packed(-1) + SURFACE[24:], "to have -1 vertices"),
-        (freesurfer_values, SURFACE, "does not begin as"),
-        (freesurfer_values, VALUES[:3] + LARGE + VALUES[7:], "2147483647 values, which have"),
-        (freesurfer_values, VALUES[:11] + packed(2) + VALUES[15:], "2 values a vertex"),
-        (freesurfer_values, VALUES + b"\0", "1 bytes follow the 3 values"),
-        (freesurfer_overlay, VALUES, "no .mgh file, or of version -256"),
-        (freesurfer_overlay, b"\x1f\x8b" + OVERLAY, "compressed data is damaged"),
-        (freesurfer_overlay, OVERLAY[:280], "has 280 bytes of a header of 284"),
-        (freesurfer_overlay, OVERLAY[:4] + LARGE + OVERLAY[8:], "24 bytes are left for 2 frames"),
-        (freesurfer_overlay, OVERLAY[:4] + packed(-1) + OVERLAY[8:], "to have -1 columns"),
-        (freesurfer_overlay, OVERLAY[:20] + packed(2) + OVERLAY[24:], "the type 2; expected one"),
-        (freesurfer_annotation, LARGE + ANNOTATION[4:], "2147483647 vertices, which have"),
-        (freesurfer_annotation, packed(1, 1, 0), "not one for each of the vertices"),
-        (freesurfer_annotation, packed(2, 0, 0, 0, 0), "not one for each of the vertices"),
-        (freesurfer_annotation, packed(0, 1, -3), "version 3; expected 1 or 2"),
-        (freesurfer_annotation, packed(0, 1, 0), "version 0; expected 1 or 2"),
-        (freesurfer_annotation, packed(0, 1, -(2**31)), "version 2147483648"),
-        (freesurfer_annotation, packed(0, 1, 2**31 - 1, 0), "a number is missing"),
-        (freesurfer_annotation, packed(0, 1, 1, 2**31 - 1), "name of 2147483647 letters"),
-        (freesurfer_annotation, packed(0, 1, 1, -5), "-5 letters"),
-        (freesurfer_annotation, packed(0, 1, 1, 0, 0, 256, 0, 0, 0), "not from 0 to 255"),
+        (freesurfer_surface, b"", ("FreeSurfer",)),
+        (freesurfer_surface, b"\xff\xff\xfd" + SURFACE[3:], ("mris_convert",)),
+        (freesurfer_surface, b"\xff\xff\xfe" + b"a" * 10**6, ()),
+        (freesurfer_surface, SURFACE[:20] + LARGE + SURFACE[24:], (2147483647,)),
+        (freesurfer_surface, SURFACE[:24] + LARGE + SURFACE[28:], (2147483647,)),
+        (freesurfer_surface, SURFACE[:20] + packed(-1) + SURFACE[24:], ("to", -1)),
+        (freesurfer_values, SURFACE, ()),
+        (freesurfer_values, VALUES[:3] + LARGE + VALUES[7:], (2147483647,)),
+        (freesurfer_values, VALUES[:11] + packed(2) + VALUES[15:], (2,)),
+        (freesurfer_values, VALUES + b"\0", (1, 3)),
+        (freesurfer_overlay, VALUES, (".mgh", -256)),
+        (freesurfer_overlay, b"\x1f\x8b" + OVERLAY, ()),
+        (freesurfer_overlay, OVERLAY[:280], (280, 284)),
+        (freesurfer_overlay, OVERLAY[:4] + LARGE + OVERLAY[8:], (24, 2)),
+        (freesurfer_overlay, OVERLAY[:4] + packed(-1) + OVERLAY[8:], ("to", -1)),
+        (freesurfer_overlay, OVERLAY[:20] + packed(2) + OVERLAY[24:], (2,)),
+        (freesurfer_annotation, LARGE + ANNOTATION[4:], (2147483647,)),
+        (freesurfer_annotation, packed(1, 1, 0), ()),
+        (freesurfer_annotation, packed(2, 0, 0, 0, 0), ()),
+        (freesurfer_annotation, packed(0, 1, -3), (3, 1, 2)),
+        (freesurfer_annotation, packed(0, 1, 0), (0, 1, 2)),
+        (freesurfer_annotation, packed(0, 1, -(2**31)), (2147483648,)),
+        (freesurfer_annotation, packed(0, 1, 2**31 - 1, 0), ()),
+        (freesurfer_annotation, packed(0, 1, 1, 2**31 - 1), (2147483647,)),
+        (freesurfer_annotation, packed(0, 1, 1, -5), (-5,)),
+        (freesurfer_annotation, packed(0, 1, 1, 0, 0, 256, 0, 0, 0), (0, 255)),
         (
             freesurfer_annotation,
             packed(0, 1, -2, 2, 0, 2) + 2 * packed(1, 0, 0, 0, 0, 0),
-            "two entries of the number 1",
+            (1,),
         ),
-        (freesurfer_label, b"", "not the number of its vertices"),
-        (freesurfer_label, b"#\n1 2\n", "not the number of its vertices"),
-        (freesurfer_label, b"#\n" + b"9" * 5000, "has 0"),
-        (freesurfer_label, LABEL.format(3).encode(), "'3' vertices, and has 2"),
-        (freesurfer_label, b"#\n1\n-1 0 0 0 0", "expected its number, three coordinates"),
-        (freesurfer_label, b"#\n1\n1 0 0 0 nan", "expected its number, three coordinates"),
-        (freesurfer_label, b"#\n1\n1 0 0 0 " + b"x" * 10**5, "three coordinates and a value"),
+        (freesurfer_label, b"", ()),
+        (freesurfer_label, b"#\n1 2\n", ()),
+        (freesurfer_label, b"#\n" + b"9" * 5000, (0,)),
+        (freesurfer_label, LABEL.format(3).encode(), (3, 2)),
+        (freesurfer_label, b"#\n1\n-1 0 0 0 0", ()),
+        (freesurfer_label, b"#\n1\n1 0 0 0 nan", ()),
+        (freesurfer_label, b"#\n1\n1 0 0 0 " + b"x" * 10**5, ()),
     ],
 )
-def test_files_that_lie_are_refused(tmp_path, reader, content, words):
+def test_files_that_lie_are_refused(tmp_path, reader, content, named):
     (tmp_path / "a").write_bytes(content)
-    with pytest.raises(ValueError, match=words) as caught:
+    with raises(ValueError, *named) as caught:
         reader(tmp_path / "a")
     assert len(str(caught.value)) < 300
     assert str(caught.value).isprintable()
@@ -226,7 +227,7 @@ def test_every_cut_is_noticed(tmp_path, name):
             continue
         if name == "label" and end in (len(content) - 1, len(content) - 2, len(content) - 3):
             continue  # shorter numbers are numbers
-        with pytest.raises(ValueError, match=r"^it|^its|^vertex|^the"):
+        with pytest.raises(ValueError, match=r"\w"):
             reader(_written(tmp_path, content[:end]))
 
 

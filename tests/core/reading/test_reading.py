@@ -20,6 +20,7 @@ from numpy.testing import assert_array_equal
 from abfm.errors import one_line
 from abfm.reading import array_from, gifti_arrays, inflated, open_plain, read_bytes
 from tests.core.reading.hostile import bomb, gifti, npy, npy_of, one_byte_changed
+from tests.messages import raises
 
 
 def test_what_is_no_plain_file_is_refused_and_nothing_waits(tmp_path, monkeypatch):
@@ -29,11 +30,11 @@ def test_what_is_no_plain_file_is_refused_and_nothing_waits(tmp_path, monkeypatc
     with socket.socket(socket.AF_UNIX) as server:
         server.bind("socket")
         for name, kind in (
-            *(("pipe", "a pipe"), ("link", "a pipe"), ("socket", "a socket")),
-            *(("/dev/zero", "a device"), ("/dev/urandom", "a device"), (".", "directory")),
-            *(("none", "No such file"), ("none\0", "No such file"), ("a" * 300, "too long")),
+            *(("pipe", "pipe"), ("link", "pipe"), ("socket", "socket")),
+            *(("/dev/zero", "device"), ("/dev/urandom", "device"), (".", "directory")),
+            *(("none", ""), ("none\0", ""), ("a" * 300, "")),
         ):
-            with pytest.raises(OSError, match=kind) as caught:
+            with raises(OSError, kind) as caught:
                 read_bytes(name)
             assert kind in caught.value.strerror
 
@@ -43,7 +44,7 @@ def test_a_file_that_becomes_a_pipe_before_it_is_opened_is_refused(tmp_path, mon
     os.mkfifo(tmp_path / "pipe")
     plain = os.stat(tmp_path / "a")
     monkeypatch.setattr(os, "stat", lambda _: plain)
-    with pytest.raises(OSError, match="a pipe"):
+    with raises(OSError):
         read_bytes(tmp_path / "pipe")
 
 
@@ -52,7 +53,7 @@ def test_a_file_comes_whole_and_no_more_than_there_was_and_than_is_allowed(tmp_p
     (tmp_path / "link").symlink_to("a")
     assert read_bytes(tmp_path / "a") == read_bytes(tmp_path / "link") == b"\r\n\0whole"
     (tmp_path / "a").write_bytes(bytes(100))
-    with pytest.raises(OSError, match="100 bytes, and at most 99") as caught:
+    with raises(OSError, 100, 99) as caught:
         read_bytes(tmp_path / "a", most=99)
     assert caught.value.errno == errno.EFBIG
     with open_plain(tmp_path / "a", most=100) as file:
@@ -64,17 +65,17 @@ def test_compressed_data_comes_back_up_to_a_bound(packed):
     content = os.urandom(1000) + bytes(9000)
     data = packed(content)
     assert inflated(data) == inflated(data, most=10_000) == content
-    with pytest.raises(ValueError, match="hold more than 9999"):
+    with raises(ValueError, 9999):
         inflated(data, most=9999)
     damaged = bytearray(data)
     damaged[len(data) // 2] ^= 1
     for bad in (data[:1], data[:10], data[:-1], bytes(damaged)):
-        with pytest.raises(ValueError, match="damaged or cut short"):
+        with raises(ValueError):
             inflated(bad)
 
 
 def test_a_bomb_is_refused_when_it_has_given_its_bound():
-    with pytest.raises(ValueError, match="hold more than 67108864"):
+    with raises(ValueError, 67108864):
         inflated(gzip.compress(bytes(80 << 20), 1))
 
 
@@ -135,39 +136,39 @@ def described(**changes):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "named"),
     [
-        (b"", "header is damaged"),
-        (b"PK\x03\x04" * 9, "magic string is not correct"),
-        (b"\x93NUMPY\x04\x00", "version 1, 2 or 3"),
-        (b"\x93NUMPY\x01\x00", "header is damaged"),
-        (b"\x93NUMPY\x02\x00\xff\xff\xff\xffabc", "header is damaged"),
-        (npy("{" * 5000), "header is damaged"),
-        (npy("[" * 5000), "header is damaged"),
-        (npy_of("(1,,2)", data=bytes(16)), "header is damaged"),
-        (npy_of("(2)(", data=bytes(16)), "header is damaged"),
-        (npy_of("3", data=bytes(24)), "header is damaged"),
-        (described(fortran_order="None"), "header is damaged"),
-        (described(a="()"), "header is damaged"),
-        (npy_of("(10000000000000,)"), "80000000000000"),
-        (npy_of("(6442450944,)", data=bytes(8)), "size is not what its header says: 8 bytes"),
-        (npy_of("(1,)", data=bytes(9)), "9 bytes follow"),
-        (npy_of("(-1,)"), r"of shape \(-1,\) have -8"),
-        (npy_of("(-1, -1)", data=bytes(8)), r"of shape \(-1, -1\)"),
-        (npy_of("(99999999999999999999999,)"), "size is not"),
-        (npy_of("(0, 999999999999999999, 999999999999999999)"), "array"),
-        (npy_of("(3,)", "|O", bytes(24)), "its type is object"),
-        (npy_of("(999999999,)", "<U0"), "its type is"),
-        (npy_of("(1,)", "<U99999999999"), "header is damaged"),
-        (npy_of("(1,)", "<f7", bytes(7)), "header is damaged"),
-        (npy_of("(1,)", "|V8", bytes(8)), "its type is"),
-        (npy_of("(1,)", "<M8[s]", bytes(8)), "its type is"),
-        (described(descr="[('a', '<f8')]"), "its type is"),
-        (npy_of("(2,)", "|b1", b"\x01\x02"), "boolean is neither 0 nor 1"),
+        (b"", ("header",)),
+        (b"PK\x03\x04" * 9, ()),
+        (b"\x93NUMPY\x04\x00", (1, 2, 3)),
+        (b"\x93NUMPY\x01\x00", ("header",)),
+        (b"\x93NUMPY\x02\x00\xff\xff\xff\xffabc", ("header",)),
+        (npy("{" * 5000), ("header",)),
+        (npy("[" * 5000), ("header",)),
+        (npy_of("(1,,2)", data=bytes(16)), ("header",)),
+        (npy_of("(2)(", data=bytes(16)), ("header",)),
+        (npy_of("3", data=bytes(24)), ("header",)),
+        (described(fortran_order="None"), ("header",)),
+        (described(a="()"), ("header",)),
+        (npy_of("(10000000000000,)"), (80000000000000,)),
+        (npy_of("(6442450944,)", data=bytes(8)), ("size", 8)),
+        (npy_of("(1,)", data=bytes(9)), (9,)),
+        (npy_of("(-1,)"), (-1, -8)),
+        (npy_of("(-1, -1)", data=bytes(8)), (-1,)),
+        (npy_of("(99999999999999999999999,)"), ("size",)),
+        (npy_of("(0, 999999999999999999, 999999999999999999)"), ()),
+        (npy_of("(3,)", "|O", bytes(24)), ()),
+        (npy_of("(999999999,)", "<U0"), ()),
+        (npy_of("(1,)", "<U99999999999"), ("header",)),
+        (npy_of("(1,)", "<f7", bytes(7)), ("header",)),
+        (npy_of("(1,)", "|V8", bytes(8)), ()),
+        (npy_of("(1,)", "<M8[s]", bytes(8)), ()),
+        (described(descr="[('a', '<f8')]"), ()),
+        (npy_of("(2,)", "|b1", b"\x01\x02"), ("boolean", 0, 1)),
     ],
 )
-def test_headers_that_do_not_fit_are_refused(content, words):
-    with pytest.raises(ValueError, match=words) as caught:
+def test_headers_that_do_not_fit_are_refused(content, named):
+    with raises(ValueError, *named, recorded=False) as caught:  # some are worded by NumPy
         array_from(content)
     assert len(str(caught.value)) < 300
 
@@ -227,53 +228,54 @@ def test_values_from_a_file_beside_it(tmp_path):
     (tmp_path / "a.bin").write_bytes(NINE.tobytes())
     os.mkfifo(tmp_path / "pipe")
     assert beside("a.bin") == [1, 2, 3]
-    for name, offset, words in (
-        ("a.bin", "28", "has 8 bytes; expected 12"),
-        ("a.bin", "-4", "whole number"),
-        ("/dev/zero", "0", "a device"),
-        ("pipe", "0", "a pipe"),
-        ("none", "0", "No such file"),
-        (".", "0", "directory"),
+    for name, offset, named in (
+        ("a.bin", "28", (8, 12)),
+        ("a.bin", "-4", ()),
+        ("/dev/zero", "0", ()),
+        ("pipe", "0", ()),
+        ("none", "0", ()),
+        (".", "0", ()),
     ):
-        with pytest.raises((OSError, ValueError), match=words):
+        with raises((OSError, ValueError), *named):
             beside(name, offset)
 
 
 ONE = 'Dimensionality="1" Dim0="{}"'
-LARGE, TOO_MUCH = ONE.format(4000000000), "more than a file of this size may hold"
+LARGE = ONE.format(4000000000)
+
 BOMB = base64.b64encode(bomb(65 << 20)).decode()
 PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "named"),
     [
-        (b"", "no XML, or cut short"),
-        (bytes(100), "no XML"),
-        (gifti("1 2 3")[:-20], "cut short"),
-        (b"<a><GIFTI/></a>", "not GIFTI"),
-        (b'<!DOCTYPE GIFTI [<!ENTITY a "aaaa">]><GIFTI>&a;</GIFTI>', "declares entities"),
-        (gifti("1 2 3", LARGE), TOO_MUCH),
-        (gifti(PACKED, LARGE, "GZipBase64Binary"), TOO_MUCH),
-        (gifti("", LARGE, "ExternalFileBinary", 'ExternalFileName="a"'), TOO_MUCH),
-        (gifti(BOMB, ONE.format(1000), "GZipBase64Binary"), "hold more than 4000, the most"),
-        (gzip.compress(bytes(65 << 20), 1), "hold more than 67108864, the most"),
-        (gifti(PACKED, ONE.format(10), "GZipBase64Binary"), "has 36 bytes; expected 40"),
-        (gifti(PACKED, ONE.format(8), "GZipBase64Binary"), "hold more than 32"),
-        (gifti("AAAA", encoding="Base64Binary"), "has 3 bytes; expected 12"),
-        (gifti("A", encoding="Base64Binary"), "base64"),
-        (gifti("1 2"), "an array of 3 numbers has 2"),
-        (gifti("1 2 x"), "something else among them"),
-        (gifti("1 2 3", ""), "has 0 dimensions"),
-        (gifti("1 2 3", 'Dimensionality="9999999"'), "dimensions; expected 1 to 6"),
-        (gifti("1 2 3", ONE.format(-3)), "Dim0 '-3'; expected a whole number"),
-        (gifti("1 2 3", 'Dimensionality="1"'), "Dim0 ''"),
-        (gifti("1 2 3", encoding="x" * 1000), "Encoding 'xxx"),
+        (b"", ("XML",)),
+        (bytes(100), ("XML",)),
+        (gifti("1 2 3")[:-20], ()),
+        (b"<a><GIFTI/></a>", ("GIFTI",)),
+        (b'<!DOCTYPE GIFTI [<!ENTITY a "aaaa">]><GIFTI>&a;</GIFTI>', ()),
+        (gifti("1 2 3", LARGE), ()),
+        (gifti(PACKED, LARGE, "GZipBase64Binary"), ()),
+        (gifti("", LARGE, "ExternalFileBinary", 'ExternalFileName="a"'), ()),
+        (gifti(BOMB, ONE.format(1000), "GZipBase64Binary"), (4000,)),
+        (gzip.compress(bytes(65 << 20), 1), (67108864,)),
+        (gifti(PACKED, ONE.format(10), "GZipBase64Binary"), (36, 40)),
+        (gifti(PACKED, ONE.format(8), "GZipBase64Binary"), (32,)),
+        (gifti("AAAA", encoding="Base64Binary"), (3, 12)),
+        (gifti("A", encoding="Base64Binary"), ("base64",)),
+        (gifti("1 2"), (3, 2)),
+        (gifti("1 2 x"), ()),
+        (gifti("1 2 3", ""), (0,)),
+        (gifti("1 2 3", 'Dimensionality="9999999"'), (1, 6)),
+        (gifti("1 2 3", ONE.format(-3)), (-3, "Dim0")),
+        (gifti("1 2 3", 'Dimensionality="1"'), ("Dim0",)),
+        (gifti("1 2 3", encoding="x" * 1000), ()),
     ],
 )
-def test_arrays_that_do_not_fit_are_refused(tmp_path, content, words):
+def test_arrays_that_do_not_fit_are_refused(tmp_path, content, named):
     (tmp_path / "a.gii").write_bytes(content)
-    with pytest.raises(ValueError, match=words) as caught:
+    with raises(ValueError, *named) as caught:
         gifti_arrays(tmp_path / "a.gii")
     assert len(str(caught.value)) < 300
 

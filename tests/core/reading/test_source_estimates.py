@@ -12,6 +12,7 @@ from abfm.errors import ResultError
 from abfm.io import write_stc
 from abfm.reading import read_stc
 from tests.core.reading.hostile import one_byte_changed
+from tests.messages import raises
 
 BIG = 2**32 - 1
 
@@ -55,22 +56,22 @@ def test_what_is_written_comes_back(folder, seed, samples, count):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "named"),
     [
-        (b"", "cut off: it has 0 bytes"),
-        (struct.pack(">ffI", 0, 1, BIG), "4294967295 vertices, more than"),
-        (struct.pack(">ffIII", 0, 1, 1, 0, BIG), "4294967295 samples of 1 values"),
-        (struct.pack(">ffII", 0, 1, 0, 4), "holds 4 samples of 0 vertices"),
-        (struct.pack(">ffIII", 0, 1, 1, 0, 0), "holds 0 samples of 1 vertices"),
-        (by_hand(0, 1, [4, 4], np.zeros((1, 2))), "one vertex twice"),
-        (by_hand(0, 0, [4], np.zeros((1, 1))), "0 ms apart"),
-        (by_hand(np.nan, 1, [4], np.zeros((1, 1))), "begin at nan ms"),
-        (WHOLE + b"\0", "24 bytes, and 25 follow"),
+        (b"", (0,)),
+        (struct.pack(">ffI", 0, 1, BIG), (4294967295,)),
+        (struct.pack(">ffIII", 0, 1, 1, 0, BIG), (4294967295, 1)),
+        (struct.pack(">ffII", 0, 1, 0, 4), (4, 0)),
+        (struct.pack(">ffIII", 0, 1, 1, 0, 0), (0, 1)),
+        (by_hand(0, 1, [4, 4], np.zeros((1, 2))), ()),
+        (by_hand(0, 0, [4], np.zeros((1, 1))), (0,)),
+        (by_hand(np.nan, 1, [4], np.zeros((1, 1))), ()),
+        (WHOLE + b"\0", (24, 25)),
     ],
 )
-def test_files_that_lie_are_refused(folder, content, words):
+def test_files_that_lie_are_refused(folder, content, named):
     (folder / "d.stc").write_bytes(content)
-    with pytest.raises(ValueError, match=words):
+    with raises(ValueError, *named):
         read_stc(folder / "d.stc")
 
 
@@ -78,7 +79,7 @@ def test_every_cut_is_noticed_and_every_changed_byte_is_read_or_refused(folder):
     path = folder / "e.stc"
     for end in range(len(WHOLE)):
         path.write_bytes(WHOLE[:end])
-        with pytest.raises(ValueError, match=r"cut off|more than|follow"):
+        with pytest.raises(ValueError, match=r"\w"):
             read_stc(path)
     refused = 0
     for content in one_byte_changed(WHOLE):
@@ -92,10 +93,10 @@ def test_every_cut_is_noticed_and_every_changed_byte_is_read_or_refused(folder):
 
 def test_what_mne_could_not_read_is_not_written(folder):
     values, vertices = np.zeros((3, 2)), np.arange(2)
-    with pytest.raises(ResultError, match=r"must end in -lh\.stc or -rh\.stc"):
+    with raises(ResultError, "-lh.stc", "-rh.stc"):
         write_stc(folder / "x.stc", values, vertices, [0, 1, 2])
-    with pytest.raises(ResultError, match="not evenly spaced"):
+    with raises(ResultError):
         write_stc(folder / "x-lh.stc", values, vertices, [0, 1, 3])
-    with pytest.raises(ResultError, match=r"shape \(3, 2\); expected \(3, 1\)"):
+    with raises(ResultError, "(3, 2)", "(3, 1)"):
         write_stc(folder / "x-lh.stc", values, vertices[:1], [0, 1, 2])
     assert not (folder / "x-lh.stc").exists()

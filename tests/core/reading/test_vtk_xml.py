@@ -12,6 +12,7 @@ from abfm.io import export_vtu
 from abfm.reading import read_collection, read_grid
 from tests.core.reading.hostile import bomb, one_byte_changed
 from tests.core.reading.vtk_files import COMPRESSORS, vtk_bytes
+from tests.messages import raises
 from tests.shapes import tetrahedron
 
 RANDOM = np.random.default_rng(0)
@@ -94,54 +95,57 @@ BOMB = (
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "named"),
     [
-        (b"", "no XML, or cut short"),
-        (b"<GIFTI/>", "XML, but not VTK's"),
-        (b'<VTKFile type="ImageData"/>', "VTK's 'ImageData'; expected UnstructuredGrid or"),
-        (b'<VTKFile type="PolyData"/>', "has 0 pieces"),
-        (b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile/>', "declares entities"),
-        (RAW.replace(b'"9"', b'"8"', 1), "says to have 216 bytes; expected 192"),
-        (RAW.replace(b'"9"', b'"-9"', 1), "NumberOfPoints is '-9'; expected a whole number"),
-        (RAW.replace(b'"9"', b'"0"', 1), "is empty: 0 points"),
-        (RAW.replace(b'offset="0"', b'offset="99999"'), "begins behind the end"),
-        (RAW.replace(b"UInt32", b"Int32", 1), "header_type 'Int32'; expected UInt32 or UInt64"),
-        (RAW.replace(b"LittleEndian", b"MiddleEndian"), "byte_order 'MiddleEndian'"),
-        (RAW.replace(b'"Float64"', b'"String"', 1), "the type 'String'"),
-        (RAW.replace(b'"appended"', b'"scattered"', 1), "the format 'scattered'"),
-        (RAW[: RAW.index(b"</AppendedData")], "does not end: it may be cut off"),
-        (RAW.replace(b" byte", b' compressor="vtkLZ4DataCompressor" byte'), "vtkLZ4DataCompr"),
-        (RAW.replace(b'Components="3"', b'Components="2"'), "bytes; expected 144"),
-        (HUGE, "more than a file of this size may hold"),
-        (BOMB, "hold more than 216"),
-        (ASCII.replace(b'"9"', b'"8"', 1), "has 27 numbers; expected 24"),
-        (ASCII.replace(b"\n-", b"\nx-").replace(b"\n0", b"\nx0"), "something else than numbers"),
-        (WHOLE["raw"], "3 arrays of point data: speed, field, label; choose one"),
+        (b"", ("XML",)),
+        (b"<GIFTI/>", ("XML", "VTK's")),
+        (b'<VTKFile type="ImageData"/>', ("ImageData", "VTK's", "UnstructuredGrid")),
+        (b'<VTKFile type="PolyData"/>', (0,)),
+        (b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile/>', ()),
+        (RAW.replace(b'"9"', b'"8"', 1), (216, 192)),
+        (RAW.replace(b'"9"', b'"-9"', 1), ("NumberOfPoints", -9)),
+        (RAW.replace(b'"9"', b'"0"', 1), (0,)),
+        (RAW.replace(b'offset="0"', b'offset="99999"'), ()),
+        (RAW.replace(b"UInt32", b"Int32", 1), ("Int32", "header_type", "UInt32", "UInt64")),
+        (RAW.replace(b"LittleEndian", b"MiddleEndian"), ("MiddleEndian", "byte_order")),
+        (RAW.replace(b'"Float64"', b'"String"', 1), ("String",)),
+        (RAW.replace(b'"appended"', b'"scattered"', 1), ("scattered",)),
+        (RAW[: RAW.index(b"</AppendedData")], ()),
+        (
+            RAW.replace(b" byte", b' compressor="vtkLZ4DataCompressor" byte'),
+            ("vtkLZ4DataCompressor",),
+        ),
+        (RAW.replace(b'Components="3"', b'Components="2"'), (144,)),
+        (HUGE, ()),
+        (BOMB, (216,)),
+        (ASCII.replace(b'"9"', b'"8"', 1), (27, 24)),
+        (ASCII.replace(b"\n-", b"\nx-").replace(b"\n0", b"\nx0"), ()),
+        (WHOLE["raw"], (3,)),
     ],
 )
-def test_files_that_lie_are_refused(folder, content, words):
-    with pytest.raises(ValueError, match=words) as caught:
+def test_files_that_lie_are_refused(folder, content, named):
+    with raises(ValueError, *named) as caught:
         read_grid(written(folder, content))
     assert len(str(caught.value)) < 300
     assert str(caught.value).isprintable()
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "named"),
     [
-        ('<VTKFile type="PolyData"/>', "expected a Collection"),
-        ('<VTKFile type="Collection"><DataSet timestep="x" file="a"/></VTKFile>', "timestep 'x'"),
-        ('<VTKFile type="Collection"><DataSet timestep="1"/></VTKFile>', "names no file"),
+        ('<VTKFile type="PolyData"/>', ""),
+        ('<VTKFile type="Collection"><DataSet timestep="x" file="a"/></VTKFile>', "x"),
+        ('<VTKFile type="Collection"><DataSet timestep="1"/></VTKFile>', ""),
     ],
 )
-def test_collections_that_lie_are_refused(folder, text, words):
-    with pytest.raises(ValueError, match=words):
+def test_collections_that_lie_are_refused(folder, text, named):
+    with raises(ValueError, named):
         read_collection(written(folder, text.encode(), "a.pvd"))
 
 
 def test_an_unknown_array_is_told_with_those_there_are(folder):
     path = written(folder, WHOLE["raw"])
-    with pytest.raises(ValueError, match=r"'sped' \(did you mean 'speed'\?\); there is speed, fie"):
+    with raises(ValueError, "sped", "speed"):
         read_grid(path, "sped")
 
 

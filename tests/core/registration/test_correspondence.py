@@ -14,6 +14,7 @@ from abfm.errors import AbfmError, FunctionError, ParameterError, ResultError
 from abfm.io import FORMAT_VERSION
 from abfm.maps.surface_points import SurfacePoints, points_by_area
 from abfm.mesh.shapes import even_sphere
+from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere, square, torus, with_loose_vertex
 
 FINE, COARSE = icosphere(4), even_sphere(300)
@@ -69,7 +70,7 @@ def test_labels_are_never_mixed():
         assert set(carried) == {1000, -7}
         clear = np.abs(linear(COARSE) - 0.1) > 0.15
         assert_array_equal(carried[clear], np.where(linear(COARSE) > 0.1, 1000, -7)[clear])
-    with pytest.raises(FunctionError, match="whole numbers"):
+    with raises(FunctionError):
         found.carry_labels(linear(FINE))
 
 
@@ -158,7 +159,7 @@ def test_what_was_found_on_spheres_holds_between_their_surfaces(way):
 
 def test_what_is_squeezed_to_a_point_has_no_way_back():
     point = Correspondence(PointMap.of_vertices(FINE, COARSE, np.zeros(len(FINE.vertices), int)))
-    with pytest.raises(AbfmError, match="no way back"):
+    with raises(AbfmError):
         _ = point.back
 
 
@@ -167,7 +168,7 @@ def test_equal_faces_are_the_same_points():
     found = Correspondence.of_same_faces(wavy, FINE)
     assert_array_equal(found.carry(linear(wavy)), linear(wavy))
     assert found.there_and_back().p95 == 0
-    with pytest.raises(AbfmError, match="equal connectivity"):
+    with raises(AbfmError):
         Correspondence.of_same_faces(FINE, COARSE)
 
 
@@ -177,13 +178,13 @@ def test_rows_of_files_count_as_the_file_does():
     h = np.arange(len(FINE.vertices) + 1.0)
     assert_array_equal(found.carry(h), found.carry(np.delete(h, 5)))
     assert_allclose(found.carry(h, "area"), found.carry(np.delete(h, 5), "area"))
-    with pytest.raises(FunctionError, match="one per vertex"):
+    with raises(FunctionError):
         found.carry(h[:-7])
-    with pytest.raises(FunctionError, match=r"shape \(\); expected"):
+    with raises(FunctionError):
         found.carry(3.0)
-    with pytest.raises(AbfmError, match="another surface than A"):
+    with raises(AbfmError):
         found.carry_points(SurfacePoints(COARSE, np.array([0]), np.array([[1.0, 0, 0]])))
-    with pytest.raises(ParameterError, match="'point' or 'area'"):
+    with raises(ParameterError, "point", "area"):
         found.to_matrix("volume")
 
 
@@ -217,28 +218,28 @@ def test_files_keep_all(found, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "words"),
+    ("name", "value", "named"),
     [
-        ("image_faces", np.full(300, 10**6), "faces 1000000"),
-        ("image_barycentric", np.full((300, 3), 0.5), "barycentric"),
-        ("a_faces", np.zeros((4, 3), int), "unused|repairs|face"),
-        ("sphere", np.zeros((300, 3)), "middle"),
-        ("back_faces", np.zeros(7, int), "shape"),
-        ("a_vertices", np.full((2562, 3), np.inf), "finite"),
+        ("image_faces", np.full(300, 10**6), 1000000),
+        ("image_barycentric", np.full((300, 3), 0.5), ""),
+        ("a_faces", np.zeros((4, 3), int), ""),
+        ("sphere", np.zeros((300, 3)), ""),
+        ("back_faces", np.zeros(7, int), ""),
+        ("a_vertices", np.full((2562, 3), np.inf), ""),
     ],
 )
-def test_damaged_files_are_refused(name, value, words, tmp_path):
+def test_damaged_files_are_refused(name, value, named, tmp_path):
     arrays = spheres(FINE, COARSE).arrays() | {name: value, "format_version": FORMAT_VERSION}
     np.savez(tmp_path / "bad.npz", **arrays)
-    with pytest.raises(ResultError, match=words):
+    with raises(ResultError, named):
         abfm.load_correspondence(tmp_path / "bad.npz")
 
 
 def test_ways_between_other_surfaces_are_refused():
     there = PointMap.of_vertices(FINE, FINE)
-    with pytest.raises(AbfmError, match="other surfaces"):
+    with raises(AbfmError):
         Correspondence(there, PointMap.of_vertices(COARSE, COARSE))
-    with pytest.raises(AbfmError, match="cannot follow"):
+    with raises(AbfmError):
         there.followed_by(PointMap.of_vertices(COARSE, COARSE))
 
 

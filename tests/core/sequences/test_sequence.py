@@ -24,6 +24,7 @@ from abfm.workers.progress import telling
 from tests.core.sequences import turning_film
 from tests.core.sequences.films import SPHERE, bumps, coordinates, off, turning
 from tests.core.surfaces import last_order
+from tests.messages import check_message, raises
 from tests.shapes import icosphere, square, torus
 
 FAST = defaults(sigma=0.3)
@@ -212,7 +213,7 @@ def test_frames_in_between(film, found):
     carried = np.linalg.norm(found.at(0.5) - between)
     assert carried < 0.5 * np.linalg.norm((frames[0] + frames[1]) / 2 - between)
     for t in (-0.1, 3.1, np.nan):
-        with pytest.raises(AbfmError, match="expected a time from 0 to 3"):
+        with raises(AbfmError, 0, 3):
             found.at(t)
 
 
@@ -243,8 +244,8 @@ def test_path_lines_turn_with_the_pattern():
     turned = np.angle((x + 1j * y) / (a + 1j * b))
     assert np.median(np.abs(turned - 0.4)) < 0.04
     later = found.paths(start, 2.5)
-    for other, told in ((np.eye(3), "whole numbers"), (vertex_points(icosphere(1)), "another")):
-        with pytest.raises(AbfmError, match=told):
+    for other in (np.eye(3), vertex_points(icosphere(1))):
+        with raises(AbfmError):
             found.paths(other)
     assert len(later) == 3
     x, y, _ = later[-1].positions.T
@@ -307,18 +308,18 @@ def test_flows_are_the_same_whatever_the_units(values, time, film, found):
 
 
 @pytest.mark.parametrize(
-    ("values", "time", "told"),
+    ("values", "time", "named"),
     [
-        (1e90, 1, "values of up to 1.78e.90, at times 1 apart"),
-        (1e-90, 1, "values of up to 1.78e-90"),
-        (1e160, 1, "values of up to 1.78e.160"),
-        (1, 1e-60, "at times 1e-60 apart"),
-        (1, 1e60, "at times 1e.60 apart"),
+        (1e90, 1, ("1.78e+90", 1)),
+        (1e-90, 1, ("1.78e-90",)),
+        (1e160, 1, ("1.78e+160",)),
+        (1, 1e-60, ("1e-60",)),
+        (1, 1e60, ("1e+60",)),
     ],
 )
-def test_numbers_whose_squares_overflow_are_told(values, time, told, film):
+def test_numbers_whose_squares_overflow_are_told(values, time, named, film):
     for given in (FAST, defaults(sigma=0.3, sigma_unit="absolute"), None):
-        with pytest.raises(AbfmError, match=f"{told}.*; scale all values, or all times, by one"):
+        with raises(AbfmError, *named):
             abfm.sequence(SPHERE, values * film[0], time * np.arange(4), given)
 
 
@@ -366,7 +367,7 @@ def test_sigma_is_chosen_by_intervals_in_which_what_is_compared_changes(film):
 def test_a_mask_too_small_to_hold_anything_out_is_told(film):
     mask = np.zeros(len(SPHERE.vertices))
     mask[3] = 1
-    with pytest.raises(AbfmError, match="too few vertices are compared"):
+    with raises(AbfmError):
         abfm.sequence(SPHERE, film[0], mask=mask)
     assert abfm.sequence(SPHERE, film[0], parameters=FAST, mask=mask).sigma == FAST.sigma
 
@@ -433,7 +434,7 @@ def test_a_field_that_explains_nothing_of_small_changes_confirms_nothing():
     told = abfm.sequence(SPHERE, frames, parameters=still)
     assert told.residual.max() < 0.1
     assert told.confirmed == 0
-    assert "no motion" in told.verdicts[0].reason
+    check_message(told.verdicts[0].reason)
 
 
 def test_on_needles_what_moves_is_not_called_no_motion_nor_noise():
@@ -445,22 +446,20 @@ def test_on_needles_what_moves_is_not_called_no_motion_nor_noise():
 
     [told] = abfm.sequence(mesh, [bump(0.0), bump(0.05)]).verdicts
     assert told.kind == "not reached"
-    assert told.reason.endswith(
-        "flow lines leave most of what changes, so the discrete flow is not one here"
-    )
+    check_message(told.reason)
     # a wave of two lengths on four edges has values at random for who sees their neighbours alone
     long = TriangleMesh(square(20).vertices * [1, 40, 1], square(20).faces)
     waves = [np.cos(20 * np.pi * (long.vertices[:, 1] / 40 - shift)) for shift in (0, 0.01)]
     [told] = abfm.sequence(long, waves).verdicts
-    assert "noise, or what is narrower than edges," in told.reason
+    check_message(told.reason)
     film = checked(mesh, [bump(0.0), bump(0.05)], None, None, None)
     problem, levels = film.problem(0, FAST), noise_levels(film)
     left = film.problem(0, FAST).functions.residual(problem.functions.source)
     still = Said(problem.functions.source, np.zeros((2, 3)), left, left, 0.0)
     told = verdict_of(problem, still, levels, True)
-    assert "no motion that the mesh can carry, as it spans 0.88 edges" in told.reason
+    check_message(told.reason, "0.88")
     only_lines = replace(still, verified_residual=left / 9)
-    assert "though flow lines do not" in verdict_of(problem, only_lines, levels, True).reason
+    check_message(verdict_of(problem, only_lines, levels, True).reason)
 
 
 @pytest.mark.parametrize("values", [(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (1.0, 2.0, 3.0)])
@@ -470,7 +469,7 @@ def test_constant_frames_determine_no_motion(values):
     assert [v.kind for v in found.verdicts] == [Outcome.NOT_REACHED] * 2
     assert {v.cause for v in found.verdicts} == {Cause.BOTH_CONSTANT}
     assert (found.facts.outcome, found.facts.tone) == (Outcome.NOT_REACHED, "failure")
-    assert "no motion can be determined" in found.facts.reason
+    check_message(found.facts.reason)
 
 
 def test_equal_frames_that_vary_are_matched():
@@ -513,7 +512,8 @@ def test_an_interval_is_judged_by_its_own_noise():
     kinds = [v.kind for v in found.verdicts]
     assert [kind.is_good for kind in kinds] == [True, True, *4 * [False], True]
     assert {kinds[2], kinds[5]} == {Outcome.IMPOSSIBLE}
-    assert all("nothing but noise" in v.reason for v in found.verdicts[3:5])
+    for verdict in found.verdicts[3:5]:
+        check_message(verdict.reason)
     # an offset adds nothing to what is told of them
     lifted = abfm.sequence(SPHERE, film[:3] + 100.0, parameters=FAST)
     assert lifted.confirmed == 2
@@ -543,40 +543,40 @@ def test_files(found, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("frames", "given", "told"),
+    ("frames", "given", "named"),
     [
-        (np.zeros((1, 642)), {}, "one frame; expected at least two"),
-        (np.zeros((642, 3)), {}, "one row for each frame, not for each vertex"),
-        (np.zeros(642), {}, r"expected \(T, V\) or \(T, V, C\)"),
-        (np.full((2, 642), np.nan), {}, "no frame has a finite value"),
-        (np.full((2, 642), np.nan) * [[1], [np.inf]], {}, "no frame has a finite value"),
-        (np.zeros((2, 642)), {"weights": [0]}, "zero everywhere; give a channel one above 0"),
-        (np.where(np.arange(642) % 2 == [[0], [1]], 1, np.nan), {}, "finite in all frames"),
+        (np.zeros((1, 642)), {}, ()),
+        (np.zeros((642, 3)), {}, ()),
+        (np.zeros(642), {}, ()),
+        (np.full((2, 642), np.nan), {}, ()),
+        (np.full((2, 642), np.nan) * [[1], [np.inf]], {}, ()),
+        (np.zeros((2, 642)), {"weights": [0]}, (0,)),
+        (np.where(np.arange(642) % 2 == [[0], [1]], 1, np.nan), {}, ()),
         (
             np.zeros((2, 642)),
             {"times": [0, 0]},
-            "one before: of frame 0 it is 0, of the next 0",
+            (0,),
         ),
-        (np.zeros((3, 642)), {"times": [0, 2, 1]}, "of frame 1 it is 2, of the next 1"),
-        (np.zeros((3, 642)), {"times": [0, 1, np.nan]}, "of frame 1 it is 1, of the next nan"),
-        (np.zeros((2, 642)), {"times": [0, np.inf]}, "must be finite"),
-        (np.zeros((2, 642)), {"times": [0, 1, 2]}, "one for each frame"),
-        (np.zeros((2, 642)), {"gamma": -1}, "gamma is -1"),
-        (np.zeros((2, 642)), {"gamma": np.nan}, "gamma is nan"),
-        (np.zeros((2, 642)), {"mask": np.ones(3)}, "one per vertex"),
-        (np.zeros((2, 642)), {"mask": np.zeros(642)}, "give weights above 0 where there are"),
-        (np.ones((2, 642)), {"mask": np.arange(642) - 1.0}, "mask must be finite, not negative"),
-        (np.zeros((2, 642)), {"times": [-1e308, 1e308]}, "must be finite"),
-        (np.zeros((2, 642)), {"weights": [1, 2]}, "one for each channel"),
-        (np.zeros((2, 642)), {"parameters": abfm.Parameters(segments=2)}, "does not take segments"),
+        (np.zeros((3, 642)), {"times": [0, 2, 1]}, (1, 2)),
+        (np.zeros((3, 642)), {"times": [0, 1, np.nan]}, (1,)),
+        (np.zeros((2, 642)), {"times": [0, np.inf]}, ()),
+        (np.zeros((2, 642)), {"times": [0, 1, 2]}, ()),
+        (np.zeros((2, 642)), {"gamma": -1}, ("gamma", -1)),
+        (np.zeros((2, 642)), {"gamma": np.nan}, ("gamma",)),
+        (np.zeros((2, 642)), {"mask": np.ones(3)}, ()),
+        (np.zeros((2, 642)), {"mask": np.zeros(642)}, (0,)),
+        (np.ones((2, 642)), {"mask": np.arange(642) - 1.0}, ("mask",)),
+        (np.zeros((2, 642)), {"times": [-1e308, 1e308]}, ()),
+        (np.zeros((2, 642)), {"weights": [1, 2]}, ()),
+        (np.zeros((2, 642)), {"parameters": abfm.Parameters(segments=2)}, ("segments",)),
     ],
 )
-def test_what_does_not_fit_is_told_in_a_line(frames, given, told):
-    with pytest.raises(AbfmError, match=told) as error:
+def test_what_does_not_fit_is_told_in_a_line(frames, given, named):
+    with raises(AbfmError, *named) as error:
         abfm.sequence(SPHERE, frames, **given)
     assert "\n" not in str(error.value)
 
 
 def test_defaults_say_what_they_take():
-    with pytest.raises(AbfmError, match="does not take 'segments'; expected one of alpha"):
+    with raises(AbfmError, "segments"):
         defaults(segments=3)

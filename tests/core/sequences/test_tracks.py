@@ -13,6 +13,7 @@ from abfm.sequences import critical_points
 from abfm.sequences.critical_points import CriticalPoints
 from abfm.sequences.episodes import episodes
 from abfm.sequences.tracks import tracks
+from tests.messages import raises
 from tests.shapes import icosphere
 
 SPHERE = icosphere(3)
@@ -74,7 +75,7 @@ def test_one_field_may_miss_a_point_and_two_may_not():
 
 @pytest.mark.parametrize("least", [0, 1.5, "two"])
 def test_least_is_a_number_of_fields(least):
-    with pytest.raises(AbfmError, match="expected a whole number"):
+    with raises(AbfmError):
         tracks(SPHERE, [], np.empty(0), least)
 
 

@@ -22,6 +22,7 @@ from abfm.workers.progress import telling
 from abfm.workers.threads import DaemonThreads
 from abfm.workers.worker import Worker, WorkerEndedError
 from tests.core.workers import jobs
+from tests.messages import raises
 from tests.shapes import icosphere
 
 
@@ -49,17 +50,17 @@ def test_calls_are_computed_in_their_order_on_one_state_in_another_process(worke
 
 
 @pytest.mark.parametrize(
-    ("given", "error", "words"),
+    ("given", "error", "named"),
     [
-        (["input"], FunctionError, "two lines"),
-        (["memory"], MemoryError, "two\nlines"),
-        (["bug"], RuntimeError, "KeyError: 'two"),
-        (["end"], RuntimeError, "SystemExit: two"),
+        (["input"], FunctionError, ""),
+        (["memory"], MemoryError, ""),
+        (["bug"], RuntimeError, "KeyError"),
+        (["end"], RuntimeError, "SystemExit"),
         ([], RuntimeError, "TypeError"),
     ],
 )
-def test_errors_come_back_and_the_next_call_is_answered(shared, given, error, words):
-    with pytest.raises(error, match=words):
+def test_errors_come_back_and_the_next_call_is_answered(shared, given, error, named):
+    with raises(error, named):
         shared.call(jobs.fail, *given).result()
     assert shared.call(jobs.give_back, 3).result() == 3
 
@@ -176,7 +177,7 @@ def test_who_waits_is_told_that_the_process_was_killed_and_the_next_call_has_ano
     call = worker.call(jobs.hold, tmp_path / "never")
     inner = worker._connection.process._process
     threading.Timer(0.1, lambda: os.kill(inner.pid, number)).start()
-    with pytest.raises(WorkerEndedError, match="it has ended"):
+    with raises(WorkerEndedError):
         call.result()
     assert inner.returncode is not None  # it leaves no zombie
     with pytest.raises(WorkerEndedError):

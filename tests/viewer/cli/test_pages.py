@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from abfm.assets import asset_path
+from tests.messages import check_message
 
 EIGHT, *POSES = (str(asset_path(f"{name}.off")) for name in ("eight", "human_A", "human_B"))
 PAIR = ["--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2"]
@@ -80,4 +81,4 @@ def test_options_that_a_page_does_not_have_are_refused(words, expected, tmp_path
 
 def test_a_page_in_no_folder_is_refused_before_anything_is_matched(tmp_path, abfm):
     words = ["match", EIGHT, *PAIR, "--out", tmp_path / "none/m.html"]
-    assert "there is no folder" in abfm(*words, status=2).err
+    check_message(abfm(*words, status=2).err)

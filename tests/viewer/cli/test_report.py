@@ -19,6 +19,7 @@ from abfm.maps import project_onto_surface
 from abfm.mesh.shapes import even_sphere
 from abfm_viewer import pictures
 from abfm_viewer.errors import DrawingError
+from tests.messages import check_message, check_names
 from tests.processes import argv
 from tests.shapes import icosphere
 
@@ -151,13 +152,13 @@ def test_numbers_on_the_page_are_those_of_the_registration(found, written, page)
         apart = one.there_and_back()._asdict()
         assert told[name]["there_and_back"] == pytest.approx(apart, abs=1e-9)
     match = found.match
-    assert told["mismatch"] == pytest.approx(match.mismatch)
+    assert told["residual"] == pytest.approx(match.residual)
     assert told["verdict"]["kind"] == match.verdict.kind
     assert len(told["path"]) == len(match.path)
     assert told["changed_parameters"]["sigma"] == 1
     assert "tau" not in told["changed_parameters"]
     log2 = found.distortion().log2_area
-    for text in (f"{log2.mean:.3f}", f"{log2.maximum:.3f}", f"{match.mismatch:.3f}", "cooling"):
+    for text in (f"{log2.mean:.3f}", f"{log2.maximum:.3f}", f"{match.residual:.3f}", "cooling"):
         assert text in page.text
     assert told["headline"].lower() in page.text.lower()
     for warning in told["warnings"]:
@@ -181,7 +182,7 @@ def test_notes_and_doubts_of_a_registration_are_on_its_page(found, written, abfm
     abfm("report", written / "r.npz", "--out", written / "n.html", *SMALL)
     page = Page((written / "n.html").read_text(encoding="utf-8"))
     assert "A & B began <near> each other." in page.text
-    assert "judged anew: 0.1 is said to be left." in page.text
+    assert "0.1 is said to be left." in page.text
     assert json.loads(page.facts)["notes"] == list(other.notes)
 
 
@@ -195,11 +196,11 @@ def test_a_map_without_functions_is_told_with_its_faults(abfm, tmp_path):
     assert folded > 5
     warning = f"{folded} of {len(B.faces)} faces are folded"
     assert f"warning: {warning}" in told.err
-    assert "report: drawing the map" in told.err
+    assert "report: drawing" in told.err
     page = Page((tmp_path / "c.html").read_text())
     assert f"Warning: {warning}" in page.text
     assert "A map without functions" in page.text
-    assert f"warning: only {100 * found.coverage():.3g}% of A is covered" in told.err
+    check_names(told.err, f"{100 * found.coverage():.3g}%")
     assert len(page.pictures) == 4 * 2 + 1 + 2
     assert json.loads(page.facts)["map"]["folded"] == folded
 
@@ -231,19 +232,19 @@ def test_a_is_seen_from_where_the_map_brings_b(is_mirrored):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "named"),
     [
-        (["{t}/none.npz", "--out", "{t}/r.html"], "none.npz"),
-        (["{r}", "--out", "{t}/r.txt"], "must end in .html"),
-        (["{r}", "--out", "{t}/no/r.html"], "there is no folder"),
-        (["{r}", "--out", "{t}/r.html", "--width", "5"], "from 32 to 2000"),
-        (["{r}", "--out", "{t}/r.html", "--width", "much"], "from 32 to 2000"),
-        (["{r}"], "--out"),
+        (["{t}/none.npz", "--out", "{t}/r.html"], ("none.npz",)),
+        (["{r}", "--out", "{t}/r.txt"], (".html",)),
+        (["{r}", "--out", "{t}/no/r.html"], ()),
+        (["{r}", "--out", "{t}/r.html", "--width", "5"], (32, 2000)),
+        (["{r}", "--out", "{t}/r.html", "--width", "much"], (32, 2000)),
+        (["{r}"], ("--out",)),
     ],
 )
-def test_what_does_not_fit_is_refused_in_a_line(words, told, written, tmp_path, abfm):
+def test_what_does_not_fit_is_refused_in_a_line(words, named, written, tmp_path, abfm):
     line = [word.format(r=written / "r.npz", t=tmp_path) for word in words]
-    assert told in abfm("report", *line, "--quiet", status=2).err
+    check_message(abfm("report", *line, "--quiet", status=2).err, *named)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -253,7 +254,7 @@ def test_a_machine_that_cannot_draw_says_so_and_leaves_no_page(
     refuse = Mock(side_effect=DrawingError("cannot draw without OpenGL"))
     monkeypatch.setattr(pictures, "registration_pictures", refuse)
     told = abfm("report", written / "r.npz", "--out", tmp_path / "r.html", "--quiet", status=2)
-    assert told.err == "abfm: cannot draw without OpenGL\n"
+    check_message(told.err, "OpenGL")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -16,6 +16,7 @@ from abfm.numerics.factoring_apart import is_factored_apart
 from abfm.workers.control import CancelledError
 from abfm_viewer.computing import background
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
+from tests.messages import check_message
 from tests.viewer.sessions import until
 
 VALUES, EQUAL = np.zeros(3), np.zeros(3)  # and not the same
@@ -284,7 +285,7 @@ def test_jobs_of_one_owner_tell_and_end_together():
     assert jobs.busy
     may_end.set()
     until(lambda: not jobs.busy)
-    assert jobs.error == "ZeroDivisionError: division by zero"
+    check_message(jobs.error, "ZeroDivisionError")
     jobs.close()
     assert one.ask("c", lambda: 1) is None
     assert not jobs.busy

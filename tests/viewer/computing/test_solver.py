@@ -23,6 +23,7 @@ from abfm_viewer.computing.evaluation import Evaluators, Functions
 from abfm_viewer.computing.match_apart import Look, MatchApart
 from abfm_viewer.computing.solver import FIRST, Course, ProblemSpec, Snapshot, Solver, State
 from abfm_viewer.document.document import Channel
+from tests.messages import check_message, raises
 from tests.shapes import icosphere, tetrahedron
 from tests.viewer.sessions import ENDLESS, PAIR, QUICK, SPHERE, problem, until
 
@@ -203,7 +204,7 @@ def test_the_fields_of_an_iterate_come_when_they_are_asked_for_and_are_known_for
         running.start(problem(), functions)
         ended(running)
     assert shown.velocity is shown.velocity  # kept once it was there
-    with pytest.raises(AbfmError, match="not known any more"):
+    with raises(AbfmError):
         _ = again.velocity
 
 
@@ -329,14 +330,14 @@ def test_a_process_that_is_killed_fails_its_run_and_the_next_run_has_another(run
     shown = running.snapshot.shown
     found, _ = running.unfinished(running.snapshot, functions)
     result, run = killed(running)
-    assert "match again" in running.reason
+    check_message(running.reason)
     np.testing.assert_array_equal(result.velocity, found.velocity)  # what was asked for is kept
     assert len(run.stages) >= len(found.energy_history)
     running.start(problem(ENDLESS), functions)
     result, _ = killed(running)
     assert result is None  # that of an earlier run is not this one's
     same_run(running, SPHERE, QUICK)
-    with pytest.raises(AbfmError, match="match again"):
+    with raises(AbfmError):
         _ = replace(shown.look, field=None).velocity
 
 

@@ -3,6 +3,7 @@
 from abfm_viewer.panels import right_panel, solver, status_line, time_bar
 from abfm_viewer.widgets.containers import child, section
 from abfm_viewer.window import menus, window
+from tests.messages import check_message
 from tests.viewer.sessions import QUICK, match
 
 PARTS = {"menu": menus, "time bar": time_bar, "status line": status_line, "Solver": solver}
@@ -32,7 +33,7 @@ def test_a_part_a_solver_a_scene_a_session_and_a_dialog_that_fail_come_back(
             gui.frames(3)
             assert gui.errors == {part: "RuntimeError: the roof leaks"}
             assert gui.session.notices.latest.is_error
-            assert gui.session.notices.latest.text == f"{part}: RuntimeError: the roof leaks"
+            check_message(gui.session.notices.latest.text, part, "RuntimeError: the roof leaks")
             assert lives(gui)
         gui.frames(2)
         assert gui.errors == {}
@@ -41,7 +42,7 @@ def test_a_part_a_solver_a_scene_a_session_and_a_dialog_that_fail_come_back(
         patch.setattr("abfm_viewer.computing.match_apart.MatchApart.match", fail)
         match(gui)
     assert gui.session.solver.failed
-    assert gui.session.notices.latest.text == "the solver stopped: RuntimeError: the roof leaks"
+    check_message(gui.session.notices.latest.text, "RuntimeError: the roof leaks")
     gui.session.editor.amend(parameters=QUICK)
     match(gui)
     assert not gui.session.solver.failed

@@ -117,7 +117,7 @@ def test_a_figure_from_samples(gui):
     begin(gui, 5)
     cancel(gui)
     assert not gui.session.outdated
-    assert gui.session.result.mismatch < 1
+    assert gui.session.result.residual < 1
 
 
 def kept(state):
@@ -161,7 +161,7 @@ def test_save_kill_and_recover(tmp_path):
         gui.wait(ready)  # until then it is grey
         gui.click("Continue", within="verdict")
         gui.wait(lambda s: s.solver.snapshot is not None)
-        assert gui.session.solver.snapshot.iteration.mismatch <= 1.01 * result.mismatch
+        assert gui.session.solver.snapshot.iteration.residual <= 1.01 * result.residual
         assert not gui.errors
 
 

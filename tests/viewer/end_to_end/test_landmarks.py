@@ -10,6 +10,7 @@ from abfm.functions import vertex_normals
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.surface_points import surface_points
 from tests.mesh_writers import off_file
+from tests.messages import check_message
 from tests.shapes import ellipsoid, icosphere
 from tests.viewer.sessions import QUICK, SIZE, match
 
@@ -123,7 +124,7 @@ def test_half_a_pair_says_what_it_lacks_and_does_not_count(gui, notes):
     gui.input.move(3, 60)
     gui.input.click()
     gui.frames(1)
-    assert "beside the surfaces" in session.notices.latest.text
+    check_message(session.notices.latest.text)
     assert len(session.document.landmarks) == 2
     gui.key("m")
     assert session.view.tool == "nothing"
@@ -192,7 +193,7 @@ def test_they_go_to_a_file_and_come_from_one(gui, tmp_path):
     gui.click("Open landmarks...", within="Functions")
     gui.double_click("wrong.csv")
     assert session.document.landmarks == again
-    assert "row 2 has" in session.notices.log[-1].text
+    check_message(session.notices.log[-1].text, 2)
 
 
 def test_on_one_surface_they_are_matched_beside_functions(tmp_path):

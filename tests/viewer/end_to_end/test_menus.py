@@ -13,6 +13,7 @@ from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import LAYOUTS
 from abfm_viewer.window.menus import UI_SCALES
 from tests.mesh_writers import off_file
+from tests.messages import check_message
 from tests.shapes import icosphere
 from tests.viewer.sessions import EGG, match, take_back
 
@@ -133,7 +134,7 @@ def test_a_project_is_saved_and_opened_again_identical(matched, tmp_path):
     gui.menu("File", "Open project...")
     gui.double_click("first.abfm")
     gui.wait(lambda s: s.saves.path == path and s.parameters.sigma == 0.03)
-    assert "Undo returns to" in gui.session.notices.latest.text
+    check_message(gui.session.notices.latest.text)
     opened = session.document
     kept = "channels parameters mask time view lines points channel side bump"
     for name in kept.split():

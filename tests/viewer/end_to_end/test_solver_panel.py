@@ -8,6 +8,7 @@ import abfm
 from abfm.matching import Remedy
 from abfm.workers.control import present_control
 from abfm_viewer.computing.match_apart import MatchApart
+from tests.messages import check_message
 from tests.viewer.sessions import ENDLESS, begin, cancel, match
 
 WINDOW = (640, 480)  # in which no line of the verdict is cut
@@ -19,7 +20,7 @@ def test_match_runs_to_its_end_and_shows_the_result(gui):
     gui.click("Match")
     assert session.solver.running
     gui.wait(lambda s: s.solver.finished)
-    assert session.result.residual < 0.05
+    assert session.result.residual <= 0.05
     assert session.time == session.parameters.tau
     assert not session.outdated
     assert len(session.document.runs) == 1
@@ -178,10 +179,10 @@ def test_a_source_that_is_squeezed_is_told_while_it_runs(gui, notes, monkeypatch
     monkeypatch.setattr(MatchApart, "match", held)
     set_far_pair(gui, 0.1, **(ENDLESS.to_dict() | {"max_displacement": 0.1}))
     begin(gui, 19)
-    squeezed = "The source is being squeezed to nothing instead of moved: "
-    assert dict(notes())[f"{squeezed}it may be too far from the target."] == "failure"
+    check_message(next(text for text, kind in notes() if kind == "failure"))
     cancel(gui)
-    assert dict(notes())["It was cancelled, and the best field so far was kept."] == "ink"
+    assert "failure" not in dict(notes()).values()
+    assert any("cancelled" in text for text, kind in notes() if kind == "ink")
     remedies = [remedy.label for remedy in gui.session.result.verdict.remedies]
     assert remedies == ["Reach further", "Continue"]
 
@@ -212,7 +213,7 @@ def test_a_match_that_was_cancelled_near_its_end_goes_on_too(gui, notes, is_chan
     if is_changed:
         session.editor.set_parameter(alpha=1.1 * session.parameters.alpha)
     else:
-        assert "Continue, or Match starts over." in dict(notes())
+        check_message(next(text for text in dict(notes()) if "Continue" in text))
     gui.click("Continue", within="verdict")
     gui.wait(lambda s: s.solver.snapshot is not None)
     assert session.solver.snapshot.iteration.residual < 0.5

@@ -16,20 +16,21 @@ from abfm import (
     load_registration,
 )
 from abfm_viewer.files import outputs
+from tests.messages import raises
 from tests.shapes import icosphere, with_loose_vertex
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("name", "named"),
     [
-        ("result.txt", r"must end in \.npz"),
-        ("no folder/result.npz", "there is no folder"),
-        ("folder.npz", "it is a folder"),
+        ("result.txt", ".npz"),
+        ("no folder/result.npz", "folder"),
+        ("folder.npz", "folder"),
     ],
 )
-def test_paths_that_cannot_be_written_are_refused(tmp_path, name, words):
+def test_paths_that_cannot_be_written_are_refused(tmp_path, name, named):
     (tmp_path / "folder.npz").mkdir()
-    with pytest.raises(ResultError, match=words):
+    with raises(ResultError, named):
         outputs.check(tmp_path / name, [".npz"])
     outputs.check(tmp_path / "result.npz", [".npz"])
     assert [path.name for path in tmp_path.iterdir()] == ["folder.npz"]
@@ -37,8 +38,7 @@ def test_paths_that_cannot_be_written_are_refused(tmp_path, name, words):
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="a folder in which nobody may write")
 def test_a_folder_that_takes_no_files_is_refused():
-    expected = r"cannot write /proc/self/result\.npz: .*; choose a place that"
-    with pytest.raises(ResultError, match=expected):
+    with raises(ResultError, "/proc/self/result.npz"):
         outputs.check(Path("/proc/self/result.npz"), [".npz"])
 
 
@@ -54,13 +54,13 @@ def match():
 )
 def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    expected = r"cannot write .*gone.*; the result is in .*\.npz$"
-    with pytest.raises(ResultError, match=expected) as told:
+    with raises(ResultError) as told:
         outputs.write_all([tmp_path / name for name in names], match)
-    kept = Path(str(told.value).rpartition("the result is in ")[2])
-    assert load_match(kept).mismatch == match.mismatch
     written = {name for name in names if "/" not in name}
+    (kept,) = (path for path in tmp_path.iterdir() if path.name not in written)
     assert {path.name for path in tmp_path.iterdir()} == written | {kept.name}
+    assert str(told.value).endswith(kept.name)
+    assert load_match(kept).residual == match.residual
 
 
 def test_a_registration_with_collapsed_faces_is_kept(match, tmp_path, monkeypatch):
@@ -68,7 +68,7 @@ def test_a_registration_with_collapsed_faces_is_kept(match, tmp_path, monkeypatc
     numbers = np.arange(len(match.mesh.vertices))
     maps = (PointMap.of_vertices(match.mesh, match.mesh, numbers // by) for by in (1, 2))
     found = Registration(Correspondence(*maps), match)
-    with pytest.raises(ResultError, match=r"x\.ply: where A lies on B .* degenerate"):
+    with raises(ResultError, "x.ply"):
         outputs.write_registrations([tmp_path / "x.ply", tmp_path / "r.npz"], found)
     kept = load_registration(tmp_path / "r.npz")
     np.testing.assert_array_equal(kept.back.faces, found.back.faces)
@@ -76,7 +76,7 @@ def test_a_registration_with_collapsed_faces_is_kept(match, tmp_path, monkeypatc
 
 def test_a_result_that_one_file_holds_is_not_written_elsewhere(match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ResultError, match=r"cannot write .*gone.* space left$"):
+    with raises(ResultError, "gone"):
         outputs.write_all([tmp_path / "gone" / "m.vtu", tmp_path / "m.npz"], match)
     assert [path.name for path in tmp_path.iterdir()] == ["m.npz"]
 
@@ -85,13 +85,13 @@ def test_a_result_without_any_place_is_told(match, tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "home", lambda: tmp_path / "none")
     monkeypatch.setattr(Path, "cwd", lambda: tmp_path / "none")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
-    with pytest.raises(ResultError, match="no other place for the result either"):
+    with raises(ResultError, "gone"):
         outputs.write_all([tmp_path / "gone" / "m.npz"], match)
 
 
 def test_a_surface_whose_rows_would_not_be_those_of_its_file_is_refused(tmp_path):
     loose = with_loose_vertex(icosphere(1))
     found = abfm.register(loose, loose, "coordinate:x", "coordinate:x")
-    with pytest.raises(ResultError, match="1 vertices of A's file are in no face"):
+    with raises(ResultError, 1):
         outputs.write_registration(tmp_path / "lh.sphere.reg", found)
     assert list(tmp_path.iterdir()) == []

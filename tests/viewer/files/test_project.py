@@ -19,12 +19,11 @@ from abfm import (
     PathStep,
     Problem,
     ResultError,
-    StopReason,
     TriangleMesh,
     match,
 )
 from abfm.matching import Verdict
-from abfm.parameters import PAPER
+from abfm.outcome import Outcome
 from abfm.reading.labels import Labels
 from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document import document as documents
@@ -44,6 +43,7 @@ from abfm_viewer.files import project
 from abfm_viewer.files.project import Origin, load_origin, load_project, save_project
 from tests.core.reading import hostile
 from tests.core.reading.hostile import members, npy_of, refusal, rewrite, zipped
+from tests.messages import check_message, raises
 from tests.processes import python
 from tests.shapes import icosphere, torus, with_loose_vertex
 
@@ -59,7 +59,7 @@ SHORT = Parameters(iterations=5, refine=0, segments=1)
 RESULT = match(SPHERE, XY, YX, SHORT, mask=X**2, weights=[1, 0.5])
 RESULT = replace(RESULT, path=(), step=0)  # files have others' fields in single precision
 COURSE = np.array([12, 42]), np.array([0.5, 0.0])
-CANCELLED = Verdict("not reached", StopReason.CANCELLED, "")
+CANCELLED = Verdict(Outcome.NOT_REACHED, "cancelled", "")
 TERMS = ("closeness", "landmarks"), np.array([[2.0, 1.0], [1.0, 0.0]])
 PLAIN = Problem(SPHERE, RESULT.source, RESULT.target, RESULT.parameters)
 DOCUMENT = Document(
@@ -109,7 +109,7 @@ def saved(tmp_path):
 def error_line(path):
     """Why a file is not opened, and what to do."""
     message = refusal(load_project, path)
-    advice = ("take another copy", "upgrade abfm", "open it as", "check the path")
+    advice = ("take another copy", "upgrade abfm", "solve again", "open it as", "check the path")
     assert any(words in message for words in advice)
     return message
 
@@ -163,7 +163,7 @@ def test_a_project_is_plain_numpy_and_json_and_the_same_one_the_same_bytes(saved
         content = json.loads(archive.read("project.json"))
         with archive.open("result/velocity.npy") as file:
             assert_array_equal(np.load(file, allow_pickle=False), RESULT.velocity)
-    assert content["format_version"] == 2
+    assert content["format_version"] == 5
     assert content["document"]["view"]["theme"] == "dark"
     assert content["known"] == sorted(KNOWN)
     opened, values = load_project(saved)
@@ -186,39 +186,17 @@ def test_a_project_in_other_number_types_and_with_other_members_opens(saved):
     assert load_project(saved)[0].name == DOCUMENT.name
 
 
-def test_fields_that_an_older_version_did_not_have_take_their_defaults(saved):
+def test_remedies_come_back_and_a_view_with_one_field_has_the_defaults_of_the_others(saved):
     assert RESULT.verdict.remedies
-    assert load_project(saved)[0].result.verdict == RESULT.verdict
     changed(saved, lambda content: content["document"].update(view={"theme": "dark"}))
-    changed(saved, lambda content: content["result"]["verdict"].pop("remedies"))
     opened = load_project(saved)[0]
     assert opened.view == View(theme="dark")
-    assert opened.result.verdict == replace(RESULT.verdict, remedies=())
-
-
-def test_what_was_written_before_there_were_verdicts_meshes_and_reach_means_the_paper_s(saved):
-    def aged(content):
-        for parameters in (content["document"]["parameters"], content["result"]["parameters"]):
-            for name in PAPER:
-                del parameters[name]
-        for name in ("verified_residual", "folded", "verdict"):
-            del content["result"][name]
-        for run in content["runs"]:
-            del run["has_course"]
-
-    changed(saved, aged)
-    opened, _ = load_project(saved)
-    assert opened.parameters == replace(DOCUMENT.parameters, **PAPER)
-    assert opened.result.parameters == replace(RESULT.parameters, **PAPER)
-    assert opened.result.verdict.reason == RESULT.stop_reason
-    assert math.isnan(opened.result.verified_residual)
-    assert math.isnan(opened.result.folded)
-    assert not any(run.has_course for run in opened.runs)
+    assert opened.result.verdict == RESULT.verdict
 
 
 def test_every_term_of_a_run_has_its_share(saved):
     changed(saved, lambda content: content["runs"][2].update(words=["one"]))
-    assert "run 2 has 2 shares of 1 terms" in error_line(saved)
+    check_message(error_line(saved), 2, 1)
 
 
 def test_large_meshes_are_kept_as_they_are_and_once(tmp_path):
@@ -324,7 +302,7 @@ def test_a_cut_flipped_bits_and_one_wrong_byte_of_a_header_are_noticed(saved, tm
     whole, damaged = saved.read_bytes(), tmp_path / "damaged.abfm"
     for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
         damaged.write_bytes(whole[:length])
-        assert "no project of abfm, or damaged" in error_line(damaged)
+        check_message(error_line(damaged))
     content = members(saved)
     for other in hostile.one_byte_changed(content["result/velocity.npy"], 128):
         saved.write_bytes(zipped(content | {"result/velocity.npy": other}))
@@ -342,134 +320,142 @@ def test_a_missing_member_is_named(saved, member):
 
 
 @pytest.mark.parametrize(
-    ("name", "array", "words"),
+    ("name", "array", "named"),
     [
-        ("mesh/vertices", SPHERE.vertices[1:], "mesh/vertices has shape (41, 3); expected (42, 3)"),
-        ("mesh/vertices", np.full((V, 3), np.nan), "mesh/vertices has values that are not finite"),
-        ("mesh/faces", np.full((F, 3), V), "faces has an index outside 0 to 41"),
-        ("mesh/faces", -SPHERE.faces, "faces has an index outside 0 to 41"),
-        ("mesh/faces", SPHERE.faces * 1.0, "mesh/faces has type float64; expected integer"),
-        ("mesh/faces", SPHERE.faces[:0], "mesh/faces has shape (0, 3)"),
-        ("mesh/faces", SPHERE.faces[:1], "the mesh needs repairs"),
-        ("mesh/faces", TURNED, "the mesh needs repairs"),
-        ("mesh/faces", np.int64(3), "mesh/faces has shape ()"),
-        ("mesh/vertex_ids", SPHERE.vertex_ids[::-1], "vertex_ids do not ascend"),
-        ("mesh/vertex_ids", SPHERE.vertex_ids + 1, "vertex_ids has an index outside 0 to 42"),
-        ("mesh/vertex_ids", SPHERE.vertex_ids - 1, "vertex_ids has an index outside 0 to 42"),
-        (None, ALIKE, "vertex_ids"),
-        ("known/0", X[:-1], "the values of file:x.npy has shape (41,); expected (42)"),
-        ("known/0", np.full(V, np.inf), "the values of file:x.npy has values that are not finite"),
-        ("runs/0/energies", np.zeros((1, 3)), "runs/0/energies"),
-        ("runs/0/stages", RESULT.stages * 1.0, "runs/0/stages has type float64; expected integer"),
-        ("runs/1/vertices", np.array([12]), "runs/1/vertices"),
-        ("runs/1/reaches", np.array([True, False]), "runs/1/reaches has type bool; expected real"),
-        ("runs/1/reaches", None, "runs/1/reaches"),
-        ("runs/4/residuals", np.array([0.5]), "runs/4/residuals has shape (1,); expected (2)"),
-        ("result/velocity", np.zeros((1, F - 1, 3)), "result/velocity"),
-        ("result/velocity", np.zeros((2, F, 3)), "2 fields, but parameters say 1"),
-        ("result/velocity", RESULT.velocity.astype(complex), "type complex128"),
-        ("result/mask", np.zeros(V + 1), "result/mask"),
-        ("result/source", X, "result/source"),
-        ("result/weights", np.ones(3), "result/weights has shape (3,); expected (2)"),
-        ("result/weights", np.float64(1), "result/weights has shape ()"),
-        ("result/weights", np.array([None, None]), "its type is object"),
-        ("result/weights", b"", "damaged"),
-        ("result/weights", b"\x93NUMPY\x09\x00", "damaged"),
-        ("result/weights", npy_of("(10000000000000,)"), "size"),
-        ("result/weights", npy_of("(-1,)"), "size"),
-        ("result/weights", npy_of("(1,)", data=bytes(9)), "size"),
-        ("result/mask", -np.ones(V), "result/mask has the value -1; expected 0 to inf"),
-        ("result/velocity", np.full((1, F, 3), 1e300), "velocity has the value 1e+300"),
-        ("result/weights", np.array([-1.0, 1.0]), "result/weights has the value -1"),
-        ("result/velocity", npy_of("(1, 6442450944, 3)", data=bytes(8)), "result/velocity"),
-        ("mesh/faces", SPHERE.faces[~(SPHERE.faces == 3).any(axis=1)], "in no face"),
-        ("runs/1/stages", np.array([-1, 0]), "runs/1/stages has the value -"),
-        ("runs/1/vertices", np.array([-1, 0]), "runs/1/vertices has the value -"),
-        ("runs/1/reaches", np.array([-0.5, 0]), "runs/1/reaches has the value -"),
+        ("mesh/vertices", SPHERE.vertices[1:], ("(41, 3)", "(42, 3)", "mesh/vertices")),
+        ("mesh/vertices", np.full((V, 3), np.nan), ("mesh/vertices",)),
+        ("mesh/faces", np.full((F, 3), V), (0, 41)),
+        ("mesh/faces", -SPHERE.faces, (0, 41)),
+        ("mesh/faces", SPHERE.faces * 1.0, ("mesh/faces", "float64")),
+        ("mesh/faces", SPHERE.faces[:0], ("(0, 3)", "mesh/faces")),
+        ("mesh/faces", SPHERE.faces[:1], ()),
+        ("mesh/faces", TURNED, ()),
+        ("mesh/faces", np.int64(3), ("mesh/faces",)),
+        ("mesh/vertex_ids", SPHERE.vertex_ids[::-1], ("vertex_ids",)),
+        ("mesh/vertex_ids", SPHERE.vertex_ids + 1, ("vertex_ids", 0, 42)),
+        ("mesh/vertex_ids", SPHERE.vertex_ids - 1, ("vertex_ids", 0, 42)),
+        (None, ALIKE, ("vertex_ids",)),
+        ("known/0", X[:-1], ("(41,)", "file:x.npy", 42)),
+        ("known/0", np.full(V, np.inf), ("file:x.npy",)),
+        ("runs/0/energies", np.zeros((1, 3)), ("runs/0/energies",)),
+        ("runs/0/stages", RESULT.stages * 1.0, ("runs/0/stages", "float64")),
+        ("runs/1/vertices", np.array([12]), ("runs/1/vertices",)),
+        ("runs/1/reaches", np.array([True, False]), ("runs/1/reaches",)),
+        ("runs/1/reaches", None, ("runs/1/reaches",)),
+        ("runs/4/residuals", np.array([0.5]), ("(1,)", "runs/4/residuals", 2)),
+        ("result/velocity", np.zeros((1, F - 1, 3)), ("result/velocity",)),
+        ("result/velocity", np.zeros((2, F, 3)), (2, 1)),
+        ("result/velocity", RESULT.velocity.astype(complex), ("complex128",)),
+        ("result/mask", np.zeros(V + 1), ("result/mask",)),
+        ("result/source", X, ("result/source",)),
+        ("result/weights", np.ones(3), ("(3,)", "result/weights", 2)),
+        ("result/weights", np.float64(1), ("result/weights",)),
+        ("result/weights", np.array([None, None]), ()),
+        ("result/weights", b"", ()),
+        ("result/weights", b"\x93NUMPY\x09\x00", ()),
+        ("result/weights", npy_of("(10000000000000,)"), ()),
+        ("result/weights", npy_of("(-1,)"), ()),
+        ("result/weights", npy_of("(1,)", data=bytes(9)), ()),
+        ("result/mask", -np.ones(V), ("result/mask", -1, 0)),
+        ("result/velocity", np.full((1, F, 3), 1e300), ("velocity", "1e+300")),
+        ("result/weights", np.array([-1.0, 1.0]), ("result/weights", -1)),
+        ("result/velocity", npy_of("(1, 6442450944, 3)", data=bytes(8)), ("result/velocity",)),
+        ("mesh/faces", SPHERE.faces[~(SPHERE.faces == 3).any(axis=1)], ()),
+        ("runs/1/stages", np.array([-1, 0]), ("runs/1/stages",)),
+        ("runs/1/vertices", np.array([-1, 0]), ("runs/1/vertices",)),
+        ("runs/1/reaches", np.array([-0.5, 0]), ("runs/1/reaches",)),
     ],
 )
-def test_arrays_that_do_not_fit_are_named(saved, name, array, words):
+def test_arrays_that_do_not_fit_are_named(saved, name, array, named):
     changed(saved, arrays={name: array} if name else array)
-    assert words in error_line(saved)
+    check_message(error_line(saved), *named)
 
 
 @pytest.mark.parametrize(
-    ("part", "name", "value", "words"),
+    ("part", "name", "value", "named"),
     [
-        ("", "format_version", 5, "upgrade abfm"),
-        ("", "format_version", 0, "format_version is 0"),
-        ("", "format_version", "one", "format_version is 'one'"),
-        ("", "format_version", None, "format_version is None"),
-        ("", "file_vertex_count", 12, "vertex_ids has an index outside 0 to 11"),
-        ("", "file_vertex_count", 10**15, "1000000000000000 vertices, and 42 are used"),
-        ("", "runs", [RUN | {"restarts": []}] * 6, "runs/5"),
-        ("", "runs", [RUN | {"restarts": [99]}], "restarts"),
-        ("", "known", ["a", "b", "c"], "known/2"),
-        ("", "document", None, "project.document"),
-        ("", "file_vertex_count", 10**8, f"had 100000000 vertices, and {V} are used"),
-        ("", "file_vertex_count", 4 * 10**18, "the mesh file had 4000000000000000000 vertices"),
-        ("", "file_vertex_count", 10**30, "vertices, and"),
-        ("", "file_vertex_count", -1, "vertex_ids has an index outside"),
-        ("", "format_version", [[0] * 100] * 100, "format_version is [[0, 0"),
-        ("", "x\n" * 5000, 1, "project is"),
-        ("", "known", ["a", "b", "\n" * 5000], "known/2"),
-        ("document", "side", "x\n" * 5000, "project.document.side is 'x\\nx"),
-        ("document", "time", 10**4000, "too large"),
-        ("document", "bump", -(10**4000), "bump is -1000"),
-        ("document", "channels", [HKS | {"source": "\x1b" * 9999}], "a family"),
-        ("document", "channels", [HKS | {"source": "x" * 99_999}], "at most 10000"),
-        ("document", "parameters", {"x\n" * 5000: 1}, "project.document.parameters is"),
-        ("result", "residual", -1, "result/residual has the value -1"),
-        ("result", "folded", 2, "result/folded has the value 2; expected 0 to 1"),
-        ("result", "stop_reason", "a\nb", "some that cannot be shown"),
-        ("result", "residual", [[1]] * 1000, "result/residual has shape (1000, 1)"),
-        ("result", "residual", [[1], []], "damaged"),
-        ("result", "residual", {"a": 1}, "result/residual has type object"),
-        ("document", "name", 3, "project.document.name is 3"),
-        ("document", "channel", 2, "channel is 2; expected 0 to 1"),
-        ("document", "channel", -1, "channel is -1"),
-        ("document", "channel", True, "document.channel is True"),
-        ("document", "channel", 0.5, "document.channel is 0.5"),
-        ("document", "bump", -1, "bump is -1"),
-        ("document", "chosen", 1, "chosen is 1; expected 0 to 0"),
-        ("document", "side", "left", "expected 'source' or 'target'"),
-        ("document", "channels", "many", "expected a list"),
-        ("document", "channels", [{"source": "coordinate:x"}], "also target"),
-        ("document", "channels", [HKS | {"source": "no:x"}], "unknown function family 'no'"),
-        ("document", "channels", [HKS | {"weight": -1}], "the weight -1"),
-        ("document", "mask", "(", "function '('"),
-        ("document", "time", 4.5, "time is 4.5; expected 0 to 4.0"),
-        ("document", "time", -1, "time is -1"),
-        ("document", "time", float("nan"), "finite"),
-        ("document", "time", 10**400, "damaged"),
-        ("document", "parameters", {"alpha": -1}, "alpha is -1"),
-        ("document", "parameters", {"beyond": 1}, "beyond"),
-        ("document", "lines", [{"face": F, "barycentric": [1, 0, 0]}], "face 80; expected 0 to 79"),
-        ("document", "points", [{"face": -1, "barycentric": [1, 0, 0]}], "face -1"),
-        ("document", "landmarks", [{"target": {"face": F, "barycentric": [1, 0, 0]}}], "face 80"),
-        ("document", "landmarks", [{"weight": 0}], "the weight 0.0; expected more than 0"),
-        ("document", "landmark", 1, "landmark is 1; expected 0 to 0"),
-        ("document", "points", [{"face": 0, "barycentric": [1, 0]}], "expected 3 entries"),
-        ("document", "points", [{"face": 0, "barycentric": [1, 1, -1]}], "weights"),
-        ("document", "points", [{"face": 0, "barycentric": [1, 1, 1]}], "weights"),
-        ("document", "view", {"theme": "pink"}, "expected 'light' or 'dark'"),
-        ("document", "view", {"coloring": "rainbow"}, "coloring"),
-        ("document", "view", {"coloring": ["function"]}, "coloring"),
-        ("document", "view", {"colormap": "jet"}, "colormap is 'jet'"),
-        ("document", "view", {"no such": 1}, "no such"),
-        ("document", "view", {"ui_scale": 0}, "ui_scale is 0"),
-        ("document", "view", {"camera": None}, "camera"),
-        ("document", "view", {"front": BENT}, "front"),
-        ("document", "view", [], "view"),
-        ("document", "name", None, "name"),
-        ("document", "view", {"look": {"front": BENT}}, "front"),
-        ("document", "view", {"look": FLAT}, "zoom is 0"),
-        ("document", "unheard", 1, "unheard"),
+        ("", "format_version", 6, ()),
+        ("", "format_version", 2, ()),
+        ("", "format_version", 0, ("format_version", 0)),
+        ("", "format_version", "one", ("one", "format_version")),
+        ("", "format_version", None, ("format_version",)),
+        ("", "file_vertex_count", 12, ("vertex_ids", 0, 11)),
+        ("", "file_vertex_count", 10**15, (1000000000000000, 42)),
+        ("", "runs", [RUN | {"restarts": []}] * 6, ("runs/5",)),
+        ("", "runs", [RUN | {"restarts": [99]}], ("restarts",)),
+        ("", "known", ["a", "b", "c"], ("known/2",)),
+        ("", "document", None, ("project.document",)),
+        ("", "file_vertex_count", 10**8, (100000000, V)),
+        ("", "file_vertex_count", 4 * 10**18, (4000000000000000000,)),
+        ("", "file_vertex_count", 10**30, ()),
+        ("", "file_vertex_count", -1, ("vertex_ids",)),
+        ("", "format_version", [[0] * 100] * 100, ("format_version",)),
+        ("", "x\n" * 5000, 1, ("project",)),
+        ("", "known", ["a", "b", "\n" * 5000], ("known/2",)),
+        ("document", "side", "x\n" * 5000, ("project.document.side",)),
+        ("document", "time", 10**4000, ()),
+        ("document", "bump", -(10**4000), ("bump",)),
+        ("document", "channels", [HKS | {"source": "\x1b" * 9999}], ()),
+        ("document", "channels", [HKS | {"source": "x" * 99_999}], (10000,)),
+        ("document", "parameters", {"x\n" * 5000: 1}, ("project.document.parameters",)),
+        ("result", "residual", -1, ("result/residual", -1)),
+        ("result", "folded", 2, ("result/folded", 2, 0, 1)),
+        ("result", "stop_reason", "a\nb", ()),
+        ("result", "residual", [[1]] * 1000, ("(1000, 1)", "result/residual")),
+        ("result", "residual", [[1], []], ()),
+        ("result", "residual", {"a": 1}, ("result/residual",)),
+        ("result", "verdict", ["good", "none", "", ""], ("good",)),
+        ("result", "verdict", ["missing", "none", "", ""], ("missing",)),
+        ("result", "verdict", ["matched", "luck", "", ""], ("luck",)),
+        ("result", "verdict", ["matched"], ("(1,)", "result/verdict")),
+        ("result", "verdict", None, ("result/verdict",)),
+        ("result", "remedies", [{}], ("result/remedies",)),
+        ("result", "remedies", "[{}]", ("remedies",)),
+        ("document", "name", 3, ("project.document.name", 3)),
+        ("document", "channel", 2, ("channel", 2, 0, 1)),
+        ("document", "channel", -1, ("channel", -1)),
+        ("document", "channel", True, ("document.channel",)),
+        ("document", "channel", 0.5, ("document.channel", "0.5")),
+        ("document", "bump", -1, ("bump", -1)),
+        ("document", "chosen", 1, ("chosen", 1, 0)),
+        ("document", "side", "left", ("source", "target")),
+        ("document", "channels", "many", ()),
+        ("document", "channels", [{"source": "coordinate:x"}], ()),
+        ("document", "channels", [HKS | {"source": "no:x"}], ("no",)),
+        ("document", "channels", [HKS | {"weight": -1}], ("weight", -1)),
+        ("document", "mask", "(", ("(",)),
+        ("document", "time", 4.5, ("time", "4.5", 0, "4.0")),
+        ("document", "time", -1, ("time", -1)),
+        ("document", "time", float("nan"), ()),
+        ("document", "time", 10**400, ()),
+        ("document", "parameters", {"alpha": -1}, ("alpha", -1)),
+        ("document", "parameters", {"beyond": 1}, ("beyond",)),
+        ("document", "lines", [{"face": F, "barycentric": [1, 0, 0]}], (80, 0, 79)),
+        ("document", "points", [{"face": -1, "barycentric": [1, 0, 0]}], (-1,)),
+        ("document", "landmarks", [{"target": {"face": F, "barycentric": [1, 0, 0]}}], (80,)),
+        ("document", "landmarks", [{"weight": 0}], ("weight", "0.0", 0)),
+        ("document", "landmark", 1, ("landmark", 1, 0)),
+        ("document", "points", [{"face": 0, "barycentric": [1, 0]}], (3,)),
+        ("document", "points", [{"face": 0, "barycentric": [1, 1, -1]}], ()),
+        ("document", "points", [{"face": 0, "barycentric": [1, 1, 1]}], ()),
+        ("document", "view", {"theme": "pink"}, ("light", "dark")),
+        ("document", "view", {"coloring": "rainbow"}, ("coloring",)),
+        ("document", "view", {"coloring": ["function"]}, ("coloring",)),
+        ("document", "view", {"colormap": "jet"}, ("colormap", "jet")),
+        ("document", "view", {"no such": 1}, ("no such",)),
+        ("document", "view", {"ui_scale": 0}, ("ui_scale", 0)),
+        ("document", "view", {"camera": None}, ("camera",)),
+        ("document", "view", {"front": BENT}, ("front",)),
+        ("document", "view", [], ("view",)),
+        ("document", "name", None, ()),
+        ("document", "view", {"look": {"front": BENT}}, ("front",)),
+        ("document", "view", {"look": FLAT}, ("zoom", 0)),
+        ("document", "unheard", 1, ("unheard",)),
     ],
 )
-def test_headers_that_make_no_sense_are_told_in_one_line(saved, part, name, value, words):
+def test_headers_that_make_no_sense_are_told_in_one_line(saved, part, name, value, named):
     changed(saved, lambda content: (content[part] if part else content).update({name: value}))
-    assert words in error_line(saved)
+    check_message(error_line(saved), *named)
 
 
 @pytest.mark.parametrize(
@@ -481,18 +467,18 @@ def test_headers_that_make_no_sense_are_told_in_one_line(saved, part, name, valu
 )
 def test_json_that_is_no_header_is_refused(saved, text):
     rewrite(saved, {"project.json": text.encode("latin-1")})
-    assert "no project of abfm, or damaged" in error_line(saved)
+    check_message(error_line(saved))
     assert not re.search("codec|set_int_max", error_line(saved))
 
 
 def test_what_is_not_an_array_is_small_and_nothing_is_unpacked_to_more_than_the_file_holds(saved):
     many = replace(DOCUMENT, points=(Point(0, (1.0, 0.0, 0.0)),) * 30_000)
-    with pytest.raises(ResultError, match=r"not written: it has \d+ bytes besides its arrays"):
+    with raises(ResultError):
         save_project(saved, many, KNOWN)
     changed(saved, compression=zipfile.ZIP_DEFLATED)
-    assert "is compressed" in error_line(saved)
+    check_message(error_line(saved))
     rewrite(saved, {"project.json": members(saved)["project.json"] + b" " * (2 << 20)})
-    assert "project.json has" in error_line(saved)
+    check_message(error_line(saved), "project.json")
 
 
 def test_files_of_another_kind_are_named(tmp_path):
@@ -515,22 +501,21 @@ def test_files_of_another_kind_are_named(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "known", "words"),
+    ("change", "known", "named"),
     [
-        ({"time": float("nan")}, {}, "document.time is nan; expected a finite number"),
-        ({"channel": 5}, {}, "channel is 5"),
-        ({"view": View(theme="pink")}, {}, "theme"),
-        ({"surfaces": (Surface(torus(8, 8), "torus"),)}, {}, "result/source"),
-        ({}, {"file:x.npy": X[1:]}, "the values of file:x.npy"),
-        ({}, {"file:x.npy": np.full(V, np.nan)}, "not finite"),
+        ({"time": float("nan")}, {}, ("document.time", "nan")),
+        ({"channel": 5}, {}, ("channel", 5)),
+        ({"view": View(theme="pink")}, {}, ("theme",)),
+        ({"surfaces": (Surface(torus(8, 8), "torus"),)}, {}, ("result/source",)),
+        ({}, {"file:x.npy": X[1:]}, ("file:x.npy",)),
+        ({}, {"file:x.npy": np.full(V, np.nan)}, ()),
     ],
 )
-def test_what_would_not_open_is_not_saved(saved, change, known, words):
+def test_what_would_not_open_is_not_saved(saved, change, known, named):
     before = saved.read_bytes()
     with pytest.raises(ResultError) as caught:
         save_project(saved, replace(DOCUMENT, **change), known)
-    assert str(caught.value).startswith(f"{saved} not written: ")
-    assert words in str(caught.value)
+    check_message(str(caught.value), saved, *named)
     assert saved.read_bytes() == before
     assert os.listdir(saved.parent) == [saved.name]
 
@@ -567,9 +552,9 @@ def test_opening_loads_no_solver_before_there_is_a_result(tmp_path):
 
 def test_missing_fields_take_their_defaults_and_needed_ones_are_named():
     assert project.from_plain(View, {}, "view") == View()
-    with pytest.raises(ValueError, match="also target"):
+    with raises(ValueError, "target"):
         project.from_plain(Channel, {"source": "a"}, "channel")
-    with pytest.raises(ValueError, match="finite"):
+    with raises(ValueError, "weight"):
         project.from_plain(Channel, {"source": "a", "target": "b", "weight": True}, "channel")
 
 
@@ -633,20 +618,20 @@ def test_copies_may_say_anything_of_their_origin(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "words"),
+    ("name", "value", "named"),
     [
-        ("keys", [2, 1], "keys of labels do not ascend"),
-        ("keys", [1, 3], "labels have keys that are none of theirs"),
-        ("names", ["one"], "not as many keys, names and colours"),
-        ("colors", [[0, 0, 0], [0, 0, 2]], "colours outside 0 to 1"),
-        ("colors", [[0, 0, 0], [0, 0]], "expected 3 entries"),
-        ("values", 3, "expected only file, keys, names, colors"),
+        ("keys", [2, 1], ("keys",)),
+        ("keys", [1, 3], ("labels", "keys")),
+        ("names", ["one"], ()),
+        ("colors", [[0, 0, 0], [0, 0, 2]], (0, 1)),
+        ("colors", [[0, 0, 0], [0, 0]], (3,)),
+        ("values", 3, ()),
     ],
 )
-def test_labels_that_do_not_fit_are_refused(tmp_path, name, value, words):
+def test_labels_that_do_not_fit_are_refused(tmp_path, name, value, named):
     labels = LabelMap.of("a.annot", WHOLE, Labels(np.arange(V) % 2 + 1, {1: "one", 2: "two"}))
     path = tmp_path / "p.abfm"
     save_project(path, Document((Surface(WHOLE, "ball"),), labels=labels), {})
     assert load_project(path)[0].labels.colors == labels.colors
     changed(path, lambda content: content["labels"].update({name: value}))
-    assert words in error_line(path)
+    check_message(error_line(path), *named)

@@ -27,6 +27,7 @@ from abfm_viewer.pages import (
 )
 from abfm_viewer.pages.of_sequences import MOST_OF_A_PART, MOST_VALUES
 from abfm_viewer.pages.packing import Store, quantised
+from tests.messages import check_message, raises
 from tests.shapes import icosphere
 
 FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
@@ -139,9 +140,9 @@ def test_frames_and_times_that_do_not_fit_are_refused():
     mesh = icosphere(1)
     layer = Layer("f", wave(mesh, 3), COLORS, np.array([0.0, 1.0]))
     page = Page("t", "h", [Panel("a", mesh, [layer], FRONT)])
-    with pytest.raises(ParameterError, match="f has 3 frames, and 2 times"):
+    with raises(ParameterError, "f", 3, 2):
         page.html()
-    with pytest.raises(ParameterError, match="expected a later end"):
+    with raises(ParameterError):
         Clock(1.0, 1.0)
 
 
@@ -186,7 +187,8 @@ def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
     assert len(layer.times) <= 5
     assert (layer.times[0], layer.times[-1]) == (2.0, 3.0)
     np.testing.assert_allclose(layer.values, [film.exact(t) for t in layer.times], atol=1e-12)
-    assert page.notes == [f"one of 3 frames is shown, {len(layer.times)} in all"]
+    (note,) = page.notes
+    check_message(note, 3, len(layer.times))
     assert film.asked == []
 
 

@@ -39,13 +39,13 @@ def test_stages_and_finer_meshes_are_marked_apart(marked, stages, meshes):
     assert energy.starts(marked) == (stages, meshes)
 
 
-def test_what_was_least_falls_until_the_problem_changes_and_is_known_of_older_runs_by_the_energy():
+def test_what_was_least_falls_until_the_problem_changes_and_is_told_by_the_energy_if_unknown():
     told = run([0, 0, 1, 1, 0, 0], restarts=(4, 6))
     told = replace(told, residual=0.4, residuals=np.array([1, 0.6, 0.7, 0.5, 0.9, 0.3]))
     assert list(told.least_left) == [1, 0.6, 0.6, 0.5, 0.9, 0.4]
     energies = np.array([[9, 9, 16], [9, 9, 4], [9, 9, 900], [9, 9, 225]])
-    older = replace(run([0, 0, 1, 1]), energies=energies.astype(float))  # ends at 0.1
-    np.testing.assert_allclose(older.left, [0.4, 0.2, 0.2, 0.1])
+    unknown = replace(run([0, 0, 1, 1]), energies=energies.astype(float))  # ends at 0.1
+    np.testing.assert_allclose(unknown.left, [0.4, 0.2, 0.2, 0.1])
     assert len(run([]).least_left) == 0
 
 

@@ -12,6 +12,7 @@ from av.codec.codec import UnknownCodecError
 from abfm import ResultError
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.pictures.movies import write_movie
+from tests.messages import raises
 
 SUFFIXES = [".mp4", ".gif"]
 
@@ -123,14 +124,14 @@ def test_what_is_raised_on_the_way_leaves_the_older_file(suffix, error, tmp_path
 @pytest.mark.parametrize(
     "case",
     [
-        ("add_stream", UnknownCodecError("libx264"), "FFmpeg here has no libx264"),
-        ("mux", av.error.ExternalError(1, "Generic error in a library"), "Generic error in a lib"),
+        ("add_stream", UnknownCodecError("libx264"), "libx264"),
+        ("mux", av.error.ExternalError(1, "Generic error in a library"), ""),
         ("mux", av.error.OSError(28, "No space left on device"), "No space left on device"),
         ("close", av.error.OSError(5, "Input/output error"), "Input/output error"),
     ],
 )
 def test_an_encoder_that_fails_leaves_the_older_file(suffix, case, tmp_path, monkeypatch):
-    what, error, message = case
+    what, error, named = case
 
     def failing_open(*words, **options):
         container = open_container(*words, **options)
@@ -147,7 +148,7 @@ def test_an_encoder_that_fails_leaves_the_older_file(suffix, case, tmp_path, mon
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     path = tmp_path / f"old{suffix}"
     path.write_bytes(b"old")
-    with pytest.raises(ResultError, match=message) as raised:
+    with raises(ResultError, named) as raised:
         write_movie(path, frames(3), 25, 3)
     assert "\n" not in str(raised.value)
     assert [file.read_bytes() for file in tmp_path.iterdir()] == [b"old"]
@@ -165,7 +166,7 @@ def test_a_full_disk_leaves_the_older_movie(suffix, size, tmp_path, monkeypatch)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
     try:
-        with pytest.raises(ResultError, match="File too large"):
+        with raises(ResultError):
             write_movie(path, frames(9), 25, 9)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -175,27 +176,27 @@ def test_a_full_disk_leaves_the_older_movie(suffix, size, tmp_path, monkeypatch)
 @pytest.mark.parametrize(
     "case",
     [
-        ([], 25, 0, "0 frames; a movie needs at least one"),
-        ([], 25, 3, "got 0 frames; expected 3"),
-        ([*frames(2)], 25, 3, "got 2 frames; expected 3"),
-        ([*frames(4)], 25, 3, "got 4 frames; expected 3"),
-        ([black(8, 8, 3), black(8, 9, 3)], 25, 2, r"frame 2 .* shape \(8, 9, 3\)"),
-        ([black(8, 8, 4)], 25, 1, r"shape \(8, 8, 4\)"),
-        ([black(8, 8)], 25, 1, r"shape \(8, 8\)"),
-        ([black(1, 8, 3)], 25, 1, "at least 2 x 2 pixels"),
-        ([np.zeros((8, 8, 3))], 25, 1, "type float64"),
-        ([], 0, 3, "0 frames a second; expected 0.1 to"),
-        ([], -1, 3, "-1 frames a second"),
-        ([], 121, 3, "121 frames a second"),
-        ([], np.nan, 3, "nan frames a second"),
-        ([*frames(3)], 60, 3, "60 frames a second; expected 0.1 to 50", "fast.gif"),
-        ([*frames(3)], 25, 3, r"its name must end in \.mp4, \.gif", "wave.avi"),
-        ([*frames(3)], 25, 3, "cannot write", "missing/wave.mp4"),
+        ([], 25, 0, (0,)),
+        ([], 25, 3, (0, 3)),
+        ([*frames(2)], 25, 3, (2, 3)),
+        ([*frames(4)], 25, 3, (4, 3)),
+        ([black(8, 8, 3), black(8, 9, 3)], 25, 2, (2, "(8, 9, 3)")),
+        ([black(8, 8, 4)], 25, 1, ("(8, 8, 4)",)),
+        ([black(8, 8)], 25, 1, ("(8, 8)",)),
+        ([black(1, 8, 3)], 25, 1, (2,)),
+        ([np.zeros((8, 8, 3))], 25, 1, ("float64",)),
+        ([], 0, 3, (0, "0.1")),
+        ([], -1, 3, (-1,)),
+        ([], 121, 3, (121,)),
+        ([], np.nan, 3, ("nan",)),
+        ([*frames(3)], 60, 3, (60, "0.1", 50), "fast.gif"),
+        ([*frames(3)], 25, 3, (".mp4", ".gif"), "wave.avi"),
+        ([*frames(3)], 25, 3, ("wave.mp4",), "missing/wave.mp4"),
     ],
 )
 def test_what_is_no_movie_is_refused_in_one_line(case, tmp_path):
-    given, fps, count, message, name = (*case, "bad.mp4")[:5]
-    with pytest.raises(ResultError, match=message) as raised:
+    given, fps, count, named, name = (*case, "bad.mp4")[:5]
+    with raises(ResultError, *named) as raised:
         write_movie(tmp_path / name, given, fps, count)
     assert "\n" not in str(raised.value)
     assert list(tmp_path.iterdir()) == []

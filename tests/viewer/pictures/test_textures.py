@@ -16,6 +16,7 @@ from abfm.io import write_textured
 from abfm.maps.surface_points import points_by_area
 from abfm.registration import Texture, carry_texture
 from abfm_viewer.pictures import read_texture, textures, write_texture
+from tests.messages import raises
 from tests.shapes import icosphere
 
 MESH = icosphere(1)
@@ -80,7 +81,7 @@ LARGE = Image.fromarray(np.random.default_rng(0).integers(0, 256, (90, 90, 3)).a
     ids=["cut PNG", "cut JPEG", "header", "text", "nothing", "EPS", "huge", "floats"],
 )
 def test_damaged_and_huge_images_are_refused(tmp_path, data, words):
-    with pytest.raises(MeshError, match=f"a.glb: its image cannot be read: .*({words})") as refused:
+    with pytest.raises(MeshError, match=f"a.glb: .*({words})") as refused:
         read(tmp_path, data)
     assert "\n" not in str(refused.value)
 
@@ -109,7 +110,7 @@ def test_images_are_bounded_together(tmp_path, monkeypatch):
     monkeypatch.setattr(textures, "_MOST_PIXELS", 54)
     assert len(read(tmp_path, encoded(RGBA))[0].images) == 1
     monkeypatch.setattr(textures, "_MOST_PIXELS", 53)
-    with pytest.raises(MeshError, match="9 x 6 pixels, and at most 53 are read"):
+    with raises(MeshError, 9, 6, 53):
         read(tmp_path, encoded(RGBA))
 
 

@@ -15,6 +15,7 @@ from abfm.workers.progress import step
 from abfm_viewer.document.document import SIDES, Channel, Document, Surface
 from abfm_viewer.files import outputs
 from abfm_viewer.session.exporter import Exporter, MovieSettings, PictureSettings
+from tests.messages import check_message
 from tests.shapes import icosphere
 from tests.viewer.sessions import until
 
@@ -101,18 +102,20 @@ def test_what_goes_wrong_in_the_process_is_told_and_what_would_is_refused_before
     assert "\n" not in exporter.message
     assert list(out.iterdir()) == []
     monkeypatch.setattr("subprocess.Popen", None)
-    for save, name, told in (
-        (exporter.save_picture, "none/a.png", "there is no folder"),
-        (exporter.save_movie, "a.avi", "must end in .mp4, .gif"),
+    for save, name, named in (
+        (exporter.save_picture, "none/a.png", ("folder",)),
+        (exporter.save_movie, "a.avi", (".mp4", ".gif")),
     ):
         save(out / name, document, dict)
         exporter.wait()
         assert exporter.failed
-        assert told in exporter.message
+        check_message(exporter.message, *named)
     exporter.movie = replace(exporter.movie, fps=60)
     exporter.save_movie(out / "a.gif", document, dict)
     exporter.wait()
-    assert exporter.said[-1] == ("fps is 60; a .gif file takes at most 50", True)
+    said, failed = exporter.said[-1]
+    assert failed
+    check_message(said, "fps", 60, ".gif", 50)
     assert list(out.iterdir()) == []
 
 

@@ -39,7 +39,7 @@ def test_functions_of_a_row_are_called_as_its_table_has_them(tmp_path):
 
 
 def test_what_is_searched_for_is_a_phrase_or_words():
-    reason = "the mismatch fell from 1.2 to 0.01 (0.021 by flow lines)"
+    reason = "the residual fell from 1.2 to 0.01 (0.021 by flow lines)"
     names = [f"alpha {a}, sigma {s}" for a in (0.01, 0.1) for s in (0.02, 0.1)]
     rows = tuple(ResultRow(i, name, Outcome.MATCHED, reason=reason) for i, name in enumerate(names))
     table = ResultTable(Path("out"), "sweep", rows)

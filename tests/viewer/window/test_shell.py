@@ -17,6 +17,7 @@ from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.window import window
 from abfm_viewer.window.samples import figure_document
 from tests.mesh_writers import off_file
+from tests.messages import check_message
 from tests.processes import python
 from tests.shapes import icosphere
 from tests.viewer.sessions import SIZE
@@ -123,13 +124,11 @@ def test_a_mesh_is_opened_by_path_or_keys_and_dropped_or_refused(gui, mesh_file,
     opened(gui, 42)
     gui.session.undo()
     gui.window._dropped([str(mesh_file), str(tmp_path / "second.npz")])
-    assert "the first of 2" in gui.session.notices.latest.text
+    check_message(gui.session.notices.latest.text, 2)
     opened(gui, 42)
     gui.window._dropped([str(tmp_path / "song.mp3")])
     assert gui.session.notices.latest.is_error
-    assert gui.session.notices.latest.text.startswith(
-        "song.mp3 cannot be opened: expected a file that ends in .obj"
-    )
+    check_message(gui.session.notices.latest.text, "song.mp3", ".obj")
     gui.window._dropped([])
     assert gui.errors == {}
     assert gui.window.files.state.recent() == [mesh_file]
@@ -173,7 +172,7 @@ def test_an_error_after_a_dialog_is_shown_and_the_window_lives(gui, mesh_file, c
     gui.click(mesh_file.name)
     gui.click("Open")
     gui.frames(3)
-    assert "division by zero" in gui.session.notices.latest.text
+    check_message(gui.session.notices.latest.text)
     assert not gui.window.dialogs.is_open
     assert gui.is_enabled("Match")
     assert "ZeroDivisionError" in capsys.readouterr().err
@@ -226,7 +225,7 @@ def test_a_damaged_copy_is_told_once(state, launched):
     crashed.write_bytes(b"PK")
     with launched() as gui:
         gui.wait(lambda s: s.notices.latest.is_error)
-        assert "unsaved work of an earlier launch is kept in" in gui.session.notices.latest.text
+        check_message(gui.session.notices.latest.text)
     assert not crashed.exists()
     assert (state.path / f"unreadable-{crashed.name}").read_bytes() == b"PK"
 
@@ -264,23 +263,23 @@ def test_the_window_is_drawn_before_anything_of_the_solver_is_loaded(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
+    ("words", "named"),
     [
-        (["missing.off"], "there is no such file"),
-        (["missing.abfm"], "cannot read missing.abfm: No such file or directory"),
-        (["missing.npz"], "cannot read missing.npz: No such file or directory"),
-        ([__file__], "the format is not known"),
-        (["a.off", "b.off", "c.off"], "'c.off' is not understood"),
-        (["a.abfm", "b.off"], "a.abfm is no mesh; give two meshes, or one project or result"),
-        (["--largest"], "did you mean '--largest-component'?"),
+        (["missing.off"], ""),
+        (["missing.abfm"], "missing.abfm"),
+        (["missing.npz"], "missing.npz"),
+        ([__file__], ""),
+        (["a.off", "b.off", "c.off"], "c.off"),
+        (["a.abfm", "b.off"], "a.abfm"),
+        (["--largest"], "--largest-component"),
     ],
 )
-def test_bad_words_are_one_line_and_status_2(words, expected, capsys):
+def test_bad_words_are_one_line_and_status_2(words, named, capsys):
     assert app.main(words) == 2
     told = capsys.readouterr().err
     assert told.startswith("abfm-viewer: ")
     assert told.count("\n") == 1
-    assert expected in told
+    check_message(told, named)
 
 
 def test_a_window_has_its_own_sizes_whatever_another_one_left_in_imgui(launched):

@@ -17,6 +17,10 @@ class Cause(StrEnum):
     EXTREMA_DIFFER = "extrema differ"
     LANDMARKS_FAR = "landmarks far"
     LIMIT_OF_DATA = "limit of data"
+    LITTLE_GAINED = "little gained"
+    NOT_HELD_OUT = "not held out"
+    INITIAL_MAP = "initial map"
+    COMPLETE_MAP = "complete map"
     CHECKS_DISAGREE = "checks disagree"
     LESS_CONFIRMED = "less confirmed"
     FOLDED = "folded"
@@ -51,6 +55,14 @@ SENTENCES: dict[Cause, str] = {
     ),
     Cause.LANDMARKS_FAR: "{far} of {count} landmarks end farther than {limit} from their targets",
     Cause.LIMIT_OF_DATA: "a closer match would not hold where it was not fitted",
+    Cause.LITTLE_GAINED: (
+        "the residual is not clearly below that without motion, so nothing is registered"
+    ),
+    Cause.NOT_HELD_OUT: "held-out patches gain nothing, so the field fits noise",
+    Cause.INITIAL_MAP: "{warning}",
+    Cause.COMPLETE_MAP: (
+        "the complete map from A to B has a residual of {residual}, more than the flow on B"
+    ),
     Cause.CHECKS_DISAGREE: (
         "by flow lines the residual is {verified:.2g}, so the discrete flow is not one here"
     ),
@@ -75,6 +87,10 @@ ADVICE: dict[Cause, str] = {
     Cause.TARGET_CONSTANT: "take a target that has the source's values in other places",
     Cause.VALUES_DIFFER: "scale or clip one of the functions",
     Cause.EXTREMA_DIFFER: "smooth the functions, refine the mesh, or expect a match in part",
+    Cause.LITTLE_GAINED: "check that the functions and the initial map belong together",
+    Cause.NOT_HELD_OUT: "smooth the functions, or take a larger sigma",
+    Cause.INITIAL_MAP: "look at the initial map, give landmarks, or give the right map",
+    Cause.COMPLETE_MAP: "smooth A's functions, or refine its mesh",
     Cause.SQUEEZED: (
         "wider functions that overlap, or targets in between, each match from the last one's field"
     ),

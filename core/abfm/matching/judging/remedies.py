@@ -7,7 +7,7 @@ from typing import Any
 
 from abfm.matching import solvability
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.parameters import FORMER, LARGEST_ALPHA, MANY, MOST_REFINED, SMALLEST, Parameters
+from abfm.parameters import LARGEST_ALPHA, MANY, MOST_REFINED, SMALLEST, Parameters
 
 _USUAL = Parameters()
 _FURTHER = 3.0  # how much larger or smaller a parameter is advised
@@ -40,8 +40,6 @@ class Remedy:
 
     def __post_init__(self) -> None:
         Parameters.from_dict(_USUAL.to_dict() | self.parameters)
-        kept = {name: value for name, value in self.parameters.items() if name not in FORMER}
-        object.__setattr__(self, "parameters", kept)  # of a file of before
 
 
 GO_ON = Remedy("Continue", "go on from this field", {}, True)

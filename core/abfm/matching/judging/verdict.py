@@ -17,8 +17,11 @@ from abfm.parameters import Parameters
 from abfm.types import FloatArray
 from abfm.wording import factor, share
 
-_GAINED = 0.03  # of the first residual: less is no registration
-_GAINED_OF_UNLIKE = 0.1  # the same where as much is left as the functions themselves are
+RESIDUAL_REGISTERED = 0.95
+"""Largest residual of functions that are registered: at 1 they have nothing in common."""
+SHARE_REGISTERED = 0.8
+"""Largest share of the residual without motion, or of the initial map alone, that is left of
+functions that are registered."""
 _LOG2_AREA_MAX = 100.0  # of a change of areas that is written
 FOLDED = 0.1  # share of the faces beyond which a map is not to be trusted; an exact flow folds none
 # an energy still falls that has fallen by this share within so many iterations
@@ -92,6 +95,14 @@ class Evidence:
     refined: int = 0  # how often the mesh was subdivided
     # how far landmarks were and are off, (L,) each, in sqrt(area); None without any
     landmarks: tuple[FloatArray, FloatArray] | None = None
+    held_out: float = math.nan  # `PathStep.held_out`; NaN if nothing was held out
+
+
+def is_registered(residual: float, first: float) -> bool:
+    """Return whether a residual is clearly below that without motion, and below that of functions
+    with nothing in common.
+    """
+    return residual < min(SHARE_REGISTERED * first, RESIDUAL_REGISTERED)
 
 
 def judge(functions: FunctionTerm, evidence: Evidence, parameters: Parameters) -> Verdict:
@@ -126,6 +137,16 @@ class _Case:
     @cached_property
     def unmatched(self) -> Obstacle | None:
         return differing(self.functions)
+
+    @cached_property
+    def is_measured(self) -> bool:
+        return solvability.is_measured(self.functions)
+
+    @property
+    def gained(self) -> bool:
+        """Whether clearly less is left than without motion, and than functions that differ."""
+        left = worse_residual(self.evidence.residual, self.evidence.verified)
+        return is_registered(left, self.first_of_functions)
 
     @property
     def is_narrow(self) -> bool:
@@ -169,13 +190,10 @@ class _Case:
     def registered(self) -> Verdict | None:
         """Measured functions, which match as closely as the data support."""
         evidence = self.evidence
-        left = worse_residual(evidence.residual, evidence.verified)
-        least = _GAINED if left < 1 else _GAINED_OF_UNLIKE
-        gained = left < (1 - least) * self.first_of_functions
-        is_sound = self.known and gained and not evidence.folded > FOLDED
+        is_sound = self.known and self.gained and not evidence.folded > FOLDED
         if self.outcome is Outcome.MATCHED or not is_sound or evidence.stop_reason.is_early:
             return None
-        if not solvability.is_measured(self.functions):
+        if not self.is_measured or evidence.held_out >= 1:
             return None
         is_chosen = self.parameters.sigma is None
         return self._verdict(Outcome.REGISTERED, Cause.LIMIT_OF_DATA if is_chosen else Cause.NONE)
@@ -232,6 +250,10 @@ class _Case:
             further = (remedies.further(),) if remedies.too_far else ()
             helps = (*further, remedies.colder())
             return self._verdict(Outcome.NOT_REACHED, Cause.STOOD_STILL, *helps)
+        if self.is_measured and not self.gained:
+            return self._verdict(Outcome.NOT_REACHED, Cause.LITTLE_GAINED)
+        if self.is_measured and evidence.held_out >= 1:
+            return self._verdict(Outcome.NOT_REACHED, Cause.NOT_HELD_OUT)
         if self.unmatched:
             return self._of_what_stays()
         if self._cut_short():

@@ -336,15 +336,11 @@ class MatchingEnergy:
         return self._larger(carried, self.landmark_errors(x))
 
     def landmark_errors(self, x: FloatArray) -> FloatArray | None:
-        """Return how far the flow of fields (N, F, 2) leaves each landmark, (L,); None without any,
-        infinite where it leads over too many faces.
-        """
+        """Return `Landmarks.errors_along` fields (N, F, 2), (L,); None without landmarks."""
         if self.landmarks is None:
             return None
-        try:
-            return self.landmarks.errors_of(x, self.parameters.tau)
-        except AdvectionError:
-            return np.full(len(self.landmarks), np.inf)
+        velocity = to_ambient(self.mesh, x)
+        return self.landmarks.errors_along(self.mesh, velocity, self.parameters.tau)
 
     def _larger(self, carried: FloatArray, errors: FloatArray | None) -> float:
         of_terms = self.residual(carried)

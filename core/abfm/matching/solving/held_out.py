@@ -56,13 +56,24 @@ class HeldOut:
     def __init__(self, energy: MatchingEnergy, start: FloatArray) -> None:
         self._energy, self._folds = energy, without(energy)
         self._fields = [start] * len(self._folds)
+        source = energy.functions.source
+        self.unmoved = self._residual([source] * len(self._folds))
+        """The residual of held-out patches without motion; NaN if nothing is held out."""
 
     def follow(self, stages: list[Stage]) -> float:
         """Take the same stages; return the residual of what each fold has not seen."""
-        left, functions = [], self._energy.functions
-        for number, (energy, hidden) in enumerate(self._folds):
+        count, carried = len(self._energy.functions.source), []
+        for number, (energy, _) in enumerate(self._folds):
             for stage in stages:
                 self._fields[number] = x = minimum(energy, stage, self._fields[number])
-            carried = energy.advected(x)[: len(functions.source)]
-            left.append(functions.weighed(hidden).residual(carried))
+            carried.append(energy.advected(x)[:count])
+        return self._residual(carried)
+
+    def _residual(self, carried: list[FloatArray]) -> float:
+        """Return the residual of what each fold carried, (C, V), where it is hidden from it."""
+        functions = self._energy.functions
+        left = [
+            functions.weighed(hidden).residual(values)
+            for values, (_, hidden) in zip(carried, self._folds, strict=True)
+        ]
         return float(np.sqrt(np.mean(np.square(left)))) if left else np.nan

@@ -29,24 +29,18 @@ class StopReason(StrEnum):
     """
 
     CONVERGED = "converged"  # the gradient is as small as the tolerance asks, or rounding allows
-    GOAL_REACHED = "goal reached"  # the mismatch came well below the goal
+    GOAL_REACHED = "goal reached"  # the residual is well below the goal
     NO_PROGRESS = "no progress"  # the energy fell too little to go on
     ITERATION_LIMIT = "iteration limit"
     LINE_SEARCH_FAILED = "line search failed"  # no step lowers the energy: often rounding
     CANCELLED = "cancelled"
     OUT_OF_MEMORY = "out of memory"  # the best field that had been found is kept
     GIVEN = "given"  # the field was not sought
-    UNKNOWN = "unknown"  # of files of before, which had the verdict in its place
 
     @property
     def is_early(self) -> bool:
         """Tell whether it was broken off, so that going on may find more."""
         return self in (StopReason.CANCELLED, StopReason.OUT_OF_MEMORY)
-
-    @classmethod
-    def of_file(cls, text: str) -> "StopReason":
-        """Return what a file says; ValueError if that is no reason."""
-        return cls.UNKNOWN if text in ("impossible", "not reached") else cls(text)
 
 
 def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int) -> str | None:
@@ -88,6 +82,7 @@ class Mark:
     log2_shape: float = math.nan
     log2_area_95: float = math.nan
     held_out: float = math.nan  # residual of held-out patches, see `held_out`
+    unmoved: float = math.nan  # that of the same patches without motion
 
     def step(self, velocity: FloatArray) -> PathStep:
         """Return it for a path, with its fields (N, 4^k F, 3)."""
@@ -102,6 +97,7 @@ class Mark:
             self.log2_area,
             self.log2_shape,
             self.log2_area_95,
+            self.held_out / self.unmoved if self.unmoved > 0 else math.nan,
         )
 
     @property

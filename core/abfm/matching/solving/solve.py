@@ -52,6 +52,7 @@ class Solver:
         self._with = Way(energy.parameters.alpha, energy.shape[0])
         self.step = 0
         self._earlier: list[list[Mark]] = []  # ways that were given up
+        self._unmoved = np.nan  # residual of held-out patches without motion
         self._course = self._course_on(1)
         self._descent = Descent(energy, self.record)
         self._home = self._descent.own  # the level where it ends: the mesh itself, or a finer one
@@ -136,6 +137,7 @@ class Solver:
     def _walk(self, x: FloatArray, reach: float, is_last_way: bool) -> None:
         course, descent = self._course, self._descent
         held = HeldOut(descent.levels[0].energy, x) if course.is_measured else None
+        self._unmoved = np.nan if held is None else held.unmoved
         for sigma in course.sigmas:
             is_last = is_last_way and sigma == course.sigmas[-1]
             self.record.is_trying = not (is_last or course.is_fixed)
@@ -329,7 +331,8 @@ class Solver:
             ):
                 said = measured(energy, to_ambient(energy.mesh, x))
         residual = energy.left_by(x, carried)
-        return Mark(stage, x, carried, residual, held_out=held_out, **said)
+        known = {"held_out": held_out, "unmoved": self._unmoved}
+        return Mark(stage, x, carried, residual, **known, **said)
 
     def _is_over(self) -> bool:
         """Tell whether the way has come to its end before the last sigma."""

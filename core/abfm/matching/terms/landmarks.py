@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from abfm.errors import ParameterError, brief
+from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow_line_derivative import FlowLineDerivative, Walk
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.matching.terms.squared_distances import SquaredDistances
@@ -94,9 +95,18 @@ class Landmarks:
         """Return how far points (L,) are along the surface from where they are wanted, (L,)."""
         return _roots(self._distances.at(points))
 
-    def errors_of(self, x: FloatArray, tau: float) -> FloatArray:
-        """Return the same of where the flow of fields (N, F, 2) takes the landmarks."""
-        return self.errors(self._lines(tau).walk(x).points)
+    def errors_along(self, mesh: TriangleMesh, velocity: FloatArray, tau: float) -> FloatArray:
+        """Return how far the flow lines of fields (N, 4^k F, 3) leave the landmarks, (L,), which
+        every residual and report uses; infinite if they cross too many faces.
+
+        The mesh may be the same in another unit, which is then that of the fields. The objective
+        has steps of its own, which it can differentiate, and its errors differ by theirs.
+        """
+        try:
+            flow = ContinuousFlow(mesh, velocity, tau)
+        except ParameterError:
+            return np.full(len(self), np.inf)
+        return self.errors(flow.destinations(self.points(mesh)))
 
     @cached_property
     def first_errors(self) -> FloatArray:

@@ -24,7 +24,12 @@ class Given(NamedTuple):
 
 
 class Initial(NamedTuple):
-    """An initial map, and what is worth knowing of how it was found, a line each."""
+    """An initial map; notes and warnings are a line each.
+
+    Notes report how it was found. Warnings report why it may lead elsewhere: what begins with such
+    a map is not registered, see `Registration.verdict`.
+    """
 
     correspondence: Correspondence
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()

@@ -58,7 +58,9 @@ class SpectralFit:
     side: float
     # how far it is from an isometry, and from the landmarks and functions, if there are any
     defect: float
-    # the same of the best map that leads elsewhere: if it is as small, either may be the right one
+    # how far it is from an isometry alone
+    isometry_defect: float
+    # the defect of the best map that leads elsewhere: if it is as small, either may be right
     rival: float
 
 
@@ -119,7 +121,9 @@ def functional_map_start(
         C = refined(bases[0], bases[1], vertex_areas(coarse_b.normalized()), C, [k] * _TURNS)
         done(0.8)
         points = _point_map(a, b, coarse_a, coarse_b, C)
-    return points, SpectralFit(C, spectra.side(C), min(defects), min(rivals, default=np.inf))
+        isometry = compared.without_hints().defect(best)
+    rival = min(rivals, default=np.inf)
+    return points, SpectralFit(C, spectra.side(C), min(defects), isometry, rival)
 
 
 class _Compared(NamedTuple):
@@ -141,6 +145,15 @@ class _Compared(NamedTuple):
             gaps = np.linalg.norm(self._images(C, rows) - self.hints.places, axis=1)
             found += _PER_LANDMARK * float(np.average(gaps, weights=self.hints.weights))
         return found + _missed(C, *self.hints.functions)
+
+    def without_hints(self) -> _Compared:
+        """Return the comparison by the surfaces alone."""
+        hints = self.hints
+        (of_a, of_b), (at_a, at_b) = hints.functions, hints.at_landmarks
+        none = Hints(
+            hints.places[:0], (at_a[:0], at_b[:0]), hints.weights[:0], (of_a[:, :0], of_b[:, :0])
+        )
+        return self._replace(hints=none)
 
     def apart(self, C: FloatArray, D: FloatArray) -> float:
         """Return how far, on average, two maps lead to different places, in sqrt(area)."""

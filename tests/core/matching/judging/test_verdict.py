@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.testing import assert_allclose
 
 import abfm
 from abfm.errors import ParameterError
-from abfm.matching import Remedy, Verdict
+from abfm.matching import Remedy
 from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.remedies import Remedies
 from abfm.matching.judging.verdict import Evidence, judge
@@ -23,6 +24,7 @@ from abfm.outcome import Outcome, worse_residual
 from abfm.parameters import LARGEST_ALPHA, MANY, PAPER, SMALLEST, Parameters
 from abfm.wording import share
 from tests.core.fields import bump
+from tests.messages import check_message, raises
 from tests.shapes import disc, ellipsoid, icosphere
 
 SPHERE, FINE, EGG = icosphere(3), icosphere(4), ellipsoid(3, 1.0, 0.7, 0.55)
@@ -68,11 +70,12 @@ def labels(found):
 
 def test_a_match_needs_no_advice_and_neither_vanishes_nor_stands_still():
     match = matched(at(0), at(45))
-    reason = f"the residual fell from {match.initial_residual:.2g} to {match.residual:.2g}"
-    assert judged(match) == Verdict(Outcome.MATCHED, reason, "")
+    verdict = judged(match)
+    assert (verdict.kind, verdict.advice) == (Outcome.MATCHED, "")
+    check_message(verdict.reason, f"{match.initial_residual:.2g}", f"{match.residual:.2g}")
     assert judged(match, verified=0.04).kind == "matched"
     assert judged(match, verified=0.08).kind == "nearly"
-    assert "(0.08 by flow lines)" in judged(match, verified=0.08).reason
+    check_message(judged(match, verified=0.08).reason, "0.08")
     problem, seen = FunctionTerm(SPHERE, at(0), at(45)), []
     abfm.match(SPHERE, at(0), at(45), Parameters(iterations=30), on_iteration=seen.append)
     assert len(seen) == 31
@@ -100,7 +103,8 @@ def test_equal_functions_are_matched_and_constants_determine_no_motion():
         verdict = judged(matched(f, g, iterations=2))
         assert (verdict.kind, verdict.cause) == (Outcome.IMPOSSIBLE, Cause.BOTH_CONSTANT)
     same = judged(matched(at(0), at(0), iterations=2))
-    assert same == Verdict(Outcome.MATCHED, "the residual stayed at 0", "")
+    assert (same.kind, same.advice) == (Outcome.MATCHED, "")
+    check_message(same.reason, 0)
 
 
 def test_functions_are_judged_by_what_varies_however_small_beside_a_constant():
@@ -125,7 +129,7 @@ def test_values_that_the_source_lacks_are_impossible_and_told_of_the_channel_tha
     assert share(bound) in verdict.reason
     assert judged(matched(at(0, 0.2), 1.3 * at(30, 0.2))).kind == "nearly"
     f, g = np.stack([at(0), at(20)], axis=1), np.stack([at(10), 2 * at(30)], axis=1)
-    assert "in channel 2 " in judged(matched(f, g, iterations=2)).reason
+    check_message(judged(matched(f, g, iterations=2)).reason, 2)
     weighed = abfm.match(SPHERE, f, g, Parameters(iterations=2), weights=[1, 0])
     assert judged(weighed).kind != "impossible"
 
@@ -145,17 +149,15 @@ def test_a_source_that_vanished_is_told():
     match = abfm.match(FINE, f, g, replace(USUAL, iterations=20), on_iteration=seen.append)
     verdict = judged(match)
     assert verdict.kind == "not reached"
-    squeezed = "the residual fell from 1.4 to 1: the flow squeezed the source to nothing"
-    assert verdict.reason.startswith(squeezed)
-    advised = "a larger reach, such as 1 of sqrt(area) and the course of the defaults"
-    assert verdict.advice == advised
+    check_message(verdict.reason, "1.4", 1)
+    check_message(verdict.advice, "reach", 1)
     assert vanished(problem, match.advected.T)
     assert not vanished(problem, match.source.T)
     assert seen[0].warning is None
-    assert seen[5].warning.startswith("the source is being squeezed to nothing")
+    check_message(seen[5].warning)
     evidence = Evidence(match.advected.T, match.residual, StopReason.NO_PROGRESS)
     assert distance(problem) == pytest.approx(np.sqrt(3) / FINE.length_scale, abs=0.03)
-    assert "wider functions" in judge(problem, evidence, replace(USUAL, reach=1.0)).advice
+    check_message(judge(problem, evidence, replace(USUAL, reach=1.0)).advice)
 
 
 def test_a_source_that_stood_still_is_told():
@@ -163,14 +165,14 @@ def test_a_source_that_stood_still_is_told():
     match = abfm.match(SPHERE, at(0, 0.1), at(90, 0.1), cold)
     verdict, problem = judged(match), FunctionTerm(SPHERE, match.source, match.target)
     assert verdict.kind == "not reached"
-    assert "the source hardly moved" in verdict.reason
+    check_message(verdict.reason)
     assert labels(verdict) == ["Reach further", "Match closer"]
-    assert verdict.advice.endswith("a smaller sigma, such as 1")
+    check_message(verdict.advice, 1)
     assert "more iterations" not in verdict.advice
     assert stood_still(problem, match.advected.T)
     assert early_warning(problem, match.advected.T, 2) is None
     warning = early_warning(problem, match.advected.T, 10)
-    assert warning.startswith("the source hardly moves")
+    check_message(warning)
     assert not stood_still(problem, match.target.T)
 
 
@@ -181,9 +183,8 @@ def test_other_peaks_are_matched_in_part_at_best():
     unknown, refuted, confirmed = (judged(match, verified=value) for value in (np.nan, 0.7, 0.05))
     assert (unknown.kind, refuted.kind, confirmed.kind) == ("nearly", "not reached", "matched")
     for verdict in (unknown, refuted):
-        assert "the source has 1 peak and 1 pit, the target 2 peaks and 1 pit" in verdict.reason
-        assert "no flow changes that" in verdict.reason
-    assert "no flow changes that" in imagined(at(0), at(50) + at(-50), at(50)).reason
+        check_message(verdict.reason, 1, 2)
+    check_message(imagined(at(0), at(50) + at(-50), at(50)).reason)
 
 
 def test_values_on_a_boundary_stay_there():
@@ -191,27 +192,24 @@ def test_values_on_a_boundary_stay_there():
     ends = (bump(mesh, [place, 0, 0], 0.1) for place in (0.2, 1))
     verdict = judged(abfm.match(mesh, *ends, Parameters(refine=0, iterations=200)), verified=0.7)
     assert verdict.kind == "not reached"
-    why = "the source has values from 0 to 0 on a boundary, the target from 0 to 1 there"
-    assert f"{why}; no flow changes that" in verdict.reason
+    check_message(verdict.reason, "boundary", 0, 1)
 
 
 def test_what_flow_lines_do_not_confirm_is_not_reached_and_folds_count_unless_they_confirm_it():
     given = at(0), at(40), at(40)
     verdict = imagined(*given, verified=0.4)
     assert verdict.kind == "not reached"
-    why = "by flow lines the residual is 0.4, so the discrete flow is not one here"
-    assert verdict.reason.endswith(why)
-    further = "a larger reach, such as 1 of sqrt(area) and the course of the defaults"
-    assert verdict.advice == further
+    check_message(verdict.reason, "0.4")
+    check_message(verdict.advice, "reach", 1)
     nearly = imagined(*given, verified=0.1)
     assert nearly.kind == "nearly"
-    assert "confirm less" in nearly.reason
+    check_message(nearly.reason)
     verdict = imagined(*given, folded=0.15)
     assert verdict.kind == "not reached"
-    assert verdict.reason.endswith("15% of the faces are folded, which no flow does")
+    check_message(verdict.reason, "15%")
     confirmed = imagined(*given, folded=0.15, verified=0.02)
     assert confirmed.kind == "matched"
-    assert confirmed.advice == "do not trust its point map, where 15% of the faces are folded"
+    check_message(confirmed.advice, "15%")
     assert imagined(*given, folded=0.05).advice == ""
 
 
@@ -219,12 +217,12 @@ def test_iterations_that_ran_out():
     verdict = matched(at(0), at(60), iterations=4).verdict
     assert verdict.kind == "not reached"
     assert verdict.reason.endswith(verdict.why)
-    assert verdict.why == "it stopped after the 4 iterations it was given, still falling"
-    assert verdict.advice == "more iterations, such as 1000; or go on from this field"
-    assert verdict.remedies == (
-        Remedy("More time", "more iterations, such as 1000", {"iterations": 1000}),
-        Remedy("Continue", "go on from this field", {}, True),
-    )
+    check_message(verdict.why, 4)
+    check_message(verdict.advice, 1000)
+    assert [(each.label, each.parameters, each.goes_on) for each in verdict.remedies] == [
+        ("More time", {"iterations": 1000}, False),
+        ("Continue", {}, True),
+    ]
     few, limit = Parameters(iterations=4), "iteration limit"
     nearly = imagined(at(0), at(45), at(50), limit, few)
     assert (nearly.kind, nearly.remedies) == ("nearly", verdict.remedies)
@@ -234,31 +232,29 @@ def test_iterations_that_ran_out():
     assert "0 iterations" in still.reason
     assert labels(still) == ["More time", "Continue"]
     given = at(0), at(60), at(30), limit
-    what = "without a rougher field"
-    assert imagined(*given, energies=np.ones(30)).reason.endswith(what)
-    assert "still falling" in imagined(*given, energies=np.linspace(2, 1, 30)).reason
+    check_message(imagined(*given, energies=np.ones(30)).reason)
+    check_message(imagined(*given, energies=np.linspace(2, 1, 30)).reason)
 
 
 @pytest.mark.parametrize(
-    ("stop_reason", "words", "advised"),
+    ("stop_reason", "named"),
     [
-        ("cancelled", "it was cancelled", "go on"),
-        ("line search failed", "no step lowers the energy", "a larger alpha, such as 0.06"),
-        ("converged", "without a rougher field", "a smaller sigma, such as 0.00033"),
-        ("iteration limit", "still falling", "a larger reach, such as 1"),
+        ("cancelled", ""),
+        ("line search failed", "0.06"),
+        ("converged", "0.00033"),
+        ("iteration limit", "reach"),
     ],
 )
-def test_the_stop_reason_is_told_where_nothing_else_is(stop_reason, words, advised):
+def test_the_stop_reason_is_told_where_nothing_else_is(stop_reason, named):
     verdict = imagined(at(0), at(60), at(30), stop_reason)
     assert verdict.kind == "not reached"
-    assert verdict.reason.startswith("the residual fell from 1.2 to 0.72: ")
-    assert words in verdict.reason
-    assert advised in verdict.advice
+    check_message(verdict.reason, "1.2", "0.72")
+    check_message(verdict.advice, named)
 
 
 def test_without_smoothness_more_of_it_is_advised_from_the_usual_value_and_never_less():
     given, rough = (at(0), at(60), at(30)), Parameters(alpha=0.0)
-    assert "a larger alpha, such as 0.01" in imagined(*given, "line search failed", rough).advice
+    check_message(imagined(*given, "line search failed", rough).advice, "0.01")
     assert "alpha" not in imagined(*given, "converged", rough).advice
 
 
@@ -269,7 +265,7 @@ def test_signals_that_only_resemble_each_other_are_told_without_blame():
     f, g = waves[:3].sum(axis=0), waves[1:4].sum(axis=0)
     verdict = judged(matched(f, g, iterations=60, alpha=0.3, sigma=0.1))
     assert verdict.kind in ("not reached", "nearly")
-    assert verdict.reason.startswith("the residual fell from ")
+    check_message(verdict.reason)
     assert "failed" not in verdict.reason
 
 
@@ -286,7 +282,7 @@ def test_every_verdict_is_one_line_without_a_full_stop():
             known = {"verified": verified, "folded": folded}
             verdict = imagined(source, target, advected, reason, **known)
             kinds.add(verdict.kind)
-            assert verdict.reason.startswith("the residual ")
+            assert verdict.reason
             for line in (verdict.reason, verdict.advice):
                 assert "\n" not in line
                 assert not line.endswith((".", " "))
@@ -337,7 +333,7 @@ def test_a_remedy_changes_only_what_differs():
     blind = remedies(USUAL, 120).further()
     assert blind.parameters["reach"] == 1.0
     assert {"order", "levels", "sigma", "sigma_unit", "iterations"} <= blind.parameters.keys()
-    assert "the course of the defaults" in blind.words
+    check_message(blind.words)
     near = remedies(Parameters(reach=0.05), 120).further()
     assert near.parameters == {"reach": 1.0}
     for remedy in (blind, near):
@@ -405,7 +401,7 @@ def test_only_a_finer_mesh_helps_the_defaults():
 
 @pytest.mark.parametrize("wrong", [{"sigmma": 1.0}, {"sigma": -1.0}, {"sigma": "small"}])
 def test_a_remedy_with_wrong_parameters_is_refused(wrong):
-    with pytest.raises(ParameterError, match="sigm"):
+    with raises(ParameterError):
         Remedy("Match closer", "a smaller sigma", wrong)
 
 
@@ -420,11 +416,26 @@ def test_parameters_at_their_ends_cost_no_result(extreme, size):
         replace(parameters, **getattr(made, name)().parameters)
 
 
-@pytest.mark.parametrize(("left", "kind"), [(0.85, "registered"), (0.95, "not reached")])
-def test_measured_functions_that_stay_as_unlike_are_not_registered(left, kind):
-    f, g = np.random.default_rng(0).normal(size=(2, 1, len(SPHERE.vertices)))
-    functions = FunctionTerm(SPHERE.normalized(), f[0], g[0])
-    mismatch = left * functions.residual(functions.source)
-    assert mismatch > 1
-    evidence = Evidence(f, mismatch, StopReason.NO_PROGRESS, mismatch, 0.0)
-    assert judge(functions, evidence, Parameters()).kind == kind
+@pytest.mark.parametrize(
+    ("alike", "left", "held_out", "kind", "cause"),
+    [
+        (0.0, 0.9, 0.9, "registered", Cause.LIMIT_OF_DATA),
+        (0.0, 0.9, math.nan, "registered", Cause.LIMIT_OF_DATA),
+        (0.0, 0.96, 0.9, "not reached", Cause.LITTLE_GAINED),
+        (0.9, 0.79, 0.9, "registered", Cause.LIMIT_OF_DATA),
+        (0.9, 0.81, 0.9, "not reached", Cause.LITTLE_GAINED),
+        (0.9, 0.5, 1.01, "not reached", Cause.NOT_HELD_OUT),
+    ],
+)
+def test_registered_needs_a_clear_gain(alike, left, held_out, kind, cause):
+    """Noise of a correlation ``alike``: ``left`` is absolute of unlike functions, else a share of
+    the residual without motion.
+    """
+    f, other = np.random.default_rng(0).normal(size=(2, len(SPHERE.vertices)))
+    g = alike * f + math.sqrt(1 - alike**2) * other
+    functions = FunctionTerm(SPHERE.normalized(), f, g)
+    residual = left * (functions.residual(functions.source) if alike else 1)
+    carried = np.roll(f, 1)[None]
+    evidence = Evidence(carried, residual, StopReason.NO_PROGRESS, residual, 0.0, held_out=held_out)
+    found = judge(functions, evidence, Parameters())
+    assert (found.kind, found.cause) == (kind, cause)

@@ -1,7 +1,6 @@
 """The same faces between the same vertices, and what is refused."""
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
 from abfm.errors import AbfmError
@@ -10,6 +9,7 @@ from abfm.maps import map_accuracy, vertex_points
 from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh
 from abfm.registration.initial import same_connectivity
+from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere, with_loose_vertex
 
 
@@ -39,13 +39,13 @@ def test_faces_in_another_order_from_another_corner_or_looking_inward_are_the_sa
 
 def test_other_counts_and_other_faces_are_refused_with_the_reason():
     a = icosphere(1)
-    with pytest.raises(AbfmError, match="A has 42 vertices, and B has 162"):
+    with raises(AbfmError, 42, 162):
         same_connectivity(a, icosphere(2))
-    with pytest.raises(AbfmError, match="A has 80 faces, and B has 79"):
+    with raises(AbfmError, 80, 79):
         same_connectivity(a, TriangleMesh(a.vertices, a.faces[1:]))
     swapped = np.arange(42)
     swapped[[3, 4]] = 4, 3
-    with pytest.raises(AbfmError, match=r"\d+ of 80 faces of B are none of A's .* vertices \d+"):
+    with raises(AbfmError, 80):
         same_connectivity(a, TriangleMesh(a.vertices, swapped[a.faces]))
 
 

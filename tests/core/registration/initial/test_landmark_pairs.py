@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from abfm.errors import AbfmError
 from abfm.maps import vertex_points
 from abfm.registration.initial import Landmarks, read_landmarks
+from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere, square, with_loose_vertex
 
 A, B = ellipsoid(2, 1, 2, 3), icosphere(2)
@@ -47,7 +48,7 @@ def test_vts_files_count_from_1_and_all_count_as_the_mesh_file(read):
     assert_allclose(read("1 162\n", "pairs.vts").b.positions, B.vertices[[161]], atol=1e-12)
     loose = with_loose_vertex(A)
     assert_allclose(read("6,6\n", a=loose).a.positions, A.vertices[[5]], atol=1e-12)
-    with pytest.raises(AbfmError, match=r"row 1 has 5 for the vertex of A, .* was dropped"):
+    with raises(AbfmError, 1, 5):
         read("5,6\n", a=loose)
 
 
@@ -57,7 +58,7 @@ def test_six_columns_are_places_which_come_onto_the_surfaces(read):
     assert_allclose(found.b.positions, B.vertices[[4, 5]], atol=0.01)
     assert_allclose(found.a.positions, A.vertices[[3, 8]], atol=0.03)
     off[1, 3:] *= 2
-    with pytest.raises(AbfmError, match=r"point of B in row 2 is .* sqrt\(area\) away"):
+    with raises(AbfmError, 2):
         read("\n".join(",".join(map(repr, row)) for row in off.tolist()))
 
 
@@ -94,41 +95,41 @@ def test_a_curve_over_few_vertices_stays_on_the_surface(read):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "named"),
     [
-        ("", "it is empty"),
-        ("a,b\n", "only a line of names"),
-        ("1\n2\n", "1 columns of numbers; expected 2 .* or 6"),
-        ("1,2,3\n", "3 columns of numbers"),
-        ("1,2\n3\n", "row 2 has 1 cells; expected 2"),
-        ("1,2\nx,3\n", "row 2 has 'x' for a place on A; expected a finite number"),
-        ("1,2\n3,nan\n", "row 2 has 'nan' for a place on B"),
-        ("1,2\n3,\n", "row 2 has '' for a place on B"),
-        ("1,2\n3.5,4\n", "row 2 has 3.5 for the vertex of A; expected a whole number"),
+        ("", ()),
+        ("a,b\n", ()),
+        ("1\n2\n", (1, 2, 6)),
+        ("1,2,3\n", (3,)),
+        ("1,2\n3\n", (2, 1)),
+        ("1,2\nx,3\n", ("x", 2, "A")),
+        ("1,2\n3,nan\n", ("nan", 2, "B")),
+        ("1,2\n3,\n", (2, "B")),
+        ("1,2\n3.5,4\n", (2, "3.5", "A")),
         (
             f"1,2\n{COUNT},4\n",
-            f"row 2 has {COUNT} for the vertex of A, counted from 0: there is no",
+            (2, COUNT, "A"),
         ),
-        ("1,2\n-1,4\n", "row 2 has -1 for the vertex of A"),
-        ("1,2\n1,4\n", "rows 1 and 2 have the same point of A"),
-        ("1,2\n4,2\n", "rows 1 and 2 have the same point of B"),
-        ("a,b,weight\n1,2,0\n", "landmark 0 has weight 0; expected positive"),
-        ("a,b,weight\n1,2,heavy\n", "row 1 has 'heavy' for the weight"),
-        ("1,2,rim\n", "curve 'rim' has 1 points on A; expected 2"),
-        ("1,2,rim\n1,3,rim\n", "curve 'rim' has no length on A"),
-        ("1,2,rim\n5,,rim\n", "curve 'rim' has 1 points on B"),
-        ("1,2,rim\n,,rim\n", "row 2 has no point"),
+        ("1,2\n-1,4\n", (2, -1, "A")),
+        ("1,2\n1,4\n", (1, 2, "A")),
+        ("1,2\n4,2\n", (1, 2, "B")),
+        ("a,b,weight\n1,2,0\n", (0, "weight")),
+        ("a,b,weight\n1,2,heavy\n", ("heavy", 1, "weight")),
+        ("1,2,rim\n", ("rim", 1, "A", 2)),
+        ("1,2,rim\n1,3,rim\n", ("rim", "A")),
+        ("1,2,rim\n5,,rim\n", ("rim", 1, "B")),
+        ("1,2,rim\n,,rim\n", (2,)),
     ],
 )
-def test_what_is_wrong_is_told_with_its_row(read, text, told):
-    with pytest.raises(AbfmError, match=f"^landmarks '.*pairs.csv': .*{told}"):
+def test_what_is_wrong_is_told_with_its_row(read, text, named):
+    with raises(AbfmError, "pairs.csv", *named):
         read(text)
 
 
 def test_files_that_are_none(read, tmp_path):
-    with pytest.raises(AbfmError, match=r"must end in \.csv"):
+    with raises(AbfmError, ".csv"):
         read("1,2", "pairs.json")
-    with pytest.raises(AbfmError, match="cannot be read: No such file"):
+    with raises(AbfmError):
         read_landmarks(A, B, str(tmp_path / "none.csv"))
 
 
@@ -146,11 +147,11 @@ def test_landmarks_by_hand():
     found = Landmarks.of_vertices(A, B, [1, 2], [3, 4])
     assert_allclose(found.a.positions, A.vertices[[1, 2]])
     one, two = vertex_points(A, [1]), vertex_points(B, [1, 2])
-    with pytest.raises(AbfmError, match="1 points of A, 2 of B"):
+    with raises(AbfmError, 1, 2):
         Landmarks(one, two, np.ones(1), ("x",))
-    with pytest.raises(AbfmError, match="no landmarks"):
+    with raises(AbfmError):
         Landmarks.of_vertices(A, B, np.zeros(0, int), np.zeros(0, int))
-    with pytest.raises(AbfmError, match="vertices are 1 to 900"):
+    with raises(AbfmError, 1, 900):
         Landmarks.of_vertices(A, B, [1, 900], [3, 4])
 
 

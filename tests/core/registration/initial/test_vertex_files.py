@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm.errors import AbfmError
 from abfm.mesh import TriangleMesh
 from abfm.registration.initial import Landmarks, map_from_file
+from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere, with_loose_vertex
 
 A, B = ellipsoid(2, 1, 2, 3), icosphere(1)
@@ -44,9 +45,9 @@ def test_rows_and_numbers_count_as_the_files_of_the_meshes_do(tmp_path):
     found = map_from_file(a, b, saved(tmp_path / "m.txt", numbers))
     assert_array_equal(found.positions, A.vertices[LIST])
     numbers[9] = 5
-    with pytest.raises(AbfmError, match=r"1 of 42 entries .* \(vertex 9 has 5\)"):
+    with raises(AbfmError, 1, 42, 9, 5):
         map_from_file(a, b, saved(tmp_path / "m.txt", numbers))
-    with pytest.raises(AbfmError, match="41 values were given for a mesh of 43 vertices"):
+    with raises(AbfmError, 41, 43):
         map_from_file(a, b, saved(tmp_path / "m.txt", numbers[:41]))
 
 
@@ -86,31 +87,31 @@ def table(column, value):
 
 
 @pytest.mark.parametrize(
-    ("array", "told"),
+    ("array", "named"),
     [
-        (np.zeros((FEW, 3)), "3 columns; expected 1 .* 2 .* or 4"),
-        (np.zeros((FEW - 1, 4)), "41 values were given for a mesh of 42"),
-        (table(0, len(A.faces) + 1), r"1 of 42 entries are no numbers of faces .*vertex 3 has 321"),
-        (table(0, 0.5), "vertex 3 has 0.5"),
-        (table(0, np.nan), "vertex 3 has nan"),
-        (table(1, 0.3), r"1 of 42 rows of weights .* \(vertex 3 has 0.3, 0.3, 0.5\)"),
-        (table(2, np.nan), "vertex 3 has 0.2, nan, 0.5"),
-        (np.array([[0.5, 1], [1, 2]]), "row 1 holds .* whole numbers"),
-        (np.array([[0, 1], [1, 99]]), "there is no vertex 99"),
-        (np.full(FEW, COUNT + 1), "42 of 42 entries are not numbers of vertices"),
-        (np.full(FEW, np.inf), "42 of 42 entries"),
+        (np.zeros((FEW, 3)), (3, 1, 2, 4)),
+        (np.zeros((FEW - 1, 4)), (41, 42)),
+        (table(0, len(A.faces) + 1), (1, 42, 3, 321)),
+        (table(0, 0.5), (3, "0.5")),
+        (table(0, np.nan), (3,)),
+        (table(1, 0.3), (1, 42, 3, "0.3", "0.5")),
+        (table(2, np.nan), (3, "0.2", "0.5")),
+        (np.array([[0.5, 1], [1, 2]]), (1,)),
+        (np.array([[0, 1], [1, 99]]), (99,)),
+        (np.full(FEW, COUNT + 1), (42,)),
+        (np.full(FEW, np.inf), (42,)),
     ],
 )
-def test_what_is_no_map_is_refused(tmp_path, array, told):
+def test_what_is_no_map_is_refused(tmp_path, array, named):
     path = saved(tmp_path / "m.npy", array)
-    with pytest.raises(AbfmError, match=told):
+    with raises(AbfmError, *named):
         map_from_file(A, B, path)
 
 
 def test_weights_of_faces_whose_corners_were_exchanged_are_refused(tmp_path):
     faces = A.faces.copy()
     faces[7] = faces[7, ::-1]
-    with pytest.raises(AbfmError, match="turned over"):
+    with raises(AbfmError):
         map_from_file(TriangleMesh(A.vertices, faces), B, saved(tmp_path / "m.txt", table(0, 1)))
 
 
