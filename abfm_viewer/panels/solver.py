@@ -27,7 +27,7 @@ _STATE_HEIGHT = 130
 _STATE_SHARE = 0.3  # of a low panel
 _SIDE_BUTTON, _SIDE_SHARE = 76, 0.3
 _BAR = 8  # high, as those in the viewport: below it is room for three lines and a warning
-_FORESEEN = "No flow can match these functions."
+_IMPOSSIBLE = "No flow can match these functions."
 _WARM = "from the current field"
 _FOLLOW_TIP = (
     "While it runs, another parameter or function restarts the solver from the field that it has "
@@ -182,7 +182,8 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
 def _draw_before(ui: Ui, session: Session) -> None:
     """Draw what is known of a match before there is one."""
     if (facts := session.foreseen) is not None:  # the reason is below the functions
-        ui.note(_FORESEEN, facts.tone)
+        is_impossible = facts.outcome is Outcome.IMPOSSIBLE
+        ui.note(_IMPOSSIBLE if is_impossible else sentence(facts.headline), facts.tone)
         return
     failed = session.problem_told != ""
     about = session.obstacle or "Match finds a flow from the source to the target"
