@@ -19,18 +19,16 @@ _SIDES = np.array([0.001, 0.002, 0.25])
 """What looking from the right, from above and at the face is worth, of the surface that the best
 direction shows. The first two only decide between directions that show alike."""
 
-WIDTH, _WIDEST = 0.13, 0.5
-"""How wide a Gaussian is, if the mesh is fine enough, and at most, as a share of the way between
-the two."""
-_EDGES, _SPANNED, _FEWEST = 6.0, 4.0, 2.0
+WIDTH = 0.13
+"""How wide a Gaussian is, if the mesh is fine enough, as a fraction of sqrt(area)."""
+_EDGES, _SPANNED, _FEWEST = 3.0, 4.0, 2.0
 """How many edges of even triangles one is wide on coarser meshes, else no flow of theirs would be
-exact; how many of the mesh's own suffice; and below how many the two are put farther apart, which
-makes room for wider ones."""
-_PLACE = 0.34
+exact; how many of the mesh's own suffice; and below how many they are wider."""
+_PLACE = 0.42
 """Where the source is on the way from end to end."""
-_APART, _FARTHEST = (0.3, 0.42), (0.5, 0.7)
-"""How far the target is from the source, as shares of that way and at most; the same on meshes
-too coarse for it."""
+_APART = 0.5
+"""How far the target is from the source, in widths: farther ones are matched as well, by maps that
+change areas a lot, as where limbs meet the body."""
 _SIDE = 0.1  # how much of the way facing the viewer is worth
 _FEW = 3000  # vertices to average over
 _TILT = np.array([0.02, -0.01, 0.005])
@@ -100,11 +98,10 @@ def front_of_film(film: Film, up: str = "y") -> Front:
 def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
     """Specs of two Gaussians on the way from one end of the body to the other, on one side of it.
 
-    The way is (nearly) the longest geodesic, such as from a foot to a hand. A third of it lies
-    before the source, which is then at a knee and not in a fork between limbs, and a third behind
-    the target, unless that would be far. Both rather face the viewer, who looks from
-    `best_front(mesh)`. On a mesh so coarse, or of such needles, that Gaussians between which there
-    is room span hardly an edge, they are farther apart and wider.
+    The way is (nearly) the longest geodesic, such as from a foot to a hand, and the source is near
+    its middle, on the trunk. The target is so near that a first match changes areas little, further
+    along the way. Both rather face the viewer, who looks from `best_front(mesh)`. On a mesh so
+    coarse, or of such needles, that Gaussians span hardly an edge, they are wider.
     """
 
     def distance(vertex: np.intp) -> FloatArray:
@@ -134,17 +131,15 @@ def default_functions(mesh: TriangleMesh) -> tuple[str, str]:
         return np.argmin(off + backwards + 0.5 * detour - 0.5 * _SIDE * alike)
 
     edge = np.sqrt(4 / np.sqrt(3) / len(mesh.faces))  # of even triangles, in the unit of lengths
-    nearest, farthest = (
-        min(share * length, most * unit) for share, most in zip(_APART, _FARTHEST, strict=True)
-    )
-    width, target = min(max(_EDGES * edge, WIDTH), _WIDEST * nearest / unit), target_at(nearest)
+    width = max(_EDGES * edge, WIDTH)
+    target = target_at(_APART * width * unit)
     distances = np.stack([from_source, distance(target)], axis=1) / unit
     spans = abfm.matching.resolution(mesh, np.exp(-0.5 * (distances / width) ** 2))
     if spans > _SPANNED:
         width = min(width, max(WIDTH, width * _SPANNED / spans))
     elif spans < _FEWEST:
-        apart = min(width * _SPANNED / spans * unit / _WIDEST, farthest)
-        width, target = _WIDEST * apart / unit, target_at(apart)
+        width *= _FEWEST / spans
+    target = target_at(_APART * width * unit)
     text = "gaussian:vertex={},width={:.2g}"
     return text.format(mesh.vertex_ids[source], width), text.format(mesh.vertex_ids[target], width)
 

@@ -17,6 +17,7 @@ from abfm_viewer.document.document import SIDES, Document, Side
 from abfm_viewer.panels import initial_map, landmarks
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.active_gaussian import active_gaussian
+from abfm_viewer.session.session import Session
 from abfm_viewer.widgets.toolkit import Ui
 from abfm_viewer.widgets.widget_record import Range
 
@@ -28,6 +29,7 @@ _ADD_CHANNEL = (
     "One more channel: another pair of functions that the same flow should match. It begins as a "
     "landmark that stays where it is, far from the Gaussians of the others."
 )
+_RESCALE = "Scale and shift the source so that it has the target's values, from least to largest."
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves it out."
 _SEVERAL = "several terms"
 _FAMILY = "What kind of function it is. Sums can be typed below.\n\n{name}: {summary}"
@@ -91,7 +93,20 @@ def draw(context: Context) -> None:
     for side in SIDES:
         with ui.group(side):
             _Side(context, side, session.active.spec(side)).draw()
+    _draw_foreseen(ui, session)
     ui.line("Shift-drag on a surface moves its Gaussian.", tip=_BY_MOUSE)
+
+
+def _draw_foreseen(ui: Ui, session: Session) -> None:
+    """Draw, below all else that moves, why no flow can match the functions, and what to do."""
+    if (facts := session.foreseen) is None:
+        return
+    ui.note(sentence(facts.reason), facts.tone)
+    if session.rescaled_channels() != session.channels:
+        if ui.button("Rescale", _RESCALE):
+            session.rescale()
+    elif facts.advice:
+        ui.note(f"To try: {facts.advice}.")
 
 
 def _draw_channels(context: Context) -> None:

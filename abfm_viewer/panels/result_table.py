@@ -32,7 +32,7 @@ _FLAGS = (
     | imgui.ImGuiTableFlags_SizingStretchProp
 )
 _WEIGHTS: dict[Name, float] = {"name": 2.0, "reason": 4.0}
-_LEAST_TEXT: dict[Name, float] = {"name": 110, "reason": 220}  # widths, at a scale of 1
+_LEAST_TEXT: dict[Name, float] = {"name": 110, "reason": 180}  # widths, at a scale of 1
 _ARROW = 14  # beside a head, the same
 _COMPARE = 110
 _WIDEST = "100.00%"  # number

@@ -27,7 +27,7 @@ _STATE_HEIGHT = 130
 _STATE_SHARE = 0.3  # of a low panel
 _SIDE_BUTTON, _SIDE_SHARE = 76, 0.3
 _BAR = 8  # high, as those in the viewport: below it is room for three lines and a warning
-_RESCALE = "Scale and shift the source so that it has the target's values, from least to largest."
+_IMPOSSIBLE = "No flow can match these functions."
 _WARM = "from the current field"
 _FOLLOW_TIP = (
     "While it runs, another parameter or function restarts the solver from the field that it has "
@@ -181,30 +181,13 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
 
 def _draw_before(ui: Ui, session: Session) -> None:
     """Draw what is known of a match before there is one."""
-    if _draw_foreseen(ui, session):
+    if (facts := session.foreseen) is not None:  # the reason is below the functions
+        is_impossible = facts.outcome is Outcome.IMPOSSIBLE
+        ui.note(_IMPOSSIBLE if is_impossible else sentence(facts.headline), facts.tone)
         return
     failed = session.problem_told != ""
     about = session.obstacle or "Match finds a flow from the source to the target"
     ui.note(sentence(about), "failure" if failed else "muted")
-
-
-def _draw_foreseen(ui: Ui, session: Session) -> bool:
-    """Draw why no flow can match the present functions, and what to do; whether that is known."""
-    if (facts := session.foreseen) is None:
-        return False
-    ui.note(sentence(facts.reason), facts.tone)
-    if not _draw_rescale(ui, session) and facts.advice:
-        ui.note(f"To try: {facts.advice}.")
-    return True
-
-
-def _draw_rescale(ui: Ui, session: Session) -> bool:
-    """Draw a button if the source lacks values of the target; whether it is there."""
-    if session.foreseen is None or session.rescaled_channels() == session.channels:
-        return False
-    if ui.button("Rescale", _RESCALE):
-        session.rescale()
-    return True
 
 
 def _draw_result(ui: Ui, session: Session, result: Match, facts: Facts) -> None:
@@ -218,9 +201,7 @@ def _draw_result(ui: Ui, session: Session, result: Match, facts: Facts) -> None:
             ui.note(text)
     changed = "functions or parameters changed since"
     ui.note(sentence(changed if session.outdated else facts.reason), "ink")
-    if session.outdated:
-        _draw_foreseen(ui, session)
-    else:
+    if not session.outdated:
         for warning in facts.warnings:
             ui.note(sentence(warning), "warning")
     _draw_remedies(ui, session, result, facts)
@@ -262,8 +243,7 @@ def _draw_remedies(ui: Ui, session: Session, result: Match, facts: Facts) -> Non
         # copies of a run have no remedies
         if not remedies and is_broken_off:
             _draw_continue(ui, session)
-        has_button = _draw_rescale(ui, session) or bool(remedies) or distorts
-    advice = facts.advice
+    has_button, advice = bool(remedies) or distorts, facts.advice
     if advice and (verdict.kind is Outcome.IMPOSSIBLE or not has_button):
         ui.note(f"To try: {advice}.")
     elif is_broken_off:

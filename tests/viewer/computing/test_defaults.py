@@ -5,11 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from abfm import Parameters, TriangleMesh, load_mesh, match
+from abfm import Parameters, Problem, TriangleMesh, load_mesh, match
 from abfm.assets import asset_names, asset_path
 from abfm.calculus import geodesic_distance, vertex_areas
 from abfm.functions import function, parse, vertex_normals
 from abfm.matching import resolution
+from abfm.outcome import Outcome
 from abfm_viewer.computing.defaults import (
     WIDTH,
     best_front,
@@ -44,18 +45,15 @@ def width(mesh):
 @pytest.mark.parametrize(
     "mesh", [*MESHES, torus(30, 20), disc(8), ellipsoid(3, 3.0, 1.0, 1.0)], ids=str
 )
-def test_any_mesh_gets_two_gaussians_well_apart_on_one_side_of_it_facing_who_looks(mesh):
+def test_any_mesh_gets_two_gaussians_on_one_side_of_it_facing_who_looks(mesh):
     mesh = mesh_of(mesh)
     source, target = centres(mesh)
-    end = int(np.argmax(geodesic_distance(mesh, [0])))
-    longest = geodesic_distance(mesh, [end]).max()
-    apart = geodesic_distance(mesh, [source])[target]
-    assert 0.2 < apart / longest < 0.45
-    assert apart < 0.8 * mesh.length_scale
+    apart = geodesic_distance(mesh, [source])[target] / mesh.length_scale
+    assert 0.3 < apart / width(mesh) < 0.8
     normals = vertex_normals(mesh)
     assert normals[source] @ normals[target] > 0
     facing = normals @ best_front(mesh).direction
-    assert min(facing[[source, target]]) > 0.4
+    assert min(facing[[source, target]]) > 0.25
     for spec in specs(mesh):
         covered = vertex_areas(mesh) * function(mesh, spec)
         # a quarter is what is seen of a ball
@@ -63,12 +61,11 @@ def test_any_mesh_gets_two_gaussians_well_apart_on_one_side_of_it_facing_who_loo
 
 
 @pytest.mark.parametrize("name", [name for name in MESHES if name.startswith("human")])
-def test_on_a_body_they_are_at_a_knee_and_at_the_breast_and_not_at_the_fork_of_the_legs(name):
+def test_on_a_body_they_are_on_the_trunk(name):
     heights = mesh_of(name).vertices[:, 1]
-    low, high = sorted((heights[centres(mesh_of(name))] - heights.min()) / np.ptp(heights))
-    fork = 0.47  # of the height
-    assert 0.2 < low < fork - 0.05
-    assert fork + 0.13 < high < 0.85
+    found = (heights[centres(mesh_of(name))] - heights.min()) / np.ptp(heights)
+    assert found.min() > 0.45
+    assert found.max() < 0.85
 
 
 def test_numbers_scale_and_orientation_do_not_matter_and_vertices_are_counted_as_the_file_does():
@@ -90,27 +87,19 @@ def test_a_coarse_mesh_gets_wider_ones_but_no_wider_than_an_even_mesh_needs():
     mesh = square(20)
     assert width(mesh) > WIDTH
     for spec in specs(mesh):
-        assert 3.5 < resolution(mesh, function(mesh, spec)) < 4.6
-    # where they would span hardly an edge they are farther apart and wider
-    coarse, fine = (ellipsoid(subdivisions, 3.0, 1.0, 1.0) for subdivisions in (1, 4))
-    shares = []
-    for mesh in (coarse, fine):
-        source, target = centres(mesh)
-        from_source = geodesic_distance(mesh, [source])
-        shares.append(from_source[target] / from_source.max())
-    assert shares[0] > 1.15 * shares[1]
-    assert width(coarse) > 1.15 * width(fine)
+        assert 2.5 < resolution(mesh, function(mesh, spec)) < 4.6
 
 
 @pytest.mark.parametrize("name", COARSE)
-def test_they_are_matched_or_nearly_so(name):
-    """On a mesh that is subdivided once; without, the discrete flow alone leaves as little."""
+def test_the_first_match_is_good(name):
+    """By both checks, and 95% of the surface keeps its area up to a factor of two."""
     mesh = mesh_of(name)
-    source, target = (function(mesh, spec) for spec in specs(mesh))
-    found = match(mesh, source, target, Parameters(refine=1))
-    assert found.verdict.kind in ("matched", "nearly")
-    assert min(step.residual for step in found.path) <= 0.05
-    assert vertex_areas(mesh) @ np.minimum(source, target) < 0.7 * vertex_areas(mesh) @ source
+    facts = match(Problem(mesh, *([spec] for spec in specs(mesh)))).facts
+    assert facts.outcome is Outcome.MATCHED
+    assert facts.tone == "good"
+    assert facts.numbers["worse_residual"] <= 0.05
+    assert facts.numbers["log2_area_95"] <= 1
+    assert facts.numbers["initial_residual"] > 0.3  # there is something to see
 
 
 @pytest.mark.parametrize(

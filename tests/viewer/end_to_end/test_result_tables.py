@@ -141,7 +141,8 @@ def heads_of(gui):
 def test_names_keep_their_room_and_a_tip_tells_of_columns_that_have_none(opened, monkeypatch):
     every = heads_of(opened)
     assert len(every) == len(OF_BATCHES)
-    monkeypatch.setattr(result_table, "_LEAST_TEXT", every["name"] + 5)
+    wider = result_table._LEAST_TEXT | {"name": every["name"] + 5}
+    monkeypatch.setattr(result_table, "_LEAST_TEXT", wider)
     heads = heads_of(opened)
     assert set(every) - set(heads) == {"folded"}
     assert heads["name"] > every["name"]
@@ -254,7 +255,7 @@ def test_no_row_is_cut_at_the_lower_end(opened, monkeypatch):
     rows = [w.rect for w in opened.window.ui.widgets if w.section == "table/rows"]
     heads = rows[0]
     high = heads[3] - heads[1]
-    assert {bottom - top for _, top, _, bottom in rows} == {high}
+    assert min(bottom - top for _, top, _, bottom in rows) == high  # others have long reasons
     [(_, height)] = set(sizes)
     assert height % high == 2  # for the border
     assert height > 3 * high
