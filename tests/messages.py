@@ -104,7 +104,8 @@ class Messages:
             text = folder.sub("TMP/", text)
         text = _ADDRESS.sub("#", text.rstrip("\n"))
         text = _CHOICES.sub(lambda found: found[0].replace("'", ""), text)
-        return _COMPUTED.sub("#", text).replace("\n", "\\n")[:TEXT_LENGTH_MAX]
+        text = _COMPUTED.sub("#", text)[:TEXT_LENGTH_MAX]
+        return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def _temporary_folders(base):

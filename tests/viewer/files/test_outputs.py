@@ -57,7 +57,7 @@ def match():
 )
 def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with raises(ResultError) as told:
+    with raises(ResultError, "gone") as told:
         outputs.write_all([tmp_path / name for name in names], match)
     written = {name for name in names if "/" not in name}
     (kept,) = (path for path in tmp_path.iterdir() if path.name not in written)
