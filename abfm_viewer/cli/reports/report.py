@@ -121,7 +121,11 @@ def _facts(
         if found.a is not found.b:
             told["initial_map"] = results.map_facts(found.initial)
         facts = found.facts
-        told |= results.facts(found) | {"why": facts.reason, "tone": facts.tone}
+        told |= results.facts(found) | {
+            "why": facts.reason,
+            "advice": facts.advice,
+            "tone": facts.tone,
+        }
         told |= {
             "notes": [*found.notes, *match.mesh.messages],
             "changed_parameters": changed(match.parameters),

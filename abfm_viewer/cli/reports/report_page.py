@@ -42,7 +42,8 @@ p { margin: .3rem 0; max-width: 58rem; }
 .verdict { margin: 1.2rem 0 .8rem; padding: .8rem 1.1rem; background: var(--panel);
   border-left: .5rem solid var(--tone); }
 .verdict strong { display: block; color: var(--tone); font-size: 1.9rem; line-height: 1.25; }
-.good { --tone: var(--good); } .ink { --tone: var(--ink); } .bad { --tone: var(--bad); }
+.good { --tone: var(--good); } .ink { --tone: var(--ink); }
+.warning { --tone: #8a5300; } .failure { --tone: var(--bad); } .muted { --tone: var(--muted); }
 ul { margin: .5rem 0; padding-left: 1.2rem; } .warnings { color: var(--bad); font-weight: 600; }
 dl { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .6rem;
   margin: .8rem 0; }
@@ -130,11 +131,9 @@ def _verdict(told: Facts) -> str:
     headline = sentence(told["headline"])
     if "verdict" not in told:
         return f'<div class="verdict ink"><strong>{headline}</strong></div>'
-    verdict = told["verdict"]
     reason = f"<p>{sentence(told['why'])}.</p>"
-    advice = f"<p><b>Advice:</b> {escape(verdict['advice'])}.</p>" if verdict["advice"] else ""
-    tone = {"failure": "bad"}.get(told["tone"], told["tone"])
-    return f'<div class="verdict {tone}"><strong>{headline}</strong>{reason}{advice}</div>'
+    advice = f"<p><b>Advice:</b> {escape(told['advice'])}.</p>" if told["advice"] else ""
+    return f'<div class="verdict {told["tone"]}"><strong>{headline}</strong>{reason}{advice}</div>'
 
 
 def sentence(text: str) -> str:
