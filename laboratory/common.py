@@ -25,6 +25,7 @@ PARAMETERS = Parameters(
     alpha=1e3,
     beta=1e-5,
     sigma=1e-4,
+    segments=1,
     substeps=40,
     quadrature=10,
     cooling_stages=1,

@@ -26,7 +26,8 @@ _PROPERTY = "message"
 _COMPUTED = re.compile(
     r"(?<![\w.])[-+]?\d+((\.\d+)+(e[-+]?\d+)?|e[-+]?\d+|(?= ?%| bytes))(?!\w|\.\d)"
 )
-_ADDRESS = re.compile(r"\b0x[0-9a-f]{6,}\b")
+# addresses, and the random name of a result that could not be written to its place
+_ADDRESS = re.compile(r"\b0x[0-9a-f]{6,}\b|(?<=\babfm-)[0-9a-f]{8}(?=\.npz)")
 _CHOICES = re.compile(r"\(choose from .*?\)")  # Python 3.12 omits the quotes
 _current = None  # the Messages of the test that runs now
 
@@ -103,7 +104,8 @@ class Messages:
             text = folder.sub("TMP/", text)
         text = _ADDRESS.sub("#", text.rstrip("\n"))
         text = _CHOICES.sub(lambda found: found[0].replace("'", ""), text)
-        return _COMPUTED.sub("#", text).replace("\n", "\\n")[:TEXT_LENGTH_MAX]
+        text = _COMPUTED.sub("#", text)[:TEXT_LENGTH_MAX]
+        return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def _temporary_folders(base):

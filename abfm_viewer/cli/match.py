@@ -176,7 +176,6 @@ class FinishedMatch:
     seconds: float
     outputs: Sequence[Path]
     signal: int | None  # that came, also after the last iteration
-    picked: str = ""  # how a bound of distortion is kept, if one was asked for
 
     @property
     def status(self) -> int:
@@ -190,14 +189,13 @@ class FinishedMatch:
         advice = verdict_words.advice_in_options(match, result)
         lines = [
             *results.told_lines(match, self.seconds, names),
-            *([self.picked] if self.picked else []),
             *([f"to try: {advice}"] if advice else []),
         ]
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         own = {"seconds": self.seconds, "outputs": list(map(str, self.outputs))}
-        return {**results.facts(self.match), **own, "picked": self.picked or None}
+        return {**results.facts(self.match), **own}
 
 
 def solve(
@@ -216,14 +214,13 @@ def solve(
     start = time.perf_counter()
     with cancelled_by_signals(control) as kept:
         with progress(problem.parameters.iterations, quiet) as report:
-            match, picked = abfm.match(problem, on_iteration=report, control=control), ""
+            match = abfm.match(problem, on_iteration=report, control=control)
         if max_distortion is not None:
             with nullcontext() if quiet else telling(print_long):
                 match = bounded(match, max_distortion, control=control)
-                picked = results.bound_told(match.distortion(), max_distortion)
         seconds = time.perf_counter() - start
-        outputs.write_all(outs, match)
+        results.print_notes(outputs.write_all(outs, match))
         if path is not None:
             outputs.write_path(path, match)
     written = [*outs, path] if path is not None else outs
-    return FinishedMatch(match, seconds, written, kept.number, picked)
+    return FinishedMatch(match, seconds, written, kept.number)

@@ -1,13 +1,14 @@
 """What is told of a match, of its path and of its distortion, to people and to machines."""
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
 from abfm import Correspondence, Match, PathStep, Registration
+from abfm.errors import printable
 from abfm.maps import Distortion
-from abfm.matching import is_kept
 from abfm.mesh.subdivision import times_subdivided
 from abfm_viewer.document import verdict_words
 
@@ -51,6 +52,12 @@ def told_lines(found: Match | Registration, seconds: float, written: Sequence[st
         f"iterations in {seconds:.1f} s; wrote {', '.join(written)}",
         *(path_lines(match) if len(match.path) > 1 else []),
     ]
+
+
+def print_notes(notes: Sequence[str]) -> None:
+    """Print notes to stderr, a line each."""
+    for note in notes:
+        print(f"note: {printable(note)}", file=sys.stderr)
 
 
 def _row(match: Match, step: PathStep) -> dict[str, float | None]:
@@ -121,16 +128,3 @@ def landmark_lines(found: Registration) -> list[str]:
         return [f"the landmark is left off by {errors[0]:.2g} sqrt(area)"]
     told = f"mean {errors.mean():.2g}, largest {errors.max():.2g} sqrt(area)"
     return [f"{len(errors)} landmarks are left off by {told}"]
-
-
-def bound_told(
-    distortion: Distortion, most: float, why: str = "this is the smoothest field that was tried"
-) -> str:
-    """Say how many faces keep a bound, and, if they are too few, why."""
-    told = (
-        f"--max-distortion {most:g}: kept by {100 * distortion.share_within(most):.2f}% of the "
-        "faces"
-    )
-    if is_kept(distortion, most):
-        return told
-    return f"{told}, {distortion.folded} are folded; {why}"

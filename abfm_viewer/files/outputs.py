@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import abfm
 from abfm import AbfmError, ResultError, TriangleMesh
 from abfm.errors import one_line, printable
-from abfm.io import write_atomically
+from abfm.io import results, write_atomically
 from abfm.types import IntArray
 from abfm_viewer import pages
 
@@ -111,25 +111,27 @@ def write_sequences(
     tracks: Path | None = None,
     intervals: Path | None = None,
     unit: str = "",
-) -> None:
-    """Write a sequence to several files, and its tables; where one cannot be written, it is kept
-    elsewhere. ``unit`` is that of time.
+) -> list[str]:
+    """Write a sequence to several files, and its tables, as `write_all` does. ``unit`` is that of
+    time.
     """
-    writers: dict[Path, Callable[[], None]] = {
+    writers: dict[Path, Callable[[], str | None]] = {
         path: partial(write_sequence, path, found, unit=unit) for path in paths
     }
     if tracks is not None:
         writers[tracks] = partial(abfm.sequences.export_tracks, tracks, found)
     if intervals is not None:
         writers[intervals] = partial(abfm.sequences.export_intervals, intervals, found)
-    _write_each([*writers], lambda path: writers[path](), found)
+    return _write_each([*writers], lambda path: writers[path](), found)
 
 
-def write_sequence(path: Path, found: abfm.Sequence, up: str = "y", unit: str = "") -> None:
-    """Write by the suffix; of a page are ``up``, the axis that points upwards, and the unit."""
+def write_sequence(path: Path, found: abfm.Sequence, up: str = "y", unit: str = "") -> str:
+    """Write by the suffix, as `write` does; of a page are ``up``, the axis that points upwards, and
+    the unit.
+    """
     if path.suffix == ".npz":
-        found.save(path)
-    elif path.suffix == ".pvd":
+        return results.save_what_can_be(path, found)
+    if path.suffix == ".pvd":
         abfm.sequences.export_pvd(path, found)
     elif path.suffix == ".stc":
         abfm.sequences.export_stc(path, found)
@@ -138,6 +140,7 @@ def write_sequence(path: Path, found: abfm.Sequence, up: str = "y", unit: str = 
         pages.sequence_page(found, printable(path.stem), labels).write(path)
     else:
         abfm.sequences.export_speed(path, found)
+    return ""
 
 
 def on_file(mesh: TriangleMesh, values: NDArray[Any]) -> NDArray[Any]:
@@ -149,16 +152,16 @@ def on_file(mesh: TriangleMesh, values: NDArray[Any]) -> NDArray[Any]:
     return whole
 
 
-def write_registrations(paths: Sequence[Path], found: abfm.Registration) -> None:
-    """Write a registration to several files; where one cannot be written, it is kept elsewhere."""
-    _write_each(paths, partial(write_registration, found=found), found)
+def write_registrations(paths: Sequence[Path], found: abfm.Registration) -> list[str]:
+    """Write a registration to several files, as `write_all` does."""
+    return _write_each(paths, partial(write_registration, found=found), found)
 
 
-def write_registration(path: Path, found: abfm.Registration, up: str = "y") -> None:
-    """Write by the suffix; ``up`` is the axis of B that points upwards on a page."""
+def write_registration(path: Path, found: abfm.Registration, up: str = "y") -> str:
+    """Write by the suffix, as `write` does; ``up`` is B's axis that points upwards on a page."""
     if path.suffix == ".npz":
-        found.save(path)
-    elif path.suffix == ".html":
+        return results.save_what_can_be(path, found)
+    if path.suffix == ".html":
         pages.registration_page(found, printable(path.stem), up).write(path)
     elif path.suffix in _TABLES:
         abfm.io.write_values(path, vertex_numbers(found.points))
@@ -175,6 +178,7 @@ def write_registration(path: Path, found: abfm.Registration, up: str = "y") -> N
         except AbfmError as error:
             raise ResultError(f"cannot write {path}: where A lies on B {one_line(error)}") from None
         abfm.io.write_surface(path, placed)
+    return ""
 
 
 def vertex_numbers(points: abfm.PointMap) -> IntArray:
@@ -197,11 +201,13 @@ def make_folder(path: Path) -> None:
         ) from None
 
 
-def write(path: Path, match: abfm.Match, up: str = "y") -> None:
-    """Write by the suffix; ``up`` is the axis that points upwards on a page."""
+def write(path: Path, match: abfm.Match, up: str = "y") -> str:
+    """Write by the suffix; ``up`` is the axis that points upwards on a page. Return what a result
+    file is without and why, in a line, if some of it cannot be written.
+    """
     if path.suffix == ".npz":
-        match.save(path)
-    elif path.suffix == ".csv":
+        return results.save_what_can_be(path, match)
+    if path.suffix == ".csv":
         abfm.io.export_energy_csv(path, match.energy_history, match.stages)
     elif path.suffix == ".html":
         pages.match_page(match, printable(path.stem), up).write(path)
@@ -212,6 +218,7 @@ def write(path: Path, match: abfm.Match, up: str = "y") -> None:
         names = ["velocity" if one else f"velocity_segment_{i}" for i in range(len(match.velocity))]
         export = abfm.io.export_ply if path.suffix == ".ply" else abfm.io.export_vtu
         export(path, match.mesh, on_points, dict(zip(names, match.velocity, strict=True)))
+    return ""
 
 
 def write_path(path: Path, match: abfm.Match) -> None:
@@ -221,35 +228,39 @@ def write_path(path: Path, match: abfm.Match) -> None:
         temporary.write_text("".join(f"{line}\n" for line in lines))
 
 
-def write_all(paths: Sequence[Path], match: abfm.Match) -> None:
-    """Write a match to several files; where one cannot be written, its result is kept elsewhere."""
-    _write_each(paths, partial(write, match=match), match)
+def write_all(paths: Sequence[Path], match: abfm.Match) -> list[str]:
+    """Write a match to several files; return what a result file is without, a line each.
+
+    If a file cannot be written the result is kept elsewhere, unless a result file holds it, and a
+    ResultError reports that.
+    """
+    return _write_each(paths, partial(write, match=match), match)
 
 
-class _Saved(Protocol):
-    """What has a file of its own."""
-
-    def save(self, path: Path) -> None: ...
-
-
-def _write_each(paths: Sequence[Path], write: Callable[[Path], None], whole: _Saved) -> None:
-    problem, kept = None, False
+def _write_each(
+    paths: Sequence[Path], write: Callable[[Path], str | None], whole: results.Saved
+) -> list[str]:
+    problem, kept, notes = None, False, []
     for path in paths:
         try:
-            write(path)
-            kept = kept or path.suffix == ".npz"
-        except AbfmError as error:
+            note = write(path)
+        except Exception as error:  # whatever goes wrong, the result is kept
             problem = problem or error
-    if problem is not None:
-        raise problem if kept else ResultError(f"{problem}; {_kept_elsewhere(whole)}")
+        else:
+            kept = kept or path.suffix == ".npz"
+            notes += [note] if note else []
+    if problem is None:
+        return notes
+    told = one_line(problem) if isinstance(problem, AbfmError) else f"not written: {problem!r}"
+    raise ResultError(told if kept else f"{told}; {_kept_elsewhere(whole)}") from problem
 
 
-def _kept_elsewhere(whole: _Saved) -> str:
+def _kept_elsewhere(whole: results.Saved) -> str:
     for folder in (Path.cwd, Path.home, tempfile.gettempdir):
-        with suppress(ResultError, OSError, RuntimeError):
+        with suppress(Exception):
             place = Path(folder()) / f"abfm-{secrets.token_hex(4)}.npz"
-            whole.save(place)
-            return f"the result is in {place}"
+            missing = results.save_what_can_be(place, whole)
+            return f"the result is in {place}{f'; {missing}' if missing else ''}"
     return "there was no other place for the result either"
 
 

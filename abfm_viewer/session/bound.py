@@ -1,10 +1,7 @@
-"""A bound of distortion: the closest field on the way of the result that keeps it takes its place,
-when it has been found.
-"""
+"""A bound of distortion: the closest field that keeps it takes the place of the result."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -33,12 +30,11 @@ class _Wanted(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """The closest match on the way, whether it keeps the bound, and if not why; how far it leaves
-    landmarks, which takes too long where that is shown.
+    """The closest match, why no match keeps the bound, and how far it leaves landmarks, which takes
+    too long where that is shown.
     """
 
     match: abfm.Match
-    is_kept: bool
     why: str
     errors: FloatArray | None
 
@@ -106,30 +102,27 @@ class Bound:
             return self._apart.call(_within, result, initial, most).result()
 
     def _show(self, wanted: _Wanted, found: _Found) -> None:
-        faces = f"{100 * abfm.matching.SHARE:g}% of the faces"
-        if not found.is_kept:
+        bound = found.match.bound
+        if bound is None or not bound.is_kept:
             self._notices.say(f"the distortion stays: {found.why}", is_error=True)
         elif np.array_equal(found.match.fine_velocity, wanted.result.fine_velocity):
+            faces = f"{100 * abfm.matching.SHARE:g}% of the faces"
             self._notices.say(f"{faces} keep {wanted.most:g} already")
         else:
-            # sigma is that of its step, and the parameters are those that the user has
-            problem = found.match.problem.with_parameters(wanted.result.parameters)
-            result = replace(found.match, problem=problem)
             if found.errors is not None:
-                vars(result)["landmark_errors"] = found.errors
+                vars(found.match)["landmark_errors"] = found.errors
             label = f"limit the distortion to {wanted.most:g}"
-            self._editor.change(label, result=result, chosen=None)
-            self._notices.say(f"{faces} keep {wanted.most:g} now; undo returns to what was closer")
+            self._editor.change(label, result=found.match, chosen=None)
+            headline = found.match.facts.headline
+            self._notices.say(f"{headline}; undo returns to the match before")
 
 
 def _within(
     _: None, result: abfm.Match, initial: abfm.Correspondence | None, most: float
 ) -> _Found:
     """Find the closest match that keeps the bound, initial map and flow together."""
-    why = f"even the smoothest field is beyond {most:g} on more faces than that"
     if initial is None:
         found = abfm.matching.bounded(result, most)
-        return _Found(found, abfm.matching.keeps(found, most), why, found.landmark_errors)
-    whole = abfm.registration.within(abfm.Registration(initial, result), most)
-    is_kept = abfm.matching.is_kept(whole.distortion(), most)
-    return _Found(whole.match, is_kept, "; ".join(whole.notes) or why, whole.landmark_errors)
+        return _Found(found, "; ".join(found.facts.warnings), found.landmark_errors)
+    both = abfm.registration.within(abfm.Registration(initial, result), most)
+    return _Found(both.match, "; ".join(both.notes), both.landmark_errors)

@@ -68,7 +68,7 @@ class MovieSettings:
 class _Export(NamedTuple):
     path: Path
     suffixes: tuple[str, ...]
-    write: Callable[[], None]
+    write: Callable[[], str | None]  # returns what is missing in the file, and why
 
 
 class Exporter:
@@ -126,30 +126,33 @@ class Exporter:
         self._start(path, MOVIES, partial(self._render, path, document, known, words))
 
     def save_result(self, path: Path, match: abfm.Match, kept: Kept) -> None:
-        def write() -> None:
-            outputs.write(path, match)
+        def write() -> str:
+            note = outputs.write(path, match)
             if path.suffix == RESULT:
                 kept(match)
+            return note
 
         self._start(path, DATA, write)
 
     def save_registration(self, path: Path, found: abfm.Registration, kept: Kept) -> None:
-        def write() -> None:
+        def write() -> str:
             outputs.check_registered(path)
-            outputs.write_registration(path, found)
+            note = outputs.write_registration(path, found)
             if path.suffix == RESULT:
                 kept(found.match)
+            return note
 
         self._start(path, REGISTERED, write)
 
     def save_sequence(
         self, path: Path, found: abfm.Sequence, unit: str, kept: Callable[[], None]
     ) -> None:
-        def write() -> None:
+        def write() -> str:
             outputs.check_sequence(path)
-            outputs.write_sequence(path, found, unit=unit)
+            note = outputs.write_sequence(path, found, unit=unit)
             if path.suffix == RESULT:
                 kept()
+            return note
 
         self._start(path, SEQUENCES, write)
 
@@ -185,7 +188,9 @@ class Exporter:
         self.cancel()
         self.wait()
 
-    def _start(self, path: Path, suffixes: tuple[str, ...], write: Callable[[], None]) -> None:
+    def _start(
+        self, path: Path, suffixes: tuple[str, ...], write: Callable[[], str | None]
+    ) -> None:
         """Write a file, or have it written after those that are under way."""
         with self._lock:
             export = _Export(path, suffixes, write)
@@ -216,8 +221,8 @@ class Exporter:
         try:
             outputs.check(export.path, export.suffixes)
             with telling(self._tell), controlled(self._control):
-                export.write()
-            self.progress, self.message = 1.0, f"saved {export.path}"
+                note = export.write()
+            self.progress, self.message = 1.0, f"saved {export.path}{f'; {note}' if note else ''}"
         except Exception as error:
             self.failed = not self._cancelled
             self.message = "export cancelled" if self._cancelled else error_line(error)

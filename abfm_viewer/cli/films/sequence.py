@@ -24,6 +24,7 @@ from abfm_viewer.cli.exit_status import UNMATCHED, UsageError
 from abfm_viewer.cli.films import results as sequence_results
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.progress import print_long, steps_progress
+from abfm_viewer.cli.results import print_notes
 from abfm_viewer.files import outputs
 
 SUMMARY = "find the fields that carry each frame of a film on a surface to the next"
@@ -145,13 +146,14 @@ def run(arguments: argparse.Namespace) -> int:
                 control=control,
             )
         with nullcontext() if arguments.quiet else telling(print_long):
-            outputs.write_sequences(
+            notes = outputs.write_sequences(
                 arguments.out,
                 found,
                 arguments.tracks,
                 arguments.intervals,
                 "s" if unit == "second" else "",
             )
+        print_notes(notes)
         if kept.number is None:
             unfinished.remove()
     seconds, written = time.perf_counter() - start, [*arguments.out, *tables]

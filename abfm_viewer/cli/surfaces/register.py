@@ -131,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = prepared.problem.parameters
     problem = prepared.problem.with_parameters(replace(parameters, **changed))
     warn_if_foreseen(problem)
-    control, start, bound = Control(), time.perf_counter(), ""
+    control, start = Control(), time.perf_counter()
     with cancelled_by_signals(control) as kept:
         with progress(problem.parameters.iterations, arguments.quiet) as report:
             match = abfm.match(problem, on_iteration=report, control=control)
@@ -139,11 +139,10 @@ def run(arguments: argparse.Namespace) -> int:
         with nullcontext() if arguments.quiet else telling(print_long):
             if arguments.max_distortion is not None:
                 found = within(found, arguments.max_distortion, control)
-                why = found.notes[len(prepared.notes) :]
-                bound = results.bound_told(found.distortion(), arguments.max_distortion, *why)
-        outputs.write_registrations(arguments.out, found)
+        results.print_notes(found.notes[len(prepared.notes) :])
+        results.print_notes(outputs.write_registrations(arguments.out, found))
     seconds = time.perf_counter() - start
-    outcome = FinishedRegistration(found, seconds, arguments.out, kept.number, bound)
+    outcome = FinishedRegistration(found, seconds, arguments.out, kept.number)
     if arguments.json:
         print(json.dumps({"a": arguments.a, "b": arguments.b, **outcome.to_dict()}))
     else:
@@ -164,7 +163,6 @@ class FinishedRegistration:
     seconds: float
     outputs: list[Path]
     signal: int | None
-    bound: str
 
     @property
     def match(self) -> Match:
@@ -184,7 +182,6 @@ class FinishedRegistration:
             *results.told_lines(self.registration, self.seconds, list(names)),
             *results.map_lines(self.registration),
             *results.landmark_lines(self.registration),
-            *([self.bound] if self.bound else []),
             *([f"to try: {advice}"] if advice else []),
         ]
         return "\n".join(lines)
@@ -196,5 +193,4 @@ class FinishedRegistration:
             "notes": list(self.registration.notes),
             "seconds": self.seconds,
             "outputs": list(map(str, self.outputs)),
-            "bound": self.bound or None,
         }

@@ -7,9 +7,9 @@ import json
 import math
 import os
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from typing import Any, BinaryIO, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from typing import Any, BinaryIO, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
 from abfm.reading import LARGEST as LARGEST_MEMBER
 from abfm.reading import array_from, most_inflated, open_plain
+from abfm.workers.control import CancelledError
 
 FORMAT_VERSION = 2
 """Of result files and of projects."""
@@ -43,6 +44,8 @@ _KINDS: dict[str, tuple[str, Any]] = {
 
 Path = str | os.PathLike[str]
 Arrays = Mapping[str, NDArray[Any]]
+Parts = Mapping[str, Callable[[], Mapping[str, Any]]]
+"""What makes the arrays of a file, in parts that are of use without the others, by their names."""
 
 
 class Entry(NamedTuple):
@@ -133,11 +136,16 @@ _MATCH = {
     "landmark_errors": Entry("real", ("L",), required=False, low=0),  # of sqrt(area)
     "verdict": Entry("text", (4,)),  # outcome, cause, reason, advice
     "remedies": Entry("text", (), required=False),
+    # largest |log2 J| and |log2 R|, share of the faces within it, what 99% are within, folded faces
+    "bound": Entry("real", (4,), required=False, low=0),
     # the columns of `abfm.matching.path.COLUMNS`
     "path_steps": Entry("real", ("S", 11), required=False, low=0, may_be_unknown=True),
     "path_step": Entry("integer", (), required=False, low=0),  # which of them the match is
-    # the others' fields side by side, in lengths of the mesh: squares of more overflow
-    "path_velocity": Entry("single", ("N", "P", 3), required=False, low=-1e30, high=1e30),
+    # the number of fields of each step, if these differ
+    "path_fields": Entry("integer", ("S",), required=False, low=1, high=1e6),
+    # the others' fields in lengths of the mesh, side by side, (N, P, 3); one after another,
+    # (1, P, 3), if their numbers differ. Squares of larger values overflow
+    "path_velocity": Entry("single", ("R", "P", 3), required=False, low=-1e30, high=1e30),
 }
 MATCH_ENTRIES = _FUNCTIONS | _MATCH | SPEC_ENTRIES | LANDMARK_ENTRIES | _DATA
 
@@ -188,7 +196,7 @@ _SEQUENCE = {
     "sigma": Entry("real", (), low=0, may_be_unknown=True),
     "noise": Entry("real", (), low=0),
     "energies": Entry("real", ("I", 2, 3), may_be_unknown=True),
-    "residual": Entry("real", ("I",), low=0),
+    "residual": Entry("real", ("I",), low=0, may_be_unknown=True),
     "verified_residual": Entry("real", ("I",), low=0, may_be_unknown=True),
     "folded": Entry("real", ("I",), low=0, high=1, may_be_unknown=True),
     "verdicts": Entry("text", ("I", 4)),  # as of a match
@@ -327,6 +335,70 @@ def save_arrays(path: Path, arrays: Mapping[str, Any], kind: Kind = RESULT) -> N
         raise ResultError(told) from error
     with write_atomically(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         write_arrays(archive, {"format_version": np.array(FORMAT_VERSION), **checked})
+
+
+def made(parts: Parts) -> dict[str, Any]:
+    """Return the arrays of all parts."""
+    return {name: array for make in parts.values() for name, array in make().items()}
+
+
+def save_parts(
+    path: Path, parts: Parts, substitutes: Mapping[str, Any], kind: Kind = RESULT
+) -> tuple[str, ...]:
+    """Write those parts that can be made and would load again, and substitutes for required arrays
+    that are in none of them; return what is missing and why, a line each.
+
+    Raises
+    ------
+    ResultError
+        If a required array without a substitute is missing, or the file cannot be written.
+    """
+    arrays: dict[str, Any] = {}
+    sizes: dict[str, int] = {}
+    missing = []
+    for part, make in parts.items():
+        known = dict(sizes)
+        try:
+            own = {
+                name: kind.entries[name].check(name, np.asarray(array), known)
+                for name, array in make().items()
+            }
+        except Exception as error:  # whatever is wrong with a part, the others are kept
+            missing.append(f"{part} ({one_line(error, _MOST_TOLD)})")
+        else:
+            arrays |= own
+            sizes = known
+    save_arrays(path, {**substitutes, **arrays}, kind)
+    return tuple(missing)
+
+
+class Saved(Protocol):
+    """A result that has a file of its own."""
+
+    def save(self, path: Path) -> None: ...
+
+    def save_parts(self, path: Path) -> tuple[str, ...]: ...
+
+
+def save_what_can_be(path: Path, found: Saved) -> str:
+    """Save a result; if that fails, save those parts of it that can be saved, and return what is
+    missing and why, in a line.
+
+    Raises
+    ------
+    Exception
+        As the result's ``save``, if nothing of use can be written there.
+    """
+    try:
+        found.save(path)
+    except CancelledError:
+        raise
+    except Exception:
+        with suppress(Exception):
+            missing = "; ".join(found.save_parts(path))
+            return f"{one_line(path)} is without {missing}" if missing else ""
+        raise
+    return ""
 
 
 def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:

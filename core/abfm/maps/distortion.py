@@ -15,6 +15,8 @@ from abfm.maps.surface_points import SurfacePoints, finite_points, project_onto_
 from abfm.mesh import TriangleMesh
 from abfm.types import BoolArray, FloatArray, IntArray
 
+SHARE = 0.99
+"""Share of the faces that keep a bound: single ones, as at the ends of creases, may exceed it."""
 MOST = 2048  # faces that are looked at closely, unless said
 _PARTS = 8  # along each side
 # Share of a face's parts beyond which it is folded: of slivers along a bent surface about half look
@@ -44,6 +46,26 @@ class Log2(NamedTuple):
         return (
             f"mean {self.mean:.3f}, 95% {self.p95:.2f}, 98% {self.p98:.2f}, most {self.maximum:.2f}"
         )
+
+
+class Bound(NamedTuple):
+    """How a map keeps a bound of ``|log2 J|`` and ``|log2 R|``."""
+
+    max_distortion: float
+    share: float  # of the faces, 0 to 1, that are within it
+    largest: float  # what 99% of the faces are within
+    folded: int  # faces
+
+    @classmethod
+    def of(cls, numbers: ArrayLike) -> Bound:
+        """Return the bound of four numbers, as files hold them."""
+        most, share, largest, folded = np.asarray(numbers).tolist()
+        return cls(most, share, largest, int(folded))
+
+    @property
+    def is_kept(self) -> bool:
+        """Return whether 99% of the faces are within the bound, and none is folded."""
+        return self.share >= SHARE and not self.folded
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,6 +111,10 @@ class Distortion:
         logs = np.log2(np.clip([self.area, self.conformal], _LEAST, 1 / _LEAST))
         largest = np.sort(np.abs(logs).max(axis=0))
         return float(largest[max(int(np.ceil(share * len(largest))), 1) - 1])
+
+    def bound(self, most: float) -> Bound:
+        """Return how a bound of ``|log2 J|`` and ``|log2 R|`` is kept."""
+        return Bound(most, self.share_within(most), self.bound_of(SHARE), self.folded)
 
     def scaled(self, factor: float) -> Distortion:
         """Return it with all stretches times a factor, as of surfaces in other units of length."""

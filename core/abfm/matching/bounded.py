@@ -1,28 +1,31 @@
-"""The closest match whose map distorts no more than it may."""
+"""The closest match whose map keeps a bound of distortion."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
-from abfm.errors import ParameterError, brief
+from abfm.errors import AbfmError, ParameterError, brief
+from abfm.maps.distortion import SHARE as SHARE
 from abfm.maps.distortion import Distortion
 from abfm.matching.match import Match, match
 from abfm.matching.path import PathStep
 from abfm.matching.solving.course import Course
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.parameters import Parameters
-from abfm.workers.control import Control
+from abfm.types import FloatArray
+from abfm.workers.control import Control, present_control
 from abfm.workers.progress import step
 
-SHARE = 0.99
-"""Of the faces, that keep a bound: single ones, as at the ends of creases, may be beyond it."""
-_BISECTIONS = 3  # of sigma between two steps
-_SMOOTHER = 3.0  # times sigma, where the first step distorts too much
-_MOST_SMOOTHER = 3
-_MOST = 4  # matches that are tried, each of which takes at most about as long as the first one
+_TRIALS = 3  # matches with a sigma between two steps, each about as long as the first match
+_SHRUNK_STEPS = 3  # steps beyond the bound that are shrunk
+_SHRINKINGS = 6  # fields that are measured to shrink one
+_CLOSE = 0.98  # of the bound: what comes closer to it is not shrunk less
+_EVEN = 0.1  # share of an interval at either end in which no field is measured
+_SMOOTHER = 3.0  # times sigma, for fields that are smoother than the first step
 
 
 class _Weights(NamedTuple):
@@ -43,17 +46,28 @@ def bounded(
     most: float,
     measure: Callable[[Match], Distortion] = Match.distortion,
     control: Control | None = None,
-    at_rest: Callable[[], Distortion] | None = None,
 ) -> Match:
-    """Return the closest match on the way of a match that keeps a bound: for 99% of the faces
-    neither ``|log2 J|`` of areas nor ``|log2 R|`` of shapes is more than ``most``, and no face is
-    folded, as a folded one is beyond any bound.
+    """Return the closest match that keeps a bound: for 99% of the faces neither ``|log2 J|`` of
+    areas nor ``|log2 R|`` of shapes is more than ``most``, and no face is folded.
 
-    It is looked for on the path, and then between two of its steps with sigmas between theirs, and
-    such weights of landmarks, each from the field of the smoother one, so that the path goes on to
-    it. Where even much smoother fields exceed the bound the smoothest one comes back; where the map
-    that is measured does so ``at_rest``, without any flow, and on all of the path, none is looked
-    for, and the match comes back as it is: see `keeps`.
+    If the match itself keeps the bound, it is the result. If not, the candidates are the field
+    without motion, the steps of its path, fields of steps beyond the bound times a factor, and
+    matches with sigmas between two steps. Of those that keep the bound, the result is the one with
+    the smallest residual of both checks: never larger than of any step that keeps the bound, or
+    without motion if that keeps it. Its path has the steps that keep the bound. If no candidate
+    keeps it, as where the initial map of a registration is beyond it, the match comes back. The
+    ``bound`` of the result says how it keeps the bound.
+
+    Parameters
+    ----------
+    found : Match
+    most : float
+        Bound of ``|log2 J|`` and ``|log2 R|``.
+    measure : callable, optional
+        Returns the distortion that is bounded; by default that of the flow, for registrations that
+        of the complete map.
+    control : Control, optional
+        To pause, resume or cancel from elsewhere.
 
     Raises
     ------
@@ -62,31 +76,14 @@ def bounded(
     """
     check_bound(most)
     with step("looking for the closest field within the bound"):
-        if keeps(found, most, measure):
-            return found
-        below, above = _between(found, most, measure)
-        tried = 0
-        if below is not None:
-            low = _weights(found, below.path[below.step])
-        elif at_rest is not None and not is_kept(at_rest(), most):
-            return found
-        else:
-            for _ in range(_MOST_SMOOTHER):
-                low, tried = above.smoother(), tried + 1
-                below = smoothest = _smooth(found, low, control)
-                if keeps(smoothest, most, measure):
-                    break
-                above = low
-            else:
-                return smoothest
-        for _ in range(min(_BISECTIONS, _MOST - tried)):
-            middle = low.middle(above)
-            closer = _with_weights(below, middle, control)
-            if keeps(closer, most, measure):
-                below, low = closer, middle
-            else:
-                above = middle
-    return below
+        bound = measure(found).bound(most)
+        if bound.is_kept:
+            return found if found.bound == bound else replace(found, bound=bound)
+        search = _Search(found, most, measure, control or present_control())
+        search.run()
+        if search.best is None:
+            return found.within(bound)
+        return search.best.within(measure(search.best).bound(most))
 
 
 def check_bound(most: float) -> None:
@@ -98,56 +95,141 @@ def check_bound(most: float) -> None:
 def keeps(
     found: Match, most: float, measure: Callable[[Match], Distortion] = Match.distortion
 ) -> bool:
-    """Tell whether 99% of the faces keep a bound of distortion, and none is folded."""
+    """Return whether 99% of the faces keep a bound of distortion, and none is folded."""
     return is_kept(measure(found), most)
 
 
-def is_kept(told: Distortion, most: float) -> bool:
-    """Tell the same of a distortion."""
-    return told.share_within(most) >= SHARE and not told.folded
+def is_kept(distortion: Distortion, most: float) -> bool:
+    """Return the same of a distortion."""
+    return distortion.bound(most).is_kept
 
 
-def _weights(found: Match, step: PathStep) -> _Weights:
-    """Return what a step of a match's path was found with."""
-    problem = found.problem
-    course = Course(found.parameters, problem.functions, 1, problem.landmarks is not None)
-    return _Weights(step.sigma, course.landmark_sigma(step.sigma))
+class _Search:
+    """A search for the closest match within a bound; ``best`` is the closest one so far."""
 
+    def __init__(
+        self,
+        found: Match,
+        most: float,
+        measure: Callable[[Match], Distortion],
+        control: Control | None,
+    ) -> None:
+        self._found, self._most, self._measure, self._control = found, most, measure, control
+        self._path: list[PathStep] = []  # its steps that keep the bound
+        self._still = math.inf  # distortion without motion
+        self.best: Match | None = None
 
-def _between(
-    found: Match, most: float, measure: Callable[[Match], Distortion]
-) -> tuple[Match | None, _Weights]:
-    """Return the last step that keeps the bound, and the weights of the one after."""
-    low, high = -1, found.step
-    best = None
-    while high - low > 1:
-        middle = (low + high) // 2
-        tried = found.at_step(middle)
-        if keeps(tried, most, measure):
-            low, best = middle, tried
+    def run(self) -> None:
+        """Try all candidates after a match that is beyond the bound."""
+        found, first = self._found, self._found.path[0]
+        start, number = (
+            found.with_step(replace(first, velocity=0 * first.velocity, held_out=math.nan)),
+            -1,
+        )
+        self._still = self._distortion(start)
+        if self._still <= self._most:
+            self._take(start)
+        beyond = list[tuple[PathStep, float]]()
+        for index, each in enumerate(found.path):
+            match = found.at_step(index)
+            distortion = self._distortion(match)
+            if distortion > self._most:
+                beyond.append((each, distortion))
+                continue
+            if math.isnan(match.verified_residual):
+                match = found.with_step(each)
+            self._path.append(match.path[match.step])
+            if self._take(match):
+                start, number = match, index
+        if self.best is None:
+            return
+        for each, distortion in beyond[:_SHRUNK_STEPS]:
+            self._shrink(each, distortion)
+        self._between(start, number)
+        self._join()
+
+    def _take(self, match: Match) -> bool:
+        """Take a match that keeps the bound if it is the closest one so far."""
+        is_closer = self.best is None or match.worse_residual < self.best.worse_residual
+        if is_closer:
+            self.best = match
+        return is_closer
+
+    def _distortion(self, match: Match) -> float:
+        """Return the distortion that 99% of the faces keep; infinity if one is folded."""
+        bound = self._measure(match).bound(self._most)
+        return math.inf if bound.folded else bound.largest
+
+    def _distortion_of(self, velocity: FloatArray) -> float:
+        return self._distortion(replace(self._found, fine_velocity=velocity, path=(), step=0))
+
+    def _shrink(self, beyond: PathStep, distortion: float) -> None:
+        """Try fields beyond the bound times the largest factor found that keeps it."""
+        velocity, low, high = beyond.velocity, 0.0, 1.0
+        at_low, at_high = self._still, distortion
+        for _ in range(_SHRINKINGS):
+            if not _CLOSE * self._most > at_low:
+                break
+            share = (self._most - at_low) / (at_high - at_low)
+            middle = low + (high - low) * min(max(share, _EVEN), 1 - _EVEN)
+            at_middle = self._distortion_of(middle * velocity)
+            if at_middle <= self._most:
+                low, at_low = middle, at_middle
+            else:
+                high, at_high = middle, at_middle
+        if low:
+            with suppress(AbfmError):  # fields that carry nothing to their end
+                self._take(
+                    self._found.with_step(
+                        replace(beyond, velocity=low * velocity, held_out=math.nan)
+                    )
+                )
+
+    def _between(self, start: Match, number: int) -> None:
+        """Try sigmas between those of a step that keeps the bound and of the next one, each from
+        the field of the smoother one.
+        """
+        path = self._found.path
+        low = self._weights(path[number]) if number >= 0 else self._weights(path[0]).smoother()
+        later = [each for each in map(self._weights, path[number + 1 :]) if each.sigma < low.sigma]
+        if not later:
+            return
+        high = later[0]
+        for _ in range(_TRIALS):
+            if self._control is not None and self._control.cancelled:
+                return
+            middle = low.middle(high)
+            problem = self._found.problem.with_parameters(self._at(middle))
+            tried = match(problem.starting_from(start.fine_velocity), control=self._control)
+            own = tried.path[tried.step]
+            distortion = self._distortion_of(own.velocity)
+            if distortion <= self._most:
+                start, low = self._found.with_step(own), middle
+                self._take(start)
+            else:
+                self._shrink(own, distortion)
+                high = middle
+
+    def _join(self) -> None:
+        """Let the path of the best match be the steps that keep the bound, with its own."""
+        assert self.best is not None
+        own = self.best.path[self.best.step]
+        numbers = [i for i, each in enumerate(self._path) if each.velocity is own.velocity]
+        if numbers:
+            path, number = tuple(self._path), numbers[0]
         else:
-            high = middle
-    return best, _weights(found, found.path[high])
+            path, number = (*self._path, own), len(self._path)
+        self.best = replace(self.best, path=path, step=number)
 
+    def _weights(self, step: PathStep) -> _Weights:
+        """Return the weights with which a step of the path was found."""
+        problem = self._found.problem
+        course = Course(problem.parameters, problem.functions, 1, problem.landmarks is not None)
+        return _Weights(step.sigma, course.landmark_sigma(step.sigma))
 
-def _smooth(found: Match, weights: _Weights, control: Control | None) -> Match:
-    """Return a match that is smoother than any on the path."""
-    first = match(found.problem.with_parameters(_at(found, weights)), control=control)
-    return replace(first, path=(), step=0)
-
-
-def _with_weights(below: Match, weights: _Weights, control: Control | None) -> Match:
-    """Return the match with other weights, from the field of a smoother one, at the end of its
-    path.
-    """
-    problem = below.problem.with_parameters(_at(below, weights))
-    found = match(problem.starting_from(below.fine_velocity), control=control)
-    path = (*below.path[: below.step + 1], found.path[found.step])
-    return replace(found, path=path, step=len(path) - 1)
-
-
-def _at(found: Match, weights: _Weights) -> Parameters:
-    changed = replace(found.parameters, sigma=weights.sigma, cooling_stages=1)
-    if found.problem.landmarks is None:
-        return changed
-    return replace(changed, landmark_sigma=weights.landmark_sigma)
+    def _at(self, weights: _Weights) -> Parameters:
+        found = self._found
+        changed = replace(found.parameters, sigma=weights.sigma, cooling_stages=1)
+        if found.problem.landmarks is None:
+            return changed
+        return replace(changed, landmark_sigma=weights.landmark_sigma)

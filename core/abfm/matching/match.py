@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, overload
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from abfm.errors import AbfmError, ParameterError, ResultError, one_line
 from abfm.flow.flow import Flow
 from abfm.io import results
-from abfm.maps.distortion import Distortion
+from abfm.maps.distortion import Bound, Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.facts import Report
@@ -84,6 +84,9 @@ class Match:
         Which of them the match is.
     doubt : str
         What a file said of the match that its field does not bear out, in a line; mostly empty.
+    bound : Bound, optional
+        How its map keeps the bound of distortion within which it was sought (`abfm.matching
+        .bounded`); None if there was no bound.
     """
 
     problem: Problem
@@ -99,14 +102,15 @@ class Match:
     path: tuple[PathStep, ...] = field(default=(), repr=False)
     step: int = 0
     doubt: str = ""
+    bound: Bound | None = None
 
     def __post_init__(self) -> None:
-        # a copy with another field is on no path
+        # a copy with another field is on no path, and within no bound
         if not self.path or self.path[self.step].velocity is not self.fine_velocity:
             p = self.parameters
             known = self.fine_velocity, self.residual, self.verified_residual, self.folded
             alone = PathStep(p.last_sigma, p.alpha, p.reach, *known)
-            self.__dict__.update(path=(alone,), step=0)
+            self.__dict__.update(path=(alone,), step=0, bound=None)
 
     @property
     def mesh(self) -> TriangleMesh:
@@ -231,9 +235,28 @@ class Match:
             verified_residual=found.verified_residual,
             folded=found.folded,
             step=step % len(self.path),
+            bound=None,
         )
         judged = replace(other, verdict=other._judged().of_a_step(found.sigma))
         return judged._held_against(problem, carried)
+
+    def with_step(self, step: PathStep) -> Match:
+        """Return the match of the fields of a step that follows its path, by both checks; the
+        numbers that the step has are recomputed.
+
+        AbfmError if its fields carry nothing to their end.
+        """
+        problem = self.problem.refined(_refined(step, self.mesh))
+        carried = _carried(problem, step.velocity)
+        path, number = (*self.path, step), len(self.path)
+        other = replace(
+            self, fine_velocity=step.velocity, path=path, step=number, bound=None, doubt=""
+        )
+        return other._recomputed(problem, carried)
+
+    def within(self, bound: Bound) -> Match:
+        """Return the match as one that was sought within a bound of distortion."""
+        return replace(self, bound=bound, verdict=self.verdict.within(bound))
 
     def borne_out(self) -> Match:
         """Return the match as its field bears it out, by carrying the source once: itself, or with
@@ -267,22 +290,26 @@ class Match:
         is_estimate = self.stop_reason is StopReason.CANCELLED and math.isnan(
             self.verified_residual
         )
-        said = dict[str, float]()
-        if not is_estimate:
+        other = self._recomputed(problem, carried, is_verified=not is_estimate)
+        return replace(other, doubt="" if is_estimate else doubt)
+
+    def _recomputed(self, problem: Problem, carried: FloatArray, is_verified: bool = True) -> Match:
+        """Return it with the numbers of its field, which carries the source (V, C) on its mesh."""
+        said, own = dict[str, float](), self.path[self.step]
+        if is_verified:
             with suppress(AbfmError):  # too fast for walks
                 energy = MatchingEnergy(problem)
                 said = measured(energy, self.fine_velocity / energy.length_scale)
-        own = self.path[self.step]
         said["held_out"] = own.held_out
-        own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, left, **said)
+        residual = problem.left(carried.T, self.landmark_errors)
+        own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, residual, **said)
         other = replace(
             self,
-            advected=advected,
-            residual=left,
+            advected=carried[: len(self.mesh.vertices)],
+            residual=residual,
             verified_residual=own.verified_residual,
             folded=own.folded,
             path=(*self.path[: self.step], own, *self.path[self.step + 1 :]),
-            doubt="" if is_estimate else doubt,
         )
         return replace(other, verdict=other._judged())
 
@@ -305,6 +332,7 @@ class Match:
             refined=self.refined,
             landmarks=_landmarks(self.problem, self.landmark_errors),
             held_out=self.path[self.step].held_out,
+            bound=self.bound,
         )
 
     def _judged(self) -> Verdict:
@@ -358,6 +386,14 @@ class Match:
         Of the data terms it keeps the functions and the landmarks.
         """
         results.save_arrays(path, results.mesh_arrays(self.mesh) | match_arrays(self))
+
+    def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
+        """Write what can be written of a match that `save` refuses, at least its field; return what
+        is missing and why, a line each, or raise ResultError.
+        """
+        parts: dict[str, Callable[[], Mapping[str, Any]]] = dict(match_parts(self))
+        parts["the mesh"] = partial(results.mesh_arrays, self.mesh)
+        return results.save_parts(path, parts, substitutes(self))
 
 
 @overload
@@ -458,11 +494,11 @@ def match(
         reason,
         end.verified_residual,
         end.folded,
-        history[stages == stages[-1], 0],
-        end.log2_area,
-        _refined(end, the_problem.mesh),
-        _landmarks(the_problem, errors),
-        end.held_out,
+        energies=history[stages == stages[-1], 0],
+        log2_area=end.log2_area,
+        refined=_refined(end, the_problem.mesh),
+        landmarks=_landmarks(the_problem, errors),
+        held_out=end.held_out,
     )
     found = Match(
         problem=the_problem.starting_from(None),
@@ -528,24 +564,74 @@ def _problem_of(*problem: Any, **given: Any) -> Problem:
 
 def match_arrays(match: Match) -> dict[str, Any]:
     """Return what files hold of a match besides its mesh; what is not known is left out."""
-    verdict = match.verdict
-    parts = path_arrays(match.path, match.step, match.mesh) | match.problem.spec_arrays()
-    left_out = {"remedies", "path_velocity", *results.SPEC_ENTRIES, *results.LANDMARK_ENTRIES}
-    if match.problem.landmarks is not None:
-        parts |= match.problem.landmarks.arrays()
-    if not match.refined:
-        left_out.add("fine_velocity")
-    own = results.MATCH_ENTRIES.keys() - parts.keys() - left_out
-    parts |= {name: getattr(match, name) for name in results.MATCH_ENTRIES if name in own}
-    parts["parameters"] = json.dumps(match.parameters.to_dict())
-    parts["verdict"] = verdict.texts
-    if verdict.remedies:
-        parts["remedies"] = json.dumps([asdict(remedy) for remedy in verdict.remedies])
+    return results.made(match_parts(match))
+
+
+def match_parts(match: Match) -> results.Parts:
+    """Return the parts of `match_arrays`, of which any but the fields may fail."""
+    grouped = {
+        "the fields": ("velocity", "fine_velocity") if match.refined else ("velocity",),
+        "the energies": ("energy_history", "stages"),
+        "the path": ("path_steps", "path_step", "path_fields", "path_velocity"),
+        "the functions' texts": tuple(results.SPEC_ENTRIES),
+        "the landmarks": (*results.LANDMARK_ENTRIES, "landmark_errors"),
+    }
+    left_out = {name for names in grouped.values() for name in names} | {"fine_velocity"}
+    parts: dict[str, Callable[[], Mapping[str, Any]]] = {
+        name: partial(_known, match, (name,))
+        for name in results.MATCH_ENTRIES
+        if name not in left_out
+    }
+    return parts | {
+        "parameters": lambda: {"parameters": json.dumps(match.parameters.to_dict())},
+        "verdict": lambda: {"verdict": match.verdict.texts},
+        "remedies": partial(_remedies_array, match.verdict.remedies),
+        "bound": lambda: {} if match.bound is None else {"bound": np.array(match.bound, float)},
+        "the fields": partial(_known, match, grouped["the fields"]),
+        "the energies": partial(_known, match, grouped["the energies"]),
+        "the path": lambda: path_arrays(match.path, match.step, match.mesh),
+        "the functions' texts": match.problem.spec_arrays,
+        "the landmarks": partial(_landmark_arrays, match),
+    }
+
+
+def substitutes(match: Match) -> dict[str, Any]:
+    """Return what stands in a file for arrays of a match that cannot be saved: recomputed from its
+    field, or unknown. What the field does not bear out is recomputed when the file is loaded.
+    """
+    advected, residual = match.source, 0.0
+    with suppress(Exception):  # whatever a field does that was never checked
+        problem = match.problem.refined(match.refined)
+        carried = _carried(problem, match.fine_velocity)
+        advected = carried[: len(match.mesh.vertices)]
+        residual = problem.left(carried.T, match.landmark_errors)
+    return {
+        "advected": advected,
+        "energy_history": np.zeros((1, 3)),
+        "stages": np.zeros(1, np.int64),
+        "residual": residual,
+        "stop_reason": str(StopReason.GIVEN),
+        "verdict": Verdict(Outcome.NOT_REACHED, "", "", cause=Cause.INCONSISTENT).texts,
+    }
+
+
+def _known(match: Match, names: tuple[str, ...]) -> dict[str, Any]:
+    """Return attributes of a match; what is not known is left out."""
+    values = {name: getattr(match, name) for name in names}
     return {
         name: value
-        for name, value in parts.items()
+        for name, value in values.items()
         if not (value is None or (isinstance(value, float) and math.isnan(value)))
     }
+
+
+def _remedies_array(remedies: tuple[Remedy, ...]) -> dict[str, Any]:
+    return {"remedies": json.dumps([asdict(remedy) for remedy in remedies])} if remedies else {}
+
+
+def _landmark_arrays(match: Match) -> dict[str, Any]:
+    marks = match.problem.landmarks
+    return {} if marks is None else {**marks.arrays(), **_known(match, ("landmark_errors",))}
 
 
 def match_of(
@@ -568,6 +654,8 @@ def match_of(
     if parameters.segments not in (0, len(velocity)):
         raise ValueError(f"{len(velocity)} fields, but parameters say {parameters.segments}")
     parts.setdefault("fine_velocity", velocity)
+    if "bound" in parts:
+        parts["bound"] = Bound.of(parts["bound"])
     times_subdivided(parts["fine_velocity"].shape[1], mesh)
     fastest = np.abs(parts["fine_velocity"]).max()
     if fastest > results.LARGEST * mesh.length_scale:

@@ -84,13 +84,18 @@ def _refined(step: PathStep, mesh: TriangleMesh) -> int:
 
 def path_arrays(path: Sequence[PathStep], own: int, mesh: TriangleMesh) -> dict[str, Any]:
     """Return what files hold of a path besides the fields of its ``own`` step: a row of numbers a
-    step, and the others' fields side by side in single precision, in lengths of the mesh.
+    step, and the others' fields side by side in single precision, in lengths of the mesh. If the
+    steps have different numbers of fields, these numbers and the fields one after another.
     """
     rows = np.array([[*(getattr(e, name) for name in _NUMBERS), _refined(e, mesh)] for e in path])
     # what a step that went astray left may be beyond all numbers
     rows[~np.isfinite(rows)] = np.nan
     arrays: dict[str, Any] = {"path_steps": rows, "path_step": own}
     others = [each.velocity for number, each in enumerate(path) if number != own]
+    counts = [len(each.velocity) for each in path]
+    if len(set(counts)) > 1:
+        arrays["path_fields"] = np.array(counts)
+        others = [fields.reshape(1, -1, 3) for fields in others]
     if others:
         arrays["path_velocity"] = _single(np.concatenate(others, axis=1), mesh)
     return arrays
@@ -98,7 +103,11 @@ def path_arrays(path: Sequence[PathStep], own: int, mesh: TriangleMesh) -> dict[
 
 def as_kept(velocity: FloatArray, mesh: TriangleMesh) -> FloatArray:
     """Return fields (N, 4^k F, 3) as files keep those of steps that are not the match's own."""
-    return _single(velocity, mesh).astype(np.float64) * mesh.length_scale
+    return _double(_single(velocity, mesh), mesh)
+
+
+def _double(fields: NDArray[Any], mesh: TriangleMesh) -> FloatArray:
+    return fields.astype(np.float64) * mesh.length_scale
 
 
 def _single(velocity: FloatArray, mesh: TriangleMesh) -> NDArray[np.float32]:
@@ -126,18 +135,24 @@ def path_of(
             f"path_steps say that step {own} was refined {levels[own]:g} times; its field was "
             f"{refined} times"
         )
-    sizes = len(mesh.faces) * 4 ** levels.astype(np.int64)
+    counts = arrays.get("path_fields", np.full(len(rows), len(velocity)))
+    if counts[own] != len(velocity):
+        raise ValueError(
+            f"path_fields say that step {own} has {counts[own]} fields; it has {len(velocity)}"
+        )
+    side = 1 if "path_fields" in arrays else len(velocity)
+    sizes = len(mesh.faces) * 4 ** levels.astype(np.int64) * counts // side
     sizes[own] = 0
-    expected = (len(velocity), int(sizes.sum()), 3)
-    fields = arrays.get("path_velocity", np.zeros((len(velocity), 0, 3)))
+    expected = (side, int(sizes.sum()), 3)
+    fields = arrays.get("path_velocity", np.zeros((side, 0, 3)))
     if fields.shape != expected:
         raise ValueError(f"path_velocity has shape {fields.shape}; expected {expected}")
     parts = np.split(fields, np.cumsum(sizes)[:-1], axis=1)
     path = (
         PathStep(
-            velocity=velocity if step == own else part.astype(np.float64) * mesh.length_scale,
+            velocity=velocity if step == own else _double(part.reshape(count, -1, 3), mesh),
             **dict(zip(_NUMBERS, map(float, row), strict=False)),
         )
-        for step, (row, part) in enumerate(zip(rows, parts, strict=True))
+        for step, (row, part, count) in enumerate(zip(rows, parts, counts, strict=True))
     )
     return tuple(path), own

@@ -15,7 +15,7 @@ from abfm.functions.spec import function
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints
-from abfm.matching.bounded import SHARE, bounded, check_bound, is_kept
+from abfm.matching.bounded import SHARE, bounded, check_bound
 from abfm.matching.match import Iteration, Match, match
 from abfm.matching.problem import Problem
 from abfm.matching.solvability import is_measured
@@ -146,17 +146,18 @@ def within(
     def measure(match: Match) -> Distortion:
         return found.matched_by(match).distortion()
 
-    chosen = bounded(found.match, max_distortion, measure, control, found.initial.distortion)
-    if chosen is found.match and not is_kept(found.distortion(), max_distortion):
-        first = found.initial.distortion()
-        told = f"the initial map alone keeps {max_distortion:g} on only"
-        share = f"{100 * first.share_within(max_distortion):.1f}% of the faces"
-        could = f"{SHARE:.0%} of them keep {first.bound_of(SHARE):.3g}"
-        ends = "no flow was looked for that keeps less"
-        return found.matched_by(
-            chosen, (f"{told} {share}, {first.folded} folded, {could}: {ends}",)
-        )
-    return found.matched_by(chosen)
+    chosen = found.matched_by(bounded(found.match, max_distortion, measure, control))
+    bound = chosen.match.bound
+    if bound is None or bound.is_kept:
+        return chosen
+    first = found.initial.distortion()
+    told = f"the initial map alone keeps {max_distortion:g} on only"
+    share = f"{100 * first.share_within(max_distortion):.1f}% of the faces"
+    could = f"{SHARE:.0%} of them keep {first.bound_of(SHARE):.3g}"
+    ends = "no flow was looked for that keeps less"
+    return chosen.matched_by(
+        chosen.match, (f"{told} {share}, {first.folded} folded, {could}: {ends}",)
+    )
 
 
 def prepare(

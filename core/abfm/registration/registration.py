@@ -16,7 +16,7 @@ from abfm.io import results
 from abfm.maps.point_maps import PointMap
 from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
 from abfm.matching.judging.verdict import Verdict, is_registered
-from abfm.matching.match import Match, match_arrays
+from abfm.matching.match import Match, match_parts, substitutes
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.facts import facts_of
@@ -107,14 +107,16 @@ class Registration(Correspondence):
         if not verdict.kind.is_good:
             return verdict
         if self.warnings:
-            return _because(verdict, Cause.INITIAL_MAP, warning=self.warnings[0])
+            reason = self.warnings[0]
+            return _because(verdict, Outcome.NOT_REACHED, Cause.INITIAL_MAP, warning=reason)
         worse = worse_residual(match.worse_residual, self.residual)
+        due = outcome_of(worse, match.parameters.goal)
         if verdict.kind is Outcome.REGISTERED:
-            if not self.residual >= 0 or is_registered(worse, self.initial_residual):
+            if math.isnan(self.residual) or is_registered(worse, self.initial_residual):
                 return verdict
-        elif outcome_of(worse, match.parameters.goal).rank <= verdict.kind.rank:
+        elif due.rank <= verdict.kind.rank:
             return verdict
-        return _because(verdict, Cause.COMPLETE_MAP, residual=share(worse))
+        return _because(verdict, due, Cause.COMPLETE_MAP, residual=share(worse))
 
     @cached_property
     def facts(self) -> Facts:
@@ -139,13 +141,18 @@ class Registration(Correspondence):
 
     def arrays(self) -> dict[str, Any]:
         """Return what files hold: the initial map, the notes, A's functions, and the match."""
-        own: dict[str, Any] = {"notes": np.array(self.notes)} if self.notes else {}
-        if self.warnings:
-            own["warnings"] = np.array(self.warnings)
-        if self.functions is not None:
-            own["a_functions"] = self.functions
-        own["registration_verdict"] = self.verdict.texts
-        return self.initial.arrays() | own | match_arrays(self.match)
+        return results.made(self._parts())
+
+    def _parts(self) -> results.Parts:
+        notes, warnings, functions = self.notes, self.warnings, self.functions
+        return {
+            "the surfaces": self.initial.arrays,
+            "the notes": lambda: {"notes": np.array(notes)} if notes else {},
+            "the warnings": lambda: {"warnings": np.array(warnings)} if warnings else {},
+            "A's functions": lambda: {} if functions is None else {"a_functions": functions},
+            "the verdict of the map": lambda: {"registration_verdict": self.verdict.texts},
+            **match_parts(self.match),
+        }
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Registration, (
@@ -162,7 +169,13 @@ class Registration(Correspondence):
         """
         results.save_arrays(path, self.arrays(), results.REGISTRATION)
 
+    def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
+        """Write what can be written of it, as of a match."""
+        return results.save_parts(
+            path, self._parts(), substitutes(self.match), results.REGISTRATION
+        )
 
-def _because(verdict: Verdict, cause: Cause, **details: object) -> Verdict:
-    changed = verdict.because(Outcome.NOT_REACHED, cause, sentence_of(cause, **details))
+
+def _because(verdict: Verdict, kind: Outcome, cause: Cause, **details: object) -> Verdict:
+    changed = verdict.because(kind, cause, sentence_of(cause, **details))
     return replace(changed, advice=ADVICE[cause])

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from abfm.errors import ResultError, one_line
 from abfm.io import results
+from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.verdict import Verdict
+from abfm.outcome import Outcome
 from abfm.parameters import Parameters
 from abfm.reading import from_json
 from abfm.sequences.frames import Frames
@@ -19,29 +23,51 @@ if TYPE_CHECKING:
     from abfm.mesh import TriangleMesh
     from abfm.sequences.sequence import Sequence
 
+_NUMBERS = ("gamma", "sigma", "noise", "energies", "residual", "verified_residual", "folded")
+
 
 def sequence_arrays(sequence: Sequence) -> dict[str, Any]:
     """Return what files hold of a sequence."""
+    return {name: np.asarray(array) for name, array in results.made(_parts(sequence)).items()}
+
+
+def _parts(sequence: Sequence) -> results.Parts:
     film = sequence._frames
-    arrays = results.mesh_arrays(sequence.mesh) | {
-        "frames": film.values,
-        "times": film.times,
-        "weights": film.weights,
-        "channels_given": film.channels_given,
-        "velocity": sequence.velocity,
-        "parameters": json.dumps(sequence.parameters.to_dict()),
-        "gamma": sequence.gamma,
-        "sigma": sequence.sigma,
-        "noise": sequence.noise,
-        "energies": sequence.energies,
-        "residual": sequence.residual,
-        "verified_residual": sequence.verified_residual,
-        "folded": sequence.folded,
-        "verdicts": [verdict.texts for verdict in sequence.verdicts],
+    parts: dict[str, Callable[[], Mapping[str, Any]]] = {
+        "the mesh": lambda: results.mesh_arrays(sequence.mesh),
+        "frames": lambda: {"frames": film.values},
+        "parameters": lambda: {"parameters": json.dumps(sequence.parameters.to_dict())},
+        "verdicts": lambda: {"verdicts": [verdict.texts for verdict in sequence.verdicts]},
+        "mask": lambda: {} if film.mask is None else {"mask": film.mask},
     }
-    if film.mask is not None:
-        arrays["mask"] = film.mask
-    return {name: np.asarray(array) for name, array in arrays.items()}
+    of_frames, own = ("times", "weights", "channels_given"), ("velocity", *_NUMBERS)
+    for each, names in ((film, of_frames), (sequence, own)):
+        parts |= {name: partial(_array, each, name) for name in names}
+    return parts
+
+
+def _array(of: Frames | Sequence, name: str) -> dict[str, Any]:
+    return {name: getattr(of, name)}
+
+
+def save_parts(sequence: Sequence, path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Write what can be written of a sequence that `Sequence.save` refuses, at least its frames and
+    fields; return what is missing and why, a line each, or raise ResultError.
+    """
+    count = len(sequence.velocity)
+    unknown = np.full(count, np.nan)
+    verdict = Verdict(Outcome.NOT_REACHED, "", "", cause=Cause.INCONSISTENT)
+    substitutes = {
+        "gamma": 0.0,
+        "sigma": np.nan,
+        "noise": 0.0,
+        "energies": np.full((count, 2, 3), np.nan),
+        "residual": unknown,
+        "verified_residual": unknown,
+        "folded": unknown,
+        "verdicts": [verdict.texts] * count,
+    }
+    return results.save_parts(path, _parts(sequence), substitutes, results.SEQUENCE)
 
 
 def is_sequence(path: str | os.PathLike[str]) -> bool:

@@ -31,7 +31,7 @@ from abfm.outcome import Facts
 from abfm.parameters import Parameters
 from abfm.sequences.critical_points import CriticalPoints, critical_points
 from abfm.sequences.episodes import Episode, episodes
-from abfm.sequences.files import sequence_arrays
+from abfm.sequences.files import save_parts, sequence_arrays
 from abfm.sequences.frames import Frames, checked
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.solve import LEAST, WARMEST, Said, Solver, interval_parameters
@@ -293,6 +293,10 @@ class Sequence:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a file (``.npz``, no pickles), whole or not at all, or raise ResultError."""
         results.save_arrays(path, sequence_arrays(self), results.SEQUENCE)
+
+    def save_parts(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
+        """Write what can be written of a sequence that `save` refuses; return what is missing."""
+        return save_parts(self, path)
 
 
 def sequence(

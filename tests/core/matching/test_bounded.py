@@ -1,10 +1,12 @@
 """The closest match within a bound of distortion."""
 
+import math
+from functools import cache
+
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
-from abfm import Flow, Parameters, Problem, match
+from abfm import Control, Parameters, Problem, load_match, match
 from abfm.errors import ParameterError
 from abfm.matching import SHARE, bounded, keeps
 from tests.messages import raises
@@ -36,14 +38,65 @@ def test_nearly_all_faces_keep_the_bound_and_a_tighter_one_leaves_more(found, mo
     assert looser.residual <= within.residual
 
 
-def test_what_keeps_it_already_stays_and_the_path_goes_on_to_what_is_found(found):
-    assert bounded(found, 1e3) is found
+def test_a_match_within_the_bound_stays(found):
+    within = bounded(found, 1e3)
+    assert within.fine_velocity is found.fine_velocity
+    assert within.verdict == found.verdict
+    assert within.bound.is_kept
+    assert within.bound.max_distortion == 1e3
+    again = bounded(within, 1e3)
+    assert again is within
+
+
+def test_the_path_is_within_the_bound(found):
+    """The steps that keep the bound are the path of the result, up to its own."""
     within = bounded(found, 0.4)
     sigmas = [each.sigma for each in within.path]
     assert sigmas == sorted(sigmas, reverse=True)
     assert within.path[within.step].velocity is within.fine_velocity
-    assert keeps(within, 0.4)
+    assert all(keeps(within.at_step(number), 0.4) for number in range(len(within.path)))
     assert not keeps(found, 0.4)
+
+
+@cache
+def match_of(name):
+    """Return short matches of several kinds, some of which fail."""
+    sphere = icosphere(2)
+    x, y, z = sphere.vertices.T
+    short = Parameters(iterations=40, refine=0)
+    problems = {
+        "far": (np.exp(-((x - 1) ** 2) / 0.2), np.exp(-((x + 1) ** 2) / 0.2), short),
+        "near": (np.exp(-((x - 1) ** 2) / 0.3), np.exp(-((y - 0.2) ** 2 + z**2) / 0.3), short),
+        "turned": (x * y, y * z, short),
+        "two fields": (x, y, Parameters(iterations=30, refine=0, segments=2)),
+        "paper": (x, z, Parameters(iterations=30, refine=0, reach=0, levels=1, sigma=0.1)),
+        "smaller": (np.exp(-((z - 1) ** 2) / 0.9), np.exp(-((z - 1) ** 2) / 0.2), short),
+        "linearised": (x, y, Parameters(iterations=20, method="linearised", refine=0)),
+    }
+    return match(Problem(sphere, *problems[name]))
+
+
+@pytest.mark.parametrize("most", [1.5, 0.3, 0.05])
+@pytest.mark.parametrize(
+    "name", ["far", "near", "turned", "two fields", "paper", "smaller", "linearised"]
+)
+def test_no_step_within_the_bound_is_closer(name, most):
+    """Nor is the field without motion, and the bound is kept."""
+    found = match_of(name)
+    within = bounded(found, most)
+    assert keeps(within, most)
+    assert within.bound.is_kept
+    if keeps(found, most):
+        assert within.fine_velocity is found.fine_velocity
+        return
+    assert within.worse_residual <= found.initial_residual * (1 + 1e-9)
+    for number in range(len(found.path)):
+        each = found.at_step(number)
+        if not math.isnan(each.verified_residual) and keeps(each, most):
+            assert within.worse_residual <= each.worse_residual
+    assert within.problem is found.problem
+    replayed = found.with_step(within.path[within.step])
+    assert replayed.worse_residual == pytest.approx(within.worse_residual, rel=1e-6)
 
 
 def test_landmarks_come_as_close_as_the_bound_lets_them():
@@ -63,19 +116,40 @@ def test_landmarks_come_as_close_as_the_bound_lets_them():
     assert left[1] < 0.6 * left[-1]
 
 
-def test_what_no_field_keeps_gives_the_smoothest(found):
+def test_a_match_stays_if_no_field_keeps_the_bound(found):
     def measure(each):
-        """Of a map whose own distortion is beyond the bound, before any flow."""
+        """Return the distortion of a map that is beyond the bound before any flow."""
         return each.distortion().scaled(3.0)
 
-    smoothest = bounded(found, 0.1, measure)
-    assert not keeps(smoothest, 0.1, measure)
-    assert smoothest.path[-1].sigma > found.path[0].sigma
-    # unless it is known that standing still is beyond it
-    assert bounded(found, 0.1, measure, at_rest=lambda: measure(smoothest)) is found
-    still = Flow(MESH, np.zeros((len(MESH.faces), 3)), 1.0).distortion()
-    looked = bounded(found, 0.1, measure, at_rest=lambda: still)
-    assert_array_equal(looked.fine_velocity, smoothest.fine_velocity)
+    within = bounded(found, 0.1, measure)
+    assert within.fine_velocity is found.fine_velocity
+    assert within.verdict == found.verdict
+    assert not within.bound.is_kept
+    assert len(within.facts.warnings) == len(found.facts.warnings) + 1
+    assert any("0.1" in warning for warning in within.facts.warnings)
+
+
+def test_a_search_that_is_cancelled_ends_within_the_bound(found):
+    control = Control()
+    control.cancel()
+    within = bounded(found, 0.4, control=control)
+    assert keeps(within, 0.4)
+
+
+def test_facts_and_files_name_the_bound(found, tmp_path):
+    within = bounded(found, 0.4)
+    facts = within.facts
+    assert facts.numbers["max_distortion"] == 0.4
+    assert facts.numbers["share_within"] == within.distortion().share_within(0.4)
+    assert facts.numbers["distortion_99"] == within.distortion().bound_of(SHARE)
+    assert "0.4" in facts.headline
+    assert "0.4" in facts.reason
+    assert "max_distortion" not in found.facts.numbers
+    within.save(tmp_path / "m.npz")
+    loaded = load_match(tmp_path / "m.npz")
+    assert loaded.bound == within.bound
+    assert loaded.facts.headline == facts.headline
+    assert loaded.at_step(0).bound is None
 
 
 @pytest.mark.parametrize("most", [0, -1, np.nan, "1"])

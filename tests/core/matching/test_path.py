@@ -11,7 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm import MatchingEnergy, Parameters, PathStep, ResultError, load_match, match
 from abfm.io import load_arrays, save_arrays
 from abfm.matching import path_table
-from abfm.matching.path import COLUMNS
+from abfm.matching.match import loaded_match
+from abfm.matching.path import COLUMNS, as_kept
 from abfm.matching.solving.measures import measured
 from tests.core.fields import bump
 from tests.messages import check_message
@@ -98,6 +99,52 @@ def test_files_keep_it_and_files_from_before_load_with_the_step_that_they_hold(l
     save_arrays(path, {name: array for name, array in arrays.items() if "path" not in name})
     [step] = load_match(path).path
     assert (step.residual, step.velocity.shape) == (longer.residual, longer.velocity.shape)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_any_path_saves_and_loads_equal(seed, found, tmp_path):
+    """Its steps have any numbers of fields, on the mesh or on subdivisions of it."""
+    random = np.random.default_rng(seed)
+    steps = []
+    for _ in range(random.integers(1, 5)):
+        count, times = random.integers(1, 4), random.integers(0, 3)
+        fields = np.repeat(found.velocity, count, axis=0) * random.uniform(0, 1, (count, 1, 1))
+        steps.append(replace(found.path[found.step], velocity=np.repeat(fields, 4**times, axis=1)))
+    own = int(random.integers(len(steps)))
+    one = replace(found, fine_velocity=steps[own].velocity, path=tuple(steps), step=own)
+    one.save(path := tmp_path / "m.npz")
+    arrays = load_arrays(path)
+    loaded = loaded_match(MESH, arrays)
+    assert loaded.step == own
+    for number, (given, read) in enumerate(zip(steps, loaded.path, strict=True)):
+        same = given.velocity if number == own else as_kept(given.velocity, MESH)
+        assert_array_equal(read.velocity, same)
+        assert path_table([read], MESH) == path_table([given], MESH)
+    loaded.save(again := tmp_path / "again.npz")
+    assert again.read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [
+        (lambda counts: counts + 1, "step 1 has 3 fields; it has 2"),
+        (lambda counts: counts[::-1], "step 1 has 1 fields; it has 2"),
+        (lambda counts: counts[:1], "path_fields has shape (1,); expected (2)"),
+        (lambda counts: np.array([7, 2]), "path_velocity has shape"),
+        (lambda counts: 0 * counts, "path_fields has the value 0"),
+    ],
+)
+def test_damage_to_numbers_of_fields_is_refused(damage, told, found, tmp_path):
+    own = replace(found.path[found.step], velocity=np.repeat(found.velocity, 2, axis=0))
+    path = found.path[found.step], own
+    replace(found, fine_velocity=own.velocity, path=path, step=1).save(tmp_path / "m.npz")
+    with np.load(tmp_path / "m.npz") as file:
+        arrays = dict(file)
+    arrays["path_fields"] = damage(arrays["path_fields"])
+    np.savez(tmp_path / "m.npz", **arrays)
+    with pytest.raises(ResultError) as error:
+        load_match(tmp_path / "m.npz")
+    assert told in str(error.value)
 
 
 @pytest.mark.parametrize(

@@ -194,6 +194,20 @@ def test_a_residual_of_the_complete_map_counts(found):
     assert rough.facts.numbers["worse_residual"] == pytest.approx(rough.residual)
 
 
+@pytest.mark.parametrize(
+    ("noise", "kind"), [(0.0, "matched"), (0.1, "nearly"), (1.0, "not reached")]
+)
+def test_the_complete_map_is_judged_by_its_residual(noise, kind):
+    """A match that is exact on B, of functions that differ on A."""
+    heights = B.vertices[:, 2]
+    match = abfm.match(B, heights, heights, Parameters(iterations=1, refine=0))
+    assert match.verdict.kind == "matched"
+    values = heights + noise * heights.std() * np.random.default_rng(0).normal(size=len(heights))
+    same = Correspondence.of_same_faces(B, B)
+    found = Registration(same, match, (), values[:, None])
+    assert found.verdict.kind == found.facts.outcome == kind
+
+
 def test_faces_that_vertices_alone_flip_are_counted():
     """Two vertices of a face that change places flip what is between them in a sphere.reg."""
     order = np.arange(len(B.vertices))

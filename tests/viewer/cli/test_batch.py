@@ -387,7 +387,7 @@ def test_a_signal_ends_a_batch_and_keeps_what_is_done(tmp_path):
 
 def write_ledger(folder, rows):
     """Write a table and a ledger in which every row has failed but each tenth, which is missing."""
-    lines = [f"row {i},none.off,{NEAR},{NEAR},{i}" for i in range(rows)]
+    lines = [f'row {i},none.off,"{NEAR}","{NEAR}",{i}' for i in range(rows)]
     head = "name,mesh,source,target,iterations"
     (folder / "table.csv").write_text("\n".join([head, *lines]) + "\n")
     ledger, found = Ledger(folder / "out"), read_table(folder / "table.csv")
@@ -401,7 +401,9 @@ def write_ledger(folder, rows):
 
 def test_page_of_many_rows_is_bounded(tmp_path, abfm):
     write_ledger(tmp_path, 3000)
-    printed = json.loads(abfm(f"batch --status {tmp_path}/out --json --quiet", status=4).out)
+    printed = json.loads(
+        abfm("batch", "--status", tmp_path / "out", "--json", "--quiet", status=4).out
+    )
     assert printed["counts"] == {"missing": 300, "failed": 2700}
     assert [row["name"] for row in printed["rows"]] == [f"row {i}" for i in range(3000)]
     assert len(table_of(tmp_path / "out")) == 3000
@@ -416,9 +418,10 @@ def test_page_of_many_rows_is_bounded(tmp_path, abfm):
 
 
 def test_long_texts_are_cut_on_the_page_only(tmp_path, abfm):
-    text = f"name,mesh,source,target\n{'n' * 20_000},none.off,{NEAR},{NEAR}\n"
+    functions = f'"{NEAR}","{NEAR}"'
+    text = f"name,mesh,source,target\n{'n' * 20_000},none.off,{functions}\n"
     (tmp_path / "table.csv").write_text(text)
-    abfm(f"batch {tmp_path}/table.csv --out {tmp_path}/out --jobs 1 --quiet", status=4)
+    abfm("batch", tmp_path / "table.csv", f"--out={tmp_path}/out", "--jobs=1", "--quiet", status=4)
     assert (tmp_path / "out" / "summary.html").stat().st_size < 20_000
     assert table_of(tmp_path / "out")[0]["name"] == "n" * 20_000
 
@@ -427,7 +430,7 @@ def test_letters_that_cannot_be_written_hide_nothing(tmp_path, abfm):
     write_ledger(tmp_path, 2)
     rows = tmp_path / "out" / "ledger" / "rows.json"
     rows.write_text(rows.read_text().replace("row 0", "\\ud800"))
-    told = abfm(f"batch --status {tmp_path}/out", status=4)
+    told = abfm("batch", "--status", tmp_path / "out", status=4)
     assert told.out.startswith("2 rows: 1 not done, 1 failed")
     assert [row["name"] for row in table_of(tmp_path / "out")] == ["?", "row 1"]
 
@@ -458,19 +461,19 @@ _CLI = "abfm_viewer.cli.batches"
 @pytest.mark.parametrize(
     ("place", "name", "words"),
     [
-        ("abfm.batch.table", "_row", "{t}/table.csv --out {t}/new --jobs 1"),
-        ("abfm.batch.ledger:Ledger", "_read", "--status {t}/out"),
-        ("abfm.batch.ledger:Ledger", "_read", "{t}/table.csv --out {t}/out --jobs 1"),
-        ("abfm.batch.ledger:Ledger", "forget", "{t}/table.csv --out {t}/new --jobs 1"),
-        ("abfm.batch.ledger:Ledger", "record", "{t}/table.csv --out {t}/new --jobs 1"),
-        (f"{_CLI}.running", "summary_row", "--status {t}/out"),
-        (f"{_CLI}.rows:SummaryRow", "to_dict", "--status {t}/out"),
-        (f"{_CLI}.page", "_line", "--status {t}/out"),
+        ("abfm.batch.table", "_row", ["{t}/table.csv", "--out={t}/new", "--jobs=1"]),
+        ("abfm.batch.ledger:Ledger", "_read", ["--status", "{t}/out"]),
+        ("abfm.batch.ledger:Ledger", "_read", ["{t}/table.csv", "--out={t}/out", "--jobs=1"]),
+        ("abfm.batch.ledger:Ledger", "forget", ["{t}/table.csv", "--out={t}/new", "--jobs=1"]),
+        ("abfm.batch.ledger:Ledger", "record", ["{t}/table.csv", "--out={t}/new", "--jobs=1"]),
+        (f"{_CLI}.running", "summary_row", ["--status", "{t}/out"]),
+        (f"{_CLI}.rows:SummaryRow", "to_dict", ["--status", "{t}/out"]),
+        (f"{_CLI}.page", "_line", ["--status", "{t}/out"]),
     ],
 )
 def test_signal_ends_a_large_batch_before_it_is_complete(place, name, words, tmp_path):
     write_ledger(tmp_path, 20)
-    words = words.format(t=tmp_path).split()
+    words = [word.format(t=tmp_path) for word in words]
     done = python(_SIGNALLED, place, name, "batch", *words, "--no-pictures")
     assert done.returncode == 143
     assert "Traceback" not in done.stderr

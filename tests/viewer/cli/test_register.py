@@ -84,8 +84,15 @@ def test_a_registration_is_told_and_written_in_several_forms(files, abfm, tmp_pa
 def test_an_ambiguous_initial_map_is_not_registered(files, abfm, tmp_path):
     """However well the functions match: any turn about z is as good."""
     told = abfm(
-        f"register {files}/a.ply {files}/b.ply --source expression:z --target expression:z "
-        f"--initial sphere {SHORT} --json --out {tmp_path}/r.npz",
+        "register",
+        files / "a.ply",
+        files / "b.ply",
+        "--source=expression:z",
+        "--target=expression:z",
+        "--initial=sphere",
+        *SHORT,
+        "--json",
+        f"--out={tmp_path}/r.npz",
         status=3,
     )
     facts = json.loads(told.out)

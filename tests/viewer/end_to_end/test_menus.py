@@ -213,7 +213,8 @@ def test_layouts_color_maps_scales_themes_isolines_and_the_color_bar_come_and_go
 
 def test_the_flow_is_seen_after_a_match_unless_that_is_switched_off(gui):
     session, player = gui.session, gui.session.player
-    session.editor.amend(parameters=replace(session.parameters, iterations=20, cooling_stages=1))
+    short = replace(session.parameters, iterations=20, cooling_stages=1, refine=0)
+    session.editor.amend(parameters=short)
     gui.menu("View", "Flow after a match")
     assert session.view.flow_after_match
     player.speed = 4.0

@@ -1,5 +1,8 @@
 """Files that cannot be written are refused before anything is computed for them."""
 
+import dataclasses
+import math
+import sys
 import tempfile
 from pathlib import Path
 
@@ -54,12 +57,87 @@ def match():
 )
 def test_a_result_whose_place_has_gone_is_written_elsewhere(names, match, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with raises(ResultError) as told:
+    with raises(ResultError, "gone") as told:
         outputs.write_all([tmp_path / name for name in names], match)
     written = {name for name in names if "/" not in name}
     (kept,) = (path for path in tmp_path.iterdir() if path.name not in written)
     assert {path.name for path in tmp_path.iterdir()} == written | {kept.name}
     assert str(told.value).endswith(kept.name)
+    assert load_match(kept).residual == match.residual
+
+
+def refuse(*_):
+    raise TypeError("a part cannot be made")
+
+
+PARTS = ["path_arrays", "_remedies_array", "_landmark_arrays"]
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_a_result_is_saved_without_a_part_that_fails(part, match, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules["abfm.matching.match"], part, refuse)
+    [note] = outputs.write_all([tmp_path / "m.npz", tmp_path / "m.csv"], match)
+    assert "a part cannot be made" in note
+    assert "m.npz" in note
+    assert "\n" not in note
+    loaded = load_match(tmp_path / "m.npz")
+    np.testing.assert_array_equal(loaded.fine_velocity, match.fine_velocity)
+    assert (loaded.residual, loaded.verdict.kind) == (match.residual, match.verdict.kind)
+    assert loaded.parameters == match.parameters
+    assert (tmp_path / "m.csv").exists()
+
+
+WRONG = {
+    "advected": lambda match: np.full_like(match.advected, np.nan),
+    "energy_history": lambda match: np.full_like(match.energy_history, np.inf),
+    "stages": lambda match: match.stages[:-1],
+    "residual": lambda _: math.inf,
+    "verified_residual": lambda _: -1.0,
+    "folded": lambda _: 2.0,
+    "stop_reason": lambda _: 7,
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_numbers_do_not_lose_a_result(name, match, tmp_path):
+    """What its field does not bear out is recomputed when the file is loaded."""
+    wrong = dataclasses.replace(match, **{name: WRONG[name](match)})
+    [note] = outputs.write_all([tmp_path / "m.npz"], wrong)
+    assert "m.npz" in note
+    loaded = load_match(tmp_path / "m.npz")
+    np.testing.assert_array_equal(loaded.fine_velocity, match.fine_velocity)
+    np.testing.assert_allclose(loaded.advected, match.advected, atol=1e-9)
+    assert loaded.residual == pytest.approx(match.residual, rel=1e-6)
+
+
+def test_a_registration_is_saved_without_its_path(match, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules["abfm.matching.match"], "path_arrays", refuse)
+    same = PointMap.of_vertices(match.mesh, match.mesh, np.arange(len(match.mesh.vertices)))
+    found = Registration(Correspondence(same, same), match)
+    [note] = outputs.write_registrations([tmp_path / "r.npz"], found)
+    assert "a part cannot be made" in note
+    loaded = load_registration(tmp_path / "r.npz")
+    np.testing.assert_array_equal(loaded.match.velocity, match.velocity)
+
+
+def test_a_sequence_is_saved_without_its_numbers(match, tmp_path):
+    found = abfm.sequence(match.mesh, np.stack([match.source[:, 0], match.target[:, 0]]))
+    wrong = dataclasses.replace(found, residual=-found.residual, verdicts=())
+    [note] = outputs.write_sequences([tmp_path / "s.npz"], wrong)
+    assert "residual" in note
+    assert "verdicts" in note
+    loaded = abfm.load_sequence(tmp_path / "s.npz")
+    np.testing.assert_array_equal(loaded.velocity, found.velocity)
+    assert np.isnan(loaded.residual).all()
+    assert not loaded.verdicts[0].kind.is_good
+
+
+def test_a_writer_that_fails_in_any_way_loses_no_result(match, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("abfm.io.export_ply", refuse)
+    with pytest.raises(ResultError, match="a part cannot be made") as told:
+        outputs.write_all([tmp_path / "m.ply"], match)
+    kept = Path(str(told.value).rpartition("the result is in ")[2])
     assert load_match(kept).residual == match.residual
 
 

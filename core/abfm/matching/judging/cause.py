@@ -32,6 +32,7 @@ class Cause(StrEnum):
     LINE_SEARCH_FAILED = "line search failed"
     NEEDS_ROUGHER_FIELD = "needs rougher field"
     STEP_OF_PATH = "step of path"
+    BOUNDED = "bounded"
     INCONSISTENT = "inconsistent"
     NO_MOTION = "no motion"
     NOISE = "noise"
@@ -78,6 +79,10 @@ SENTENCES: dict[Cause, str] = {
     Cause.LINE_SEARCH_FAILED: "no step lowers the energy any more, which is often rounding",
     Cause.NEEDS_ROUGHER_FIELD: "the residual cannot be reduced further without a rougher field",
     Cause.STEP_OF_PATH: "a step of the path, with sigma {sigma:.3g}",
+    Cause.BOUNDED: (
+        "the distortion is limited to {most:g}: {share:.2f}% of the faces are within it, and "
+        "{percent:g}% within {largest:.2g}"
+    ),
 }
 """What is written of each cause; the names in braces are details of the decision."""
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from abfm.maps.distortion import SHARE, Bound
 from abfm.matching import solvability
 from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
 from abfm.matching.judging.obstacles import Obstacle, differing, missing_values, obstacle
@@ -78,6 +79,19 @@ class Verdict:
         why = sentence_of(Cause.STEP_OF_PATH, sigma=sigma)
         return self.because(self.kind, Cause.STEP_OF_PATH, why)
 
+    def within(self, bound: Bound) -> "Verdict":
+        """Return the verdict of a field that a bound of distortion keeps from coming closer."""
+        if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE) or not bound.is_kept:
+            return self
+        return self.because(self.kind, Cause.BOUNDED, sentence_of_bound(bound))
+
+
+def sentence_of_bound(bound: Bound) -> str:
+    """Return how a map keeps a bound of distortion."""
+    shares = {"share": 100 * bound.share, "percent": 100 * SHARE}
+    most, largest = bound.max_distortion, bound.largest
+    return sentence_of(Cause.BOUNDED, most=most, largest=largest, **shares)
+
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -95,6 +109,7 @@ class Evidence:
     refined: int = 0  # how often the mesh was subdivided
     # how far landmarks were and are off, (L,) each, in sqrt(area); None without any
     landmarks: tuple[FloatArray, FloatArray] | None = None
+    bound: Bound | None = None  # of distortion, within which the field was sought
     held_out: float = math.nan  # `PathStep.held_out`; NaN if nothing was held out
 
 

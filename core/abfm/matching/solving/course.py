@@ -1,6 +1,7 @@
 """The course of a match: which steps lead from smooth to close, and when one has done its work."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ from abfm.matching.terms.functions import FunctionTerm
 from abfm.parameters import LAST, LONGEST, WARMEST, Parameters
 from abfm.types import FloatArray
 
-_FOUND = 0.7  # residual with which the target is found: the paper's norm leads on, without reach
+_FOUND = 0.75  # residual with which the target is found: the paper's norm leads on, without reach
 _LESS = 1 / 3  # factor of alpha on the less smooth way
 # a step goes on while its energy falls by this share within so many iterations
 _PAYING, _OVER = 0.03, 6
@@ -43,6 +44,8 @@ class Stage:
     fixed: bool  # whether it goes on to the end of its iterations
     goal: float  # residual at which it ends
     landmark_sigma: float = Parameters.landmark_sigma
+    # whether it only searches: it ends where the residual stalls, too, once the target is found
+    is_search: bool = False
     # what is taken off what is carried (C, V), before that is held against the target
     shift: FloatArray | float = field(default=0.0, repr=False, compare=False)
 
@@ -58,10 +61,21 @@ class Stage:
             return (before.landmark_sigma / self.landmark_sigma) ** 2
         return (before.sigma / self.sigma) ** 2
 
-    def pays(self, energies: list[float]) -> bool:
-        """Tell whether to go on after these energies, one for each of the stage's iterates."""
-        early = self.fixed or len(energies) <= _OVER
-        return early or energies[-1] < (1 - _PAYING) * energies[-1 - _OVER]
+    def pays(self, energies: Sequence[float], residuals: Sequence[float] = ()) -> bool:
+        """Return whether another iteration pays, after these energies and residuals of iterates.
+
+        The energy has to fall. In a search the residual has to fall as well once the target is
+        found, as the norm of the search is then no longer the one that matters.
+        """
+        if self.fixed:
+            return True
+        is_searched = self.is_search and residuals[-1] <= _FOUND
+        return _falls(energies) and (not is_searched or _falls(residuals))
+
+
+def _falls(values: Sequence[float]) -> bool:
+    early = len(values) <= _OVER
+    return early or values[-1] < (1 - _PAYING) * values[-1 - _OVER]
 
 
 class Course:
@@ -118,7 +132,15 @@ class Course:
         """How far the first way looks."""
         return 0.0 if self._is_bare else self._p.reach
 
-    def stage(self, level: int, sigma: float, way: Way, reach: float = 0.0) -> Stage:
+    def stage(
+        self, level: int, sigma: float, way: Way, reach: float = 0.0, error: float = 0.0
+    ) -> Stage:
+        """Return the stage of a sigma on a level with this discretisation error (residual).
+
+        On a coarse level the result of the given sigma is only a start for the mesh itself. The
+        stage then ends at the discretisation error, as a smaller residual on the coarse mesh means
+        nothing on the mesh itself, and a search where the residual stalls.
+        """
         p, alpha, is_last = self._p, way.alpha, level >= self._meshes - 1
         if self.is_free and not self._is_bare:
             alpha *= min(1.0, sigma / (_STIFF * self.unit)) ** 2
@@ -128,9 +150,22 @@ class Course:
             else p.iterations
         )
         goal = _CLOSE * p.goal if self.is_free else 0.0
+        is_start = self.is_given and not (self.is_fixed or is_last) and sigma == self.sigmas[-1]
+        goal = error if is_start else goal
         until = p.iterations if is_last else int(_SHARE * p.iterations)
-        close = self.landmark_sigma(sigma)
-        return Stage(level, way.fields, sigma, alpha, reach, own, until, self.is_fixed, goal, close)
+        return Stage(
+            level,
+            way.fields,
+            sigma,
+            alpha,
+            reach,
+            own,
+            until,
+            self.is_fixed,
+            goal,
+            self.landmark_sigma(sigma),
+            is_search=is_start and reach > 0,
+        )
 
     def landmark_sigma(self, sigma: float) -> float:
         """Return that of landmarks beside a sigma: it falls faster, so that landmarks lead."""

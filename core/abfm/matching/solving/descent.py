@@ -77,6 +77,23 @@ class Descent:
         is_clustered = level + 1 < len(self.levels) and self.levels[level + 1].cheaper is not None
         return level + is_clustered
 
+    def error(self, level: int) -> float:
+        """Return the discretisation error of a level relative to the mesh itself.
+
+        It is what source or target lose on the level and back, whichever is larger, measured as a
+        residual; 0 on the mesh itself.
+        """
+        if level >= self.own:
+            return 0.0
+        functions = self.levels[level].energy.functions
+        fine = self.levels[self.own].energy.functions
+        errors = []
+        for coarse, own in ((functions.source, fine.source), (functions.target, fine.target)):
+            for between in self.levels[level : self.own]:
+                coarse = between.functions_to_finer(coarse)
+            errors.append(fine.relative_size(coarse - own))
+        return max(errors)
+
     def attainable(self, goal: float) -> float:
         return max(goal, self._least) if goal else 0.0
 
@@ -84,8 +101,11 @@ class Descent:
         return self._search(stage).evaluate(x)
 
     def prolonged(self, x: FloatArray, level: int, stage: Stage, residual: float) -> Evaluation:
-        """Bring fields (N, F, 2) of a level, which left so much there, to that of a stage; those of
-        a subdivided mesh, with kinks over its edges, are smoothed as far as that lowers the energy.
+        """Bring fields (N, F, 2) of a level with this residual to the level of a stage.
+
+        Fields of a coarser mesh have kinks over its edges, which make the norm of second order
+        large. Those of a subdivided mesh, or of a given sigma, are smoothed while that lowers the
+        energy.
         """
         energy, evaluate = self.levels[stage.level].energy, self._search(stage).evaluate
 
@@ -94,8 +114,10 @@ class Descent:
             return point, energy.left(point)
 
         found = self._brought(x, level, stage.level, residual, measured)
-        before = self.levels[self.cheapest(stage.level) - 1]
-        for edges in _SCALES[1:] if isinstance(before.to_finer, Subdivision) else ():
+        p, first = self._parameters, self.cheapest(stage.level)
+        is_subdivided = isinstance(self.levels[first - 1].to_finer, Subdivision)
+        is_rough = level < first and p.order > 1 and p.sigma is not None
+        for edges in _SCALES[1:] if is_subdivided or is_rough else ():
             tried = evaluate(smoothed(energy.mesh, found.x, edges))
             if not tried.energy < found.energy:
                 break
@@ -140,13 +162,15 @@ class Descent:
         energy = self.levels[stage.level].energy
         has_landmarks = energy.landmarks is not None and not energy.is_of_landmarks
         least = self.best
-        energies = [current.point.energy]
+        energies, residuals = [current.point.energy], [self._left(stage)]
         left = self.levels[stage.level].affordable(stage.iterations, self.best.x)
         until, counted = min(stage.until, len(history) - 1 + left), self._record.evaluations
         is_last = stage.until <= len(history) - 1 + left or stage.fixed
         self.reason = StopReason.ITERATION_LIMIT if is_last else StopReason.NO_PROGRESS
         while len(history) <= until:
-            reason = self._reason_to_stop(stage, goal, energies, search.stop_reason(current))
+            reason = self._reason_to_stop(
+                stage, goal, energies, residuals, search.stop_reason(current)
+            )
             if reason is not None:
                 self.reason = reason
                 break
@@ -155,11 +179,13 @@ class Descent:
                 current = search.init(current.x, current.point)
             current = search.step(current)
             evaluations, counted = self._record.evaluations - counted, self._record.evaluations
-            self.effort += evaluations * self.cost(stage.level, self.best.x)
+            if self.limit < np.inf:  # else nothing depends on it
+                self.effort += evaluations * self.cost(stage.level, self.best.x)
             if current.failed:
                 continue
             self.progress = Progress(current.point, current, stage)
             energies.append(min(energies[-1], current.point.energy))
+            residuals.append(self._left(stage))
             self._record.add(self.levels, self.own, stage, self.best)
             if self.best.energy <= least.energy:
                 least = self.best
@@ -173,13 +199,18 @@ class Descent:
         return energy.discretisation.size * max(energy.flow(x).exponent, 1.0)
 
     def _reason_to_stop(
-        self, stage: Stage, goal: float, energies: list[float], search: str | None
+        self,
+        stage: Stage,
+        goal: float,
+        energies: list[float],
+        residuals: list[float],
+        search: str | None,
     ) -> StopReason | None:
         if search is not None:
             return StopReason(search)
-        if self._left(stage) <= goal:
+        if residuals[-1] <= goal:
             return StopReason.GOAL_REACHED
-        pays = stage.pays(energies) and self.effort < self.limit
+        pays = stage.pays(energies, residuals) and self.effort < self.limit
         return None if pays else StopReason.NO_PROGRESS
 
     def _left(self, stage: Stage) -> float:

@@ -126,7 +126,9 @@ class Solver:
             self._correct()
             self._earlier.append(self.way)
             left = self._value(self.way)
-            enough = self._goal if self._course.is_free else RESIDUAL_NEARLY
+            # the residual on a coarse mesh is known only up to its discretisation error
+            nearly = RESIDUAL_NEARLY + descent.error(0)
+            enough = self._goal if self._course.is_free else nearly
             if not self._course.is_measured and left <= enough:
                 break
             reach = self._course.reach(left)
@@ -136,6 +138,7 @@ class Solver:
 
     def _walk(self, x: FloatArray, reach: float, is_last_way: bool) -> None:
         course, descent = self._course, self._descent
+        error = descent.error(0)
         held = HeldOut(descent.levels[0].energy, x) if course.is_measured else None
         self._unmoved = np.nan if held is None else held.unmoved
         for sigma in course.sigmas:
@@ -143,12 +146,12 @@ class Solver:
             self.record.is_trying = not (is_last or course.is_fixed)
             stages = []
             if reach:
-                stages.append(course.stage(0, sigma, self._with, reach))
+                stages.append(course.stage(0, sigma, self._with, reach, error))
                 x = descent.minimise(stages[-1], x).x
                 if course.is_found(descent.residual) or sigma == course.sigmas[-1]:
                     reach = 0.0
             if not reach:
-                stages.append(course.stage(0, sigma, self._with))
+                stages.append(course.stage(0, sigma, self._with, error=error))
                 x = descent.minimise(stages[-1], x).x
             self._mark(stages[-1], np.nan if held is None else held.follow(stages))
             if self._is_over() or len(self.record.history) > stages[-1].until:

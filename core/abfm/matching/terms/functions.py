@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -112,14 +112,19 @@ class FunctionTerm:
         return self.norm(carried - self.target) / scale
 
     def relative_size(self, difference: FloatArray) -> float:
-        """Return the L2 norm of channels (C, V) over the deviation of the target from its mean.
+        """Return the L2 norm of channels (C, V) over `varying_size`."""
+        return self.norm(difference) / self.varying_size
+
+    @cached_property
+    def varying_size(self) -> float:
+        """The deviation of the target from its mean.
 
         If the target is constant, the deviation of the source takes its place, then the norm of
         either, then 1.
         """
         sizes = (self._varying(self.target), self._varying(self.source))
         norms = (self.norm(self.target), self.norm(self.source))
-        return self.norm(difference) / next((size for size in (*sizes, *norms) if size), 1.0)
+        return next((size for size in (*sizes, *norms) if size), 1.0)
 
     def _varying(self, functions: FloatArray) -> float:
         """Return the deviation of channels (C, V); 0 if they are constant up to rounding."""
@@ -155,12 +160,17 @@ class FunctionTerm:
 
     def reversed(self) -> FunctionTerm:
         """Return the term of the match from the target to the source."""
-        other = copy(self)
+        other = self._copy()
         other.source, other.target = self.target, self.source
         return other
 
-    def _again(self, mesh: TriangleMesh, mask: FloatArray | None) -> FunctionTerm:
+    def _copy(self) -> FunctionTerm:
         other = copy(self)
+        other.__dict__.pop("varying_size", None)
+        return other
+
+    def _again(self, mesh: TriangleMesh, mask: FloatArray | None) -> FunctionTerm:
+        other = self._copy()
         areas = vertex_areas(mesh)
         other.mesh, other.mask, other.areas = mesh, mask, areas if mask is None else areas * mask
         return other

@@ -118,6 +118,38 @@ def test_exact_functions_end_below_the_goal_and_a_quarter_of_the_time_is_for_the
         assert course.stage(0, 1.0, Way(p.alpha, 1)).goal == 0
 
 
+def test_given_sigma_ends_coarse_levels_at_their_error():
+    """Only in the stage whose result the mesh itself replaces, and in no fixed or free course."""
+    p = Parameters(sigma=0.1)
+    course, way = Course(p, EXACT, 2), Way(p.alpha, 1)
+    *early, last = course.sigmas
+    for reach in (0.0, 1.0):
+        coarse, fine = (course.stage(level, last, way, reach, 0.2) for level in (0, 1))
+        assert (coarse.goal, coarse.is_search) == (0.2, reach > 0)
+        assert (fine.goal, fine.is_search) == (0.0, False)
+        for other, sigma in (
+            *((course, sigma) for sigma in early),
+            (Course(replace(p, stage_iterations=7), EXACT, 2), last),
+            (Course(Parameters(), EXACT, 2), last),
+            (Course(Parameters(), MEASURED, 2), last),
+        ):
+            assert other.stage(0, sigma, way, reach, 0.2) == other.stage(0, sigma, way, reach)
+
+
+def test_search_pays_while_the_residual_falls():
+    """Once the target is found; before that and in other stages the energy alone decides."""
+    stage = Stage(0, 1, 1.0, 1.0, 1.0, 100, 100, fixed=False, goal=0.0)
+    search = replace(stage, is_search=True)
+    falling = [0.9**k for k in range(40)]
+    for residual, pays in ((0.8, True), (0.6, False)):
+        assert search.pays(falling, [residual] * 40) == pays
+        assert search.pays(falling[:5], [residual] * 5)
+        assert stage.pays(falling, [residual] * 40)
+        assert replace(search, fixed=True).pays(falling, [residual] * 40)
+    assert search.pays(falling, falling)
+    assert not search.pays([1.0] * 40, falling)
+
+
 def test_a_stage_pays_while_its_energy_falls():
     stage = Stage(0, 1, 1.0, 1.0, 0.0, 100, 100, fixed=False, goal=0.0)
     falling, still = [0.99**k for k in range(40)], [1.0] * 40

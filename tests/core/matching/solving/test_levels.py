@@ -13,7 +13,9 @@ from abfm.calculus.operators import vertex_areas
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.maps.surface_points import project_onto_surface
 from abfm.matching.solving import levels as module
+from abfm.matching.solving.descent import Descent
 from abfm.matching.solving.levels import Transfer, _making, levels, on_the_mesh, prepare
+from abfm.matching.solving.record import Record
 from abfm.mesh import TriangleMesh, coarsening
 from abfm.mesh.coarsening import coarsened
 from abfm.workers.control import CancelledError, Control, controlled
@@ -231,6 +233,25 @@ def test_errors_fall_with_the_square_of_the_edge_length():
         assert observed_orders([4, 2, 1], errors).min() > 1.6
     assert observed_orders([4, 2, 1], uneven[1]).min() > 0.8
     assert uneven[:, -1].max() < 0.015
+
+
+def test_discretisation_errors_of_levels():
+    """They fall with the square of the edge length, and depend neither on unit nor offset."""
+    mesh = icosphere(4)
+    f, g = (bump(mesh, axis, 0.3) for axis in ([0, 0, 1], [0, 1, 0]))
+
+    def errors(f, g):
+        descent = Descent(MatchingEnergy(mesh, f, g, COARSER), Record(None))
+        descent.levels = levels(descent.levels)
+        descent.own = len(descent.levels) - 1
+        return [descent.error(level) for level in range(3)]
+
+    found = errors(f, g)
+    assert 0.01 < found[0] < 0.2
+    assert 2.5 < found[0] / found[1] < 5  # a quarter of the vertices, the coarsest mesh uneven
+    assert found[2] == 0
+    assert_allclose(errors(7 * f + 3, 7 * g + 3), found, rtol=1e-9)
+    assert errors(np.ones(len(f)), np.ones(len(f)))[0] < 1e-12
 
 
 def assert_same_but_on_edges(found, expected):
