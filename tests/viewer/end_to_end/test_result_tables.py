@@ -141,7 +141,7 @@ def heads_of(gui):
 def test_names_keep_their_room_and_a_tip_tells_of_columns_that_have_none(opened, monkeypatch):
     every = heads_of(opened)
     assert len(every) == len(OF_BATCHES)
-    wider = result_table._LEAST_TEXT | {"name": every["name"] + 5}
+    wider = {"name": every["name"] + 5, "reason": every["why"]}
     monkeypatch.setattr(result_table, "_LEAST_TEXT", wider)
     heads = heads_of(opened)
     assert set(every) - set(heads) == {"folded"}
