@@ -391,9 +391,10 @@ class Match:
         """Write what can be written of a match that `save` refuses, at least its field; return what
         is missing and why, a line each, or raise ResultError.
         """
-        parts: dict[str, Callable[[], Mapping[str, Any]]] = dict(match_parts(self))
-        parts["the mesh"] = partial(results.mesh_arrays, self.mesh)
-        return results.save_parts(path, parts, substitutes(self))
+        parts: dict[str, Callable[[], Mapping[str, Any]]] = {
+            "the mesh": partial(results.mesh_arrays, self.mesh)
+        }
+        return results.save_parts(path, parts | match_parts(self), substitutes(self))
 
 
 @overload
@@ -567,7 +568,7 @@ def match_arrays(match: Match) -> dict[str, Any]:
     return results.made(match_parts(match))
 
 
-def match_parts(match: Match) -> results.Parts:
+def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
     """Return the parts of `match_arrays`, of which any but the fields may fail."""
     grouped = {
         "the fields": ("velocity", "fine_velocity") if match.refined else ("velocity",),
@@ -582,7 +583,7 @@ def match_parts(match: Match) -> results.Parts:
         for name in results.MATCH_ENTRIES
         if name not in left_out
     }
-    return parts | {
+    parts |= {
         "parameters": lambda: {"parameters": json.dumps(match.parameters.to_dict())},
         "verdict": lambda: {"verdict": match.verdict.texts},
         "remedies": partial(_remedies_array, match.verdict.remedies),
@@ -593,6 +594,7 @@ def match_parts(match: Match) -> results.Parts:
         "the functions' texts": match.problem.spec_arrays,
         "the landmarks": partial(_landmark_arrays, match),
     }
+    return parts
 
 
 def substitutes(match: Match) -> dict[str, Any]:

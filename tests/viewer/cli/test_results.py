@@ -13,7 +13,6 @@ from abfm.assets import asset_path
 from abfm.functions import function
 from abfm.matching.path import COLUMNS
 from abfm.mesh import load_mesh
-from tests.messages import check_message, line_with
 
 EIGHT = str(asset_path("eight.off"))
 PAIR = [f"gaussian:vertex={vertex},width=0.2" for vertex in (10, 40)]
@@ -66,9 +65,13 @@ def test_match_writes_its_path_and_takes_the_step_that_is_asked_for(tmp_path, ab
     assert len(rows) == len(written.path)
     assert 0 <= written.step < len(rows)
     assert f"; wrote {out}, {table}" in told.out
-    check_message(line_with(told.out, "--max-distortion 1000"), "100.00%")
-    told = abfm(*WORDS, out, "--max-distortion", "1e-9", status=SHORT)
-    check_message(line_with(told.out, "--max-distortion"), "1e-09")
+    assert "within distortion 1000" in told.out
+    words = (*WORDS, out, "--max-distortion", "1e-9", "--json")
+    numbers = json.loads(abfm(*words, status=SHORT).out)
+    assert numbers["max_distortion"] == 1e-9
+    assert 0.99 <= numbers["share_within"] <= 1
+    assert numbers["worse_residual"] <= numbers["initial_residual"] * (1 + 1e-9)
+    assert "1e-09" in numbers["headline"]
     told = json.loads(
         abfm(
             *WORDS, out, "--sigma", "2", "--goal", "0.2", "--refine", "auto", "--json", status=SHORT
@@ -76,4 +79,4 @@ def test_match_writes_its_path_and_takes_the_step_that_is_asked_for(tmp_path, ab
     )
     parameters = told["parameters"]
     assert [parameters[name] for name in ("sigma", "goal", "refine")] == [2.0, 0.2, None]
-    assert told["picked"] is None
+    assert "max_distortion" not in told

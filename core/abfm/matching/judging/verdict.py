@@ -109,8 +109,8 @@ class Evidence:
     refined: int = 0  # how often the mesh was subdivided
     # how far landmarks were and are off, (L,) each, in sqrt(area); None without any
     landmarks: tuple[FloatArray, FloatArray] | None = None
-    bound: Bound | None = None  # of distortion, within which the field was sought
     held_out: float = math.nan  # `PathStep.held_out`; NaN if nothing was held out
+    bound: Bound | None = None  # of distortion, within which the field was sought
 
 
 def is_registered(residual: float, first: float) -> bool:
