@@ -43,3 +43,8 @@ def pytest_collection():
 def pytest_configure(config):
     config.pluginmanager.register(WidgetCoverage(config), "widget coverage")
     config.pluginmanager.register(MessageSnapshot(config), "message snapshot")
+
+
+def pytest_xdist_auto_num_workers():
+    """Run one process more than there are cores, as tests wait for processes of their own."""
+    return (os.cpu_count() or 1) + 1

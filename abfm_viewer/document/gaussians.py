@@ -15,7 +15,6 @@ import numpy as np
 from abfm import FunctionError, TriangleMesh, functions
 
 _WIDTH = 0.1
-_AROUND = functions.Permuted, functions.Scaled
 
 
 def gaussians(spec: str) -> list[functions.Gaussian]:
@@ -76,14 +75,14 @@ def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
 
 
 def _terms(tree: functions.Spec) -> tuple[functions.Spec, ...]:
-    while isinstance(tree, _AROUND):
+    while isinstance(tree, functions.Permuted | functions.Scaled):
         tree = tree.function
     return tree.terms if isinstance(tree, functions.Sum) else (tree,)
 
 
 def _with_inner(tree: functions.Spec, inner: functions.Spec) -> functions.Spec:
     """Return a function that is scaled or composed with a vertex map, of another one inside."""
-    if isinstance(tree, _AROUND):
+    if isinstance(tree, functions.Permuted | functions.Scaled):
         return replace(tree, function=_with_inner(tree.function, inner))
     return inner
 

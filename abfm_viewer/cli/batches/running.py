@@ -12,7 +12,7 @@ from typing import Any
 
 from abfm import Control, ResultError
 from abfm.batch import Cluster, Entry, Ledger, Row, run
-from abfm.batch.run import REPORTED_STEPS, LostError
+from abfm.batch.run import REPORTED_STEPS, ROWS_READ_MIN, LostError
 from abfm.errors import one_line, printable
 from abfm.outcome import Outcome
 from abfm.wording import counted
@@ -25,7 +25,7 @@ from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.progress import row_progress
 
-ROWS_AFTER_SIGNAL_MAX = 500
+ROWS_AFTER_SIGNAL_MAX = ROWS_READ_MIN
 """Rows of the largest batch whose summary is written after a signal, which takes under a second."""
 _FAILURES_MAX = 8  # that are printed
 

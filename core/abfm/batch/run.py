@@ -29,6 +29,8 @@ threads come out differently.
 TRIES = 3
 """How often a row is tried whose worker dies."""
 ENDED = f"the process that solved it ended {TRIES} times, as for want of memory"
+ROWS_READ_MIN = 500
+"""Rows whose entries are read also if the run is cancelled before; of more that takes long."""
 CONNECTING = "connecting to the scheduler"
 NO_WORKERS = "waiting for workers: the cluster has none"
 REPORTED_STEPS = (CONNECTING, NO_WORKERS, EXPECTED)
@@ -162,12 +164,12 @@ class Workers:
         identity = ledger.make()
         entries, tasks = dict[str, Entry](), list[Task]()
         for row in rows:
-            if control.cancelled:
+            if control.cancelled and len(entries) >= ROWS_READ_MIN:
                 break
             if row.key in entries:
                 continue
             entries[row.key] = ledger.entry(row)
-            if entries[row.key].state != "done":
+            if entries[row.key].state != "done" and not control.cancelled:
                 ledger.forget(row)
                 entries[row.key] = Entry(row, "missing")
                 tasks.append(Task(row, os.fspath(ledger.folder), identity))

@@ -456,7 +456,7 @@ def match(
     >>> mesh = abfm.load_mesh(asset_path("eight.off"))
     >>> f, g = (abfm.function(mesh, f"gaussian:vertex={i},width=0.3") for i in (0, 100))
     >>> found = abfm.match(mesh, f, g)
-    >>> found.verdict.kind, found.advect(1.0).shape == f.shape
+    >>> str(found.facts.outcome), found.advect(1.0).shape == f.shape
     ('matched', True)
     """
     the_problem = _problem_of(*problem, **given)

@@ -80,8 +80,8 @@ class Problem:
     >>> mesh = abfm.load_mesh(asset_path("human_A.off"))
     >>> f, g = (abfm.function(mesh, f"gaussian:vertex={i},width=0.2") for i in (394, 14))
     >>> problem = abfm.Problem(mesh, f, g, abfm.Parameters(goal=0.1))
-    >>> abfm.match(problem).verdict.kind
-    'matched'
+    >>> print(abfm.match(problem).facts.outcome)
+    matched
     """
 
     mesh: TriangleMesh
