@@ -91,7 +91,7 @@ def facts_of_match(path: Path) -> Facts:
         verdict.reason,
         verdict.advice,
         known_numbers(numbers),
-        (*distortion_warnings(numbers.get("log2_area_95", math.nan)), *warnings),
+        (*distortion_warnings(verdict.kind, numbers.get("log2_area_95", math.nan)), *warnings),
     )
 
 

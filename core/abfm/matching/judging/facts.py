@@ -67,7 +67,7 @@ class Report:
 
     @property
     def _distorts(self) -> bool:
-        return self.verdict.kind.is_good and self.log2_area_95 > LOG2_AREA_GOOD
+        return bool(distortion_warnings(self.verdict.kind, self.log2_area_95))
 
     def _headline(self) -> str:
         reason, outcome = self.evidence.stop_reason, self.verdict.kind
@@ -154,7 +154,7 @@ class Report:
     def _warnings(self) -> tuple[str, ...]:
         found = [self.doubt] if self.doubt else []
         bound = _bound_warnings(self.evidence.bound)
-        return (*found, *bound, *distortion_warnings(self.log2_area_95))
+        return (*found, *bound, *distortion_warnings(self.verdict.kind, self.log2_area_95))
 
 
 def _bound_numbers(bound: Bound | None) -> dict[str, float]:
@@ -182,9 +182,11 @@ def _within_words(bound: Bound | None) -> str:
     return f", within distortion {bound.max_distortion:g}" if bound and bound.is_kept else ""
 
 
-def distortion_warnings(log2_area_95: float) -> tuple[str, ...]:
-    """Return the warning of a map whose 95th percentile of ``|log2 J|`` is large, if it is."""
-    if not log2_area_95 > LOG2_AREA_GOOD:
+def distortion_warnings(outcome: Outcome, log2_area_95: float) -> tuple[str, ...]:
+    """Return the warning of a good result whose map changes areas a lot, by the 95th percentile of
+    ``|log2 J|``; empty if it does not.
+    """
+    if not (outcome.is_good and log2_area_95 > LOG2_AREA_GOOD):
         return ()
     times = factor(log2_area_95)
     return (f"5% of the surface changes its area by a factor of {times} or more",)
