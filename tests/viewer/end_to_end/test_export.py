@@ -10,6 +10,8 @@ from PIL import Image
 
 import abfm
 
+WINDOW = (640, 600)  # in which a tab has room below a verdict with a warning
+
 
 @pytest.fixture
 def small(matched):

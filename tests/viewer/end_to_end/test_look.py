@@ -12,6 +12,8 @@ from tests.viewer.sessions import ENDLESS, begin, cancel
 
 MAPS = ("coordinates", "checker", "area distortion", "conformal distortion", "function")
 
+WINDOW = (640, 600)  # in which a tab has room below a verdict with a warning
+
 
 def calm(gui):
     """Wait until nothing is computed in the background, of which the next frames may yet ask for

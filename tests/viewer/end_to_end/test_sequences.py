@@ -20,7 +20,7 @@ from abfm_viewer.shown.eye import Eye
 from abfm_viewer.window import wave
 from abfm_viewer.window.actions import what_would_be_lost
 from abfm_viewer.window.wave import drifting_wave, turning_wave
-from tests.messages import check_message
+from tests.messages import check_message, check_names
 from tests.viewer.end_to_end.test_export import exported
 from tests.viewer.sessions import EGG, SIZE
 
@@ -233,12 +233,12 @@ def test_a_cancelled_run_leaves_an_earlier_result_within_reach(film, tmp_path):
     assert (sequence, told) == (None, "cancelled: 0 of 119 intervals found")
     first, told = cancelled(some_are_found)
     count = int(first.solved.sum())
-    check_message(told, count, 119)
+    check_names(told, "cancelled", count, 119)
     second, told = cancelled(lambda s: s.film_match.found(s.document) > count)  # it goes on
     assert second is not first
     now = int(second.solved.sum())
     assert now > count
-    check_message(told, now, 119, count)
+    check_names(told, "cancelled", now, 119, count)
     film.key("ctrl+z")
     assert session.document.sequence is first
     film.key("ctrl+y")
@@ -395,7 +395,7 @@ def test_files_of_films_open_from_words_drops_and_sequences(film, tmp_path):
     film.choose("color by", "speed")
     film.window.files.open(path)
     film.wait(lambda s: s.document.identity is not document.identity)
-    assert (film.session.view.arrows, film.session.view.coloring) == (False, "speed")
+    assert (film.session.view.arrows, film.session.view.coloring) == (True, "function")
     film.choose("color by", "function")
     film.session.switch_flow_after_match()
     before = film.session.document

@@ -36,7 +36,7 @@ def files(tmp_path):
 @pytest.fixture
 def gui(files):
     """The app with an egg that is registered to a ball, seen standing still."""
-    with Driver((files["egg"], files["ball"]), size=SIZE) as gui:
+    with Driver((files["egg"], files["ball"]), size=(SIZE[0], 600)) as gui:
         gui.window.dialogs.folder = files["egg"].parent
         view = replace(gui.session.view, flow_after_match=False)
         short = replace(gui.session.parameters, iterations=20, cooling_stages=1, refine=0)

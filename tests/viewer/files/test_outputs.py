@@ -146,7 +146,7 @@ def test_a_registration_with_collapsed_faces_is_kept(match, tmp_path, monkeypatc
     numbers = np.arange(len(match.mesh.vertices))
     maps = (PointMap.of_vertices(match.mesh, match.mesh, numbers // by) for by in (1, 2))
     found = Registration(Correspondence(*maps), match)
-    with raises(ResultError, "x.ply"):
+    with raises(ResultError, "x.ply", recorded=False):  # cut by the length of the path
         outputs.write_registrations([tmp_path / "x.ply", tmp_path / "r.npz"], found)
     kept = load_registration(tmp_path / "r.npz")
     np.testing.assert_array_equal(kept.back.faces, found.back.faces)
