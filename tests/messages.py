@@ -29,6 +29,7 @@ _COMPUTED = re.compile(
 # addresses, and the random name of a result that could not be written to its place
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{6,}\b|(?<=\babfm-)[0-9a-f]{8}(?=\.npz)")
 _CHOICES = re.compile(r"\(choose from .*?\)")  # Python 3.12 omits the quotes
+_TEMPORARY = tempfile.gettempdir()  # tests replace it
 _current = None  # the Messages of the test that runs now
 
 
@@ -77,7 +78,7 @@ class Messages:
         self._item = item
         self._expected = expected
         self._update = item.config.getoption("--update-snapshots")
-        self._temporary = _temporary_folders(item.config.option.basetemp or tempfile.gettempdir())
+        self._temporary = _temporary_folders(item.config.option.basetemp or _TEMPORARY)
         self._texts = []
 
     def check(self, text):

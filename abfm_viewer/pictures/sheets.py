@@ -40,7 +40,7 @@ _FRAMES: dict[Frame, tuple[str, float]] = {  # colours and widths
     "other": ("#d0d4db", 1.5),
 }
 _INK = "#1d222b"
-_TONES = {"good": rgb(LIGHT.good), "failure": rgb(LIGHT.failure)}
+_TONES = {tone: rgb(getattr(LIGHT, tone)) for tone in ("good", "warning", "failure")}
 
 
 @dataclass(frozen=True)

@@ -211,8 +211,12 @@ def test_running_again_solves_nothing_and_says_the_same(abfm, folder, found, mon
 
 def test_registrations_of_the_last_round_are_a_batch(abfm, folder, found):
     said = json.loads(
-        abfm("batch", "--status", folder / "out", "--no-pictures", "--json", status=0).out
+        abfm("batch", "--status", folder / "out", "--no-pictures", "--json", status=3).out
     )
+    assert said["counts"] == {
+        "matched": 5,
+        "not reached": 1,
+    }  # the odd one is registered to nothing
     assert {row["digest"] for row in said["rows"]} == set(found.digests)
     assert {row["name"] for row in said["rows"]} == set(found.names)
 

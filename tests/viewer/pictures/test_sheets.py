@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from PIL import ImageFont
 
 import abfm
+from abfm import StopReason
 from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
+from abfm.outcome import Outcome
 from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import LIGHT
 from abfm_viewer.pictures import panels, sheets
@@ -174,7 +176,8 @@ def test_panels_have_frames_labels_and_a_colour_bar_beside_them():
 
 
 @pytest.mark.parametrize(
-    ("kind", "tone"), [("matched", LIGHT.good), ("not reached", LIGHT.failure), ("nearly", None)]
+    ("kind", "tone"),
+    [("matched", LIGHT.good), ("not reached", LIGHT.failure), ("nearly", LIGHT.warning)],
 )
 def test_the_label_at_tau_says_how_well_it_matches_in_colour(match, kind, tone, monkeypatch):
     """The word "matched" stands on no picture of a match that is none."""
@@ -185,12 +188,13 @@ def test_the_label_at_tau_says_how_well_it_matches_in_colour(match, kind, tone, 
         return sheet_picture(sheet, *rest)
 
     monkeypatch.setattr("abfm_viewer.pictures.sheets.sheet_picture", kept)
-    judged = replace(match, verdict=replace(match.verdict, kind=kind), stop_reason="converged")
+    judged = replace(match, verdict=replace(match.verdict, kind=Outcome(kind)))
+    judged = replace(judged, stop_reason=StopReason.CONVERGED)
     pixels = np.asarray(match_picture(judged, [1.0], (900, 400)))
     labels = [panel.label for panel in drawn[0].rows[0]]
     assert labels[2:] == [f"t = 2, {judged.facts.headline}", "target"]
     assert not any("matched" in label for label in labels) or kind == "matched"
-    for color in (LIGHT.good, LIGHT.failure):
+    for color in (LIGHT.good, LIGHT.warning, LIGHT.failure):
         assert (pixels == rgb(color)).all(axis=2).any() == (color == tone)
 
 

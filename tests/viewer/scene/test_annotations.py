@@ -37,6 +37,7 @@ def scene(right, columns=5):
     view = SimpleNamespace(is_beside=False, borders=list, label=labels.get)
     return SimpleNamespace(
         shown=NAMES,
+        behind=(),
         view=view,
         view_of=lambda _: view,
         links=list,
@@ -102,7 +103,7 @@ def test_the_mouse_tells_a_name_and_a_title_that_are_cut(told):
     names = scene(300, columns=5)
     assert [told((x, 10), names) for x in (25, 75, 125)] == [[], ["advected"], ["linear blend"]]
     assert told((125, 10), names, captures=True) == []
-    nothing = SimpleNamespace(shown=())
+    nothing = SimpleNamespace(shown=(), behind=())
     long, short = (bar_parts(title, RANGE, (0, 0, 60, 20), PEN) for title in ("a long one", "bar"))
     assert told((30, 10), nothing, long) == ["a long one"]
     assert told((30, -100), nothing, long) == told((30, 10), nothing, short) == []
