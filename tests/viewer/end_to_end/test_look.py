@@ -110,6 +110,7 @@ def test_a_map_that_is_none_is_warned_of_where_it_is_shown(matched, notes):
     slow = replace(good, fine_velocity=1e-3 * good.velocity)
     wild, normals = rng.normal(size=good.velocity.shape) * mesh.length_scale, face_normals(mesh)
     wild -= (wild * normals).sum(axis=-1, keepdims=True) * normals
+    matched.click("Look")
     matched.drag("time", 1.0)
     for result, expected in ((slow, 0), (replace(good, fine_velocity=wild), 1)):
         session.editor.amend(result=result)
