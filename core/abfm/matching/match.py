@@ -185,8 +185,12 @@ class Match:
 
     @cached_property
     def mismatch(self) -> float:
-        """``||f_tau - g|| / ||g||`` of the functions on the mesh, as the paper defines it."""
-        return self.problem.functions.mismatch(self.advected.T)
+        """``||f_tau - g|| / ||g||`` of the functions, as the paper defines it, on the mesh on which
+        the fields were found; on the mesh itself if that is unknown.
+        """
+        known = self.path[self.step].mismatch
+        own = self.problem.functions
+        return own.mismatch(self.advected.T) if math.isnan(known) else known
 
     @cached_property
     def initial_residual(self) -> float:
@@ -301,6 +305,7 @@ class Match:
                 energy = MatchingEnergy(problem)
                 said = measured(energy, self.fine_velocity / energy.length_scale)
         said["held_out"] = own.held_out
+        said["mismatch"] = problem.functions.mismatch(carried.T)
         residual = problem.left(carried.T, self.landmark_errors)
         own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, residual, **said)
         other = replace(

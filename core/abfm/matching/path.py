@@ -23,6 +23,7 @@ COLUMNS = (
     "log2 R",
     "log2 J 95%",
     "held out",
+    "mismatch",
     "refined",
 )
 
@@ -51,6 +52,8 @@ class PathStep:
     held_out : float
         Residual of held-out patches over that of the same patches without motion: below 1 the field
         improves also what it was not fitted to. NaN if nothing was held out.
+    mismatch : float
+        As of a `Match`.
     """
 
     sigma: float
@@ -64,6 +67,7 @@ class PathStep:
     log2_shape: float = math.nan
     log2_area_95: float = math.nan
     held_out: float = math.nan
+    mismatch: float = math.nan
 
 
 _NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]

@@ -408,7 +408,14 @@ class Solver:
 
     def path(self) -> tuple[PathStep, ...]:
         """Return the way, with its fields on the mesh itself or on finer ones, in its units."""
-        return tuple(mark.step(self._velocity(mark)) for mark in self.way)
+        return tuple(
+            replace(mark.step(self._velocity(mark)), mismatch=self._mismatch(mark))
+            for mark in self.way
+        )
+
+    def _mismatch(self, mark: Mark) -> float:
+        functions = self._descent.levels[self._descent.exact(mark.stage.level)].energy.functions
+        return functions.mismatch(mark.carried[: len(functions.source)])
 
     def _velocity(self, mark: Mark) -> FloatArray:
         x, descent, level = mark.x, self._descent, mark.stage.level
