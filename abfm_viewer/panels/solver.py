@@ -181,13 +181,18 @@ def _draw_verdict(ui: Ui, session: Session) -> None:
 
 def _draw_before(ui: Ui, session: Session) -> None:
     """Draw what is known of a match before there is one."""
-    if (facts := session.foreseen) is not None:  # the reason is below the functions
-        is_impossible = facts.outcome is Outcome.IMPOSSIBLE
-        ui.note(_IMPOSSIBLE if is_impossible else sentence(facts.headline), facts.tone)
+    if (facts := session.foreseen) is not None:
+        _draw_foreseen(ui, facts)
         return
     failed = session.problem_told != ""
     about = session.obstacle or "Match finds a flow from the source to the target"
     ui.note(sentence(about), "failure" if failed else "muted")
+
+
+def _draw_foreseen(ui: Ui, facts: Facts) -> None:
+    """Draw in a line what is known of the next match; the reason is below the functions."""
+    is_impossible = facts.outcome is Outcome.IMPOSSIBLE
+    ui.note(_IMPOSSIBLE if is_impossible else sentence(facts.headline), facts.tone)
 
 
 def _draw_result(ui: Ui, session: Session, result: Match, facts: Facts) -> None:
@@ -199,11 +204,14 @@ def _draw_result(ui: Ui, session: Session, result: Match, facts: Facts) -> None:
         if imgui.GetWindowPos()[0] + start > imgui.GetItemRectMax()[0] + ui.px(8):
             imgui.SameLine(start)
             ui.note(text)
-    changed = "functions or parameters changed since"
-    ui.note(sentence(changed if session.outdated else facts.reason), "ink")
     if not session.outdated:
+        ui.note(sentence(facts.reason), "ink")
         for warning in facts.warnings:
             ui.note(sentence(warning), "warning")
+    elif (foreseen := session.foreseen) is not None:
+        _draw_foreseen(ui, foreseen)
+    else:
+        ui.note("Functions or parameters changed since.", "ink")
     _draw_remedies(ui, session, result, facts)
     if numbers := verdict_words.in_numbers(result):
         ui.note(numbers)
