@@ -278,7 +278,7 @@ def test_record_with_wrong_field_is_missing(done, tmp_path, fields):
     assert ledger.entry(row).reason == "no ?[31mfile"
 
 
-@pytest.mark.parametrize("key", ["../x", "/tmp/y", "", 3, None])
+@pytest.mark.parametrize("key", ["../x", "/x/y", "", 3, None])
 def test_row_with_wrong_key_is_refused(done, tmp_path, key):
     ledger = Ledger(tmp_path)
     ledger.make()
