@@ -25,6 +25,7 @@ from abfm import Sequence, TriangleMesh, load_mesh, sequence
 from abfm.calculus.operators import edge_lengths, face_areas, face_normals, gradient
 from abfm.calculus.vector_fields import to_ambient
 from abfm.functions import read_table
+from abfm.outcome import worse_residual
 from abfm.types import BoolArray, FloatArray, IntArray
 from laboratory.common import put_between, told_table
 from laboratory.motion import HEADS, Errors, Result, angles, compared, solved
@@ -203,7 +204,7 @@ def course_rows(stimulus: Stimulus, displacement: float, noise: float) -> Iterat
     centres = stimulus.course(step)
     found = sequence(stimulus.maps.mesh, stimulus.measured(centres, noise))
     what = [stimulus.happens(*pair) for pair in pairwise(centres.tolist())]
-    left = np.fmax(found.residual, found.verified_residual)
+    left = worse_residual(found.residual, found.verified_residual)
     for kind in dict.fromkeys(what):
         these = [i for i, each in enumerate(what) if each == kind]
         yield [

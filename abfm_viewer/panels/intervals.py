@@ -8,6 +8,7 @@ import numpy as np
 import polyscope.imgui as imgui
 import polyscope.implot as implot
 
+from abfm.outcome import worse_residual
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import share
 from abfm_viewer.document.film import Film
@@ -100,7 +101,7 @@ def _left(context: Context, film: Film, sequence: Sequence) -> None:
             if len(film) <= _MOST_DOTS:
                 plots.dots(f"##dots {name}", (film.middles, left), ui.px(_SIZE), (ink, ink))
         if doubts.any():
-            failure, worse = ui.colors.failure, np.fmax(by_flow, by_lines)
+            failure, worse = ui.colors.failure, worse_residual(by_flow, by_lines)
             at = film.middles[doubts], worse[doubts]
             plots.dots("##doubts", at, ui.px(1.7 * _SIZE), (failure, failure))
         _clicks(context, film, by_flow)

@@ -6,7 +6,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Literal
+from typing import Any, Literal, overload
+
+import numpy as np
+
+from abfm.types import FloatArray
 
 Tone = Literal["good", "warning", "failure", "muted", "ink"]
 """How a view shows an outcome, the name of a colour of the theme; ink is that of plain text."""
@@ -67,13 +71,17 @@ RESIDUAL_NEARLY = 0.15
 """Largest residual of functions that nearly match."""
 
 
-def worse_residual(residual: float, verified: float) -> float:
-    """Return the larger residual of two checks, the discrete flow and flow lines.
+@overload
+def worse_residual(residual: float, verified: float) -> float: ...
+@overload
+def worse_residual(residual: FloatArray, verified: FloatArray) -> FloatArray: ...
+def worse_residual(residual: Any, verified: Any) -> Any:
+    """Return the larger residual of two checks, the discrete flow and flow lines, or arrays of them.
 
     A check that was not made is NaN and does not count; the result is NaN if neither was made.
     """
-    known = [value for value in (residual, verified) if not math.isnan(value)]
-    return max(known, default=math.nan)
+    worse = np.fmax(residual, verified)
+    return worse if np.ndim(worse) else float(worse)
 
 
 def outcome_of(residual: float, goal: float) -> Outcome:
