@@ -76,7 +76,7 @@ def worse_residual(residual: float, verified: float) -> float: ...
 @overload
 def worse_residual(residual: FloatArray, verified: FloatArray) -> FloatArray: ...
 def worse_residual(residual: Any, verified: Any) -> Any:
-    """Return the larger residual of two checks, the discrete flow and flow lines, or arrays of them.
+    """Return the larger residual of two checks, the discrete flow and flow lines; also of arrays.
 
     A check that was not made is NaN and does not count; the result is NaN if neither was made.
     """
