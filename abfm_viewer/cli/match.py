@@ -161,10 +161,10 @@ def status_of(facts: Facts, signal: int | None) -> int:
     return 0 if facts.outcome.is_good else UNMATCHED
 
 
-def warn_if_foreseen(problem: Problem) -> None:
-    """Print what prevents a match and is known before the first iteration."""
+def warn_if_foreseen(problem: Problem, quiet: bool) -> None:
+    """Print what prevents a match and is known before the first iteration; notes unless quiet."""
     found = foreseen(problem)
-    if found is not None:
+    if found is not None and not (quiet and found.outcome.is_good):
         kind = "note" if found.outcome.is_good else "warning"
         line = f"{kind}: {found.headline}: {found.reason}; {found.advice}"
         print(printable(line), file=sys.stderr)
@@ -209,7 +209,7 @@ def solve(
 
     A ``max_distortion`` bounds what 99% of the faces may change by, see `abfm.matching.bounded`.
     """
-    warn_if_foreseen(problem)
+    warn_if_foreseen(problem, quiet)
     control = Control()
     start = time.perf_counter()
     with cancelled_by_signals(control) as kept:

@@ -130,7 +130,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"warning: {warning}", file=sys.stderr)
     parameters = prepared.problem.parameters
     problem = prepared.problem.with_parameters(replace(parameters, **changed))
-    warn_if_foreseen(problem)
+    warn_if_foreseen(problem, arguments.quiet)
     control, start = Control(), time.perf_counter()
     with cancelled_by_signals(control) as kept:
         with progress(problem.parameters.iterations, arguments.quiet) as report:
