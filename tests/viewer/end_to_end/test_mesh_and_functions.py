@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from nibabel.freesurfer import write_annot
 
-from abfm.functions import families, function
+from abfm.functions import families, function, parse
 from abfm_viewer.document.gaussians import gaussians
 from tests.viewer.sessions import EGG, take_back
 
@@ -202,3 +202,12 @@ def test_values_and_vertex_maps_from_files_and_by_symmetry(gui, tmp_path):
         )
     gui.choose("vertex map", "none", within=side)
     assert "permuted" not in gui.session.active.spec(side)
+
+
+def test_a_scaled_function_has_a_factor_and_an_offset(gui):
+    gui.type("spec", "scaled:2(coordinate:x)", "source")
+    gui.type("factor", "3", "source")
+    gui.type("offset", "1", "source")
+    spec = parse(gui.session.channels[0].source)
+    assert (spec.factor, spec.offset) == (3, 1)
+    assert str(spec.function) == "coordinate:x"

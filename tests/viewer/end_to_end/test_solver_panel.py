@@ -238,3 +238,19 @@ def test_a_remedy_is_a_button_that_changes_what_it_says_and_starts_a_run(gui, la
     assert gui.session.solver.running
     gui.wait(lambda s: s.solver.finished)
     assert gui.session.result.parameters == replace(result.parameters, **parameters)
+
+
+def test_a_match_that_changes_areas_much_offers_to_limit_the_distortion(gui):
+    match(gui)
+    session, found = gui.session, gui.session.result
+    step = replace(found.path[found.step], log2_area=1.0, log2_area_95=2.0)
+    path = (*found.path[: found.step], step, *found.path[found.step + 1 :])
+    session.editor.amend(result=replace(found, path=path))
+    before = session.result
+    gui.click("Match", within="steps")
+    gui.type("distortion", "0.01")
+    gui.click("Limit distortion", "verdict")
+    assert session.bound.busy
+    gui.click("Stop limiting", "verdict")
+    assert not session.bound.busy
+    assert session.result is before
