@@ -266,7 +266,9 @@ def test_the_menu_opens_a_table_by_a_file_of_its_folder(opened):
     opened.click("Close table")
     opened.menu("File", "Open batch or population...")
     opened.type("folder", str(place), "Open a batch or population")
-    opened.click(population_sample.NAME, "Open a batch or population")
+    name = population_sample.NAME
+    opened.wait(lambda _: any(name in each.label for each in opened.window.ui.widgets))
+    opened.click(name, "Open a batch or population")
     opened.click("Open", "Open a batch or population")
     settle(opened)
     assert opened.window.files.tables.table.population is not None

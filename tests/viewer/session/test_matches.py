@@ -148,7 +148,7 @@ def test_a_run_that_fails_leaves_its_best_field(endless, monkeypatch):
     assert endless.solver.failed
     assert "ZeroDivisionError" in endless.notices.cards[0].text
     result = endless.result
-    assert result.velocity.any()
+    assert result.residual <= result.initial_residual
     np.testing.assert_allclose(result.advected, result.advect(result.parameters.tau), atol=1e-6)
     assert len(result.energy_history) == len(result.stages) > 1
     monkeypatch.undo()
