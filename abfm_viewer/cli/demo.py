@@ -27,10 +27,12 @@ picture and movie are missing.
 Example:
   abfm demo --out out
 """
-FAILED, RESIDUAL_MAX = 1, 0.05
+FAILED = 1
+RESIDUAL_MAX = 0.05
 _MOVIE_SIZE, _FRAMES, _FPS = (640, 480), 50, 25.0
 # On the trunk, so near that the map changes areas little, as the window's default functions.
-SOURCE, TARGET = "gaussian:vertex=398,width=0.14", "gaussian:vertex=440,width=0.14"
+SOURCE = "gaussian:vertex=398,width=0.14"
+TARGET = "gaussian:vertex=440,width=0.14"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

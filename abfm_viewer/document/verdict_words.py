@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 import abfm
-from abfm.outcome import Outcome, outcome_of, worse_residual
+from abfm.outcome import worse_residual
 from abfm.wording import counted, sentence, share
 
 if TYPE_CHECKING:
@@ -14,17 +14,13 @@ if TYPE_CHECKING:
 
 
 def of_interval(sequence: abfm.Sequence, interval: int) -> str:
-    """Return what an interval of a film came to, as `headline` does: ``matched to 0.7%``; a word
-    that has another cause than the size of what is left comes without a share.
-    """
-    kind = sequence.verdicts[interval].kind
-    witnesses = sequence.residual[interval], sequence.verified_residual[interval]
-    left = worse_residual(*map(float, witnesses))
-    if kind is Outcome.REGISTERED:
-        return f"{kind}: {share(left)} left"
-    if kind is not outcome_of(left, sequence.parameters.goal) or kind is Outcome.NOT_REACHED:
-        return str(kind)
-    return f"matched to {share(left)}" if kind is Outcome.MATCHED else f"{kind}: {share(left)} left"
+    """Return the headline of an interval of a sequence, such as ``matched to 0.7%``."""
+    from abfm.matching.judging.facts import headline_of  # with all that it loads
+
+    residual = worse_residual(
+        float(sequence.residual[interval]), float(sequence.verified_residual[interval])
+    )
+    return headline_of(sequence.verdicts[interval].kind, residual, sequence.parameters.goal)
 
 
 def left_now(now: abfm.Iteration, is_of_landmarks: bool) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 import abfm
 from abfm import TriangleMesh
 from abfm.calculus.operators import vertex_areas
-from abfm.outcome import Tone, worse_residual
+from abfm.outcome import Tone
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import share
 from abfm.workers.control import checkpoint
@@ -23,11 +23,12 @@ from abfm_viewer.appearance.theme import CRITICAL
 from abfm_viewer.computing.defaults import best_front, changes_in_time
 from abfm_viewer.computing.films import fast_in, ways_of
 from abfm_viewer.computing.registered import MOST_CHANNELS
+from abfm_viewer.document.verdict_words import of_interval
 from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 
-MOST_VALUES = 4_000_000
+VALUES_MAX = 4_000_000
 """Values in all keys of all functions; a value is two bytes of a page."""
-MOST_OF_A_PART = 500_000
+PART_VALUES_MAX = 500_000
 """The same of a part of the field."""
 _KEYS_PER_INTERVAL_MAX = 4
 PLAY_SECONDS_PER_FRAME = 0.15
@@ -101,7 +102,7 @@ def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = N
     told = Told(
         facts.headline,
         facts.tone,
-        [(_came_to(sequence, i), v.kind.tone) for i, v in enumerate(sequence.verdicts)],
+        [(of_interval(sequence, i), v.kind.tone) for i, v in enumerate(sequence.verdicts)],
         {"median speed": _speed(sequence, labels)},
         [_layer(name, values, middles, unit) for name, values in parts.items()],
         [
@@ -164,19 +165,11 @@ def film_page(
     )
 
 
-def _came_to(sequence: abfm.Sequence, interval: int) -> str:
-    """``matched, 0.7% left``."""
-    left = worse_residual(
-        float(sequence.residual[interval]), float(sequence.verified_residual[interval])
-    )
-    return f"{sequence.verdicts[interval].kind}, {share(left)} left"
-
-
 def _layer(name: str, values: FloatArray, times: FloatArray, unit: str) -> Layer:
     """Return a layer about 0 at some of the times at least, with colours that a few extremes do not
     change.
     """
-    every = -(-values.size // MOST_OF_A_PART)
+    every = -(-values.size // PART_VALUES_MAX)
     shown, most = values[::every], float(np.percentile(np.abs(values), _COLOR_PERCENTILE)) or 1.0
     at = times[::every] if len(shown) > 1 else None
     return Layer(name, shown, ColorRange("abfm diverging", -most, most), at, unit)
@@ -293,7 +286,7 @@ def _keys(film: Filmed, times: FloatArray) -> tuple[FloatArray, FloatArray, str]
     """Return times and values (T', V, C) of the page, and what is to be said of them."""
     frames = np.asarray(film.frames)
     frames = frames.reshape(*frames.shape[:2], -1)[:, :, :MOST_CHANNELS]
-    most = max(MOST_VALUES // (frames.shape[1] * frames.shape[2]), 2)
+    most = max(VALUES_MAX // (frames.shape[1] * frames.shape[2]), 2)
     if most < len(times):
         every = -(-(len(times) - 1) // (most - 1))
         chosen = np.unique([*range(0, len(times), every), len(times) - 1])

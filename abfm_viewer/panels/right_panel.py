@@ -53,7 +53,7 @@ OF_FILMS: dict[str, dict[str, Callable[[Context], None]]] = {
 }
 """The same where a film is open."""
 # of a tab, at a scale of 1; where a long verdict leaves less, the column scrolls
-_LEAST_HEIGHT = 120
+_TAB_HEIGHT_MIN = 120
 STEPS = "steps"
 """Where the tabs are, for the Driver: the button Match has the name of one of them."""
 
@@ -69,7 +69,7 @@ def draw(context: Context, rect: Rect, guarded: Callable[..., None]) -> None:
     with window(ui, "panel", rect, scrolls=True):
         guarded("Solver", solver.draw, context)
         label = tabs(ui, STEPS, tuple(TABS))
-        is_low = imgui.GetContentRegionAvail()[1] < ui.px(_LEAST_HEIGHT)
+        is_low = imgui.GetContentRegionAvail()[1] < ui.px(_TAB_HEIGHT_MIN)
         with child(ui, label, 0, False, "at least" if is_low else "exactly"), ui.group(label):
             for part, draw_part in parts[label].items():
                 guarded(part, draw_part, context)

@@ -15,15 +15,14 @@ from abfm.batch.columns import Column, parameters_in
 from abfm.errors import ParameterError
 from abfm.functions import function
 from abfm.io import results
-from abfm.matching.judging.facts import distortion_warnings, known_numbers
+from abfm.matching.judging.facts import distortion_warnings, headline_of, known_numbers
 from abfm.matching.judging.verdict import Verdict
 from abfm.matching.path import PathStep
 from abfm.matching.solving.record import Iteration
 from abfm.mesh import TriangleMesh, load_mesh
-from abfm.outcome import Facts, Outcome, worse_residual
+from abfm.outcome import Facts, worse_residual
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
-from abfm.wording import share
 from abfm.workers.control import Control
 
 if TYPE_CHECKING:
@@ -93,14 +92,6 @@ def facts_of_match(path: Path) -> Facts:
         known_numbers(numbers),
         (*distortion_warnings(verdict.kind, numbers.get("log2_area_95", math.nan)), *warnings),
     )
-
-
-def headline_of(outcome: Outcome, residual: float) -> str:
-    """Return ``matched to 4%``, ``nearly: residual 12%``; the outcome if the residual is NaN."""
-    if math.isnan(residual):
-        return str(outcome)
-    joined = " to" if outcome is Outcome.MATCHED else ": residual"
-    return f"{outcome}{joined} {share(residual)}"
 
 
 def _distortion(archive: Mapping[str, Any]) -> dict[str, float]:

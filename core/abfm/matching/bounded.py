@@ -23,8 +23,8 @@ from abfm.workers.progress import step
 _TRIALS = 3  # matches with a sigma between two steps, each about as long as the first match
 _SHRUNK_STEPS = 3  # steps beyond the bound that are shrunk
 _SHRINKINGS = 6  # fields that are measured to shrink one
-_CLOSE = 0.98  # of the bound: what comes closer to it is not shrunk less
-_EVEN = 0.1  # share of an interval at either end in which no field is measured
+_SHARE_CLOSE = 0.98  # of the bound: what comes closer to it is not shrunk less
+_SHARE_MARGIN = 0.1  # share of an interval at either end in which no field is measured
 _SMOOTHER = 3.0  # times sigma, for fields that are smoother than the first step
 
 
@@ -168,10 +168,10 @@ class _Search:
         velocity, low, high = beyond.velocity, 0.0, 1.0
         at_low, at_high = self._still, distortion
         for _ in range(_SHRINKINGS):
-            if not _CLOSE * self._most > at_low:
+            if not _SHARE_CLOSE * self._most > at_low:
                 break
             share = (self._most - at_low) / (at_high - at_low)
-            middle = low + (high - low) * min(max(share, _EVEN), 1 - _EVEN)
+            middle = low + (high - low) * min(max(share, _SHARE_MARGIN), 1 - _SHARE_MARGIN)
             at_middle = self._distortion_of(middle * velocity)
             if at_middle <= self._most:
                 low, at_low = middle, at_middle

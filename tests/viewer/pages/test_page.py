@@ -25,7 +25,7 @@ from abfm_viewer.pages import (
     film_page,
     match_page,
 )
-from abfm_viewer.pages.of_sequences import MOST_OF_A_PART, MOST_VALUES
+from abfm_viewer.pages.of_sequences import PART_VALUES_MAX, VALUES_MAX
 from abfm_viewer.pages.packing import Store, quantised
 from tests.messages import check_message, raises
 from tests.shapes import icosphere
@@ -90,7 +90,7 @@ def test_no_film_makes_a_page_of_fifteen_megabytes():
     """Not even pure noise, at the most values that a page of a sequence has."""
     store, noise = Store(), np.random.default_rng(0).uniform(size=(20, 10_000))
     store.add(quantised(noise).numbers)
-    most = MOST_VALUES + 2 * MOST_OF_A_PART
+    most = VALUES_MAX + 2 * PART_VALUES_MAX
     assert most * len(store.text()) / noise.size < 14_000_000
 
 
@@ -180,7 +180,7 @@ def test_page_of_a_film_has_carried_keys_between_its_frames():
 
 
 def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
-    monkeypatch.setattr("abfm_viewer.pages.of_sequences.MOST_VALUES", 5 * 42)
+    monkeypatch.setattr("abfm_viewer.pages.of_sequences.VALUES_MAX", 5 * 42)
     film = Film(icosphere(1), 12)
     page = film_page(film, "wave", Told())
     layer = page.panels[0].layers[0]

@@ -83,14 +83,10 @@ class Report:
                 left = "little gained"
         if reason is StopReason.CANCELLED:
             return f"cancelled: {left}"
-        if outcome is Outcome.REGISTERED:
-            return f"registered: {left}{self._areas()}"
-        if outcome is not size:
-            return str(outcome)
-        areas = self._areas() if self._distorts else ""
-        if outcome is Outcome.MATCHED:
-            return f"matched to {share(self._worse)}{areas}"
-        return f"{outcome}: {left}{areas}"
+        if outcome is Outcome.NOT_REACHED and outcome is size:
+            return f"{outcome}: {left}"
+        areas = self._areas() if self._distorts or outcome is Outcome.REGISTERED else ""
+        return headline_of(outcome, self._worse, self.parameters.goal) + areas
 
     def _areas(self) -> str:
         log2 = self.evidence.log2_area
@@ -155,6 +151,17 @@ class Report:
         found = [self.doubt] if self.doubt else []
         bound = _bound_warnings(self.evidence.bound)
         return (*found, *bound, *distortion_warnings(self.verdict.kind, self.log2_area_95))
+
+
+def headline_of(outcome: Outcome, residual: float, goal: float = Parameters.goal) -> str:
+    """Return ``matched to 0.7%``, ``nearly: 8% left``, ``registered: 42% left``; the outcome alone
+    if it is not a good one, or has another cause than the size of the residual.
+    """
+    by_size = outcome is Outcome.REGISTERED or outcome is outcome_of(residual, goal)
+    if not (outcome.is_good and by_size):
+        return str(outcome)
+    joined = f" to {share(residual)}" if outcome is Outcome.MATCHED else f": {share(residual)} left"
+    return f"{outcome}{joined}"
 
 
 def _bound_numbers(bound: Bound | None) -> dict[str, float]:
