@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +13,7 @@ from abfm.errors import AbfmError, ResultError
 from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.point_maps import PointMap
-from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
+from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.verdict import Verdict, is_registered
 from abfm.matching.match import Match, match_parts, substitutes
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
@@ -108,7 +107,7 @@ class Registration(Correspondence):
             return verdict
         if self.warnings:
             reason = self.warnings[0]
-            return _because(verdict, Outcome.NOT_REACHED, Cause.INITIAL_MAP, warning=reason)
+            return verdict.because(Outcome.NOT_REACHED, Cause.INITIAL_MAP, warning=reason)
         worse = worse_residual(match.worse_residual, self.residual)
         due = outcome_of(worse, match.parameters.goal)
         if verdict.kind is Outcome.REGISTERED:
@@ -116,7 +115,7 @@ class Registration(Correspondence):
                 return verdict
         elif due.rank <= verdict.kind.rank:
             return verdict
-        return _because(verdict, due, Cause.COMPLETE_MAP, residual=share(worse))
+        return verdict.because(due, Cause.COMPLETE_MAP, residual=share(worse))
 
     @cached_property
     def facts(self) -> Facts:
@@ -174,8 +173,3 @@ class Registration(Correspondence):
         return results.save_parts(
             path, self._parts(), substitutes(self.match), results.REGISTRATION
         )
-
-
-def _because(verdict: Verdict, kind: Outcome, cause: Cause, **details: object) -> Verdict:
-    changed = verdict.because(kind, cause, sentence_of(cause, **details))
-    return replace(changed, advice=ADVICE[cause])

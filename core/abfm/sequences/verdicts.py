@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from abfm.matching.judging.cause import Cause, sentence_of
+from abfm.matching.judging.cause import ADVICE, Cause, sentence_of
 from abfm.matching.judging.verdict import Evidence, Verdict, judge
 from abfm.matching.problem import Problem
 from abfm.matching.solvability import narrowest, range_bound
@@ -24,8 +24,8 @@ _NOTHING_BUT_NOISE = 0.85  # of the deviation, which is three quarters of the va
 _FEW_EDGES = 2.0  # what spans less is hardly carried, and looks like noise
 _UNSOLVED = Verdict(
     Outcome.NOT_REACHED,
-    "it was not solved: cancelled before",
-    "solve it again",
+    sentence_of(Cause.NOT_SOLVED),
+    ADVICE[Cause.NOT_SOLVED],
     cause=Cause.NOT_SOLVED,
 )
 
@@ -85,18 +85,16 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
     told = judge(functions, evidence, problem.parameters)
     left = worse_residual(said.residual, said.verified_residual)
     if functions.norm(levels) > _NOTHING_BUT_NOISE * functions.function_size:
-        why = f"nothing but {_noise(functions)} is there, and no motion can be told"
-        return told.because(Outcome.NOT_REACHED, Cause.NOISE, why)
+        return told.because(Outcome.NOT_REACHED, Cause.NOISE, noise=_noise(functions))
     if told.cause is Cause.BOTH_CONSTANT:
-        return told.because(Outcome.NOT_REACHED, told.cause, sentence_of(told.cause))
+        return replace(told.because(Outcome.NOT_REACHED, told.cause), advice="")
     if told.cause is Cause.VALUES_DIFFER and _lacks_values(functions, levels):
         return replace(told, advice="", remedies=())
     if left <= OFTEN * noise_floor(functions, levels) and not told.kind.is_good:
-        why = f"no more is left than {_noise(functions)} leaves"
-        told = told.because(Outcome.REGISTERED, Cause.NOISE, why)
+        told = told.because(Outcome.REGISTERED, Cause.WITHIN_NOISE, noise=_noise(functions))
     if told.kind.is_good and explains_little(functions, levels, left):
-        why = _unexplained(functions, levels, said)
-        return told.because(Outcome.NOT_REACHED, Cause.NO_MOTION, why)
+        cause = _unexplained(functions, levels, said)
+        return told.because(Outcome.NOT_REACHED, cause, edges=narrowest(functions))
     return told if told.kind.is_good else replace(told, advice="", remedies=())
 
 
@@ -116,19 +114,17 @@ def _noise(functions: FunctionTerm) -> str:
     return "noise, or what is narrower than edges," if is_coarse else "noise"
 
 
-def _unexplained(functions: FunctionTerm, levels: FloatArray, said: Said) -> str:
-    """Say why a field explains little by the worse witness: what changes is no motion only where
+def _unexplained(functions: FunctionTerm, levels: FloatArray, said: Said) -> Cause:
+    """Return why a field explains little by the worse witness: what changes is no motion only where
     the other one has none either, and the mesh could carry it.
     """
     if not explains_little(functions, levels, said.residual):
-        return "flow lines leave most of what changes, so the discrete flow is not one here"
+        return Cause.ONLY_DISCRETE_FLOW
     by_lines = said.verified_residual
     if not (math.isnan(by_lines) or explains_little(functions, levels, by_lines)):
-        return "the discrete flow leaves most of what changes, though flow lines do not"
-    if (spans := narrowest(functions)) < _FEW_EDGES:
-        why = "most of what changes is no motion that the mesh can carry"
-        return f"{why}, as it spans {spans:.2g} edges"
-    return "most of what changes is no motion"
+        return Cause.ONLY_FLOW_LINES
+    is_coarse = narrowest(functions) < _FEW_EDGES
+    return Cause.NO_MOTION_ON_MESH if is_coarse else Cause.NO_MOTION
 
 
 def is_unsolved(verdict: Verdict) -> bool:

@@ -36,6 +36,10 @@ class Cause(StrEnum):
     INCONSISTENT = "inconsistent"
     NO_MOTION = "no motion"
     NOISE = "noise"
+    WITHIN_NOISE = "within noise"
+    ONLY_DISCRETE_FLOW = "only discrete flow"
+    ONLY_FLOW_LINES = "only flow lines"
+    NO_MOTION_ON_MESH = "no motion on mesh"
     NOT_SOLVED = "not solved"
 
 
@@ -78,6 +82,19 @@ SENTENCES: dict[Cause, str] = {
     ),
     Cause.LINE_SEARCH_FAILED: "no step lowers the energy any more, which is often rounding",
     Cause.NEEDS_ROUGHER_FIELD: "the residual cannot be reduced further without a rougher field",
+    Cause.NO_MOTION: "most of what changes is no motion",
+    Cause.NO_MOTION_ON_MESH: (
+        "most of what changes is no motion that the mesh can carry, as it spans {edges:.2g} edges"
+    ),
+    Cause.NOISE: "nothing but {noise} is there, and no motion can be told",
+    Cause.WITHIN_NOISE: "no more is left than {noise} leaves",
+    Cause.ONLY_DISCRETE_FLOW: (
+        "flow lines leave most of what changes, so the discrete flow is not one here"
+    ),
+    Cause.ONLY_FLOW_LINES: (
+        "the discrete flow leaves most of what changes, though flow lines do not"
+    ),
+    Cause.NOT_SOLVED: "it was not solved: cancelled before",
     Cause.STEP_OF_PATH: "a step of the path, with sigma {sigma:.3g}",
     Cause.BOUNDED: (
         "the distortion is limited to {most:g}: {share:.2f}% of the faces are within it, and "
@@ -88,6 +105,7 @@ SENTENCES: dict[Cause, str] = {
 
 ADVICE: dict[Cause, str] = {
     Cause.BOTH_CONSTANT: "take functions that vary",
+    Cause.NOT_SOLVED: "solve it again",
     Cause.SOURCE_CONSTANT: "take a source that has the target's values",
     Cause.TARGET_CONSTANT: "take a target that has the source's values in other places",
     Cause.VALUES_DIFFER: "scale or clip one of the functions",

@@ -68,29 +68,32 @@ class Verdict:
             raise ValueError(f"the verdict is {kind[:40]!r}; expected one of {expected}")
         return cls(Outcome(kind), reason, advice, remedies, Cause(cause))
 
-    def because(self, kind: Outcome, cause: Cause, why: str) -> "Verdict":
+    def because(self, kind: Outcome, cause: Cause, **details: object) -> "Verdict":
         """Return the verdict of the same residuals with another outcome and cause."""
-        return Verdict(kind, f"{self.change}: {why}", "", (), cause)
+        reason = f"{self.change}: {sentence_of(cause, **details)}"
+        return Verdict(kind, reason, ADVICE.get(cause, ""), (), cause)
 
     def of_a_step(self, sigma: float) -> "Verdict":
         """Return the verdict of a step of a path, without why the match ended and what helps."""
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE):
             return self
-        why = sentence_of(Cause.STEP_OF_PATH, sigma=sigma)
-        return self.because(self.kind, Cause.STEP_OF_PATH, why)
+        return self.because(self.kind, Cause.STEP_OF_PATH, sigma=sigma)
 
     def within(self, bound: Bound) -> "Verdict":
         """Return the verdict of a field that a bound of distortion keeps from coming closer."""
         if self.kind in (Outcome.MATCHED, Outcome.IMPOSSIBLE) or not bound.is_kept:
             return self
-        return self.because(self.kind, Cause.BOUNDED, sentence_of_bound(bound))
+        return self.because(self.kind, Cause.BOUNDED, **_bound_details(bound))
 
 
 def sentence_of_bound(bound: Bound) -> str:
     """Return how a map keeps a bound of distortion."""
+    return sentence_of(Cause.BOUNDED, **_bound_details(bound))
+
+
+def _bound_details(bound: Bound) -> dict[str, float]:
     shares = {"share": 100 * bound.share, "percent": 100 * SHARE}
-    most, largest = bound.max_distortion, bound.largest
-    return sentence_of(Cause.BOUNDED, most=most, largest=largest, **shares)
+    return {"most": bound.max_distortion, "largest": bound.largest, **shares}
 
 
 @dataclass(frozen=True, eq=False)
