@@ -95,7 +95,7 @@ def measured(pair: ShapePair) -> Row:
     first = initial_map(None, given)
     seconds = process_time() - began
     distortion = first.correspondence.distortion()
-    ranked = [each.name for each in sorted(first.candidates, key=lambda each: each.cost)]
+    ranked = [each.name for each in first.correspondence.candidates]  # the chosen one first
     by_landmarks = Given(pair.a, pair.b, landmarks=pair.landmarks)
     return Row(
         pair.name,
@@ -107,7 +107,7 @@ def measured(pair: ShapePair) -> Row:
             _error(pair, None, by_landmarks),
             quickstart_error(pair),
         ),
-        ((distortion.area <= 0).sum(), distortion.flipped.sum(), seconds),
+        (float((distortion.area <= 0).sum()), float(distortion.flipped.sum()), seconds),
     )
 
 
