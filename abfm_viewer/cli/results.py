@@ -111,6 +111,15 @@ def map_facts(found: Correspondence, distortion: Distortion | None = None) -> di
     }
 
 
+def initial_facts(initial: Correspondence) -> dict[str, Any]:
+    """Return which initial map was chosen, and the cost of each one that was tried."""
+    tried = initial.candidates
+    return {
+        "initial": tried[0].name if tried else "given",
+        "initial_candidates": [{"name": each.name, "cost": _known(each.cost)} for each in tried],
+    }
+
+
 def map_lines(found: Correspondence) -> list[str]:
     """Return the same in lines for people."""
     return [

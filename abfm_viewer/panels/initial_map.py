@@ -29,13 +29,17 @@ class _Choice(NamedTuple):
 _CHOICES = {
     "automatic": _Choice(
         "",
-        "By equal faces, or through spheres that the surfaces are, or by three landmarks and "
-        "more, or through spheres that are made of surfaces without handles; else to what is "
-        "closest.",
+        "The best of the following maps that apply, compared by how much they stretch the "
+        "surfaces, and by descriptors, functions and landmarks.",
     ),
     "landmarks": _Choice(
         "landmarks",
-        "From three landmarks and more: by eigenfunctions, or closest once aligned.",
+        "From three or more landmarks: by distances to them, by eigenfunctions, or closest points.",
+        can_mirror=True,
+    ),
+    "ends of limbs": _Choice(
+        "extremities",
+        "By the ends of limbs, matched by distances, for surfaces that are not isometric.",
         can_mirror=True,
     ),
     "same connectivity": _Choice("connectivity", "Vertex i to vertex i, of the same faces."),

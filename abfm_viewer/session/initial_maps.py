@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 GIVEN = "given"
 """The word of a map that came with a file of a registration."""
-_BY_FUNCTIONS = ("sphere", "embedding", "spectral")  # words of maps that ask for functions
-_BY_LANDMARKS = ("closest", "spectral", "landmarks")  # that ask for any landmarks there are
+_WITHOUT_FUNCTIONS = ("connectivity", "closest", "file")  # words of maps that use no functions
+_WITHOUT_LANDMARKS = ("connectivity", "file")
 
 
 class _Given(NamedTuple):
@@ -180,7 +180,6 @@ class InitialMaps:
     def _map(self, way: _Way, given: _Given) -> Initial:
         """Return the map, found anew where something changed that it asks for."""
         from abfm.registration.initial.given import Given, Initial
-        from abfm.registration.initial.words import chosen_word
 
         if not isinstance(way.by, str):
             return Initial(way.by, warnings=way.warnings)
@@ -189,10 +188,10 @@ class InitialMaps:
             f, g = np.stack(given.source), np.stack(given.target)
             weights = np.array(given.weights)
             about = about._replace(f=f, g=g, mask_b=given.mask, weights=weights)
-        word = way.by or chosen_word(about)
+        word = way.by or "auto"
         base = word.partition(":")[0]
-        by_functions = counts and base in _BY_FUNCTIONS
-        by_landmarks = base in _BY_LANDMARKS or (base in _BY_FUNCTIONS and not counts)
+        by_functions = counts and base not in _WITHOUT_FUNCTIONS
+        by_landmarks = base not in _WITHOUT_LANDMARKS
         functions = given.source, given.target, given.mask, given.weights
         asked = functions if by_functions else (), given.landmarks if by_landmarks else ()
 

@@ -120,6 +120,7 @@ def _facts(
         match = found.match
         if found.a is not found.b:
             told["initial_map"] = results.map_facts(found.initial)
+            told |= results.initial_facts(found.initial)
         facts = found.facts
         told |= results.facts(found) | {
             "why": facts.reason,

@@ -41,9 +41,9 @@ Examples:
   abfm register cat.off lion.off --landmarks pairs.csv --out reg.npz
   abfm apply sub-01_reg.npz --labels lh.aparc.annot --out aparc.label.gii
 
-The initial map (--initial): by default vertex to vertex where the surfaces have the same faces,
-through the sphere where both are spheres, from three landmarks if there are any, by functions
-through spheres that are made of closed surfaces without handles, else the closest points; or one of
+The initial map (--initial) is by default the best of the candidates that apply, which are compared
+by how much they stretch the surfaces, by the descriptors and functions that they keep, and by
+landmarks; a note reports the chosen one and the next ones. Or it is one of
 {_WORDS}
 Functions that were measured, or have other units, are compared in standard deviations from their
 means; where one has the other sign, that is turned and told. Their parameters are {_MEASURED}
@@ -190,6 +190,7 @@ class FinishedRegistration:
         return {
             **results.facts(self.registration),
             "map": results.map_facts(self.registration),
+            **results.initial_facts(self.registration.initial),
             "notes": list(self.registration.notes),
             "seconds": self.seconds,
             "outputs": list(map(str, self.outputs)),

@@ -108,6 +108,7 @@ _DATA = {
     "parameters": Entry("text", ()),
     "channels_given": Entry("boolean", ()),  # False: f and g were (V,), and come back so
     "mask": Entry("real", ("V",), required=False, low=0),
+    "approximate": Entry("boolean", (), required=False),  # functions are only alike
     # the last one is required: damage to a zip's directory can hide the last entry
     "weights": Entry("real", ("C",), low=0),
 }
@@ -173,6 +174,9 @@ _CORRESPONDENCE = {
     "image_barycentric": Entry("real", ("V", 3), low=-1e-9, high=1 + 1e-8),
     "back_faces": Entry("integer", ("VA",), low=0),
     "back_barycentric": Entry("real", ("VA", 3), low=-1e-9, high=1 + 1e-8),
+    # initial maps that were tried, the chosen one first
+    "candidates": Entry("text", ("Z",), required=False),
+    "candidate_costs": Entry("real", ("Z",), required=False, may_be_unknown=True),
 }
 CORRESPONDENCE_ENTRIES = _OTHER_MESH | _CORRESPONDENCE
 CORRESPONDENCE = Kind("correspondence file", MESH_ENTRIES | CORRESPONDENCE_ENTRIES)

@@ -14,7 +14,6 @@ import numpy as np
 from scipy import sparse
 
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
-from abfm.errors import AbfmError
 from abfm.maps.image_relaxation import Ground, Image, push_to_sphere, relax, relocate
 from abfm.maps.point_maps import PointMap
 from abfm.maps.sphere_embedding import (
@@ -27,7 +26,7 @@ from abfm.maps.sphere_embedding import (
     unfolding,
 )
 from abfm.maps.sphere_pull import average, pull_for, set_moves, shift
-from abfm.maps.spherical import Faces, solid_angles
+from abfm.maps.spherical import Faces
 from abfm.maps.star_moves import room_for
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
@@ -53,14 +52,12 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
 
     On a closed surface, the map of equal directions (`abfm.maps.spherical.through_sphere`) is a
     homeomorphism, near the given one in space where that does not contradict itself, and of little
-    distortion. It keeps the side: a map that mirrors cannot be followed.
+    distortion. It keeps the side: give a map onto the mirror image as one onto a mirrored mesh.
 
     Raises
     ------
     MeshError
         If a surface has handles or pinched vertices, or its faces are too thin for rounding.
-    AbfmError
-        If the map goes around A backward.
     """
     a, b = points.codomain.normalized(), points.domain.normalized()
     (points_a, faces_a), (points_b, faces_b) = filled(a), filled(b)
@@ -68,7 +65,6 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
     directions = points.pull_back(sphere_a[: len(a.vertices)])
     directions /= np.maximum(np.linalg.norm(directions, axis=1), _SHORT)[:, None]
     targets = _with_middles(b, directions)
-    _check_side(targets[faces_b])
     places = _smoothed(b, points.positions / points.codomain.length_scale)
     sphere_b = _pulled(points_b, faces_b, targets)
     with step("moving the map to less distortion", len(points_b)):
@@ -79,18 +75,6 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
         _relax(state, ground, _with_middles(b, places))
     check_embedded(sphere_b, faces_b)
     return sphere_a[: len(a.vertices)], sphere_b[: len(b.vertices)]
-
-
-def _check_side(corners: FloatArray) -> None:
-    """Raise an error if triangles (F, 3, 3) of a closed surface go around the sphere backward; torn
-    maps of few eigenfunctions may not go around it at all.
-    """
-    turns = int(np.rint(solid_angles(corners).sum() / (4 * np.pi)))
-    if turns < 0:
-        raise AbfmError(
-            f"the map goes {turns} times around the surface, as one that takes left to right; "
-            "expected 1: give one that keeps the side, or mirror a surface"
-        )
 
 
 def _with_middles(mesh: TriangleMesh, values: FloatArray) -> FloatArray:

@@ -124,6 +124,23 @@ class PointMap:
             carried=lambda points: other.at(self.at(points)),
         )
 
+    def onto_mirror(self) -> PointMap:
+        """Return the map onto the codomain seen in a mirror, whose faces are turned round."""
+        surface, order = self.codomain, np.array([0, 2, 1])
+        mirror = TriangleMesh(surface.vertices * [-1, 1, 1], surface.faces[:, order])
+
+        def seen(found: SurfacePoints) -> SurfacePoints:
+            return SurfacePoints(mirror, found.faces, found.barycentric[:, order])
+
+        own, image = self.carried, seen(self.points)
+        return PointMap(
+            self.domain,
+            mirror,
+            image.faces,
+            image.barycentric,
+            carried=None if own is None else lambda given: seen(own(given)),
+        )
+
     def inverse(self) -> PointMap:
         """Return where each vertex of the codomain comes from: by the point of the mapped domain,
         flat between the images of its vertices, that is closest to it. Where a map leaves gaps or

@@ -592,6 +592,7 @@ def match_parts(match: Match) -> dict[str, Callable[[], Mapping[str, Any]]]:
         "parameters": lambda: {"parameters": json.dumps(match.parameters.to_dict())},
         "verdict": lambda: {"verdict": match.verdict.texts},
         "remedies": partial(_remedies_array, match.verdict.remedies),
+        "approximate": lambda: {"approximate": True} if match.problem.functions.approximate else {},
         "bound": lambda: {} if match.bound is None else {"bound": np.array(match.bound, float)},
         "the fields": partial(_known, match, grouped["the fields"]),
         "the energies": partial(_known, match, grouped["the energies"]),

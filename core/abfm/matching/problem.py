@@ -67,6 +67,9 @@ class Problem:
         distances along the surface, and lambda as the parameters' ``landmark_sigma``.
     landmark_weights : (L,) array, optional
         Weight of each, not negative.
+    approximate : bool
+        Whether source and target are only alike, such as descriptors of two shapes: they are
+        matched as far as left-out patches of the surface gain, as measured functions are.
 
     Raises
     ------
@@ -107,6 +110,7 @@ class Problem:
         terms: Sequence[DataTerm] = (),
         landmarks: ArrayLike | tuple[SurfacePoints, SurfacePoints] | None = None,
         landmark_weights: ArrayLike | None = None,
+        approximate: bool = False,
     ) -> None:
         if not isinstance(mesh, TriangleMesh):
             raise MeshError(f"mesh is {brief(mesh)}; expected a TriangleMesh, see abfm.load_mesh")
@@ -121,7 +125,9 @@ class Problem:
             known = checked_mask(mesh, mask) > 0
             source = _filled_in(mesh, source, known, "source")
             target = _filled_in(mesh, target, known, "target")
-        functions = FunctionTerm(mesh.normalized(), source, target, mask, weights)
+        functions = FunctionTerm(
+            mesh.normalized(), source, target, mask, weights, approximate=approximate
+        )
         functions.refuse_extremes()
         if landmarks is None:
             _require_weight(functions)
@@ -205,7 +211,9 @@ class Problem:
         """
         own = self.functions
         return self._with_functions(
-            FunctionTerm(own.mesh, own.source.T, own.target.T, mask, own.weights)
+            FunctionTerm(
+                own.mesh, own.source.T, own.target.T, mask, own.weights, approximate=own.approximate
+            )
         )
 
     def _with_functions(self, functions: FunctionTerm) -> Problem:
@@ -244,7 +252,9 @@ class Problem:
                 for values in (source, target)
             )
         unit = fine.normalized()
-        functions = FunctionTerm(unit, source, target, mask, own.weights)
+        functions = FunctionTerm(
+            unit, source, target, mask, own.weights, approximate=own.approximate
+        )
         functions.function_size = own.function_size
         others = [term.restricted(_Finer(mesh, fine)) for term in self.terms[1:]]
         if None in others:
@@ -366,7 +376,14 @@ def problem_of(
     """Return the problem of such arrays; functions may have values that are refused today."""
     source, target, weights = (arrays[name] for name in ("source", "target", "weights"))
     marks = [arrays[name] for name in results.LANDMARK_ENTRIES if name in arrays]
-    functions = FunctionTerm(mesh.normalized(), source, target, arrays.get("mask"), weights)
+    functions = FunctionTerm(
+        mesh.normalized(),
+        source,
+        target,
+        arrays.get("mask"),
+        weights,
+        approximate="approximate" in arrays,
+    )
     if not marks:
         _require_weight(functions)
     zero = np.zeros(len(mesh.vertices))

@@ -208,8 +208,11 @@ def diagram(mesh: TriangleMesh, f: FloatArray) -> FloatArray:
 def is_measured(functions: FunctionTerm) -> bool:
     """Tell whether functions have so much detail that they are taken for measured ones, which match
     as far as they are alike: the peaks and pits of source or target, in any channel, that stand out
-    by a share of the range that noise of a tenth of a deviation makes, too.
+    by a share of the range that noise of a tenth of a deviation makes, too. Approximate functions
+    are treated alike.
     """
+    if functions.approximate and not functions.is_constant:
+        return True
     counts = [
         sum(peaks(functions.mesh, f, _DETAIL))
         for both in (functions.source, functions.target)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from functools import cached_property
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +25,17 @@ from abfm.types import FloatArray, IntArray
 By: TypeAlias = Literal["point", "area"]
 _MOST = 20_000  # faces that are asked for the coverage
 _LEAST = 1e-12  # of a weight that carries
+_CANDIDATES = "candidates", "candidate_costs"  # in files
 _SAME = 1e-9  # sqrt(area) between places that are one
+
+
+class Candidate(NamedTuple):
+    """An initial map that was tried: the word that asks for it, see `abfm.register`, and its cost,
+    NaN if it was compared with no other one.
+    """
+
+    name: str
+    cost: float
 
 
 class Correspondence:
@@ -38,6 +48,11 @@ class Correspondence:
     back : PointMap, optional
         From A to B; else found by the points of B whose images are closest (`PointMap.inverse`).
 
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+        If the map was searched: what was tried, the chosen one first, then by cost.
+
     Examples
     --------
     >>> import abfm
@@ -47,6 +62,8 @@ class Correspondence:
     >>> same.carry(a.vertices).shape == b.vertices.shape
     True
     """
+
+    candidates: tuple[Candidate, ...] = ()
 
     def __init__(self, points: PointMap, back: PointMap | None = None) -> None:
         if back is not None:
@@ -141,7 +158,14 @@ class Correspondence:
                 raise ParameterError(f"the map is of another surface {name} than the one given")
         if _same_places(a, self.a) and _same_places(b, self.b):
             return self
-        return self._moved(a, b)
+        return self._moved(a, b).chosen_of(self.candidates)
+
+    def chosen_of(self, candidates: tuple[Candidate, ...]) -> Correspondence:
+        """Return this map as the one that was chosen of several."""
+        found = object.__new__(type(self))  # copies otherwise go through files' arrays
+        found.__dict__.update(self.__dict__)
+        found.candidates = candidates
+        return found
 
     def _moved(self, a: TriangleMesh, b: TriangleMesh) -> Correspondence:
         return Correspondence(_placed(self.points, b, a), _placed(self.back, a, b))
@@ -196,7 +220,7 @@ class Correspondence:
 
     @cached_property
     def _distortion(self) -> Distortion:
-        points = _mirrored(self.points) if self.is_mirrored else self.points
+        points = self.points.onto_mirror() if self.is_mirrored else self.points
         return points.distortion().scaled(self.b.length_scale / self.a.length_scale)
 
     @cached_property
@@ -244,7 +268,12 @@ class Correspondence:
         return meshes | self._points()
 
     def _points(self) -> dict[str, Any]:
+        named = {
+            "candidates": np.array([each.name for each in self.candidates]),
+            "candidate_costs": np.array([each.cost for each in self.candidates]),
+        }
         return {
+            **(named if self.candidates else {}),
             "image_faces": self.points.faces,
             "image_barycentric": self.points.barycentric,
             "back_faces": self.back.faces,
@@ -290,6 +319,12 @@ def correspondence_of(arrays: results.Arrays) -> Correspondence:
 
 
 def _between(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Correspondence:
+    names, costs = (arrays[key].tolist() if key in arrays else [] for key in _CANDIDATES)
+    candidates = tuple(Candidate(*each) for each in zip(names, costs, strict=True))
+    return _of_points(a, b, arrays).chosen_of(candidates)
+
+
+def _of_points(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Correspondence:
     there = PointMap(b, a, arrays["image_faces"], arrays["image_barycentric"])
     back = PointMap(a, b, arrays["back_faces"], arrays["back_barycentric"])
     if "sphere" in arrays and "a_sphere" in arrays:
@@ -338,25 +373,6 @@ def _placed(points: PointMap, domain: TriangleMesh, codomain: TriangleMesh) -> P
         points.faces,
         points.barycentric,
         carried=None if own is None else carried,
-    )
-
-
-def _mirrored(points: PointMap) -> PointMap:
-    """Return a map onto the codomain seen in a mirror, whose sides are the other way round."""
-    surface, order = points.codomain, np.array([0, 2, 1])
-    mirror = TriangleMesh(surface.vertices * [-1, 1, 1], surface.faces[:, order])
-
-    def seen(found: SurfacePoints) -> SurfacePoints:
-        return SurfacePoints(mirror, found.faces, found.barycentric[:, order])
-
-    own = points.carried
-    image = seen(points.points)
-    return PointMap(
-        points.domain,
-        mirror,
-        image.faces,
-        image.barycentric,
-        carried=None if own is None else lambda given: seen(own(given)),
     )
 
 

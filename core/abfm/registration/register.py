@@ -26,6 +26,7 @@ from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.given import Given
 from abfm.registration.initial.landmark_pairs import Landmarks
+from abfm.registration.initial.search import is_searched
 from abfm.registration.initial.words import initial_map
 from abfm.registration.registration import Registration
 from abfm.types import BoolArray, FloatArray
@@ -215,13 +216,16 @@ def prepare(
         masks.append(np.clip(found.carry(on_a), 0, None))
     mask = np.prod(masks, axis=0) if masks else None
     carried, target, source, measured, notes = _comparable(b, carried, target, source, mask, counts)
-    usual = MEASURED if measured else Parameters()
+    # of two shapes that are not one and the same functions are only alike
+    approximate = is_searched(found.candidates) and bool(counts.any())
+    usual = MEASURED if measured or approximate else Parameters()
     problem = Problem(
         b,
         carried.T,
         target.T,
         parameters or usual,
         weights=counts,
+        approximate=approximate,
         **({} if marks is None else _on_b(found, marks)),
     ).with_known_values(mask)
     told = (*_unknown("A", known_a, mask_a), *_unknown("B", known_b, mask_b))

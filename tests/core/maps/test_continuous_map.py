@@ -6,11 +6,12 @@ from numpy.testing import assert_allclose
 from scipy.spatial import KDTree
 
 from abfm.assets import asset_path
-from abfm.errors import AbfmError, MeshError
+from abfm.errors import MeshError
 from abfm.maps import PointMap, continuous_map, functional_map, point_map, zoom_out
 from abfm.maps.spherical import SphereLayout, through_sphere
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.shapes import torus, two_armed
+from abfm.registration import Correspondence
 from tests.messages import raises
 from tests.shapes import ellipsoid, icosphere
 
@@ -118,11 +119,17 @@ def test_holes_are_kept():
     assert ((sphere_b - sphere_a) ** 2).sum() < 0.5 * (off**2).sum()
 
 
-def test_maps_that_mirror_are_refused(bent):
+def test_maps_onto_the_mirror_image(bent):
+    """A mirrored map is one that keeps the side onto the mirrored surface."""
     a, _ = bent
     mirrored = TriangleMesh(a.vertices * [1, 1, -1], a.faces[:, ::-1])
-    with raises(AbfmError, -1):
-        continuous_map(PointMap.of_vertices(mirrored, a))
+    same = PointMap.of_vertices(mirrored, a)
+    spheres = continuous_map(same.onto_mirror())
+    found = through_sphere(SphereLayout(mirrored, spheres[1]), SphereLayout(a, spheres[0]))
+    gaps = np.linalg.norm(found.positions - a.vertices, axis=1)
+    assert gaps.mean() < 0.01 * a.length_scale
+    assert Correspondence(found).is_mirrored
+    assert Correspondence(found).distortion().folded == 0
 
 
 def test_handles_are_refused():

@@ -43,6 +43,7 @@ class FunctionTerm:
     of functions that are only carried. ``source`` and
     ``target`` are (C, V), ``areas`` those of the vertices times the mask. ``function_size`` is the
     larger deviation of both from their means, in L2 over all channels; 1 where both are constant.
+    ``approximate`` functions are only alike, such as descriptors of two shapes.
     """
 
     word = "closeness"
@@ -54,8 +55,10 @@ class FunctionTerm:
         g: ArrayLike,
         mask: ArrayLike | None = None,
         weights: ArrayLike | None = None,
+        *,
+        approximate: bool = False,
     ) -> None:
-        self.mesh = mesh
+        self.mesh, self.approximate = mesh, approximate
         self.source, self.target = channels(mesh, f, "source"), channels(mesh, g, "target")
         count = len(self.source)
         if count != len(self.target):
@@ -138,7 +141,7 @@ class FunctionTerm:
             return None
         coarse = restriction.coarse.normalized()
         f, g = average(self.source), average(self.target)
-        found = FunctionTerm(coarse, f.T, g.T, mask, self.weights)
+        found = FunctionTerm(coarse, f.T, g.T, mask, self.weights, approximate=self.approximate)
         found.function_size = self.function_size
         return found
 
@@ -146,9 +149,10 @@ class FunctionTerm:
         parts = {"source": self.source.T, "target": self.target.T}
         if self.mask is not None:
             parts["mask"] = self.mask
-        return {name: np.ascontiguousarray(part) for name, part in parts.items()} | {
-            "weights": self.weights
-        }
+        found = {name: np.ascontiguousarray(part) for name, part in parts.items()}
+        if self.approximate:
+            found["approximate"] = np.array(True)
+        return found | {"weights": self.weights}
 
     def on(self, mesh: TriangleMesh) -> FunctionTerm:
         """Return the same functions on this mesh in other units, such as the fields' own."""

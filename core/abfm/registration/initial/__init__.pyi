@@ -4,7 +4,6 @@ from .alignment import closest_after_alignment as closest_after_alignment
 from .connectivity import same_connectivity as same_connectivity
 from .landmark_pairs import Landmarks as Landmarks
 from .landmark_pairs import read_landmarks as read_landmarks
-from .landmarks_only import map_from_landmarks as map_from_landmarks
 from .spectral import SpectralFit as SpectralFit
 from .spectral import functional_map_start as functional_map_start
 from .vertex_files import map_from_file as map_from_file

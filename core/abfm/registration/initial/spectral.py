@@ -31,7 +31,7 @@ from abfm.registration.initial.descriptors import Hints, bending, map_of_descrip
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.sign_search import candidates
 from abfm.registration.initial.spectra import Spectra
-from abfm.types import FloatArray
+from abfm.types import FloatArray, IntArray
 from abfm.workers.progress import step
 
 FINEST = 5000  # vertices of the meshes that a map is looked for on: coarser ones of larger meshes
@@ -94,36 +94,92 @@ def functional_map_start(
     AbfmError
         If a mesh has too few vertices, or functions do not fit.
     """
-    with step("searching a map by eigenfunctions") as done:
-        coarse_a, coarse_b = _coarser(a, "A"), _coarser(b, "B")
-        k = min(_K, len(coarse_a.vertices) // 3, len(coarse_b.vertices) // 3)
-        spectra = Spectra.of(coarse_a, coarse_b, k, _SAMPLES)
-        done(0.3)
-        hints = _hints((a, b), (coarse_a, coarse_b), k, landmarks, functions)
-        size = min(_K_COMPARED, k)
-        places = points_by_area(coarse_a, _SAMPLES).positions[::2] / a.length_scale
-        few = spectra.thinned(_SAMPLES // _FEW_SAMPLES)
-        starts = [map_of_descriptors(coarse_a, coarse_b, hints, min(_K_DESCRIBED, k))]
-        found = candidates(few, starts, _REFINED)
-        done(0.7)
-        bent = bending(coarse_a, size), bending(coarse_b, size)
-        compared = _Compared(spectra.thinned(2), hints, places, bent, -1 if mirrored else 1)
-        maps = [compared.spectra.refined(C, [*range(len(C) + 2, size, 2), size]) for C in found]
-        defects = [compared.defect(C) for C in maps]
-        best = maps[int(np.argmin(defects))]
-        rivals = [
-            defect
-            for C, defect in zip(maps, defects, strict=True)
-            if compared.apart(best, C) > _ELSEWHERE
+    found = SpectralSearch(a, b, landmarks, functions)
+    side = -1 if mirrored else 1
+    best, *others = found.ranked(side)
+    rivals = [C for C in others if found.is_elsewhere(best, C)]
+    points, C = found.finished(best)
+    fit = SpectralFit(
+        C,
+        found.side(C),
+        found.defect(best, side),
+        found.isometry_defect(best, side),
+        min((found.defect(C, side) for C in rivals), default=np.inf),
+    )
+    return points, fit
+
+
+class SpectralSearch:
+    """Functional maps from A to B that are nearly isometries, of both sides.
+
+    Parameters as of `functional_map_start`.
+    """
+
+    def __init__(
+        self,
+        a: TriangleMesh,
+        b: TriangleMesh,
+        landmarks: Landmarks | None = None,
+        functions: tuple[ArrayLike, ArrayLike] | None = None,
+    ) -> None:
+        self._meshes = a, b
+        with step("searching a map by eigenfunctions") as done:
+            coarse_a, coarse_b = self._coarse = _coarser(a, "A"), _coarser(b, "B")
+            k = self._size = min(_K, len(coarse_a.vertices) // 3, len(coarse_b.vertices) // 3)
+            spectra = self._spectra = Spectra.of(coarse_a, coarse_b, k, _SAMPLES)
+            done(0.3)
+            hints = _hints((a, b), (coarse_a, coarse_b), k, landmarks, functions)
+            size = min(_K_COMPARED, k)
+            places = points_by_area(coarse_a, _SAMPLES).positions[::2] / a.length_scale
+            few = spectra.thinned(_SAMPLES // _FEW_SAMPLES)
+            starts = [map_of_descriptors(coarse_a, coarse_b, hints, min(_K_DESCRIBED, k))]
+            found = candidates(few, starts, _REFINED)
+            done(0.7)
+            bent = bending(coarse_a, size), bending(coarse_b, size)
+            compared = self._compared = _Compared(spectra.thinned(2), hints, places, bent)
+            self.maps = [
+                compared.spectra.refined(C, [*range(len(C) + 2, size, 2), size]) for C in found
+            ]
+
+    def ranked(self, side: int) -> list[FloatArray]:
+        """Return all maps (k, k), the one of least defect first; side is 1 or, for maps onto the
+        mirror image, -1.
+        """
+        return sorted(self.maps, key=lambda C: self.defect(C, side))
+
+    def defect(self, C: FloatArray, side: int) -> float:
+        return self._compared.defect(C, side)
+
+    def isometry_defect(self, C: FloatArray, side: int) -> float:
+        """Return the defect without landmarks and functions."""
+        return self._compared.without_hints().defect(C, side)
+
+    def is_elsewhere(self, C: FloatArray, D: FloatArray) -> bool:
+        """Return whether two maps lead to different places."""
+        return self._compared.apart(C, D) > _ELSEWHERE
+
+    def side(self, C: FloatArray) -> float:
+        return self._spectra.side(C)
+
+    def nearest(self, C: FloatArray, on_a: FloatArray, on_b: FloatArray) -> IntArray:
+        """Return the number of one of P places on A for each of Q on B, in space at unit area:
+        where a map takes it.
+        """
+        rows = [
+            project_onto_surface(mesh, places * fine.length_scale).pull_back(
+                unit_eigenbasis(mesh, self._size)[1][:, : len(C)]
+            )
+            for mesh, fine, places in zip(self._coarse, self._meshes, (on_a, on_b), strict=True)
         ]
-        C = spectra.refined(best, [*range(size + 4, k, 4), k])
+        return nearest_rows(C, *rows)
+
+    def finished(self, C: FloatArray) -> tuple[PointMap, FloatArray]:
+        """Refine a map by more eigenfunctions; return the points of it, and itself."""
+        k, (coarse_a, coarse_b) = self._size, self._coarse
+        C = self._spectra.refined(C, [*range(len(C) + 4, k, 4), k])
         bases = [unit_eigenbasis(mesh, k)[1] for mesh in (coarse_a, coarse_b)]
         C = refined(bases[0], bases[1], vertex_areas(coarse_b.normalized()), C, [k] * _TURNS)
-        done(0.8)
-        points = _point_map(a, b, coarse_a, coarse_b, C)
-        isometry = compared.without_hints().defect(best)
-    rival = min(rivals, default=np.inf)
-    return points, SpectralFit(C, spectra.side(C), min(defects), isometry, rival)
+        return _point_map(*self._meshes, coarse_a, coarse_b, C), C
 
 
 class _Compared(NamedTuple):
@@ -133,12 +189,11 @@ class _Compared(NamedTuple):
     hints: Hints
     places: FloatArray  # (P, 3), the points of the spectra on A, in sqrt(area)
     bent: tuple[FloatArray, FloatArray]  # coefficients (k,) of the mean curvature
-    side: int  # that is wanted
 
-    def defect(self, C: FloatArray) -> float:
+    def defect(self, C: FloatArray, side: int) -> float:
         """Return how far a map is from what is wanted."""
         found = self.spectra.defect(C)
-        found += _PER_SIDE * (1 - self.side * self.spectra.side(C))
+        found += _PER_SIDE * (1 - side * self.spectra.side(C))
         found += _PER_BENDING * _missed(C, *self.bent)
         if len(self.hints.places):
             rows = self.hints.at_landmarks[1][:, : len(C)]

@@ -81,12 +81,14 @@ class OnSphere:
         return means, counted / whole
 
 
-def rotation_by_functions(a: OnSphere, b: OnSphere, weights: FloatArray) -> Turned:
+def rotation_by_functions(
+    a: OnSphere, b: OnSphere, weights: FloatArray, is_rough: bool = False
+) -> Turned:
     """Search all rotations of sphere A for the one whose functions correlate best with B's, in the
     mean over channels by weights (C,). The other sign, as packages differ in it, is taken where it
     is clearly better, and another rotation than none where that leaves less alike, by 1%.
 
-    The rotation takes directions on A to directions on B.
+    The rotation takes directions on A to directions on B. A rough one is within 9 degrees.
     """
     a, b = _scaled(a), _scaled(b)
     with step("searching for the rotation of the sphere") as report:
@@ -99,7 +101,8 @@ def rotation_by_functions(a: OnSphere, b: OnSphere, weights: FloatArray) -> Turn
             scores.append(start.correlations(rotations[begin : begin + _AT_ONCE]))
         best = _distinct(rotations, np.concatenate(scores))
         report(1 / (len(_CELLS) + 1))
-        for number, count in enumerate(_CELLS):
+        level = start
+        for number, count in enumerate(() if is_rough else _CELLS):
             level = start if number == 0 else _Level(a, b, weights, min(count, vertices))
             best = [level.refined(each, _START[number]) for each in best]
             found = np.array([level.correlations(each)[0] for each in best])

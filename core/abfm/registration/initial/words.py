@@ -4,40 +4,33 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from abfm.errors import AbfmError, ParameterError, brief, did_you_mean
-from abfm.maps.continuous_map import continuous_map
 from abfm.maps.point_maps import PointMap
-from abfm.maps.sphere_embedding import sphere_embedding
-from abfm.maps.spherical import SphereLayout, is_sphere, sphere_directions
-from abfm.mesh import TriangleMesh, load_mesh, per_mesh
-from abfm.registration.correspondence import Correspondence
+from abfm.maps.spherical import is_sphere, sphere_directions
+from abfm.mesh import TriangleMesh, load_mesh
+from abfm.registration.correspondence import Candidate, Correspondence
 from abfm.registration.initial.alignment import KINDS, closest_after_alignment
 from abfm.registration.initial.connectivity import same_connectivity
 from abfm.registration.initial.given import Given, Initial
 from abfm.registration.initial.landmark_pairs import Landmarks
-from abfm.registration.initial.landmarks_only import FEWEST, map_from_landmarks
-from abfm.registration.initial.spectral import functional_map_start
-from abfm.registration.initial.spheres import (
-    OnSphere,
-    Turned,
-    rotation_by_functions,
-    rotation_by_landmarks,
+from abfm.registration.initial.search import searched
+from abfm.registration.initial.torn import made_continuous
+from abfm.registration.initial.turned_spheres import (
+    FEWEST_LANDMARKS,
+    best_of_spheres,
+    sphere_of,
+    turned,
 )
 from abfm.registration.initial.vertex_files import map_from_file
 from abfm.types import FloatArray
 from abfm.wording import factor
 
-# of 20 maps between people two led elsewhere, with defects of .575 and .577; of those below .55
-# none did, of the others four did not
-_FAR_FROM_ISOMETRY = 0.55
-_RIVAL = 0.9  # of a correlation, or of a defect, from which on another map is as good
+_LISTED = 2  # candidates after the chosen one, in notes
 _LOG2_SHAPE_MAX = 1.2  # mean |log2 R| of a map that was searched: see `_checked`
-_CORRELATION_MIN = 0.3  # of functions on spheres that correspond
 
 
 class Word(NamedTuple):
@@ -53,10 +46,9 @@ class Word(NamedTuple):
 
 
 def initial_map(initial: object, given: Given) -> Initial:
-    """Return the initial map that a word asks for, see `WORDS`, or what was given as one; None is
-    chosen by what there is: equal faces, spheres, three landmarks, functions on closed surfaces
-    without handles, and else what is closest in space. Torn maps are made continuous where neither
-    surface has handles (`abfm.maps.continuous_map`); what was given as a map stays as it is.
+    """Return the initial map that a word asks for, see `WORDS`, or the given one; None is "auto",
+    the best of all candidates that apply. Torn maps are made continuous if neither surface has
+    handles (`abfm.maps.continuous_map`); a given map stays as it is.
 
     Raises
     ------
@@ -68,14 +60,28 @@ def initial_map(initial: object, given: Given) -> Initial:
     if isinstance(initial, Correspondence):
         return Initial(initial.between(given.a, given.b))
     if initial is None:
-        initial = chosen_word(given)
+        initial = "auto"
     if not isinstance(initial, str):
         raise ParameterError(
             f"initial is {brief(initial)}; expected a Correspondence, a PointMap, or one of "
             f"{', '.join(word.form for word in WORDS)}"
         )
     rest = initial.partition(":")[2]
-    return word_of(initial).find(given, [p for part in rest.split(",") if (p := part.strip())])
+    found = word_of(initial).find(given, [p for part in rest.split(",") if (p := part.strip())])
+    first = found.correspondence.candidates
+    if not first:
+        named = found.correspondence.chosen_of((Candidate(initial, np.nan),))
+        return found._replace(correspondence=named)
+    return found._replace(notes=(_ranking(first), *found.notes))
+
+
+def _ranking(candidates: tuple[Candidate, ...]) -> str:
+    """Return which map was chosen, and what the next ones cost."""
+    chosen, *others = candidates
+    if np.isnan(chosen.cost) or not others:
+        return f"the initial map is {chosen.name}"
+    costs = ", ".join(f"{each.name} {each.cost:.2f}" for each in others[:_LISTED])
+    return f"the initial map is {chosen.name} (cost {chosen.cost:.2f}; next {costs})"
 
 
 def word_of(initial: str) -> Word:
@@ -91,18 +97,16 @@ def word_of(initial: str) -> Word:
     )
 
 
-def chosen_word(given: Given) -> str:
-    """Return the word of the map that is found where none is asked for."""
-    if np.array_equal(given.a.faces, given.b.faces):
-        return "connectivity"
+def _best(given: Given, words: list[str]) -> Initial:
+    mirrored = _is_mirrored("auto", words)
     if is_sphere(given.a) and is_sphere(given.b):
-        return "sphere"
-    if given.landmarks is not None and len(given.landmarks) >= FEWEST:
-        return "landmarks"
-    is_closed = not any(mesh.genus or mesh.boundary_loops for mesh in (given.a, given.b))
-    if given.f is not None and is_closed:
-        return "embedding"
-    return "closest"
+        return best_of_spheres(given, (-1,) if mirrored else (1, -1))
+    if not mirrored and np.array_equal(given.a.faces, given.b.faces):
+        found = _by_numbers(given, [])
+        if found.correspondence.distortion().log2_shape.mean <= _LOG2_SHAPE_MAX:
+            named = (Candidate("connectivity", np.nan),)
+            return found._replace(correspondence=found.correspondence.chosen_of(named))
+    return searched(given, sides=(-1,) if mirrored else (1, -1))
 
 
 def _by_numbers(given: Given, words: list[str]) -> Initial:
@@ -129,30 +133,15 @@ def _checked(initial: Initial) -> Initial:
     return initial._replace(warnings=(*initial.warnings, warning))
 
 
-def _made_continuous(
-    given: Given, points: PointMap, notes: tuple[str, ...] = (), warnings: tuple[str, ...] = ()
-) -> Initial:
-    """Return a map that may be torn, made continuous where surfaces have no handles."""
-    # between vertices as files keep it
-    torn = Correspondence(replace(points, carried=None))
-    distortion, faces = torn.distortion(), len(given.b.faces)
-    share = (distortion.flipped | (distortion.area <= 0)).sum() / faces
-    if share == 0:
-        return Initial(torn, notes, warnings)
-    told = f"it turns over or collapses {100 * share:.2g}% of the faces"
-    if given.a.genus or given.b.genus or torn.is_mirrored:
-        return Initial(torn, (*notes, f"the initial map is torn: {told}"), warnings)
-    spheres = continuous_map(points)
-    found = Correspondence.through_sphere(given.a, given.b, *spheres)
-    notes = (*notes, f"the initial map was made continuous, as {told}")
-    return Initial(found, notes, warnings)
-
-
 def _by_landmarks(given: Given, words: list[str]) -> Initial:
     mirrored = _is_mirrored("landmarks", words)
-    if given.landmarks is None:
-        raise ParameterError("an initial map by landmarks needs landmarks: give three or more")
-    return _made_continuous(given, map_from_landmarks(given.a, given.b, given.landmarks, mirrored))
+    if given.landmarks is None or len(given.landmarks) < FEWEST_LANDMARKS:
+        count = 0 if given.landmarks is None else len(given.landmarks)
+        raise ParameterError(
+            f"{count} landmarks were given; expected {FEWEST_LANDMARKS} or more: add some, or "
+            "choose another initial map, which fewer landmarks help, too"
+        )
+    return searched(given, ("landmarks", "spectral", "closest"), (-1 if mirrored else 1,))
 
 
 def _closest(given: Given, words: list[str]) -> Initial:
@@ -166,27 +155,15 @@ def _closest(given: Given, words: list[str]) -> Initial:
         f"B was laid on A, {motion.rms:.3f} sqrt(area) from it (RMS): each of its points starts at "
         "the closest one"
     )
-    return _checked(_made_continuous(given, points, (note,)))
+    return _checked(made_continuous(given, points, (note,)))
 
 
 def _spectral(given: Given, words: list[str]) -> Initial:
-    mirrored = _is_mirrored("spectral", words)
-    functions = None if given.f is None or given.g is None else (given.f.T, given.g.T)
-    points, found = functional_map_start(
-        given.a, given.b, given.landmarks, functions, mirrored=mirrored
-    )
-    warnings = []
-    if found.defect > _RIVAL * found.rival:
-        warnings.append(
-            "another map that leads elsewhere is nearly as good, as on symmetric surfaces: give "
-            "landmarks that tell them apart"
-        )
-    if found.isometry_defect > _FAR_FROM_ISOMETRY:
-        warnings.append(
-            f"the map is far from an isometry (its defect is {found.isometry_defect:.2f}) and may "
-            "lead elsewhere, such as back to front: look at it, or give landmarks"
-        )
-    return _checked(_made_continuous(given, points, warnings=tuple(warnings)))
+    return searched(given, ("spectral",), (-1 if _is_mirrored("spectral", words) else 1,))
+
+
+def _by_extremities(given: Given, words: list[str]) -> Initial:
+    return searched(given, ("extremities",), (-1 if _is_mirrored("extremities", words) else 1,))
 
 
 def _of_file(given: Given, words: list[str]) -> Initial:
@@ -199,15 +176,12 @@ def _of_file(given: Given, words: list[str]) -> Initial:
             f"{path} holds pairs of points, not a point for every vertex of B: give them as "
             "landmarks"
         )
-    return _made_continuous(given, found)
+    return made_continuous(given, found)
 
 
 def _embedded(given: Given, words: list[str]) -> Initial:
     mirrored = _is_mirrored("embedding", words)
-    return _checked(_turned(given, _made_sphere(given.a), _made_sphere(given.b), mirrored))
-
-
-_made_sphere = per_mesh(sphere_embedding)  # kept, as functions may change
+    return _checked(turned(given, sphere_of(given.a), sphere_of(given.b), mirrored))
 
 
 def _spheres(given: Given, words: list[str]) -> Initial:
@@ -222,7 +196,7 @@ def _spheres(given: Given, words: list[str]) -> Initial:
         sphere_a, sphere_b = _sphere_file(given.a, files[0]), _sphere_file(given.b, files[1])
     else:
         sphere_a, sphere_b = sphere_directions(given.a), sphere_directions(given.b)
-    return _turned(given, sphere_a, sphere_b, mirror)
+    return turned(given, sphere_a, sphere_b, mirror)
 
 
 def _two_files(words: list[str]) -> list[str]:
@@ -234,60 +208,6 @@ def _two_files(words: list[str]) -> list[str]:
         if all(os.path.isfile(os.path.expanduser(name)) for name in pair):
             return pair
     return words
-
-
-def _turned(given: Given, sphere_a: FloatArray, sphere_b: FloatArray, mirror: bool) -> Initial:
-    """Return the map through spheres, A's (V_A, 3), maybe seen in a mirror, turned as it fits."""
-    sphere_a = sphere_a * [-1, 1, 1] if mirror else sphere_a
-    layouts = SphereLayout(given.a, sphere_a), SphereLayout(given.b, sphere_b)
-    notes = [
-        f"{len(layout.folded)} faces of sphere {name} lie the wrong way round"
-        for name, layout in zip("AB", layouts, strict=True)
-        if len(layout.folded)
-    ]
-    turned, warnings = _rotation(given, *layouts), list[str]()
-    if turned is not None:
-        sphere_a = sphere_a @ turned.rotation.as_matrix().T
-        notes.append(_turned_words(turned))
-        warnings += _ambiguities(turned)
-    elif given.landmarks is not None and len(given.landmarks) >= FEWEST:
-        notes.append(
-            "sphere A was not turned: the landmarks are in one place, or in opposite ones; give "
-            "three that are apart"
-        )
-    found = Correspondence.through_sphere(given.a, given.b, sphere_a, sphere_b)
-    return Initial(found, tuple(notes), tuple(warnings))
-
-
-def _rotation(given: Given, a: SphereLayout, b: SphereLayout) -> Turned | None:
-    if given.f is not None and given.g is not None:
-        weights = np.ones(len(given.f)) if given.weights is None else given.weights
-        on_a, on_b = OnSphere(a, given.f, given.mask_a), OnSphere(b, given.g, given.mask_b)
-        return rotation_by_functions(on_a, on_b, weights)
-    marks = given.landmarks
-    return None if marks is None or len(marks) < FEWEST else rotation_by_landmarks(a, b, marks)
-
-
-def _turned_words(turned: Turned) -> str:
-    told = f"sphere A was turned by {turned.degrees:.1f} degrees"
-    if np.isnan(turned.correlation):
-        return f"{told}, as the landmarks ask"
-    return f"{told}: the functions correlate by {turned.correlation:.2f}"
-
-
-def _ambiguities(turned: Turned) -> list[str]:
-    """Return why a rotation may be a wrong one."""
-    warnings = []
-    if turned.correlation < _CORRELATION_MIN:
-        warnings.append(
-            f"by the best rotation of the spheres the functions correlate by "
-            f"{turned.correlation:.2f} only: the surfaces may not correspond"
-        )
-    if turned.runner_up > _RIVAL:
-        warnings.append(
-            "another rotation is nearly as good: give more functions, or a map, to tell them apart"
-        )
-    return warnings
 
 
 def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
@@ -313,6 +233,11 @@ def _no_words(name: str, words: list[str]) -> None:
 
 
 WORDS = (
+    Word(
+        "auto[:mirror]",
+        "the best of the following that apply; mirrored ones only if they are clearly better",
+        _best,
+    ),
     Word("connectivity", "vertex i to vertex i, of the same faces", _by_numbers),
     Word(
         "sphere[:[mirror,][A,B]]",
@@ -335,8 +260,13 @@ WORDS = (
         _spectral,
     ),
     Word(
+        "extremities[:mirror]",
+        "by the ends of limbs, for surfaces that are not isometric",
+        _by_extremities,
+    ),
+    Word(
         "landmarks[:mirror]",
-        "from three and more landmarks: by eigenfunctions, or closest once aligned",
+        "from three and more landmarks: by distances to them, by eigenfunctions, or closest",
         _by_landmarks,
     ),
     Word(

@@ -1,0 +1,96 @@
+"""Maps by the ends of a surface's limbs, matched by the distances between them.
+
+The ends are vertices whose mean distance from the surface is a local maximum, such as hands, feet
+and the head of a person. Every injection of the ends of one surface into those of the other is
+compared by distances and by how much area lies around each end. A map follows from distances to the
+ends and from the brackets ``<n, grad d_i x grad d_j>`` of these: they change sign in a mirror, and
+so tell front from back, which distances alone do not.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations, permutations
+
+import numpy as np
+
+from abfm.calculus.operators import averaging, gradient
+from abfm.registration.initial.coarse_shape import CoarseShape, smoothed
+from abfm.registration.initial.reversible import nearest
+from abfm.types import FloatArray, IntArray
+
+FEWEST = 3  # ends without which there is no map
+_MOST = 6  # ends
+_RADIUS = 0.25  # sqrt(area) within which an end is farther from the surface than all others
+_AREA_RADII = 0.1, 0.2, 0.3, 0.45  # sqrt(area) around an end whose areas are compared
+_AREA_MIN = 0.003
+_AREA_WEIGHT = 0.5
+_NEAR = 0.03  # sqrt(area) added to distances from ends, whose inverses diverge
+_DISTANCE_WEIGHT, _BRACKET_WEIGHT = 0.7, 0.3
+_BRACKET_SCALE = np.sqrt(0.003)  # sqrt(area) over which brackets are smoothed
+
+
+def extremities(shape: CoarseShape) -> IntArray:
+    """Return the vertices at the ends of the surface's limbs, at most six, the farthest first."""
+    mean = shape.distances @ shape.areas
+    around = shape.distances <= _RADIUS
+    highest = np.where(around, mean, -np.inf).max(axis=1)
+    found = np.flatnonzero(mean >= highest)
+    return found[np.argsort(-mean[found], kind="stable")][:_MOST]
+
+
+def matchings(
+    a: CoarseShape, b: CoarseShape, ends_a: IntArray, ends_b: IntArray, most: int
+) -> list[tuple[IntArray, IntArray]]:
+    """Return pairs of ends, (L,) of A and (L,) of B, the most alike first, at most so many."""
+    if len(ends_a) > len(ends_b):
+        return [(on_a, on_b) for on_b, on_a in matchings(b, a, ends_b, ends_a, most)]
+    count = len(ends_a)
+    if count < FEWEST:
+        return []
+    chosen = np.array(list(permutations(range(len(ends_b)), count)))
+    apart_a, apart_b = _log_distances(a, ends_a), _log_distances(b, ends_b)
+    one, other = np.triu_indices(count, 1)
+    gaps = np.abs(apart_a[one, other] - apart_b[chosen[:, one], chosen[:, other]]).mean(axis=1)
+    around_a, around_b = _log_areas(a, ends_a), _log_areas(b, ends_b)
+    gaps += _AREA_WEIGHT * np.abs(around_a - around_b[chosen]).mean(axis=(1, 2))
+    order = np.argsort(gaps, kind="stable")[:most]
+    return [(ends_a, ends_b[chosen[row]]) for row in order]
+
+
+def map_by_places(
+    a: CoarseShape, b: CoarseShape, on_a: IntArray, on_b: IntArray, side: int
+) -> IntArray:
+    """Return a vertex of A for each of B, by the distances to matched vertices (L,) of both; side
+    is 1 or, for a map onto the mirror image, -1.
+    """
+    rows = [_rows(shape, places) for shape, places in ((a, on_a), (b, on_b))]
+    (places_a, brackets_a), (places_b, brackets_b) = rows
+    return nearest(np.hstack([places_b, brackets_b]), np.hstack([places_a, side * brackets_a]))
+
+
+def _log_distances(shape: CoarseShape, ends: IntArray) -> FloatArray:
+    mean = float(shape.areas @ shape.distances @ shape.areas)
+    apart = shape.distances[np.ix_(ends, ends)] / mean
+    return np.asarray(np.log(np.maximum(apart, np.finfo(float).tiny)))
+
+
+def _log_areas(shape: CoarseShape, ends: IntArray) -> FloatArray:
+    within = shape.distances[ends][:, None] <= np.array(_AREA_RADII)[:, None]
+    return np.asarray(np.log(within @ shape.areas + _AREA_MIN))
+
+
+def _rows(shape: CoarseShape, places: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return rows of distances (V, 2 L) and of brackets (V, L (L - 1) / 2) by which vertices of two
+    surfaces are compared.
+    """
+    distances = shape.distances[:, places]
+    inverse = (distances + _NEAR) ** -2.0
+    apart = shape.distances[np.ix_(places, places)]
+    mean = apart[np.triu_indices(len(places), 1)].mean()
+    near = [inverse / inverse.sum(axis=1, keepdims=True), _DISTANCE_WEIGHT * distances / mean]
+    slopes = (gradient(shape.mesh) @ distances).reshape(-1, 2, len(places))
+    slopes = slopes / np.maximum(np.linalg.norm(slopes, axis=1, keepdims=True), 1e-12)
+    one, other = np.array(list(combinations(range(len(places)), 2))).T
+    turned = slopes[:, 0, one] * slopes[:, 1, other] - slopes[:, 1, one] * slopes[:, 0, other]
+    at_vertices = averaging(shape.mesh) @ turned
+    return np.hstack(near), _BRACKET_WEIGHT * smoothed(shape.mesh, at_vertices, _BRACKET_SCALE)

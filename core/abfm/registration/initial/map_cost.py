@@ -1,0 +1,110 @@
+"""How plausible a map between two coarse surfaces is: its Dirichlet energy there and back, the
+descriptors that it keeps, and how nearly it commutes with the Laplacian.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.functions.local_shape import vertex_normals
+from abfm.registration.initial.coarse_shape import CoarseShape
+from abfm.registration.initial.reversible import REVERSIBILITY, BothWays
+from abfm.types import FloatArray, IntArray
+
+_COMMUTATOR = 2.0  # weight of the commutator next to the energy and the descriptors
+_WRONG_SIDE = 1.0  # cost of a map that turns most of the surface over
+
+
+class MapCost(NamedTuple):
+    """What a map costs; isometries cost 2 in energy, and nothing else."""
+
+    energy: float
+    descriptors: float
+    commutator: float
+    side: float  # 1 where B's faces lie on A with the same side up, -1 with the other one
+
+    def total(self, side: int = 1) -> float:
+        """Return the sum, with a penalty if the map has not the side that is wanted, 1 or -1."""
+        wrong = _WRONG_SIDE * (side * self.side < 0)
+        return self.energy + self.descriptors + _COMMUTATOR * self.commutator + wrong
+
+
+def map_cost(
+    a: CoarseShape,
+    b: CoarseShape,
+    found: BothWays,
+    descriptors: tuple[FloatArray, FloatArray],
+    weights: FloatArray,
+) -> MapCost:
+    """Return the cost of a map; descriptors (V_A, C) and (V_B, C) are compared by weights (C,)."""
+    on_a, on_b = descriptors
+    there = dissimilarity(on_a[found.there], on_b, b.areas)
+    back = dissimilarity(on_b[found.back], on_a, a.areas)
+    commutator = (_commutator(a, b, found.there) + _commutator(b, a, found.back)) / 2
+    return MapCost(
+        energy(a, b, found),
+        float(weights @ (there + back)) / 2,
+        commutator,
+        side(a, b, found.there),
+    )
+
+
+def energy(a: CoarseShape, b: CoarseShape, found: BothWays) -> float:
+    """Return the reversible harmonic energy: Dirichlet energies both ways, relative to those of the
+    surfaces' own coordinates, and the mean squared distance of points from themselves there and
+    back.
+    """
+
+    def one_way(
+        domain: CoarseShape, codomain: CoarseShape, map_: IntArray, back: IntArray
+    ) -> float:
+        images = codomain.coordinates[map_]
+        stretch = float((images * (domain.stiffness @ images)).sum()) / domain.stretch
+        count = np.arange(len(map_))
+        gaps = domain.distances[count, back[map_]]
+        return stretch + REVERSIBILITY * float(domain.areas @ gaps**2)
+
+    return one_way(b, a, found.there, found.back) + one_way(a, b, found.back, found.there)
+
+
+def side(a: CoarseShape, b: CoarseShape, there: IntArray) -> float:
+    """Return the share of the area that keeps its side less that which is turned over, -1 to 1."""
+    corners = there[b.mesh.faces]
+    normals = vertex_normals(a.mesh)
+    return area_side(
+        b.mesh.vertices[b.mesh.faces], a.mesh.vertices[corners], normals[corners].sum(axis=1)
+    )
+
+
+def area_side(faces: FloatArray, images: FloatArray, normals: FloatArray) -> float:
+    """Return, over faces (F, 3, 3) and their images (F, 3, 3), the sum of the smaller one of both
+    areas with the sign of the image's side by normals (F, 3), over the sum without.
+    """
+
+    def area_vectors(corners: FloatArray) -> FloatArray:
+        return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+    image = area_vectors(images)
+    sizes = np.minimum(np.linalg.norm(area_vectors(faces), axis=1), np.linalg.norm(image, axis=1))
+    total = float(sizes.sum())
+    return float(sizes @ np.sign((image * normals).sum(axis=1))) / total if total > 0 else 0.0
+
+
+def dissimilarity(one: FloatArray, other: FloatArray, areas: FloatArray) -> FloatArray:
+    """Return 1 - r of functions (V, C), r their correlations weighted by areas, (C,)."""
+    one, other = one - areas @ one, other - areas @ other
+    sizes = (areas @ one**2) * (areas @ other**2)
+    products = areas @ (one * other)
+    return 1 - np.divide(products, np.sqrt(sizes), out=np.zeros_like(products), where=sizes > 0)
+
+
+def _commutator(codomain: CoarseShape, domain: CoarseShape, there: IntArray) -> float:
+    """Return ``2 |C L - L C| / (|C L| + |L C|)`` of the functional map of a map of vertices."""
+    size = min(len(codomain.eigenvalues), len(domain.eigenvalues))
+    carried = codomain.eigenfunctions[there, :size]
+    C = domain.eigenfunctions[:, :size].T @ (domain.areas[:, None] * carried)
+    first, second = C * codomain.eigenvalues[:size], domain.eigenvalues[:size, None] * C
+    sizes = np.linalg.norm(first) + np.linalg.norm(second)
+    return float(2 * np.linalg.norm(first - second) / sizes) if sizes > 0 else 0.0

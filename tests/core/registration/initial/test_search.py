@@ -1,0 +1,216 @@
+"""The best of several initial maps: what candidates cost, and which one is taken."""
+
+import numpy as np
+import pytest
+from hypothesis import given as drawn
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+
+import abfm
+from abfm.maps import PointMap, map_accuracy
+from abfm.mesh import TriangleMesh, shapes
+from abfm.mesh.coarsening import coarsened
+from abfm.registration.initial import Landmarks, extremities, initial_map
+from abfm.registration.initial.coarse_shape import coarse_shape, ranks
+from abfm.registration.initial.given import Given
+from abfm.registration.initial.map_cost import map_cost
+from abfm.registration.initial.reversible import both_ways, relax
+from tests.messages import raises
+from tests.shapes import icosphere, torus
+
+BODY = shapes.five_limbs(700)
+COARSE = coarse_shape(BODY, 300)
+TURN = Rotation.from_rotvec([2, 1, -1])
+
+
+def cost_of(a, b, there):
+    descriptors = a.descriptors, b.descriptors
+    return map_cost(a, b, both_ways(a, b, there), descriptors, np.ones(5))
+
+
+def mirrored(mesh):
+    return TriangleMesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1])
+
+
+def other_body(stretch=(1, 1.5, 1), seed=0):
+    """The body with other proportions, place, unit and triangles; for each vertex the nearest one
+    of `BODY` before it was stretched.
+    """
+    fewer = coarsened(BODY, 600)
+    order = np.random.default_rng(seed).permutation(len(fewer.vertices))
+    faces = np.argsort(order)[fewer.faces]
+    truth = PointMap.project(fewer, BODY, fewer.vertices).nearest_vertices()[order]
+    places = 3 * TURN.apply(fewer.vertices[order] * stretch) + [5, 0, 0]
+    return TriangleMesh(places, faces), truth
+
+
+def test_identity_costs_two():
+    found = cost_of(COARSE, COARSE, np.arange(len(COARSE.areas)))
+    assert_allclose(found[:4], (2, 0, 0, 1), atol=1e-9)
+    assert found.total() == pytest.approx(2)
+    assert found.total(side=-1) == pytest.approx(3)
+
+
+def test_mirror_image_costs_as_much():
+    """Energy, descriptors and commutator do not see the side, which is reported alone."""
+    there = np.arange(len(COARSE.areas))
+    image = mirrored(COARSE.mesh)
+    shape = coarse_shape(image, 300)
+    found = cost_of(shape, COARSE, there)
+    assert_allclose(found[:4], (2, 0, 0, -1), atol=0.1)  # rays of the diameter are not symmetric
+
+
+def test_relaxation_lowers_energy():
+    """Of a map with noise, which comes nearer to the identity."""
+    rng = np.random.default_rng(0)
+    around = np.argsort(COARSE.distances, axis=1)[:, :20]
+    there = around[np.arange(len(around)), rng.integers(0, 20, len(around))]
+    start = both_ways(COARSE, COARSE, there)
+    none = COARSE.descriptors[:, :0]
+    found = relax(
+        COARSE, COARSE, start, (none, none), weight=0, penalties=np.geomspace(0.05, 10, 8), turns=2
+    )
+
+    def error(map_):
+        return COARSE.areas @ COARSE.distances[map_, np.arange(len(map_))]
+
+    assert cost_of(COARSE, COARSE, found.there).energy < cost_of(COARSE, COARSE, there).energy / 2
+    assert error(found.there) < 0.5 * error(there)
+
+
+def test_distances_on_a_sphere():
+    """Graph distances with unfolded faces are 2% too long on average, and never too short."""
+    ball = coarse_shape(icosphere(3), 1000)
+    directions = ball.mesh.vertices * np.sqrt(4 * np.pi)
+    true = np.arccos(np.clip(directions @ directions.T, -1, 1)) / np.sqrt(4 * np.pi)
+    far = true > 0.05
+    ratio = ball.distances[far] / true[far]
+    assert ratio.min() > 0.98
+    assert ratio.mean() < 1.02
+    assert np.percentile(ratio, 95) < 1.05
+
+
+@drawn(st.lists(st.floats(-100, 100), min_size=3, max_size=30))
+def test_ranks_do_not_depend_on_monotone_scales(values):
+    f = np.unique(np.round(values, 3))[:, None]
+    areas = np.arange(1.0, len(f) + 1)
+    areas /= areas.sum()
+    found = ranks(f, areas)
+    assert_allclose(ranks(np.exp(f / 50), areas), found)
+    assert_allclose(areas @ found, 0, atol=1e-12)
+    assert (np.diff(found[:, 0]) > 0).all()
+
+
+def test_equal_values_have_equal_ranks():
+    areas = np.full(4, 0.25)
+    found = ranks(np.array([[1.0], [3], [3], [2]]), areas)[:, 0]
+    assert found[1] == found[2] > found[3] > found[0]
+
+
+def test_extremities_are_ends_of_limbs():
+    ends = extremities.extremities(COARSE)
+    assert len(ends) == 5
+    assert len(extremities.extremities(coarse_shape(icosphere(3), 300))) <= 6
+
+
+def test_brackets_tell_a_body_from_its_mirror_image():
+    """Of the maps by the distances to the same places only one keeps the side."""
+    ends = extremities.extremities(COARSE)
+    for side in (1, -1):
+        there = extremities.map_by_places(COARSE, COARSE, ends, ends, side)
+        assert side * cost_of(COARSE, COARSE, there).side > 0.2
+    there = extremities.map_by_places(COARSE, COARSE, ends, ends, 1)
+    assert_array_equal(there, np.arange(len(there)))
+
+
+@pytest.mark.parametrize("word", [None, "spectral", "extremities"])
+def test_body_of_other_proportions(word):
+    b, truth = other_body((1, 1.2, 1))
+    found = initial_map(word, Given(BODY, b)).correspondence
+    assert map_accuracy(found.points, truth, 150).mean < 0.08
+    distortion = found.distortion()
+    assert distortion.folded == distortion.collapsed == 0
+    assert found.candidates[0].name == (word or found.candidates[0].name)
+    costs = [each.cost for each in found.candidates[1:]]
+    assert costs == sorted(costs)
+
+
+def test_functions_that_differ_change_little():
+    """Functions without a common distribution, or of noise, do not lead elsewhere."""
+    b, truth = other_body()
+    rng = np.random.default_rng(1)
+    f = rng.normal(size=(6, len(BODY.vertices))) ** 3
+    g = rng.uniform(size=(6, len(b.vertices)))
+    found = initial_map("spectral", Given(BODY, b, f, g)).correspondence
+    assert map_accuracy(found.points, truth, 150).mean < 0.08
+
+
+def test_mirror_image_is_found_by_its_word():
+    b, truth = other_body((1, 1, 1))
+    found = initial_map("auto:mirror", Given(mirrored(BODY), b)).correspondence
+    assert found.is_mirrored
+    assert map_accuracy(found.points, truth, 150).mean < 0.08
+    assert found.distortion().folded == found.distortion().collapsed == 0
+
+
+def test_equal_faces_of_spheres_are_no_correspondence():
+    """A sphere whose functions are turned is turned, although its faces are the same."""
+    ball = icosphere(3)
+    weights = np.random.default_rng(3).normal(size=(3, 3))
+    f = np.cos(ball.vertices @ weights * 2).sum(axis=1)
+    turn = Rotation.from_rotvec([0.3, 0.7, -0.4])
+    g = np.cos(turn.inv().apply(ball.vertices.copy()) @ weights * 2).sum(axis=1)
+    found = initial_map(None, Given(ball, ball, f[None], g[None])).correspondence
+    assert found.candidates[0].name == "sphere"
+    places = turn.inv().apply(ball.vertices.copy())
+    assert np.linalg.norm(found.points.positions - places, axis=1).mean() < 0.03
+    same = initial_map(None, Given(ball, ball, f[None], f[None])).correspondence
+    assert same.candidates[0].name == "connectivity"
+
+
+def test_spheres_of_both_hemispheres():
+    ball = icosphere(3)
+    rng = np.random.default_rng(3)
+    weights, phases = 3 * rng.normal(size=(3, 8)), rng.uniform(0, 6, 8)
+    f = np.cos(ball.vertices @ weights + phases).sum(axis=1)
+    g = np.cos(ball.vertices * [-1, 1, 1] @ weights + phases).sum(axis=1)
+    found = initial_map(None, Given(ball, ball, f[None], g[None])).correspondence
+    assert found.candidates[0].name == "sphere:mirror"
+
+
+def test_handles_and_boundaries():
+    """What applies is tried: of surfaces with handles no sphere is made."""
+    ring = torus(16, 10)
+    other = torus(18, 9)
+    moved = TriangleMesh(2 * TURN.apply(other.vertices.copy()), other.faces)
+    found = initial_map(None, Given(ring, moved))
+    assert "embedding" not in [each.name for each in found.correspondence.candidates]
+    half = TriangleMesh(
+        BODY.vertices,
+        BODY.faces[BODY.vertices[BODY.faces, 2].mean(axis=1) > -0.3],
+        largest_component=True,
+    )
+    other = TriangleMesh(TURN.apply(half.vertices.copy()), half.faces[::-1])
+    found = initial_map(None, Given(half, other)).correspondence
+    gaps = np.linalg.norm(found.points.positions - half.vertices, axis=1)
+    assert np.median(gaps) < 0.1 * half.length_scale
+
+
+def test_candidates_are_kept_in_files(tmp_path):
+    b, _ = other_body((1, 1.2, 1))
+    found = initial_map("extremities", Given(BODY, b)).correspondence
+    found.save(tmp_path / "map.npz")
+    assert abfm.load_correspondence(tmp_path / "map.npz").candidates == found.candidates
+    elsewhere = TriangleMesh(b.vertices + 1, b.faces)
+    assert found.between(BODY, elsewhere).candidates == found.candidates
+
+
+def test_words_that_do_not_apply_are_refused():
+    ball = icosphere(2)
+    longer = TriangleMesh(ball.vertices * [1, 1, 3], ball.faces)
+    with raises(abfm.AbfmError, 2):
+        initial_map("extremities", Given(BODY, longer))
+    marks = Landmarks.of_vertices(ball, ball, [0, 1], [0, 1])
+    with raises(abfm.AbfmError, 2, 3):
+        initial_map("landmarks", Given(ball, ball, landmarks=marks))
