@@ -123,7 +123,7 @@ class _Search:
         """Try all candidates after a match that is beyond the bound."""
         found, first = self._found, self._found.path[0]
         start, number = (
-            found.with_step(replace(first, velocity=0 * first.velocity, held_out=math.nan)),
+            found.with_step(replace(first, velocity=0 * first.velocity, held_out=math.nan, score=math.nan)),
             -1,
         )
         self._still = self._distortion(start)
@@ -181,7 +181,7 @@ class _Search:
             with suppress(AbfmError):  # fields that carry nothing to their end
                 self._take(
                     self._found.with_step(
-                        replace(beyond, velocity=low * velocity, held_out=math.nan)
+                        replace(beyond, velocity=low * velocity, held_out=math.nan, score=math.nan)
                     )
                 )
 

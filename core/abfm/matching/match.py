@@ -304,7 +304,7 @@ class Match:
             with suppress(AbfmError):  # too fast for walks
                 energy = MatchingEnergy(problem)
                 said = measured(energy, self.fine_velocity / energy.length_scale)
-        said["held_out"] = own.held_out
+        said |= {"held_out": own.held_out, "score": own.score}
         said["mismatch"] = problem.functions.mismatch(carried.T)
         residual = problem.left(carried.T, self.landmark_errors)
         own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, residual, **said)

@@ -23,6 +23,7 @@ COLUMNS = (
     "log2 R",
     "log2 J 95%",
     "held out",
+    "score",
     "mismatch",
     "refined",
 )
@@ -51,7 +52,11 @@ class PathStep:
         The 95th percentile of ``|log2 J|``, by area.
     held_out : float
         Residual of held-out patches over that of the same patches without motion: below 1 the field
-        improves also what it was not fitted to. NaN if nothing was held out.
+        also improves values that it was not fitted to. NaN if nothing was held out.
+    score : float
+        Residual of held-out patches by flow lines plus 0.25 times ``log2_area``, both on the
+        coarsest mesh. The match is the step with the smallest score; where that step lies between
+        two others, its ``held_out`` and score are interpolated. NaN if nothing was held out.
     mismatch : float
         As of a `Match`.
     """
@@ -67,6 +72,7 @@ class PathStep:
     log2_shape: float = math.nan
     log2_area_95: float = math.nan
     held_out: float = math.nan
+    score: float = math.nan
     mismatch: float = math.nan
 
 

@@ -13,7 +13,7 @@ from abfm.errors import FunctionError
 from abfm.matching.objective.matching_energy import Evaluation, MatchingEnergy
 from abfm.matching.objective.regularizer import Regularizer
 from abfm.matching.solvability import range_bound
-from abfm.matching.solving.course import Stage
+from abfm.matching.solving.course import Stage, falls
 from abfm.matching.solving.levels import Subdivision, on_the_mesh
 from abfm.matching.solving.newton import GaussNewton, Inverse, Iterate, Search, with_landmarks
 from abfm.matching.solving.record import Record, StopReason
@@ -41,6 +41,12 @@ class Progress:
         None  # whose pairs tell how the energy bends there
     )
     before: Stage | None = None  # the latest one that was minimised
+
+    @property
+    def fields(self) -> FloatArray:
+        """The best fields, (N, F, 2)."""
+        assert self.best is not None
+        return self.best.x
 
 
 class Descent:
@@ -290,18 +296,28 @@ def search(
     return LBFGS(evaluate, precondition, p.memory, displacement, p.max_displacement, p.tolerance)
 
 
-def minimum(energy: MatchingEnergy, stage: Stage, x: FloatArray) -> FloatArray:
-    """Return what a stage comes to from fields (N, F, 2), off the record."""
-    found = search(energy, stage, at=x)
-    current = found.init(x)
+def minimum(
+    energy: MatchingEnergy, stage: Stage, start: Progress | FloatArray, by: float, within: int
+) -> Progress:
+    """Minimise a stage without recording iterates.
+
+    It begins with fields (N, F, 2) or with the result of an earlier stage, and stops when the
+    energy falls by less than the share ``by`` within ``within`` iterations.
+    """
+    x = start.fields if isinstance(start, Progress) else start
+    found: Any = search(energy, stage, at=x)
+    before = start.before if isinstance(start, Progress) else None
+    if before is not None and stage.continues(before):
+        current = found.init(x, found.evaluate(x), start.learned, stage.steeper(before))
+    else:
+        current = found.init(x)
     energies = [current.point.energy]
-    while len(energies) <= stage.iterations and stage.pays(energies):
+    while len(energies) <= stage.iterations and falls(energies, by, within):
         if found.stop_reason(current) is not None:
             break
         current = found.step(current)
         energies.append(current.point.energy)
-    fields: FloatArray = current.x
-    return fields
+    return Progress(current.point, current, stage)
 
 
 def calmed(
