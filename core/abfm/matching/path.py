@@ -79,6 +79,20 @@ class PathStep:
 _NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]
 
 
+def choice_words(path: Sequence[PathStep], step: int) -> str:
+    """Return the sigma that was chosen by scores, and the scores of it and of its neighbours.
+
+    Empty if nothing was held out, or if another step has a smaller score.
+    """
+    scores = np.array([each.score for each in path])
+    if not scores[step] <= np.nanmin(scores, initial=np.inf):
+        return ""
+    near = [n for n in (step - 1, step + 1) if 0 <= n < len(path) and np.isfinite(scores[n])]
+    beside = " and ".join(f"{scores[n]:.4f} at {path[n].sigma:.3g}" for n in near)
+    own = f"sigma {path[step].sigma:.3g} has the smallest held-out score, {scores[step]:.4f}"
+    return f"{own} ({beside})" if beside else own
+
+
 def path_table(path: Sequence[PathStep], mesh: TriangleMesh) -> list[str]:
     """Return a path as lines of CSV, a header of `COLUMNS` first; `refined` are k of the mesh."""
     rows = [

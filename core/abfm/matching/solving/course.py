@@ -74,7 +74,7 @@ class Stage:
 
 
 def falls(values: Sequence[float], by: float = _PAYING, within: int = _OVER) -> bool:
-    """Return whether values of iterates fell by a share within the last iterations, or are fewer."""
+    """Return whether values of iterates fell by a share within so many, or are fewer."""
     early = len(values) <= within
     return early or values[-1] < (1 - by) * values[-1 - within]
 

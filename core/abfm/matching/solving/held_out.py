@@ -23,8 +23,6 @@ _PATCHES, _FOLDS = 150, 3
 _ROUNDED = 1e-9  # of the surface's size: what differs by less is as far
 PRICE = 0.25
 """Weight of the mean ``|log2 J|`` in the score of a step, relative to the held-out residual."""
-# the minimisation of a fold stops when its energy falls by less than this within so many iterations
-_PAYING, _WITHIN = 0.2, 4
 
 
 class Held(NamedTuple):
@@ -117,7 +115,8 @@ class HeldOut:
 
     def __init__(self, energy: MatchingEnergy, start: FloatArray) -> None:
         self._energy, self._folds = energy, without(energy)
-        self._found: list[Progress | FloatArray] = [start] * len(self._folds)
+        self._fields = [start] * len(self._folds)
+        self._last = [Progress()] * len(self._folds)
         source = energy.functions.source
         self.unmoved = self._residual([source] * len(self._folds))
         """The residual of held-out patches without motion; NaN if nothing is held out."""
@@ -127,15 +126,16 @@ class HeldOut:
         carried, along, count = [], [], len(self._energy.functions.source)
         for number, (energy, _) in enumerate(self._folds):
             for stage in stages:
-                found = minimum(energy, stage, self._found[number], _PAYING, _WITHIN)
-                self._found[number] = found
-            carried.append(energy.advected(found.fields)[:count])
-            along.append(self._along(number, found.fields))
+                fields, last = self._fields[number], self._last[number]
+                last = minimum(energy, stage, fields, last)
+                self._fields[number], self._last[number] = last.fields, last
+            carried.append(energy.advected(self._fields[number])[:count])
+            along.append(self._along(number))
         return Held(self._residual(carried), self._residual(along))
 
-    def _along(self, number: int, x: FloatArray) -> FloatArray:
+    def _along(self, number: int) -> FloatArray:
         """Return the source (C, V) as flow lines of a fold's fields carry it to its patches."""
-        energy, hidden = self._folds[number]
+        (energy, hidden), x = self._folds[number], self._fields[number]
         try:
             return carried_along(energy, x, hidden > 0)
         except ParameterError:  # flow lines that cross too many faces

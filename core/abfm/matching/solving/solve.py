@@ -172,8 +172,8 @@ class Solver:
         found = best_between([mark.stage.sigma for mark in three], scores)
         if found is None:
             return
-        (sigma, weights), stage = found, three[1].stage
-        after = index + (sigma < stage.sigma)
+        sigma, weights = found
+        after = index + (sigma < three[1].stage.sigma)
         stage = self._course.stage(0, sigma, self._with)
         if len(self.record.history) > stage.until:
             return
