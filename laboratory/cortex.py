@@ -53,6 +53,7 @@ _NORMS: tuple[dict[str, Any], ...] = (
     {"order": 2, "alpha": 0.003, "sigma": 3.0, "divergence": 1.0},
 )
 _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")
+_STEPS_SHOWN = 5
 MARKS = ("<!-- table of laboratory.cortex -->", "<!-- end of the table -->")
 
 
@@ -209,13 +210,14 @@ def masks(template: Side) -> dict[str, BoolArray | None]:
 
 
 def choice_rows(subject: Side, template: Side) -> Iterator[list[str]]:
-    """Yield the sigma that is chosen with each mask, with the scores of steps next to it."""
+    """Yield the scores of the last steps with each mask; the chosen sigma is in bold."""
     for name, mask in masks(template).items():
         found = register(
             subject.sphere, template.sphere, subject.depth, template.depth, mask_b=mask
         ).match
-        near = found.path[max(found.step - 1, 0) : found.step + 2]
-        yield [name, *(f"{step.sigma:.3g}: {step.score:.4f}" for step in near)]
+        told = [f"{step.sigma:.3g}: {step.score:.4f}" for step in found.path]
+        told[found.step] = f"**{told[found.step]}**"
+        yield [name, *told[-_STEPS_SHOWN:]]
 
 
 def norm_rows(subject: Side, template: Side) -> Iterator[list[str]]:
@@ -346,8 +348,8 @@ def main() -> None:
     parts = [
         "A subject on fsaverage5, mask thickness > 0 unless another one is named:",
         told_table(_HEADS, subject_rows(subject, left, registered)),
-        "The chosen σ with its score, between the steps next to it (smoother, closer):",
-        told_table(("", "smoother", "chosen", "closer"), choice_rows(subject, left)),
+        "The scores of the last steps, as σ: score; the chosen σ is in bold:",
+        told_table(("", *_STEPS_SHOWN * ("σ: score",)), choice_rows(subject, left)),
         "Other norms of fields:",
         told_table(_HEADS[:-1], norm_rows(subject, left)),
         "The right hemisphere of fsaverage5 on the left one:",
