@@ -1,4 +1,4 @@
-"""Registering cortices, against FreeSurfer's and HCP's own maps, by one measure for all.
+"""Measure registrations of cortices, next to the maps of FreeSurfer and of the HCP.
 
     python -m laboratory.cortex --subject sub-001 --template fsaverage5 [--labels lh.aparc.annot]
         [--conte69 FOLDER --published SPHERE.surf.gii] [--write docs/cortex.md]
@@ -12,17 +12,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
-from typing import NamedTuple
+from time import process_time
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from abfm import Correspondence, Parameters, TriangleMesh, load_mesh, register
 from abfm.functions import read_labels, read_table
 from abfm.maps.spherical import sphere_directions
-from abfm.registration import prepare
+from abfm.registration import MEASURED, prepare
 from abfm.registration.initial import initial_map
 from abfm.registration.initial.given import Given
 from abfm.types import BoolArray, FloatArray, IntArray
@@ -41,9 +41,19 @@ _HEADS = (
     "95%",
     "folded",
     "back (edges)",
-    "s",
+    "CPU s",
+)
+_NORMS: tuple[dict[str, Any], ...] = (
+    {},
+    {"divergence": 1.0},
+    {"alpha": 0.1},
+    {"alpha": 0.01},
+    {"order": 2, "alpha": 0.01, "sigma": 1.5},
+    {"order": 2, "alpha": 0.01, "sigma": 2.0, "divergence": 1.0},
+    {"order": 2, "alpha": 0.003, "sigma": 3.0, "divergence": 1.0},
 )
 _NO_CORTEX = ("unknown", "corpuscallosum", "medial_wall", "medialwall", "???")
+_STEPS_SHOWN = 5
 MARKS = ("<!-- table of laboratory.cortex -->", "<!-- end of the table -->")
 
 
@@ -60,11 +70,11 @@ class Side(NamedTuple):
 
 @dataclass(frozen=True)
 class Judge:
-    """Tells what a map from the vertices of a template to a subject is worth."""
+    """Measures a map from the vertices of a template to a subject."""
 
     a: Side
     b: Side
-    cortex: BoolArray  # of B's vertices, where it is told
+    cortex: BoolArray  # of B's vertices, on which it is measured
 
     def row(self, name: str, found: Correspondence, seconds: float | None = None) -> list[str]:
         distortion = found.distortion()
@@ -150,11 +160,15 @@ def subject_rows(subject: Side, template: Side, registered: TriangleMesh) -> Ite
     yield judge.row("rotation of the sphere only", initial_map("sphere", given).correspondence)
 
     def timed(name: str, find: Callable[[], Correspondence]) -> list[str]:
-        start = perf_counter()
+        start = process_time()
         found = find()
-        return judge.row(name, found, perf_counter() - start)
+        return judge.row(name, found, process_time() - start)
 
-    yield timed("`register`", lambda: register(a, b, f, g, mask_b=cortex))
+    for name, mask in masks(template).items():
+        yield timed(
+            f"`register`, {name}",
+            lambda mask=mask: register(a, b, f, g, mask_b=mask),  # type: ignore[misc]
+        )
     yield timed(
         "the same with the parameters of `match`",
         lambda: register(a, b, f, g, mask_b=cortex, parameters=Parameters()),
@@ -185,6 +199,47 @@ def subject_rows(subject: Side, template: Side, registered: TriangleMesh) -> Ite
     )
 
 
+def masks(template: Side) -> dict[str, BoolArray | None]:
+    """Return masks of the cortex of a template by name, the one that is judged on first."""
+    found: dict[str, BoolArray | None] = {"mask thickness > 0": _cortex(template)}
+    if template.labels is not None:
+        found["mask from labels"] = np.array(
+            [name.lower() not in _NO_CORTEX for name in template.labels]
+        )
+    return found | {"no mask": None}
+
+
+def choice_rows(subject: Side, template: Side) -> Iterator[list[str]]:
+    """Yield the scores of the last steps with each mask; the chosen sigma is in bold."""
+    for name, mask in masks(template).items():
+        found = register(
+            subject.sphere, template.sphere, subject.depth, template.depth, mask_b=mask
+        ).match
+        told = [f"{step.sigma:.3g}: {step.score:.4f}" for step in found.path]
+        told[found.step] = f"**{told[found.step]}**"
+        yield [name, *told[-_STEPS_SHOWN:]]
+
+
+def norm_rows(subject: Side, template: Side) -> Iterator[list[str]]:
+    """Yield rows of the subject with other norms of fields, mask thickness > 0."""
+    cortex = _cortex(template)
+    judge = Judge(subject, template, cortex)
+    for changes in _NORMS:
+        found = register(
+            subject.sphere,
+            template.sphere,
+            subject.depth,
+            template.depth,
+            mask_b=cortex,
+            parameters=replace(MEASURED, **changes),
+        )
+        p = found.match.parameters
+        sigma = found.match.path[found.match.step].sigma
+        given = "" if p.sigma is None else " (given)"
+        name = f"order {p.order}, α = {p.alpha:g}, divergence {p.divergence:g}, "
+        yield judge.row(f"{name}σ = {sigma:.2g}{given}", found)[:-1]
+
+
 def sides_rows(left: Side, right: Side) -> Iterator[list[str]]:
     """Yield rows of the right hemisphere, seen in a mirror, on the left one."""
     cortex, other = _cortex(left), _cortex(right)
@@ -198,7 +253,7 @@ def sides_rows(left: Side, right: Side) -> Iterator[list[str]]:
         _weights(cortex),
     )
     yield judge.row("rotation only", initial_map("sphere:mirror", given).correspondence)
-    start = perf_counter()
+    start = process_time()
     found = register(
         right.sphere,
         left.sphere,
@@ -208,7 +263,7 @@ def sides_rows(left: Side, right: Side) -> Iterator[list[str]]:
         mask_a=other,
         mask_b=cortex,
     )
-    yield judge.row("`register`", found, perf_counter() - start)
+    yield judge.row("`register`", found, process_time() - start)
 
 
 def read_conte69(folder: Path) -> tuple[TriangleMesh, FloatArray, FloatArray, FloatArray]:
@@ -254,9 +309,9 @@ def conte69_lines(folder: Path, published: Path, template: Side) -> Iterator[lis
         ]
 
     yield row("HCP's published sphere", theirs)
-    start = perf_counter()
+    start = process_time()
     found = register(a, b, curvature, template.curvature, mask_a=mask, mask_b=cortex)
-    seconds = perf_counter() - start
+    seconds = process_time() - start
     yield row("rotation only", found.initial)
     yield row("`register`", found, seconds)
 
@@ -291,15 +346,19 @@ def main() -> None:
     subject, left = read_subject(given.subject), read_template(given.template, "left", given.labels)
     registered = load_mesh(next(iter(sorted(given.subject.rglob("lh.sphere.reg")))))
     parts = [
-        "A subject on fsaverage5:",
+        "A subject on fsaverage5, mask thickness > 0 unless another one is named:",
         told_table(_HEADS, subject_rows(subject, left, registered)),
+        "The scores of the last steps, as σ: score; the chosen σ is in bold:",
+        told_table(("", *_STEPS_SHOWN * ("σ: score",)), choice_rows(subject, left)),
+        "Other norms of fields:",
+        told_table(_HEADS[:-1], norm_rows(subject, left)),
         "The right hemisphere of fsaverage5 on the left one:",
         told_table(_HEADS, sides_rows(left, read_template(given.template, "right", None))),
     ]
     if given.conte69 and given.published:
         heads = ("", "curvature", "thickness", "mm to HCP's", "mean abs. log₂ J", "mean log₂ R")
         rows = conte69_lines(given.conte69, given.published, left)
-        parts += ["conte69 on fsaverage5:", told_table((*heads, "folded", "s"), rows)]
+        parts += ["conte69 on fsaverage5:", told_table((*heads, "folded", "CPU s"), rows)]
     parts += [
         "Bounds of distortion (`max_distortion`):",
         told_table(bounds.HEADS, bound_rows(subject, left, given.conte69)),

@@ -13,6 +13,7 @@ from abfm.mesh.subdivision import times_subdivided
 from abfm_viewer.document import verdict_words
 
 _HEADS = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|", "refined")
+_SCORE = "score"  # of steps of measured functions
 _NUMBERS = [entry.name for entry in fields(PathStep) if entry.name != "velocity"]
 
 
@@ -71,8 +72,9 @@ def _known(value: float) -> float | None:
 
 def path_lines(match: Match) -> list[str]:
     """Return the path as a table of a line a step, a star before the one that the match is."""
-    rows = [_HEADS, *(_cells(match, number) for number in range(len(match.path)))]
-    pairs = [zip(row, _HEADS, strict=True) for row in rows]
+    heads = (*_HEADS, _SCORE) if any(step.score == step.score for step in match.path) else _HEADS
+    rows = [heads, *(_cells(match, number)[: len(heads)] for number in range(len(match.path)))]
+    pairs = [zip(row, heads, strict=True) for row in rows]
     lines = ["".join(f"{cell:>{len(head) + 3}}" for cell, head in each) for each in pairs]
     lines[match.step + 1] = lines[match.step + 1].replace(" ", "*", 1)
     return lines
@@ -88,7 +90,8 @@ def _cells(match: Match, number: int) -> tuple[str, ...]:
     left = map(_short, (step.residual, step.verified_residual))
     cost = map(_short, (step.log2_area, step.log2_shape))
     refined = str(_refined(match, step))
-    return (str(number + 1), f"{step.sigma:.3g}", *left, folded, *cost, refined)
+    score = "-" if math.isnan(step.score) else f"{step.score:.4f}"
+    return (str(number + 1), f"{step.sigma:.3g}", *left, folded, *cost, refined, score)
 
 
 def _short(value: float) -> str:

@@ -200,4 +200,6 @@ def _words(path: Steps, number: int, chosen: int | None) -> str:
         ]
     if step.folded == step.folded:
         lines.append(f"{100 * step.folded:.2g}% folded")
+    if step.score == step.score:
+        lines.append(f"held-out score {step.score:.4f}; the solver chooses the smallest")
     return "\n".join(lines)

@@ -273,15 +273,18 @@ def _edges(apart: float) -> str:
 
 
 def _path(told: Facts, picture: Image.Image | None) -> str:
+    heads: tuple[str, ...]
     heads = ("step", "sigma", "residual", "by flow lines", "folded", "|log2 J|", "|log2 R|")
-    rows = []
+    has_scores = any(step["score"] is not None for step in told["path"])
+    heads, rows = (*heads, "score") if has_scores else heads, []
     for number, step in enumerate(told["path"]):
         folded = "-" if step["folded"] is None else f"{100 * step['folded']:.2g}%"
         shown = (step["residual"], step["verified_residual"])
         cost = (step["log2_area"], step["log2_shape"])
         mark = "→ " if number == told["step"] else ""
         cells = (*map(_number, shown), folded, *map(_number, cost))
-        rows.append((f"{mark}{number + 1}", f"{step['sigma']:.3g}", *cells))
+        score = (_score(step["score"]),) if has_scores else ()
+        rows.append((f"{mark}{number + 1}", f"{step['sigma']:.3g}", *cells, *score))
     text = (
         "The fields that were found on the way; the arrow is at the one that was chosen. "
         "Distortions here are means of the flow alone, without the initial map."
@@ -292,6 +295,10 @@ def _path(told: Facts, picture: Image.Image | None) -> str:
     plot = "" if picture is None else image(picture, "Mismatch against distortion along the path")
     beside = f'<div class="half"><div>{table}</div><figure>{plot}</figure></div>' if plot else table
     return f"<section><h2>From smooth to close</h2><p>{text}</p>{beside}</section>"
+
+
+def _score(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
 
 
 def _parameters(told: Facts) -> str:

@@ -140,7 +140,7 @@ _MATCH = {
     # largest |log2 J| and |log2 R|, share of the faces within it, what 99% are within, folded faces
     "bound": Entry("real", (4,), required=False, low=0),
     # the columns of `abfm.matching.path.COLUMNS`
-    "path_steps": Entry("real", ("S", 12), required=False, low=0, may_be_unknown=True),
+    "path_steps": Entry("real", ("S", 13), required=False, low=0, may_be_unknown=True),
     "path_step": Entry("integer", (), required=False, low=0),  # which of them the match is
     # the number of fields of each step, if these differ
     "path_fields": Entry("integer", ("S",), required=False, low=1, high=1e6),

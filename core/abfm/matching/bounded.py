@@ -122,10 +122,7 @@ class _Search:
     def run(self) -> None:
         """Try all candidates after a match that is beyond the bound."""
         found, first = self._found, self._found.path[0]
-        start, number = (
-            found.with_step(replace(first, velocity=0 * first.velocity, held_out=math.nan)),
-            -1,
-        )
+        start, number = found.with_step(_scaled(first, 0.0)), -1
         self._still = self._distortion(start)
         if self._still <= self._most:
             self._take(start)
@@ -179,11 +176,7 @@ class _Search:
                 high, at_high = middle, at_middle
         if low:
             with suppress(AbfmError):  # fields that carry nothing to their end
-                self._take(
-                    self._found.with_step(
-                        replace(beyond, velocity=low * velocity, held_out=math.nan)
-                    )
-                )
+                self._take(self._found.with_step(_scaled(beyond, low)))
 
     def _between(self, start: Match, number: int) -> None:
         """Try sigmas between those of a step that keeps the bound and of the next one, each from
@@ -233,3 +226,8 @@ class _Search:
         if found.problem.landmarks is None:
             return changed
         return replace(changed, landmark_sigma=weights.landmark_sigma)
+
+
+def _scaled(step: PathStep, times: float) -> PathStep:
+    """Return a step with its fields times a number, which was not held out."""
+    return replace(step, velocity=times * step.velocity, held_out=math.nan, score=math.nan)

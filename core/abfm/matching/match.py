@@ -25,7 +25,7 @@ from abfm.matching.judging.remedies import Remedy
 from abfm.matching.judging.verdict import Evidence, Verdict, judge
 from abfm.matching.judging.verification import Verification, verify
 from abfm.matching.objective.matching_energy import MatchingEnergy
-from abfm.matching.path import PathStep, path_arrays, path_of
+from abfm.matching.path import PathStep, choice_words, path_arrays, path_of
 from abfm.matching.problem import Problem, problem_of
 from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import Iteration, StopReason
@@ -304,7 +304,7 @@ class Match:
             with suppress(AbfmError):  # too fast for walks
                 energy = MatchingEnergy(problem)
                 said = measured(energy, self.fine_velocity / energy.length_scale)
-        said["held_out"] = own.held_out
+        said |= {"held_out": own.held_out, "score": own.score}
         said["mismatch"] = problem.functions.mismatch(carried.T)
         residual = problem.left(carried.T, self.landmark_errors)
         own = PathStep(own.sigma, own.alpha, own.reach, own.velocity, residual, **said)
@@ -360,6 +360,7 @@ class Match:
             self.problem.is_of_landmarks,
             self.path[self.step].log2_area_95,
             self.doubt,
+            choice_words(self.path, self.step) if self.bound is None else "",
         )
 
     def start_for(self, parameters: Parameters) -> FloatArray:

@@ -23,6 +23,7 @@ COLUMNS = (
     "log2 R",
     "log2 J 95%",
     "held out",
+    "score",
     "mismatch",
     "refined",
 )
@@ -51,7 +52,11 @@ class PathStep:
         The 95th percentile of ``|log2 J|``, by area.
     held_out : float
         Residual of held-out patches over that of the same patches without motion: below 1 the field
-        improves also what it was not fitted to. NaN if nothing was held out.
+        also improves values that it was not fitted to. NaN if nothing was held out.
+    score : float
+        Residual of held-out patches by flow lines plus 0.25 times ``log2_area``, both on the
+        coarsest mesh. The match is the step with the smallest score; where that step lies between
+        two others, its ``held_out`` and score are interpolated. NaN if nothing was held out.
     mismatch : float
         As of a `Match`.
     """
@@ -67,10 +72,25 @@ class PathStep:
     log2_shape: float = math.nan
     log2_area_95: float = math.nan
     held_out: float = math.nan
+    score: float = math.nan
     mismatch: float = math.nan
 
 
 _NUMBERS = [name for name in PathStep.__dataclass_fields__ if name != "velocity"]
+
+
+def choice_words(path: Sequence[PathStep], step: int) -> str:
+    """Return the sigma that was chosen by scores, and the scores of it and of its neighbours.
+
+    Empty if nothing was held out, or if another step has a smaller score.
+    """
+    scores = np.array([each.score for each in path])
+    if not scores[step] <= np.nanmin(scores, initial=np.inf):
+        return ""
+    near = [n for n in (step - 1, step + 1) if 0 <= n < len(path) and np.isfinite(scores[n])]
+    beside = " and ".join(f"{scores[n]:.4f} at {path[n].sigma:.3g}" for n in near)
+    own = f"sigma {path[step].sigma:.3g} has the smallest held-out score, {scores[step]:.4f}"
+    return f"{own} ({beside})" if beside else own
 
 
 def path_table(path: Sequence[PathStep], mesh: TriangleMesh) -> list[str]:

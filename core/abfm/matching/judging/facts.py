@@ -47,6 +47,7 @@ class Report:
     is_of_landmarks: bool
     log2_area_95: float = math.nan
     doubt: str = ""
+    choice: str = ""  # which sigma was chosen, see `abfm.matching.path.choice_words`
 
     def facts(self) -> Facts:
         evidence, verdict = self.evidence, self.verdict
@@ -117,7 +118,8 @@ class Report:
         ended = _ENDED.get(reason, str(reason))
         why = verdict.why or ended.format(iterations=self.parameters.iterations)
         if verdict.kind is Outcome.REGISTERED:
-            return f"{why}; the initial residual was {share(self.initial_residual)}"
+            parts = why, f"the initial residual was {share(self.initial_residual)}", self.choice
+            return "; ".join(filter(None, parts))
         if verdict.kind is Outcome.MATCHED and self.is_of_landmarks:
             return "flow lines bring every landmark to where it belongs"
         is_known = not math.isnan(self.evidence.verified)

@@ -70,12 +70,13 @@ class Stage:
         if self.fixed:
             return True
         is_searched = self.is_search and residuals[-1] <= _FOUND
-        return _falls(energies) and (not is_searched or _falls(residuals))
+        return falls(energies) and (not is_searched or falls(residuals))
 
 
-def _falls(values: Sequence[float]) -> bool:
-    early = len(values) <= _OVER
-    return early or values[-1] < (1 - _PAYING) * values[-1 - _OVER]
+def falls(values: Sequence[float], by: float = _PAYING, within: int = _OVER) -> bool:
+    """Return whether values of iterates fell by a share within so many, or are fewer."""
+    early = len(values) <= within
+    return early or values[-1] < (1 - by) * values[-1 - within]
 
 
 class Course:

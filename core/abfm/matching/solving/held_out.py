@@ -1,22 +1,82 @@
-"""What a field says of places whose values it has not seen: whether it finds or only fits.
+"""Choose sigma for measured functions: cross-validation by patches of the surface.
 
-Patches of the surface are dealt out to folds. For each fold the same way is walked without its
-patches, whose residual then tells what the field there is worth: cross-validation [Hastie,
-Tibshirani, Friedman 2009, section 7.10], by patches as neighbours know each other's values.
+The surface is divided into patches and the patches into folds. For each fold the same steps are
+minimised without its patches; the residual there measures how well the field predicts values that
+it was not fitted to [Hastie, Tibshirani, Friedman 2009, section 7.10]. Patches are used because
+values at neighbouring vertices are correlated.
 """
 
-import numpy as np
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.errors import ParameterError
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.course import Stage
-from abfm.matching.solving.descent import minimum
+from abfm.matching.solving.descent import Progress, minimum
+from abfm.matching.solving.measures import carried_along
 from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
 _PATCHES, _FOLDS = 150, 3
 _ROUNDED = 1e-9  # of the surface's size: what differs by less is as far
-PRICE = 0.2
-"""Of a mean ``|log2 J|`` of 1, in residual: what is held out has to gain as much."""
+PRICE = 0.25
+"""Weight of the mean ``|log2 J|`` in the score of a step, relative to the held-out residual."""
+
+
+class Held(NamedTuple):
+    """Residuals of held-out patches, all folds together: how well fields predict unseen values.
+
+    The discrete flow lags behind, and fields of a small sigma make up for that also where they are
+    not fitted, so by the discrete flow too small a sigma would be chosen. Flow lines have no lag.
+    But they interpolate, which lowers the residual of noise: whether a field gains anything is
+    decided by the discrete flow.
+    """
+
+    discrete: float
+    flow_lines: float
+
+    def score(self, log2_area: float) -> float:
+        """Return the score of a step, smaller is better."""
+        return self.flow_lines + PRICE * log2_area
+
+
+def best_between(sigmas: ArrayLike, scores: ArrayLike) -> tuple[float, FloatArray] | None:
+    """Find the sigma with the least score by a parabola through three steps.
+
+    Parameters
+    ----------
+    sigmas, scores : (3,) arrays
+        Steps with falling sigma, the second of which has the least score.
+
+    Returns
+    -------
+    (float, (3,) array) or None
+        The minimum in ``log sigma``, and the weights with which values of the three steps are
+        interpolated there. None if a score is not finite or the parabola has no minimum.
+
+    Notes
+    -----
+    If the scores have an error of e, sigma changes by a factor of about ``exp(e / (2 a h))`` with
+    the curvature ``2 a`` and the distance ``h`` of steps in ``log sigma``; the step with the least
+    score may change by a complete step. Scale and offset of the scores change nothing.
+    """
+    x, y = np.log(np.asarray(sigmas, dtype=np.float64)), np.asarray(scores, dtype=np.float64)
+    if not np.isfinite(y).all():
+        return None
+    x0, x1, x2 = x
+    first, second = (y[1] - y[0]) / (x1 - x0), (y[2] - y[1]) / (x2 - x1)
+    bend = (second - first) / (x2 - x0)
+    if not bend > 0:
+        return None
+    at = 0.5 * (x0 + x1 - first / bend)
+    weights = [
+        (at - x1) * (at - x2) / ((x0 - x1) * (x0 - x2)),
+        (at - x0) * (at - x2) / ((x1 - x0) * (x1 - x2)),
+        (at - x0) * (at - x1) / ((x2 - x0) * (x2 - x1)),
+    ]
+    return float(np.exp(at)), np.array(weights)
 
 
 def folds(mesh: TriangleMesh) -> IntArray:
@@ -51,23 +111,35 @@ def without(energy: MatchingEnergy) -> list[tuple[MatchingEnergy, FloatArray]]:
 
 
 class HeldOut:
-    """Walks a way once for each fold, without its patches, beside the match itself."""
+    """Minimises the steps of a match once for each fold, without the fold's patches."""
 
     def __init__(self, energy: MatchingEnergy, start: FloatArray) -> None:
         self._energy, self._folds = energy, without(energy)
         self._fields = [start] * len(self._folds)
+        self._last = [Progress()] * len(self._folds)
         source = energy.functions.source
         self.unmoved = self._residual([source] * len(self._folds))
         """The residual of held-out patches without motion; NaN if nothing is held out."""
 
-    def follow(self, stages: list[Stage]) -> float:
-        """Take the same stages; return the residual of what each fold has not seen."""
-        count, carried = len(self._energy.functions.source), []
+    def follow(self, stages: list[Stage]) -> Held:
+        """Minimise the same stages; return the residuals of what each fold has not seen."""
+        carried, along, count = [], [], len(self._energy.functions.source)
         for number, (energy, _) in enumerate(self._folds):
             for stage in stages:
-                self._fields[number] = x = minimum(energy, stage, self._fields[number])
-            carried.append(energy.advected(x)[:count])
-        return self._residual(carried)
+                fields, last = self._fields[number], self._last[number]
+                last = minimum(energy, stage, fields, last)
+                self._fields[number], self._last[number] = last.fields, last
+            carried.append(energy.advected(self._fields[number])[:count])
+            along.append(self._along(number))
+        return Held(self._residual(carried), self._residual(along))
+
+    def _along(self, number: int) -> FloatArray:
+        """Return the source (C, V) as flow lines of a fold's fields carry it to its patches."""
+        (energy, hidden), x = self._folds[number], self._fields[number]
+        try:
+            return carried_along(energy, x, hidden > 0)
+        except ParameterError:  # flow lines that cross too many faces
+            return np.full_like(energy.functions.source, np.nan)
 
     def _residual(self, carried: list[FloatArray]) -> float:
         """Return the residual of what each fold carried, (C, V), where it is hidden from it."""

@@ -10,7 +10,7 @@ from abfm.maps.surface_points import vertex_points
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.matching.terms.landmarks import residual_of_errors
-from abfm.types import FloatArray, IntArray
+from abfm.types import BoolArray, FloatArray, IntArray
 
 _FEW = 20_000  # vertices that are asked at most
 _MOST_CUT = 64  # faces that are cut into parts
@@ -45,12 +45,21 @@ def measured(energy: MatchingEnergy, fields: FloatArray) -> dict[str, float]:
     }
 
 
-def carried_along(energy: MatchingEnergy, x: FloatArray) -> FloatArray:
-    """Return the source (C, V) carried along flow lines of frame coefficients (N, F, 2)."""
-    mesh = energy.mesh
+def carried_along(
+    energy: MatchingEnergy, x: FloatArray, where: BoolArray | None = None
+) -> FloatArray:
+    """Return the source (C, V) carried along flow lines of frame coefficients (N, F, 2).
+
+    ``where`` (V,) selects the vertices, all by default; the others keep the values of the source.
+    ParameterError if flow lines cross too many faces.
+    """
+    mesh, source = energy.mesh, energy.functions.source
     flow = ContinuousFlow(mesh, to_ambient(mesh, x), energy.parameters.tau)
-    points = flow.origins(vertex_points(mesh, np.arange(len(mesh.vertices))))
-    return points.pull_back(energy.functions.source.T).T
+    selected = np.arange(len(mesh.vertices)) if where is None else np.flatnonzero(where)
+    carried = source.copy()
+    points = flow.origins(vertex_points(mesh, selected))
+    carried[:, selected] = points.pull_back(source.T).T
+    return carried
 
 
 def walked_back(

@@ -83,6 +83,7 @@ class Mark:
     log2_area_95: float = math.nan
     held_out: float = math.nan  # residual of held-out patches, see `held_out`
     unmoved: float = math.nan  # that of the same patches without motion
+    score: float = math.nan  # by which a step is chosen, see `held_out`
 
     def step(self, velocity: FloatArray) -> PathStep:
         """Return it for a path, with its fields (N, 4^k F, 3)."""
@@ -98,6 +99,7 @@ class Mark:
             self.log2_shape,
             self.log2_area_95,
             self.held_out / self.unmoved if self.unmoved > 0 else math.nan,
+            score=self.score,
         )
 
     @property

@@ -16,7 +16,7 @@ from abfm.matching.path import PathStep
 from abfm.matching.solvability import RESOLVED, narrowest, unmatched
 from abfm.matching.solving.course import Course, Stage, Way
 from abfm.matching.solving.descent import Descent, Progress
-from abfm.matching.solving.held_out import PRICE, HeldOut
+from abfm.matching.solving.held_out import HeldOut, best_between
 from abfm.matching.solving.levels import (
     Subdivision,
     fits,
@@ -38,7 +38,6 @@ _FINEST = 60_000  # vertices of the finest mesh that is made without being asked
 _MOST = 5e9  # products of rows that finer meshes are worth: about a minute
 _LEAST = 20  # iterations on one, which have to be within that
 _LATER = np.empty((1, 0, 3))  # instead of fields
-_PATIENCE = 2  # steps after the best one, before a measured way ends
 
 
 class Solver:
@@ -135,6 +134,8 @@ class Solver:
         best = int(np.argmin([self._value(way) for way in self._earlier]))
         self.way, self._with = self._earlier[best], ways[best]
         self.record.is_trying = False
+        if self._course.is_measured:
+            self._solve_between()
 
     def _walk(self, x: FloatArray, reach: float, is_last_way: bool) -> None:
         course, descent = self._course, self._descent
@@ -153,9 +154,36 @@ class Solver:
             if not reach:
                 stages.append(course.stage(0, sigma, self._with, error=error))
                 x = descent.minimise(stages[-1], x).x
-            self._mark(stages[-1], np.nan if held is None else held.follow(stages))
+            mark = self._judged(stages[-1])
+            if held is not None:
+                left = held.follow(stages)
+                mark = replace(mark, held_out=left.discrete, score=left.score(mark.log2_area))
+            self._keep([*self.way, mark])
             if self._is_over() or len(self.record.history) > stages[-1].until:
                 break
+
+    def _solve_between(self) -> None:
+        """Add the step whose sigma is interpolated between the best step and its neighbours."""
+        index = self._best(self.way)
+        three = self.way[index - 1 : index + 2] if index else []
+        if len(three) < 3:
+            return
+        scores = [self._score(mark) for mark in three]
+        found = best_between([mark.stage.sigma for mark in three], scores)
+        if found is None:
+            return
+        sigma, weights = found
+        after = index + (sigma < three[1].stage.sigma)
+        stage = self._course.stage(0, sigma, self._with)
+        if len(self.record.history) > stage.until:
+            return
+        self._descent.minimise(stage, self.way[after - 1].x)
+        mark = replace(
+            self._judged(stage),
+            held_out=float(weights @ [each.held_out for each in three]),
+            score=float(weights @ scores),
+        )
+        self._keep([*self.way[:after], mark, *self.way[after:]])
 
     def _rise(self) -> None:
         """Take the end of the way to its mesh, first with clusters where they are cheaper."""
@@ -180,20 +208,23 @@ class Solver:
         left = float(np.fmin(mark.residual, mark.verified_residual))
         at = descent.prolonged(mark.x, mark.stage.level, stage, left)
         sigmas = [sigma] if course.is_measured else [s for s in course.sigmas if s <= sigma]
-        self._come_close(at, level, sigmas, mark.held_out)
+        self._come_close(at, level, sigmas, mark)
 
     def _come_close(
         self,
         at: FloatArray | Evaluation,
         level: int,
         sigmas: list[float],
-        held_out: float = np.nan,
+        coarse: Mark | None = None,
     ) -> None:
-        """Go on from fields of a level there."""
+        """Minimise steps on a level, from fields there; these keep the score of a coarser one."""
         for sigma in sigmas:
             stage = self._course.stage(level, sigma, self._with)
             at = self._descent.minimise(stage, at).x
-            self._mark(stage, held_out)
+            mark = self._judged(stage)
+            if coarse is not None:
+                mark = replace(mark, held_out=coarse.held_out, score=coarse.score)
+            self._keep([*self.way, mark])
             if self._is_over() or not self._gains():
                 break
         self._correct()
@@ -313,14 +344,10 @@ class Solver:
     def _goal(self) -> float:
         return self._descent.attainable(self.energy.parameters.goal)
 
-    def _mark(self, stage: Stage, held_out: float = np.nan) -> None:
-        """Keep what a step came to."""
-        self._keep([*self.way, self._judged(stage, held_out)])
-
     def _keep(self, way: list[Mark]) -> None:
         self.way, self.record.path = way, tuple(mark.step(_LATER) for mark in way)
 
-    def _judged(self, stage: Stage, held_out: float = np.nan) -> Mark:
+    def _judged(self, stage: Stage) -> Mark:
         """Return what a step came to, by all witnesses."""
         descent = self._descent
         x, exact = descent.best.x, descent.exact(stage.level)
@@ -334,8 +361,7 @@ class Solver:
             ):
                 said = measured(energy, to_ambient(energy.mesh, x))
         residual = energy.left_by(x, carried)
-        known = {"held_out": held_out, "unmoved": self._unmoved}
-        return Mark(stage, x, carried, residual, **known, **said)
+        return Mark(stage, x, carried, residual, unmoved=self._unmoved, **said)
 
     def _is_over(self) -> bool:
         """Tell whether the way has come to its end before the last sigma."""
@@ -345,7 +371,7 @@ class Solver:
         if course.is_measured:
             if self.way[-1].stage.landmark_sigma > self.energy.parameters.landmark_sigma:
                 return False
-            return self._best(self.way) < len(self.way) - _PATIENCE
+            return self._best(self.way) < len(self.way) - 1
         # less than the stage's goal is not sought with a smaller sigma either
         is_done = self._descent.reason is StopReason.GOAL_REACHED
         return is_done or self.way[-1].worse <= self._goal
@@ -354,14 +380,18 @@ class Solver:
         """Return which step of a way is its end."""
         if self._course.is_given or self._course.is_fixed:
             return len(way) - 1
-        scores = [self._score(mark) for mark in way]
-        return int(np.nanargmin(scores)) if np.isfinite(scores).any() else len(way) - 1
+        scores = np.array([self._score(mark) for mark in way])
+        if not np.isfinite(scores).any():
+            return len(way) - 1
+        # a step on a finer mesh has the score with which it was chosen on a coarser one
+        least = np.flatnonzero(scores == np.nanmin(scores))
+        return int(max(least, key=lambda index: way[index].stage.level))
 
     def _score(self, mark: Mark) -> float:
         if self._course.is_measured:
             if mark.stage.landmark_sigma > self.energy.parameters.landmark_sigma:
                 return np.inf  # whatever functions say: landmarks come closer
-            return mark.held_out + PRICE * mark.log2_area
+            return mark.score
         return mark.worse
 
     def _value(self, way: list[Mark]) -> float:

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from abfm import MatchingEnergy, Parameters
 from abfm.calculus.operators import vertex_areas
 from abfm.matching.solving.course import Course, Way
-from abfm.matching.solving.held_out import HeldOut, folds, without
+from abfm.matching.solving.held_out import Held, HeldOut, best_between, folds, without
 from abfm.mesh import TriangleMesh
 from tests.core.fields import bump
 from tests.shapes import hemisphere, icosphere, torus
@@ -74,7 +74,7 @@ def test_what_is_told_is_the_mismatch_of_what_no_fold_has_seen():
         for _, hidden in without(whole)
     ]
     found = HeldOut(whole, rest).follow([stage])
-    assert found == pytest.approx(np.sqrt(np.mean(np.square(left))))
+    assert found == pytest.approx((np.sqrt(np.mean(np.square(left))),) * 2)
 
 
 def test_fields_of_a_fold_know_nothing_of_what_it_hides():
@@ -105,7 +105,56 @@ def test_noise_is_not_found_where_it_was_not_seen_and_a_flow_is():
         whole = energy(*functions)
         course = Course(Parameters(iterations=20), whole.functions, 1)
         still, held = (HeldOut(whole, np.zeros(whole.shape)) for _ in range(2))
-        before = still.follow([course.stage(0, 1e6, Way(1.0, 1))])
-        after = held.follow([course.stage(0, sigma, ONE) for sigma in (3.0, 1.0, 0.3)])
+        before = still.follow([course.stage(0, 1e6, Way(1.0, 1))]).discrete
+        after = held.follow([course.stage(0, sigma, ONE) for sigma in (3.0, 1.0, 0.3)]).discrete
         assert (after < 0.8 * before) == gains
         assert (after > before) != gains
+
+
+SIGMAS = np.array([6.0, 3.0, 2.0])  # steps need not be equally far from each other
+
+
+@pytest.mark.parametrize("best", [2.3, 3.0, 4.1])
+def test_parabola_finds_exact_minimum(best):
+    """Scores that are quadratic in log sigma; values there are interpolated without an error."""
+    scores = 0.7 + 0.04 * np.log(SIGMAS / best) ** 2
+    sigma, weights = best_between(SIGMAS, scores)
+    assert sigma == pytest.approx(best, rel=1e-9)
+    assert weights @ scores == pytest.approx(0.7, rel=1e-12)
+    others = 1 + 2 * np.log(SIGMAS) - 3 * np.log(SIGMAS) ** 2
+    assert weights @ others == pytest.approx(1 + 2 * np.log(best) - 3 * np.log(best) ** 2)
+
+
+def test_parabola_is_invariant():
+    """Offset and scale of the scores change nothing; sigma keeps its unit."""
+    scores = np.array([0.62, 0.58, 0.59])
+    sigma, weights = best_between(SIGMAS, scores)
+    for times, offset, unit in ((1, 5, 1), (20, 0, 1), (1e-3, -0.3, 1), (1, 0, 7.0)):
+        again, others = best_between(unit * SIGMAS, times * scores + offset)
+        assert again == pytest.approx(unit * sigma, rel=1e-9)
+        assert_allclose(others, weights, rtol=1e-9)
+    assert SIGMAS[2] < sigma < SIGMAS[0]
+
+
+@pytest.mark.parametrize("scores", [[1, 1, 1], [3, 2, 1], [1, np.nan, 1], [np.inf, 1, 2]])
+def test_parabola_without_minimum(scores):
+    assert best_between([4.0, 2.0, 1.0], scores) is None
+
+
+# a subject's sulcal depth on fsaverage5 with three masks, see docs/cortex.md
+@pytest.mark.parametrize(
+    "scores",
+    [[0.58046, 0.57574, 0.58225], [0.58811, 0.5828, 0.58645], [0.57568, 0.57204, 0.57771]],
+)
+def test_score_error_moves_sigma_little(scores):
+    """An error of 0.001 in any score moves sigma by less than 5%, where steps are 73% apart."""
+    sigmas = 18 / np.sqrt(3) ** np.arange(2, 5)
+    sigma, _ = best_between(sigmas, scores)
+    for error in 0.001 * np.vstack([np.eye(3), -np.eye(3)]):
+        moved, _ = best_between(sigmas, scores + error)
+        assert abs(np.log(moved / sigma)) < 0.05
+
+
+def test_score_adds_price_of_areas():
+    assert Held(0.9, 0.5).score(0.2) == pytest.approx(0.55)
+    assert np.isnan(Held(0.9, 0.5).score(np.nan))

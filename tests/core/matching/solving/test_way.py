@@ -11,8 +11,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 import abfm
 from abfm import MatchingEnergy, Parameters, Problem
 from abfm.flow import ContinuousFlow
-from abfm.matching.solving import solve
+from abfm.matching.solving import descent, held_out, solve
 from abfm.matching.solving.course import Course
+from abfm.matching.solving.held_out import best_between
 from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import Mark
 from abfm.mesh.subdivision import mean_of_children, refined
@@ -24,6 +25,7 @@ SPHERE, SMALL = icosphere(3), icosphere(2)
 NUMBERS = "residual", "verified_residual", "folded", "log2_area", "log2_shape"
 SIGMAS = (5.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 SEEDS = (0, 2, 3)
+_CHOSEN_BY = "sigma", "score"
 
 
 def pair(a=0, b=60, width=0.15, mesh=SPHERE):
@@ -206,9 +208,56 @@ def test_of_measured_functions_the_step_is_chosen_whose_map_is_about_the_truest(
     # the truest one is neither the first nor the last
     assert max(errors[0], errors[-1]) > 1.2 * min(errors)
     assert 0.3 * error(match, 0 * match.velocity, origins) > errors[match.step]
-    sigmas = [step.sigma for step in match.path]
-    assert_allclose(np.divide(sigmas[:-1], sigmas[1:]), np.sqrt(3))
-    assert LAST < sigmas[match.step] < WARMEST
+    assert LAST < match.path[match.step].sigma < WARMEST
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_chosen_sigma_is_minimum_of_parabola(seed):
+    """It lies between steps of a ratio of sqrt(3), which end one step after the best of them."""
+    match, _ = registered(seed)
+    path = list(match.path)
+    own = path.pop(match.step)
+    sigmas, scores = (np.array([getattr(step, name) for step in path]) for name in _CHOSEN_BY)
+    assert_allclose(sigmas[:-1] / sigmas[1:], np.sqrt(3))
+    best = int(np.argmin(scores))
+    assert best == len(path) - 2
+    sigma, weights = best_between(sigmas[best - 1 :], scores[best - 1 :])
+    assert own.sigma == pytest.approx(sigma)
+    assert own.score == pytest.approx(weights @ scores[best - 1 :])
+    assert own.score <= scores.min()
+    assert path[match.step - 1].sigma > own.sigma > path[match.step].sigma
+    reason = match.facts.reason
+    assert f"sigma {own.sigma:.3g} has the smallest held-out score, {own.score:.4f}" in reason
+    assert f"{path[match.step].score:.4f} at {path[match.step].sigma:.3g}" in reason
+    assert "held-out score" not in match.at_step(0).facts.reason
+
+
+def test_chosen_sigma_is_a_solution_of_its_own():
+    """The step between two others is minimised, so with its sigma given the map is the same."""
+    match, _ = registered(0)
+    given, _ = registered(0, sigma=match.path[match.step].sigma)
+    origins = carried_waves(0)[1]
+    errors = [error(found, found.velocity, origins) for found in (match, given)]
+    assert errors[0] == pytest.approx(errors[1], rel=0.1)
+    assert match.residual == pytest.approx(given.residual, rel=0.05)
+
+
+def test_choosing_sigma_costs_little(monkeypatch):
+    """All folds together take less than twice as many evaluations as the steps themselves."""
+    in_folds, search = [], descent.search
+
+    def counted(energy, stage, at):
+        return search(energy, stage, lambda: in_folds.append(1), at)
+
+    def minimum(*given):
+        with monkeypatch.context() as patch:
+            patch.setattr(descent, "search", counted)
+            return descent.minimum(*given)
+
+    monkeypatch.setattr(held_out, "minimum", minimum)
+    seen = []
+    abfm.match(carried_waves(0)[0], on_iteration=seen.append)
+    assert 0 < len(in_folds) < 2 * seen[-1].evaluations
 
 
 def test_measured_functions_are_walked_anew_from_a_start():
