@@ -30,6 +30,7 @@ def facts(sequence: Sequence) -> dict[str, Any]:
         "sigma": _known(sequence.sigma),
         "gamma": sequence.gamma,
         "noise": sequence.noise,
+        "motion_share": _known(sequence.motion_share),
         "intervals": len(sequence),
         "solved": int(sequence.solved.sum()),
         "confirmed": sequence.confirmed,
@@ -38,6 +39,8 @@ def facts(sequence: Sequence) -> dict[str, Any]:
             "median_where_steep": float(np.median(speed[steep])) if steep.any() else None,
             "maximum": float(speed.max()) if speed.size else None,
         },
+        "uncertainty": [_known(each) for each in sequence.speed_uncertainty.tolist()],
+        "determined": sequence.speed_determined.tolist(),
         "residual": [_known(each) for each in sequence.residual.tolist()],
         "verified_residual": [_known(each) for each in sequence.verified_residual.tolist()],
         "folded": [_known(each) for each in sequence.folded.tolist()],
@@ -68,6 +71,8 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
         f"mesh's unit per {unit}"
         if speed.size
         else "speed: not known, as no interval was solved",
+        *([_certainty(sequence)] if speed.size else []),
+        motion_between(sequence),
         f"tracks through {_LEAST} intervals or more: {', '.join(tracks) or 'none'}",
     ]
     if episodes := sequence.episodes():
@@ -75,6 +80,34 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
         more = [f"{len(episodes) - 8} more"] if len(episodes) > 8 else []
         found.append(f"episodes: {', '.join([*told, *more])}")
     return found
+
+
+def _certainty(sequence: Sequence) -> str:
+    """Return the standard error of the fields, and how well frames determine them."""
+    errors, shares = sequence.speed_uncertainty[sequence.solved], sequence.speed_determined
+    share = float(np.median(shares[sequence.solved]))
+    known = errors[np.isfinite(errors)]
+    if not known.size:
+        return "uncertainty of the fields: infinite, as the frames determine no motion"
+    return (
+        f"uncertainty of the fields: median {np.median(known):.3g}, frames determine "
+        f"{100 * share:.0f}% of the square of the speed"
+    )
+
+
+def motion_between(sequence: Sequence) -> str:
+    """Return in a line what frames between two are made of."""
+    share = sequence.motion_share
+    if math.isnan(share):
+        why = (
+            "with two frames, none can be left out"
+            if len(sequence) < 2
+            else "frames that were left out do not tell"
+        )
+        return f"in-between frames: motion where it is confirmed, else the linear blend ({why})"
+    if share == 0:
+        return "in-between frames: the linear blend, as frames that were left out show no motion"
+    return f"in-between frames: {100 * share:.0f}% of the motion, by frames that were left out"
 
 
 def _speeds(sequence: Sequence) -> FloatArray:
@@ -101,4 +134,4 @@ def _tracks(sequence: Sequence) -> dict[str, int]:
 
 
 def _known(value: float) -> float | None:
-    return None if math.isnan(value) else float(value)
+    return float(value) if math.isfinite(value) else None
