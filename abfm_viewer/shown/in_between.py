@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from abfm.sequences.between import between
+from abfm.sequences.in_between import in_between
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 
@@ -39,7 +39,7 @@ def carried(
     flow: FlowState, before: FloatArray, after: FloatArray, shares: FloatArray
 ) -> FloatArray:
     """Return the function at shares (T,) of the interval, (T, V): as `abfm.Sequence.at` has it."""
-    return between(flow.flow, before, after, shares, flow.motion)
+    return in_between(flow.flow, before, after, shares, flow.motion)
 
 
 def _frames(flow: FlowState, before: FloatArray, after: FloatArray) -> Frames:

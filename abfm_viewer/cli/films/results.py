@@ -14,6 +14,7 @@ from abfm import Sequence
 from abfm.sequences import KINDS, is_unsolved
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import counted
+from abfm_viewer.document.verdict_words import motion_between, uncertainty
 
 _LEAST = 3  # intervals that a track has
 
@@ -31,6 +32,7 @@ def facts(sequence: Sequence) -> dict[str, Any]:
         "gamma": sequence.gamma,
         "noise": sequence.noise,
         "motion_share": _known(sequence.motion_share),
+        "has_motion": sequence.has_motion,
         "intervals": len(sequence),
         "solved": int(sequence.solved.sum()),
         "confirmed": sequence.confirmed,
@@ -71,43 +73,15 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
         f"mesh's unit per {unit}"
         if speed.size
         else "speed: not known, as no interval was solved",
-        *([_certainty(sequence)] if speed.size else []),
-        motion_between(sequence),
         f"tracks through {_LEAST} intervals or more: {', '.join(tracks) or 'none'}",
+        *([f"uncertainty: {uncertainty(sequence)}"] if speed.size else []),
+        f"frames in between: {motion_between(sequence)}",
     ]
     if episodes := sequence.episodes():
         told = [f"{each.kind} from {each.start:.4g} to {each.end:.4g}" for each in episodes[:8]]
         more = [f"{len(episodes) - 8} more"] if len(episodes) > 8 else []
         found.append(f"episodes: {', '.join([*told, *more])}")
     return found
-
-
-def _certainty(sequence: Sequence) -> str:
-    """Return the standard error of the fields, and how well frames determine them."""
-    errors, shares = sequence.speed_uncertainty[sequence.solved], sequence.speed_determined
-    share = float(np.median(shares[sequence.solved]))
-    known = errors[np.isfinite(errors)]
-    if not known.size:
-        return "uncertainty of the fields: infinite, as the frames determine no motion"
-    return (
-        f"uncertainty of the fields: median {np.median(known):.3g}, frames determine "
-        f"{100 * share:.0f}% of the square of the speed"
-    )
-
-
-def motion_between(sequence: Sequence) -> str:
-    """Return in a line what frames between two are made of."""
-    share = sequence.motion_share
-    if math.isnan(share):
-        why = (
-            "with two frames, none can be left out"
-            if len(sequence) < 2
-            else "frames that were left out do not tell"
-        )
-        return f"in-between frames: motion where it is confirmed, else the linear blend ({why})"
-    if share == 0:
-        return "in-between frames: the linear blend, as frames that were left out show no motion"
-    return f"in-between frames: {100 * share:.0f}% of the motion, by frames that were left out"
 
 
 def _speeds(sequence: Sequence) -> FloatArray:

@@ -28,6 +28,7 @@ _NUMBERS = (
     "sigma",
     "noise",
     "motion_share",
+    "has_motion",
     "energies",
     "residual",
     "verified_residual",
@@ -71,6 +72,7 @@ def save_parts(sequence: Sequence, path: str | os.PathLike[str]) -> tuple[str, .
         "sigma": np.nan,
         "noise": 0.0,
         "motion_share": np.nan,
+        "has_motion": True,
         "energies": np.full((count, 2, 3), np.nan),
         "residual": unknown,
         "verified_residual": unknown,
@@ -125,6 +127,7 @@ def sequence_of(arrays: results.Arrays, mesh: TriangleMesh | None = None) -> Seq
         sigma=float(arrays["sigma"]),
         noise=float(arrays["noise"]),
         motion_share=float(arrays["motion_share"]),
+        has_motion=bool(arrays["has_motion"]),
         verdicts=tuple(verdicts),
         **{name: arrays[name] for name in names},
     )

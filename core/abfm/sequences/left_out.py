@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.calculus.operators import face_areas, vertex_areas
+from abfm.calculus.operators import face_areas, gradient, vertex_areas
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import AdvectionError
 from abfm.flow.flow import Flow
-from abfm.sequences.between import between
+from abfm.sequences.in_between import in_between
 from abfm.sequences.frames import Frames
 from abfm.sequences.solve import Solver
 from abfm.types import FloatArray
@@ -20,13 +20,13 @@ from abfm.workers.progress import step
 
 _LEFT_OUT_FRAMES_MAX = 3
 _SHARE_OF_A_MOTION = 0.5
-"""Smallest share of a motion; less, beyond the error of the estimate by noise, counts as 0."""
+"""Smallest share of a motion; less, beyond the error of the estimate by noise, is none."""
 _STANDARD_ERRORS = 2.0
 _COSINE_MIN = 0.5
-"""Of the angle between two fields of the same motion, over the surface."""
+"""Of the angle between what two fields of the same motion change of a frame at once."""
 _CHANGE_MAX = 0.5
-"""Norm of the difference of the fields of two intervals, over that of their mean, up to which they
-are the same motion."""
+"""Norm of the difference of what the fields of two intervals change of the frame between them, over
+that of their mean, up to which they are the same motion."""
 
 
 class LeftOut(NamedTuple):
@@ -37,12 +37,12 @@ class LeftOut(NamedTuple):
     share : float
         How much of what the motion adds to the blend of two frames explains a frame between them,
         from 0 to 1; NaN if unknown.
-    is_no_motion : bool
-        Whether the motion surely does not explain these frames.
+    is_motion : bool
+        False if the motion surely does not explain these frames.
     """
 
     share: float = np.nan
-    is_no_motion: bool = False
+    is_motion: bool = True
 
 
 def left_out(solver: Solver) -> LeftOut:
@@ -50,14 +50,16 @@ def left_out(solver: Solver) -> LeftOut:
 
     With ``f`` the frame, ``b`` the blend of its neighbours at its time and ``a`` what the motion
     between these gives there, the share is ``sum <f - b, a - b> / sum ||a - b||^2``: that of least
-    squares, by which ``b + share (a - b)`` is closest to ``f``.
+    squares, by which ``b + share (a - b)`` is closest to ``f``. Noise alone makes it about 1/2, as
+    it is averaged over two places; of standing waves it is less.
 
-    A field between the neighbours that differs from those of the two intervals is no evidence: if
+    A field between the neighbours that is not like those of the two intervals is no evidence: if
     these are the same motion, the neighbours are too far apart to find it, and the share is
     unknown. If not, no field is a motion for longer than one interval, and the share is 0.
     """
     product = square = variance = 0.0
-    fields = np.zeros((3, 3))  # products of: the field found, and those of the two intervals
+    # products of what the field found, and those of the two intervals, change of the frame at once
+    fields = np.zeros((3, 3))
     with step("leaving out frames") as report:
         middles = _middles(solver)
         for number, middle in enumerate(middles):
@@ -76,11 +78,10 @@ def left_out(solver: Solver) -> LeftOut:
     if cosine < _COSINE_MIN:
         change = fields[1, 1] + fields[2, 2] - 2 * fields[1, 2]
         is_same = bool(change <= _CHANGE_MAX**2 * of_mean)
-        return LeftOut() if is_same else LeftOut(0.0, True)
-    share, error = product / square, _STANDARD_ERRORS * np.sqrt(variance) / square
-    if share + error < _SHARE_OF_A_MOTION:
-        return LeftOut(0.0, True)
-    return LeftOut(float(np.clip(share, 0, 1)))
+        return LeftOut() if is_same else LeftOut(0.0, False)
+    if product + _STANDARD_ERRORS * np.sqrt(variance) < _SHARE_OF_A_MOTION * square:
+        return LeftOut(0.0, False)
+    return LeftOut(float(np.clip(product / square, 0, 1)))
 
 
 class _Evidence(NamedTuple):
@@ -93,21 +94,22 @@ class _Evidence(NamedTuple):
 
 
 def _middles(solver: Solver) -> list[int]:
-    """Return frames to leave out: of each part of the time that whose neighbours differ as much as
-    the median of the part. If most intervals are motions, only frames between two of these count.
+    """Return frames to leave out: those whose neighbours differ about as much as the median.
+
+    If most intervals are motions, only frames between two of these count.
     """
     alone, frames = solver.alone, solver.frames
     if 2 * np.count_nonzero(alone) >= len(alone):
         alone = np.zeros_like(alone)
     candidates = 1 + np.flatnonzero(~alone[:-1] & ~alone[1:])
     counts = _counts(frames)
-    found = []
-    for part in np.array_split(candidates, min(_LEFT_OUT_FRAMES_MAX, max(len(candidates), 1))):
-        changes = [
-            np.linalg.norm(counts * (frames.values[i + 1] - frames.values[i - 1])) for i in part
-        ]
-        found += [int(part[i]) for i in np.argsort(changes, kind="stable")[len(part) // 2 :][:1]]
-    return found
+    changes = np.array(
+        [np.linalg.norm(counts * (frames.values[i + 1] - frames.values[i - 1])) for i in candidates]
+    )
+    if not len(candidates):
+        return []
+    nearest = np.argsort(np.abs(changes - np.median(changes)), kind="stable")
+    return sorted(candidates[nearest[:_LEFT_OUT_FRAMES_MAX]].tolist())
 
 
 def _counts(frames: Frames) -> FloatArray:
@@ -131,17 +133,31 @@ def _evidence(solver: Solver, middle: int) -> _Evidence:
     flow = Flow(mesh, to_ambient(mesh, field) * mesh.length_scale, duration)
     shares = np.array([float(frames.times[middle] - pair.times[0]) / duration])
     counts = _counts(frames)
-    blend, moved = (
-        counts * between(flow, *pair.values, shares, motion)[0] for motion in (0.0, 1.0)
-    )
+    before, after = pair.values
+    blend, moved = (counts * in_between(flow, before, after, shares, x)[0] for x in (0.0, 1.0))
     apart, missing = moved - blend, counts * frames.values[middle] - blend
     # of the frame itself, and of the blend
-    of_noise = (1 + shares**2 + (1 - shares) ** 2) * (counts * solver.levels.T) ** 2
+    variances = (1 + shares**2 + (1 - shares) ** 2) * (counts * solver.levels.T) ** 2
     fields = np.stack([field, *solver.fields[middle - 1 : middle + 1]])
-    areas = face_areas(mesh.normalized())
     return _Evidence(
         float((missing * apart).sum()),
         float((apart**2).sum()),
-        float((of_noise * apart**2).sum()),
-        np.einsum("f,afk,bfk->ab", areas, fields, fields),
+        float((variances * apart**2).sum()),
+        _products(frames, middle, fields),
     )
+
+
+def _products(frames: Frames, middle: int, fields: FloatArray) -> FloatArray:
+    """Return the products, over the surface, of what fields (N, F, 2) change of a frame at once,
+    (N, N): where it is flat, and along its contours, a field is what smoothness makes of it.
+    """
+    mesh = frames.mesh.normalized()
+    areas, derive = face_areas(mesh), gradient(mesh)
+    if frames.mask is not None:
+        areas = areas * frames.mask[mesh.faces].mean(axis=1)
+    found = np.zeros((len(fields), len(fields)))
+    for channel in np.flatnonzero(frames.weights):
+        slopes = (derive @ np.ascontiguousarray(frames.values[middle, :, channel])).reshape(-1, 2)
+        changes = np.einsum("fk,nfk->nf", slopes, fields)
+        found += frames.weights[channel] * np.einsum("f,nf,mf->nm", areas, changes, changes)
+    return found

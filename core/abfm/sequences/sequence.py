@@ -29,7 +29,7 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts
 from abfm.parameters import Parameters
-from abfm.sequences.between import between
+from abfm.sequences.in_between import in_between
 from abfm.sequences.critical_points import CriticalPoints, critical_points
 from abfm.sequences.episodes import Episode, episodes
 from abfm.sequences.files import save_parts, sequence_arrays
@@ -38,7 +38,7 @@ from abfm.sequences.left_out import LeftOut, left_out
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.solve import LEAST, WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
-from abfm.sequences.uncertainty import covariances, determined
+from abfm.sequences.uncertainty import Posterior, posterior
 from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import (
     NUMBERS,
@@ -115,6 +115,9 @@ class Sequence:
     motion_share : float
         How much of what motion along the fields adds to the linear blend of two frames explains
         frames that were left out, from 0 to 1; NaN if it is unknown. See `motion_shares`.
+    has_motion : bool
+        False if frames that were left out show that the fields are no motion, as of a standing
+        wave.
     sigma : float
         That of all intervals, in the frames' deviation (or absolute, as the parameters say).
     """
@@ -131,6 +134,7 @@ class Sequence:
     noise: float
     verdicts: tuple[Verdict, ...] = field(repr=False)
     motion_share: float
+    has_motion: bool
 
     @property
     def mesh(self) -> TriangleMesh:
@@ -219,35 +223,42 @@ class Sequence:
         if 0 < share < 1:
             flow = Flow(self.mesh, self.velocity[i], end - begin)
             motion = float(self.motion_shares[i])
-            [found] = between(flow, *self.frames[i : i + 2], np.array([share]), motion)
+            before, after = self.frames[i : i + 2]
+            [found] = in_between(flow, before, after, np.array([share]), motion)
         return np.array(found if self._frames.channels_given else found[:, 0])
 
     @cached_property
+    def _posterior(self) -> Posterior:
+        found = posterior(self)
+        is_motion = np.array([determines_motion(verdict) for verdict in self.verdicts])
+        unknown = ~(is_motion & self.has_motion)
+        found.covariances[unknown], found.determined[unknown] = np.inf, 0.0
+        return found
+
+    @property
     def covariances(self) -> FloatArray:
         """Covariance of the velocity on each face, (T - 1, F, 2, 2), in the faces' frames
         (`abfm.calculus.face_frames`), in the square of the velocity's unit.
 
-        It is infinite for intervals that are no motion by their verdict, and for all if left-out
-        frames show none (`motion_share` is 0).
+        It is infinite for intervals that are no motion by their verdict, and for all unless the
+        sequence `has_motion`. See `abfm.sequences.uncertainty`.
         """
-        found = covariances(self)
-        is_motion = [determines_motion(verdict) for verdict in self.verdicts]
-        found[~np.array(is_motion) | (self.motion_share == 0)] = np.inf
-        return found
+        return self._posterior.covariances
 
     @cached_property
     def uncertainty(self) -> FloatArray:
         """Standard error of the velocity on each face, (T - 1, F), in the velocity's unit: the root
-        of the trace of `covariances`; infinite where frames determine no motion.
+        of the trace of `covariances`.
         """
         return np.asarray(np.sqrt(np.trace(self.covariances, axis1=2, axis2=3)))
 
-    @cached_property
+    @property
     def determined(self) -> FloatArray:
-        """How well frames determine the velocity on each face, (T - 1, F), from 0 to 1:
-        ``|v|^2 / (|v|^2 + uncertainty^2)``, which is 1/2 if the standard error is as large as it.
+        """How much of the square of the velocity on each face the frames determine, (T - 1, F),
+        from 0 to 1; the remainder is what smoothness makes of the faces around. It is 0 where
+        functions are flat, and where `covariances` are infinite.
         """
-        return determined((self.velocity**2).sum(axis=2), self.uncertainty**2)
+        return self._posterior.determined
 
     def parts(self, interval: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Split the field of an interval into a gradient, a rotated gradient and a harmonic field,
@@ -283,12 +294,15 @@ class Sequence:
         areas = face_areas(self.mesh)
         return np.asarray(np.sqrt(self.uncertainty**2 @ (areas / areas.sum())))
 
-    @property
+    @cached_property
     def speed_determined(self) -> FloatArray:
-        """How well frames determine the fields, (T - 1,), from 0 to 1: as `determined`, with root
-        mean squares over the surface.
+        """How much of the mean square of the speed over the surface the frames determine, (T - 1,),
+        see `determined`; of no motion the mean of that.
         """
-        return determined(self.speed**2, self.speed_uncertainty**2)
+        areas = face_areas(self.mesh)
+        weights = areas * (self.velocity**2).sum(axis=2)
+        weights[~weights.any(axis=1)] = areas
+        return np.asarray((weights * self.determined).sum(axis=1) / weights.sum(axis=1))
 
     @property
     def middles(self) -> FloatArray:
@@ -495,7 +509,7 @@ def _told(solver: Solver, keep: Unfinished, left: LeftOut) -> Sequence:
         problem = film.problem(i, solver.parameters(i))
         floors.append(noise_floor(problem.functions, solver.levels))
         verdict = verdict_of(problem, each, solver.levels, bool(solver.found[i]))
-        verdicts.append(undetermined(verdict) if left.is_no_motion else verdict)
+        verdicts.append(verdict if left.is_motion else undetermined(verdict))
     return Sequence(
         _frames=film,
         velocity=velocity,
@@ -505,6 +519,7 @@ def _told(solver: Solver, keep: Unfinished, left: LeftOut) -> Sequence:
         noise=float(np.median(floors)),
         verdicts=tuple(verdicts),
         motion_share=left.share,
+        has_motion=left.is_motion,
         **numbers,
     )
 

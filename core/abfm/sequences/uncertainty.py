@@ -1,30 +1,31 @@
-"""How uncertain the fields of a sequence are, face by face: the local posterior of Gauss-Newton.
+"""How well frames determine the fields of a sequence, face by face.
 
-Around its minimum the energy is that of a linear problem with a Gaussian prior, whose Hessian is
-``P + D``: the norm of fields, with what ties neighbouring intervals, and the data. On a face, ``D``
-is close to a constant 2 x 2 tensor, the products of slopes of the frames. Its axes are across the
-contours of a function, where it is large, and along them, where only the contours nearby that run
-in another direction are data. Along each axis, with its eigenvalue ``d``, the problem is then that
-of a plane: Fourier modes of wave number ``k`` have the prior's precision
-``p(k) = (1 + alpha k^2)^order``, and the variance of an estimate is
+Around its minimum the energy is that of a linear problem, whose Hessian is ``P + D``: the norm of
+fields, and the data. On a face, ``D`` is close to a constant 2 x 2 tensor, of the products of the
+frames' slopes, averaged over the length that the norm bridges. Its axes are across the contours of
+a function, where its eigenvalue ``d`` is large, and along them, where only contours nearby that run
+in another direction are data. With the stiffness ``q = <v, P v> / <v, v>`` of the field itself,
 
-    integral of (T_p p + T_d d) / (p + d)^2  k dk / (2 pi)
+    s = d / (q + d)
 
-up to the finest mode of the mesh [Rasmussen & Williams, Gaussian Processes for Machine Learning,
-2006, chapter 7]. The first term is what the prior's pull hides, the second what noise adds. Modes
-over the intervals are summed likewise, with ``p (1 + gamma (2 - 2 cos))``.
+is the share of the field along an axis that the frames determine; smoothness makes the rest. An
+estimate misses ``1 - s`` of what is there [the bias of ridge regression], and noise scatters it.
+Where ``V`` is the mean square of the velocity along an axis, weighted by ``s``, its variance is
 
-The variances ``T_p`` of fields and ``T_d`` of frames are those of the evidence framework [MacKay,
-Neural Computation 4 (1992)]: with the number of modes that the data determine,
-``m = sum of d / (p + d)``, it is ``T_p = 2 regularity / m`` and ``T_d = 2 mismatch / (n - m)`` of
-``n`` values. No unit, scale or rotation of surface, times or values changes what comes of it.
+    V (1 - s)^2  +  T * integral of  d / (p(k) + d)^2  k dk / (2 pi),   p(k) = (1 + alpha k^2)^order
+
+over the wave numbers ``k`` of the mesh, with the mean over modes in time, whose stiffness is
+``p (1 + gamma (2 - 2 cos))``. The variance ``T`` of the frames' noise is that of the evidence
+framework [MacKay, Neural Computation 4 (1992)]: ``2 mismatch / (n - m)`` of ``n`` values, of which
+the fit uses ``m = integral of d / (p + d)`` over all faces. No unit, scale or rotation of the
+surface, of times or of values changes the shares, or the variances relative to the field's square.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -35,10 +36,11 @@ from abfm.calculus.operators import (
     cotangent_laplacian,
     edge_lengths,
     face_areas,
+    face_frames,
     gradient,
     vertex_areas,
 )
-from abfm.calculus.vector_fields import face_frames, to_ambient
+from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.flow import Flow
 from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray, IntArray
@@ -50,7 +52,7 @@ if TYPE_CHECKING:
 
 _WAVE_NUMBERS = 200
 _PRECISIONS = np.concatenate([[0.0], np.geomspace(1e-8, 1e14, 221)])
-"""Of the data, relative to the prior at k = 0, at which integrals are tabulated."""
+"""Of the data, relative to the norm at k = 0, at which integrals are tabulated."""
 _LENGTH_MAX = 0.25
 """Largest length over which slopes are averaged, of sqrt(area)."""
 _FREE_VALUES_MIN = 0.1
@@ -58,42 +60,58 @@ _FREE_VALUES_MIN = 0.1
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
-def covariances(sequence: Sequence) -> FloatArray:
-    """Return the covariance of the velocity on each face, (T - 1, F, 2, 2), in the faces' frames
-    (`abfm.calculus.face_frames`), in the square of the velocity's unit.
+class Posterior(NamedTuple):
+    """How well fields are known.
 
-    It is infinite where no interval determines any field: if all frames are constant, or none of
-    the intervals was solved.
+    Attributes
+    ----------
+    covariances : (T - 1, F, 2, 2) array
+        Of the velocity on each face, in the faces' frames (`abfm.calculus.face_frames`), in the
+        square of the velocity's unit; infinite if nothing determines it.
+    determined : (T - 1, F) array
+        The share of the square of the velocity that the frames determine.
     """
-    count = len(sequence)
-    found = np.full((count, len(sequence.mesh.faces), 2, 2), np.inf)
+
+    covariances: FloatArray
+    determined: FloatArray
+
+
+def posterior(sequence: Sequence) -> Posterior:
+    """Return how well the fields of a sequence are known.
+
+    Covariances are infinite if no interval determines any field: if all frames are constant, or
+    none of the intervals was solved.
+    """
+    shape = sequence.velocity.shape[:2]
+    found = Posterior(np.full((*shape, 2, 2), np.inf), np.zeros(shape))
     solved = np.flatnonzero(sequence.solved)
     if not len(solved):
         return found
     eigenvalues, axes = _of_data(sequence, solved)
-    integrals = _Integrals.of(sequence)
-    areas = face_areas(sequence.mesh.normalized())
-    modes = float(np.einsum("f,ifk->", areas, integrals.modes(eigenvalues)))
-    values = _values(sequence) * len(solved)
-    energies = sequence.energies[solved, 1]
-    of_fields, of_frames = 2 * energies[:, 1].sum(), 2 * energies[:, 2].sum()
-    if not modes > 0:
+    if not eigenvalues.any():
         return found
-    prior = of_fields / modes
-    noise = of_frames / max(values - modes, _FREE_VALUES_MIN * values)
-    variances = prior * integrals.pull(eigenvalues) + noise * integrals.scatter(eigenvalues)
+    integrals = _Integrals.of(sequence)
+    mesh, areas = sequence.mesh, face_areas(sequence.mesh.normalized())
+    modes = float(np.einsum("f,ifk->", areas, integrals.modes(eigenvalues)))
+    values, energies = _values(sequence) * len(solved), sequence.energies[solved, 1]
+    noise = 2 * energies[:, 2].sum() / max(values - modes, _FREE_VALUES_MIN * values)
+    scatter = noise * integrals.scatter(eigenvalues)
     durations = np.diff(sequence.times)[solved]
-    variances *= sequence.mesh.length_scale**2 / durations[:, None, None]
-    found[solved] = np.einsum("ifxk,ifk,ifyk->ifxy", axes, variances, axes)
+    for row, i in enumerate(solved.tolist()):
+        field = to_frame(mesh, sequence.velocity[i]) / mesh.length_scale
+        squares = np.einsum("fxk,fx->fk", axes[row], field) ** 2
+        total = float(areas @ squares.sum(axis=1))
+        stiffness = 2 * energies[row, 1] / (durations[row] * total) if total > 0 else 1.0
+        shares = eigenvalues[row] / (stiffness + eigenvalues[row])
+        usual = np.einsum("f,fk,fk->", areas, shares, squares) / max(
+            np.einsum("f,fk->", areas, shares), 1e-300
+        )
+        variances = usual * (1 - shares) ** 2 + scatter[row] / durations[row]
+        variances *= mesh.length_scale**2
+        found.covariances[i] = np.einsum("fxk,fk,fyk->fxy", axes[row], variances, axes[row])
+        squares[~squares.any(axis=1)] = 1.0
+        found.determined[i] = (shares * squares).sum(axis=1) / squares.sum(axis=1)
     return found
-
-
-def determined(squares: FloatArray, variances: FloatArray) -> FloatArray:
-    """Return ``squares / (squares + variances)``; 0 where both are 0 or a variance is infinite."""
-    share = np.zeros(np.shape(squares))
-    known = np.isfinite(variances) & (squares > 0)
-    share[known] = squares[known] / (squares[known] + variances[known])
-    return share
 
 
 def _values(sequence: Sequence) -> int:
@@ -105,7 +123,7 @@ def _values(sequence: Sequence) -> int:
 
 def _of_data(sequence: Sequence, solved: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return eigenvalues (I, F, 2) and axes (I, F, 2, 2), in columns, of the data's tensors, in the
-    unit of the prior's precision at k = 0, averaged over the length that the prior bridges there.
+    unit of the norm at k = 0, averaged over the length that the norm bridges.
     """
     mesh = sequence.mesh.normalized()
     areas = vertex_areas(mesh)
@@ -161,8 +179,8 @@ def _sigma(sequence: Sequence) -> float:
 
 
 def _length(sequence: Sequence, precision: float) -> float:
-    """Return the length over which the prior joins data of a precision, in sqrt(area): that of the
-    mode with as much precision by the prior; an edge at least.
+    """Return the length over which the norm joins data of a precision, in sqrt(area): that of the
+    mode which is as stiff; an edge at least.
     """
     mesh, parameters = sequence.mesh.normalized(), sequence.parameters
     stiff = max(precision, 0.0) ** (1 / parameters.order) - 1
@@ -177,7 +195,7 @@ class _Integrals:
     """Integrals over wave numbers, and means over modes in time, by the data's precision."""
 
     weights: FloatArray  # (K,)
-    prior: FloatArray  # (K, M), precisions
+    stiffness: FloatArray  # (K, M)
 
     @staticmethod
     def of(sequence: Sequence) -> _Integrals:
@@ -199,10 +217,6 @@ class _Integrals:
         """Return how many modes data determine, per unit area and axis."""
         return self._integrated(lambda p, d: d / (p + d), precision)
 
-    def pull(self, precision: FloatArray) -> FloatArray:
-        """Return the variance that the prior's pull hides, for fields of variance 1."""
-        return self._integrated(lambda p, d: p / (p + d) ** 2, precision)
-
     def scatter(self, precision: FloatArray) -> FloatArray:
         """Return the variance by noise of variance 1."""
         return self._integrated(lambda p, d: d / (p + d) ** 2, precision)
@@ -211,7 +225,7 @@ class _Integrals:
         self, integrand: Callable[[FloatArray, float], FloatArray], precision: FloatArray
     ) -> FloatArray:
         table = np.array(
-            [self.weights @ integrand(self.prior, d).mean(axis=1) for d in _PRECISIONS.tolist()]
+            [self.weights @ integrand(self.stiffness, d).mean(axis=1) for d in _PRECISIONS.tolist()]
         )
         first = _PRECISIONS[1]
         places, at = np.log(_PRECISIONS[1:]), np.log(np.maximum(precision, first))
@@ -219,4 +233,4 @@ class _Integrals:
         # below the first one, where integrals are linear
         below = precision < first
         found[below] = table[0] + (table[1] - table[0]) * precision[below] / first
-        return found
+        return np.asarray(found)

@@ -97,8 +97,8 @@ SENTENCES: dict[Cause, str] = {
     ),
     Cause.NOT_SOLVED: "it was not solved: cancelled before",
     Cause.UNDETERMINED: (
-        "the frames determine no motion: frames that were left out are not on its way, as in a "
-        "standing wave"
+        "the frames determine no motion: left-out frames are not where the field leads, as in a "
+        "standing wave or in a field that follows noise"
     ),
     Cause.STEP_OF_PATH: "a step of the path, with sigma {sigma:.3g}",
     Cause.BOUNDED: (

@@ -6,7 +6,7 @@ from abfm.flow.flow import Flow
 from abfm.types import FloatArray
 
 
-def between(
+def in_between(
     flow: Flow, before: FloatArray, after: FloatArray, shares: FloatArray, motion: float
 ) -> FloatArray:
     """Return the function at shares (T,) of an interval, (T, V) or (T, V, C).
