@@ -29,11 +29,11 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts
 from abfm.parameters import Parameters
-from abfm.sequences.in_between import in_between
 from abfm.sequences.critical_points import CriticalPoints, critical_points
 from abfm.sequences.episodes import Episode, episodes
 from abfm.sequences.files import save_parts, sequence_arrays
 from abfm.sequences.frames import Frames, checked
+from abfm.sequences.in_between import in_between
 from abfm.sequences.left_out import LeftOut, left_out
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.solve import LEAST, WARMEST, Said, Solver, interval_parameters

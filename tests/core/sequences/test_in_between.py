@@ -19,7 +19,7 @@ from tests.messages import check_message
 from tests.shapes import icosphere
 
 KINDS = ("turning", "travelling", "source and sink", "standing", "standing twice")
-MESH, STEPS = icosphere(3), np.arange(11)
+MESH, STEPS = icosphere(3), np.arange(9)
 FAST = defaults(sigma=0.3)
 
 
@@ -57,12 +57,13 @@ def errors(sequence, truth):
 @pytest.mark.parametrize("kind", KINDS)
 def test_frames_in_between_are_never_worse_than_the_blend(kind, noise):
     truth, given = waves(kind, noise)
-    found = abfm.sequence(MESH, given[::2])
+    found = abfm.sequence(MESH, given[::2], parameters=FAST)
     blend, own = errors(found, truth)
     if kind.startswith("standing"):
         assert own == pytest.approx(blend, rel=1e-12)
         assert found.confirmed == 0
-        assert np.isinf(found.uncertainty).all() and not found.determined.any()
+        assert np.isinf(found.uncertainty).all()
+        assert not found.determined.any()
         assert found.facts.numbers["motion_share"] == 0
     else:
         assert own < blend * (1.0 if noise else 0.5)
@@ -72,7 +73,7 @@ def test_frames_in_between_are_never_worse_than_the_blend(kind, noise):
 
 def test_a_standing_wave_with_noise_is_not_confirmed():
     _, given = waves("standing", 0.3)
-    found = abfm.sequence(MESH, given[::2])
+    found = abfm.sequence(MESH, given[::2], parameters=FAST)
     assert found.confirmed == 0
     reasons = [v.reason for v in found.verdicts if v.cause is Cause.UNDETERMINED]
     assert reasons
@@ -82,7 +83,7 @@ def test_a_standing_wave_with_noise_is_not_confirmed():
 
 @pytest.mark.parametrize("kind", KINDS[:3])
 def test_motions_with_much_noise_remain_confirmed(kind):
-    found = abfm.sequence(MESH, waves(kind, 0.3)[1][::2])
+    found = abfm.sequence(MESH, waves(kind, 0.3)[1][::2], parameters=defaults(sigma=0.9))
     assert found.confirmed == len(found)
 
 
@@ -137,7 +138,7 @@ def test_units_and_turns_do_not_change_the_share():
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     other = abfm.TriangleMesh(7 * MESH.vertices @ turn.T, MESH.faces)
-    there = abfm.sequence(other, 1e3 * given[::2] - 5, 0.01 * np.arange(6), FAST)
+    there = abfm.sequence(other, 1e3 * given[::2] - 5, 0.01 * np.arange(5), FAST)
     assert there.motion_share == pytest.approx(usual, rel=1e-4)
 
 
