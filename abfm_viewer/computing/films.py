@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from abfm.maps import SurfacePoints
     from abfm.sequences import Track
 
+OPACITY_MIN = 0.1
+"""Smallest opacity of arrows, which is how well frames determine the field there, 0 to 1."""
 _PIECE = 0.01  # of sqrt(area): between points of a way, which else would cut through the surface
 
 

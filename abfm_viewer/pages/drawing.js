@@ -41,14 +41,15 @@ const SURFACE = {
 // A way from one place to another between two times: a line that grows and fades, round where it
 // turns; or a disc on it; or an arrow, the while.
 const [LINE, DISC, ARROW] = [0, 1, 2];
-const ATTRIBUTES = [3, 3, 2, 3], WIDE = 11; // numbers of each attribute, and of all
+const ATTRIBUTES = [3, 3, 2, 3, 1], WIDE = 12; // numbers of each attribute, and of all
 const WAY = {
   vertex: `
     uniform mat3 turn; uniform vec2 scale, pan, pixel; uniform float distance, radius;
     uniform float now, tail, width; uniform int kind;
     layout(location = 0) in vec3 start; layout(location = 1) in vec3 end;
     layout(location = 2) in vec2 times; layout(location = 3) in vec3 normal;
-    out vec2 spot; out float age; flat out float len;
+    layout(location = 4) in float weight;
+    out vec2 spot; out float age; flat out float len, strength;
     vec4 seen(vec3 point) {
       vec3 eye = turn * point;
       float w = distance - eye.z, near = distance - radius, far = distance + radius;
@@ -77,13 +78,14 @@ const WAY = {
       spot = corner * reach + vec2(corner.x < 0.0 ? 0.0 : len, 0.0);
       vec4 place = corner.x < 0.0 ? one : other;
       place.xy += (along * corner.x + vec2(-along.y, along.x) * corner.y) * reach * pixel * place.w;
+      strength = weight;
       age = kind == 0 ? (now - times.x - mix(first, last, 0.5 + 0.5 * corner.x) * span) / tail : 0.0;
       gl_Position = isShown ? place : vec4(0.0, 0.0, 2.0, 1.0);
     }`,
   // how far outside of the shape a pixel is
   fragment: `
     uniform vec3 ink; uniform int kind; uniform float width, opacity;
-    in vec2 spot; in float age; flat in float len; out vec4 color;
+    in vec2 spot; in float age; flat in float len, strength; out vec4 color;
     void main() {
       float off = length(vec2(spot.x - clamp(spot.x, 0.0, len), spot.y)), rim = 0.0;
       if (kind == 0) off -= 0.5 * width;
@@ -99,7 +101,7 @@ const WAY = {
         rim = -1.0;
       }
       vec3 own = mix(ink, vec3(1.0), rim < 0.0 ? clamp(off - rim + 0.5, 0.0, 1.0) : 0.0);
-      color = vec4(own, clamp(0.5 - off, 0.0, 1.0) * opacity * clamp(1.0 - age, 0.0, 1.0));
+      color = vec4(own, clamp(0.5 - off, 0.0, 1.0) * opacity * strength * clamp(1.0 - age, 0.0, 1.0));
       if (color.a < 0.01) discard;
     }`,
 };

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol
 
@@ -21,9 +21,9 @@ from abfm.workers.progress import step
 from abfm_viewer.appearance.colormaps import ColorRange, color_range
 from abfm_viewer.appearance.theme import CRITICAL
 from abfm_viewer.computing.defaults import best_front, changes_in_time
-from abfm_viewer.computing.films import fast_in, ways_of
+from abfm_viewer.computing.films import OPACITY_MIN, fast_in, ways_of
 from abfm_viewer.computing.registered import MOST_CHANNELS
-from abfm_viewer.document.verdict_words import of_interval
+from abfm_viewer.document.verdict_words import motion_between, of_interval, uncertainty
 from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 
 VALUES_MAX = 4_000_000
@@ -103,7 +103,11 @@ def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = N
         facts.headline,
         facts.tone,
         [(of_interval(sequence, i), v.kind.tone) for i, v in enumerate(sequence.verdicts)],
-        {"median speed": _speed(sequence, labels)},
+        {
+            "median speed": _speed(sequence, labels),
+            **({"uncertainty": uncertainty(sequence)} if sequence.solved.any() else {}),
+            "frames in between": motion_between(sequence),
+        },
         [_layer(name, values, middles, unit) for name, values in parts.items()],
         [
             *([] if facts.tone == "good" else [facts.reason]),
@@ -199,7 +203,8 @@ def _tracks(sequence: abfm.Sequence) -> list[Ways]:
 
 def _arrows(sequence: abfm.Sequence) -> Ways:
     """Return arrows of each interval's field about places that stay the same, no longer than these
-    are apart; none where it is slow, where they would meet a boundary, or leave the surface.
+    are apart, which fade where frames do not determine it; none where it is slow, where they would
+    meet a boundary, or leave the surface.
     """
     mesh, times = sequence.mesh, sequence.times
     spread, fast = abfm.maps.spread_points(mesh), fast_in(sequence) or 1.0
@@ -212,19 +217,21 @@ def _arrows(sequence: abfm.Sequence) -> Ways:
         for number, velocity in enumerate(sequence.velocity):
             checkpoint()
             vectors = abfm.flow.vectors_at(mesh, velocity, points) / fast
+            opacities = sequence.determined[number][points.faces]
             speed = np.linalg.norm(vectors, axis=1)
             vectors *= (longest * np.minimum(1.0, 1 / np.maximum(speed, 1e-300)))[:, None]
-            seen, tips = speed > _ARROW_SPEED_MIN, []
+            seen, tips = (speed > _ARROW_SPEED_MIN) & (opacities > OPACITY_MIN), []
             for side in (-0.5, 0.5):
                 found, inside = abfm.flow.straight_ways(mesh, points, side * vectors)
                 turned = (face_normals[found.faces] * normals).sum(axis=1)
                 seen &= inside & (turned > _ARROW_COSINE_MIN)
                 tips.append(found.positions)
             spans = np.broadcast_to(times[number : number + 2], (count, 2))
-            parts.append(tuple(each[seen] for each in (*tips, spans, normals)))
+            parts.append(tuple(each[seen] for each in (*tips, spans, normals, opacities)))
             tell((number + 1) / len(sequence))
-    starts, ends, spans, turned = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return Ways("arrows", starts, ends, spans, _INK, disc=0.0, line=0.0, arrow=2.0, normals=turned)
+    starts, ends, spans, *of_pieces = (np.concatenate(each) for each in zip(*parts, strict=True))
+    ways = Ways("arrows", starts, ends, spans, _INK, disc=0.0, line=0.0, arrow=2.0)
+    return replace(ways, normals=of_pieces[0], opacities=of_pieces[1])
 
 
 def _about_arrows(sequence: abfm.Sequence, labels: Labels) -> str:
@@ -233,7 +240,7 @@ def _about_arrows(sequence: abfm.Sequence, labels: Labels) -> str:
     return (
         f"arrows are the field of each interval, the longest ones where it has a speed of "
         f"{fast:.3g} or more ({_unit_of_speed(labels)}), and none where it has less than "
-        f"{100 * _ARROW_SPEED_MIN:.0f}% of that"
+        f"{100 * _ARROW_SPEED_MIN:.0f}% of that; they fade where the frames do not determine it"
     )
 
 

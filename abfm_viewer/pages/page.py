@@ -77,6 +77,8 @@ class Ways:
         between the two times, in pixels; 0 for none.
     normals : (S, 3) array, optional
         Of the surface there: arrows are not seen where it is steep, as an outline would cut them.
+    opacities : (S,) array, optional
+        Of each piece, from 0 to 1, times that of all.
     shown : bool
         Whether it is seen before anybody asks for it.
     """
@@ -92,6 +94,7 @@ class Ways:
     opacity: float = 1.0
     arrow: float = 0.0
     normals: FloatArray | None = None
+    opacities: FloatArray | None = None
     shown: bool = True
 
     @classmethod
@@ -291,7 +294,9 @@ class _Told:
     def _ways(self, ways: Ways, mesh: TriangleMesh) -> dict[str, Any]:
         ends = [_placed(mesh, np.asarray(each)) for each in (ways.starts, ways.ends)]
         normals = np.zeros_like(ends[0]) if ways.normals is None else ways.normals
-        pieces = np.hstack([*ends, self._shares(ways.times), normals]).astype(np.float32)
+        opacities = np.ones(len(ends[0])) if ways.opacities is None else ways.opacities
+        parts = [*ends, self._shares(ways.times), normals, opacities[:, None]]
+        pieces = np.hstack(parts).astype(np.float32)
         in_time = np.argsort(pieces[:, 6], kind="stable")  # the page draws those until now
         return {
             "name": ways.name,

@@ -149,4 +149,5 @@ def _words(context: Context, film: Film, at: int) -> str:
         left, by_lines = float(sequence.residual[at]), float(sequence.verified_residual[at])
         told = f", by flow lines {share(by_lines)}" if np.isfinite(by_lines) else ""
         lines += [f"what is left: {share(left)}{told}", sequence.verdicts[at].kind]
+        lines.append(f"in between: {share(float(sequence.motion_shares[at]))} of the motion")
     return "\n".join(lines)

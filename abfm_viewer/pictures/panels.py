@@ -110,7 +110,9 @@ def _show(
         eye = _eye(view, mesh)
         scale = mesh.length_scale * height / view.height
         spacing = arrow_spacing(_DENSITY, scale)
-        arrows = arrows_of(mesh, panel.arrows, ArrowLook(_ARROW, spacing), eye, fast)
+        arrows = arrows_of(
+            mesh, panel.arrows, ArrowLook(_ARROW, spacing, fast), eye, panel.determined
+        )
         if len(arrows.ways):
             overlays.draw_arrows("arrows", arrows, _INK, _RIM)
             overlays.see_arrows("arrows", arrows, eye, arrows.hidden(eye))

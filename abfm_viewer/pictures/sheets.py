@@ -161,15 +161,17 @@ def sequence_picture(
     up: Literal["x", "y", "z"] = "y",
 ) -> Image.Image:
     """Draw the function at some times, by default evenly spread over all, with arrows of the field
-    then; other parameters are those of `match_picture`.
+    then, which fade where frames do not determine it. Other parameters are those of
+    `match_picture`.
     """
     begin, end = float(film.times[0]), float(film.times[-1])
     panels = []
     for time in np.linspace(begin, end, _MOMENTS).tolist() if times is None else times:
         function = film.at(time).reshape(len(film.mesh.vertices), -1)[:, channel]
-        field = film.velocity[film.interval(time)]
+        i = film.interval(time)
+        field, share = film.velocity[i], film.determined[i]
         label = f"t = {time:.4g} {unit_of(film.times)}".rstrip()
-        panels.append(Panel(film.mesh, Values(function), label, arrows=field))
+        panels.append(Panel(film.mesh, Values(function), label, arrows=field, determined=share))
     changing = film.frames[:, :, channel].std(axis=0)
     sheet = Sheet((tuple(panels),), up, seen=(changing,))
     views = cameras(sheet)

@@ -25,7 +25,7 @@ from abfm_viewer.shown.shown import Field, Shown
 from abfm_viewer.shown.tracks import KINDS
 
 _ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
-_INK = "ink"  # colours of arrows
+_INK, _OPACITY = "ink", "opacity"  # of arrows
 _ISOLINES = "isolines of "  # and the surface's name
 _TRACKS = {kind: f"tracks of each {kind}" for kind in KINDS}
 _PRESENT = {kind: f"each {kind} now" for kind in KINDS}
@@ -197,6 +197,10 @@ def draw_arrows(name: str, arrows: Arrows, ink: Rgb, rim: Rgb) -> None:
     drawn.reset_transform()
     colors = np.where(arrows.rims[:, None], np.array(rim[:3]), np.array(ink[:3]))
     drawn.add_color_quantity(_INK, colors, defined_on="faces", enabled=True)
+    if (arrows.opacities < 1).any():
+        each = len(arrows.faces) // len(arrows.opacities)
+        drawn.add_scalar_quantity(_OPACITY, np.repeat(arrows.opacities, each), defined_on="faces")
+        drawn.set_transparency_quantity(_OPACITY)
 
 
 def see_arrows(name: str, arrows: Arrows, eye: Eye, hidden: BoolArray | None) -> None:

@@ -133,6 +133,15 @@ class FilmMatch:
 
         return self._of_result.get((sequence,), fields)[interval]
 
+    def motion(self, document: Document, interval: int) -> float:
+        """Return the share of motion in frames between two, see `abfm.Sequence.motion_shares`; 1
+        while a run has not come to its end.
+        """
+        sequence = document.sequence
+        if sequence is None or (self._is_of(document) and self._fields):
+            return 1.0
+        return float(sequence.motion_shares[interval])
+
     def speeds(self, document: Document) -> FloatArray:
         """Return the root mean square of the speed in each interval, (T - 1,), or NaN."""
         film = document.film

@@ -16,6 +16,7 @@ import numpy as np
 import abfm
 from abfm import TriangleMesh
 from abfm.types import BoolArray, FloatArray, IntArray
+from abfm_viewer.computing.films import OPACITY_MIN
 from abfm_viewer.shown.eye import Eye
 from abfm_viewer.shown.ribbons import normals_at, outward
 
@@ -43,10 +44,13 @@ _AROUND = 8  # directions in which a disc is looked at
 
 @dataclass(frozen=True)
 class ArrowLook:
-    """How long the longest may be, and how far apart their middles are."""
+    """How long the longest may be, how far apart their middles are, and the speed from which on
+    arrows are the longest; 0 for the field's own `abfm.calculus.fast_speed`.
+    """
 
     length: float
     spacing: float
+    fast: float = 0.0
 
 
 def arrow_spacing(density: float, scale: float) -> float:
@@ -72,6 +76,7 @@ class Arrows:
     heights: FloatArray  # (M,), how far above it they are drawn
     faces: IntArray
     rims: BoolArray  # (T,)
+    opacities: FloatArray  # (A,), from 0 to 1
 
     def turned(self, eye: Eye) -> FloatArray:
         """Return the least cosine of the angle at which each arrow is seen, (A,), negative where it
@@ -120,15 +125,16 @@ def arrows_of(
     velocity: FloatArray,
     look: ArrowLook,
     eye: Eye | None = None,
-    fast: float = 0.0,
+    determined: FloatArray | None = None,
 ) -> Arrows:
     """Find the arrows of a field (F, 3) about `places`.
 
-    Their lengths are as speeds are, up to the one that counts as ``fast``, by default the field's
-    own `abfm.calculus.fast_speed`; much slower places have none.
+    Their lengths are as speeds are, up to the one that counts as fast; much slower places have
+    none. Their opacities are how well the field is ``determined``, (F,), from 0 to 1; places where
+    it hardly is have none.
     """
     speed = np.linalg.norm(velocity, axis=1)
-    fast = fast or abfm.calculus.fast_speed(mesh, speed)
+    fast = look.fast or abfm.calculus.fast_speed(mesh, speed)
     relative = velocity / (fast or 1.0)
     points = places(mesh, look.spacing, eye)
     vectors = abfm.flow.vectors_at(mesh, relative, points)
@@ -136,10 +142,11 @@ def arrows_of(
         points = abfm.maps.SurfacePoints(mesh, speed.argmax(keepdims=True), np.full((1, 3), 1 / 3))
         vectors = relative[points.faces]
     speed_there = np.linalg.norm(vectors, axis=1)
-    kept = np.flatnonzero(speed_there > _SHORTEST)
+    opacities = np.ones(len(points.faces)) if determined is None else determined[points.faces]
+    kept = np.flatnonzero((speed_there > _SHORTEST) & (opacities > OPACITY_MIN))
     along = vectors[kept] / speed_there[kept, None]
     lengths = min(look.length, _LONGEST * look.spacing) * np.minimum(speed_there[kept], 1)
-    return _drawn(points[kept], along, lengths, look)
+    return _drawn(points[kept], along, lengths, look, opacities[kept])
 
 
 def places(mesh: TriangleMesh, spacing: float, eye: Eye | None = None) -> SurfacePoints:
@@ -198,9 +205,15 @@ def _is_flat(normals: FloatArray) -> BoolArray:
 
 
 def _drawn(
-    points: SurfacePoints, along: FloatArray, lengths: FloatArray, look: ArrowLook
+    points: SurfacePoints,
+    along: FloatArray,
+    lengths: FloatArray,
+    look: ArrowLook,
+    opacities: FloatArray,
 ) -> Arrows:
-    """Draw arrows of lengths (A,) about points (A,) in directions (A, 3), on the surface."""
+    """Draw arrows of lengths and opacities (A,) about points (A,) in directions (A, 3), on the
+    surface.
+    """
     mesh = points.mesh
     scale, normals = mesh.length_scale, abfm.calculus.face_normals(mesh)[points.faces]
     shape, heights, faces, rims = _glyphs(lengths, look.spacing)
@@ -231,6 +244,7 @@ def _drawn(
         heights,
         (vertices + faces).reshape(-1, 3),
         np.tile(rims, len(at)),
+        opacities[whole],
     )
 
 

@@ -1,5 +1,5 @@
-"""The function between two frames of a film at any time: both carried along the field between them,
-and blended.
+"""The function between two frames of a sequence at any time: their blend, with the motion of the
+field between them.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from abfm.sequences.in_between import in_between
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 
@@ -37,12 +38,8 @@ class Frames:
 def carried(
     flow: FlowState, before: FloatArray, after: FloatArray, shares: FloatArray
 ) -> FloatArray:
-    """Return the frame before carried ahead and the one after it back, blended by how near they
-    are, at shares (T,) of the interval, (T, V): as `abfm.Sequence.at` has it.
-    """
-    tau, weights = flow.parameters.tau, shares[:, None]
-    ahead, back = flow.flow.push(before, shares * tau), flow.flow.push(after, (shares - 1) * tau)
-    return np.asarray((1 - weights) * ahead + weights * back)
+    """Return the function at shares (T,) of the interval, (T, V): as `abfm.Sequence.at` has it."""
+    return in_between(flow.flow, before, after, shares, flow.motion)
 
 
 def _frames(flow: FlowState, before: FloatArray, after: FloatArray) -> Frames:
@@ -57,7 +54,7 @@ class InBetween:
         self._at_once = jobs.at_once
         self._found: Latest[Frames] = jobs.latest()
         self._exact: Latest[FloatArray] = jobs.latest()
-        self._kept: OrderedDict[tuple[int, ...], tuple[object, Frames]] = OrderedDict()
+        self._kept: OrderedDict[tuple[float, ...], tuple[object, Frames]] = OrderedDict()
         self._shown = Memo[FloatArray]()
         self.is_behind = False
 
@@ -96,8 +93,8 @@ class InBetween:
 
     def _frames(self, flow: FlowState, before: FloatArray, after: FloatArray) -> Frames | None:
         self._keep()
-        made_of = (flow.found, before, after)
-        number = tuple(map(id, made_of))
+        made_of = (flow.found, before, after, flow.motion)
+        number = _number(made_of)
         if number in self._kept and same(self._kept[number][0], made_of):
             self._kept.move_to_end(number)
             return self._kept[number][1]
@@ -110,7 +107,12 @@ class InBetween:
         key, value = self._found.key, self._found.value
         if not isinstance(key, tuple) or value is None:
             return
-        self._kept.setdefault(tuple(map(id, key)), (key, value))
+        self._kept.setdefault(_number(key), (key, value))
         most = max(_LARGEST // value.values.size, 4)
         while len(self._kept) > most:
             self._kept.popitem(last=False)
+
+
+def _number(made_of: tuple[object, ...]) -> tuple[float, ...]:
+    """Return what names an interval's frames: its arrays, the same objects, and numbers."""
+    return tuple(each if isinstance(each, float) else id(each) for each in made_of)

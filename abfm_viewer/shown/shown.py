@@ -125,8 +125,15 @@ def carried_gradient(flow: FlowState, function: FloatArray, time: float) -> Fiel
     return Field(mesh, carried, speed, unit="the source's unit per length", dimension=-1)
 
 
-def field_arrows(field: Field, look: ArrowLook, eye: Eye, fast: float) -> Arrows:
-    return arrows_of(field.mesh, field.velocity, look, eye, fast)
+def field_arrows(
+    field: Field, look: ArrowLook, eye: Eye, shares: FloatArray | None, interval: int
+) -> Arrows:
+    determined = None if shares is None else shares[interval]
+    return arrows_of(field.mesh, field.velocity, look, eye, determined)
+
+
+def _determined(sequence: abfm.Sequence) -> FloatArray:
+    return sequence.determined
 
 
 def derivative(field: Field, kind: Coloring) -> FloatArray:
@@ -203,6 +210,7 @@ class FieldQuantities(Jobs):
         self._scalar: Latest[FloatArray] = self.latest()
         self._arrows: Latest[Arrows] = self.latest()
         self._fast_in: Latest[float] = self.latest()
+        self._determined: Latest[FloatArray] = self.latest()
         self._hidden_arrows: Latest[BoolArray] = self.latest()
         self._chords: Latest[abfm.maps.Distortion] = self.latest()
         self._quality: Latest[abfm.maps.FlowMapQuality] = self.latest()
@@ -255,10 +263,29 @@ class FieldQuantities(Jobs):
         lately those of an earlier field or eye; None before there are any.
         """
         view = self._session.view
-        look = ArrowLook(view.arrow_length, arrow_spacing(view.arrow_density, scale))
         if (fast := self.fast(field)) is None:
             return self._arrows.value
-        return self._arrows.newest(field.mesh, field_arrows, field, look, eye, fast)
+        look = ArrowLook(view.arrow_length, arrow_spacing(view.arrow_density, scale), fast)
+        how = look, eye, self._determined_shares(), self._interval
+        return self._arrows.newest(field.mesh, field_arrows, field, *how)
+
+    @property
+    def _interval(self) -> int:
+        """The interval of the shown time, 0 of a match."""
+        document = self._session.document
+        return 0 if document.film is None else document.film.interval(document.time)
+
+    def _determined_shares(self) -> FloatArray | None:
+        """Return how well a sequence's fields are determined, (T - 1, F); None before that is
+        known, during a run, and of fields that are parts of no interval's.
+        """
+        document = self._session.document
+        is_part = self._session.view.part in ("whole", *HODGE_PARTS)
+        if document.film is None or document.sequence is None or not is_part:
+            return None
+        if self._session.film_match.found(document):
+            return None
+        return self._determined.newest(document.film, _determined, document.sequence)
 
     def fast(self, field: Field) -> float | None:
         """Return what speed counts as fast, 0 for the field's own; None before that is known.

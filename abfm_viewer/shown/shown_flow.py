@@ -45,6 +45,7 @@ class FlowState:
     fields: int = 1  # in a row, N, as far as they are still to be read
     initial: abfm.maps.PointMap | None = None  # of two surfaces: where B's points lie on A
     reach: float = EXTRAPOLATION  # how long the time bar is, in units of tau
+    motion: float = 1.0  # its share in the frames between two of a sequence
 
     @property
     def count(self) -> int:
@@ -268,8 +269,9 @@ class ShownFlow(Jobs):
         if field is None:
             return None
         mesh, tau = film.frames.mesh, float(film.frames.durations[interval])
-        make = partial(FlowState, mesh, field, Parameters(tau=tau), reach=1.0)
-        return (memo or self._state).get((field, tau), make)
+        motion = self._session.film_match.motion(self._session.document, interval)
+        make = partial(FlowState, mesh, field, Parameters(tau=tau), reach=1.0, motion=motion)
+        return (memo or self._state).get((field, tau, motion), make)
 
     @property
     def time(self) -> float:

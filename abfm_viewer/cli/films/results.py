@@ -14,6 +14,7 @@ from abfm import Sequence
 from abfm.sequences import KINDS, is_unsolved
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import counted
+from abfm_viewer.document.verdict_words import motion_between, uncertainty
 
 _LEAST = 3  # intervals that a track has
 
@@ -30,6 +31,8 @@ def facts(sequence: Sequence) -> dict[str, Any]:
         "sigma": _known(sequence.sigma),
         "gamma": sequence.gamma,
         "noise": sequence.noise,
+        "motion_share": _known(sequence.motion_share),
+        "has_motion": sequence.has_motion,
         "intervals": len(sequence),
         "solved": int(sequence.solved.sum()),
         "confirmed": sequence.confirmed,
@@ -38,6 +41,8 @@ def facts(sequence: Sequence) -> dict[str, Any]:
             "median_where_steep": float(np.median(speed[steep])) if steep.any() else None,
             "maximum": float(speed.max()) if speed.size else None,
         },
+        "uncertainty": [_known(each) for each in sequence.speed_uncertainty.tolist()],
+        "determined": sequence.speed_determined.tolist(),
         "residual": [_known(each) for each in sequence.residual.tolist()],
         "verified_residual": [_known(each) for each in sequence.verified_residual.tolist()],
         "folded": [_known(each) for each in sequence.folded.tolist()],
@@ -69,6 +74,8 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
         if speed.size
         else "speed: not known, as no interval was solved",
         f"tracks through {_LEAST} intervals or more: {', '.join(tracks) or 'none'}",
+        *([f"uncertainty: {uncertainty(sequence)}"] if speed.size else []),
+        f"frames in between: {motion_between(sequence)}",
     ]
     if episodes := sequence.episodes():
         told = [f"{each.kind} from {each.start:.4g} to {each.end:.4g}" for each in episodes[:8]]
@@ -101,4 +108,4 @@ def _tracks(sequence: Sequence) -> dict[str, int]:
 
 
 def _known(value: float) -> float | None:
-    return None if math.isnan(value) else float(value)
+    return float(value) if math.isfinite(value) else None

@@ -102,7 +102,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         required=True,
     )
     add("--tracks", "table of critical points through time", "FILE.csv", type=Path)
-    add("--intervals", "table of the intervals, a line each", "FILE.csv", type=Path)
+    add(
+        "--intervals",
+        "table of the intervals: speed, its uncertainty, residuals and verdict",
+        "FILE.csv",
+        type=Path,
+    )
     add("--json", "print one JSON object about the result")
     add("--quiet", "no progress")
 

@@ -199,6 +199,8 @@ _SEQUENCE = {
     "gamma": Entry("real", (), low=0),
     "sigma": Entry("real", (), low=0, may_be_unknown=True),
     "noise": Entry("real", (), low=0),
+    "motion_share": Entry("real", (), low=0, high=1, may_be_unknown=True),
+    "has_motion": Entry("boolean", ()),
     "energies": Entry("real", ("I", 2, 3), may_be_unknown=True),
     "residual": Entry("real", ("I",), low=0, may_be_unknown=True),
     "verified_residual": Entry("real", ("I",), low=0, may_be_unknown=True),

@@ -53,6 +53,7 @@ class Panel:
     points: FloatArray | None = None  # (P, 3), each marked in a colour, the same in all panels
     lines: tuple[FloatArray, ...] = ()  # paths on the surface, (K, 3)
     arrows: FloatArray | None = None  # a field, (F, 3)
+    determined: FloatArray | None = None  # how well, (F,), from 0 to 1: opacities of arrows
     tone: Literal["", "good", "warning", "failure", "muted"] = (
         ""  # of the label, in another colour than the frame's
     )

@@ -38,6 +38,8 @@ _INTERVALS = [
     "start",
     "end",
     "speed",
+    "uncertainty",
+    "determined",
     "energy",
     "residual",
     "by_flow_lines",
@@ -74,10 +76,11 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
 
     Point data are the ``frame``, the frame before ``carried`` to it, ``divergence`` and ``curl``,
     and where values are missing in some frame ``measured``, which is 0 where they are filled in;
-    cell data the ``velocity``: fields of the interval that begins there, and at the last frame of
-    that which ends there. Files come to their places when all are written: where that is cancelled
-    or fails, nothing is there that was not, and an older film is whole. Frames that an older and
-    longer one of that name lists are removed at the end.
+    cell data the ``velocity``, its ``uncertainty`` (infinite where frames determine no motion) and
+    how well it is ``determined``, from 0 to 1: fields of the interval that begins there, and at the
+    last frame of that which ends there. Files come to their places when all are written: where
+    that is cancelled or fails, nothing is there that was not, and an older film is whole. Frames
+    that an older and longer one of that name lists are removed at the end.
 
     Raises
     ------
@@ -138,7 +141,11 @@ def _write_frames(folder: Path, name: str, sequence: Sequence) -> list[str]:
                 "curl": sequence.curl[i],
             }
             file = f"{name}_{k:04}.vtu"
-            export_vtu(folder / file, sequence.mesh, points, {"velocity": sequence.velocity[i]})
+            cells = {
+                name: getattr(sequence, name)[i]
+                for name in ("velocity", "uncertainty", "determined")
+            }
+            export_vtu(folder / file, sequence.mesh, points, cells)
             rows.append(f'<DataSet timestep="{time!r}" file={quoteattr(f"{name}/{file}")}/>')
             if k < len(sequence):
                 duration = float(sequence.times[k + 1]) - time
@@ -189,15 +196,18 @@ def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int =
 
 
 def export_intervals(path: str | os.PathLike[str], sequence: Sequence) -> None:
-    """Write a .csv with a line for each interval: its times, root mean square of the speed, energy,
+    """Write a .csv with a line for each interval: its times, root mean squares of the speed and of
+    its uncertainty over the surface, how well the frames determine it, from 0 to 1, the energy,
     mismatches by the discrete flow and by flow lines, the share of faces that these fold, and the
-    verdict; cells of what is unknown are empty.
+    verdict; cells of what is unknown are empty, and an infinite uncertainty is ``inf``.
     """
     starts, ends = sequence.times[:-1], sequence.times[1:]
     numbers = [
         starts,
         ends,
         sequence.speed,
+        sequence.speed_uncertainty,
+        sequence.speed_determined,
         sequence.energies[:, 1, 0],
         sequence.residual,
         sequence.verified_residual,

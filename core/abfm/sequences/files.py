@@ -23,7 +23,17 @@ if TYPE_CHECKING:
     from abfm.mesh import TriangleMesh
     from abfm.sequences.sequence import Sequence
 
-_NUMBERS = ("gamma", "sigma", "noise", "energies", "residual", "verified_residual", "folded")
+_NUMBERS = (
+    "gamma",
+    "sigma",
+    "noise",
+    "motion_share",
+    "has_motion",
+    "energies",
+    "residual",
+    "verified_residual",
+    "folded",
+)
 
 
 def sequence_arrays(sequence: Sequence) -> dict[str, Any]:
@@ -61,6 +71,8 @@ def save_parts(sequence: Sequence, path: str | os.PathLike[str]) -> tuple[str, .
         "gamma": 0.0,
         "sigma": np.nan,
         "noise": 0.0,
+        "motion_share": np.nan,
+        "has_motion": True,
         "energies": np.full((count, 2, 3), np.nan),
         "residual": unknown,
         "verified_residual": unknown,
@@ -114,6 +126,8 @@ def sequence_of(arrays: results.Arrays, mesh: TriangleMesh | None = None) -> Seq
         gamma=float(arrays["gamma"]),
         sigma=float(arrays["sigma"]),
         noise=float(arrays["noise"]),
+        motion_share=float(arrays["motion_share"]),
+        has_motion=bool(arrays["has_motion"]),
         verdicts=tuple(verdicts),
         **{name: arrays[name] for name in names},
     )

@@ -33,11 +33,22 @@ from abfm.sequences.critical_points import CriticalPoints, critical_points
 from abfm.sequences.episodes import Episode, episodes
 from abfm.sequences.files import save_parts, sequence_arrays
 from abfm.sequences.frames import Frames, checked
+from abfm.sequences.in_between import in_between
+from abfm.sequences.left_out import LeftOut, left_out
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.solve import LEAST, WARMEST, Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
+from abfm.sequences.uncertainty import Posterior, posterior
 from abfm.sequences.unfinished import Unfinished
-from abfm.sequences.verdicts import facts_of_intervals, is_unsolved, verdict_of
+from abfm.sequences.verdicts import (
+    NUMBERS,
+    determines_motion,
+    facts_of_intervals,
+    is_unsolved,
+    motion_shares,
+    undetermined,
+    verdict_of,
+)
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import CancelledError, Control, checkpoint, controlled, present_control
 from abfm.workers.progress import step
@@ -101,6 +112,12 @@ class Sequence:
         over intervals, of which each is judged by its own.
     verdicts : tuple of Verdict
         What each interval came to.
+    motion_share : float
+        How much of what motion along the fields adds to the linear blend of two frames explains
+        frames that were left out, from 0 to 1; NaN if it is unknown. See `motion_shares`.
+    has_motion : bool
+        False if frames that were left out show that the fields are no motion, as of a standing
+        wave.
     sigma : float
         That of all intervals, in the frames' deviation (or absolute, as the parameters say).
     """
@@ -116,6 +133,8 @@ class Sequence:
     folded: FloatArray = field(repr=False)
     noise: float
     verdicts: tuple[Verdict, ...] = field(repr=False)
+    motion_share: float
+    has_motion: bool
 
     @property
     def mesh(self) -> TriangleMesh:
@@ -141,7 +160,8 @@ class Sequence:
     @cached_property
     def facts(self) -> Facts:
         """What is reported of the sequence: good if at least half of its intervals are."""
-        return facts_of_intervals(self.verdicts, self.residual, self.verified_residual, self.folded)
+        numbers = (np.asarray(getattr(self, name)) for name in NUMBERS)
+        return facts_of_intervals(self.verdicts, *numbers)
 
     @property
     def solved(self) -> BoolArray:
@@ -182,9 +202,19 @@ class Sequence:
             )
         return int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(self) - 1))
 
+    @cached_property
+    def motion_shares(self) -> FloatArray:
+        """The share of motion in the frames between two, (T - 1,), from 0, the linear blend, to 1.
+
+        It is `motion_share`; if that is unknown, as for two frames, of which none can be left out,
+        1 for intervals that are confirmed and 0 for others. It is 0 for intervals that are no
+        motion.
+        """
+        return motion_shares(self.verdicts, self.motion_share)
+
     def at(self, t: float) -> FloatArray:
-        """Return the function at a time, (V,) or (V, C): the frames before and after it, carried
-        there along the field between them, and blended by how near they are.
+        """Return the function at a time, (V,) or (V, C): the linear blend of the frames before and
+        after it, plus the interval's share (`motion_shares`) of what motion along the field adds.
         """
         i = self.interval(t)
         begin, end = map(float, self.times[i : i + 2])
@@ -192,12 +222,43 @@ class Sequence:
         found = self.frames[i if share < 1 else i + 1]
         if 0 < share < 1:
             flow = Flow(self.mesh, self.velocity[i], end - begin)
-            ahead, back = (
-                flow.push(frame, t - from_time)
-                for frame, from_time in zip(self.frames[i : i + 2], (begin, end), strict=True)
-            )
-            found = (1 - share) * ahead + share * back
+            motion = float(self.motion_shares[i])
+            before, after = self.frames[i : i + 2]
+            [found] = in_between(flow, before, after, np.array([share]), motion)
         return np.array(found if self._frames.channels_given else found[:, 0])
+
+    @cached_property
+    def _posterior(self) -> Posterior:
+        found = posterior(self)
+        is_motion = np.array([determines_motion(verdict) for verdict in self.verdicts])
+        unknown = ~(is_motion & self.has_motion)
+        found.covariances[unknown], found.determined[unknown] = np.inf, 0.0
+        return found
+
+    @property
+    def covariances(self) -> FloatArray:
+        """Covariance of the velocity on each face, (T - 1, F, 2, 2), in the faces' frames
+        (`abfm.calculus.face_frames`), in the square of the velocity's unit.
+
+        It is infinite for intervals that are no motion by their verdict, and for all unless the
+        sequence `has_motion`. See `abfm.sequences.uncertainty`.
+        """
+        return self._posterior.covariances
+
+    @cached_property
+    def uncertainty(self) -> FloatArray:
+        """Standard error of the velocity on each face, (T - 1, F), in the velocity's unit: the root
+        of the trace of `covariances`.
+        """
+        return np.asarray(np.sqrt(np.trace(self.covariances, axis1=2, axis2=3)))
+
+    @property
+    def determined(self) -> FloatArray:
+        """How much of the square of the velocity on each face the frames determine, (T - 1, F),
+        from 0 to 1; the remainder is what smoothness makes of the faces around. It is 0 where
+        functions are flat, and where `covariances` are infinite.
+        """
+        return self._posterior.determined
 
     def parts(self, interval: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Split the field of an interval into a gradient, a rotated gradient and a harmonic field,
@@ -226,6 +287,22 @@ class Sequence:
         areas = face_areas(self.mesh)
         squares = np.array([areas @ (v**2).sum(axis=1) for v in self.velocity])
         return np.asarray(np.sqrt(squares / areas.sum()))
+
+    @cached_property
+    def speed_uncertainty(self) -> FloatArray:
+        """Root mean square of `uncertainty` over the surface, (T - 1,)."""
+        areas = face_areas(self.mesh)
+        return np.asarray(np.sqrt(self.uncertainty**2 @ (areas / areas.sum())))
+
+    @cached_property
+    def speed_determined(self) -> FloatArray:
+        """How much of the mean square of the speed over the surface the frames determine, (T - 1,),
+        see `determined`; of no motion the mean of that.
+        """
+        areas = face_areas(self.mesh)
+        weights = areas * (self.velocity**2).sum(axis=2)
+        weights[~weights.any(axis=1)] = areas
+        return np.asarray((weights * self.determined).sum(axis=1) / weights.sum(axis=1))
 
     @property
     def middles(self) -> FloatArray:
@@ -389,21 +466,22 @@ def sequence(
 
         for i in np.flatnonzero(solver.found).tolist():
             tell_field(i)
-        is_final = False
+        is_final, left = False, LeftOut()
         try:
             if keep.goes_on:
                 solver.run(tell, lambda: keep.keep(solver, at_once=False))
                 is_final = True
+                left = left_out(solver)
         except CancelledError:
             control = Control()  # what was found is told though it was cancelled
         keep.keep(solver)
         if not is_final:
             keep = Unfinished()  # what is told of fields that are not final is not kept
     with controlled(control):
-        return _told(solver, keep)
+        return _told(solver, keep, left)
 
 
-def _told(solver: Solver, keep: Unfinished) -> Sequence:
+def _told(solver: Solver, keep: Unfinished, left: LeftOut) -> Sequence:
     """Return the sequence with what its witnesses say."""
     film, unit = solver.frames, solver.frames.mesh.length_scale
     count = len(solver.fields)
@@ -430,7 +508,8 @@ def _told(solver: Solver, keep: Unfinished) -> Sequence:
     for i, each in enumerate(said):
         problem = film.problem(i, solver.parameters(i))
         floors.append(noise_floor(problem.functions, solver.levels))
-        verdicts.append(verdict_of(problem, each, solver.levels, bool(solver.found[i])))
+        verdict = verdict_of(problem, each, solver.levels, bool(solver.found[i]))
+        verdicts.append(verdict if left.is_motion else undetermined(verdict))
     return Sequence(
         _frames=film,
         velocity=velocity,
@@ -439,6 +518,8 @@ def _told(solver: Solver, keep: Unfinished) -> Sequence:
         sigma=float(solver.sigma),
         noise=float(np.median(floors)),
         verdicts=tuple(verdicts),
+        motion_share=left.share,
+        has_motion=left.is_motion,
         **numbers,
     )
 

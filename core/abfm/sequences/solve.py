@@ -124,6 +124,10 @@ class Solver:
         left = energy.residual(found.at.advected)
         return explains_little(energy.functions, self.levels, left)
 
+    def first_field(self, i: int) -> FloatArray:
+        """Return the field (F, 2) of an interval before anything corrects it."""
+        return self._found(i).field
+
     def _found(self, i: int) -> Point:
         """Return the field of an interval from that of the one before; where frames are far apart
         by way of no warmer sigma, which draws back; else from a match that looks further.

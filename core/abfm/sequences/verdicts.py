@@ -30,8 +30,8 @@ _UNSOLVED = Verdict(
 )
 
 
-NUMBERS = ("residual", "verified_residual", "folded")
-"""Measurements of each interval."""
+NUMBERS = ("residual", "verified_residual", "folded", "motion_share")
+"""Measurements of each interval, (T - 1,), but for the last, which is one number of all."""
 
 
 def outcome_of_intervals(outcomes: Sequence[Outcome]) -> Outcome:
@@ -45,7 +45,7 @@ def outcome_of_intervals(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 def facts_of_intervals(verdicts: Sequence[Verdict], *numbers: FloatArray) -> Facts:
-    """Return the facts of a sequence by its intervals: verdicts and `NUMBERS`, (T - 1,) each.
+    """Return the facts of a sequence by its intervals: verdicts, (T - 1,), and `NUMBERS`.
 
     The numbers are medians over the intervals in which they are known.
     """
@@ -96,6 +96,36 @@ def verdict_of(problem: Problem, said: Said, levels: FloatArray, found: bool) ->
         cause = _unexplained(functions, levels, said)
         return told.because(Outcome.NOT_REACHED, cause, edges=narrowest(functions))
     return told if told.kind.is_good else replace(told, advice="", remedies=())
+
+
+def undetermined(verdict: Verdict) -> Verdict:
+    """Return the verdict of an interval of frames that determine no motion, by left-out frames."""
+    if not verdict.kind.is_good:
+        return verdict
+    return replace(verdict.because(Outcome.NOT_REACHED, Cause.UNDETERMINED), advice="")
+
+
+_WITHOUT_MOTION = (
+    Cause.UNDETERMINED,
+    Cause.NO_MOTION,
+    Cause.NO_MOTION_ON_MESH,
+    Cause.NOISE,
+    Cause.BOTH_CONSTANT,
+    Cause.NOT_SOLVED,
+)
+
+
+def determines_motion(verdict: Verdict) -> bool:
+    """Return whether an interval may be a motion by its verdict, confirmed or not."""
+    return verdict.cause not in _WITHOUT_MOTION
+
+
+def motion_shares(verdicts: Sequence[Verdict], share: float) -> FloatArray:
+    """Return the share of motion between frames of each interval, (T - 1,), see
+    `abfm.Sequence.motion_shares`.
+    """
+    known = [verdict.kind.is_good if math.isnan(share) else share for verdict in verdicts]
+    return np.where([determines_motion(verdict) for verdict in verdicts], known, 0.0)
 
 
 def _lacks_values(functions: FunctionTerm, levels: FloatArray) -> bool:

@@ -48,6 +48,10 @@ def test_paraview_gets_frames_and_fields(tmp_path):
         grid = read_grid(tmp_path / name, "divergence")
         assert_array_equal(grid.values[:, 0], sequence.divergence[interval])
         assert_array_equal(read_grid(tmp_path / name, "curl").values[:, 0], sequence.curl[interval])
+        written = (tmp_path / name).read_bytes()
+        for certainty in ("uncertainty", "determined"):
+            assert f'Name="{certainty}"'.encode() in written
+            assert getattr(sequence, certainty)[interval].tobytes() in written
         carried = read_grid(tmp_path / name, "carried").values[:, 0]
         if k:
             flow = Flow(MESH, sequence.velocity[k - 1], TIMES[k] - TIMES[k - 1])

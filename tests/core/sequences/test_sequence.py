@@ -493,13 +493,15 @@ def test_equal_frames_that_vary_are_matched():
 def test_half_of_the_intervals_make_a_sequence_good(outcomes, outcome, tone):
     verdicts = [Verdict(Outcome(each), "a: why", "") for each in outcomes]
     number = np.arange(len(outcomes), dtype=float)
-    facts = facts_of_intervals(verdicts, number, np.full_like(number, np.nan), number)
+    unknown = np.full_like(number, np.nan)
+    facts = facts_of_intervals(verdicts, number, unknown, number, np.array(0.8))
     assert (facts.outcome, facts.tone) == (outcome, tone)
     assert facts.outcome.is_good == (tone != "failure")
     assert facts.numbers == {
         "residual": np.median(number),
         "verified_residual": None,
         "folded": np.median(number),
+        "motion_share": 0.8,
     }
 
 

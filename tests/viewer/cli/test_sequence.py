@@ -50,6 +50,8 @@ def test_a_film_is_solved_told_and_written_in_several_forms(files, tmp_path, abf
     assert everywhere in lines[2]
     check_message(lines[2], "per second")
     check_message(lines[3], 3, "2 spirals")
+    check_message(line_with(told.out, "uncertainty: "), f"{np.median(found.speed_uncertainty):.3g}")
+    check_message(line_with(told.out, "frames in between: "), "100%")
     assert "wrote " in lines[-1]
     assert "following the frames: 50%" in told.err.splitlines()
     assert len(read_collection(outs[1])) == 5
@@ -108,6 +110,9 @@ def test_machines_are_told_and_parameters_are_taken(files, tmp_path, abfm):
     assert (facts["intervals"], facts["confirmed"]) == (4, found.confirmed)
     assert (facts["gamma"], facts["sigma"], facts["parameters"]["alpha"]) == (0, 0.2, 0.5)
     assert facts["parameters"]["order"] == 2
+    assert facts["motion_share"] == pytest.approx(found.motion_share)
+    assert facts["uncertainty"] == pytest.approx(found.speed_uncertainty)
+    assert facts["determined"] == pytest.approx(found.speed_determined)
     assert facts["verdicts"] == [each.kind for each in found.verdicts]
     for name in ("residual", "verified_residual"):
         np.testing.assert_array_equal(facts[name], getattr(found, name))

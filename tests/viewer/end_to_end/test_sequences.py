@@ -191,6 +191,63 @@ def test_all_frames_are_matched_and_what_is_between_is_carried_from_both_sides(s
     assert session.editor.redo_label == "match all frames"
 
 
+def test_arrows_fade_where_frames_do_not_determine_the_field(film, tmp_path):
+    """A bump that turns about y: elsewhere nothing is known of the field."""
+    angles = 0.15 * np.arange(4)
+    bump = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
+    np.save(tmp_path / "bump.npy", np.exp(6 * (bump @ DIRECTIONS.T - 1)))
+    film.window.files.open(tmp_path / "bump.npy")
+    film.wait(lambda s: s.document.film.name == "bump.npy")
+    film.session.editor.set_film(sigma=0.3)
+    film.click("Match all frames")
+    film.wait(lambda s: not s.running)
+    film.click("Look", within="steps")
+    if not film.session.view.arrows:
+        film.check("arrows")
+    settled(film)
+    quantities, sequence = film.window.shown.quantities, film.session.document.sequence
+
+    def opacities():
+        field = quantities.field()
+        arrows = None if field is None else quantities.arrows(field, 300.0, FRONT)
+        return np.ones(1) if arrows is None else arrows.opacities
+
+    film.wait(lambda _: opacities().min() < 1)
+    found = opacities()
+    assert np.isin(found, sequence.determined[film.session.document.film.interval(0.0)]).all()
+    assert found.min() < 0.6
+    assert found.max() > 0.9
+    settled(film)
+    assert ps.get_surface_mesh("arrows").is_enabled()
+    film.screenshot(str(tmp_path / "fading.png"))
+
+
+def test_a_standing_wave_has_no_arrows_and_is_blended(film, tmp_path):
+    amplitudes = np.cos(0.2 * np.arange(COUNT) + 0.5)
+    np.save(tmp_path / "standing.npy", amplitudes[:, None] * np.cos(6 * DIRECTIONS[:, 0]))
+    film.window.files.open(tmp_path / "standing.npy")
+    film.wait(lambda s: s.document.film.name == "standing.npy")
+    film.session.editor.set_film(sigma=0.3)
+    film.click("Match all frames")
+    film.wait(lambda s: not s.running)
+    sequence = film.session.document.sequence
+    assert (sequence.confirmed, sequence.has_motion) == (0, False)
+    film.type("time", "1.25")
+    first, second = sequence.frames[1:3, :, 0]
+    np.testing.assert_allclose(shown(film).values, 0.75 * first + 0.25 * second, atol=1e-6)
+    film.click("Look", within="steps")
+    if not film.session.view.arrows:
+        film.check("arrows")
+    quantities = film.window.shown.quantities
+    film.wait(
+        lambda _: (
+            quantities.field()
+            and (arrows := quantities.arrows(quantities.field(), 300.0, FRONT)) is not None
+            and not len(arrows.ways)
+        )
+    )
+
+
 def test_cancel_keeps_what_was_found_and_pause_holds_the_run(film, tmp_path):
     np.save(tmp_path / "long.npy", turning_wave(DIRECTIONS, 0.005 * np.arange(240))[0])
     film.window.files.open(tmp_path / "long.npy")

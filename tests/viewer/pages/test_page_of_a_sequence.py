@@ -10,7 +10,7 @@ import pytest
 import abfm
 from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
-from abfm_viewer.computing.films import fast_in
+from abfm_viewer.computing.films import OPACITY_MIN, fast_in
 from abfm_viewer.pages import Labels, Told, film_page, sequence_page
 from abfm_viewer.pages.of_sequences import PLAY_SECONDS_MAX, PLAY_SECONDS_MIN
 from tests.messages import check_message
@@ -77,7 +77,10 @@ def test_arrows_are_the_field_of_each_interval_on_the_surface(sequence, page):
         relative = np.minimum(speed / fast, 1)
         np.testing.assert_allclose(lengths / lengths.max(), relative[which], atol=0.02)
         assert relative[which].min() > 0.2
-        assert (relative > 0.21).sum() == (relative[which] > 0.21).sum()  # the ball has no edge
+        determined = sequence.determined[interval][places.faces]
+        np.testing.assert_array_equal(ways.opacities[mine], determined[which])
+        expected = (relative > 0.21) & (determined > OPACITY_MIN)
+        assert expected.sum() == (relative[which] > 0.21).sum()  # the ball has no edge
         np.testing.assert_allclose(np.linalg.norm(ways.starts[mine], axis=1), 1, atol=0.01)
     gaps = abfm.maps.spread_points(sequence.mesh).gaps[479] * sequence.mesh.length_scale
     assert lengths.max() < gaps

@@ -41,6 +41,7 @@ class Cause(StrEnum):
     ONLY_FLOW_LINES = "only flow lines"
     NO_MOTION_ON_MESH = "no motion on mesh"
     NOT_SOLVED = "not solved"
+    UNDETERMINED = "undetermined"
 
 
 SENTENCES: dict[Cause, str] = {
@@ -95,6 +96,10 @@ SENTENCES: dict[Cause, str] = {
         "the discrete flow leaves most of what changes, though flow lines do not"
     ),
     Cause.NOT_SOLVED: "it was not solved: cancelled before",
+    Cause.UNDETERMINED: (
+        "the frames determine no motion: left-out frames are not where the field leads, as in a "
+        "standing wave or in a field that follows noise"
+    ),
     Cause.STEP_OF_PATH: "a step of the path, with sigma {sigma:.3g}",
     Cause.BOUNDED: (
         "the distortion is limited to {most:g}: {share:.2f}% of the faces are within it, and "

@@ -1,0 +1,25 @@
+"""The function between two frames: their blend, and what the motion of the field adds to it."""
+
+from __future__ import annotations
+
+from abfm.flow.flow import Flow
+from abfm.types import FloatArray
+
+
+def in_between(
+    flow: Flow, before: FloatArray, after: FloatArray, shares: FloatArray, motion: float
+) -> FloatArray:
+    """Return the function at shares (T,) of an interval, (T, V) or (T, V, C).
+
+    Both frames, (V,) or (V, C), are pushed along the flow of the interval to each time, and blended
+    by how near they are. Of the difference from the blend of the frames where they are, a share
+    ``motion``, from 0 to 1, is added to that: 0 is the linear blend, 1 the motion along the field.
+    """
+    weights = shares.reshape(-1, *[1] * before.ndim)
+    blend = (1 - weights) * before + weights * after
+    if motion == 0:
+        return blend
+    tau = flow.tau
+    ahead, back = flow.push(before, shares * tau), flow.push(after, (shares - 1) * tau)
+    moved = (1 - weights) * ahead + weights * back
+    return moved if motion == 1 else blend + motion * (moved - blend)

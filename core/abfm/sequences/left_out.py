@@ -1,0 +1,163 @@
+"""Whether the motion between two frames explains a third one that was left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.calculus.operators import face_areas, gradient, vertex_areas
+from abfm.calculus.vector_fields import to_ambient
+from abfm.errors import AdvectionError
+from abfm.flow.flow import Flow
+from abfm.sequences.frames import Frames
+from abfm.sequences.in_between import in_between
+from abfm.sequences.solve import Solver
+from abfm.types import FloatArray
+from abfm.workers.control import checkpoint
+from abfm.workers.progress import step
+
+_LEFT_OUT_FRAMES_MAX = 3
+_SHARE_OF_A_MOTION = 0.5
+"""Smallest share of a motion; less, beyond the error of the estimate by noise, is none."""
+_STANDARD_ERRORS = 2.0
+_COSINE_MIN = 0.5
+"""Of the angle between what two fields of the same motion change of a frame at once."""
+_CHANGE_MAX = 0.5
+"""Norm of the difference of what the fields of two intervals change of the frame between them, over
+that of their mean, up to which they are the same motion."""
+
+
+class LeftOut(NamedTuple):
+    """What frames that were left out say of the motion.
+
+    Attributes
+    ----------
+    share : float
+        How much of what the motion adds to the blend of two frames explains a frame between them,
+        from 0 to 1; NaN if unknown.
+    is_motion : bool
+        False if the motion surely does not explain these frames.
+    """
+
+    share: float = np.nan
+    is_motion: bool = True
+
+
+def left_out(solver: Solver) -> LeftOut:
+    """Leave out a frame of a few pairs of intervals, and find the motion between its neighbours.
+
+    With ``f`` the frame, ``b`` the blend of its neighbours at its time and ``a`` what the motion
+    between these gives there, the share is ``sum <f - b, a - b> / sum ||a - b||^2``: that of least
+    squares, by which ``b + share (a - b)`` is closest to ``f``. Noise alone makes it about 1/2, as
+    it is averaged over two places; of standing waves it is less.
+
+    A field between the neighbours that is not like those of the two intervals is no evidence: if
+    these are the same motion, the neighbours are too far apart to find it, and the share is
+    unknown. If not, no field is a motion for longer than one interval, and the share is 0.
+    """
+    product = square = variance = 0.0
+    # products of what the field found, and those of the two intervals, change of the frame at once
+    fields = np.zeros((3, 3))
+    with step("leaving out frames") as report:
+        middles = _middles(solver)
+        for number, middle in enumerate(middles):
+            checkpoint()
+            try:
+                found = _evidence(solver, middle)
+            except AdvectionError:
+                continue
+            product, square = product + found.product, square + found.square
+            variance, fields = variance + found.variance, fields + found.fields
+            report((number + 1) / len(middles))
+    if not square > 0:
+        return LeftOut()
+    of_mean = float(fields[1:, 1:].sum()) / 4
+    cosine = float(fields[0, 1:].sum()) / 2 / max(np.sqrt(fields[0, 0] * of_mean), 1e-300)
+    if cosine < _COSINE_MIN:
+        change = fields[1, 1] + fields[2, 2] - 2 * fields[1, 2]
+        is_same = bool(change <= _CHANGE_MAX**2 * of_mean)
+        return LeftOut() if is_same else LeftOut(0.0, False)
+    if product + _STANDARD_ERRORS * np.sqrt(variance) < _SHARE_OF_A_MOTION * square:
+        return LeftOut(0.0, False)
+    return LeftOut(float(np.clip(product / square, 0, 1)))
+
+
+class _Evidence(NamedTuple):
+    """Sums of a frame that was left out; ``variance`` is that of ``product`` by noise."""
+
+    product: float
+    square: float
+    variance: float
+    fields: FloatArray  # (3, 3)
+
+
+def _middles(solver: Solver) -> list[int]:
+    """Return frames to leave out: those whose neighbours differ about as much as the median.
+
+    If most intervals are motions, only frames between two of these count.
+    """
+    alone, frames = solver.alone, solver.frames
+    if 2 * np.count_nonzero(alone) >= len(alone):
+        alone = np.zeros_like(alone)
+    candidates = 1 + np.flatnonzero(~alone[:-1] & ~alone[1:])
+    counts = _counts(frames)
+    changes = np.array(
+        [np.linalg.norm(counts * (frames.values[i + 1] - frames.values[i - 1])) for i in candidates]
+    )
+    if not len(candidates):
+        return []
+    nearest = np.argsort(np.abs(changes - np.median(changes)), kind="stable")
+    return sorted(candidates[nearest[:_LEFT_OUT_FRAMES_MAX]].tolist())
+
+
+def _counts(frames: Frames) -> FloatArray:
+    """Return the root of how much each value counts, (V, C)."""
+    areas = vertex_areas(frames.mesh.normalized())
+    if frames.mask is not None:
+        areas = areas * frames.mask
+    return np.asarray(np.sqrt(areas[:, None] * frames.weights))
+
+
+def _evidence(solver: Solver, middle: int) -> _Evidence:
+    frames = solver.frames
+    ends = [middle - 1, middle + 1]
+    pair = replace(frames, values=frames.values[ends], times=frames.times[ends])
+    sigma = solver.sigma
+    if solver.given.sigma_unit == "relative":
+        sigma *= frames.deviation / pair.deviation
+    alone = Solver(pair, replace(solver.given, sigma=sigma), 0.0, solver.levels)
+    field, mesh = alone.first_field(0), frames.mesh
+    duration = float(pair.durations[0])
+    flow = Flow(mesh, to_ambient(mesh, field) * mesh.length_scale, duration)
+    shares = np.array([float(frames.times[middle] - pair.times[0]) / duration])
+    counts = _counts(frames)
+    before, after = pair.values
+    blend, moved = (counts * in_between(flow, before, after, shares, x)[0] for x in (0.0, 1.0))
+    apart, missing = moved - blend, counts * frames.values[middle] - blend
+    # of the frame itself, and of the blend
+    variances = (1 + shares**2 + (1 - shares) ** 2) * (counts * solver.levels.T) ** 2
+    fields = np.stack([field, *solver.fields[middle - 1 : middle + 1]])
+    return _Evidence(
+        float((missing * apart).sum()),
+        float((apart**2).sum()),
+        float((variances * apart**2).sum()),
+        _products(frames, middle, fields),
+    )
+
+
+def _products(frames: Frames, middle: int, fields: FloatArray) -> FloatArray:
+    """Return the products, over the surface, of what fields (N, F, 2) change of a frame at once,
+    (N, N): where it is flat, and along its contours, a field is what smoothness makes of it.
+    """
+    mesh = frames.mesh.normalized()
+    areas, derive = face_areas(mesh), gradient(mesh)
+    if frames.mask is not None:
+        areas = areas * frames.mask[mesh.faces].mean(axis=1)
+    found = np.zeros((len(fields), len(fields)))
+    for channel in np.flatnonzero(frames.weights):
+        slopes = (derive @ np.ascontiguousarray(frames.values[middle, :, channel])).reshape(-1, 2)
+        changes = np.einsum("fk,nfk->nf", slopes, fields)
+        found += frames.weights[channel] * np.einsum("f,nf,mf->nm", areas, changes, changes)
+    return found

@@ -1,0 +1,152 @@
+"""How well frames determine fields: known errors, invariances, contours and flat places."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import abfm
+from abfm.calculus.operators import face_areas, face_frames, gradient
+from abfm.sequences import defaults
+from abfm.sequences.uncertainty import _Integrals, _of_data
+from tests.core.sequences.films import SPHERE, coordinates, turning
+
+FAST = defaults(sigma=0.3)
+
+
+@cache
+def solved(noise=0.0):
+    frames, wanted = turning(SPHERE, 0.1, 4)
+    rng = np.random.default_rng(0)
+    given = frames + noise * frames.std() * rng.standard_normal(frames.shape)
+    parameters = defaults(sigma=0.9 if noise > 0.2 else 0.3)
+    return abfm.sequence(SPHERE, given, parameters=parameters), wanted
+
+
+@cache
+def with_a_bump():
+    """A bump on the equator that turns about z; the sphere is flat elsewhere."""
+    angles = 0.1 * np.arange(4)
+    places = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    return abfm.sequence(SPHERE, np.exp(8 * (places @ SPHERE.vertices.T - 1)), parameters=FAST)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3])
+def test_errors_are_about_as_large_as_the_uncertainty(noise):
+    found, wanted = solved(noise)
+    errors = np.linalg.norm(found.velocity - wanted, axis=2)
+    assert 0.2 < np.median(errors / found.uncertainty) < 1.5
+    assert (errors < 3 * found.uncertainty).mean() > 0.9
+    # more so where it is larger
+    order = np.argsort(found.uncertainty.ravel())
+    low, high = np.array_split(errors.ravel()[order], 2)
+    assert np.median(high) > np.median(low)
+
+
+def test_noise_and_fewer_frames_leave_more_uncertain():
+    least, some, much = (solved(noise)[0].speed_uncertainty.mean() for noise in (0.0, 0.1, 0.3))
+    assert least < some < much < np.inf
+    alone = replace(solved(0.3)[0], gamma=0.0)
+    assert alone.speed_uncertainty.mean() > much
+
+
+def test_flat_places_are_not_determined():
+    found = with_a_bump()
+    middles = SPHERE.vertices[SPHERE.faces].mean(axis=1)
+    near, far = middles[:, 0] > 0.9, middles[:, 0] < 0
+    assert np.median(found.determined[:, near]) > 0.8
+    assert np.median(found.determined[:, far]) < 0.02
+    assert found.uncertainty[:, far].min() > 2 * np.median(found.uncertainty[:, near])
+    # as much as the usual speed where it is determined: nothing else is known
+    truth = 0.1 * np.hypot(middles[:, 0], middles[:, 1])
+    assert np.median(found.uncertainty[0, far]) > 0.3 * np.median(truth[far])
+
+
+def test_contours_hide_what_goes_along_them():
+    z = SPHERE.vertices[:, 2]
+    frames = np.stack([np.sin(5 * np.tanh(np.arctanh(0.999 * z) - 0.04 * t)) for t in range(3)])
+    found = abfm.sequence(SPHERE, frames, parameters=FAST)
+    slopes = (gradient(SPHERE) @ frames[1]).reshape(-1, 2)
+    sizes = np.linalg.norm(slopes, axis=1, keepdims=True)
+    steep = sizes[:, 0] > np.median(sizes)
+    across = slopes / sizes
+    along = np.stack([-across[:, 1], across[:, 0]], axis=1)
+    by_axis = [
+        np.sqrt(np.einsum("fx,fxy,fy->f", axis, found.covariances[1], axis)[steep])
+        for axis in (across, along)
+    ]
+    assert np.median(by_axis[1] / by_axis[0]) > 1.5
+
+
+def test_more_channels_determine_all_directions():
+    frames, _ = turning(SPHERE, 0.1, 3, coordinates)
+    assert abfm.sequence(SPHERE, frames, parameters=FAST).determined.min() > 0.7
+
+
+def test_units_and_rotation_do_not_matter():
+    found = solved(0.1)[0]
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    mesh = abfm.TriangleMesh(7 * SPHERE.vertices @ turn.T + 3, SPHERE.faces)
+    other = abfm.sequence(mesh, 1e4 * found.frames[:, :, 0] - 5, 0.01 * found.times, FAST)
+    assert_allclose(other.uncertainty, 700 * found.uncertainty, rtol=1e-3)
+    assert_allclose(other.determined, found.determined, rtol=1e-3, atol=1e-6)
+
+
+def test_covariances_are_tensors_of_the_tangent_plane():
+    found = solved(0.1)[0]
+    covariances = found.covariances
+    assert covariances.shape == (3, len(SPHERE.faces), 2, 2)
+    assert_allclose(covariances, covariances.swapaxes(2, 3))
+    assert np.linalg.eigvalsh(covariances).min() > 0
+    order = np.random.default_rng(1).permutation(len(SPHERE.vertices))
+    mesh = abfm.TriangleMesh(SPHERE.vertices[order], np.argsort(order)[SPHERE.faces])
+    there = replace(found, _frames=replace(found._frames, mesh=mesh, values=found.frames[:, order]))
+    turned = np.einsum("fax,fby->fabxy", face_frames(mesh), face_frames(SPHERE))
+    turned = np.einsum("fabxx->fab", turned)
+    expected = np.einsum("fab,ifbc,fdc->ifad", turned, covariances, turned)
+    assert_allclose(there.covariances, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_constant_and_still_frames():
+    constant = abfm.sequence(SPHERE, np.ones((3, len(SPHERE.vertices))), parameters=FAST)
+    assert np.isinf(constant.uncertainty).all()
+    assert_array_equal(constant.determined, 0)
+    still = np.repeat(turning(SPHERE, 0.1, 1)[0], 3, axis=0)
+    found = abfm.sequence(SPHERE, still, parameters=FAST)
+    assert_array_equal(found.uncertainty, 0)
+    assert found.speed_determined.min() > 0.9
+
+
+def test_masked_places_are_not_determined():
+    hidden = SPHERE.vertices[:, 0] > 0.5
+    frames = solved()[0].frames[:, :, 0]
+    found = abfm.sequence(SPHERE, frames, parameters=FAST, mask=~hidden)
+    middles = SPHERE.vertices[SPHERE.faces].mean(axis=1)
+    assert found.determined[:, middles[:, 0] > 0.85].max() < 0.5
+    assert np.median(found.determined[:, middles[:, 0] < 0]) > 0.8
+
+
+def test_integrals_are_those_of_the_plane():
+    """Order 1, of one interval: ``d / (4 pi alpha) log((1 + alpha K + d) / (1 + d))``."""
+    found = replace(solved()[0], gamma=0.0)
+    integrals, k = _Integrals.of(found), 4 * np.pi * len(SPHERE.vertices)
+    for d in (1e-9, 0.3, 50.0, 1e7):
+        wanted = d / (4 * np.pi) * np.log((1 + k + d) / (1 + d))
+        assert integrals.modes(np.array([[d]]))[0, 0] == pytest.approx(wanted, rel=1e-2)
+        square = d / (4 * np.pi) * (1 / (1 + d) - 1 / (1 + k + d))
+        assert integrals.scatter(np.array([[d]]))[0, 0] == pytest.approx(square, rel=1e-2)
+
+
+def test_shares_are_those_of_the_linear_problem():
+    """The trace of ``D`` over the surface is that of the data term's second derivative."""
+    found = solved()[0]
+    eigenvalues, _ = _of_data(found, np.arange(len(found)))
+    areas = face_areas(SPHERE.normalized())
+    traces = np.einsum("f,ifk->i", areas, eigenvalues)
+    mesh, sigma = SPHERE.normalized(), 0.3 * found._frames.deviation
+    for i, trace in enumerate(traces):
+        slopes = (gradient(mesh) @ found.frames[i + 1, :, 0]).reshape(-1, 2)
+        assert trace == pytest.approx(areas @ (slopes**2).sum(axis=1) / sigma**2, rel=0.1)
