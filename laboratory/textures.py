@@ -137,8 +137,8 @@ class MovingTexture:
         for _ in range(_TRACER_STEPS):
             points = _moved(self._velocity, points, step)
         frames = np.stack([wave.values(self.mesh.vertices), wave.values(points)])
-        rng = np.random.default_rng(10 * self.seed + 5)
-        return frames + self.noise * frames.std() * rng.standard_normal(frames.shape)
+        scatter = np.random.default_rng(10 * self.seed + 5).standard_normal(frames.shape)
+        return np.asarray(frames + self.noise * frames.std() * scatter)
 
     @cached_property
     def told(self) -> BoolArray:
@@ -210,8 +210,8 @@ def main() -> None:
     jobs = Cluster(given.jobs).processes
     sizes = product(SIZE_NOISES, (1.0,), LEVELS)
     parts = [
-        "Median errors of the angle (first three), and of the speed; those of Horn-Schunck are bold "
-        "where they are smaller than with the chosen norm (its order, alpha and sigma):",
+        "Median errors of the angle (first three), and of the speed; the norm is its order, alpha "
+        "and sigma. Errors of Horn-Schunck are bold where they are smaller than those with it:",
         table([Case("smooth", "turn", *each) for each in sizes], jobs),
         table([Case(*each) for each in product(TEXTURES, MOTIONS, NOISES, DISPLACEMENTS)], jobs),
     ]

@@ -5,9 +5,9 @@
         [--picture docs/images/waves.png] [--tracks docs/images/tracks.png]
 
 The surface is by default nilearn's white one of fsaverage5, left. Waves are solved and compared on
-all cores, and kept in the folder, so that the same command resumes. Films are measured as they are, by
-a process each: how many intervals flow lines confirm, and which tracks there are; those of
-the first are drawn.
+all cores, and kept in the folder, so that the same command resumes. Each film is measured as it
+is, by one process: how many intervals flow lines confirm, and which tracks there are; those of the
+first are drawn.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = N
         facts.headline,
         facts.tone,
         [(of_interval(sequence, i), v.kind.tone) for i, v in enumerate(sequence.verdicts)],
-        {"median speed": _speed(sequence, labels)},
+        {"median speed": _speed(sequence, labels), "solved with": sequence.settings},
         [_layer(name, values, middles, unit) for name, values in parts.items()],
         [
             *([] if facts.tone == "good" else [facts.reason]),

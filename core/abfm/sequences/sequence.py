@@ -118,6 +118,15 @@ class Sequence:
         return facts_of_intervals(self.verdicts, self.residual, self.verified_residual, self.folded)
 
     @property
+    def settings(self) -> str:
+        """Norm, sigma and gamma in words, and which of them held-out data chose."""
+        given = self.parameters
+        chosen = [*given.automatic, *(["sigma"] if given.sigma is None else [])]
+        how = f" (chosen by held-out data: {', '.join(chosen)})" if chosen else ""
+        numbers = f"alpha {given.alpha:.3g}, sigma {self.sigma:.3g}, gamma {self.gamma:.3g}"
+        return f"norm of order {given.order}, {numbers}{how}"
+
+    @property
     def solved(self) -> BoolArray:
         """Which intervals were solved, (T - 1,): fields of the others are 0, as of a film that was
         cancelled before them, and say nothing of speed.
