@@ -79,17 +79,17 @@ def test_file_keeps_the_choice(found, tmp_path):
 def test_resumed_run_keeps_the_choice(found, tmp_path):
     """The choice is made once; a resumed run reads it, and finds the same bit for bit."""
 
-    class Killed(Exception):
+    class KilledError(Exception):
         pass
 
     def kill(interval):
-        raise Killed
+        raise KilledError
 
     class AtOnce(Unfinished):
         def keep(self, solver, at_once=True):
             super().keep(solver, True)
 
-    with pytest.raises(Killed):
+    with pytest.raises(KilledError):
         abfm.sequence(
             BALL,
             FRAMES,
