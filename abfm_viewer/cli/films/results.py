@@ -64,8 +64,8 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
         f"{sequence.confirmed} of {counted(len(sequence), 'interval')} confirmed by flow lines: "
         f"{kinds}",
         f"{counted(len(times), 'frame')} from {times[0]:.6g} to {times[-1]:.6g}, on a mesh of "
-        f"{len(sequence.mesh.faces):,} faces",
-        f"{sequence.settings}; noise leaves {sequence.noise:.2g}",
+        f"{len(sequence.mesh.faces):,} faces; {sequence.settings}; noise leaves "
+        f"{sequence.noise:.2g}",
         f"speed: median {seen}{np.median(speed):.3g} everywhere, at most {speed.max():.3g}, in the "
         f"mesh's unit per {unit}"
         if speed.size

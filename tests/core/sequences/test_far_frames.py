@@ -67,7 +67,7 @@ def test_what_is_far_is_taken_where_nothing_near_comes_as_close(turned, monkeypa
 
 
 def test_what_is_far_is_not_taken_where_flow_lines_do_not_carry_it_there(turned, monkeypatch):
-    source = turned.solver._energy(1).functions.source
+    source = turned.solver.energy(1).functions.source
     monkeypatch.setattr(solve, "defect", lambda energy, field: turned.on.at.advected - source)
     assert turned.found(monkeypatch, turned.still) is turned.still
     assert turned.solver.in_vain == 1
