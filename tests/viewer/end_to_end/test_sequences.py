@@ -262,9 +262,9 @@ def test_other_parameters_make_a_result_outdated(solved, notes):
     for choice, order in (("auto", None), ("2", 2)):
         solved.choose("order", choice)
         assert session.document.settings.order == order
-    solved.click("auto sigma")
-    solved.type("sigma", "0.2")
     solved.type("alpha", "-1")
+    solved.click("auto sigma")  # not that of alpha
+    solved.type("sigma", "0.2")
     assert session.document.settings == FilmSettings(2.0, 0.2, session.document.settings.gamma, 2)
     assert session.document.settings.gamma == pytest.approx(10, rel=0.2)
     assert session.document.is_film_outdated
