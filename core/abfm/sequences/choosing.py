@@ -19,10 +19,9 @@ from abfm.matching.match import match
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solving.held_out import without
 from abfm.parameters import Parameters
-from abfm.sequences.explained import OFTEN
 from abfm.sequences.frames import Frames
 from abfm.sequences.interval import COOLER, Interval, cooling
-from abfm.sequences.noise import noise_floor
+from abfm.sequences.noise import OFTEN, noise_floor
 from abfm.sequences.parameters import SequenceParameters
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint

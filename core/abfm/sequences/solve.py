@@ -16,10 +16,9 @@ from abfm.matching.solving.measures import measured
 from abfm.parameters import Parameters
 from abfm.sequences.choosing import WARMEST, Norm, chosen, searched
 from abfm.sequences.defect import defect
-from abfm.sequences.explained import OFTEN, explains_little
 from abfm.sequences.frames import Frames
 from abfm.sequences.interval import Interval, Neighbour, Point
-from abfm.sequences.noise import noise_floor, noise_levels
+from abfm.sequences.noise import OFTEN, explains_little, noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
