@@ -1,5 +1,5 @@
-"""Rings and wedges on V1 to V3, whose motion is known: the fields of `abfm.sequence` beside linear
-Horn-Schunck, and what it says of a whole film, in which they also jump, come and go.
+"""Rings and wedges on V1 to V3, whose motion is known: the fields of `abfm.sequence` compared with
+linear Horn-Schunck, and the verdicts of a whole sequence, in which they also jump, come and go.
 
     python -m laboratory.retinotopy FOLDER [--side lh] [--write docs/sequences.md]
         [--picture docs/images/retinotopy.png]
@@ -235,12 +235,12 @@ def _course_errors(
 
 
 COURSE_HEADS = (
-    "film",
+    "sequence",
     "the stimulus",
     "intervals",
     "confirmed",
-    "differed",
-    "left",
+    "change",
+    "residual",
     "speed (edges)",
     "angle",
     "speed",
@@ -359,7 +359,10 @@ def main() -> None:
     if given.picture:
         inflated = load_mesh(white.with_name(f"infl_{_SIDES[given.side]}.gii.gz"))
         drawn(maps, inflated, given.picture)
-    parts = ["Median errors of the angle to the gradient (first three), and of the speed along it:"]
+    parts = [
+        "Median errors of the angle to the gradient (first three), and of the speed along it; bold "
+        "where Horn-Schunck is better than all intervals together:"
+    ]
     parts.append(told_table(("stimulus", *HEADS), (each.row() for each in measured(maps))))
     parts.append("Two rounds of each, an edge from frame to frame, with 5% noise:")
     courses = (
