@@ -37,9 +37,7 @@ LEAST = 0.1
 _LOOKED_AT = 3  # intervals by which the choice is made
 _STEPS = 3  # of Gauss-Newton with each sigma there
 _NOTHING = 0.001  # share of what any choice explains of the variance that was held out
-_HARDLY = (
-    0.6  # of what was held out: where more is left by any sigma, it is looked for further away
-)
+_HARDLY = 0.6  # of what was held out: where any sigma leaves more, a match looks further
 _PROMISING = 1.05  # times the least residual, within which a norm is worth more than one sigma
 _FAR = Parameters(sigma=0.3, segments=1, refine=0)  # of a match that looks further
 
@@ -59,7 +57,7 @@ class Choice(NamedTuple):
 
 
 NORMS = (Norm(2, 0.1), Norm(2, 0.3), Norm(2, 0.03), Norm(1, 1.0))
-"""What is tried; the first is followed through all sigmas."""
+"""Those that are compared; the first is followed through all sigmas."""
 
 
 def norms(given: SequenceParameters) -> list[Norm]:
@@ -74,8 +72,13 @@ def norms(given: SequenceParameters) -> list[Norm]:
 
 
 def chosen(solver: Solver) -> Choice:
-    """Return the norm that leaves least of what is held out on a few intervals, and the largest
-    sigma that explains with it nearly as much as any does.
+    """Return the norm with the smallest residual on held-out patches of a few intervals, and the
+    largest sigma that explains nearly as much with it as its best one.
+
+    Raises
+    ------
+    ParameterError
+        If there are too few vertices to hold any out, and sigma is not given.
     """
     given, candidates = solver.given, norms(solver.given)
     usual = Norm(given.order, given.alpha)
@@ -101,8 +104,8 @@ def chosen(solver: Solver) -> Choice:
 
 
 class _HeldOut:
-    """What a norm leaves of held-out patches, by sigma, on a few intervals: of sigmas that fall to
-    the given one, this alone counts.
+    """Residuals of held-out patches with a norm, by sigma, on a few intervals. If sigma is given,
+    only the residual with that one counts.
     """
 
     def __init__(
@@ -135,7 +138,7 @@ class _HeldOut:
         return max(sigma for sigma, left in self._left.items() if left**2 <= enough)
 
     def follow_all(self, tell: Callable[[float], None]) -> None:
-        """Follow sigma down until less of it leaves more; where much is left, look further."""
+        """Decrease sigma until the residual grows; if it stays large, look further away."""
         self._descend(tell)
         if self.least > max(_HARDLY * self.rest, OFTEN * self._noise):
             least, found = self.least, (self._left, self._fields)
@@ -159,8 +162,8 @@ class _HeldOut:
                 break
 
     def look_near(self, other: _HeldOut, best: float) -> None:
-        """Begin at the fields of another norm, at a sigma that is about as smooth; where this
-        leaves hardly more than the best residual, go on to smaller and larger ones.
+        """Start from the fields of another norm, at the sigma that is about as smooth. If this is
+        within `_PROMISING` of the best residual, try smaller and larger sigmas.
         """
         for walk, of_other in zip(self.walks, other.walks, strict=True):
             walk.starts = of_other.starts
@@ -175,8 +178,8 @@ class _HeldOut:
             self._improve(at, -1)
 
     def _improve(self, at: int, turn: int) -> bool:
-        """Go on to smaller sigmas (1), or larger ones (-1), while they leave less; return whether
-        any does.
+        """Try smaller sigmas (1), or larger ones (-1), while the residual falls; return whether it
+        did.
         """
         fields, start = self._fields[self._sigmas[at]], at
         while 0 <= at + turn < len(self._sigmas):
