@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from laboratory import textures
+from laboratory.common import mapped
 from laboratory.motion import cells
 from laboratory.textures import Case, MovingTexture, PlaneWaves
 from tests.shapes import icosphere
@@ -56,3 +57,8 @@ def test_default_beats_the_tuned_baseline_and_order_1_on_a_smooth_texture():
 def test_errors_of_a_better_baseline_are_bold():
     errors = np.array([[2.0, 0.1], [3.0, 0.3], [2.5, 0.05]])
     assert cells(errors) == ["**2.0°**", "3.0°", "2.5°", "10.0%", "30.0%", "5.0%"]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_mapped_keeps_the_order(jobs):
+    assert list(mapped(abs, [-3, 1, -2], jobs)) == [3, 1, 2]
