@@ -3,12 +3,15 @@
 import os
 import platform
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from math import inf
+from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
+from typing import TypeVar
 
 import numpy as np
 import trimesh
@@ -36,6 +39,9 @@ COOLED = replace(PARAMETERS, cooling_stages=3, iterations=500)
 
 _SOURCE_WIDTH, _TARGET_WIDTH = 0.12, 0.06  # standard deviations as fractions of sqrt(area)
 _LINUX = Path("/proc/cpuinfo")
+
+Given = TypeVar("Given")
+Found = TypeVar("Found")
 
 
 def new_sphere(subdivision: int) -> TriangleMesh:
@@ -146,6 +152,18 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 def number(value: float | None) -> str:
     """Return three digits, or that there is none."""
     return "not reached" if value is None else f"{value:.3g}"
+
+
+def mapped(
+    function: Callable[[Given], Found], given: Sequence[Given], jobs: int
+) -> Iterator[Found]:
+    """Yield what a function of a module returns for each value, by so many processes, in order."""
+    if jobs == 1:
+        yield from map(function, given)
+        return
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # of the processes: one thread each
+    with ProcessPoolExecutor(min(jobs, len(given)), get_context("spawn")) as processes:
+        yield from processes.map(function, given)
 
 
 def told_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

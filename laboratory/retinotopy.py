@@ -1,8 +1,8 @@
-"""Rings and wedges on V1 to V3, whose motion is known: the fields of `abfm.sequence` beside linear
-Horn-Schunck, and what it says of a whole film, in which they also jump, come and go.
+"""Rings and wedges on V1 to V3, whose motion is known: the fields of `abfm.sequence` compared with
+linear Horn-Schunck, and the verdicts of a whole sequence, in which they also jump, come and go.
 
-    python -m laboratory.retinotopy FOLDER [--side lh] [--write docs/sequences.md]
-        [--picture docs/images/retinotopy.png]
+    python -m laboratory.retinotopy FOLDER [--side lh] [--jobs N]
+        [--write docs/sequences.md] [--picture docs/images/retinotopy.png]
 
 The folder has the maps of Benson et al. as neuropythy has them on fsaverage
 (``neuropythy/lib/data/fsaverage/surf``): `lh.benson14_eccen.v4_0.mgz`, `_angle`, `_varea`. The
@@ -15,19 +15,20 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from abfm import Sequence, TriangleMesh, load_mesh, sequence
+from abfm.batch import Cluster
 from abfm.calculus.operators import edge_lengths, face_areas, face_normals, gradient
 from abfm.calculus.vector_fields import to_ambient
 from abfm.functions import read_table
 from abfm.outcome import worse_residual
 from abfm.types import BoolArray, FloatArray, IntArray
-from laboratory.common import put_between, told_table
+from laboratory.common import mapped, put_between, told_table
 from laboratory.motion import HEADS, Errors, Result, angles, compared, solved
 from laboratory.waves import fsaverage5
 
@@ -175,27 +176,38 @@ class Stimulus:
         return float(np.median(angles(a, b))), float(np.median(np.abs(along - 1)))
 
 
-def measured(maps: Maps) -> Iterator[Result]:
-    """Measure both stimuli at all displacements with all amounts of noise."""
-    for kind, displacements in DISPLACEMENTS.items():
-        stimulus = Stimulus(maps, kind)
-        for displacement in displacements:
-            centres = stimulus.centres(displacement)
-            step = float(centres[1] - centres[0])
+class Case(NamedTuple):
+    """A stimulus, its displacement from frame to frame in edges, and its noise."""
 
-            def errors(
-                i: int,
-                found: FloatArray,
-                stimulus: Stimulus = stimulus,
-                centres: FloatArray = centres,
-                step: float = step,
-            ) -> Errors:
-                return stimulus.errors(float(centres[i]), step, found)
+    stimulus: Stimulus
+    displacement: float
+    noise: float
 
-            for noise in NOISES:
-                film = stimulus.measured(centres, noise)
-                found = solved(maps.mesh, film)
-                yield Result(kind, noise, displacement, compared(found, errors))
+    def measured(self) -> Result:
+        """Return the errors of Horn-Schunck, and of both sequences."""
+        stimulus = self.stimulus
+        centres = stimulus.centres(self.displacement)
+        step = float(centres[1] - centres[0])
+
+        def errors(i: int, found: FloatArray) -> Errors:
+            return stimulus.errors(float(centres[i]), step, found)
+
+        found = solved(stimulus.maps.mesh, stimulus.measured(centres, self.noise))
+        return Result(stimulus.kind, self.noise, self.displacement, compared(found, errors))
+
+    def course_rows(self) -> list[list[str]]:
+        """Return what `course_rows` does."""
+        return list(course_rows(*self))
+
+
+def cases(maps: Maps) -> list[Case]:
+    """Return both stimuli at all displacements with all amounts of noise."""
+    return [
+        Case(Stimulus(maps, kind), displacement, noise)
+        for kind, displacements in DISPLACEMENTS.items()
+        for displacement in displacements
+        for noise in NOISES
+    ]
 
 
 def course_rows(stimulus: Stimulus, displacement: float, noise: float) -> Iterator[list[str]]:
@@ -235,12 +247,12 @@ def _course_errors(
 
 
 COURSE_HEADS = (
-    "film",
+    "sequence",
     "the stimulus",
     "intervals",
     "confirmed",
-    "differed",
-    "left",
+    "change",
+    "residual",
     "speed (edges)",
     "angle",
     "speed",
@@ -353,19 +365,25 @@ def main() -> None:
     parser.add_argument("--side", choices=tuple(_SIDES), default="lh")
     for name in ("write", "picture"):
         parser.add_argument(f"--{name}", type=Path)
+    parser.add_argument("--jobs", type=int, help="so many processes (default: one for each core)")
     given = parser.parse_args()
     white = fsaverage5().with_name(f"white_{_SIDES[given.side]}.gii.gz")
     maps = read_maps(given.folder, given.side, load_mesh(white))
     if given.picture:
         inflated = load_mesh(white.with_name(f"infl_{_SIDES[given.side]}.gii.gz"))
         drawn(maps, inflated, given.picture)
-    parts = ["Median errors of the angle to the gradient (first three), and of the speed along it:"]
-    parts.append(told_table(("stimulus", *HEADS), (each.row() for each in measured(maps))))
+    parts = [
+        "Median errors of the angle to the gradient (first three), and of the speed along it; bold "
+        "where Horn-Schunck is better than all intervals together:"
+    ]
+    jobs = Cluster(given.jobs).processes
+    results = mapped(Case.measured, cases(maps), jobs)
+    parts.append(told_table(("stimulus", *HEADS), (each.row() for each in results)))
     parts.append("Two rounds of each, an edge from frame to frame, with 5% noise:")
-    courses = (
-        row for kind in DISPLACEMENTS for row in course_rows(Stimulus(maps, kind), 1.0, 0.05)
+    courses = mapped(
+        Case.course_rows, [Case(Stimulus(maps, kind), 1.0, 0.05) for kind in DISPLACEMENTS], jobs
     )
-    parts.append(told_table(COURSE_HEADS, courses))
+    parts.append(told_table(COURSE_HEADS, chain.from_iterable(courses)))
     if given.write:
         put_between(given.write, MARKS, parts)
 

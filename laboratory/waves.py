@@ -4,9 +4,9 @@
         [--folder DIR] [--jobs N] [--write docs/sequences.md]
         [--picture docs/images/waves.png] [--tracks docs/images/tracks.png]
 
-The surface is by default nilearn's white one of fsaverage5, left. Waves are solved on all cores,
-and kept in the folder, so that it goes on where it was stopped. Films are measured as they are, by
-this process alone: how many intervals flow lines confirm, and which tracks there are; those of the
+The surface is by default nilearn's white one of fsaverage5, left. Waves are solved and compared on
+all cores, and kept in the folder, so that the same command resumes. Each film is measured as it
+is, by one process: how many intervals flow lines confirm, and which tracks there are; those of the
 first are drawn.
 """
 
@@ -27,13 +27,13 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm import TriangleMesh, load_mesh, sequence
-from abfm.batch import Cluster, Row, run
+from abfm.batch import Cluster, Entry, Row, run
 from abfm.calculus import eigenbasis
 from abfm.calculus.operators import edge_lengths, face_areas, gradient
 from abfm.calculus.vector_fields import to_ambient
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.types import BoolArray, FloatArray
-from laboratory.common import put_between, told_table
+from laboratory.common import mapped, put_between, told_table
 from laboratory.film_tracks import draw_tracks
 from laboratory.motion import GAMMAS, HEADS, Result, angles, compared
 
@@ -137,10 +137,14 @@ def measured(surface: Path, folder: Path, cluster: Cluster) -> Iterator[Result]:
     waves = [*noisy(load_mesh(surface))]
     rows = [row for each in waves for row in each.rows(surface, folder)]
     entries = iter(run(rows, folder, cluster, on_change=lambda e: print(e.row.name, flush=True)))
-    for each in waves:
-        wave, found = each.wave, [next(entries).load() for _ in GAMMAS]
-        errors = compared(found, wave.errors)
-        yield Result(wave.kind, each.noise, wave.displacement, errors)
+    found = [(each, [next(entries) for _ in GAMMAS]) for each in waves]
+    yield from mapped(_result, found, cluster.processes)
+
+
+def _result(found: tuple[Noisy, list[Entry]]) -> Result:
+    each, entries = found
+    wave, errors = each.wave, compared([entry.load() for entry in entries], each.wave.errors)
+    return Result(wave.kind, each.noise, wave.displacement, errors)
 
 
 def drawn(results: list[Result], path: Path) -> None:
@@ -175,10 +179,11 @@ def drawn(results: list[Result], path: Path) -> None:
     figure.savefig(path, dpi=115)
 
 
-def film_row(
-    mesh_path: str, frames_path: str, seconds: str, picture: Path | None = None
-) -> list[str]:
-    """Return what a sequence says of a film of which nothing is known, and draw its tracks."""
+def film_row(given: tuple[str, str, str, Path | None]) -> list[str]:
+    """Return the row of frames whose motion is not known: the files of the mesh and the frames,
+    seconds from frame to frame, and a picture of the tracks to draw.
+    """
+    mesh_path, frames_path, seconds, picture = given
     mesh = load_mesh(mesh_path, largest_component=True)
     frames = np.load(frames_path)
     start = perf_counter()
@@ -193,6 +198,8 @@ def film_row(
     return [
         Path(frames_path).stem,
         f"{len(frames)} of {len(mesh.vertices):,}",
+        f"{found.parameters.order}",
+        f"{found.parameters.alpha:g}",
         f"{found.sigma:g}",
         f"{found.confirmed} of {len(found)}",
         f"{np.median(found.residual):.3f}",
@@ -206,11 +213,13 @@ def film_row(
 
 
 _FILM_HEADS = (
-    "film",
+    "sequence",
     "frames, vertices",
+    "order",
+    "alpha",
     "sigma",
     "confirmed",
-    "left",
+    "residual",
     "by flow lines",
     "speed (a second)",
     "tracks of 5 or more",
@@ -247,7 +256,10 @@ def main() -> None:
                 results.append(result)
                 yield result.row()
 
-        parts.append("Median errors of the angle (first three), and of the speed:")
+        parts.append(
+            "Median errors of the angle (first three), and of the speed; bold where Horn-Schunck "
+            "is better than all intervals together:"
+        )
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(given.folder or temporary)
             folder.mkdir(parents=True, exist_ok=True)
@@ -256,11 +268,9 @@ def main() -> None:
             drawn(results, given.picture)
     if given.film:
         pictures = given.tracks, *[None] * (len(given.film) - 1)
-        films = zip(given.film, pictures, strict=True)
-        rows_of_films = (
-            film_row(mesh, frames, seconds, picture) for (mesh, frames, seconds), picture in films
-        )
-        parts += ["Films:", told_table(_FILM_HEADS, rows_of_films)]
+        films = [(*film, picture) for film, picture in zip(given.film, pictures, strict=True)]
+        rows_of_films = mapped(film_row, films, Cluster(given.jobs).processes)
+        parts += ["Sequences:", told_table(_FILM_HEADS, rows_of_films)]
     if given.write:
         put_between(given.write, MARKS, parts)
 

@@ -152,7 +152,9 @@ class WidgetSearch:
         self._input.click()
 
     def _again(self, widget: Widget) -> Widget | None:
-        return next((one for one in self._drawn(widget.kind) if one.path == widget.path), None)
+        same = (widget.path, widget.name)  # boxes beside sliders share the word "auto"
+        found = (one for one in self._drawn(widget.kind) if (one.path, one.name) == same)
+        return next(found, None)
 
     def _scrolled_to(self, widget: Widget) -> Widget:
         """Return the widget after the part of the window that it is in was scrolled to show it."""

@@ -125,6 +125,8 @@ def add_parameters(
         if names is not None and entry.name not in names:
             continue
         told = entry.default if usual is None else getattr(usual, entry.name)
+        if entry.name in getattr(usual, "automatic", ()):  # of a sequence: chosen
+            told = None
         symbol = f" [{entry.metadata['symbol']}]" if entry.metadata["symbol"] else ""
         default = "auto" if told is None else told
         what = (about or {}).get(entry.name, entry.metadata["help"])
@@ -134,7 +136,8 @@ def add_parameters(
         choices = CHOICES.get(entry.name)
         kind = int if is_whole(entry) else float
         metavar = f"{{{','.join(choices)}}}" if choices else "INT" if kind is int else "X"
-        read = str if choices else kind if entry.default is not None else partial(_or_auto, kind)
+        is_optional = told is None or entry.default is None
+        read = str if choices else partial(_or_auto, kind) if is_optional else kind
         absent = entry.default if unset is None else unset
         settings = {"type": read, "choices": choices, "default": absent}
         add("--" + entry.name.replace("_", "-"), text, metavar, **settings)

@@ -9,20 +9,37 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+import abfm
 from abfm.types import FloatArray
 
 if TYPE_CHECKING:
     from abfm import Sequence
+    from abfm.sequences import SequenceParameters
     from abfm.sequences.frames import Frames
 
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """What all intervals are matched with; a sigma of None is chosen."""
+    """What all intervals are matched with; None is chosen by held-out data."""
 
-    alpha: float = 1.0
+    alpha: float | None = None
     sigma: float | None = None
     gamma: float = 1.0  # how much neighbouring fields are held together
+    order: int | None = None
+
+    @property
+    def parameters(self) -> SequenceParameters:
+        """The parameters of the sequence; ParameterError if a value is refused."""
+        return abfm.sequences.defaults(alpha=self.alpha, order=self.order, sigma=self.sigma)
+
+
+def settings_of(sequence: Sequence) -> FilmSettings:
+    """Return the settings that a sequence was found with."""
+    given = sequence.parameters
+    alpha, order = (
+        None if name in given.automatic else getattr(given, name) for name in ("alpha", "order")
+    )
+    return FilmSettings(alpha, given.sigma, sequence.gamma, order)
 
 
 def unit_of(times: FloatArray) -> str:
@@ -110,6 +127,4 @@ class Film:
 
 def is_of(sequence: Sequence, film: Film, settings: FilmSettings) -> bool:
     """Return whether a sequence was found for these frames with these settings."""
-    given = sequence.parameters
-    found = FilmSettings(given.alpha, given.sigma, sequence.gamma)
-    return sequence.frames is film.frames.values and found == settings
+    return sequence.frames is film.frames.values and settings_of(sequence) == settings

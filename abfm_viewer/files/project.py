@@ -453,7 +453,7 @@ def _check(document: Document) -> None:
     _within("channel", document.channel, 0, max(count, 1) - 1)
     if film is not None:
         settings = document.settings
-        abfm.sequences.defaults(alpha=settings.alpha, sigma=settings.sigma)
+        _ = settings.parameters  # which refuses what does not fit
         _within("gamma", settings.gamma, 0, 1e6)
     _require(document.bump >= 0, f"bump is {document.bump}; expected 0 or more")
     if document.chosen is not None:

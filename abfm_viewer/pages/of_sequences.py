@@ -107,6 +107,7 @@ def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = N
             "median speed": _speed(sequence, labels),
             **({"uncertainty": uncertainty(sequence)} if sequence.solved.any() else {}),
             "frames in between": motion_between(sequence),
+            "solved with": sequence.settings,
         },
         [_layer(name, values, middles, unit) for name, values in parts.items()],
         [

@@ -22,9 +22,14 @@ _GAMMA = (
     "How much the fields of neighbouring intervals are held together. More if they flicker, 0 for "
     "each interval by itself. Default: 1."
 )
-_ALPHA = "Smaller if motion is missed, larger if the fields are rough. Default: 1."
+_ORDER = (
+    "Order of the norm of the fields: 2 is smoother, 1 is the paper's. Auto: the one that predicts "
+    "held-out patches of a few intervals best."
+)
+_ALPHA = "Smaller if motion is missed, larger if the fields are rough."
 _SIGMA = "How closely each frame is met, in standard deviations of the frames."
-_AUTO = Auto(LAST, "Chosen by what is held out on a few intervals.")
+_CHOSEN = "Chosen by what predicts held-out patches of a few intervals."
+_AUTO = {"alpha": Auto(1.0, _CHOSEN), "sigma": Auto(LAST, _CHOSEN)}
 
 
 def draw_frames(context: Context) -> None:
@@ -103,8 +108,8 @@ def draw_settings(context: Context) -> None:
         ("in time γ##gamma", "gamma", Range(0, 100, log=True), _GAMMA),
     ):
         value = getattr(settings, name)
-        if name == "sigma":
-            new = ui.number_or_auto(label, value, ends, tip, _AUTO)
+        if name in _AUTO:
+            new = ui.number_or_auto(label, value, ends, tip, _AUTO[name])
         else:
             new = ui.number(label, value, ends, tip)
         if new is not None and new != (AUTO if value is None else value):
@@ -112,11 +117,27 @@ def draw_settings(context: Context) -> None:
                 given = {name: None if new == AUTO else new}
                 editor.set_film(name, f"change {label.partition('##')[0]}", **given)
         ui.refusal(name)
-    if chosen := _sigma(document):
+    shown = AUTO if settings.order is None else str(settings.order)
+    order = ui.combo("norm's order##order", shown, (AUTO, "1", "2"), _ORDER)
+    if order != shown:
+        editor.set_film("order", "change norm's order", order=None if order == AUTO else int(order))
+    if chosen := _chosen(document):
         ui.line(chosen)
 
 
-def _sigma(document: Document) -> str:
-    if document.sequence is None or document.settings.sigma is not None:
+def _chosen(document: Document) -> str:
+    """Return what was chosen for the fields that are shown."""
+    sequence, settings = document.sequence, document.settings
+    if sequence is None:
         return ""
-    return f"σ was chosen: {document.sequence.sigma:.3g}"
+    used = sequence.parameters
+    words = [
+        f"{word} {value:.3g}"
+        for word, given, value in (
+            ("order", settings.order, used.order),
+            ("α", settings.alpha, used.alpha),
+            ("σ", settings.sigma, sequence.sigma),
+        )
+        if given is None
+    ]
+    return f"chosen: {', '.join(words)}" if words else ""

@@ -228,7 +228,7 @@ class Editor:
         """Change what a film is matched with; ParameterError if a value is refused."""
         settings = replace(self.document.settings, **values)
         if settings != self.document.settings:
-            abfm.sequences.defaults(alpha=settings.alpha, sigma=settings.sigma)
+            _ = settings.parameters  # which refuses what does not fit
             if not 0 <= settings.gamma <= _LARGEST_GAMMA:
                 given = f"gamma is {settings.gamma:g}"
                 raise ParameterError(f"{given}; expected 0 to {_LARGEST_GAMMA:g}")

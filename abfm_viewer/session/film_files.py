@@ -12,7 +12,7 @@ from abfm import ResultError, TriangleMesh
 from abfm.reading import read_gifti
 from abfm.types import FloatArray
 from abfm_viewer.document.document import MEASURED, Channel, Document, Surface, View
-from abfm_viewer.document.film import Film, FilmSettings, unit_of
+from abfm_viewer.document.film import Film, settings_of, unit_of
 
 if TYPE_CHECKING:
     from abfm.sequences.frames import Frames
@@ -82,11 +82,10 @@ def document_of_film(film: Film, surface: Surface, view: View) -> Document:
 
 def document_of_sequence(sequence: abfm.Sequence, path: Path) -> Document:
     """Return a document that shows a sequence from its beginning, with tracks."""
-    given = sequence.parameters
     return Document(
         (Surface(sequence.mesh, path.name),),
         film=film_of(path.name, sequence._frames),
-        settings=FilmSettings(given.alpha, given.sigma, sequence.gamma),
+        settings=settings_of(sequence),
         sequence=sequence,
         time=float(sequence.times[0]),
         view=View(tracks=True),

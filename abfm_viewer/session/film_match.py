@@ -216,12 +216,11 @@ def _matched(
     _: None, frames: Frames, settings: FilmSettings, beside: Path | None, goes_on: bool
 ) -> Sequence:
     values = frames.values if frames.channels_given else frames.values[:, :, 0]
-    given = abfm.sequences.defaults(alpha=settings.alpha, sigma=settings.sigma)
     return abfm.sequence(
         frames.mesh,
         values,
         frames.times,
-        given,
+        settings.parameters,
         settings.gamma,
         mask=frames.mask,
         weights=frames.weights,

@@ -295,7 +295,7 @@ class Ui:
         text, name = _text_and_name(label)
         shown = self._fitted_beside_a_box(text)
         with self._outlined():
-            _, value = imgui.Checkbox(f"{shown}###{text}", value)
+            _, value = imgui.Checkbox(f"{shown}###{name or text}", value)
         self._finish(text, "checkbox", tip, shown, name=name, text="on" if value else "off")
         return bool(value)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import Field, asdict, dataclass, field, fields
-from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 from abfm.errors import ParameterError, brief
 
@@ -142,7 +142,7 @@ class Parameters:
     tolerance: float = _of("tolerance", 1e-4, "", _FROM_0)
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
+        for entry in fields(Parameters):  # other classes check what they add
             check = _checked_choice if entry.name in CHOICES else _checked_number
             object.__setattr__(self, entry.name, check(entry, getattr(self, entry.name)))
         if self.segments == 0 and self.method == "linearised":
@@ -189,7 +189,7 @@ class Parameters:
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Parameters:
+    def from_dict(cls, values: dict[str, Any]) -> Self:
         """Return the parameters that `to_dict` wrote; those that are missing take their defaults.
 
         Raises

@@ -28,6 +28,8 @@ def facts(sequence: Sequence) -> dict[str, Any]:
         "frames": len(sequence.frames),
         "channels": sequence.frames.shape[2],
         "times": sequence.times.tolist(),
+        "order": sequence.parameters.order,
+        "alpha": sequence.parameters.alpha,
         "sigma": _known(sequence.sigma),
         "gamma": sequence.gamma,
         "noise": sequence.noise,
@@ -67,8 +69,8 @@ def lines(sequence: Sequence, unit: str) -> list[str]:
         f"{sequence.confirmed} of {counted(len(sequence), 'interval')} confirmed by flow lines: "
         f"{kinds}",
         f"{counted(len(times), 'frame')} from {times[0]:.6g} to {times[-1]:.6g}, on a mesh of "
-        f"{len(sequence.mesh.faces):,} faces; sigma {sequence.sigma:.3g}, gamma "
-        f"{sequence.gamma:.3g}, noise leaves {sequence.noise:.2g}",
+        f"{len(sequence.mesh.faces):,} faces; {sequence.settings}; noise leaves "
+        f"{sequence.noise:.2g}",
         f"speed: median {seen}{np.median(speed):.3g} everywhere, at most {speed.max():.3g}, in the "
         f"mesh's unit per {unit}"
         if speed.size

@@ -49,10 +49,12 @@ written, and the fields of other intervals are 0. Beside the first output, a fil
 keeps what is found until all is written: the same command goes on from it, whatever ended the run.
 """
 _PARAMETERS = {
-    "alpha": "smoothness of the fields: weight of their Hodge Laplacian",
+    "alpha": "smoothness of the fields: weight of their Hodge Laplacian; not given, chosen by "
+    "held-out patches of a few intervals",
+    "order": "order of the norm of the fields: 1, the paper's, or 2, which is smoother; not given, "
+    "chosen by held-out patches",
     "sigma": "weight of the match against the smoothness, in deviations of the frames: smaller "
-    "matches closer; not given, the largest that explains nearly all that any does of what is held "
-    "out",
+    "matches closer; not given, the largest that predicts held-out patches nearly as well as any",
     "sigma_unit": "sigma in deviations of the frames from their mean in L2, or as the paper has it",
 }
 

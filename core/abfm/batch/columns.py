@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -33,10 +33,15 @@ class Column(NamedTuple):
     """Whether a table may have it several times."""
 
 
-def parameter_columns() -> dict[str, Column]:
-    """Return a column for each of `abfm.Parameters`, named as the options are."""
+def parameter_columns(chosen: Collection[str] = ()) -> dict[str, Column]:
+    """Return a column for each of `abfm.Parameters`, named as the options are; those that are
+    chosen unless they are given may be "auto", too.
+    """
     return {
-        option(entry.name): Column(entry.metadata["help"], _reader(entry.name))
+        option(entry.name): Column(
+            entry.metadata["help"],
+            _reader(entry.name, entry.default is None or entry.name in chosen),
+        )
         for entry in fields(Parameters)
     }
 
@@ -52,15 +57,15 @@ def parameters_in(values: Mapping[str, Any]) -> dict[str, Any]:
     return {names[column]: value for column, value in values.items() if column in names}
 
 
-def _reader(name: str) -> Callable[[str], Any]:
+def _reader(name: str, is_optional: bool) -> Callable[[str], Any]:
     entry = next(entry for entry in fields(Parameters) if entry.name == name)
 
     @lru_cache(maxsize=1000)  # of a column's cells, most are alike
     def read(text: str) -> Any:
         value: Any = text
-        if entry.default is None and text == "auto":
-            value = None
-        elif name not in CHOICES:
+        if is_optional and text == "auto":
+            return None
+        if name not in CHOICES:
             try:
                 value = int(text) if is_whole(entry) else float(text)
             except ValueError:

@@ -20,7 +20,7 @@ from abfm.batch.sequences import (
 from abfm.errors import ParameterError
 from abfm.matching import load_match
 from abfm.registration import load_registration
-from abfm.sequences import TAKEN, load_sequence
+from abfm.sequences import CHOSEN, TAKEN, load_sequence
 
 _FUNCTIONS: Mapping[str, Column] = {
     "source": columns.SPEC,
@@ -44,7 +44,7 @@ KINDS: Mapping[str, Kind] = {
             "mask": columns.WEIGHT,
             "weights": Column("weight of each channel, with commas or blanks between", weights),
             "largest-component": columns.FLAG,
-            **{option(name): parameter_columns()[option(name)] for name in TAKEN},
+            **{option(name): parameter_columns(CHOSEN)[option(name)] for name in TAKEN},
         },
         prepare_sequence,
         load_sequence,

@@ -15,9 +15,9 @@ from abfm.io import results
 from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
-from abfm.parameters import Parameters
 from abfm.reading import from_json
 from abfm.sequences.frames import Frames
+from abfm.sequences.parameters import SequenceParameters
 
 if TYPE_CHECKING:
     from abfm.mesh import TriangleMesh
@@ -122,7 +122,7 @@ def sequence_of(arrays: results.Arrays, mesh: TriangleMesh | None = None) -> Seq
     names = ("velocity", "energies", "residual", "verified_residual", "folded")
     return Sequence(
         _frames=frames,
-        parameters=Parameters.from_dict(from_json(str(arrays["parameters"]))),
+        parameters=SequenceParameters.from_dict(from_json(str(arrays["parameters"]))),
         gamma=float(arrays["gamma"]),
         sigma=float(arrays["sigma"]),
         noise=float(arrays["noise"]),

@@ -25,7 +25,8 @@ _GAINED = 0.05  # share of the energy; a step that gains less is the last one
 _DECREASE, _SHORTEST = 1e-4, 0.1
 _FEWEST, _MOST = 4, 60  # of conjugate gradients in a step
 _CLOSE = 0.25  # of the first residual, where they end
-_COOLER = 3.0  # factor between two sigmas
+COOLER = 3.0
+"""Factor between two sigmas."""
 
 Apply = Callable[[FloatArray], FloatArray]
 
@@ -168,8 +169,8 @@ class Interval:
 def cooling(sigma: float, warmest: float) -> list[float]:
     """Return sigmas that fall to this one, from the warmest at most."""
     found = [sigma]
-    while found[0] * _COOLER <= warmest:
-        found.insert(0, found[0] * _COOLER)
+    while found[0] * COOLER <= warmest:
+        found.insert(0, found[0] * COOLER)
     return found
 
 

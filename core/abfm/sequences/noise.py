@@ -1,4 +1,6 @@
-"""How much of a function is noise, by what no neighbour knows of it."""
+"""How much of a function is noise, by what no neighbour knows of it; and how much of what changes
+a motion explains beyond noise.
+"""
 
 import numpy as np
 from scipy import sparse
@@ -9,6 +11,15 @@ from abfm.mesh import TriangleMesh, per_mesh
 from abfm.sequences.frames import Frames
 from abfm.types import BoolArray, FloatArray
 
+OFTEN = 1.3
+"""Times what noise leaves, within which nothing but noise is left."""
+# of what differed at first, or would if all were squeezed away: more is left where motion
+# explains little
+_EXPLAINED = 0.6
+_ROUNDED_RESIDUAL = 1e-9  # a residual that is rounding, as of constants
+_RESIDUAL_OF_MEAN = 1.0
+"""Residual of a constant, the mean of the target: that of a bump in the wrong place is larger, and
+falls to this if the flow only flattens it."""
 _ROUNDED = 1e-12  # of the largest value: less is rounding
 
 
@@ -47,6 +58,15 @@ def noise_floor(functions: FunctionTerm, levels: FloatArray) -> float:
     root of 2, as both have it.
     """
     return float(np.sqrt(2) * functions.relative_size(levels))
+
+
+def explains_little(functions: FunctionTerm, levels: FloatArray, left: float) -> bool:
+    """Tell whether a field that leaves such a residual explains little of what changes that is no
+    noise of levels (C, V).
+    """
+    first = functions.residual(functions.source)
+    explained = _EXPLAINED * min(first, _RESIDUAL_OF_MEAN)
+    return left > max(OFTEN * noise_floor(functions, levels), explained, _ROUNDED_RESIDUAL)
 
 
 def flat(mesh: TriangleMesh, functions: FloatArray) -> BoolArray:

@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +28,7 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts
 from abfm.parameters import Parameters
+from abfm.sequences.choosing import LEAST, WARMEST
 from abfm.sequences.critical_points import CriticalPoints, critical_points
 from abfm.sequences.episodes import Episode, episodes
 from abfm.sequences.files import save_parts, sequence_arrays
@@ -36,7 +36,8 @@ from abfm.sequences.frames import Frames, checked
 from abfm.sequences.in_between import in_between
 from abfm.sequences.left_out import LeftOut, left_out
 from abfm.sequences.noise import noise_floor, noise_levels
-from abfm.sequences.solve import LEAST, WARMEST, Said, Solver, interval_parameters
+from abfm.sequences.parameters import SequenceParameters, checked_parameters
+from abfm.sequences.solve import Said, Solver, interval_parameters
 from abfm.sequences.tracks import Track, tracks
 from abfm.sequences.uncertainty import Posterior, posterior
 from abfm.sequences.unfinished import Unfinished
@@ -55,36 +56,8 @@ from abfm.workers.progress import step
 
 GAMMA = 1.0
 """How much neighbouring fields are held together unless that is given."""
-DEFAULTS: dict[str, Any] = {
-    "alpha": 1.0,
-    "order": 1,
-    "divergence": 1.0,
-    "reach": 0.0,
-    "levels": 1,
-    "refine": 0,
-    "segments": 1,
-}
-"""Parameters that sequences have others of than a match."""
-TAKEN = ("alpha", "beta", "divergence", "order", "sigma", "sigma_unit", "goal")
-"""Those that may be given."""
 _HEAVIEST = 1e6  # gamma
 _THREADS = 2  # that walk along flow lines: the rest is one thread's work
-
-
-def defaults(**changes: Any) -> Parameters:
-    """Return the parameters of a sequence, with changes of those in `TAKEN`.
-
-    Raises
-    ------
-    ParameterError
-        If another one is given, or a value is out of range.
-    """
-    unknown = sorted(changes.keys() - set(TAKEN))
-    if unknown:
-        raise ParameterError(
-            f"a sequence does not take {brief(unknown[0])}; expected one of {', '.join(TAKEN)}"
-        )
-    return Parameters(**(DEFAULTS | changes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +73,9 @@ class Sequence:
         Ascending.
     velocity : (T - 1, F, 3) array
         Tangent vectors, in the mesh's length unit per unit of time.
-    parameters : Parameters
-        As given; ``sigma`` is the one that the intervals have, in deviations of the frames.
+    parameters : SequenceParameters
+        As given, with the ``alpha`` and ``order`` of the norm that the intervals have;
+        ``automatic`` lists those of the two that were chosen, and ``sigma`` is None if it was.
     gamma : float
         How much neighbouring fields were held together.
     residual, verified_residual, folded : (T - 1,) array
@@ -124,7 +98,7 @@ class Sequence:
 
     _frames: Frames = field(repr=False)
     velocity: FloatArray = field(repr=False)
-    parameters: Parameters = field(repr=False)
+    parameters: SequenceParameters = field(repr=False)
     gamma: float
     sigma: float
     energies: FloatArray = field(repr=False)  # (T - 1, 2, 3)
@@ -162,6 +136,15 @@ class Sequence:
         """What is reported of the sequence: good if at least half of its intervals are."""
         numbers = (np.asarray(getattr(self, name)) for name in NUMBERS)
         return facts_of_intervals(self.verdicts, *numbers)
+
+    @property
+    def settings(self) -> str:
+        """Norm, sigma and gamma in words, and which of them held-out data chose."""
+        given = self.parameters
+        chosen = [*given.automatic, *(["sigma"] if given.sigma is None else [])]
+        how = f" (chosen by held-out data: {', '.join(chosen)})" if chosen else ""
+        numbers = f"alpha {given.alpha:.3g}, sigma {self.sigma:.3g}, gamma {self.gamma:.3g}"
+        return f"norm of order {given.order}, {numbers}{how}"
 
     @property
     def solved(self) -> BoolArray:
@@ -407,8 +390,9 @@ def sequence(
     times : (T,) array, optional
         Ascending; 0, 1, 2, ... by default.
     parameters : Parameters, optional
-        Of those in ``abfm.sequences.TAKEN``; see `abfm.sequences.defaults`. Without a sigma, it is
-        the largest one with which what is held out on a few intervals is hardly left more.
+        Of those in ``abfm.sequences.TAKEN``, see `abfm.sequences.defaults`; by default, or where it
+        does not give them, the ``alpha`` and ``order`` of the norm are those that predict held-out
+        patches of a few intervals best, and sigma is the largest one that does so nearly as well.
     gamma : float
         How much neighbouring fields are held together; 0 is frame by frame.
     mask : (V,) array, optional
@@ -442,7 +426,7 @@ def sequence(
     >>> found.velocity.shape == (3, len(mesh.faces), 3), found.confirmed
     (True, 3)
     """
-    given = defaults() if parameters is None else _checked_parameters(parameters)
+    given = checked_parameters(parameters)
     gamma = _checked_gamma(gamma)
     control = control or present_control() or Control()
     with controlled(control):
@@ -524,7 +508,7 @@ def _told(solver: Solver, keep: Unfinished, left: LeftOut) -> Sequence:
     )
 
 
-def _refuse_extremes(film: Frames, given: Parameters) -> None:
+def _refuse_extremes(film: Frames, given: SequenceParameters) -> None:
     """Raise FunctionError where values, or times, are so large or small that squares overflow."""
     largest = float(np.abs(film.values).max())
     with np.errstate(over="ignore"):
@@ -549,15 +533,3 @@ def _checked_gamma(gamma: float) -> float:
     if not (is_finite_number(gamma) and 0 <= gamma <= _HEAVIEST):
         raise ParameterError(f"gamma is {brief(gamma)}; expected 0 to {_HEAVIEST:g}")
     return float(gamma)
-
-
-def _checked_parameters(parameters: Parameters) -> Parameters:
-    usual = Parameters(**DEFAULTS)
-    for name, value in parameters.to_dict().items():
-        if name not in TAKEN and value not in (getattr(usual, name), getattr(Parameters(), name)):
-            raise ParameterError(
-                f"a sequence does not take {name}; expected changes of {', '.join(TAKEN)} alone, "
-                "see abfm.sequences.defaults"
-            )
-    taken = {name: getattr(parameters, name) for name in TAKEN}
-    return Parameters(**(DEFAULTS | taken))

@@ -1,5 +1,5 @@
-"""The fields of all intervals together: each near those beside it, in sweeps through time; the
-sigma that what is held out bears; and a search where frames are far apart.
+"""The fields of all intervals together: each near those beside it, in sweeps through time; and a
+search where frames are far apart.
 """
 
 from __future__ import annotations
@@ -9,34 +9,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from abfm.calculus.vector_fields import to_ambient, to_frame
-from abfm.errors import ParameterError
-from abfm.matching.match import match
+from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solvability import is_measured
-from abfm.matching.solving.held_out import without
 from abfm.matching.solving.measures import measured
 from abfm.parameters import Parameters
+from abfm.sequences.choosing import WARMEST, Norm, chosen, searched
 from abfm.sequences.defect import defect
-from abfm.sequences.explained import OFTEN, explains_little
 from abfm.sequences.frames import Frames
-from abfm.sequences.interval import Interval, Neighbour, Point, cooling
-from abfm.sequences.noise import noise_floor, noise_levels
+from abfm.sequences.interval import Interval, Neighbour, Point
+from abfm.sequences.noise import OFTEN, explains_little, noise_floor, noise_levels
+from abfm.sequences.parameters import SequenceParameters
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-WARMEST = 9.0
-"""Sigma with which a search without a start begins, in deviations of the frames."""
-LEAST = 0.1
-"""The smallest sigma that is tried where none is given."""
-_LOOKED_AT = 3  # intervals by which sigma is chosen
-_FEW = 3  # steps with each sigma there
-_NOTHING = 0.01  # share of what any sigma explains of the variance that was held out
-_FAR = Parameters(sigma=0.3, segments=1, refine=0)
-"""Those of a match that looks for what is far."""
 _MUCH = 0.2  # of what differed at first: where more is left, it is looked for further away
-_HARDLY = 0.6  # of what was held out: where more is left by any sigma, too
 _WORTH = 0.5  # of the energy
 _IN_VAIN = 3  # searches, after which no more are made
 _SWEEPS = 4  # at most
@@ -55,7 +43,7 @@ class Said:
     folded: float = np.nan
 
 
-def sigma_of(frames: Frames, given: Parameters, sigma: float, duration: float) -> float:
+def sigma_of(frames: Frames, given: SequenceParameters, sigma: float, duration: float) -> float:
     """Return the absolute sigma of an interval of that duration, by which the balance of both terms
     is the same for all durations.
     """
@@ -64,12 +52,12 @@ def sigma_of(frames: Frames, given: Parameters, sigma: float, duration: float) -
 
 
 def interval_parameters(
-    frames: Frames, given: Parameters, sigma: float, interval: int
+    frames: Frames, given: SequenceParameters, sigma: float, interval: int
 ) -> Parameters:
     """Return the parameters of the problem of an interval: its duration as tau."""
     duration = float(frames.durations[interval])
     absolute = sigma_of(frames, given, sigma, duration)
-    return replace(given, tau=duration, sigma=absolute, sigma_unit="absolute")
+    return given.of_match(tau=duration, sigma=absolute, sigma_unit="absolute")
 
 
 class Solver:
@@ -78,7 +66,7 @@ class Solver:
     def __init__(
         self,
         frames: Frames,
-        parameters: Parameters,
+        parameters: SequenceParameters,
         gamma: float,
         levels: FloatArray | None = None,
     ) -> None:
@@ -89,6 +77,7 @@ class Solver:
         self.energies = np.full(len(self.fields), np.nan)  # without what ties neighbours
         self.found = np.zeros(len(self.fields), dtype=bool)
         self.sigma = parameters.sigma or np.nan
+        self.is_chosen = bool(parameters.sigma) and not parameters.automatic
         self.in_vain = 0  # searches
         self.alone = np.zeros(len(self.fields), dtype=bool)  # no motion, which ties to none
         self.swept = 0  # intervals, in all sweeps
@@ -103,14 +92,14 @@ class Solver:
         """Go through all intervals that are not found; what is there when it is cancelled stays.
         All that it goes on from is in its public attributes, after each step.
         """
-        if not np.isfinite(self.sigma):
-            self.sigma = self._chosen_sigma()
+        if not self.is_chosen:
+            self.choose(*chosen(self))
         count = len(self.fields)
         with step("following the frames") as tell:
             for i in np.flatnonzero(~self.found).tolist():
                 checkpoint()
                 self._keep(i, found := self._found(i))
-                self.alone[i] = self._is_no_motion(self._energy(i), found)
+                self.alone[i] = self._is_no_motion(self.energy(i), found)
                 self.found[i] = True
                 tell((i + 1) / count)
                 on_interval(i)
@@ -119,6 +108,11 @@ class Solver:
             self._settle(on_step)
         else:
             self._settle_each(on_step)
+
+    def choose(self, norm: Norm, sigma: float) -> None:
+        """Solve with a norm of fields and a sigma from now on."""
+        self.given = replace(self.given, order=norm.order, alpha=norm.alpha)
+        self.sigma, self.is_chosen = sigma, True
 
     def _is_no_motion(self, energy: MatchingEnergy, found: Point) -> bool:
         left = energy.residual(found.at.advected)
@@ -142,7 +136,7 @@ class Solver:
         if start is not None:
             found = min(found, interval.go_on(last, start), key=lambda point: point.energy)
         if self._is_far(energy, found):
-            further = interval.go_on(last, _searched(energy))
+            further = interval.go_on(last, searched(energy))
             if not self._is_better(energy, further, found) or self._is_far(energy, further, True):
                 self.in_vain += 1
                 return found
@@ -213,7 +207,7 @@ class Solver:
     def _ask_flow_lines(self, i: int) -> None:
         """Take the energy of an interval's field for what flow lines say."""
         checkpoint()
-        self._defects[i] = defect(self._energy(i), self.fields[i])
+        self._defects[i] = defect(self.energy(i), self.fields[i])
         interval = self._interval(i, shift=self._defects[i])
         self.energies[i] = interval.go_on(self._sigmas(i)[0], self.fields[i], 0).at.energy
 
@@ -224,7 +218,7 @@ class Solver:
         checkpoint()
         field, sigma = self.fields[i], self._sigmas(i)[0]
         if i not in self._defects:  # of an earlier run
-            self._defects[i] = defect(self._energy(i), field)
+            self._defects[i] = defect(self.energy(i), field)
         interval = self._interval(i, beside, self._defects[i])
         found = interval.go_on(sigma, field)
         left = defect(interval.energy, found.field)
@@ -255,11 +249,16 @@ class Solver:
         sigma = self.sigma if np.isfinite(self.sigma) else WARMEST
         return interval_parameters(self.frames, self.given, sigma, interval)
 
-    def _of(self, sigma: float, duration: float) -> float:
+    def sigma_over(self, sigma: float, duration: float) -> float:
+        """Return the absolute sigma of an interval of a duration."""
         return sigma_of(self.frames, self.given, sigma, duration)
 
-    def _energy(self, interval: int) -> MatchingEnergy:
-        return MatchingEnergy(self.frames.problem(interval, self.parameters(interval)))
+    def energy(self, interval: int, norm: Norm | None = None) -> MatchingEnergy:
+        """Return the energy of an interval, with another norm of fields if one is given."""
+        parameters = self.parameters(interval)
+        if norm is not None:
+            parameters = replace(parameters, order=norm.order, alpha=norm.alpha)
+        return MatchingEnergy(self.frames.problem(interval, parameters))
 
     def _interval(
         self, i: int, beside: Sequence[int] = (), shift: FloatArray | float = 0.0
@@ -267,19 +266,19 @@ class Solver:
         """Return the minimisation of an interval, near the fields of those beside it."""
         duration = float(self.frames.durations[i])
         neighbours = [Neighbour(self.fields[j], self._tie(i, j) / duration) for j in beside]
-        return Interval(self._energy(i), neighbours, shift)
+        return Interval(self.energy(i), neighbours, shift)
 
     def _sigmas(self, i: int) -> tuple[float, float]:
         """Return the last and the warmest sigma of an interval."""
         duration = float(self.frames.durations[i])
-        return self._of(self.sigma, duration), self._of(WARMEST, duration)
+        return self.sigma_over(self.sigma, duration), self.sigma_over(WARMEST, duration)
 
     def _keep(self, i: int, found: Point) -> None:
         self.fields[i], self.energies[i] = found.field, found.at.energy
 
     def said(self, i: int, by_flow_lines: bool = True) -> Said:
         """Return what the discrete flow and flow lines say of the field of an interval."""
-        energy, field = self._energy(i), self.fields[i]
+        energy, field = self.energy(i), self.fields[i]
         sigma = energy.parameters.last_sigma
         objective = energy.objective(sigma)
         rest, at = (objective.evaluate(x[None]) for x in (np.zeros_like(field), field))
@@ -289,109 +288,3 @@ class Solver:
             self.witnessed[i] = [told.get(name, np.nan) for name in _WITNESSED]
         known = zip(_WITNESSED, self.witnessed[i].tolist(), strict=True)
         return Said(at.advected, energies, energy.left(at), **dict(known))
-
-    def _chosen_sigma(self) -> float:
-        """Return the largest sigma that explains of what was held out nearly as much as any does:
-        on a few intervals in which much changes, spread over time.
-        """
-        looked_at = _spread(self._changes(), _LOOKED_AT)
-        walks = [walk for walk in (_Walk(self, i) for i in looked_at) if walk.can_hold_out]
-        if not walks:
-            raise ParameterError("too few vertices are compared to choose sigma by; give one")
-        rest, noise = np.sqrt(np.mean([(walk.rest**2, walk.noise**2) for walk in walks], axis=0))
-        tried = cooling(LEAST, WARMEST)
-        with step("choosing sigma") as tell:
-            left = _left(walks, tried, tell)
-            if np.nanmin(left) > max(_HARDLY * rest, OFTEN * noise):
-                with step("looking further"):
-                    for walk in walks:
-                        walk.look_further()
-                left = min(left, _left(walks, tried, tell), key=np.nanmin)
-        least = float(np.nanmin(left))
-        enough = least**2 + _NOTHING * max(rest**2 - least**2, 0.0)
-        return tried[int(np.flatnonzero(left**2 <= enough)[0])]
-
-    def _changes(self) -> FloatArray:
-        """How much each interval changes of what is compared, (T - 1,)."""
-        frames, durations = self.frames, self.frames.durations
-        counts = np.sqrt(frames.weights) * np.ones((len(frames.mesh.vertices), 1))
-        if frames.mask is not None:
-            counts *= np.sqrt(frames.mask)[:, None]
-        changes = [
-            np.linalg.norm(counts * (frames.values[i + 1] - frames.values[i])) / durations[i]
-            for i in range(len(durations))
-        ]
-        return np.array(changes)
-
-
-def _searched(energy: MatchingEnergy) -> FloatArray:
-    """Return the field (F, 2) of an ordinary match, which looks further: one over a time of 1,
-    whatever the interval's, by which the balance of its terms would be another.
-    """
-    found = match(energy.problem.with_parameters(_FAR))
-    speed = found.parameters.tau / (energy.parameters.tau * energy.length_scale)
-    return to_frame(energy.mesh, found.velocity[0] * speed)
-
-
-def _left(
-    walks: Sequence[_Walk], sigmas: Sequence[float], tell: Callable[[float], None]
-) -> FloatArray:
-    """Return what each sigma leaves of what was held out, (S,); NaN once less of it leaves more."""
-    left = np.full(len(sigmas), np.nan)
-    for number, sigma in enumerate(sigmas):
-        left[number] = np.sqrt(np.mean([walk.follow(sigma) for walk in walks]))
-        tell((number + 1) / len(sigmas))
-        if number > int(np.nanargmin(left)) and not walks[0].is_far:
-            break
-    return left
-
-
-class _Walk:
-    """Follows sigma down on one interval, without the patches of each fold in turn."""
-
-    def __init__(self, solver: Solver, interval: int) -> None:
-        energy = solver._energy(interval)
-        self._functions, self._of = energy.functions, solver._of
-        self._duration = energy.parameters.tau
-        self.rest = energy.residual(energy.functions.source)
-        self.noise = noise_floor(energy.functions, solver.levels)
-        self._folds = [(Interval(part), hidden) for part, hidden in without(energy)]
-        self._fields: list[FloatArray] = [np.zeros(energy.shape[1:])] * len(self._folds)
-        self._starts: list[FloatArray] = []
-
-    @property
-    def can_hold_out(self) -> bool:
-        """Whether there is anything left that could be compared without what is held out."""
-        return bool(self._folds)
-
-    @property
-    def is_far(self) -> bool:
-        """Whether each sigma begins at what was found further away, which warm ones lose."""
-        return bool(self._starts)
-
-    def look_further(self) -> None:
-        """Begin with each sigma at what a match finds without the patches of each fold."""
-        self._starts = [_searched(interval.energy) for interval, _ in self._folds]
-
-    def follow(self, sigma: float) -> float:
-        """Return the mean square of what is left of what each fold has not seen."""
-        sigma, left = self._of(sigma, self._duration), []
-        for number, (interval, hidden) in enumerate(self._folds):
-            checkpoint()
-            start = (self._starts or self._fields)[number]
-            found = interval.go_on(sigma, start, _FEW)
-            self._fields[number] = found.field
-            count = len(self._functions.source)
-            carried = found.at.advected[:count]
-            left.append(self._functions.weighed(hidden).residual(carried) ** 2)
-        return float(np.mean(left)) if left else np.nan
-
-
-def _spread(changes: FloatArray, count: int) -> list[int]:
-    """Return, of each of so many parts of the time, the interval that changes as the upper quartile
-    of its part.
-    """
-    parts = np.array_split(np.arange(len(changes)), min(count, len(changes)))
-    return [
-        int(part[np.argsort(changes[part], kind="stable")[(3 * len(part)) // 4]]) for part in parts
-    ]

@@ -20,6 +20,7 @@ import numpy as np
 from abfm.errors import ResultError
 from abfm.io import results
 from abfm.io.results import Entry
+from abfm.sequences.choosing import Norm
 
 if TYPE_CHECKING:
     from abfm.sequences.solve import Solver
@@ -31,6 +32,8 @@ _KIND = results.Kind(
     "file of a film that is not finished",
     {
         "problem": Entry("text", ()),
+        "order": Entry("integer", (), low=1),
+        "alpha": Entry("real", (), low=0),
         "sigma": Entry("real", (), low=0),
         "fields": Entry("real", ("K", "F", 2)),
         "energies": Entry("real", ("K",)),
@@ -86,7 +89,9 @@ class Unfinished:
                 solver.fields[known], solver.energies[known] = fields, found["energies"]
                 solver.alone[known], solver.found[known] = found["alone"], True
                 solver.witnessed[known] = found["witnessed"]
-                solver.sigma, solver.before = float(found["sigma"]), float(found["before"])
+                norm = Norm(int(found["order"]), float(found["alpha"]))
+                solver.choose(norm, float(found["sigma"]))
+                solver.before = float(found["before"])
                 solver.in_vain, solver.swept = int(found["in_vain"]), int(found["swept"])
                 self._on_found(len(fields))
 
@@ -100,6 +105,8 @@ class Unfinished:
         known = slice(int(np.count_nonzero(solver.found)))  # the first ones, one after the other
         arrays = {
             "problem": self._problem,
+            "order": solver.given.order,
+            "alpha": solver.given.alpha,
             "sigma": solver.sigma,
             "fields": solver.fields[known],
             "energies": solver.energies[known],

@@ -14,8 +14,7 @@ from abfm.matching.solvability import narrowest, range_bound
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import FunctionTerm
 from abfm.outcome import Facts, Outcome, worse_residual
-from abfm.sequences.explained import OFTEN, explains_little
-from abfm.sequences.noise import noise_floor
+from abfm.sequences.noise import OFTEN, explains_little, noise_floor
 from abfm.sequences.solve import Said
 from abfm.types import FloatArray
 from abfm.wording import counted

@@ -1,4 +1,4 @@
-"""Linear optical flow: what is linear in it, units, and where it holds."""
+"""Linear optical flow: orders of convergence, exact cases, invariances, and where it fails."""
 
 import numpy as np
 import pytest
@@ -9,21 +9,65 @@ from abfm.baselines import horn_schunck
 from tests.core.sequences.films import SPHERE, coordinates, off, turning
 from tests.core.surfaces import last_order
 from tests.messages import raises
-from tests.shapes import icosphere
+from tests.shapes import icosphere, square
 
 
-def test_small_rotations_are_found_and_better_on_finer_meshes():
+@pytest.mark.parametrize(
+    ("wave", "smoothness", "order", "largest"),
+    [(coordinates, 1e-4, 0.95, 0.003), (None, 1e-2, 0.65, 0.1)],
+)
+def test_errors_of_a_rotation_fall_with_the_mesh(wave, smoothness, order, largest):
+    """Three channels determine the field; one leaves the part along contours to smoothness."""
     errors = []
     for level in (2, 3, 4):
         mesh = icosphere(level)
-        frames, wanted = turning(mesh, 0.01, 2, coordinates)
-        field = horn_schunck(mesh, *frames, smoothness=1e-6)
+        frames, wanted = turning(mesh, 0.01, 2, wave)
+        field = horn_schunck(mesh, *frames, smoothness=smoothness)
         errors.append(off(mesh, field, wanted, frames[0]))
-    assert last_order(errors) > 1.0
-    assert errors[2] < 0.05
+    assert last_order(errors) > order
+    assert errors[2] < largest
 
 
-def test_large_ones_are_not():
+def test_constant_field_on_a_flat_patch_is_exact():
+    mesh = square(8)
+    field = np.array([0.02, -0.03, 0.0])
+    f = mesh.vertices[:, :2]
+    g = f - field[:2]
+    found = horn_schunck(mesh, f, g, smoothness=1.0)
+    assert_allclose(found, np.tile(field, (len(mesh.faces), 1)), rtol=1e-5, atol=1e-8)
+
+
+def test_smooth_fields_cross_an_edge_of_a_fold():
+    """Transport unfolds faces: a fold changes nothing for a field along the folded sheet."""
+    x, y = np.mgrid[:9, :9].reshape(2, -1) / 8
+    f = np.stack([x, y], axis=1)
+    g = f - [0.02, -0.03]
+    right = np.maximum(x - 0.5, 0.0)
+    folded = TriangleMesh(np.stack([np.minimum(x, 0.5), y, right], axis=1), square(8).faces)
+    found = horn_schunck(folded, f, g, smoothness=1.0)
+    is_right = folded.vertices[folded.faces].mean(axis=1)[:, 2] > 0
+    expected = np.where(is_right[:, None], [0.0, -0.03, 0.02], [0.02, -0.03, 0.0])
+    assert_allclose(found, expected, rtol=1e-5, atol=1e-8)
+
+
+def test_rotating_the_surface_rotates_the_field():
+    frames, _ = turning(SPHERE, 0.02, 2)
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    turned = TriangleMesh(SPHERE.vertices @ turn.T + 3, SPHERE.faces)
+    expected = horn_schunck(SPHERE, *frames) @ turn.T
+    assert_allclose(horn_schunck(turned, *frames), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_renumbering_vertices_changes_nothing():
+    frames, _ = turning(SPHERE, 0.02, 2)
+    order = np.random.default_rng(1).permutation(len(SPHERE.vertices))
+    other = TriangleMesh(SPHERE.vertices[order], np.argsort(order)[SPHERE.faces])
+    found = horn_schunck(other, *frames[:, order])
+    assert_allclose(found, horn_schunck(SPHERE, *frames), rtol=1e-6, atol=1e-9)
+
+
+def test_large_rotations_are_not_found():
     near, far = (
         off(SPHERE, horn_schunck(SPHERE, *frames, smoothness=1e-6), wanted, frames[0])
         for frames, wanted in (turning(SPHERE, angle, 2, coordinates) for angle in (0.05, 1.2))
@@ -31,13 +75,13 @@ def test_large_ones_are_not():
     assert far > 2 * near
 
 
-def test_lengths_time_and_values_are_only_units():
+def test_units_and_constants_change_nothing():
     frames, _ = turning(SPHERE, 0.02, 2)
     usual = horn_schunck(SPHERE, *frames)
     large = TriangleMesh(50 * SPHERE.vertices, SPHERE.faces)
     assert_allclose(horn_schunck(large, *frames), 50 * usual, rtol=1e-6, atol=1e-9)
     assert_allclose(horn_schunck(SPHERE, *frames, 0.25), 4 * usual, rtol=1e-9)
-    assert_allclose(horn_schunck(SPHERE, *(1e3 * frames - 5)), usual, rtol=1e-5, atol=1e-9)
+    assert_allclose(horn_schunck(SPHERE, *(1e3 * frames - 5)), usual, rtol=1e-6, atol=1e-9)
     assert_allclose(horn_schunck(SPHERE, *frames[::-1]), -usual, rtol=1e-9, atol=1e-12)
 
 
@@ -45,7 +89,7 @@ def test_channels_add_up():
     frames, _ = turning(SPHERE, 0.01, 2)
     one = horn_schunck(SPHERE, *frames, smoothness=0.1)
     twice = horn_schunck(SPHERE, *np.stack([frames, frames], axis=-1), smoothness=0.2)
-    assert_allclose(twice, one, rtol=1e-6, atol=1e-12)
+    assert_allclose(twice, one, rtol=1e-4, atol=1e-7)
 
 
 def test_still_frames_have_no_motion():
@@ -62,7 +106,7 @@ def test_still_frames_have_no_motion():
         ({"g": np.zeros((642, 2))}, ()),
     ],
 )
-def test_what_does_not_fit_is_told(given, named):
+def test_bad_input_is_refused(given, named):
     values = {"f": np.zeros(642), "g": np.zeros(642)} | given
     with raises(AbfmError, *named):
         horn_schunck(SPHERE, **values)

@@ -33,8 +33,8 @@ class Turned:
         rng = np.random.default_rng(0)
         frames += 0.02 * frames.std() * rng.standard_normal(frames.shape)  # it is measured
         film = checked(SPHERE, frames, None, None, None)
-        self.solver = solve.Solver(film, defaults(sigma=0.3), 0.0)
-        interval, mesh = self.solver._interval(1, [0]), self.solver._energy(1).mesh
+        self.solver = solve.Solver(film, defaults(order=1, alpha=1, sigma=0.3), 0.0)
+        interval, mesh = self.solver._interval(1, [0]), self.solver.energy(1).mesh
         sigma = self.solver._sigmas(1)[0]
         fields = [turn(mesh, degrees) for degrees in (0, -20, 70)]
         self.still, self.back, self.on = (interval.go_on(sigma, field, 0) for field in fields)
@@ -44,7 +44,7 @@ class Turned:
         """Solve where the field before leads to no motion, and what looks further turns on."""
         patch = monkeypatch.setattr
         patch(Interval, "find", lambda *given: from_no_motion if given[-1] is None else self.still)
-        patch(solve, "_searched", lambda energy: self.on.field)
+        patch(solve, "searched", lambda energy: self.on.field)
         points = {id(self.on.field): self.on}
         patch(Interval, "go_on", lambda self_, sigma, x, *_: points.get(id(x), self.still))
         return self.solver._found(1)
@@ -67,7 +67,7 @@ def test_what_is_far_is_taken_where_nothing_near_comes_as_close(turned, monkeypa
 
 
 def test_what_is_far_is_not_taken_where_flow_lines_do_not_carry_it_there(turned, monkeypatch):
-    source = turned.solver._energy(1).functions.source
+    source = turned.solver.energy(1).functions.source
     monkeypatch.setattr(solve, "defect", lambda energy, field: turned.on.at.advected - source)
     assert turned.found(monkeypatch, turned.still) is turned.still
     assert turned.solver.in_vain == 1

@@ -15,6 +15,7 @@ from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
 from abfm.sequences import defaults, load_sequence
+from abfm.sequences.choosing import changes
 from abfm.sequences.files import sequence_arrays
 from abfm.sequences.frames import checked
 from abfm.sequences.noise import noise_levels
@@ -27,7 +28,7 @@ from tests.core.surfaces import last_order
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, square, torus
 
-FAST = defaults(sigma=0.3)
+FAST = defaults(order=1, alpha=1, sigma=0.3)
 
 
 @pytest.fixture(scope="module")
@@ -352,7 +353,7 @@ def test_sigma_is_chosen_by_intervals_in_which_what_is_compared_changes(film):
     other = np.random.default_rng(0).standard_normal(frames.shape)
     both = np.stack([frames, other], axis=2)
     plain, weighed, masked, unseen = (
-        Solver(checked(SPHERE, values, None, mask, weights), FAST, 0.0)._changes()
+        changes(checked(SPHERE, values, None, mask, weights))
         for values, mask, weights in (
             (frames, None, None),
             (both, None, [1, 0]),

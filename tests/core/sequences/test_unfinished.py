@@ -57,7 +57,7 @@ def test_one_that_is_killed_after_each_step_finds_the_same_bit_for_bit(tmp_path)
     """Of bumps that jump and change, which are searched for in vain, and one that is found."""
     places, sizes, heights = [0, 3, 0, 1.6], [0.4, 0.2, 0.4, 0.4], [1, 2, 1, 1]
     frames = [h * bumps([a], w, 0)[0] for a, w, h in zip(places, sizes, heights, strict=True)]
-    given = SPHERE, frames, None, defaults(sigma=0.3)
+    given = SPHERE, frames, None, defaults(order=1, alpha=1, sigma=0.3)
     taken_up, kills, found = [], 0, None
     while found is None:
         unfinished = Deadly(tmp_path / "s.npz", taken_up.append)

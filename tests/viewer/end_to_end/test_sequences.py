@@ -12,6 +12,7 @@ from abfm_viewer.automation import Driver
 from abfm_viewer.computing.films import fast_in
 from abfm_viewer.document.film import FilmSettings
 from abfm_viewer.document.surface_points import surface_points
+from abfm_viewer.panels.film import _chosen
 from abfm_viewer.panels.right_panel import OF_FILMS
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import NO_VALUE
@@ -30,6 +31,7 @@ TIMES = STEP * np.arange(COUNT)
 DIRECTIONS = EGG.vertices / np.linalg.norm(EGG.vertices, axis=1)[:, None]
 FRONT = Eye(np.eye(3))
 FRAMES = turning_wave(DIRECTIONS, TIMES)[0]
+GIVEN = FilmSettings(alpha=1.0, sigma=0.1, order=1)
 
 
 @pytest.fixture
@@ -38,7 +40,7 @@ def film(gui, tmp_path):
     np.save(tmp_path / "wave.npy", FRAMES)
     gui.window.files.open(tmp_path / "wave.npy")
     gui.wait(lambda s: s.document.film is not None)
-    gui.session.editor.set_film(sigma=0.1)
+    gui.session.editor.set_film(alpha=1.0, order=1, sigma=0.1)
     return gui
 
 
@@ -309,19 +311,39 @@ def test_a_cancelled_run_leaves_an_earlier_result_within_reach(film, tmp_path):
 def test_other_parameters_make_a_result_outdated(solved, notes):
     session = solved.session
     solved.click("Match", within="steps")
+    assert session.document.settings == GIVEN
     solved.drag("gamma", 10)
+    solved.click("auto alpha")
+    assert session.document.settings.alpha is None
     solved.type("alpha", "2")
+    for choice, order in (("auto", None), ("2", 2)):
+        solved.choose("order", choice)
+        assert session.document.settings.order == order
     solved.type("alpha", "-1")
-    solved.click("auto sigma")
+    solved.click("auto sigma")  # not that of alpha
     solved.type("sigma", "0.2")
-    assert session.document.settings == FilmSettings(2.0, 0.2, session.document.settings.gamma)
+    assert session.document.settings == FilmSettings(2.0, 0.2, session.document.settings.gamma, 2)
     assert session.document.settings.gamma == pytest.approx(10, rel=0.2)
     assert session.document.is_film_outdated
     assert any(text.startswith("Frames or parameters changed") for text, _ in notes())
     for _ in range(20):
         if session.document.is_film_outdated:
             solved.key("ctrl+z")
-    assert session.document.settings == FilmSettings(sigma=0.1)
+    assert session.document.settings == GIVEN
+
+
+def test_what_was_chosen_is_shown_and_kept(film):
+    """Held-out data choose the norm and sigma; the settings stay automatic."""
+    film.session.editor.set_film(alpha=None, order=None, sigma=None)
+    film.click("Match all frames")
+    film.wait(lambda s: not s.running)
+    document = film.session.document
+    used = document.sequence.parameters
+    assert used.automatic == ("alpha", "order")
+    assert document.settings == FilmSettings()
+    assert not document.is_film_outdated
+    chosen = f"order {used.order}, α {used.alpha:.3g}, σ {document.sequence.sigma:.3g}"
+    assert _chosen(document) == f"chosen: {chosen}"
 
 
 def test_a_click_on_the_plot_of_intervals_goes_there(solved):

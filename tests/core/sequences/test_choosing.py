@@ -1,0 +1,104 @@
+"""The choice of the norm of fields and of sigma by held-out data."""
+
+import numpy as np
+import pytest
+
+import abfm
+from abfm import AbfmError, Parameters, TriangleMesh
+from abfm.sequences import SequenceParameters, Unfinished, defaults, load_sequence
+from abfm.sequences.choosing import NORMS, Norm, norms
+from abfm.sequences.parameters import checked_parameters
+from tests.core.sequences.films import turning
+from tests.messages import raises
+from tests.shapes import icosphere
+
+BALL = icosphere(2)
+FRAMES = turning(BALL, 0.1, 3)[0]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return abfm.sequence(BALL, FRAMES)
+
+
+def choice(sequence):
+    return sequence.parameters.order, sequence.parameters.alpha, sequence.sigma
+
+
+def test_smooth_motion_without_noise_gets_the_smoother_norm(found):
+    """Order 2 represents a rotation; held-out patches show it."""
+    assert choice(found)[0] == 2
+    assert found.parameters.automatic == ("alpha", "order")
+    assert found.parameters.sigma is None
+    assert "chosen by held-out data: alpha, order, sigma" in found.settings
+    match = found[0].problem.parameters
+    assert (match.order, match.alpha) == choice(found)[:2]
+    assert type(match) is Parameters
+
+
+@pytest.mark.parametrize(
+    ("length", "value", "shift", "time"), [(7, 1, 0, 1), (1, 1e4, -5, 1), (1, 1, 0, 250)]
+)
+def test_units_do_not_change_the_choice(found, length, value, shift, time):
+    mesh = TriangleMesh(length * BALL.vertices, BALL.faces)
+    other = abfm.sequence(mesh, value * FRAMES + shift, time * np.arange(3.0))
+    assert choice(other) == choice(found)
+
+
+def test_given_values_are_kept():
+    assert norms(defaults()) == list(NORMS)
+    assert norms(defaults(order=1)) == [Norm(1, 1.0)]
+    assert norms(defaults(alpha=0.5)) == [Norm(2, 0.5), Norm(1, 0.5)]
+    assert norms(defaults(order=2, alpha=0.5)) == [Norm(2, 0.5)]
+    assert defaults(alpha=None, order=None, sigma=None) == defaults()
+    kept = abfm.sequence(BALL, FRAMES, parameters=defaults(alpha=0.5, sigma=0.3))
+    assert kept.parameters.alpha == 0.5
+    assert kept.sigma == 0.3
+    assert kept.parameters.automatic == ("order",)
+
+
+def test_parameters_of_a_match_are_given():
+    plain = Parameters(alpha=0.5, order=1, sigma=0.2)
+    taken = checked_parameters(plain)
+    assert (taken.alpha, taken.order, taken.sigma, taken.automatic) == (0.5, 1, 0.2, ())
+    assert checked_parameters(None) == checked_parameters(defaults()) == defaults()
+
+
+def test_only_the_norm_can_be_automatic():
+    with raises(AbfmError, "beta"):
+        SequenceParameters(automatic=("beta",))
+
+
+def test_file_keeps_the_choice(found, tmp_path):
+    found.save(tmp_path / "s.npz")
+    again = load_sequence(tmp_path / "s.npz")
+    assert again.parameters == found.parameters
+    assert again.settings == found.settings
+
+
+def test_resumed_run_keeps_the_choice(found, tmp_path):
+    """The choice is made once; a resumed run reads it, and finds the same bit for bit."""
+
+    class KilledError(Exception):
+        pass
+
+    def kill(interval):
+        raise KilledError
+
+    class AtOnce(Unfinished):
+        def keep(self, solver, at_once=True):
+            super().keep(solver, True)
+
+    with pytest.raises(KilledError):
+        abfm.sequence(
+            BALL,
+            FRAMES,
+            unfinished=AtOnce(tmp_path / "s.npz"),
+            on_interval=lambda i: kill(i) if i else None,
+        )
+    tasks = set()
+    with abfm.workers.progress.telling(lambda step: tasks.add(step and step.task)):
+        again = abfm.sequence(BALL, FRAMES, unfinished=Unfinished(tmp_path / "s.npz"))
+    assert "choosing sigma" not in tasks
+    assert again.parameters == found.parameters
+    np.testing.assert_array_equal(again.velocity, found.velocity)
