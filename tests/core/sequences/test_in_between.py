@@ -20,7 +20,7 @@ from tests.shapes import icosphere
 
 KINDS = ("turning", "travelling", "source and sink", "standing", "standing twice")
 MESH, STEPS = icosphere(3), np.arange(9)
-FAST = defaults(sigma=0.3)
+FAST = defaults(sigma=0.3, alpha=1.0, order=1)
 
 
 def waves(kind, noise=0.0):
@@ -83,7 +83,9 @@ def test_a_standing_wave_with_noise_is_not_confirmed():
 
 @pytest.mark.parametrize("kind", KINDS[:3])
 def test_motions_with_much_noise_remain_confirmed(kind):
-    found = abfm.sequence(MESH, waves(kind, 0.3)[1][::2], parameters=defaults(sigma=0.9))
+    found = abfm.sequence(
+        MESH, waves(kind, 0.3)[1][::2], parameters=defaults(sigma=0.9, alpha=1.0, order=1)
+    )
     assert found.confirmed == len(found)
 
 

@@ -13,7 +13,7 @@ from abfm.sequences import defaults
 from abfm.sequences.uncertainty import _Integrals, _of_data
 from tests.core.sequences.films import SPHERE, coordinates, turning
 
-FAST = defaults(sigma=0.3)
+FAST = defaults(sigma=0.3, alpha=1.0, order=1)
 
 
 @cache
@@ -21,7 +21,7 @@ def solved(noise=0.0):
     frames, wanted = turning(SPHERE, 0.1, 4)
     rng = np.random.default_rng(0)
     given = frames + noise * frames.std() * rng.standard_normal(frames.shape)
-    parameters = defaults(sigma=0.9 if noise > 0.2 else 0.3)
+    parameters = defaults(sigma=0.9 if noise > 0.2 else 0.3, alpha=1.0, order=1)
     return abfm.sequence(SPHERE, given, parameters=parameters), wanted
 
 
