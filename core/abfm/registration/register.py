@@ -26,7 +26,7 @@ from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.given import Given
 from abfm.registration.initial.landmark_pairs import Landmarks
-from abfm.registration.initial.search import is_searched
+from abfm.registration.initial.searching.search import is_searched
 from abfm.registration.initial.words import initial_map
 from abfm.registration.registration import Registration
 from abfm.types import BoolArray, FloatArray

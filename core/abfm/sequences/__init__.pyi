@@ -1,8 +1,3 @@
-from .critical_points import KINDS as KINDS
-from .critical_points import CriticalPoints as CriticalPoints
-from .critical_points import critical_points as critical_points
-from .critical_points import face_indices as face_indices
-from .episodes import Episode as Episode
 from .exports import check_pvd as check_pvd
 from .exports import export_intervals as export_intervals
 from .exports import export_pvd as export_pvd
@@ -23,7 +18,12 @@ from .reading.reading_frames import read_frames as read_frames
 from .sequence import GAMMA as GAMMA
 from .sequence import Sequence as Sequence
 from .sequence import sequence as sequence
-from .tracks import Track as Track
+from .tracking.critical_points import KINDS as KINDS
+from .tracking.critical_points import CriticalPoints as CriticalPoints
+from .tracking.critical_points import critical_points as critical_points
+from .tracking.critical_points import face_indices as face_indices
+from .tracking.episodes import Episode as Episode
+from .tracking.tracks import Track as Track
 from .unfinished import Unfinished as Unfinished
 from .unfinished import move_unfinished as move_unfinished
 from .unfinished import remove_unfinished as remove_unfinished

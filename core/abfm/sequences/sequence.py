@@ -29,8 +29,6 @@ from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts
 from abfm.parameters import Parameters
 from abfm.sequences.choosing import LEAST, WARMEST
-from abfm.sequences.critical_points import CriticalPoints, critical_points
-from abfm.sequences.episodes import Episode, episodes
 from abfm.sequences.files import save_parts, sequence_arrays
 from abfm.sequences.frames import Frames, checked
 from abfm.sequences.in_between import in_between
@@ -38,7 +36,9 @@ from abfm.sequences.left_out import LeftOut, left_out
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters, checked_parameters
 from abfm.sequences.solve import Said, Solver, interval_parameters
-from abfm.sequences.tracks import Track, tracks
+from abfm.sequences.tracking.critical_points import CriticalPoints, critical_points
+from abfm.sequences.tracking.episodes import Episode, episodes
+from abfm.sequences.tracking.tracks import Track, tracks
 from abfm.sequences.uncertainty import Posterior, posterior
 from abfm.sequences.unfinished import Unfinished
 from abfm.sequences.verdicts import (

@@ -10,9 +10,9 @@ from abfm import AbfmError
 from abfm.calculus.operators import gradient
 from abfm.calculus.vector_fields import to_ambient
 from abfm.sequences import critical_points
-from abfm.sequences.critical_points import CriticalPoints
-from abfm.sequences.episodes import episodes
-from abfm.sequences.tracks import tracks
+from abfm.sequences.tracking.critical_points import CriticalPoints
+from abfm.sequences.tracking.episodes import episodes
+from abfm.sequences.tracking.tracks import tracks
 from tests.messages import raises
 from tests.shapes import icosphere
 

@@ -17,7 +17,7 @@ from abfm.registration.initial.alignment import KINDS, closest_after_alignment
 from abfm.registration.initial.connectivity import same_connectivity
 from abfm.registration.initial.given import Given, Initial
 from abfm.registration.initial.landmark_pairs import Landmarks
-from abfm.registration.initial.search import searched
+from abfm.registration.initial.searching.search import searched
 from abfm.registration.initial.torn import made_continuous
 from abfm.registration.initial.turned_spheres import (
     FEWEST_LANDMARKS,

@@ -11,11 +11,12 @@ import abfm
 from abfm.maps import PointMap, map_accuracy
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
-from abfm.registration.initial import Landmarks, extremities, initial_map
-from abfm.registration.initial.coarse_shape import coarse_shape, ranks
+from abfm.registration.initial import Landmarks, initial_map
 from abfm.registration.initial.given import Given
-from abfm.registration.initial.map_cost import map_cost
-from abfm.registration.initial.reversible import both_ways, relax
+from abfm.registration.initial.searching import extremities
+from abfm.registration.initial.searching.coarse_shape import coarse_shape, ranks
+from abfm.registration.initial.searching.map_cost import map_cost
+from abfm.registration.initial.searching.reversible import both_ways, relax
 from tests.messages import raises
 from tests.shapes import icosphere, torus
 

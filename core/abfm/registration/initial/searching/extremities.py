@@ -14,8 +14,8 @@ from itertools import combinations, permutations
 import numpy as np
 
 from abfm.calculus.operators import averaging, gradient
-from abfm.registration.initial.coarse_shape import CoarseShape, smoothed
-from abfm.registration.initial.reversible import nearest
+from abfm.registration.initial.searching.coarse_shape import CoarseShape, smoothed
+from abfm.registration.initial.searching.reversible import nearest
 from abfm.types import FloatArray, IntArray
 
 FEWEST = 3  # ends without which there is no map

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.functions.local_shape import vertex_normals
-from abfm.registration.initial.coarse_shape import CoarseShape
-from abfm.registration.initial.reversible import REVERSIBILITY, BothWays
+from abfm.registration.initial.searching.coarse_shape import CoarseShape
+from abfm.registration.initial.searching.reversible import REVERSIBILITY, BothWays
 from abfm.types import FloatArray, IntArray
 
 _COMMUTATOR = 2.0  # weight of the commutator next to the energy and the descriptors

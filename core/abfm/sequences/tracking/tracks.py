@@ -15,7 +15,7 @@ from abfm.errors import ParameterError, brief
 from abfm.maps.surface_points import SurfacePoints
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.numerics.real_numbers import is_whole_number
-from abfm.sequences.critical_points import CriticalPoints, Kind
+from abfm.sequences.tracking.critical_points import CriticalPoints, Kind
 from abfm.types import FloatArray, IntArray
 
 _FAR = 6.0  # edges, along edges, that a point may go from one field to the next

@@ -22,13 +22,13 @@ from abfm.maps.spherical import SphereLayout
 from abfm.maps.surface_points import project_onto_surface
 from abfm.mesh import TriangleMesh
 from abfm.registration.correspondence import Candidate
-from abfm.registration.initial import extremities
 from abfm.registration.initial.alignment import Kind, align, closest_after_alignment
-from abfm.registration.initial.coarse_shape import CoarseShape, coarse_shape, ranks
 from abfm.registration.initial.given import Given, Initial
 from abfm.registration.initial.landmark_pairs import Landmarks
-from abfm.registration.initial.map_cost import MapCost, map_cost
-from abfm.registration.initial.reversible import BothWays, both_ways, nearest, relax
+from abfm.registration.initial.searching import extremities
+from abfm.registration.initial.searching.coarse_shape import CoarseShape, coarse_shape, ranks
+from abfm.registration.initial.searching.map_cost import MapCost, map_cost
+from abfm.registration.initial.searching.reversible import BothWays, both_ways, nearest, relax
 from abfm.registration.initial.spectral import SpectralSearch
 from abfm.registration.initial.spheres import (
     OnSphere,

@@ -1,0 +1,1 @@
+"""The search of an initial map among relaxed candidates."""

@@ -1,0 +1,1 @@
+"""Critical points of fields, their tracks through time, and episodes."""
