@@ -24,6 +24,8 @@ from abfm_viewer.session.functions import DocumentFunctions
 if TYPE_CHECKING:
     from abfm.registration.initial.given import Given, Initial
 
+_FIRST = "closest"
+"""The word of the map that is shown while candidates are compared."""
 GIVEN = "given"
 """The word of a map that came with a file of a registration."""
 _WITHOUT_FUNCTIONS = ("connectivity", "closest", "file")  # words of maps that use no functions
@@ -74,9 +76,10 @@ class InitialMaps:
     ) -> None:
         self._functions = functions
         self._prepared: Latest[Prepared] = jobs.latest()
+        self._first: Latest[Prepared] = jobs.latest()  # shown while candidates are compared
         self._control, self._wanted = Control(), object()
         self._apart = apart
-        self._maps: Memo[Initial] = Memo()
+        self._maps, self._first_maps = Memo[Initial](), Memo[Initial]()
         self._of_result = Memo[Prepared]()
         self._columns: dict[Side, Memo[FloatArray]] = defaultdict(Memo)
 
@@ -119,7 +122,15 @@ class InitialMaps:
         if document.initial == GIVEN and kept is not None:
             way = _Way(a, b, kept.correspondence, kept.warnings)
         asked = document.asked
-        return self._prepared.newest(wanted, self._prepare, self._control, way, given, asked)
+        found = self._prepared.newest(
+            wanted, self._prepare, self._control, self._maps, way, given, asked
+        )
+        if found is not None or document.initial or not self._prepared.busy:
+            return found
+        way = way._replace(by=_FIRST)
+        return self._first.newest(
+            wanted, self._prepare, self._control, self._first_maps, way, given, asked
+        )
 
     def compared(self, document: Document, side: Side) -> FloatArray | None:
         """Return a side's function of the active channel on B, as a flow carries or meets it: a
@@ -159,10 +170,12 @@ class InitialMaps:
         key = self._prepared.key
         return isinstance(key, tuple) and same(key[0], wanted)
 
-    def _prepare(self, control: Control, way: _Way, given: _Given, asked: Asked) -> Prepared:
+    def _prepare(
+        self, control: Control, maps: Memo[Initial], way: _Way, given: _Given, asked: Asked
+    ) -> Prepared:
         source, target = (np.stack(own, axis=1) for own in (given.source, given.target))
         with controlled(control), _told():
-            initial = self._map(way, given)
+            initial = self._map(maps, way, given)
             found = abfm.registration.prepare(
                 way.a,
                 way.b,
@@ -174,10 +187,12 @@ class InitialMaps:
                 weights=given.weights,
             )
         notes, usual = (*initial.notes, *found.notes), found.problem.parameters
+        if maps is self._first_maps:
+            notes = (f"the map {_FIRST} is shown while candidates are compared", *notes)
         of = found.initial, found.problem, notes, asked, found.functions, usual
         return Prepared(*of, initial.warnings)
 
-    def _map(self, way: _Way, given: _Given) -> Initial:
+    def _map(self, maps: Memo[Initial], way: _Way, given: _Given) -> Initial:
         """Return the map, found anew where something changed that it asks for."""
         from abfm.registration.initial.given import Given, Initial
 
@@ -203,7 +218,7 @@ class InitialMaps:
             except WorkerEndedError:  # was killed: another one may do it
                 return self._apart.call(_found, word, about).result()
 
-        return self._maps.get((way.a, way.b, word, *asked), find)
+        return maps.get((way.a, way.b, word, *asked), find)
 
 
 @contextmanager
