@@ -79,7 +79,8 @@ class InitialMaps:
         self._first: Latest[Prepared] = jobs.latest()  # shown while candidates are compared
         self._control, self._wanted = Control(), object()
         self._apart = apart
-        self._maps, self._first_maps = Memo[Initial](), Memo[Initial]()
+        self._maps: Memo[Initial] = Memo()
+        self._first_maps: Memo[Initial] = Memo()
         self._of_result = Memo[Prepared]()
         self._columns: dict[Side, Memo[FloatArray]] = defaultdict(Memo)
 
