@@ -18,7 +18,7 @@ import numpy as np
 from abfm import Sequence, TriangleMesh, sequence
 from abfm.calculus.operators import edge_lengths, vertex_areas
 from abfm.flow.flow import Flow
-from abfm.sequences.in_between import in_between
+from abfm.sequences.between.in_between import in_between
 from abfm.types import FloatArray
 from laboratory.common import new_sphere, put_between, told_table
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from abfm.sequences.in_between import in_between
+from abfm.sequences.between.in_between import in_between
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest, Memo, same
 

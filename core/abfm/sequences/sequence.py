@@ -28,11 +28,11 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts
 from abfm.parameters import Parameters
+from abfm.sequences.between.in_between import in_between
+from abfm.sequences.between.left_out import LeftOut, left_out
 from abfm.sequences.choosing import LEAST, WARMEST
 from abfm.sequences.files import save_parts, sequence_arrays
 from abfm.sequences.frames import Frames, checked
-from abfm.sequences.in_between import in_between
-from abfm.sequences.left_out import LeftOut, left_out
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters, checked_parameters
 from abfm.sequences.solve import Said, Solver, interval_parameters

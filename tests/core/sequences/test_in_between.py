@@ -11,8 +11,8 @@ from abfm.calculus.operators import vertex_areas
 from abfm.flow.flow import Flow
 from abfm.matching.judging.cause import Cause
 from abfm.sequences import defaults, load_sequence
-from abfm.sequences.in_between import in_between
-from abfm.sequences.left_out import left_out
+from abfm.sequences.between.in_between import in_between
+from abfm.sequences.between.left_out import left_out
 from abfm.sequences.solve import Solver
 from tests.core.sequences.films import SPHERE, bumps, turning
 from tests.messages import check_message

@@ -11,8 +11,8 @@ from abfm.calculus.operators import face_areas, gradient, vertex_areas
 from abfm.calculus.vector_fields import to_ambient
 from abfm.errors import AdvectionError
 from abfm.flow.flow import Flow
+from abfm.sequences.between.in_between import in_between
 from abfm.sequences.frames import Frames
-from abfm.sequences.in_between import in_between
 from abfm.sequences.solve import Solver
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint

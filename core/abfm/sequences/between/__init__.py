@@ -1,0 +1,1 @@
+"""Frames between given ones, and how much motion left-out frames confirm."""
