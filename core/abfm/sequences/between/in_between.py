@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from abfm.flow.flow import Flow
+from typing import TYPE_CHECKING
+
 from abfm.types import FloatArray
+
+if TYPE_CHECKING:  # the flow loads libraries, which a window does not need to open
+    from abfm.flow.flow import Flow
 
 
 def in_between(
