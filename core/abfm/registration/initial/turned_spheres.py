@@ -23,7 +23,9 @@ from abfm.types import FloatArray
 
 FEWEST_LANDMARKS = 3
 LANDMARK_WEIGHT = 5.0  # of a distance of sqrt(area) in the cost of a map
-_TURN_COST, _MIRROR_COST = 0.02, 0.1  # correlations by which other maps must be better
+# correlations by which maps must be better than vertex numbers, and mirrored ones than others:
+# subjects on one mesh are mostly aligned already
+_TURN_COST, _MIRROR_COST = 0.4, 0.1
 _RIVAL = 0.9  # of a correlation, from which on another rotation is as good
 _CORRELATION_MIN = 0.3  # of functions on spheres that correspond
 
@@ -47,8 +49,9 @@ def best_of_spheres(given: Given, sides: Sequence[int]) -> Initial:
         name = "sphere" if side > 0 else "sphere:mirror"
         found.append((name, turned(given, *directions, side < 0)))
     costs = [_cost(given, initial.correspondence) for _, initial in found]
+    has_same_faces = found[0][0] == "connectivity"
     for number, (name, _) in enumerate(found):
-        costs[number] += (name != "connectivity") * _TURN_COST
+        costs[number] += (has_same_faces and number > 0) * _TURN_COST
         costs[number] += name.endswith(":mirror") * _MIRROR_COST
     order = np.argsort(costs, kind="stable")
     candidates = tuple(Candidate(found[number][0], costs[number]) for number in order)
