@@ -69,7 +69,7 @@ def test_a_registration_is_told_and_written_in_several_forms(files, abfm, tmp_pa
         *words,
     )
     assert told.out.startswith("registered: ")
-    check_message(line_with(told.err, "note: the initial map"), "sphere")
+    check_message(line_with(told.err, "note: initial map"), "sphere")
     check_message(line_with(told.out, "covered"), "100.0%")
     assert "within distortion 2" in told.out
     found = library.load_registration(outs[0])

@@ -29,7 +29,6 @@ from abfm.registration.initial.vertex_files import map_from_file
 from abfm.types import FloatArray
 from abfm.wording import factor
 
-_LISTED = 2  # candidates after the chosen one, in notes
 _LOG2_SHAPE_MAX = 1.2  # mean |log2 R| of a map that was searched: see `_checked`
 
 
@@ -72,16 +71,13 @@ def initial_map(initial: object, given: Given) -> Initial:
     if not first:
         named = found.correspondence.chosen_of((Candidate(initial, np.nan),))
         return found._replace(correspondence=named)
-    return found._replace(notes=(_ranking(first), *found.notes))
-
-
-def _ranking(candidates: tuple[Candidate, ...]) -> str:
-    """Return which map was chosen, and what the next ones cost."""
-    chosen, *others = candidates
-    if np.isnan(chosen.cost) or not others:
-        return f"the initial map is {chosen.name}"
-    costs = ", ".join(f"{each.name} {each.cost:.2f}" for each in others[:_LISTED])
-    return f"the initial map is {chosen.name} (cost {chosen.cost:.2f}; next {costs})"
+    if len(first) == 1:
+        return found
+    chosen, then = first[:2]
+    ranking = (
+        f"initial map: {chosen.name}, cost {chosen.cost:.2f} (next: {then.name}, {then.cost:.2f})"
+    )
+    return found._replace(notes=(ranking, *found.notes))
 
 
 def word_of(initial: str) -> Word:

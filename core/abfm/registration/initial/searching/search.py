@@ -164,7 +164,7 @@ def searched(given: Given, kinds: Sequence[str] = KINDS, sides: Sequence[int] = 
     return Initial(
         found.correspondence.chosen_of(_listed(best, tried)),
         found.notes,
-        (*found.warnings, *_doubts(fine, best, tried)),
+        tuple(_doubts(fine, best, tried)),
     )
 
 
