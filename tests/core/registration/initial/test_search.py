@@ -1,5 +1,7 @@
 """The best of several initial maps: what candidates cost, and which one is taken."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given as drawn
@@ -16,7 +18,8 @@ from abfm.registration.initial.given import Given
 from abfm.registration.initial.searching import extremities
 from abfm.registration.initial.searching.coarse_shape import coarse_shape, ranks
 from abfm.registration.initial.searching.map_cost import map_cost
-from abfm.registration.initial.searching.reversible import both_ways, relax
+from abfm.registration.initial.searching.reversible import both_ways, nearest, relax
+from abfm.registration.initial.searching.search import Relaxed, Start, _Search
 from tests.messages import raises
 from tests.shapes import icosphere, torus
 
@@ -215,3 +218,18 @@ def test_words_that_do_not_apply_are_refused():
     marks = Landmarks.of_vertices(ball, ball, [0, 1], [0, 1])
     with raises(abfm.AbfmError, 2, 3):
         initial_map("landmarks", Given(ball, ball, landmarks=marks))
+
+
+def test_fine_meshes_need_no_matrix_of_all_distances():
+    ball = icosphere(5)
+    a = TriangleMesh(ball.vertices * [1, 1.3, 1.7], ball.faces)
+    b = TriangleMesh(ball.vertices * [1, 1.4, 1.7], ball.faces)
+    found = _Search(Given(a, b))
+    pair = found.pair(1000)
+    same = both_ways(pair.a, pair.b, nearest(pair.b.mesh.vertices, pair.a.mesh.vertices))
+    best = Relaxed(Start("closest", 1, lambda _: same.there), same, 2.0, pair.cost(same), 0.0)
+    tracemalloc.start()
+    found.polished(best)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < len(a.vertices) * len(b.vertices)  # bytes; distances are 4 or 8 each

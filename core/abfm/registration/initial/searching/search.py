@@ -206,7 +206,8 @@ class _Search:
         images = _through_landmarks(pair, found.images)
         on_b = shape_values(pair.b, given.b, images)
         on_a = shape_values(pair.a, given.a, pair.a.coordinates)
-        return PointMap.of_vertices(given.b, given.a, nearest(on_b, on_a))
+        # a tree, as the matrix of all distances of two fine meshes takes too much memory
+        return PointMap.of_vertices(given.b, given.a, KDTree(on_a).query(on_b)[1])
 
 
 def shape_values(shape: CoarseShape, mesh: TriangleMesh, values: FloatArray) -> FloatArray:
@@ -295,8 +296,9 @@ def _starts(
 
 def _spectral_starts(search: _Search, side: int) -> Iterator[Start]:
     given, spectral = search.given, search.spectral
-    own_side = [C for C in spectral.ranked(side) if side * spectral.side(C) > 0]
-    for C in own_side[:_SPECTRAL_MAPS]:
+    ranked = spectral.ranked(side)
+    own_side = [C for C in ranked if side * spectral.side(C) > 0]
+    for C in (own_side or ranked)[:_SPECTRAL_MAPS]:
 
         def at(pair: Pair, C: FloatArray = C) -> IntArray:
             return spectral.nearest(C, pair.a.mesh.vertices, pair.b.mesh.vertices)
