@@ -128,6 +128,8 @@ def test_the_initial_map_is_chosen_and_seen(gui, files, notes):
     gui.double_click("map.txt")
     gui.wait(lambda s: not s.obstacle)
     assert_array_equal(session.prepared.correspondence.to_vertices(), opposite)
+    gui.choose("initial map", "ends of limbs")
+    gui.wait(lambda s: "ends of limbs" in s.obstacle)
     gui.choose("initial map", "automatic")
     gui.wait(lambda s: not s.obstacle)
     assert session.prepared.correspondence.to_vertices()[1] == 1

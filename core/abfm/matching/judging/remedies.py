@@ -112,7 +112,13 @@ class Remedies:
         sigma = max(_rounded(self._sigma / _FURTHER), SMALLEST)
         return Remedy("Match closer", f"a smaller sigma, such as {sigma:g}", {"sigma": sigma}, True)
 
-    def closer_landmarks(self) -> Remedy:
+    def closer_landmarks(self) -> Remedy | None:
+        """Return a smaller landmark_sigma, unless landmarks alone are matched with the usual one,
+        below which they come no closer.
+        """
+        is_usual = self._parameters.landmark_sigma <= _USUAL.landmark_sigma
+        if is_usual and self._functions.is_constant:
+            return None
         sigma = max(_rounded(self._parameters.landmark_sigma / _FURTHER), SMALLEST)
         words = f"a smaller landmark_sigma, such as {sigma:g}"
         return Remedy("Landmarks closer", words, {"landmark_sigma": sigma}, True)

@@ -195,9 +195,7 @@ class _Case:
         if self.evidence.stop_reason.is_early or self._cut_short():
             return self._of_an_early_end(outcome)
         far = sum(residual_of_errors(errors[[i]]) > goal for i in range(len(errors)))
-        # without functions that pull elsewhere a smaller landmark_sigma changes nothing
-        closer = None if self.functions.is_constant else self.remedies.closer_landmarks()
-        helps = (closer, self.remedies.refine())
+        helps = (self.remedies.closer_landmarks(), self.remedies.refine())
         return self._verdict(
             outcome,
             Cause.LANDMARKS_FAR,

@@ -60,6 +60,7 @@ _LIKENESS_GAP = 0.15  # deviations between distributions at which a function cou
 _LANDMARK_WIDTH = 0.15  # sqrt(area) around landmarks that move with them
 _MIRROR_COST = 0.5  # of maps onto the mirror image where either side may be right
 _SAME_PLACE, _ELSEWHERE = 0.05, 0.1  # sqrt(area), mean distances between images
+_SAME_SURFACE = 0.01  # sqrt(area), RMS distance of aligned surfaces that are one
 _TIE = 0.1  # difference of costs
 _COST_MAX, _SIDE_MIN = 4.5, 0.5  # beyond these no map is plausible
 
@@ -118,6 +119,7 @@ class Start(NamedTuple):
     side: int
     at: Callable[[Pair], IntArray]
     own: Callable[[], Initial] | None = None
+    is_exact: bool = False  # of one surface that stands elsewhere
 
     @property
     def name(self) -> str:
@@ -362,7 +364,7 @@ def _closest_starts(search: _Search, side: int) -> Iterator[Start]:
         points, _ = closest_after_alignment(given.a, given.b, kind, given.landmarks)
         return made_continuous(given, points)
 
-    yield Start("closest", side, at, own)
+    yield Start("closest", side, at, own, alignment.rms <= _SAME_SURFACE)
 
 
 def _moved(marks: Landmarks, pair: Pair) -> Landmarks:
@@ -449,8 +451,8 @@ def _relaxed(pair: Pair, start: Start, both_sides: bool) -> Relaxed:
 
 
 def _most_accurate(pair: Pair, tried: list[Relaxed]) -> Relaxed:
-    """Return of the candidates that lead to the same places as the best one that which relaxation
-    moved least: its own map is the most accurate one.
+    """Return of the candidates that lead to the same places as the best one the most accurate one:
+    an exact one, else one by eigenfunctions.
     """
     best = tried[0]
     alike = [
@@ -461,7 +463,11 @@ def _most_accurate(pair: Pair, tried: list[Relaxed]) -> Relaxed:
         and each.start.side == best.start.side
         and pair.distance(best.found, each.found) <= _SAME_PLACE
     ]
-    return min(alike, key=lambda each: each.moved, default=best)
+
+    def rank(each: Relaxed) -> tuple[bool, bool, float]:
+        return not each.start.is_exact, each.start.kind != "spectral", each.moved
+
+    return min(alike, key=rank, default=best)
 
 
 def _doubts(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
