@@ -43,11 +43,12 @@ Examples:
 
 The initial map (--initial) is by default the best of the candidates that apply, which are compared
 by how much they stretch the surfaces, by the descriptors and functions that they keep, and by
-landmarks; a note reports the chosen one and the next ones. Or it is one of
+landmarks; a note reports the chosen one and the next one. Or it is one of
 {_WORDS}
 Functions that were measured, or have other units, are compared in standard deviations from their
-means; where one has the other sign, that is turned and told. Their parameters are {_MEASURED}
-unless given; of other functions they are those of `abfm match`.
+means; one with the other sign is turned, with a note. These, and functions of two shapes whose map
+was searched, are matched as far as left-out patches gain, with the parameters
+{_MEASURED} unless given; others with those of `abfm match`.
 
 The exit status is as of `abfm match`. It is 3 also if the initial map may lead elsewhere (a warning
 reports why) or if the complete map from A to B has a larger residual than the flow on B. Measured

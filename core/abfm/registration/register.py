@@ -97,7 +97,8 @@ def register(
         Vertices, or points, of A and of B that belong together: the flow takes where the initial
         map has A's to B's. Without f and g they are all that is matched.
     parameters : Parameters, optional
-        By default `MEASURED` where the functions are, else ``Parameters()``.
+        By default `MEASURED` if the functions are measured, or the initial map was searched between
+        two shapes, whose functions are only alike; else ``Parameters()``.
     mask_a, mask_b : (V_A,) and (V_B,) arrays, optional
         Weight of the mismatch at each vertex, not negative. Where it is 0, functions are filled in
         from around, like values that are not finite.
