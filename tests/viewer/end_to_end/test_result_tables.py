@@ -1,5 +1,6 @@
 """A batch and a population open as a table; a click on a row shows what came of it."""
 
+import shutil
 import time
 
 import numpy as np
@@ -24,7 +25,7 @@ OPTIONS = {"iterations": 15, "refine": 0, "target": "coordinate:y"}
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def solved(tmp_path_factory):
     """Two matches, one that fails, and one that was not tried."""
     folder = tmp_path_factory.mktemp("results")
     write_surface(folder / "egg.ply", icosphere(2))
@@ -58,9 +59,30 @@ def settle(gui):
     gui.wait(lambda session: session.loading.now is None)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
+def folder(solved, tmp_path):
+    """A copy of the folder for each test, whatever other tests do to theirs, and the rows."""
+    path, rows = solved
+    return shutil.copytree(path, tmp_path / "results"), rows
+
+
+@pytest.fixture
 def opened(folder):
     with Driver(folder[0], size=SIZE) as gui:
+        yield gui
+
+
+@pytest.fixture
+def sample():
+    """The window with the sample of a population."""
+    with Driver(icosphere(1), size=SIZE) as gui:
+        gui.menu("Samples", POPULATION)
+        tables, end = gui.window.files.tables, time.monotonic() + 60
+        while tables.table is None or tables.table.population is None:
+            assert time.monotonic() < end, gui.session.notices.latest.text
+            time.sleep(0.2)
+            gui.frames(1)
+        settle(gui)
         yield gui
 
 
@@ -192,14 +214,10 @@ def texts(gui, monkeypatch):
         return [text for text, _ in heard(gui, patched, "note")()]
 
 
-def test_the_sample_of_a_population_shows_who_is_odd(opened, monkeypatch):
-    opened.menu("Samples", POPULATION)
-    end = time.monotonic() + 60
-    while opened.window.files.tables.table.population is None:
-        assert time.monotonic() < end, opened.session.notices.latest.text
-        time.sleep(0.2)
-        opened.frames(1)
+def test_the_sample_of_a_population_shows_who_is_odd(sample, monkeypatch):
+    opened = sample
     tables, session = opened.window.files.tables, opened.session
+    opened.click(population_sample.ODD, "rows")
     settle(opened)
     assert rows_of(opened)[0] == population_sample.ODD
     assert [row.verdict == "does not fit" for row in tables.rows] == [True] + [False] * 8
@@ -261,7 +279,8 @@ def test_no_row_is_cut_at_the_lower_end(opened, monkeypatch):
     assert height > 3 * high
 
 
-def test_the_menu_opens_a_table_by_a_file_of_its_folder(opened):
+def test_the_menu_opens_a_table_by_a_file_of_its_folder(sample):
+    opened = sample
     place = opened.window.files.tables.table.place
     opened.click("Close table")
     opened.menu("File", "Open batch or population...")
