@@ -179,6 +179,7 @@ def test_values_and_vertex_maps_from_files_and_by_symmetry(gui, tmp_path):
     table = "\n".join(["a,b", *(f"{value!r},{2 * value!r}" for value in values.tolist())])
     (tmp_path / "table.csv").write_text(table)
     gui.type("path", str(tmp_path / "table.csv"), within=side)
+    gui.wait(lambda s: "2 columns" in s.obstacle)  # a line that moves what is below it
     gui.type("column", "b", within=side)
     settled(gui)
     np.testing.assert_allclose(gui.session.values(side), 2 * values)
