@@ -89,7 +89,7 @@ def results(out):
 def written(out):
     """Which file each result is, by name: another one if it was written again."""
     found = {}
-    for path in out.glob("*.npz"):
+    for path in out.glob("[!.]*.npz"):  # a temporary file is no result
         with suppress(OSError):
             state = path.stat()
             found[path.name] = (state.st_ino, state.st_mtime_ns)
