@@ -89,10 +89,10 @@ class Judge:
             shape.mean,
             shape.p95,
         ]
-        told = ["" if np.isnan(x) else f"{x:.3f}" for x in numbers]
+        cells = ["" if np.isnan(x) else f"{x:.3f}" for x in numbers]
         back = f"{found.there_and_back().median:.1g}"
         time = "" if seconds is None else f"{seconds:.0f}"
-        return [name, *told, str(distortion.folded), back, time]
+        return [name, *cells, str(distortion.folded), back, time]
 
     def alike(self, one: FloatArray, other: FloatArray) -> float:
         """Return the correlation of two maps on B."""
@@ -215,9 +215,9 @@ def choice_rows(subject: Side, template: Side) -> Iterator[list[str]]:
         found = register(
             subject.sphere, template.sphere, subject.depth, template.depth, mask_b=mask
         ).match
-        told = [f"{step.sigma:.3g}: {step.score:.4f}" for step in found.path]
-        told[found.step] = f"**{told[found.step]}**"
-        yield [name, *told[-_STEPS_SHOWN:]]
+        scores = [f"{step.sigma:.3g}: {step.score:.4f}" for step in found.path]
+        scores[found.step] = f"**{scores[found.step]}**"
+        yield [name, *scores[-_STEPS_SHOWN:]]
 
 
 def norm_rows(subject: Side, template: Side) -> Iterator[list[str]]:

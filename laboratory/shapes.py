@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm import Correspondence, TriangleMesh, load_mesh, register
-from abfm.maps import continuous_map
+from abfm.maps import PointMap, continuous_map
 from abfm.registration import prepare
-from abfm.registration.initial import functional_map_start, initial_map
+from abfm.registration.initial import SpectralSearch, initial_map
 from abfm.registration.initial.given import Given
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.types import IntArray
@@ -32,12 +32,18 @@ _PEOPLE = 20  # pairs whose maps are made continuous
 _BOUNDED, _ALIKE = 5, "hks:time=0.01"  # pairs that are matched within a bound, and by what
 
 
+def by_eigenfunctions(pair: shape_pairs.ShapePair) -> PointMap:
+    """Return the best map by eigenfunctions, torn."""
+    search = SpectralSearch(pair.a, pair.b)
+    return search.finished(search.ranked(1)[0])[0]
+
+
 def people_rows(folder: Path) -> Iterator[list[str]]:
     """Yield a row a pair, and one of what all come to."""
     kept: list[tuple[float, ...]] = []
     for pair in shape_pairs.people(folder / shape_pairs.PEOPLE, _PEOPLE):
         began = perf_counter()
-        start, _ = functional_map_start(pair.a, pair.b)
+        start = by_eigenfunctions(pair)
         found = perf_counter()
         spheres = continuous_map(start)
         ended = perf_counter()
@@ -73,7 +79,7 @@ def _cells(name: str, row: tuple[float, ...]) -> list[str]:
 def bounded_people(folder: Path) -> Iterator[list[str]]:
     """Yield rows of what bounds of distortion cost, from continuous maps."""
     for pair in shape_pairs.people(folder / shape_pairs.PEOPLE, _BOUNDED):
-        spheres = continuous_map(functional_map_start(pair.a, pair.b)[0])
+        spheres = continuous_map(by_eigenfunctions(pair))
         first = Correspondence.through_sphere(pair.a, pair.b, *spheres)
         prepared = prepare(pair.a, pair.b, _ALIKE, _ALIKE, initial=first)
         yield from bounds.rows(pair.name, prepared, bounds.around)

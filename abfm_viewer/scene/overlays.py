@@ -25,7 +25,8 @@ from abfm_viewer.shown.shown import Field, Shown
 from abfm_viewer.shown.tracks import KINDS
 
 _ARROWS, _LINES, _PATHS = "arrows", "flow lines", "ways of points"
-_INK, _OPACITY = "ink", "opacity"  # of arrows
+_INK = "ink"  # names of arrows' quantities
+_OPACITY = "opacity"
 _ISOLINES = "isolines of "  # and the surface's name
 _TRACKS = {kind: f"tracks of each {kind}" for kind in KINDS}
 _PRESENT = {kind: f"each {kind} now" for kind in KINDS}

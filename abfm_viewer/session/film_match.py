@@ -135,7 +135,7 @@ class FilmMatch:
 
     def motion(self, document: Document, interval: int) -> float:
         """Return the share of motion in frames between two, see `abfm.Sequence.motion_shares`; 1
-        while a run has not come to its end.
+        during a run.
         """
         sequence = document.sequence
         if sequence is None or (self._is_of(document) and self._fields):

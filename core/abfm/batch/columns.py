@@ -34,8 +34,8 @@ class Column(NamedTuple):
 
 
 def parameter_columns(chosen: Collection[str] = ()) -> dict[str, Column]:
-    """Return a column for each of `abfm.Parameters`, named as the options are; those that are
-    chosen unless they are given may be "auto", too.
+    """Return a column for each of `abfm.Parameters`, named as the options are; "auto" is also
+    accepted for those that are chosen by default.
     """
     return {
         option(entry.name): Column(

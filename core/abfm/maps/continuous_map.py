@@ -11,9 +11,8 @@ geodesic error is 0.0252 sqrt(area) after 0.0260, and no more than before for 15
 """
 
 import numpy as np
-from scipy import sparse
 
-from abfm.calculus.operators import cotangent_laplacian, vertex_areas
+from abfm.calculus.smoothing import smoothed
 from abfm.maps.image_relaxation import Ground, Image, push_to_sphere, relax, relocate
 from abfm.maps.point_maps import PointMap
 from abfm.maps.sphere_embedding import (
@@ -29,7 +28,6 @@ from abfm.maps.sphere_pull import average, pull_for, set_moves, shift
 from abfm.maps.spherical import Faces
 from abfm.maps.star_moves import room_for
 from abfm.mesh import TriangleMesh
-from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -65,7 +63,7 @@ def continuous_map(points: PointMap) -> tuple[FloatArray, FloatArray]:
     directions = points.pull_back(sphere_a[: len(a.vertices)])
     directions /= np.maximum(np.linalg.norm(directions, axis=1), _SHORT)[:, None]
     targets = _with_middles(b, directions)
-    places = _smoothed(b, points.positions / points.codomain.length_scale)
+    places = smoothed(b, points.positions / points.codomain.length_scale, _SMOOTHED)
     sphere_b = _pulled(points_b, faces_b, targets)
     with step("moving the map to less distortion", len(points_b)):
         surface = surface_of(faces_a, len(points_a))
@@ -82,14 +80,6 @@ def _with_middles(mesh: TriangleMesh, values: FloatArray) -> FloatArray:
     return np.concatenate(
         [values, *(values[loop].mean(axis=0)[None] for loop in mesh.boundary_loops)]
     )
-
-
-def _smoothed(mesh: TriangleMesh, values: FloatArray) -> FloatArray:
-    """Smooth values (V, C) over a distance, by a step of heat."""
-    areas = vertex_areas(mesh)
-    heat = sparse.diags_array(areas) + _SMOOTHED**2 * cotangent_laplacian(mesh)
-    solve = factor(sparse.csr_array(heat))
-    return np.stack([solve(areas * channel) for channel in values.T], axis=1)
 
 
 def _pulled(points: FloatArray, faces: IntArray, targets: FloatArray) -> FloatArray:

@@ -11,9 +11,10 @@ Melzi, Ren, Rodolà, Sharma, Wonka, Ovsjanikov: ZoomOut, ACM TOG 38(6), 2019.
 """
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.channels import channels
 from abfm.calculus.eigenbasis import unit_eigenbasis
@@ -59,8 +60,8 @@ def point_map(source: TriangleMesh, target: TriangleMesh, C: ArrayLike) -> Point
     which is its inverse only where ``C`` is orthogonal.
     """
     matrix = _check(C)
-    nearest = nearest_rows(matrix, _basis(source, matrix.shape[1]), _basis(target, matrix.shape[0]))
-    return PointMap.of_vertices(target, source, nearest)
+    rows = nearest_rows(matrix, _basis(source, matrix.shape[1]), _basis(target, matrix.shape[0]))
+    return PointMap.of_vertices(target, source, rows)
 
 
 def zoom_out(
@@ -76,10 +77,10 @@ def zoom_out(
         )
     if not step >= 1:
         raise ParameterError(f"step is {step}; expected at least 1")
-    nearest = nearest_rows(matrix, _basis(source, matrix.shape[1]), _basis(target, matrix.shape[0]))
+    rows = nearest_rows(matrix, _basis(source, matrix.shape[1]), _basis(target, matrix.shape[0]))
     sizes = [*range(max(matrix.shape) + step, k, step), k]
     known = _basis(source, k), _basis(target, k), vertex_areas(target.normalized())
-    return refined(*known, _fitted(*known, nearest, sizes[0]), sizes[1:])
+    return refined(*known, _fitted(*known, rows, sizes[0]), sizes[1:])
 
 
 def refined(
@@ -91,16 +92,16 @@ def refined(
     """
     for size in sizes:
         checkpoint()
-        nearest = nearest_rows(C, source[:, : C.shape[1]], target[:, : C.shape[0]])
-        C = _fitted(source, target, weights, nearest, size)
+        rows = nearest_rows(C, source[:, : C.shape[1]], target[:, : C.shape[0]])
+        C = _fitted(source, target, weights, rows, size)
     return C
 
 
 def _fitted(
-    source: FloatArray, target: FloatArray, weights: FloatArray, nearest: IntArray, size: int
+    source: FloatArray, target: FloatArray, weights: FloatArray, rows: IntArray, size: int
 ) -> FloatArray:
     """Return the functional map, of a size, of a map from points to points, in least squares."""
-    before, after = source[nearest, :size], target[:, :size]
+    before, after = source[rows, :size], target[:, :size]
     weighted = weights[:, None] * after
     return np.asarray(np.linalg.solve(weighted.T @ after, weighted.T @ before))
 
@@ -113,15 +114,19 @@ def nearest_rows(C: FloatArray, source: FloatArray, target: FloatArray) -> IntAr
     """Find, for each vertex of the target, that of the source whose delta function arrives nearest,
     by matrix products: 20 times as fast as a tree where maps are far from isometric.
     """
-    arrived = C @ source.T
-    sizes = (arrived**2).sum(axis=0)
-    nearest = np.empty(len(target), dtype=np.int64)
-    for start in range(0, len(target), _CHUNK):
+    return nearest(target, source @ C.T)
+
+
+def nearest(rows: NDArray[np.floating[Any]], others: NDArray[np.floating[Any]]) -> IntArray:
+    """Return the number of the nearest of the others (m, d) for each row (n, d)."""
+    sizes = (others**2).sum(axis=1)
+    found = np.empty(len(rows), dtype=np.int64)
+    for start in range(0, len(rows), _CHUNK):
         chunk = slice(start, start + _CHUNK)
-        distances = (-2 * target[chunk]) @ arrived  # squared, without the target's own part
+        distances = (-2 * rows[chunk]) @ others.T  # squared, without the row's own part
         distances += sizes
-        nearest[chunk] = distances.argmin(axis=1)
-    return nearest
+        found[chunk] = distances.argmin(axis=1)
+    return found
 
 
 def _check(C: ArrayLike) -> FloatArray:

@@ -36,7 +36,7 @@ from abfm.reading import array_from, read_bytes
 from abfm.registration import load_registration
 from abfm.registration.initial import initial_map, read_landmarks
 from abfm.registration.initial.given import Given
-from abfm.registration.initial.turned_spheres import FEWEST_LANDMARKS
+from abfm.registration.initial.turned_spheres import LANDMARKS_MIN
 from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
 
@@ -145,10 +145,10 @@ def _first_points(
     if "landmarks" in given:
         marks = read_landmarks(surface, template, given["landmarks"])
     is_embedded = word is not None and word.partition(":")[0] == "embedding"
-    if is_embedded and (marks is None or len(marks) < FEWEST_LANDMARKS):
+    if is_embedded and (marks is None or len(marks) < LANDMARKS_MIN):
         raise ParameterError(
             "an initial map by embedding without the template's functions needs "
-            f"{FEWEST_LANDMARKS} landmarks or more"
+            f"{LANDMARKS_MIN} landmarks or more"
         )
     found = initial_map(word, Given(surface, template, landmarks=marks))
     return found.correspondence.points.points

@@ -30,8 +30,8 @@ _SAME = 1e-9  # sqrt(area) between places that are one
 
 
 class Candidate(NamedTuple):
-    """An initial map that was tried: the word that asks for it, see `abfm.register`, and its cost,
-    NaN if it was compared with no other one.
+    """An initial map that was tried: its word, see `abfm.register`, and its cost, NaN if it was
+    compared with no other one.
     """
 
     name: str

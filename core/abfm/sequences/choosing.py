@@ -30,16 +30,18 @@ from abfm.workers.progress import step
 if TYPE_CHECKING:
     from abfm.sequences.solve import Solver
 
-WARMEST = 9.0
+SIGMA_MAX = 9.0
 """Sigma with which a search without a start begins, in deviations of the frames."""
-LEAST = 0.1
+SIGMA_MIN = 0.1
 """The smallest sigma that is tried where none is given."""
-_LOOKED_AT = 3  # intervals by which the choice is made
-_STEPS = 3  # of Gauss-Newton with each sigma there
-_NOTHING = 0.001  # share of what any choice explains of the variance that was held out
-_HARDLY = 0.6  # of what was held out: where any sigma leaves more, a match looks further
-_PROMISING = 1.05  # times the least residual, within which a norm is worth more than one sigma
-_FAR = Parameters(sigma=0.3, segments=1, refine=0)  # of a match that looks further
+_INTERVALS = 3  # intervals by which the choice is made
+_ITERATIONS = 3  # of Gauss-Newton with each sigma there
+_GAIN_SHARE_MIN = 0.001  # share of what any choice explains of the variance that was held out
+_RESIDUAL_LARGE = 0.6  # of what was held out: where any sigma leaves more, a match looks further
+_RESIDUAL_RATIO_MAX = (
+    1.05  # times the least residual, within which a norm is worth more than one sigma
+)
+_LONG_RANGE = Parameters(sigma=0.3, segments=1, refine=0)  # of a match that looks further
 
 
 class Norm(NamedTuple):
@@ -84,21 +86,21 @@ def chosen(solver: Solver) -> Choice:
     usual = Norm(given.order, given.alpha)
     if given.sigma is not None and len(candidates) == 1:
         return Choice(candidates[0], given.sigma)
-    sigmas = cooling(given.sigma or LEAST, WARMEST)
-    looked_at = _spread(changes(solver.frames), _LOOKED_AT)
+    sigmas = cooling(given.sigma or SIGMA_MIN, SIGMA_MAX)
+    looked_at = _spread(changes(solver.frames), _INTERVALS)
     first = _HeldOut(solver, looked_at, candidates[0], sigmas)
     if not first.walks:
         if given.sigma is not None:
             return Choice(usual, given.sigma)
         raise ParameterError("too few vertices are compared to choose sigma by; give one")
-    with step("choosing sigma") as tell:
+    with step("choosing sigma") as report:
         count, found = len(candidates), [first]
-        first.follow_all(lambda share: tell(share / count))
+        first.follow_all(lambda share: report(share / count))
         for number, norm in enumerate(candidates[1:]):
             other = _HeldOut(solver, looked_at, norm, sigmas)
             other.look_near(first, min(each.least for each in found))
             found.append(other)
-            tell((number + 2) / count)
+            report((number + 2) / count)
     best = min(found, key=lambda each: each.least)
     return Choice(best.norm, given.sigma or best.largest_sigma())
 
@@ -134,36 +136,36 @@ class _HeldOut:
 
     def largest_sigma(self) -> float:
         """Return the largest sigma that leaves hardly more than the best one."""
-        enough = self.least**2 + _NOTHING * max(self.rest**2 - self.least**2, 0.0)
+        enough = self.least**2 + _GAIN_SHARE_MIN * max(self.rest**2 - self.least**2, 0.0)
         return max(sigma for sigma, left in self._left.items() if left**2 <= enough)
 
-    def follow_all(self, tell: Callable[[float], None]) -> None:
+    def follow_all(self, report: Callable[[float], None]) -> None:
         """Decrease sigma until the residual grows; if it stays large, look further away."""
-        self._descend(tell)
-        if self.least > max(_HARDLY * self.rest, OFTEN * self._noise):
+        self._descend(report)
+        if self.least > max(_RESIDUAL_LARGE * self.rest, OFTEN * self._noise):
             least, found = self.least, (self._left, self._fields)
             self._left, self._fields = {}, {}
             with step("looking further"):
                 for walk in self.walks:
                     walk.look_further()
-            self._descend(tell)
+            self._descend(report)
             if least <= self.least:
                 self._left, self._fields = found
                 for walk in self.walks:
                     walk.starts = []
 
-    def _descend(self, tell: Callable[[float], None]) -> None:
+    def _descend(self, report: Callable[[float], None]) -> None:
         fields = [walk.rest_fields for walk in self.walks]
         for number, sigma in enumerate(self._sigmas):
             fields = self._follow(sigma, fields)
-            tell((number + 1) / len(self._sigmas))
+            report((number + 1) / len(self._sigmas))
             is_worse = not self._is_given and self._best_sigma != sigma
             if is_worse and not self.walks[0].starts:
                 break
 
     def look_near(self, other: _HeldOut, best: float) -> None:
         """Start from the fields of another norm, at the sigma that is about as smooth. If this is
-        within `_PROMISING` of the best residual, try smaller and larger sigmas.
+        within `_RESIDUAL_RATIO_MAX` of the best residual, try smaller and larger sigmas.
         """
         for walk, of_other in zip(self.walks, other.walks, strict=True):
             walk.starts = of_other.starts
@@ -172,7 +174,7 @@ class _HeldOut:
             at += round(float(np.log(self.norm.alpha / other.norm.alpha) / np.log(COOLER)))
         at = int(np.clip(at, 0, len(self._sigmas) - 1))
         self._follow(self._sigmas[at], other._fields[other._best_sigma])
-        if self._is_given or self.least > _PROMISING * best:
+        if self._is_given or self.least > _RESIDUAL_RATIO_MAX * best:
             return
         if not self._improve(at, 1) and self.least <= best:
             self._improve(at, -1)
@@ -230,7 +232,7 @@ class _Walk:
         starts = self.starts or fields
         for (interval, hidden), start in zip(self._folds, starts, strict=True):
             checkpoint()
-            point = interval.go_on(sigma, start, _STEPS)
+            point = interval.go_on(sigma, start, _ITERATIONS)
             found.append(point.field)
             carried = point.at.advected[: len(self._functions.source)]
             left.append(self._functions.weighed(hidden).residual(carried) ** 2)
@@ -241,7 +243,7 @@ def searched(energy: MatchingEnergy) -> FloatArray:
     """Return the field (F, 2) of an ordinary match, which looks further: one over a time of 1,
     whatever the interval's, by which the balance of its terms would be another.
     """
-    found = match(energy.problem.with_parameters(_FAR))
+    found = match(energy.problem.with_parameters(_LONG_RANGE))
     speed = found.parameters.tau / (energy.parameters.tau * energy.length_scale)
     return to_frame(energy.mesh, found.velocity[0] * speed)
 

@@ -78,8 +78,8 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
     and where values are missing in some frame ``measured``, which is 0 where they are filled in;
     cell data the ``velocity``, its ``uncertainty`` (infinite where frames determine no motion) and
     how well it is ``determined``, from 0 to 1: fields of the interval that begins there, and at the
-    last frame of that which ends there. Files come to their places when all are written: where
-    that is cancelled or fails, nothing is there that was not, and an older film is whole. Frames
+    last frame of that which ends there. Files replace older ones only when all are written: if
+    that is cancelled or fails, the folder is as before. Frames
     that an older and longer one of that name lists are removed at the end.
 
     Raises

@@ -61,8 +61,8 @@ def noise_floor(functions: FunctionTerm, levels: FloatArray) -> float:
 
 
 def explains_little(functions: FunctionTerm, levels: FloatArray, left: float) -> bool:
-    """Tell whether a field that leaves such a residual explains little of what changes that is no
-    noise of levels (C, V).
+    """Return whether a field with such a residual explains little of the change beyond noise of
+    levels (C, V).
     """
     first = functions.residual(functions.source)
     explained = _EXPLAINED * min(first, _RESIDUAL_OF_MEAN)

@@ -30,7 +30,7 @@ from abfm.outcome import Facts
 from abfm.parameters import Parameters
 from abfm.sequences.between.in_between import in_between
 from abfm.sequences.between.left_out import LeftOut, left_out
-from abfm.sequences.choosing import LEAST, WARMEST
+from abfm.sequences.choosing import SIGMA_MAX, SIGMA_MIN
 from abfm.sequences.files import save_parts, sequence_arrays
 from abfm.sequences.frames import Frames, checked
 from abfm.sequences.noise import noise_floor, noise_levels
@@ -157,7 +157,7 @@ class Sequence:
         """Return an interval as a match, from its frame to the next, with its field and verdict."""
         i = range(len(self))[interval]
         # one that was cancelled before there was a sigma has fields of 0
-        sigma = self.sigma if np.isfinite(self.sigma) else WARMEST
+        sigma = self.sigma if np.isfinite(self.sigma) else SIGMA_MAX
         parameters = interval_parameters(self._frames, self.parameters, sigma, i)
         flow = Flow(self.mesh, self.velocity[i], parameters.tau)
         return Match(
@@ -514,7 +514,7 @@ def _refuse_extremes(film: Frames, given: SequenceParameters) -> None:
     with np.errstate(over="ignore"):
         _ = film.deviation  # which refuses masks
     relative = replace(given, sigma_unit="relative")
-    sigmas = {LEAST, WARMEST, given.sigma if given == relative and given.sigma else LEAST}
+    sigmas = {SIGMA_MIN, SIGMA_MAX, given.sigma if given == relative and given.sigma else SIGMA_MIN}
     shortest, longest = int(film.durations.argmin()), int(film.durations.argmax())
     try:
         if largest > LARGEST:

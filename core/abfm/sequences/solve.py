@@ -14,7 +14,7 @@ from abfm.matching.objective.matching_energy import MatchingEnergy
 from abfm.matching.solvability import is_measured
 from abfm.matching.solving.measures import measured
 from abfm.parameters import Parameters
-from abfm.sequences.choosing import WARMEST, Norm, chosen, searched
+from abfm.sequences.choosing import SIGMA_MAX, Norm, chosen, searched
 from abfm.sequences.defect import defect
 from abfm.sequences.frames import Frames
 from abfm.sequences.interval import Interval, Neighbour, Point
@@ -246,7 +246,7 @@ class Solver:
 
     def parameters(self, interval: int) -> Parameters:
         """Return those of the problem of an interval."""
-        sigma = self.sigma if np.isfinite(self.sigma) else WARMEST
+        sigma = self.sigma if np.isfinite(self.sigma) else SIGMA_MAX
         return interval_parameters(self.frames, self.given, sigma, interval)
 
     def sigma_over(self, sigma: float, duration: float) -> float:
@@ -271,7 +271,7 @@ class Solver:
     def _sigmas(self, i: int) -> tuple[float, float]:
         """Return the last and the warmest sigma of an interval."""
         duration = float(self.frames.durations[i])
-        return self.sigma_over(self.sigma, duration), self.sigma_over(WARMEST, duration)
+        return self.sigma_over(self.sigma, duration), self.sigma_over(SIGMA_MAX, duration)
 
     def _keep(self, i: int, found: Point) -> None:
         self.fields[i], self.energies[i] = found.field, found.at.energy

@@ -28,21 +28,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy import sparse
 
 from abfm.calculus.operators import (
-    Matrix,
     averaging,
-    cotangent_laplacian,
     edge_lengths,
     face_areas,
     face_frames,
     gradient,
     vertex_areas,
 )
+from abfm.calculus.smoothing import smoothed
 from abfm.calculus.vector_fields import to_ambient, to_frame
 from abfm.flow.flow import Flow
-from abfm.numerics.cholesky import factor
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -137,12 +134,12 @@ def _of_data(sequence: Sequence, solved: IntArray) -> tuple[FloatArray, FloatArr
     tensors /= scale**2
     mean = float(np.einsum("v,ivt->", areas, tensors[..., :3])) / 2 / len(solved)
     length = _length(sequence, mean)
-    solve = factor(Matrix(sparse.diags_array(areas) + length**2 * cotangent_laplacian(mesh)))
+    columns = smoothed(mesh, tensors.transpose(1, 0, 2).reshape(len(areas), -1), length)
+    tensors = columns.reshape(len(areas), len(solved), -1).transpose(1, 0, 2)
     frames = face_frames(mesh)
     eigenvalues = np.empty((len(solved), len(mesh.faces), 2))
     axes = np.empty((*eigenvalues.shape, 2))
-    for row, of_vertices in enumerate(tensors):
-        smooth = np.stack([solve(areas * column) for column in of_vertices.T], axis=1)
+    for row, smooth in enumerate(tensors):
         of_faces = smooth[mesh.faces].mean(axis=1)
         whole = np.empty((len(mesh.faces), 3, 3))
         for column, (x, y) in enumerate(_PAIRS):

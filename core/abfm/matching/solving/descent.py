@@ -30,7 +30,8 @@ _SCALES = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)  # edges over which they are smoothed
 # iterations after which how landmarks bend the energy is computed anew, beside functions
 _ANEW = 10
 # a fold goes on while its energy falls by this share within so many iterations
-_FOLD_PAYING, _FOLD_WITHIN = 0.2, 4
+_FOLD_FALL_MIN = 0.2
+_FOLD_ITERATIONS = 4
 _MOST_BENT = 5e7  # numbers kept of that
 
 Point = TypeVar("Point")
@@ -312,7 +313,7 @@ def minimum(energy: MatchingEnergy, stage: Stage, x: FloatArray, last: Progress)
     else:
         current = found.init(x)
     energies = [current.point.energy]
-    while len(energies) <= stage.iterations and falls(energies, _FOLD_PAYING, _FOLD_WITHIN):
+    while len(energies) <= stage.iterations and falls(energies, _FOLD_FALL_MIN, _FOLD_ITERATIONS):
         if found.stop_reason(current) is not None:
             break
         current = found.step(current)

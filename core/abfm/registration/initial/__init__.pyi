@@ -4,8 +4,7 @@ from .alignment import closest_after_alignment as closest_after_alignment
 from .connectivity import same_connectivity as same_connectivity
 from .landmark_pairs import Landmarks as Landmarks
 from .landmark_pairs import read_landmarks as read_landmarks
-from .spectral import SpectralFit as SpectralFit
-from .spectral import functional_map_start as functional_map_start
+from .spectral import SpectralSearch as SpectralSearch
 from .vertex_files import map_from_file as map_from_file
 from .words import WORDS as WORDS
 from .words import Word as Word

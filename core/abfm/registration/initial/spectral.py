@@ -12,7 +12,6 @@ Melzi, Ren, Rodolà, Sharma, Wonka, Ovsjanikov: ZoomOut, ACM TOG 38(6), 2019.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -40,80 +39,39 @@ _K, _K_COMPARED, _K_DESCRIBED = 120, 40, 20  # eigenfunctions: in the end, to ch
 _SAMPLES, _FEW_SAMPLES = 1200, 300  # points of each surface to refine by, and to search by
 _REFINED = 24  # candidates that are refined and compared
 _TURNS = 2  # of all vertices in the end
-_ELSEWHERE = 0.05  # sqrt(area) between the images of points, on average, of maps that differ
 # Weights beside the defect of a map as an isometry: with these all of 22 pairs of bodies in
 # different poses, 21 of different people, are mapped to the right one of nearly symmetric maps
 _PER_SIDE, _PER_BENDING = 0.2, 0.5
 _PER_LANDMARK = 5.0  # of the defect, for a distance of sqrt(area) between landmarks
 
 
-@dataclass(frozen=True, eq=False)
-class SpectralFit:
-    """The functional map that was found, and what speaks for it."""
+class SpectralSearch:
+    """Functional maps from A to B that are nearly isometries and agree with what is known.
 
-    # (k_b, k_a), takes coefficients of functions of A to those of B, in the first eigenfunctions of
-    # the meshes, or of coarser ones
-    functional_map: FloatArray
-    # 1 for an isometry, -1 for one onto the mirror image
-    side: float
-    # how far it is from an isometry, and from the landmarks and functions, if there are any
-    defect: float
-    # how far it is from an isometry alone
-    isometry_defect: float
-    # the defect of the best map that leads elsewhere: if it is as small, either may be right
-    rival: float
-
-
-def functional_map_start(
-    a: TriangleMesh,
-    b: TriangleMesh,
-    landmarks: Landmarks | None = None,
-    functions: tuple[ArrayLike, ArrayLike] | None = None,
-    mirrored: bool = False,
-) -> tuple[PointMap, SpectralFit]:
-    """Find the map from B to A that is nearest to an isometry and agrees with landmarks and with
-    functions, where there are any; each vertex goes to one of A, or of a coarser mesh of A.
-
-    Distances along the surfaces count, not how they are bent. Where a surface is nearly symmetric
-    several maps are near an isometry: of these, those that keep the side go before others, which
-    tells left from right, and then smaller differences of mean curvature before larger ones, which
-    tells front from back. Where `SpectralFit.rival` is not much more than the defect, a landmark or
-    a function is needed to be sure.
+    Distances along the surfaces count, not how they are bent. If a surface is nearly symmetric,
+    several maps are nearly isometries: those that keep the side rank before others, which tells
+    left from right, and smaller differences of mean curvature before larger ones, which tells front
+    from back.
 
     Parameters
     ----------
     landmarks : Landmarks, optional
-        Also in small number: one or two choose between maps, three or more give a start.
+        One or two choose between maps, three or more give a start.
     functions : pair of (V_A,) or (V_A, C) and (V_B,) or (V_B, C) arrays, optional
-        That have the same values at points that belong together.
-    mirrored : bool
-        Whether B is like the mirror image of A.
+        That have the same values at corresponding points.
+
+    Attributes
+    ----------
+    maps : list of (k, k) arrays
+        In the first eigenfunctions of the meshes, or of coarser ones.
 
     Raises
     ------
     AbfmError
         If a mesh has too few vertices, or functions do not fit.
     """
-    found = SpectralSearch(a, b, landmarks, functions)
-    side = -1 if mirrored else 1
-    best, *others = found.ranked(side)
-    rivals = [C for C in others if found.is_elsewhere(best, C)]
-    points, C = found.finished(best)
-    fit = SpectralFit(
-        C,
-        found.side(C),
-        found.defect(best, side),
-        found.isometry_defect(best, side),
-        min((found.defect(C, side) for C in rivals), default=np.inf),
-    )
-    return points, fit
 
-
-class SpectralSearch:
-    """Functional maps from A to B that are nearly isometries, of both sides.
-
-    Parameters as of `functional_map_start`.
-    """
+    maps: list[FloatArray]
 
     def __init__(
         self,
@@ -148,17 +106,11 @@ class SpectralSearch:
         return sorted(self.maps, key=lambda C: self.defect(C, side))
 
     def defect(self, C: FloatArray, side: int) -> float:
+        """Return how far a map is from an isometry, and from landmarks and functions."""
         return self._compared.defect(C, side)
 
-    def isometry_defect(self, C: FloatArray, side: int) -> float:
-        """Return the defect without landmarks and functions."""
-        return self._compared.without_hints().defect(C, side)
-
-    def is_elsewhere(self, C: FloatArray, D: FloatArray) -> bool:
-        """Return whether two maps lead to different places."""
-        return self._compared.apart(C, D) > _ELSEWHERE
-
     def side(self, C: FloatArray) -> float:
+        """Return 1 for an isometry, -1 for one onto the mirror image, see `Spectra.side`."""
         return self._spectra.side(C)
 
     def nearest(self, C: FloatArray, on_a: FloatArray, on_b: FloatArray) -> IntArray:
@@ -200,20 +152,6 @@ class _Compared(NamedTuple):
             gaps = np.linalg.norm(self._images(C, rows) - self.hints.places, axis=1)
             found += _PER_LANDMARK * float(np.average(gaps, weights=self.hints.weights))
         return found + _missed(C, *self.hints.functions)
-
-    def without_hints(self) -> _Compared:
-        """Return the comparison by the surfaces alone."""
-        hints = self.hints
-        (of_a, of_b), (at_a, at_b) = hints.functions, hints.at_landmarks
-        none = Hints(
-            hints.places[:0], (at_a[:0], at_b[:0]), hints.weights[:0], (of_a[:, :0], of_b[:, :0])
-        )
-        return self._replace(hints=none)
-
-    def apart(self, C: FloatArray, D: FloatArray) -> float:
-        """Return how far, on average, two maps lead to different places, in sqrt(area)."""
-        rows = self.spectra.functions[1][:, : len(C)]
-        return float(np.linalg.norm(self._images(C, rows) - self._images(D, rows), axis=1).mean())
 
     def _images(self, C: FloatArray, rows: FloatArray) -> FloatArray:
         return self.places[nearest_rows(C, self.spectra.functions[0][:, : len(C)], rows)]

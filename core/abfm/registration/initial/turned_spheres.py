@@ -21,12 +21,14 @@ from abfm.registration.initial.spheres import (
 )
 from abfm.types import FloatArray
 
-FEWEST_LANDMARKS = 3
+LANDMARKS_MIN = 3
+"""Number of landmarks without which they are no start."""
 LANDMARK_WEIGHT = 5.0  # of a distance of sqrt(area) in the cost of a map
 # correlations by which maps must be better than vertex numbers, and mirrored ones than others:
 # subjects on one mesh are mostly aligned already
-_TURN_COST, _MIRROR_COST = 0.4, 0.1
-_RIVAL = 0.9  # of a correlation, from which on another rotation is as good
+_TURN_COST = 0.4
+_MIRROR_COST = 0.1
+_RIVAL_RATIO = 0.9  # of a correlation, from which on another rotation is as good
 _CORRELATION_MIN = 0.3  # of functions on spheres that correspond
 
 sphere_of = per_mesh(sphere_embedding)  # kept, as functions may change
@@ -41,7 +43,7 @@ def best_of_spheres(given: Given, sides: Sequence[int]) -> Initial:
         found.append(("connectivity", Initial(Correspondence.of_same_faces(given.a, given.b))))
     directions = sphere_directions(given.a), sphere_directions(given.b)
     marks = given.landmarks
-    if given.f is not None and marks is not None and len(marks) >= FEWEST_LANDMARKS:
+    if given.f is not None and marks is not None and len(marks) >= LANDMARKS_MIN:
         for side in sides:
             name = "landmarks" if side > 0 else "landmarks:mirror"
             found.append((name, turned(given._replace(f=None, g=None), *directions, side < 0)))
@@ -95,7 +97,7 @@ def turned(given: Given, sphere_a: FloatArray, sphere_b: FloatArray, mirror: boo
         sphere_a = sphere_a @ turned.rotation.as_matrix().T
         notes.append(_turned_words(turned))
         warnings += _ambiguities(turned)
-    elif given.landmarks is not None and len(given.landmarks) >= FEWEST_LANDMARKS:
+    elif given.landmarks is not None and len(given.landmarks) >= LANDMARKS_MIN:
         notes.append(
             "sphere A was not turned: the landmarks are in one place, or in opposite ones; give "
             "three that are apart"
@@ -111,17 +113,15 @@ def _rotation(given: Given, a: SphereLayout, b: SphereLayout) -> Turned | None:
         return rotation_by_functions(on_a, on_b, weights)
     marks = given.landmarks
     return (
-        None
-        if marks is None or len(marks) < FEWEST_LANDMARKS
-        else rotation_by_landmarks(a, b, marks)
+        None if marks is None or len(marks) < LANDMARKS_MIN else rotation_by_landmarks(a, b, marks)
     )
 
 
 def _turned_words(turned: Turned) -> str:
-    told = f"sphere A was turned by {turned.degrees:.1f} degrees"
+    note = f"sphere A was turned by {turned.degrees:.1f} degrees"
     if np.isnan(turned.correlation):
-        return f"{told}, as the landmarks ask"
-    return f"{told}: the functions correlate by {turned.correlation:.2f}"
+        return f"{note}, to the landmarks"
+    return f"{note}: the functions correlate by {turned.correlation:.2f}"
 
 
 def _ambiguities(turned: Turned) -> list[str]:
@@ -132,8 +132,8 @@ def _ambiguities(turned: Turned) -> list[str]:
             f"by the best rotation of the spheres the functions correlate by "
             f"{turned.correlation:.2f} only: the surfaces may not correspond"
         )
-    if turned.runner_up > _RIVAL:
+    if turned.runner_up > _RIVAL_RATIO:
         warnings.append(
-            "another rotation is nearly as good: give more functions, or a map, to tell them apart"
+            "another rotation is nearly as good: give more functions, or a map, to distinguish them"
         )
     return warnings

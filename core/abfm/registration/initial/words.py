@@ -20,7 +20,7 @@ from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.searching.search import searched
 from abfm.registration.initial.torn import made_continuous
 from abfm.registration.initial.turned_spheres import (
-    FEWEST_LANDMARKS,
+    LANDMARKS_MIN,
     best_of_spheres,
     sphere_of,
     turned,
@@ -45,7 +45,7 @@ class Word(NamedTuple):
 
 
 def initial_map(initial: object, given: Given) -> Initial:
-    """Return the initial map that a word asks for, see `WORDS`, or the given one; None is "auto",
+    """Return the initial map of a word, see `WORDS`, or the given one; None is "auto",
     the best of all candidates that apply. Torn maps are made continuous if neither surface has
     handles (`abfm.maps.continuous_map`); a given map stays as it is.
 
@@ -131,10 +131,10 @@ def _checked(initial: Initial) -> Initial:
 
 def _by_landmarks(given: Given, words: list[str]) -> Initial:
     mirrored = _is_mirrored("landmarks", words)
-    if given.landmarks is None or len(given.landmarks) < FEWEST_LANDMARKS:
+    if given.landmarks is None or len(given.landmarks) < LANDMARKS_MIN:
         count = 0 if given.landmarks is None else len(given.landmarks)
         raise ParameterError(
-            f"{count} landmarks were given; expected {FEWEST_LANDMARKS} or more: add some, or "
+            f"{count} landmarks were given; expected {LANDMARKS_MIN} or more: add some, or "
             "choose another initial map, which fewer landmarks help, too"
         )
     return searched(given, ("landmarks", "spectral", "closest"), (-1 if mirrored else 1,))

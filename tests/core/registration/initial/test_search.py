@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import abfm
 from abfm.maps import PointMap, map_accuracy
+from abfm.maps.functional_maps import nearest
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
 from abfm.registration.initial import Landmarks, initial_map
@@ -18,7 +19,7 @@ from abfm.registration.initial.given import Given
 from abfm.registration.initial.searching import extremities
 from abfm.registration.initial.searching.coarse_shape import coarse_shape, ranks
 from abfm.registration.initial.searching.map_cost import map_cost
-from abfm.registration.initial.searching.reversible import both_ways, nearest, relax
+from abfm.registration.initial.searching.reversible import both_ways, relax
 from abfm.registration.initial.searching.search import Relaxed, Start, _Search
 from tests.messages import raises
 from tests.shapes import icosphere, torus

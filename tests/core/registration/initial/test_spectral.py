@@ -1,5 +1,7 @@
 """Maps by eigenfunctions: copies, poses, mirror images, symmetric bodies, and what chooses."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -11,7 +13,7 @@ from abfm.experiments.vocabulary import bundled
 from abfm.maps import PointMap, functional_map, map_accuracy, vertex_points
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
-from abfm.registration.initial import Landmarks, functional_map_start, spectral
+from abfm.registration.initial import Landmarks, SpectralSearch, spectral
 from abfm.registration.initial.descriptors import Hints, map_of_descriptors
 from abfm.registration.initial.sign_search import candidates
 from abfm.registration.initial.spectra import Spectra
@@ -38,13 +40,40 @@ def bent(mesh):
     )
 
 
+class Fit(NamedTuple):
+    """The best map, its side and defect, and the least defect of a map that leads elsewhere."""
+
+    functional_map: np.ndarray
+    side: float
+    defect: float
+    rival: float
+
+
+def start(a, b, mirrored=False, **known):
+    """Return the points of the best map, and what speaks for it."""
+    search, side = SpectralSearch(a, b, **known), -1 if mirrored else 1
+    places_a, places_b = (mesh.vertices / mesh.length_scale for mesh in (a, b))
+
+    def images(C):
+        return places_a[search.nearest(C, places_a, places_b)]
+
+    best, *others = search.ranked(side)
+    rivals = [
+        search.defect(C, side)
+        for C in others
+        if np.linalg.norm(images(C) - images(best), axis=1).mean() > 0.05
+    ]
+    points, C = search.finished(best)
+    return points, Fit(C, search.side(C), search.defect(best, side), min(rivals))
+
+
 def mean_error(points, truth):
     return map_accuracy(points, truth, most=150).mean
 
 
 def test_a_copy_is_found_exactly_however_it_is_moved_and_numbered():
     b, order, _ = renumbered(moved(BODY), 3)
-    points, fit = functional_map_start(BODY, b)
+    points, fit = start(BODY, b)
     assert (points.domain, points.codomain) == (b, BODY)
     assert_array_equal(points.nearest_vertices(), order)
     assert fit.side == pytest.approx(1, abs=0.02)
@@ -54,14 +83,14 @@ def test_a_copy_is_found_exactly_however_it_is_moved_and_numbered():
 
 def test_a_mirror_image_is_found_where_it_is_asked_for():
     b = moved(BODY, side=-1)
-    points, fit = functional_map_start(BODY, b, mirrored=True)
+    points, fit = start(BODY, b, mirrored=True)
     assert_array_equal(points.nearest_vertices(), np.arange(len(b.vertices)))
     assert fit.side == pytest.approx(-1, abs=0.02)
 
 
 def test_left_and_right_of_a_body_are_told_apart_between_its_poses():
     a, b = bundled("human_A.off"), bundled("human_B.off")
-    points, fit = functional_map_start(a, b)
+    points, fit = start(a, b)
     assert mean_error(points, None) < 0.005
     assert fit.side > 0.9
     assert fit.rival > 1.3 * fit.defect
@@ -69,7 +98,7 @@ def test_left_and_right_of_a_body_are_told_apart_between_its_poses():
 
 def test_other_triangles_change_little():
     b = moved(coarsened(bundled("human_A.off"), 800))
-    points, _ = functional_map_start(bundled("human_A.off"), b)
+    points, _ = start(bundled("human_A.off"), b)
     truth = PointMap.project(b, points.codomain, coarsened(points.codomain, 800).vertices)
     assert mean_error(points, truth.nearest_vertices()) < 0.02
 
@@ -77,7 +106,7 @@ def test_other_triangles_change_little():
 def test_larger_meshes_go_by_coarser_ones(monkeypatch):
     monkeypatch.setattr(spectral, "FINEST", 250)
     b = bent(BODY)
-    points, _ = functional_map_start(BODY, b)
+    points, _ = start(BODY, b)
     assert_allclose(mean_error(points, None), 0, atol=0.04)
     assert len(np.unique(points.faces)) > 0.6 * len(b.vertices)
 
@@ -93,13 +122,13 @@ def test_what_is_known_chooses_between_maps_that_are_as_good(by, turned):
     else:
         f = TURNED.vertices[:, :2]
         known["functions"] = f, f[truth]
-    points, fit = functional_map_start(TURNED, TURNED, **known)
+    points, fit = start(TURNED, TURNED, **known)
     assert mean_error(points, truth) < 1e-3
     assert fit.rival > 2 * fit.defect
 
 
 def test_two_maps_that_are_as_good_are_told_of():
-    fit = functional_map_start(TURNED, TURNED)[1]
+    fit = start(TURNED, TURNED)[1]
     assert fit.rival < fit.defect + 0.05
 
 
@@ -153,9 +182,9 @@ def test_a_landmark_of_hardly_any_weight_counts_hardly():
 def test_what_does_not_fit_is_refused():
     for a, b, which in ((tetrahedron(), BODY, "A has 4"), (BODY, icosphere(1), "B has 42")):
         with raises(AbfmError, which, 60):
-            functional_map_start(a, b)
+            SpectralSearch(a, b)
     f = BODY.vertices
     with raises(FunctionError, 3, 2):
-        functional_map_start(BODY, BODY, functions=(f, f[:, :2]))
+        SpectralSearch(BODY, BODY, functions=(f, f[:, :2]))
     with raises(FunctionError, 400):
-        functional_map_start(BODY, BODY, functions=(f[:, 0], f[1:, 0]))
+        SpectralSearch(BODY, BODY, functions=(f[:, 0], f[1:, 0]))

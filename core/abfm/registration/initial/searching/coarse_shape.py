@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from abfm.calculus.eigenbasis import unit_eigenbasis
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
+from abfm.calculus.smoothing import smoothed
 from abfm.errors import FunctionError
 from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.spectral import HeatKernelSignature
@@ -25,9 +26,9 @@ from abfm.types import FloatArray, IntArray
 
 COORDINATES = 8  # of the classical scaling of the distances
 EIGENFUNCTIONS = 30  # by which maps commute with the Laplacian, or do not
-_COTANGENTS = 0.01, 20.0  # weights of edges are clipped to these, as those of slivers diverge
-_HEAT_TIMES = 0.01, 0.05
-_CURVATURE_SCALES = 0.045, 0.1  # sqrt(area) over which the mean curvature is smoothed
+_COTANGENT_RANGE = (0.01, 20.0)  # to which weights of edges are clipped; those of slivers diverge
+_HEAT_TIMES = (0.01, 0.05)
+_CURVATURE_SCALES = (0.045, 0.1)  # sqrt(area) over which the mean curvature is smoothed
 _CURVATURE_MAX = 30.0  # over sqrt(area); more is a crease or noise
 
 
@@ -90,7 +91,7 @@ def ranks(values: FloatArray, areas: FloatArray) -> FloatArray:
 def _clipped(mesh: TriangleMesh) -> sparse.csr_array:
     edges = sparse.coo_array(cotangent_laplacian(mesh))
     off = edges.row != edges.col
-    weights = np.clip(-edges.data[off], *_COTANGENTS)
+    weights = np.clip(-edges.data[off], *_COTANGENT_RANGE)
     shape = edges.shape
     adjacent = sparse.csr_array((weights, (edges.row[off], edges.col[off])), shape=shape)
     return sparse.csr_array(sparse.diags_array(adjacent.sum(axis=1)) - adjacent)
@@ -155,14 +156,5 @@ def _descriptors(mesh: TriangleMesh, areas: FloatArray) -> FloatArray:
     else:
         curvature = Curvature(kind="mean").evaluate(mesh)
         curvature = np.clip(curvature, -_CURVATURE_MAX, _CURVATURE_MAX)
-        found += [smoothed(mesh, curvature, scale) for scale in _CURVATURE_SCALES]
+        found += [smoothed(mesh, curvature[:, None], scale)[:, 0] for scale in _CURVATURE_SCALES]
     return ranks(np.stack(found, axis=1), areas)
-
-
-def smoothed(mesh: TriangleMesh, values: FloatArray, scale: float) -> FloatArray:
-    """Smooth a function (V,) or (V, C) over a distance, in the unit of the mesh, by a step of
-    heat.
-    """
-    areas = vertex_areas(mesh)
-    heat = sparse.csc_array(sparse.diags_array(areas) + scale**2 * cotangent_laplacian(mesh))
-    return np.asarray(sparse.linalg.spsolve(heat, (areas * values.T).T))

@@ -2,9 +2,9 @@
 
 The ends are vertices whose mean distance from the surface is a local maximum, such as hands, feet
 and the head of a person. Every injection of the ends of one surface into those of the other is
-compared by distances and by how much area lies around each end. A map follows from distances to the
+compared by distances and by the area around each end. A map follows from distances to the
 ends and from the brackets ``<n, grad d_i x grad d_j>`` of these: they change sign in a mirror, and
-so tell front from back, which distances alone do not.
+so distinguish front from back, which distances alone do not.
 """
 
 from __future__ import annotations
@@ -14,18 +14,21 @@ from itertools import combinations, permutations
 import numpy as np
 
 from abfm.calculus.operators import averaging, gradient
-from abfm.registration.initial.searching.coarse_shape import CoarseShape, smoothed
-from abfm.registration.initial.searching.reversible import nearest
+from abfm.calculus.smoothing import smoothed
+from abfm.maps.functional_maps import nearest
+from abfm.registration.initial.searching.coarse_shape import CoarseShape
 from abfm.types import FloatArray, IntArray
 
-FEWEST = 3  # ends without which there is no map
-_MOST = 6  # ends
+ENDS_MIN = 3
+"""Number of ends without which there is no map."""
+_ENDS_MAX = 6
 _RADIUS = 0.25  # sqrt(area) within which an end is farther from the surface than all others
-_AREA_RADII = 0.1, 0.2, 0.3, 0.45  # sqrt(area) around an end whose areas are compared
-_AREA_MIN = 0.003
+_AREA_RADII = (0.1, 0.2, 0.3, 0.45)  # sqrt(area) around an end whose areas are compared
+_AREA_OFFSET = 0.003  # added to areas before the logarithm
 _AREA_WEIGHT = 0.5
-_NEAR = 0.03  # sqrt(area) added to distances from ends, whose inverses diverge
-_DISTANCE_WEIGHT, _BRACKET_WEIGHT = 0.7, 0.3
+_DISTANCE_OFFSET = 0.03  # sqrt(area) added to distances from ends, whose inverses diverge
+_DISTANCE_WEIGHT = 0.7
+_BRACKET_WEIGHT = 0.3
 _BRACKET_SCALE = np.sqrt(0.003)  # sqrt(area) over which brackets are smoothed
 
 
@@ -35,7 +38,7 @@ def extremities(shape: CoarseShape) -> IntArray:
     around = shape.distances <= _RADIUS
     highest = np.where(around, mean, -np.inf).max(axis=1)
     found = np.flatnonzero(mean >= highest)
-    return found[np.argsort(-mean[found], kind="stable")][:_MOST]
+    return found[np.argsort(-mean[found], kind="stable")][:_ENDS_MAX]
 
 
 def matchings(
@@ -45,7 +48,7 @@ def matchings(
     if len(ends_a) > len(ends_b):
         return [(on_a, on_b) for on_b, on_a in matchings(b, a, ends_b, ends_a, most)]
     count = len(ends_a)
-    if count < FEWEST:
+    if count < ENDS_MIN:
         return []
     chosen = np.array(list(permutations(range(len(ends_b)), count)))
     apart_a, apart_b = _log_distances(a, ends_a), _log_distances(b, ends_b)
@@ -76,7 +79,7 @@ def _log_distances(shape: CoarseShape, ends: IntArray) -> FloatArray:
 
 def _log_areas(shape: CoarseShape, ends: IntArray) -> FloatArray:
     within = shape.distances[ends][:, None] <= np.array(_AREA_RADII)[:, None]
-    return np.asarray(np.log(within @ shape.areas + _AREA_MIN))
+    return np.asarray(np.log(within @ shape.areas + _AREA_OFFSET))
 
 
 def _rows(shape: CoarseShape, places: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -84,7 +87,7 @@ def _rows(shape: CoarseShape, places: IntArray) -> tuple[FloatArray, FloatArray]
     surfaces are compared.
     """
     distances = shape.distances[:, places]
-    inverse = (distances + _NEAR) ** -2.0
+    inverse = (distances + _DISTANCE_OFFSET) ** -2.0
     apart = shape.distances[np.ix_(places, places)]
     mean = apart[np.triu_indices(len(places), 1)].mean()
     near = [inverse / inverse.sum(axis=1, keepdims=True), _DISTANCE_WEIGHT * distances / mean]

@@ -1,5 +1,5 @@
-"""How plausible a map between two coarse surfaces is: its Dirichlet energy there and back, the
-descriptors that it keeps, and how nearly it commutes with the Laplacian.
+"""The cost of a map between two coarse surfaces, by which candidates are compared: Dirichlet energy
+there and back, dissimilarity of descriptors, and the commutator with the Laplacian.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.functions.local_shape import vertex_normals
+from abfm.mesh import TriangleMesh
 from abfm.registration.initial.searching.coarse_shape import CoarseShape
 from abfm.registration.initial.searching.reversible import REVERSIBILITY, BothWays
 from abfm.types import FloatArray, IntArray
@@ -18,7 +19,7 @@ _WRONG_SIDE = 1.0  # cost of a map that turns most of the surface over
 
 
 class MapCost(NamedTuple):
-    """What a map costs; isometries cost 2 in energy, and nothing else."""
+    """Parts of the cost of a map; isometries cost 2 in energy, and nothing else."""
 
     energy: float
     descriptors: float
@@ -70,26 +71,21 @@ def energy(a: CoarseShape, b: CoarseShape, found: BothWays) -> float:
 
 
 def side(a: CoarseShape, b: CoarseShape, there: IntArray) -> float:
-    """Return the share of the area that keeps its side less that which is turned over, -1 to 1."""
-    corners = there[b.mesh.faces]
-    normals = vertex_normals(a.mesh)
-    return area_side(
-        b.mesh.vertices[b.mesh.faces], a.mesh.vertices[corners], normals[corners].sum(axis=1)
-    )
-
-
-def area_side(faces: FloatArray, images: FloatArray, normals: FloatArray) -> float:
-    """Return, over faces (F, 3, 3) and their images (F, 3, 3), the sum of the smaller one of both
-    areas with the sign of the image's side by normals (F, 3), over the sum without.
+    """Return the share of the area that keeps its side less that which is turned over, -1 to 1. A
+    face counts as much as the smaller one of itself and its image.
     """
 
-    def area_vectors(corners: FloatArray) -> FloatArray:
-        return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    def area_vectors(mesh: TriangleMesh, faces: IntArray) -> FloatArray:
+        first, second, third = mesh.vertices[faces.T]
+        return np.cross(second - first, third - first)
 
-    image = area_vectors(images)
-    sizes = np.minimum(np.linalg.norm(area_vectors(faces), axis=1), np.linalg.norm(image, axis=1))
+    corners = there[b.mesh.faces]
+    images = area_vectors(a.mesh, corners)
+    own = np.linalg.norm(area_vectors(b.mesh, b.mesh.faces), axis=1)
+    sizes = np.minimum(own, np.linalg.norm(images, axis=1))
+    normals = vertex_normals(a.mesh)[corners].sum(axis=1)
     total = float(sizes.sum())
-    return float(sizes @ np.sign((image * normals).sum(axis=1))) / total if total > 0 else 0.0
+    return float(sizes @ np.sign((images * normals).sum(axis=1))) / total if total > 0 else 0.0
 
 
 def dissimilarity(one: FloatArray, other: FloatArray, areas: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from abfm.maps.functional_maps import nearest
 from abfm.registration.initial.searching.coarse_shape import CoarseShape
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
@@ -70,10 +71,10 @@ def relax(
             images_back = solve_a.images(b, back, there)
             rows_a = [of_places * images_back, of_images * a.coordinates, mixed * on_a]
             rows_b = [of_places * b.coordinates, of_images * images, mixed * on_b]
-            there = nearest(np.hstack(rows_b), np.hstack(rows_a))
+            there = _nearest(rows_b, rows_a)
             rows_a = [of_places * a.coordinates, of_images * images_back, mixed * on_a]
             rows_b = [of_places * images, of_images * b.coordinates, mixed * on_b]
-            back = nearest(np.hstack(rows_a), np.hstack(rows_b))
+            back = _nearest(rows_a, rows_b)
     return BothWays(there, back, images)
 
 
@@ -102,8 +103,7 @@ class _System:
         return np.asarray(solve.solve(right))
 
 
-def nearest(rows: FloatArray, others: FloatArray) -> IntArray:
-    """Return the number of the nearest of the others (m, d) for each row (n, d)."""
-    one, other = rows.astype(np.float32), others.astype(np.float32)
-    distances = (other**2).sum(axis=1) - 2 * (one @ other.T)
-    return np.asarray(distances.argmin(axis=1))
+def _nearest(rows: list[FloatArray], others: list[FloatArray]) -> IntArray:
+    """Return the numbers of the nearest others; in single precision, which is enough."""
+    one, other = (np.hstack(parts).astype(np.float32) for parts in (rows, others))
+    return nearest(one, other)

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from abfm.errors import AbfmError
+from abfm.maps.functional_maps import nearest
 from abfm.maps.point_maps import PointMap
 from abfm.maps.sphere_embedding import sphere_embedding
 from abfm.maps.spherical import SphereLayout
@@ -28,7 +29,7 @@ from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.searching import extremities
 from abfm.registration.initial.searching.coarse_shape import CoarseShape, coarse_shape, ranks
 from abfm.registration.initial.searching.map_cost import MapCost, map_cost
-from abfm.registration.initial.searching.reversible import BothWays, both_ways, nearest, relax
+from abfm.registration.initial.searching.reversible import BothWays, both_ways, relax
 from abfm.registration.initial.spectral import SpectralSearch
 from abfm.registration.initial.spheres import (
     OnSphere,
@@ -37,8 +38,8 @@ from abfm.registration.initial.spheres import (
 )
 from abfm.registration.initial.torn import made_continuous
 from abfm.registration.initial.turned_spheres import (
-    FEWEST_LANDMARKS,
     LANDMARK_WEIGHT,
+    LANDMARKS_MIN,
     sphere_of,
     turned,
 )
@@ -46,23 +47,28 @@ from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-KINDS = "spectral", "extremities", "embedding", "closest", "landmarks"
-_VERTICES, _SCREENED_VERTICES = 1000, 400
+KINDS = ("spectral", "extremities", "embedding", "closest", "landmarks")
+_VERTICES = 1000
+_SCREENED_VERTICES = 400
 _PENALTIES = np.geomspace(0.05, 10, 12)
-_SCREENING = np.geomspace(0.05, 10, 6)
-_POLISHING = np.geomspace(0.5, 10, 6)
-_KEEP_DESCRIPTORS, _POLISHED_DESCRIPTORS = 0.2, 0.05  # weights while relaxing
+_SCREENING_PENALTIES = np.geomspace(0.05, 10, 6)
+_POLISHING_PENALTIES = np.geomspace(0.5, 10, 6)
 _TURNS = 2  # at each penalty
-_MATCHINGS, _RELAXED_MATCHINGS = 48, 4
+_DESCRIPTOR_WEIGHT = 0.2  # while relaxing
+_POLISHING_DESCRIPTOR_WEIGHT = 0.05
+_MATCHINGS = 48
+_RELAXED_MATCHINGS = 4
 _SPECTRAL_MAPS = 3
 _FUNCTION_WEIGHT_MAX = 2.0  # of all given functions, next to five descriptors of weight 1
-_LIKENESS_GAP = 0.15  # deviations between distributions at which a function counts 1 / e
+_DISTRIBUTION_GAP = 0.15  # deviations between distributions at which a function counts 1 / e
 _LANDMARK_WIDTH = 0.15  # sqrt(area) around landmarks that move with them
-_MIRROR_COST = 0.5  # of maps onto the mirror image where either side may be right
-_SAME_PLACE, _ELSEWHERE = 0.05, 0.1  # sqrt(area), mean distances between images
+_MIRROR_COST = 0.5  # of maps onto the mirror image if either side may be right
+_SAME_PLACE = 0.05  # sqrt(area), mean distance between images of maps to the same places
+_OTHER_PLACE = 0.1  # the same of maps to different places
 _SAME_SURFACE = 0.01  # sqrt(area), RMS distance of aligned surfaces that are one
-_TIE = 0.1  # difference of costs
-_COST_MAX, _SIDE_MIN = 4.5, 0.5  # beyond these no map is plausible
+_COST_TIE = 0.1  # difference of costs
+_COST_MAX = 4.5  # of a plausible map
+_SIDE_MIN = 0.5
 
 
 def is_searched(candidates: Sequence[Candidate]) -> bool:
@@ -111,8 +117,8 @@ class Pair(NamedTuple):
 
 
 class Start(NamedTuple):
-    """A candidate: which word asks for it, its side, and its vertex of A for each of B on coarse
-    surfaces; and its own map on all vertices, if there is one.
+    """A candidate: the word of its kind, its side, its vertex of A for each of B on coarse meshes,
+    and its own map on all vertices, if there is one.
     """
 
     kind: str
@@ -204,7 +210,9 @@ class _Search:
     def polished(self, best: Relaxed) -> PointMap:
         """Return the relaxed map on all vertices of B, through its landmarks."""
         pair, given = self.pair(_VERTICES), self.given
-        found = pair.relax(best.found, _POLISHING, _POLISHED_DESCRIPTORS, 2 * _TURNS)
+        found = pair.relax(
+            best.found, _POLISHING_PENALTIES, _POLISHING_DESCRIPTOR_WEIGHT, 2 * _TURNS
+        )
         images = _through_landmarks(pair, found.images)
         on_b = shape_values(pair.b, given.b, images)
         on_a = shape_values(pair.a, given.a, pair.a.coordinates)
@@ -235,23 +243,20 @@ def _functions(
 def _likeness(
     on_a: FloatArray, on_b: FloatArray, areas_a: FloatArray, areas_b: FloatArray
 ) -> FloatArray:
-    """Return how alike functions (V_A, C) and (V_B, C) are distributed, 0 to 1: by the area between
-    the distribution functions of the values less their means over their deviations.
+    """Return how similar the distributions of functions (V_A, C) and (V_B, C) are, (C,), 0 to 1, by
+    the Wasserstein distance of their values less their means over their deviations.
     """
+    # late, as it takes half a second to load
+    from scipy.stats import wasserstein_distance
 
-    def quantiles(values: FloatArray, areas: FloatArray) -> FloatArray:
-        order = np.argsort(values, kind="stable")
-        shares = np.cumsum(areas[order]) - areas[order] / 2
-        mean = areas @ values
-        deviation = np.sqrt(areas @ (values - mean) ** 2)
-        scaled = (values[order] - mean) / deviation if deviation > 0 else 0 * values
-        return np.interp((np.arange(200) + 0.5) / 200, shares, scaled)
+    def standardised(values: FloatArray, areas: FloatArray) -> FloatArray:
+        values = values - areas @ values
+        deviations = np.sqrt(areas @ values**2)
+        return np.divide(values, deviations, out=np.zeros_like(values), where=deviations > 0)
 
-    gaps = [
-        np.abs(quantiles(f, areas_a) - quantiles(g, areas_b)).mean()
-        for f, g in zip(on_a.T, on_b.T, strict=True)
-    ]
-    return np.asarray(np.exp(-np.array(gaps) / _LIKENESS_GAP))
+    columns = zip(standardised(on_a, areas_a).T, standardised(on_b, areas_b).T, strict=True)
+    gaps = [wasserstein_distance(f, g, areas_a, areas_b) for f, g in columns]
+    return np.asarray(np.exp(-np.array(gaps) / _DISTRIBUTION_GAP))
 
 
 def _places(
@@ -314,10 +319,10 @@ def _spectral_starts(search: _Search, side: int) -> Iterator[Start]:
 def _extremity_starts(search: _Search, side: int) -> Iterator[Start]:
     pair = search.pair(_VERTICES)
     ends = extremities.extremities(pair.a), extremities.extremities(pair.b)
-    if min(map(len, ends)) < extremities.FEWEST:
+    if min(map(len, ends)) < extremities.ENDS_MIN:
         raise AbfmError(
             f"A has {len(ends[0])} and B {len(ends[1])} ends of limbs; expected at least "
-            f"{extremities.FEWEST} on both"
+            f"{extremities.ENDS_MIN} on both"
         )
     for on_a, on_b in extremities.matchings(pair.a, pair.b, *ends, _MATCHINGS):
         places = pair.a.mesh.vertices[on_a], pair.b.mesh.vertices[on_b]
@@ -326,14 +331,16 @@ def _extremity_starts(search: _Search, side: int) -> Iterator[Start]:
 
 def _landmark_starts(search: _Search, side: int) -> Iterator[Start]:
     marks = search.given.landmarks
-    if marks is None or len(marks) < FEWEST_LANDMARKS:
+    if marks is None or len(marks) < LANDMARKS_MIN:
         raise AbfmError(
             f"{0 if marks is None else len(marks)} landmarks were given; expected "
-            f"{FEWEST_LANDMARKS} or more"
+            f"{LANDMARKS_MIN} or more"
         )
-    a, b = search.given.a, search.given.b
-    places = marks.a.positions / a.length_scale, marks.b.positions / b.length_scale
-    yield Start("landmarks", side, _by_places(places, side))
+
+    def at(pair: Pair) -> IntArray:
+        return extremities.map_by_places(pair.a, pair.b, *pair.places, side)
+
+    yield Start("landmarks", side, at)
 
 
 def _by_places(places: tuple[FloatArray, FloatArray], side: int) -> Callable[[Pair], IntArray]:
@@ -381,7 +388,7 @@ def _embedding_starts(search: _Search, side: int) -> Iterator[Start]:
     mirror = np.array([side, 1, 1])
     on_a, on_b = (sphere_embedding(shape.mesh) for shape in pair[:2])
     layouts = SphereLayout(pair.a.mesh, on_a * mirror), SphereLayout(pair.b.mesh, on_b)
-    if given.landmarks is not None and len(given.landmarks) >= FEWEST_LANDMARKS:
+    if given.landmarks is not None and len(given.landmarks) >= LANDMARKS_MIN:
         rotation = rotation_by_landmarks(*layouts, _moved(given.landmarks, pair))
     else:
         sphere_a, sphere_b = (
@@ -426,12 +433,13 @@ def _screened(pair: Pair, starts: list[Start]) -> list[Start]:
         if start.kind == "extremities":
             checkpoint()
             found = pair.relax(
-                both_ways(pair.a, pair.b, start.at(pair)), _SCREENING, _KEEP_DESCRIPTORS, _TURNS
+                both_ways(pair.a, pair.b, start.at(pair)),
+                _SCREENING_PENALTIES,
+                _DESCRIPTOR_WEIGHT,
+                _TURNS,
             )
-            parts = pair.cost(found)
-            costs[number] = (
-                parts.total(start.side) - 2 * parts.commutator + pair.landmark_cost(found)
-            )
+            parts = pair.cost(found)._replace(commutator=0.0)
+            costs[number] = parts.total(start.side) + pair.landmark_cost(found)
     kept = []
     for side in (1, -1):
         own = [number for number in costs if starts[number].side == side]
@@ -442,7 +450,7 @@ def _screened(pair: Pair, starts: list[Start]) -> list[Start]:
 def _relaxed(pair: Pair, start: Start, both_sides: bool) -> Relaxed:
     checkpoint()
     first = both_ways(pair.a, pair.b, start.at(pair))
-    found = pair.relax(first, _PENALTIES, _KEEP_DESCRIPTORS, _TURNS)
+    found = pair.relax(first, _PENALTIES, _DESCRIPTOR_WEIGHT, _TURNS)
     parts = pair.cost(found)
     cost = parts.total(start.side) + pair.landmark_cost(found)
     if both_sides and start.side < 0:
@@ -459,7 +467,7 @@ def _most_accurate(pair: Pair, tried: list[Relaxed]) -> Relaxed:
         each
         for each in tried
         if each.start.own is not None
-        and each.cost < best.cost + _TIE
+        and each.cost < best.cost + _COST_TIE
         and each.start.side == best.start.side
         and pair.distance(best.found, each.found) <= _SAME_PLACE
     ]
@@ -484,15 +492,15 @@ def _doubts(pair: Pair, best: Relaxed, tried: list[Relaxed]) -> list[str]:
             each
             for each in tried
             if each.start.side == best.start.side
-            and pair.distance(best.found, each.found) > _ELSEWHERE
+            and pair.distance(best.found, each.found) > _OTHER_PLACE
         ),
         None,
     )
-    if rival is not None and rival.cost < best.cost + _TIE:
+    if rival is not None and rival.cost < best.cost + _COST_TIE:
         found.append(
             f"another initial map that leads elsewhere is nearly as good ({best.start.name} "
             f"{best.cost:.2f}, {rival.start.name} {rival.cost:.2f}), as where front and back are "
-            "alike: give landmarks that tell them apart"
+            "alike: give landmarks that distinguish them"
         )
     return found
 
