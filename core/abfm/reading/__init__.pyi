@@ -19,6 +19,11 @@ from .gifti import gifti_arrays as gifti_arrays
 from .gifti import read_gifti as read_gifti
 from .labels import Color as Color
 from .labels import Labels as Labels
+from .opening import ENDINGS as ENDINGS
+from .opening import Format as Format
+from .opening import Opened as Opened
+from .opening import decoded as decoded
+from .opening import open_file as open_file
 from .source_estimates import SourceEstimate as SourceEstimate
 from .source_estimates import read_stc as read_stc
 from .vtk_xml import Grid as Grid

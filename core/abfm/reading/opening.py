@@ -1,0 +1,217 @@
+"""Open a file of any format: its bytes, decompressed, and the format that they have.
+
+The first bytes decide where a format has a signature, and the ending of the name elsewhere. Files
+that hold something else (a Git LFS pointer, a web page, an archive) are refused by what they are,
+before a reader complains about their first line.
+"""
+
+import os
+import re
+import struct
+from enum import StrEnum
+from pathlib import Path
+from typing import NamedTuple
+
+from abfm.reading.door import inflated, read_bytes
+
+
+class Format(StrEnum):
+    """Formats of files; the values complete the sentence "the file is ..."."""
+
+    OBJ = "an OBJ mesh"
+    OFF = "an OFF mesh"
+    PLY = "a PLY mesh"
+    STL = "an STL mesh"
+    GLTF = "a glTF scene"
+    GLB = "a binary glTF scene"
+    MNI_OBJ = "an MNI object file"
+    GIFTI = "a GIFTI file"
+    CIFTI = "a CIFTI file"
+    NIFTI = "a NIfTI image"
+    VTK_LEGACY = "a legacy VTK file"
+    VTK_XML = "a VTK XML file"
+    COLLECTION = "a ParaView collection"
+    SERIES = "a ParaView file series"
+    FREESURFER_SURFACE = "a FreeSurfer surface"
+    FREESURFER_QUADS = "a FreeSurfer surface of quadrangles"
+    FREESURFER_ASCII = "a FreeSurfer text file"
+    FREESURFER_VALUES = "a FreeSurfer file of values"
+    FREESURFER_OLD_VALUES = "an old FreeSurfer file of values"
+    ANNOTATION = "a FreeSurfer annotation"
+    LABEL_LIST = "a FreeSurfer label file"
+    MGH = "an MGH file"
+    STC = "an MNE source estimate"
+    NPY = "a NumPy array"
+    NPZ = "a NumPy archive"
+    MAT = "a MATLAB file"
+    HDF5 = "an HDF5 file"
+    TABLE = "a table"
+    UNKNOWN = "of an unknown format"
+
+
+class Opened(NamedTuple):
+    """A file that was read: its path, its format, and its bytes after decompression."""
+
+    path: Path
+    format: Format
+    data: bytes
+
+
+ENDINGS = {
+    ".obj": Format.OBJ,
+    ".off": Format.OFF,
+    ".ply": Format.PLY,
+    ".stl": Format.STL,
+    ".gltf": Format.GLTF,
+    ".glb": Format.GLB,
+    ".gii": Format.GIFTI,
+    ".nii": Format.NIFTI,
+    ".vtk": Format.VTK_LEGACY,
+    ".vtp": Format.VTK_XML,
+    ".vtu": Format.VTK_XML,
+    ".pvd": Format.COLLECTION,
+    ".series": Format.SERIES,
+    ".asc": Format.FREESURFER_ASCII,
+    ".srf": Format.FREESURFER_ASCII,
+    ".annot": Format.ANNOTATION,
+    ".label": Format.LABEL_LIST,
+    ".mgh": Format.MGH,
+    ".mgz": Format.MGH,
+    ".stc": Format.STC,
+    ".npy": Format.NPY,
+    ".npz": Format.NPZ,
+    ".mat": Format.MAT,
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".1d", ".vts", ".map"), Format.TABLE),
+}
+"""Formats by the ending of the name, in lower case and without ``.gz``."""
+
+_GZIP = b"\x1f\x8b"
+_ZIP = b"PK\x03\x04"
+_SIGNATURES = {
+    b"\x93NUMPY": Format.NPY,
+    b"ply\n": Format.PLY,
+    b"ply\r": Format.PLY,
+    b"glTF": Format.GLB,
+    b"# vtk DataFile": Format.VTK_LEGACY,
+    b"MATLAB 5.0": Format.MAT,
+    b"MATLAB 7.3": Format.HDF5,
+    b"\x89HDF\r\n\x1a\n": Format.HDF5,
+    b"\xff\xff\xfe": Format.FREESURFER_SURFACE,
+    b"\xff\xff\xfd": Format.FREESURFER_QUADS,
+}
+_ARCHIVES = {
+    _ZIP: "a ZIP archive",
+    b"7z\xbc\xaf\x27\x1c": "a 7z archive",
+    b"Rar!\x1a\x07": "a RAR archive",
+    b"BZh": "a bzip2 archive",
+    b"\xfd7zXZ\x00": "an xz archive",
+    b"\x28\xb5\x2f\xfd": "a Zstandard archive",
+}
+_SPREADSHEETS = (".xlsx", ".xlsm", ".ods")
+_TAR, _TAR_AT = b"ustar", 257
+_OLD_OR_NEW = b"\xff\xff\xff"  # old quadrangles and new values begin alike
+_HEAD_BYTES = 1 << 16
+_ROOT = re.compile(r"<(GIFTI|VTKFile)\b([^>]*)")
+_WEB_PAGE = re.compile(
+    r"\s*(?:<\?xml[^>]*>\s*)?<(?:!doctype\s+html|html|head|body)\b", re.IGNORECASE
+)
+_MNI_OBJECT = re.compile(r"P(?:\s+[-+.0-9eE]+){5}\s+\d+\s")
+_CIFTI_INTENTS = range(3000, 3100)
+
+
+def open_file(path: str | os.PathLike[str]) -> Opened:
+    """Read a plain or gzip-compressed file and find its format.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read; see `open_plain`.
+    ValueError
+        If it is empty, its compressed data is damaged, or it is a Git LFS pointer, a web page or
+        an archive in place of the file.
+    """
+    file = Path(os.path.expanduser(path))
+    data, name = read_bytes(file), file.name.lower()
+    if data.startswith(_GZIP):
+        data, name = inflated(data), name.removesuffix(".gz")
+    if not data:
+        raise ValueError("the file is empty")
+    head = decoded(data[:_HEAD_BYTES], "replace")
+    _refuse_other_contents(data, head, name)
+    return Opened(file, _format(data, head, name), data)
+
+
+def decoded(data: bytes, errors: str = "strict") -> str:
+    """Return text in UTF-8 or UTF-16, by its byte order mark, with line feeds as line ends.
+
+    UTF-16 without a mark is recognised by its zero bytes. A UnicodeDecodeError reports other text,
+    unless ``errors`` is "replace".
+    """
+    encoding = "utf-8-sig"
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    elif data[1:4:2] == b"\0\0" and data[0] and data[2]:
+        encoding = "utf-16-le"
+    elif data[:4:2] == b"\0\0" and data[1:2] != b"\0" and data[3:4] not in (b"", b"\0"):
+        encoding = "utf-16-be"
+    return data.decode(encoding, errors).replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _refuse_other_contents(data: bytes, head: str, name: str) -> None:
+    if head.startswith("version https://git-lfs"):
+        raise ValueError(
+            "the file is a Git LFS pointer, not the data itself. Fetch the data with: git lfs pull"
+        )
+    if _WEB_PAGE.match(head):
+        raise ValueError("the file is a web page (HTML). Download the data file itself")
+    if name.endswith(_SPREADSHEETS):
+        raise ValueError("the file is a spreadsheet. Save the values as CSV")
+    archive = next((text for mark, text in _ARCHIVES.items() if data.startswith(mark)), None)
+    if archive is None and data[_TAR_AT : _TAR_AT + len(_TAR)] == _TAR:
+        archive = "a tar archive"
+    if archive and not (data.startswith(_ZIP) and name.endswith(".npz")):
+        raise ValueError(f"the file is {archive}. Unpack it and use a file in it")
+
+
+def _format(data: bytes, head: str, name: str) -> Format:
+    for mark, found in _SIGNATURES.items():
+        if data.startswith(mark):
+            return found
+    if data.startswith(_OLD_OR_NEW):
+        return Format.FREESURFER_QUADS if _has_old_quads(data) else Format.FREESURFER_VALUES
+    if root := _ROOT.search(head) if head.lstrip().startswith("<") else None:
+        if root[1] == "GIFTI":
+            return Format.GIFTI
+        return Format.COLLECTION if "Collection" in root[2] else Format.VTK_XML
+    if image := _nifti(data):
+        return image
+    if _MNI_OBJECT.match(head):
+        return Format.MNI_OBJ
+    ending = next((ending for ending in ENDINGS if name.endswith(ending)), "")
+    if head.startswith("#!ascii") and ENDINGS.get(ending) is not Format.LABEL_LIST:
+        return Format.FREESURFER_ASCII
+    if not ending and _is_old_values(data):
+        return Format.FREESURFER_OLD_VALUES
+    return ENDINGS.get(ending, Format.UNKNOWN)
+
+
+def _has_old_quads(data: bytes) -> bool:
+    """Return whether the length is that of an old surface: int16 coordinates, 3-byte indices."""
+    vertices, quads = (int.from_bytes(data[at : at + 3], "big") for at in (3, 6))
+    return len(data) == 9 + 6 * vertices + 12 * quads
+
+
+def _is_old_values(data: bytes) -> bool:
+    """Return whether the length is that of old values: two 3-byte counts, int16 values."""
+    return len(data) > 6 and len(data) == 6 + 2 * int.from_bytes(data[:3], "big")
+
+
+def _nifti(data: bytes) -> Format | None:
+    for order in "<>":
+        size = struct.unpack_from(f"{order}i", data)[0] if len(data) >= 4 else 0
+        if size == 348 and data[344:347] in (b"n+1", b"ni1"):
+            return Format.NIFTI
+        if size == 540 and data[4:7] in (b"n+2", b"ni2"):
+            intent = struct.unpack_from(f"{order}i", data, 504)[0] if len(data) >= 540 else 0
+            return Format.CIFTI if intent in _CIFTI_INTENTS else Format.NIFTI
+    return None
