@@ -19,12 +19,19 @@ from numpy.typing import ArrayLike, NDArray
 from abfm.errors import ResultError, brief, one_line
 from abfm.io.atomic import write_atomically
 from abfm.io.bids_names import hemisphere
+from abfm.io.cifti_files import (
+    CIFTI_LABELS,
+    CIFTI_VALUES,
+    write_cifti_labels,
+    write_cifti_values,
+)
 from abfm.io.exports import export_ply
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.reading import FREESURFER_SURFACES, FREESURFER_VALUES, LABEL, Labels
 from abfm.types import FloatArray, IntArray
 
+_PRIMARY = "AnatomicalStructurePrimary"
 _STRUCTURES = {"L": "CortexLeft", "R": "CortexRight"}
 _INTENTS = {".shape.gii": "NIFTI_INTENT_SHAPE", ".func.gii": "NIFTI_INTENT_NONE"}
 _TEXTS = {".csv": ",", ".txt": " "}
@@ -32,8 +39,11 @@ _TEXTS = {".csv": ",", ".txt": " "}
 _GIFTI = (".surf.gii", ".shape.gii", ".func.gii", ".label.gii", ".gii")
 _SURFACES = (".surf.gii", ".gii", ".ply", *FREESURFER_SURFACES)
 _OVERLAYS = (".mgh", ".mgz")
-_VALUES = (*_GIFTI[1:3], ".gii", ".npy", *_TEXTS, *_OVERLAYS, *FREESURFER_VALUES)
-_LABELS = (".label.gii", ".gii", ".annot", ".npy", *_TEXTS)
+_VALUES = (
+    *(*_GIFTI[1:3], ".gii", ".npy", *_TEXTS),
+    *(*_OVERLAYS, *CIFTI_VALUES, *FREESURFER_VALUES),
+)
+_LABELS = (".label.gii", ".gii", ".annot", CIFTI_LABELS, ".npy", *_TEXTS)
 _LARGEST_KEY = 2**31 - 1
 _STAMP = "created by abfm"
 _OPAQUE, _COLOURS = 255, 1 << 24
@@ -102,10 +112,11 @@ def write_values(
     structure: str | None = None,
     names: Sequence[str] = (),
 ) -> None:
-    """Write values at vertices: .shape.gii, .func.gii, .gii, .npy, .csv, .txt or FreeSurfer's.
+    """Write values at vertices: GIFTI, CIFTI, .npy, .csv, .txt or FreeSurfer's.
 
-    GIFTI, which may also end in .gz and has an array a column, and FreeSurfer's, .mgh, .mgz and
-    for one column ``lh.sulc`` and the like, have single precision; all else keeps every digit.
+    GIFTI, which may also end in .gz and has an array a column, CIFTI (.dscalar.nii, .dtseries.nii),
+    which needs to know the hemisphere, and FreeSurfer's, .mgh, .mgz and for one column ``lh.sulc``
+    and the like, have single precision; all else keeps every digit.
 
     Parameters
     ----------
@@ -131,6 +142,10 @@ def write_values(
         _write_plain(path, ending, array, "%.17g", called if ending == ".csv" else [])
         return
     columns = _single(array.reshape(len(array), count).T, "values")
+    if ending in CIFTI_VALUES:
+        of = _structure(path, structure).get(_PRIMARY)
+        write_cifti_values(path, columns.T, called, of)
+        return
     if ending in _OVERLAYS:
         image = brain_package("nibabel.freesurfer").MGHImage
         shape = (len(array), 1, 1) + ((count,) if count > 1 else ())
@@ -156,7 +171,7 @@ def write_values(
 def write_labels(
     path: str | os.PathLike[str], labels: Labels, structure: str | None = None
 ) -> None:
-    """Write labels of vertices: .label.gii, .gii, .annot, and only their keys .npy, .csv, .txt.
+    """Write labels: .label.gii, .gii, .annot, .dlabel.nii, and only their keys .npy, .csv, .txt.
 
     GIFTI, which may also end in .gz, keeps keys, names and colours. An .annot file gives every
     vertex a colour, and has no keys: names come back numbered from 0 in their order, and vertices
@@ -180,6 +195,8 @@ def write_labels(
         _write_plain(path, ending, keys, "%d")
     elif ending == ".annot":
         _write_annotation(path, keys, labels)
+    elif ending == CIFTI_LABELS:
+        write_cifti_labels(path, labels, _structure(path, structure).get(_PRIMARY))
     else:
         array = _gifti_array(keys.astype(np.int32), LABEL)
         _write_gifti(path, [array], _structure(path, structure), labels)
@@ -216,7 +233,7 @@ def _structure(path: str | os.PathLike[str], given: str | None) -> dict[str, str
     structure = given or _STRUCTURES.get(hemisphere(path) or "")
     if not structure:
         return {}
-    return {"AnatomicalStructurePrimary": _printable(structure, "structure")}
+    return {_PRIMARY: _printable(structure, "structure")}
 
 
 def _printable(text: object, what: str) -> str:

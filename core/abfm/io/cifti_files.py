@@ -1,0 +1,91 @@
+"""CIFTI files of one hemisphere, written by nibabel: scalars, labels and series of frames.
+
+A CIFTI file lists the vertices that it has values of: those of the cortex. Vertices without a
+value (NaN) are left out of it, as the medial wall is in files of the Human Connectome Project.
+"""
+
+import os
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abfm.errors import ResultError
+from abfm.io.atomic import write_atomically
+from abfm.reading import Labels
+
+CIFTI_VALUES = (".dscalar.nii", ".dtseries.nii")
+CIFTI_LABELS = ".dlabel.nii"
+_STRUCTURES = {"CortexLeft": "CORTEX_LEFT", "CortexRight": "CORTEX_RIGHT"}
+_KEY_MAX = 1 << 24  # the largest whole number of single precision without gaps
+_NO_COLOR = (0.5, 0.5, 0.5, 1.0)
+
+
+def write_cifti_values(
+    path: str | os.PathLike[str],
+    values: NDArray[np.floating],
+    names: Sequence[str],
+    structure: str | None,
+) -> None:
+    """Write values (n, C), one column a map of .dscalar.nii, or a frame of .dtseries.nii.
+
+    Parameters
+    ----------
+    names : sequence of C str
+        Names of the maps. Frames of a series have none, and are 1 s apart.
+    structure : str or None
+        "CortexLeft" or "CortexRight".
+
+    Raises
+    ------
+    ResultError
+        If the hemisphere is not known, no vertex has a value, or the file cannot be written.
+    """
+    is_series = os.fspath(path).lower().endswith(".dtseries.nii")
+    count = values.shape[1]
+    rows: object
+    if is_series:
+        rows = _cifti2().SeriesAxis(0.0, 1.0, count)
+    else:
+        rows = _cifti2().ScalarAxis(list(names) or [f"map {k}" for k in range(count)])
+    _write(path, rows, values.T, structure, "SERIES" if is_series else "SCALARS")
+
+
+def write_cifti_labels(path: str | os.PathLike[str], labels: Labels, structure: str | None) -> None:
+    """Write labels as .dlabel.nii: keys, names and colours; errors as in `write_cifti_values`."""
+    named = {int(key): str(key) for key in np.unique(labels.values)} | dict(labels.names)
+    table = {key: (name, labels.colors.get(key, _NO_COLOR)) for key, name in named.items()}
+    keys = np.asarray(labels.values, dtype=np.float64)
+    if np.abs(keys).max(initial=0) > _KEY_MAX:
+        raise ResultError(f"cannot write {path}: CIFTI has keys up to {_KEY_MAX}")
+    _write(path, _cifti2().LabelAxis(["labels"], table), keys[None], structure, "LABELS")
+
+
+def _cifti2() -> Any:
+    return import_module("nibabel.cifti2")  # slow to import, and without types
+
+
+def _write(
+    path: str | os.PathLike[str],
+    rows: object,
+    values: NDArray[np.floating],
+    structure: str | None,
+    intent: str,
+) -> None:
+    if structure not in _STRUCTURES:
+        raise ResultError(
+            f"cannot write {path}: CIFTI needs the hemisphere. Put it into the name of the file or "
+            "of the surface, such as hemi-L_thickness.dscalar.nii"
+        )
+    used = np.flatnonzero(np.isfinite(values).any(axis=0))
+    if len(used) == 0:
+        raise ResultError(f"cannot write {path}: no vertex has a value")
+    cortex = _cifti2().BrainModelAxis.from_surface(
+        used, values.shape[1], name=_STRUCTURES[structure]
+    )
+    image = _cifti2().Cifti2Image(values[:, used].astype(np.float32), header=(rows, cortex))
+    image.nifti_header.set_intent(f"NIFTI_INTENT_CONNECTIVITY_DENSE_{intent}")
+    with write_atomically(path) as temporary:
+        temporary.write_bytes(image.to_bytes())

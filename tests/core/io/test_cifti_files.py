@@ -1,0 +1,58 @@
+"""CIFTI files, as nibabel reads them."""
+
+from pathlib import Path
+
+import nibabel
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm.errors import ResultError
+from abfm.io import write_labels, write_values
+from abfm.reading import Labels
+from tests.messages import raises
+
+VALUES = np.array([[0.25, 1.0], [np.nan, np.nan], [-2.0, 3.0], [np.nan, 5.0]])
+
+
+@pytest.mark.parametrize(("side", "structure"), [("L", "CORTEX_LEFT"), ("R", "CORTEX_RIGHT")])
+def test_scalars_leave_out_vertices_without_values(
+    tmp_path: Path, side: str, structure: str
+) -> None:
+    """The cortex of the file is where a column has a value; names, side and vertices are kept."""
+    path = tmp_path / f"hemi-{side}_a.dscalar.nii"
+    write_values(path, VALUES, names=["one", "two"])
+    image = nibabel.load(path)
+    maps, cortex = (image.header.get_axis(k) for k in range(2))
+    assert maps.name.tolist() == ["one", "two"]
+    assert cortex.name.tolist() == [f"CIFTI_STRUCTURE_{structure}"] * 3
+    assert cortex.nvertices == {f"CIFTI_STRUCTURE_{structure}": 4}
+    assert_array_equal(cortex.vertex, [0, 2, 3])
+    assert_array_equal(image.get_fdata(), VALUES[[0, 2, 3]].T)
+
+
+def test_series_has_a_frame_a_column(tmp_path: Path) -> None:
+    write_values(tmp_path / "a.dtseries.nii", VALUES, "CortexRight")
+    image = nibabel.load(tmp_path / "a.dtseries.nii")
+    assert len(image.header.get_axis(0)) == 2
+    assert image.nifti_header.get_intent()[0] == "ConnDenseSeries"
+
+
+def test_labels_keep_keys_names_and_colours(tmp_path: Path) -> None:
+    """A key without a name is called by its number."""
+    labels = Labels(np.array([3, 0, -1, 3]), {0: "???", 3: "Ä & <b>"}, {3: (0.2, 0.4, 0.6, 0.8)})
+    write_labels(tmp_path / "lh.a.dlabel.nii", labels)
+    image = nibabel.load(tmp_path / "lh.a.dlabel.nii")
+    table = image.header.get_axis(0).label[0]
+    assert {key: name for key, (name, _) in table.items()} == {0: "???", 3: "Ä & <b>", -1: "-1"}
+    assert_allclose(table[3][1], labels.colors[3])
+    assert_array_equal(image.get_fdata()[0], labels.values)
+
+
+def test_unknown_hemisphere_is_refused(tmp_path: Path) -> None:
+    with raises(ResultError, "a.dscalar.nii", "hemisphere"):
+        write_values(tmp_path / "a.dscalar.nii", VALUES)
+    with raises(ResultError, "no vertex"):
+        write_values(tmp_path / "lh.a.dscalar.nii", np.full((3, 1), np.nan))
+    with raises(ResultError, "16777216"):
+        write_labels(tmp_path / "lh.a.dlabel.nii", Labels(np.array([1 << 25]), {}))
