@@ -5,6 +5,7 @@ from .door import inflated as inflated
 from .door import most_inflated as most_inflated
 from .door import open_plain as open_plain
 from .door import read_bytes as read_bytes
+from .door import referenced_file as referenced_file
 from .freesurfer import FREESURFER_SURFACES as FREESURFER_SURFACES
 from .freesurfer import FREESURFER_VALUES as FREESURFER_VALUES
 from .freesurfer import freesurfer_annotation as freesurfer_annotation

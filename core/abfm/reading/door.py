@@ -17,13 +17,14 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from abfm.errors import one_line
+from abfm.errors import brief, one_line
 
 LARGEST = 4 << 30
 """Bytes of the largest file that is read."""
@@ -65,6 +66,27 @@ def read_bytes(path: str | os.PathLike[str], most: int = LARGEST) -> bytes:
             return file.read(size)
         except MemoryError:
             raise OSError(errno.ENOMEM, f"its {size} bytes do not fit into memory") from None
+
+
+def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
+    """Return the path of a file that another file names.
+
+    Files from others must not choose what is read on this machine: the named file is in the folder
+    of the file that names it, or below. Symbolic links there are followed.
+
+    Raises
+    ------
+    ValueError
+        If the name leads out of that folder.
+    """
+    folder = os.path.abspath(os.path.dirname(os.path.expanduser(os.fspath(file))))
+    path = os.path.abspath(os.path.join(folder, name))
+    if not path.startswith(os.path.join(folder, "")):
+        raise ValueError(
+            f"it refers to the file {brief(name)}; only files in its own folder or below are read: "
+            "move the file there and correct its name"
+        )
+    return Path(path)
 
 
 def inflated(data: bytes, most: int | None = None) -> bytes:

@@ -14,7 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.reading.door import inflated, most_inflated, open_plain, read_bytes
+from abfm.reading.door import (
+    inflated,
+    most_inflated,
+    open_plain,
+    read_bytes,
+    referenced_file,
+)
 from abfm.reading.labels import Color
 from abfm.reading.xml_events import take_events
 
@@ -114,9 +120,6 @@ class _Reader:
         elif self._entry == "Name" and "DataArray" in self._open:
             self._name = text.strip()
 
-    def entity(self, *_: object) -> None:
-        raise ValueError("it declares entities, which GIFTI has none of")
-
     def _label(self, name: str) -> None:
         """Take a label, without its colour where it is none; early files call keys ``Index``."""
         word = self._attributes.get("Key", self._attributes.get("Index", ""))
@@ -155,7 +158,8 @@ class _Reader:
                 order = "C"
             return _numbers(text, kind, math.prod(shape)).reshape(shape, order=order)
         if encoding == "ExternalFileBinary":
-            with open_plain(self._path.parent / self._attributes.get("ExternalFileName", "")) as f:
+            name = self._attributes.get("ExternalFileName", "")
+            with open_plain(referenced_file(self._path, name)) as f:
                 if self._attributes.get("ExternalFileOffset"):  # which some write, and leave empty
                     f.seek(self._whole("ExternalFileOffset", "0"))
                 data = f.read(size)

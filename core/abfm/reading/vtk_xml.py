@@ -90,10 +90,8 @@ def read_grid(path: str | os.PathLike[str], name: str | None = None) -> Grid:
     if points.shape[1] != 3:
         raise ValueError(f"its points have {points.shape[1]} coordinates; expected 3")
     values = file.values(chosen, count)
-    time = math.nan
-    for array in file.field_data:
-        if array.attributes.get("Name") == "TimeValue":
-            time = float(file.values(array, 1)[0, 0])
+    times = [each for each in file.field_data if each.attributes.get("Name") == "TimeValue"]
+    time = float(file.values(times[-1], 1)[0, 0]) if times else math.nan
     return Grid(points, values, chosen.attributes.get("Name", ""), time)
 
 
@@ -176,9 +174,6 @@ class _File:
         }
         if (place := places.get(self._open[-1])) is not None:
             place.append(array)
-
-    def entity(self, *_: object) -> None:
-        raise ValueError("it declares entities, which VTK's files have none of")
 
     def values(self, array: _Array, count: int) -> FloatArray:
         """Return an array (count, C)."""

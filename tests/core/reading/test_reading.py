@@ -235,9 +235,23 @@ def test_values_from_a_file_beside_it(tmp_path):
         ("pipe", "0", ()),
         ("none", "0", ()),
         (".", "0", ()),
+        (str(tmp_path.parent / "b.bin"), "0", ("folder",)),
+        ("../b.bin", "0", ("folder",)),
     ):
+        (tmp_path.parent / "b.bin").write_bytes(NINE.tobytes())
         with raises((OSError, ValueError), *named):
             beside(name, offset)
+    assert beside(str(tmp_path / "a.bin")) == beside("no/../a.bin") == [1, 2, 3]
+
+
+OUTSIDE = b'<!DOCTYPE GIFTI SYSTEM "http://www.nitrc.org/frs/download.php/115/gifti.dtd">'
+
+
+def test_gifti_doctype_outside_file_is_accepted(tmp_path):
+    start, rest = gifti("1 2 3").split(b"?>")
+    (tmp_path / "a.gii").write_bytes(start + b"?>" + OUTSIDE + rest)
+    [array] = gifti_arrays(tmp_path / "a.gii")
+    assert array.values.tolist() == [1, 2, 3]
 
 
 ONE = 'Dimensionality="1" Dim0="{}"'
@@ -254,7 +268,7 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (bytes(100), ("XML",)),
         (gifti("1 2 3")[:-20], ()),
         (b"<a><GIFTI/></a>", ("GIFTI",)),
-        (b'<!DOCTYPE GIFTI [<!ENTITY a "aaaa">]><GIFTI>&a;</GIFTI>', ()),
+        (b'<!DOCTYPE GIFTI [<!ENTITY a "aaaa">]><GIFTI>&a;</GIFTI>', ("<!DOCTYPE",)),
         (gifti("1 2 3", LARGE), ()),
         (gifti(PACKED, LARGE, "GZipBase64Binary"), ()),
         (gifti("", LARGE, "ExternalFileBinary", 'ExternalFileName="a"'), ()),
@@ -271,6 +285,10 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (gifti("1 2 3", ONE.format(-3)), (-3, "Dim0")),
         (gifti("1 2 3", 'Dimensionality="1"'), ("Dim0",)),
         (gifti("1 2 3", encoding="x" * 1000), ()),
+        (b'<!DOCTYPE GIFTI [<!ATTLIST MD a CDATA "aaaa">]><GIFTI><MD/></GIFTI>', ("<!DOCTYPE",)),
+        (OUTSIDE.replace(b">", b"[]>") + b"<GIFTI/>", ("<!DOCTYPE",)),
+        (b'<?xml version="1.0" encoding="foo"?><GIFTI/>', ("encoding", "foo", "UTF-8")),
+        (b'<?xml version="1.0" encoding="utf-7"?><GIFTI/>', ("encodings",)),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(tmp_path, content, named):

@@ -1,5 +1,7 @@
 """VTK's XML files in all forms that ParaView writes, and refused where they are not whole."""
 
+import re
+from base64 import b64decode
 from itertools import islice, product
 
 import numpy as np
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from abfm.io import export_vtu
-from abfm.reading import read_collection, read_grid
+from abfm.reading import read_collection, read_grid, vtk_xml
 from tests.core.reading.hostile import bomb, one_byte_changed
 from tests.core.reading.vtk_files import COMPRESSORS, vtk_bytes
 from tests.messages import raises
@@ -58,6 +60,19 @@ def test_all_forms_of_arrays_are_read(folder, form, compressor):
             assert (grid.name, grid.time) == (name, 2.5)
 
 
+def test_only_last_time_is_decoded(folder, monkeypatch):
+    """As each decoding may copy the whole file."""
+    decoded = []
+    monkeypatch.setattr(vtk_xml, "_unpacked", lambda text: decoded.append(1) or b64decode(text))
+    field = [vtk_bytes(POINTS, DATA, "base64", time=k) for k in (1.0, 2.0)]
+    array = re.compile(rb'<DataArray[^>]*Name="TimeValue".*?(/>|</DataArray>)', re.DOTALL)
+    one = array.search(field[1]).group()
+    assert read_grid(written(folder, field[1]), "label").time == 2.0
+    count = len(decoded)
+    assert read_grid(written(folder, field[1].replace(one, 50 * one)), "label").time == 2.0
+    assert len(decoded) == 2 * count
+
+
 def test_what_pyevtk_writes_is_read(folder):
     mesh, values = tetrahedron(), np.arange(4.0)
     export_vtu(folder / "b.vtu", mesh, {"only": values}, {"cells": np.zeros(4)})
@@ -101,7 +116,7 @@ BOMB = (
         (b"<GIFTI/>", ("XML", "VTK's")),
         (b'<VTKFile type="ImageData"/>', ("ImageData", "VTK's", "UnstructuredGrid")),
         (b'<VTKFile type="PolyData"/>', (0,)),
-        (b'<!DOCTYPE a [<!ENTITY b "c">]><VTKFile/>', ()),
+        (b'<!DOCTYPE VTKFile [<!ATTLIST DataArray b CDATA "c">]><VTKFile/>', ("<!DOCTYPE",)),
         (RAW.replace(b'"9"', b'"8"', 1), (216, 192)),
         (RAW.replace(b'"9"', b'"-9"', 1), ("NumberOfPoints", -9)),
         (RAW.replace(b'"9"', b'"0"', 1), (0,)),

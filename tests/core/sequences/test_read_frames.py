@@ -13,8 +13,9 @@ from abfm import load_sequence
 from abfm.calculus.channels import extend
 from abfm.errors import AbfmError, FunctionError, ResultError, SeveralArraysError
 from abfm.io import write_stc
+from abfm.reading import read_grid
 from abfm.sequences import is_sequence, read_frames
-from abfm.sequences.reading import source_frames
+from abfm.sequences.reading import source_frames, vtk_frames
 from tests.core.reading.hostile import npy_of, one_byte_changed
 from tests.core.reading.vtk_files import vtk_bytes
 from tests.core.sequences.turning_film import MESH, TIMES, film, solved
@@ -201,6 +202,22 @@ def test_lists_of_vtk_say_files_and_times(tmp_path):
         assert found.notes == ()
 
 
+def test_lists_read_each_file_once(tmp_path, monkeypatch):
+    paths, read = series(tmp_path), []
+    monkeypatch.setattr(
+        vtk_frames, "read_grid", lambda *given: read.append(given[0].name) or read_grid(*given)
+    )
+    files = [{"name": paths[k % 2].name, "time": k} for k in range(1000)]
+    (tmp_path / "a.series").write_text(json.dumps({"files": files}))
+    found = read_frames(tmp_path / "a.series", MESH, "u")
+    assert_array_equal(found.values, FILM[np.arange(1000) % 2])
+    assert read == [path.name for path in paths[:2]]
+    files = [{"name": paths[0].name, "time": k} for k in range(60_000)]
+    (tmp_path / "a.series").write_text(json.dumps({"files": files}))
+    with raises(FunctionError, 60_000, "bytes"):
+        read_frames(tmp_path / "a.series", MESH, "u")
+
+
 def test_frames_and_fields_of_others_are_no_sequence(tmp_path):
     np.savez(tmp_path / "a.npz", frames=FILM, velocity=np.zeros((4, 20, 3)), vertices=MESH.vertices)
     assert_array_equal(read_frames(tmp_path / "a.npz", MESH).values, FILM)
@@ -299,6 +316,12 @@ def hostile(folder):
     never = '<DataSet timestep="nan" file="wave_001.vtu"/>'
     (folder / "never.pvd").write_text(f'<VTKFile type="Collection">{never}</VTKFile>')
     (folder / "never.series").write_text('{"files": [{"name": "wave_001.vtu", "time": NaN}]}')
+    (folder.parent / "far.vtu").write_bytes((folder / "wave_001.vtu").read_bytes())
+    far = '<DataSet timestep="1" file="../far.vtu"/>'
+    (folder / "far.pvd").write_text(f'<VTKFile type="Collection">{far}</VTKFile>')
+    (folder / "far.series").write_text('{"files": [{"name": "/etc/hosts", "time": 1}]}')
+    foreign = '<?xml version="1.0" encoding="latin-9"?><VTKFile type="Collection"/>'
+    (folder / "foreign.pvd").write_text(foreign)
     (folder / "bad.series").write_text("[1")
     (folder / "odd.series").write_text('{"files": [{"name": "wave_001.vtu"}]}')
     (folder / "array.series").write_text('[{"name": "wave_001.vtu"}]')
@@ -328,6 +351,9 @@ def hostiles(tmp_path_factory):
         ("words.npy", None, ("<U1",)),
         ("huge.npy", None, ()),
         ("two.npz", None, ("frames", "frame")),
+        ("far.pvd", None, ("../far.vtu", "folder")),
+        ("far.series", None, ("/etc/hosts", "folder")),
+        ("foreign.pvd", None, ("latin-9", "encoding")),
         ("two.npz", "c", ("c",)),
         ("times.npz", None, (4, "times", 5)),
         ("time.npz", None, ("<U3",)),

@@ -10,7 +10,15 @@ import numpy as np
 
 from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh import TriangleMesh
-from abfm.reading import Grid, from_json, read_bytes, read_collection, read_grid
+from abfm.reading import (
+    Grid,
+    from_json,
+    most_inflated,
+    read_bytes,
+    read_collection,
+    read_grid,
+    referenced_file,
+)
 from abfm.sequences.reading.frames_file import FramesFile
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -45,7 +53,7 @@ def vtk_frames(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
 
 
 def _collection(file: Path) -> list[Entry]:
-    return [(time, file.parent / name) for time, name in read_collection(file)]
+    return [(time, referenced_file(file, name)) for time, name in read_collection(file)]
 
 
 def _series(file: Path) -> list[Entry]:
@@ -58,7 +66,7 @@ def _series(file: Path) -> list[Entry]:
         if not isinstance(name, str) or not isinstance(time, int | float):
             raise ValueError(f"it lists {brief(entry)}; expected the name of a file, and a time")
         try:
-            entries.append((float(time), file.parent / name))
+            entries.append((float(time), referenced_file(file, name)))
         except OverflowError:
             raise ValueError(f"it has the time {brief(time)}; expected a number") from None
     return entries
@@ -89,7 +97,7 @@ def files_of_film(file: Path) -> list[Path]:
     does.
     """
     entries = _LISTS.get(file.suffix.lower(), _numbered)(file)
-    return [path for _, path in entries]
+    return list(dict.fromkeys(path for _, path in entries))
 
 
 def _of_grids(entries: Sequence[Entry], mesh: TriangleMesh, array: str | None) -> FramesFile:
@@ -97,31 +105,46 @@ def _of_grids(entries: Sequence[Entry], mesh: TriangleMesh, array: str | None) -
     known = times[np.isfinite(times)]
     if len(np.unique(known)) < len(known):
         raise ValueError("two of its files are of one time; expected one file for each")
-    frames, away = [], 0.0
+    files = list(dict.fromkeys(file for _, file in entries))
+    most = most_inflated(sum(_size(file) for file in files))
+    found: dict[Path, Grid] = {}
+    away = 0.0
     with step("reading frames") as tell:
-        for k, (_, file) in enumerate(entries):
+        for k, file in enumerate(files):
             checkpoint()
-            grid = _grid(file, mesh, array)
-            frames.append(grid.values if grid.values.shape[1] > 1 else grid.values[:, 0])
-            if frames[k].shape != frames[0].shape:
+            found[file] = grid = _grid(file, mesh, array)
+            shapes = [each.values.shape for each in (found[files[0]], grid)]
+            if shapes[0] != shapes[1]:
                 raise ValueError(
-                    f"{brief(file.name)} has values of shape {frames[k].shape}; the first one "
-                    f"{frames[0].shape}"
+                    f"{brief(file.name)} has values of shape {shapes[1]}; the first one {shapes[0]}"
                 )
-            points = mesh.restrict(grid.points)
-            away = max(away, float(np.abs(points - mesh.vertices).max()))
-            if math.isnan(times[k]):
-                times[k] = grid.time
-            tell((k + 1) / len(entries))
-    notes = [] if array else [f"its frames are the point data {grid.name!r}"]
+            if len(entries) * grid.values.nbytes > most:
+                raise ValueError(
+                    f"its {len(entries)} frames take more than {most} bytes, the limit for files "
+                    "of this size"
+                )
+            away = max(away, float(np.abs(mesh.restrict(grid.points) - mesh.vertices).max()))
+            found[file] = grid._replace(points=grid.points[:0])
+            tell((k + 1) / len(files))
+    grids = [found[file] for _, file in entries]
+    values = [each.values if each.values.shape[1] > 1 else each.values[:, 0] for each in grids]
+    times = np.where(np.isfinite(times), times, [each.time for each in grids])
+    notes = [] if array else [f"its frames are the point data {grids[0].name!r}"]
     if not away <= _APART * mesh.length_scale:
         notes.append(f"points are up to {away:.3g} off the mesh, which stays as it is")
     if not np.isfinite(times).all():
-        return FramesFile(np.stack(frames), None, tuple(notes))
+        return FramesFile(np.stack(values), None, tuple(notes))
     order = np.argsort(times, kind="stable")
     if (np.diff(times[order]) <= 0).any():  # as of files that all say 0
-        return FramesFile(np.stack(frames), None, tuple(notes))
-    return FramesFile(np.stack([frames[k] for k in order]), times[order], tuple(notes))
+        return FramesFile(np.stack(values), None, tuple(notes))
+    return FramesFile(np.stack([values[k] for k in order]), times[order], tuple(notes))
+
+
+def _size(file: Path) -> int:
+    try:
+        return file.stat().st_size
+    except (OSError, ValueError):  # reading it reports the reason
+        return 0
 
 
 def _grid(file: Path, mesh: TriangleMesh, array: str | None) -> Grid:
