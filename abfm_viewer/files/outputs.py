@@ -10,13 +10,10 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 import abfm
-from abfm import AbfmError, ResultError, TriangleMesh
+from abfm import AbfmError, ResultError
 from abfm.errors import one_line, printable
 from abfm.io import results, write_atomically
 from abfm.types import IntArray
@@ -134,22 +131,13 @@ def write_sequence(path: Path, found: abfm.Sequence, up: str = "y", unit: str = 
     if path.suffix == ".pvd":
         abfm.sequences.export_pvd(path, found)
     elif path.suffix == ".stc":
-        abfm.sequences.export_stc(path, found)
+        return abfm.sequences.export_stc(path, found)
     elif path.suffix == ".html":
         labels = pages.Labels(unit_of_time=unit, up=up)
         pages.sequence_page(found, printable(path.stem), labels).write(path)
     else:
         abfm.sequences.export_speed(path, found)
     return ""
-
-
-def on_file(mesh: TriangleMesh, values: NDArray[Any]) -> NDArray[Any]:
-    """Return rows of vertices as the mesh's file counts them; 0 for those that no face uses."""
-    if len(values) == mesh.file_vertex_count:
-        return values
-    whole = np.zeros((mesh.file_vertex_count, *values.shape[1:]), values.dtype)
-    whole[mesh.vertex_ids] = values
-    return whole
 
 
 def write_registrations(paths: Sequence[Path], found: abfm.Registration) -> list[str]:
@@ -185,10 +173,7 @@ def vertex_numbers(points: abfm.PointMap) -> IntArray:
     """Return the nearest vertex for each vertex of the domain, both counted as the mesh files do;
     -1 for vertices that no face uses.
     """
-    ids = points.domain.vertex_ids
-    whole = np.full(points.domain.file_vertex_count, -1)
-    whole[ids] = points.codomain.vertex_ids[points.nearest_vertices()]
-    return whole
+    return points.domain.on_file(points.codomain.vertex_ids[points.nearest_vertices()], -1)
 
 
 def make_folder(path: Path) -> None:

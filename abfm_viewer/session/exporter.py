@@ -22,6 +22,7 @@ import abfm
 from abfm import AbfmError
 from abfm.io import temporary_folder, write_atomically
 from abfm.numerics.factoring_apart import factoring_apart
+from abfm.reading import NO_LABEL
 from abfm.types import FloatArray
 from abfm.workers.control import Control, controlled
 from abfm.workers.progress import Step, telling
@@ -166,7 +167,7 @@ class Exporter:
             way = found
             if isinstance(way, abfm.Match):
                 way = abfm.Correspondence(way.point_map())
-            carried = outputs.on_file(way.b, way.carry_labels(labels.values, "area"))
+            carried = way.b.on_file(way.carry_labels(labels.values, "area"), NO_LABEL)
             abfm.io.write_labels(path, labels.labels(carried))
 
         self._start(path, LABELS, write)

@@ -224,7 +224,7 @@ def _write(
     abfm.io.export_vtu(written[2], found.template, on_vertices, on_faces)
     if str(arguments.template).lower().endswith((".gii", ".gii.gz")):
         written.append(folder / "mean.shape.gii")
-        whole = outputs.on_file(found.template, np.stack(list(on_vertices.values()), axis=1))
+        whole = found.template.on_file(np.stack(list(on_vertices.values()), axis=1))
         try:
             abfm.io.write_values(written[-1], whole, names=list(on_vertices))
         except AbfmError as error:

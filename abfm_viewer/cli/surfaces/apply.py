@@ -20,7 +20,7 @@ from abfm.errors import printable
 from abfm.functions import read_column, read_labels, read_table
 from abfm.io import textured_files, write_labels, write_values
 from abfm.maps import SurfacePoints, project_onto_surface
-from abfm.reading import Labels
+from abfm.reading import NO_LABEL, Labels
 from abfm.workers.progress import Step, telling
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
@@ -46,7 +46,8 @@ weight is taken. Points are vertex numbers, one a line, or x, y and z, which are
 surface; what is written is x, y and z on the other one. The texture is what the faces of a mesh
 file show, images or colours of vertices, where the file is of this surface, also if it has vertices
 twice, in another order or elsewhere; what is written is the other surface with an image of its own.
-An .obj comes with an .mtl and a .png of the same name.
+An .obj comes with an .mtl and a .png of the same name. Vertices that no face uses get NaN, and as
+a label "???" in GIFTI or -1 elsewhere.
 """
 _LARGEST_KEY = 2**31 - 1
 # sqrt(area): nearer points lie on a surface, up to rounding; farther ones are none of its own
@@ -97,11 +98,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.data:
         names, values = read_table(arguments.data)
         _check_rows(way, len(values), arguments.data)
-        write_values(out, outputs.on_file(way.b, way.carry(values, by)), names=names)
+        write_values(out, way.b.on_file(way.carry(values, by)), names=names)
     elif arguments.labels:
         labels = _labels(arguments.labels, arguments.column)
         _check_rows(way, len(labels.values), arguments.labels)
-        carried = outputs.on_file(way.b, way.carry_labels(labels.values, by))
+        carried = way.b.on_file(way.carry_labels(labels.values, by), NO_LABEL)
         write_labels(out, Labels(carried, labels.names, labels.colors))
     elif arguments.points:
         write_values(out, _points(way, arguments.points), names=("x", "y", "z"))

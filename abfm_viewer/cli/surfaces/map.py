@@ -175,7 +175,7 @@ def _table(
 
 
 def _carried(points: PointMap, path: str) -> NDArray[Any]:
-    """Return a table, a row per vertex, carried along; rows of no face's vertices stay."""
+    """Return a table, a row per vertex, transferred along the flow; NaN where no face is."""
     table = read_table(path)[1]
     try:
         rows = points.domain.restrict(table)
@@ -186,16 +186,12 @@ def _carried(points: PointMap, path: str) -> NDArray[Any]:
             f"file {path!r}: some values are not finite; only finite ones can be carried"
         )
     values = points.pull_back(rows)
-    if len(table) == len(values):
-        return values
-    whole = table.copy()
-    whole[points.domain.vertex_ids] = values
-    return whole
+    if not np.isfinite(values).all():
+        raise ParameterError("the carried values overflow: use a shorter time")
+    return values if len(table) == len(values) else points.domain.on_file(values)
 
 
 def _write(path: Path, table: NDArray[Any]) -> None:
-    if not np.isfinite(table).all():
-        raise ParameterError("the carried values overflow: use a shorter time")
     with write_atomically(path) as temporary:
         if path.suffix == ".npy":
             np.save(temporary, table)

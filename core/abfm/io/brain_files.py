@@ -9,6 +9,7 @@ import csv
 import gzip
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -173,10 +174,11 @@ def write_labels(
 ) -> None:
     """Write labels: .label.gii, .gii, .annot, .dlabel.nii, and only their keys .npy, .csv, .txt.
 
-    GIFTI, which may also end in .gz, keeps keys, names and colours. An .annot file gives every
-    vertex a colour, and has no keys: names come back numbered from 0 in their order, and vertices
-    whose key has no name with the key -1. Of names that have one colour, black or none, all but
-    the first get the next colour that is free.
+    GIFTI, which may also end in .gz, keeps keys, names and colours; vertices without a label, whose
+    key is -1, get the key called "???" or "unknown" there, which is added if it is missing. An
+    .annot file gives every vertex a colour, and has no keys: names come back numbered from 0 in
+    their order, and vertices whose key has no name with the key -1. Of names that have one colour,
+    black or none, all but the first get the next colour that is free.
 
     Parameters
     ----------
@@ -198,8 +200,9 @@ def write_labels(
     elif ending == CIFTI_LABELS:
         write_cifti_labels(path, labels, _structure(path, structure).get(_PRIMARY))
     else:
-        array = _gifti_array(keys.astype(np.int32), LABEL)
-        _write_gifti(path, [array], _structure(path, structure), labels)
+        known = replace(labels, values=keys).with_unknown()
+        array = _gifti_array(known.values.astype(np.int32), LABEL)
+        _write_gifti(path, [array], _structure(path, structure), known)
 
 
 def _ending(path: str | os.PathLike[str], known: tuple[str, ...]) -> str:

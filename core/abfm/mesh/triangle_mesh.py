@@ -253,6 +253,17 @@ class TriangleMesh:
             f"{len(values)} values were given for a mesh of {expected}: give one per vertex"
         )
 
+    def on_file(self, values: NDArray[Any], missing: float = np.nan) -> NDArray[Any]:
+        """Return values (V, ...) as rows of the mesh's file, (file_vertex_count, ...), the inverse
+        of `restrict`; vertices that no face uses get the value ``missing``.
+        """
+        if len(values) == self.file_vertex_count:
+            return values
+        shape = (self.file_vertex_count, *values.shape[1:])
+        whole = np.full(shape, missing, np.result_type(values.dtype, missing))
+        whole[self.vertex_ids] = values
+        return whole
+
 
 def _frozen(array: NDArray[Entry]) -> NDArray[Entry]:
     array.flags.writeable = False

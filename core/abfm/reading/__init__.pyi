@@ -18,6 +18,7 @@ from .freesurfer import freesurfer_values as freesurfer_values
 from .gifti import LABEL as LABEL
 from .gifti import gifti_arrays as gifti_arrays
 from .gifti import read_gifti as read_gifti
+from .labels import NO_LABEL as NO_LABEL
 from .labels import Color as Color
 from .labels import Labels as Labels
 from .opening import ENDINGS as ENDINGS

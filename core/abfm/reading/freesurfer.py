@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from abfm.errors import brief
 from abfm.reading.door import inflated, open_plain, read_bytes
-from abfm.reading.labels import Color, Labels
+from abfm.reading.labels import NO_LABEL, Color, Labels
 from abfm.types import FloatArray, IntArray
 
 FREESURFER_SURFACES = (
@@ -29,7 +29,6 @@ _KINDS = {_SURFACE: "surface", _VALUES: "values", _QUADRANGLES: "quadrangles"}
 _LONGEST_LINE = 1 << 16  # of the two lines that say who made a surface
 _MGH_TYPES = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2", 10: ">u2"}
 _MGH_DATA = 284  # where it begins
-_NO_LABEL = -1
 _OPAQUE = 255
 
 
@@ -137,7 +136,7 @@ def freesurfer_annotation(path: str | os.PathLike[str]) -> Labels:
             if key in names:
                 raise ValueError(f"its table has two entries of the number {key}")
             names[key], codes[key] = name, code
-    values = np.full(count, _NO_LABEL)
+    values = np.full(count, NO_LABEL)
     values[vertices] = _keys(colors, codes)
     return Labels(values, names, {key: _color(code) for key, code in codes.items()})
 
@@ -233,7 +232,7 @@ def _keys(colors: IntArray, codes: Mapping[int, tuple[int, int, int, int]]) -> I
     for key, (red, green, blue, _) in codes.items():
         packed.setdefault(red | green << 8 | blue << 16, key)
     known, place = np.unique(colors, return_inverse=True)
-    keys = [packed.get(color, _NO_LABEL) for color in known.tolist()]
+    keys = [packed.get(color, NO_LABEL) for color in known.tolist()]
     return np.array(keys, dtype=np.int64)[place]
 
 

@@ -1,7 +1,8 @@
 """Labels of vertices, such as regions of a brain: whole numbers that stand for names."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import count
 
 import numpy as np
 
@@ -9,6 +10,9 @@ from abfm.types import BoolArray, IntArray
 
 Color = tuple[float, float, float, float]
 """Red, green, blue and opacity, each from 0 to 1."""
+NO_LABEL = -1
+"""Key of vertices without a label, unless the labels name it."""
+_UNKNOWN = ("???", "unknown")
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +33,23 @@ class Labels:
     values: IntArray
     names: Mapping[int, str] = field(default_factory=dict)
     colors: Mapping[int, Color] = field(default_factory=dict)
+
+    def with_unknown(self) -> "Labels":
+        """Return labels whose vertices without a label have a key with a name, as GIFTI files
+        expect: the one called "???" or "unknown", otherwise a free one, 0 if possible.
+        """
+        absent = self.values == NO_LABEL
+        if NO_LABEL in self.names or not absent.any():
+            return self
+        named = [key for key, name in self.names.items() if name.lower() in _UNKNOWN]
+        taken = {*self.names, *np.unique(self.values).tolist()}
+        key = named[0] if named else next(key for key in count() if key not in taken)
+        return replace(
+            self,
+            values=np.where(absent, key, self.values),
+            names=self.names if named else {key: _UNKNOWN[0], **self.names},
+            colors=self.colors if named else {**self.colors, key: (0.0, 0.0, 0.0, 0.0)},
+        )
 
     def where(self, label: str | int) -> BoolArray:
         """Return which vertices, (n,), have a label, given by its name or else by its key.

@@ -160,22 +160,21 @@ def _columns(frame: FloatArray) -> FloatArray:
     return frame if frame.shape[1] > 1 else frame[:, 0]
 
 
-def export_stc(path: str | os.PathLike[str], sequence: Sequence) -> None:
+def export_stc(path: str | os.PathLike[str], sequence: Sequence) -> str:
     """Write the speed at all vertices for MNE, ``NAME-lh.stc`` or ``NAME-rh.stc``, a sample in the
-    middle of each interval; errors as of `abfm.io.write_stc`.
+    middle of each interval; the other file, the returned note and errors as of
+    `abfm.io.write_stc`.
     """
     speed = vertex_speed(sequence)
-    write_stc(path, speed, sequence.mesh.vertex_ids, sequence.middles)
+    return write_stc(path, speed, sequence.mesh.vertex_ids, sequence.middles)
 
 
 def export_speed(path: str | os.PathLike[str], sequence: Sequence) -> None:
-    """Write the speed at vertices, of those of the mesh's file, a column for each interval, named
-    by its middle: GIFTI, .npy, .csv or .mgh, see `abfm.io.write_values`.
+    """Write the speed at the vertices of the mesh's file, a column for each interval, named by its
+    middle: GIFTI, .npy, .csv or .mgh, see `abfm.io.write_values`. It is NaN where no face is.
     """
-    mesh = sequence.mesh
-    whole = np.zeros((mesh.file_vertex_count, len(sequence)))
-    whole[mesh.vertex_ids] = vertex_speed(sequence).T
-    write_values(path, whole, names=[f"{time:.9g}" for time in sequence.middles])
+    speed = sequence.mesh.on_file(vertex_speed(sequence).T)
+    write_values(path, speed, names=[f"{time:.9g}" for time in sequence.middles])
 
 
 def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int = 3) -> None:

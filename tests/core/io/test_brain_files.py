@@ -143,14 +143,14 @@ def test_gifti_tells_intent_structure_and_single_precision(tmp_path, name, struc
 @pytest.mark.parametrize("name", ["a.label.gii", "a.gii", "lh.a.label.gii.gz"])
 def test_labels_of_gifti_come_back(tmp_path, name):
     write_labels(tmp_path / name, LABELS)
-    found = read_labels(tmp_path / name)
-    assert_array_equal(found.values, LABELS.values)
+    found, keys = read_labels(tmp_path / name), np.maximum(LABELS.values, 0)
+    assert_array_equal(found.values, keys)
     assert (found.names, found.colors) == (LABELS.names, LABELS.colors)
     image = nibabel.load(tmp_path / name)
     [array] = image.darrays
     assert (array.intent, array.datatype) == (1002, 8)  # NIFTI_INTENT_LABEL, INT32
     assert image.labeltable.get_labels_as_dict() == LABELS.names
-    assert_array_equal(array.data, LABELS.values.astype(np.int32), strict=True)
+    assert_array_equal(array.data, keys.astype(np.int32), strict=True)
 
 
 keys = st.integers(-(2**31) + 1, 2**31 - 1)
@@ -200,6 +200,24 @@ def test_annotations_keep_colours_that_tell_labels_apart(tmp_path):
     assert found.colors[1] == pytest.approx(blue)
     assert found.colors[2] == (0.0, 1 / 255, 1.0 * 0, 1.0)
     assert found.colors[3] == (1 / 255, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("keys", "names", "unknown", "written"),
+    [
+        ([1, -1, 2], {1: "a", 2: "b"}, 0, {0: "???", 1: "a", 2: "b"}),
+        ([0, -1, 1], {0: "a", 1: "b"}, 2, {2: "???", 0: "a", 1: "b"}),
+        ([0, -1, 3], {0: "a", 3: "Unknown"}, 3, {0: "a", 3: "Unknown"}),
+        ([0, -1, 5], {}, 1, {1: "???"}),
+        ([0, -1, 1], {-1: "wall", 0: "a", 1: "b"}, -1, {-1: "wall", 0: "a", 1: "b"}),
+    ],
+)
+def test_gifti_names_missing_labels(tmp_path, keys, names, unknown, written):
+    """-1 is no label; GIFTI gives such vertices a key that is called unknown, never a real one."""
+    write_labels(tmp_path / "a.label.gii", Labels(np.array(keys), names))
+    found = read_labels(tmp_path / "a.label.gii")
+    assert found.values.tolist() == [keys[0], unknown, keys[2]]
+    assert found.names == written
 
 
 @pytest.mark.parametrize("name", ["a.npy", "a.csv", "a.txt"])

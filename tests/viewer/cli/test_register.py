@@ -9,14 +9,15 @@ import pytest
 import abfm as library
 from abfm import Correspondence, load_mesh
 from abfm.assets import asset_path
-from abfm.functions import read_labels
+from abfm.functions import read_column, read_labels
 from abfm.io import export_ply, write_labels
+from abfm.maps import PointMap
 from abfm.mesh.shapes import even_sphere
 from abfm.reading import Labels
 from tests.core.registration.test_register import TURN, flowed, hills
 from tests.messages import check_message, line_with
 from tests.processes import argv
-from tests.shapes import icosphere
+from tests.shapes import icosphere, with_loose_vertex
 
 A, B = even_sphere(1500), icosphere(3)
 POSES = [str(asset_path(f"human_{pose}.off")) for pose in "AB"]
@@ -186,6 +187,35 @@ def test_one_of_several_columns_of_labels_is_chosen(registration, tmp_path, abfm
         labels = ["--labels", f"{tmp_path}/{name}", "--column", column]
         abfm("apply", registration, *labels, "--out", tmp_path / "x.csv")
         np.testing.assert_array_equal(np.loadtxt(tmp_path / "x.csv"), wanted)
+
+
+@pytest.mark.parametrize(
+    ("option", "given", "out", "missing"),
+    [
+        ("--data", "a.npy", "x.npy", np.nan),
+        ("--data", "a.npy", "x.csv", np.nan),
+        ("--data", "a.npy", "x.mgh", np.nan),
+        ("--data", "a.npy", "x.func.gii", np.nan),
+        ("--labels", "a.label.gii", "x.txt", -1),
+        ("--labels", "a.label.gii", "x.label.gii", 0),
+    ],
+)
+def test_vertices_without_faces_have_no_value(files, tmp_path, abfm, option, given, out, missing):
+    """They are NaN in data; their label is unknown, -1 in tables, never a real one."""
+    b = with_loose_vertex(A)
+    found = Correspondence(PointMap.of_vertices(b, A), PointMap.of_vertices(A, b))
+    found.save(tmp_path / "r.npz")
+    words = [option, files / given, "--out", tmp_path / out]
+    abfm("apply", tmp_path / "r.npz", *words)
+    if out.endswith(".label.gii"):
+        labels = read_labels(tmp_path / out)
+        rows, wanted = labels.values, read_labels(files / given).values
+        assert labels.names == {0: "???", 2: "south", 5: "north"}
+    else:
+        rows = read_column(str(tmp_path / out))
+        wanted = read_labels(files / given).values if missing == -1 else np.load(files / given)
+    np.testing.assert_array_equal(rows[5], missing)
+    np.testing.assert_allclose(np.delete(rows, 5), wanted, atol=1e-6)
 
 
 def test_points_beside_a_surface_are_told(registration, tmp_path, abfm):
