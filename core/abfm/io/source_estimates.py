@@ -1,13 +1,15 @@
 """Source estimates of MNE, .stc files, written; `abfm.reading.read_stc` says what they hold."""
 
 import os
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm.errors import ResultError
+from abfm.errors import ResultError, one_line
 from abfm.io.atomic import write_atomically
 from abfm.numerics.real_numbers import real_numbers
+from abfm.reading import read_stc
 from abfm.types import IntArray
 
 _HEMISPHERES = ("-lh.stc", "-rh.stc")
@@ -38,9 +40,12 @@ def even_step(path: str | os.PathLike[str], times: ArrayLike) -> float:
 
 def write_stc(
     path: str | os.PathLike[str], values: ArrayLike, vertices: IntArray, times: ArrayLike
-) -> None:
+) -> str:
     """Write values (T, n) at vertices (n,), counted from 0, at times (T,) in seconds, in single
     precision.
+
+    MNE opens two hemispheres: the other file is also written, without vertices, unless one with
+    vertices exists. Return a note if that one has other times, otherwise an empty text.
 
     Raises
     ------
@@ -55,11 +60,23 @@ def write_stc(
         raise ResultError(
             f"values have shape {film.shape}; expected ({len(when)}, {len(vertices)})"
         )
-    step = even_step(path, when)
-    parts = [
-        np.array([1000 * when[0], 1000 * step], dtype=">f4"),
-        np.array([len(vertices), *vertices, len(when)], dtype=">u4"),
-        film.astype(">f4"),
-    ]
+    head = np.array([1000 * when[0], 1000 * even_step(path, when)], dtype=">f4").tobytes()
+    numbers = np.array([len(vertices), *vertices, len(when)], dtype=">u4")
     with write_atomically(path) as temporary:
-        temporary.write_bytes(b"".join(part.tobytes() for part in parts))
+        temporary.write_bytes(head + numbers.tobytes() + film.astype(">f4").tobytes())
+    other = _other_hemisphere(path)
+    try:
+        if other.is_file() and other.read_bytes()[8:12] != bytes(4):  # the number of its vertices
+            fits = np.array_equal(read_stc(other).times, read_stc(path).times)
+            return "" if fits else f"MNE cannot open it with {other.name}, which has other times"
+    except (OSError, ValueError) as error:
+        return f"MNE cannot open it with {other.name}: {one_line(error)}"
+    with write_atomically(other) as temporary:
+        temporary.write_bytes(head + np.array([0, len(when)], dtype=">u4").tobytes())
+    return ""
+
+
+def _other_hemisphere(path: str | os.PathLike[str]) -> Path:
+    name = os.fspath(path)
+    this, other = _HEMISPHERES if name.endswith(_HEMISPHERES[0]) else _HEMISPHERES[::-1]
+    return Path(name.removesuffix(this) + other)

@@ -4,6 +4,7 @@ import csv
 import re
 from dataclasses import replace
 
+import mne
 import nibabel
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import abfm
 from abfm.errors import ResultError
 from abfm.flow import Flow
+from abfm.io import write_stc
 from abfm.reading import read_collection, read_grid
 from abfm.sequences import (
     export_intervals,
@@ -26,7 +28,7 @@ from abfm.sequences import (
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.progress import telling
 from tests.core.sequences.turning_film import MESH, SPEED, TIMES, film, solved
-from tests.messages import raises
+from tests.messages import check_message, raises
 from tests.shapes import with_loose_vertex
 
 
@@ -170,11 +172,28 @@ def test_mne_and_workbench_get_the_speed(tmp_path):
     found = read_frames(tmp_path / "a-rh.stc", MESH)
     assert_array_equal(found.values, speed.astype(np.float32))
     assert_allclose(found.times, solved().middles, atol=1e-7)
+    estimate = mne.read_source_estimate(tmp_path / "a-rh.stc")
+    assert_array_equal(estimate.data.T, speed.astype(np.float32))
+    assert [each.tolist() for each in estimate.vertices] == [[], MESH.vertex_ids.tolist()]
     export_speed(tmp_path / "lh.a.func.gii", solved())
     image = nibabel.load(tmp_path / "lh.a.func.gii")
     assert_array_equal(np.stack(image.agg_data()), speed.astype(np.float32))
     assert [each.meta["Name"] for each in image.darrays] == ["-0.075", "-0.025", "0.025", "0.075"]
     assert image.meta["AnatomicalStructurePrimary"] == "CortexLeft"
+
+
+def test_other_hemisphere_is_kept(tmp_path):
+    """MNE opens both files if they have the same times; a note says if they have not."""
+    assert export_stc(tmp_path / "a-lh.stc", solved()) == ""
+    assert export_stc(tmp_path / "a-rh.stc", solved()) == ""
+    assert mne.read_source_estimate(tmp_path / "a").shape == (
+        2 * len(MESH.vertices),
+        len(TIMES) - 1,
+    )
+    later = 2 * solved().middles
+    path, speed = tmp_path / "a-lh.stc", vertex_speed(solved())
+    check_message(write_stc(path, speed, MESH.vertex_ids, later), "a-rh.stc")
+    assert_allclose(read_frames(tmp_path / "a-rh.stc", MESH).times, solved().middles, atol=1e-7)
 
 
 def test_files_with_loose_vertices_are_counted_as_they_are(tmp_path):
@@ -183,7 +202,7 @@ def test_files_with_loose_vertices_are_counted_as_they_are(tmp_path):
     export_speed(tmp_path / "a.func.gii", found)
     values = nibabel.load(tmp_path / "a.func.gii").agg_data()
     assert_array_equal(np.delete(values, 5), vertex_speed(found)[0].astype(np.float32))
-    assert values[5] == 0
+    assert np.isnan(values[5])
     export_stc(tmp_path / "a-lh.stc", found)
     assert 5 not in abfm.reading.read_stc(tmp_path / "a-lh.stc").vertices
 
