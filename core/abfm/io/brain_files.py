@@ -195,14 +195,15 @@ def write_labels(
     keys = _keys(labels)
     if ending == ".npy" or ending in _TEXTS:
         _write_plain(path, ending, keys, "%d")
-    elif ending == ".annot":
+        return
+    if ending == ".annot":
         _write_annotation(path, keys, labels)
-    elif ending == CIFTI_LABELS:
-        write_cifti_labels(path, labels, _structure(path, structure).get(_PRIMARY))
+        return
+    meta, known = _structure(path, structure), replace(labels, values=keys).with_unknown()
+    if ending == CIFTI_LABELS:
+        write_cifti_labels(path, known, meta.get(_PRIMARY))
     else:
-        known = replace(labels, values=keys).with_unknown()
-        array = _gifti_array(known.values.astype(np.int32), LABEL)
-        _write_gifti(path, [array], _structure(path, structure), known)
+        _write_gifti(path, [_gifti_array(known.values.astype(np.int32), LABEL)], meta, known)
 
 
 def _ending(path: str | os.PathLike[str], known: tuple[str, ...]) -> str:

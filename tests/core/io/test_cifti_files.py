@@ -39,14 +39,14 @@ def test_series_has_a_frame_a_column(tmp_path: Path) -> None:
 
 
 def test_labels_keep_keys_names_and_colours(tmp_path: Path) -> None:
-    """A key without a name is called by its number."""
-    labels = Labels(np.array([3, 0, -1, 3]), {0: "???", 3: "Ä & <b>"}, {3: (0.2, 0.4, 0.6, 0.8)})
+    """A key without a name is called by its number; no label, -1, is the one called "???"."""
+    labels = Labels(np.array([3, 0, -1, 7]), {0: "???", 3: "Ä & <b>"}, {3: (0.2, 0.4, 0.6, 0.8)})
     write_labels(tmp_path / "lh.a.dlabel.nii", labels)
     image = nibabel.load(tmp_path / "lh.a.dlabel.nii")
     table = image.header.get_axis(0).label[0]
-    assert {key: name for key, (name, _) in table.items()} == {0: "???", 3: "Ä & <b>", -1: "-1"}
+    assert {key: name for key, (name, _) in table.items()} == {0: "???", 3: "Ä & <b>", 7: "7"}
     assert_allclose(table[3][1], labels.colors[3])
-    assert_array_equal(image.get_fdata()[0], labels.values)
+    assert_array_equal(image.get_fdata()[0], [3, 0, 0, 7])
 
 
 def test_unknown_hemisphere_is_refused(tmp_path: Path) -> None:
