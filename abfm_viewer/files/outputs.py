@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import abfm
-from abfm import AbfmError, ResultError, TriangleMesh
+from abfm import AbfmError, ResultError, TriangleMesh, pages
 from abfm.errors import one_line, printable
 from abfm.io import results, write_atomically
 from abfm.types import IntArray
-from abfm_viewer import pages
 
 if TYPE_CHECKING:
     from PIL import Image
