@@ -12,10 +12,10 @@ from scipy.ndimage import uniform_filter1d
 
 from abfm import Sequence, TriangleMesh
 from abfm.maps import project_onto_surface
+from abfm.pages.film_motion import CRITICAL, Way, ways_of
+from abfm.pages.front import Front, triple
 from abfm.sequences import Track
-from abfm_viewer.appearance.theme import CRITICAL, linear
-from abfm_viewer.computing.films import Way, ways_of
-from abfm_viewer.document.document import Front, triple
+from abfm_viewer.appearance.theme import linear
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.scene import opengl, overlays
 from abfm_viewer.scene.surfaces import fitted, look, register, show, viewport

@@ -13,10 +13,11 @@ from PIL import Image
 
 from abfm import load_mesh
 from abfm.assets import asset_path
+from abfm.pages.front import best_front
 from abfm.parameters import FIGURES
 from abfm.types import FloatArray
 from abfm_viewer.appearance.samples import COLUMNS, CORTEX, MESHES, PICTURES, SIDE, TABLE, WAVE
-from abfm_viewer.computing.defaults import best_front, default_functions
+from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.document.document import Channel, Document, Surface, View
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.window.samples import cortex_document, figure_document

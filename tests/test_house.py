@@ -45,8 +45,8 @@ def test_the_wheel_holds_both_packages_and_every_asset(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {f"abfm/assets/{asset.name}" for asset in (ROOT / "assets").iterdir()} <= names
     assert {"abfm/matching/match.py", "abfm/flow/__init__.pyi", "abfm_viewer/cli/match.py"} <= names
-    assert "abfm_viewer/appearance/colormaps.csv" in names
-    assert {f"abfm_viewer/pages/page.{kind}" for kind in ("html", "css", "js")} <= names
+    assert "abfm/pages/colormaps.csv" in names
+    assert {f"abfm/pages/template/page.{kind}" for kind in ("html", "css", "js")} <= names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert {name.split("/")[0].split("-")[0] for name in names} == {"abfm", "abfm_viewer"}
 

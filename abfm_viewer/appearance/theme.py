@@ -80,16 +80,6 @@ _OF_LANDMARKS = (
 )
 LANDMARKS = tuple(map(_color, _OF_LANDMARKS))
 """By landmarks' numbers, and from the first on again where there are more."""
-CRITICAL = {
-    kind: _color(code)
-    for kind, code in {
-        "source": "f2b805",
-        "sink": "1c7c3c",
-        "spiral": "8a3ffc",
-        "saddle": "d91a99",
-    }.items()
-}
-"""Of critical points, by their kinds, apart from the colours of functions."""
 ON_LANDMARKS: Color = (1.0, 1.0, 1.0, 1.0)
 
 

@@ -16,10 +16,11 @@ from typing import Self
 import numpy as np
 
 from abfm import TriangleMesh
+from abfm.pages.front import Front, triple
 from abfm.types import FloatArray
 from abfm_viewer.automation.input_events import InputEvents, Place
 from abfm_viewer.automation.widget_search import WidgetSearch, middle
-from abfm_viewer.document.document import SIDES, Front, Look, triple
+from abfm_viewer.document.document import SIDES, Look
 from abfm_viewer.errors import DriverError as DriverError
 from abfm_viewer.scene.opengl import OFFSCREEN, Backend, ps
 from abfm_viewer.scene.scene import Hit

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING
 import abfm
 from abfm import ParameterError, ResultError
 from abfm.errors import printable
+from abfm.pages.front import best_front
 from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import adder, angle, positive, size, warn_of_doubt
 from abfm_viewer.cli.progress import frame_progress
-from abfm_viewer.computing.defaults import best_front, front_of_film
+from abfm_viewer.computing.defaults import front_of_film
 from abfm_viewer.document.document import Document
 from abfm_viewer.document.film import unit_of
 from abfm_viewer.files import outputs

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 import numpy as np
 
 from abfm import Parameters, TriangleMesh
+from abfm.pages.front import Front, Triple
 from abfm.types import FloatArray, IntArray
 from abfm_viewer.document.film import FilmSettings, is_of
 
@@ -47,7 +48,6 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 HODGE_PARTS: tuple[FieldPart, ...] = ("curl-free", "divergence-free", "harmonic")
 FIELD_PARTS: tuple[FieldPart, ...] = get_args(FieldPart)
 CLICK_TOOLS: tuple[ClickTool, ...] = get_args(ClickTool)
-Triple = tuple[float, float, float]
 EXTRAPOLATION = 2.0
 """The time bar goes to this many times tau."""
 _PREFERENCES = (
@@ -75,11 +75,6 @@ MEASURED = "measured"
 """Column of a mask that is 0 where functions have no values, and were filled in."""
 OF_A = "A: "
 """What names of values from files begin with that are of surface A of two."""
-
-
-def triple(values: FloatArray) -> Triple:
-    x, y, z = map(float, values)
-    return x, y, z
 
 
 @dataclass(frozen=True)
@@ -129,19 +124,6 @@ class Landmark:
     @property
     def is_whole(self) -> bool:
         return self.source is not None and self.target is not None
-
-
-@dataclass(frozen=True)
-class Front:
-    """The side of the mesh that faces the viewer: two unit vectors (3,)."""
-
-    direction: Triple
-    up: Triple
-
-    @property
-    def axes(self) -> FloatArray:
-        """Return what is to the right, up, and towards the viewer, as rows (3, 3)."""
-        return np.stack([np.cross(self.up, self.direction), self.up, self.direction])
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from abfm import TriangleMesh
+from abfm.pages.front import Triple, triple
 from abfm.reading.labels import Labels
 from abfm.types import FloatArray, IntArray
-from abfm_viewer.document.document import Triple, triple
 
 _GOLDEN = 0.6180339887498949  # hues that far apart are never close to each other
 

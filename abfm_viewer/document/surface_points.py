@@ -9,7 +9,8 @@ import numpy as np
 
 import abfm
 from abfm import TriangleMesh
-from abfm_viewer.document.document import SIDES, Landmark, Point, triple
+from abfm.pages.front import triple
+from abfm_viewer.document.document import SIDES, Landmark, Point
 
 if TYPE_CHECKING:
     from abfm.registration import Landmarks

@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import abfm
-from abfm import AbfmError, ResultError
+from abfm import AbfmError, ResultError, pages
 from abfm.errors import one_line, printable
 from abfm.io import results, write_atomically
 from abfm.types import IntArray
-from abfm_viewer import pages
 
 if TYPE_CHECKING:
     from PIL import Image

@@ -34,16 +34,16 @@ from abfm.io.results import (
     check_arrays,
     mesh_of,
 )
+from abfm.pages.colormaps import NAMES
+from abfm.pages.front import Front
 from abfm.reading import from_json
 from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document.document import (
     FARTHEST,
     NEAREST,
     OF_A,
     SIDES,
     Document,
-    Front,
     Identity,
     InitialMap,
     Point,

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from abfm.pages.film_motion import CRITICAL
 from abfm.wording import counted, sentence
-from abfm_viewer.appearance.theme import CRITICAL
 from abfm_viewer.document.document import CARRIED, CLICK_TOOLS, FIELD_PARTS, Coloring
 from abfm_viewer.document.verdict_words import numbers, refinement
 from abfm_viewer.panels.context import Context

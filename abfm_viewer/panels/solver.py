@@ -9,6 +9,7 @@ import polyscope.imgui as imgui
 
 import abfm
 from abfm.outcome import Facts, Outcome
+from abfm.pages.interval_words import of_interval
 from abfm.wording import capital, counted, sentence
 from abfm.workers.progress import Step, rounded
 from abfm_viewer.document import verdict_words
@@ -155,7 +156,7 @@ def _draw_film(ui: Ui, session: Session) -> None:
         ui.note("Frames or parameters changed since: match all frames again.", "ink")
     now = film.interval(document.time)
     verdict = sequence.verdicts[now]
-    told = verdict_words.of_interval(sequence, now)
+    told = of_interval(sequence, now)
     ui.note(f"Frame {now} to {now + 1}: {told}", "muted" if outdated else verdict.kind.tone)
     if reason := verdict.why or verdict.reason:
         ui.note(sentence(reason))

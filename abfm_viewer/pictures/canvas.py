@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from abfm.pages.colormaps import table
 from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import table
 from abfm_viewer.appearance.theme import Color
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.scene import opengl

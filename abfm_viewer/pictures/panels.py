@@ -11,11 +11,10 @@ from PIL import Image
 from abfm.calculus.speeds import fast_speed
 from abfm.io.sheets import Checker, Coordinates, Panel, Sheet, Streaks, Values
 from abfm.mesh import TriangleMesh
+from abfm.pages.colormaps import ColorRange, color_range, place_colors
+from abfm.pages.front import Front, best_front, triple
 from abfm.streaks.line_integral import line_integral_convolution
 from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import ColorRange, color_range, place_colors
-from abfm_viewer.computing.defaults import best_front
-from abfm_viewer.document.document import Front, triple
 from abfm_viewer.pictures.canvas import canvas, drawn
 from abfm_viewer.scene import opengl, overlays
 from abfm_viewer.scene.surfaces import Camera, fitted, look, register, show

@@ -12,9 +12,9 @@ import numpy as np
 
 from abfm import Population
 from abfm.io.sheets import Panel, Up, Values
+from abfm.pages.colormaps import ColorRange, color_range
+from abfm.pages.front import best_front
 from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import ColorRange, color_range
-from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.pictures.registration_pictures import (
     Planned,
     Row,

@@ -14,16 +14,16 @@ from PIL import Image
 from abfm import Correspondence, Match, PathStep, Registration, TriangleMesh
 from abfm.io.sheets import Checker, Panel, Sheet, Up, Values
 from abfm.maps import Distortion
-from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import ColorRange, table
-from abfm_viewer.computing.registered import (
+from abfm.pages.colormaps import ColorRange, table
+from abfm.pages.front import Front, triple
+from abfm.pages.registered import (
     MOST_CHANNELS,
     compared_colors,
     counts,
     fronts,
     functions_on_a,
 )
-from abfm_viewer.document.document import Front, triple
+from abfm.types import FloatArray
 from abfm_viewer.pictures.panels import panel_pictures
 from abfm_viewer.pictures.report_plots import histogram_picture, path_picture
 from abfm_viewer.scene.surfaces import Camera, fitted

@@ -14,10 +14,10 @@ from abfm import ResultError, TriangleMesh
 from abfm.errors import one_line
 from abfm.io.results import MEND, SEQUENCE, load_arrays, mesh_of
 from abfm.io.sheets import Panel, Sheet, Values
+from abfm.pages.colormaps import color_range
+from abfm.pages.front import best_front
 from abfm.sequences import is_sequence
 from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import color_range
-from abfm_viewer.computing.defaults import best_front
 from abfm_viewer.pictures.panels import panel_pictures
 from abfm_viewer.scene.surfaces import Camera, fitted
 

@@ -11,13 +11,15 @@ import numpy as np
 import polyscope.imgui as imgui
 
 from abfm import FunctionError
+from abfm.pages.colormaps import NO_VALUES, ColorRange, table
+from abfm.pages.film_motion import CRITICAL
+from abfm.pages.front import triple
 from abfm.types import FloatArray
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.colormaps import NO_VALUES, ColorRange, table
-from abfm_viewer.appearance.theme import CRITICAL, LANDMARKS, ON_LANDMARKS, Color, Palette
+from abfm_viewer.appearance.theme import LANDMARKS, ON_LANDMARKS, Color, Palette
 from abfm_viewer.computing.background import Memo
 from abfm_viewer.document import gaussians
-from abfm_viewer.document.document import SIDES, Side, triple
+from abfm_viewer.document.document import SIDES, Side
 from abfm_viewer.scene.scene import MARK_RADIUS, NO_VALUE, DrawnMark, Scene
 from abfm_viewer.session.active_gaussian import active_gaussian
 from abfm_viewer.session.session import Session

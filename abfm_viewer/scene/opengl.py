@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from abfm.io import temporary_folder
-from abfm_viewer.appearance import colormaps
+from abfm.pages import colormaps
 from abfm_viewer.errors import DrawingError
 
 if sys.platform == "linux":

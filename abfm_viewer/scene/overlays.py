@@ -12,6 +12,7 @@ import numpy as np
 
 import abfm
 from abfm.mesh import TriangleMesh, per_mesh
+from abfm.pages.film_motion import CRITICAL
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm_viewer.appearance import theme
 from abfm_viewer.computing.background import Memo, same
@@ -313,7 +314,7 @@ class Overlays:
         time = self._shown.session.document.time
         for kind in KINDS:
             own = tuple(way for way in ways if way.kind == kind)
-            color = theme.linear(theme.CRITICAL[kind])
+            color = theme.linear(CRITICAL[kind])
             name = _TRACKS[kind]
             if self._is_new("advected", name, (ways,) if own else None):
                 courses = [

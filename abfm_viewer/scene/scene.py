@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 import abfm
 from abfm import TriangleMesh
+from abfm.pages.colormaps import place_colors
+from abfm.pages.front import Front, best_front, triple
 from abfm.types import FloatArray
 from abfm_viewer.appearance import theme
-from abfm_viewer.appearance.colormaps import place_colors
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.computing.defaults import best_front, front_of_film
-from abfm_viewer.document.document import SIDES, Document, Front, Look, Point, Side, triple
+from abfm_viewer.computing.defaults import front_of_film
+from abfm_viewer.document.document import SIDES, Document, Look, Point, Side
 from abfm_viewer.scene import opengl, surfaces
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.overlays import Overlays, Placed, evenly_spread

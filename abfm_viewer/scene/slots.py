@@ -9,8 +9,9 @@ from typing import Self
 
 import numpy as np
 
+from abfm.pages.front import Front, triple
 from abfm.types import FloatArray
-from abfm_viewer.document.document import FARTHEST, NEAREST, Front, Layout, triple
+from abfm_viewer.document.document import FARTHEST, NEAREST, Layout
 from abfm_viewer.widgets.widget_record import Rect
 
 _MARGIN = 0.04  # of the smaller side, free on each side of a surface that fits

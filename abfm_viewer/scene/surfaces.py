@@ -8,16 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.mesh import TriangleMesh, per_mesh
-from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import (
+from abfm.pages.colormaps import (
     CHECKER_COLORS,
     DARK_CHECKER_COLORS,
     colors_of,
     loaded_name,
 )
+from abfm.pages.creases import drawn_mesh
+from abfm.pages.front import Front, Triple, triple
+from abfm.types import FloatArray
 from abfm_viewer.appearance.theme import linear, palette
-from abfm_viewer.computing.creases import drawn_mesh
-from abfm_viewer.document.document import Front, Theme, Triple, triple
+from abfm_viewer.document.document import Theme
 from abfm_viewer.scene.opengl import MATERIAL, ps
 from abfm_viewer.shown.paint import Paint
 

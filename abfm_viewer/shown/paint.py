@@ -10,16 +10,17 @@ from numpy.typing import NDArray
 
 import abfm
 from abfm import TriangleMesh
-from abfm.types import BoolArray, FloatArray
-from abfm_viewer.appearance.colormaps import (
+from abfm.pages.colormaps import (
     NO_VALUES,
     ColorRange,
     color_range,
     on_ground,
     place_colors,
 )
+from abfm.pages.front import Front
+from abfm.types import BoolArray, FloatArray
 from abfm_viewer.computing.background import Memo
-from abfm_viewer.document.document import CARRIED, HODGE_PARTS, SIDES, Front, Side, Theme
+from abfm_viewer.document.document import CARRIED, HODGE_PARTS, SIDES, Side, Theme
 from abfm_viewer.shown.shown import Field, Shown
 
 COMPUTING = ": computing"

@@ -13,17 +13,12 @@ from numpy.typing import NDArray
 import abfm
 from abfm import AbfmError
 from abfm.mesh import TriangleMesh
+from abfm.pages.colormaps import ColorRange
+from abfm.pages.film_motion import fast_in
 from abfm.types import BoolArray, FloatArray
 from abfm_viewer import shown
-from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.computing.background import Jobs, Latest
-from abfm_viewer.computing.films import fast_in
-from abfm_viewer.document.document import (
-    HODGE_PARTS,
-    SIDES,
-    Coloring,
-    FieldPart,
-)
+from abfm_viewer.document.document import HODGE_PARTS, SIDES, Coloring, FieldPart
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.session.session import Session
 from abfm_viewer.shown.arrows import ArrowLook, Arrows, arrow_spacing, arrows_of

@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.numerics.kernels import kernel
+from abfm.pages.colormaps import NO_VALUES, ColorRange, linear_table
 from abfm.streaks.line_integral import FloatImage
 from abfm.streaks.texture_atlas import TextureAtlas
 from abfm.types import BoolArray, FloatArray, IndexArray
-from abfm_viewer.appearance.colormaps import NO_VALUES, ColorRange, linear_table
 
 SHADE = 0.72  # how much the darkest streak darkens a function's colour, in linear light
 _BRIGHT, _DARK = 0.85, 0.06  # streaks without a function, in linear light

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from abfm.pages.film_motion import Way, ways_of
 from abfm.types import FloatArray
 from abfm_viewer.computing.background import Jobs, Latest
-from abfm_viewer.computing.films import Way, ways_of
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import polyscope.imgui as imgui
 
-from abfm_viewer.document.document import Document, Front, Look, triple
+from abfm.pages.front import Front, triple
+from abfm_viewer.document.document import Document, Look
 from abfm_viewer.panels.context import Context
 from abfm_viewer.panels.time_bar import STEP
 from abfm_viewer.session.session import Session

@@ -6,7 +6,7 @@ from typing import Any
 import polyscope.imgui as imgui
 
 from abfm import Parameters
-from abfm_viewer.appearance import colormaps
+from abfm.pages import colormaps
 from abfm_viewer.appearance.abbreviation import cut
 from abfm_viewer.document.document import LAYOUTS, THEMES
 from abfm_viewer.panels import landmarks

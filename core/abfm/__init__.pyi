@@ -7,6 +7,7 @@ from . import functions as functions
 from . import io as io
 from . import maps as maps
 from . import matching as matching
+from . import pages as pages
 from . import population as population
 from . import registration as registration
 from . import sequences as sequences

@@ -16,7 +16,8 @@ import numpy as np
 import trimesh
 
 from abfm import Parameters, match
-from abfm_viewer.document.document import Channel, Document, Front, Look, Point, Run, Surface, View
+from abfm.pages.front import Front
+from abfm_viewer.document.document import Channel, Document, Look, Point, Run, Surface, View
 from abfm_viewer.files.project import Origin, save_project
 from tests.mesh_writers import STL_WRITERS, WRITERS, exported
 from tests.shapes import icosphere, with_loose_vertex

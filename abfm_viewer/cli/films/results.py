@@ -11,10 +11,10 @@ import numpy as np
 
 import abfm
 from abfm import Sequence
+from abfm.pages.interval_words import motion_between, uncertainty
 from abfm.sequences import KINDS, is_unsolved
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import counted
-from abfm_viewer.document.verdict_words import motion_between, uncertainty
 
 _LEAST = 3  # intervals that a track has
 

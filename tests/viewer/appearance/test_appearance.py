@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from abfm_viewer.appearance import colormaps
-from abfm_viewer.appearance.colormaps import color_range, loaded_name, on_ground, table
+from abfm.pages import colormaps
+from abfm.pages.colormaps import color_range, loaded_name, on_ground, table
 from abfm_viewer.appearance.theme import DARK, palette
 from abfm_viewer.document.document import THEMES
 from abfm_viewer.scene.opengl import material_pictures

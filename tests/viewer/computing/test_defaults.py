@@ -11,12 +11,8 @@ from abfm.calculus import geodesic_distance, vertex_areas
 from abfm.functions import function, parse, vertex_normals
 from abfm.matching import resolution
 from abfm.outcome import Outcome
-from abfm_viewer.computing.defaults import (
-    WIDTH,
-    best_front,
-    changes_in_time,
-    default_functions,
-)
+from abfm.pages.front import best_front, changes_in_time
+from abfm_viewer.computing.defaults import WIDTH, default_functions
 from abfm_viewer.document.gaussians import landmark
 from tests.shapes import disc, ellipsoid, icosphere, square, torus
 

@@ -15,6 +15,7 @@ from abfm import StopReason
 from abfm.matching import Remedy, Verdict
 from abfm.matching.judging.cause import Cause
 from abfm.outcome import VERDICTS, Outcome, outcome_of
+from abfm.pages.interval_words import of_interval
 from abfm.wording import capital, counted, sentence, share
 from abfm_viewer.cli.match import status_of
 from abfm_viewer.document import verdict_words
@@ -221,7 +222,7 @@ def test_an_interval_of_a_film_is_told_as_a_match_is(kind, left, by_lines, said)
         verified_residual=np.array([by_lines]),
         parameters=abfm.Parameters(),
     )
-    assert verdict_words.of_interval(sequence, 0) == said
+    assert of_interval(sequence, 0) == said
 
 
 def test_of_landmarks_alone_it_is_told_how_far_they_are_left():

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from abfm import Parameters, load_mesh
-from abfm_viewer.appearance import colormaps
+from abfm.pages import colormaps
 from abfm_viewer.automation import Driver
 from abfm_viewer.document.document import LAYOUTS
 from abfm_viewer.window.menus import UI_SCALES

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import abfm
-from abfm_viewer.appearance.colormaps import NO_VALUES, colors_of
+from abfm.pages.colormaps import NO_VALUES, colors_of
+from abfm.pages.film_motion import fast_in
 from abfm_viewer.appearance.samples import WAVE
 from abfm_viewer.automation import Driver
-from abfm_viewer.computing.films import fast_in
 from abfm_viewer.document.film import FilmSettings
 from abfm_viewer.document.surface_points import surface_points
 from abfm_viewer.panels.film import _chosen

@@ -24,13 +24,13 @@ from abfm import (
 )
 from abfm.matching import Verdict
 from abfm.outcome import Outcome
+from abfm.pages.colormaps import NAMES
+from abfm.pages.front import Front
 from abfm.reading.labels import Labels
-from abfm_viewer.appearance.colormaps import NAMES
 from abfm_viewer.document import document as documents
 from abfm_viewer.document.document import (
     Channel,
     Document,
-    Front,
     Landmark,
     Look,
     Point,

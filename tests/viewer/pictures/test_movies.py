@@ -10,7 +10,7 @@ import pytest
 from av.codec.codec import UnknownCodecError
 
 from abfm import ResultError
-from abfm_viewer.appearance.colormaps import table
+from abfm.pages.colormaps import table
 from abfm_viewer.pictures.movies import write_movie
 from tests.messages import raises
 

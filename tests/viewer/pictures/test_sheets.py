@@ -13,7 +13,7 @@ import abfm
 from abfm import StopReason
 from abfm.io.sheets import Checker, Coordinates, Curve, Panel, Plot, Sheet, Streaks, Values
 from abfm.outcome import Outcome
-from abfm_viewer.appearance.colormaps import table
+from abfm.pages.colormaps import table
 from abfm_viewer.appearance.theme import LIGHT
 from abfm_viewer.pictures import panels, sheets
 from abfm_viewer.pictures.canvas import rgb

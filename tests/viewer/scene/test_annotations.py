@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from abfm.pages.colormaps import ColorRange
 from abfm_viewer.appearance.abbreviation import cut
-from abfm_viewer.appearance.colormaps import ColorRange
 from abfm_viewer.appearance.theme import palette
 from abfm_viewer.scene import annotations
 from abfm_viewer.scene.annotations import Disc, Line, Pen, Strip, Text, bar_parts, bar_room, ticks

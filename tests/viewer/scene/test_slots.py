@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from abfm import load_mesh
 from abfm.assets import asset_path
-from abfm_viewer.document.document import LAYOUTS, Front, Look, triple
+from abfm.pages.front import Front, triple
+from abfm_viewer.document.document import LAYOUTS, Look
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import ps
 from abfm_viewer.scene.scene import Scene

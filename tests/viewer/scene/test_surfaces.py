@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 import abfm
 from abfm import TriangleMesh, load_mesh
 from abfm.assets import asset_path
+from abfm.pages.front import Front, best_front
 from abfm_viewer.automation.driver import Driver
-from abfm_viewer.computing.defaults import best_front
-from abfm_viewer.document.document import Channel, Document, Front, Surface
+from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.files.project import save_project
 from abfm_viewer.pictures.document_pictures import DocumentRenderer, PictureOptions
 from abfm_viewer.pictures.sheets import match_picture

@@ -8,7 +8,8 @@ import pytest
 
 from abfm import FunctionError, Parameters
 from abfm.outcome import Outcome
-from abfm_viewer.document.document import Channel, Document, Front, Look, Surface, View
+from abfm.pages.front import Front
+from abfm_viewer.document.document import Channel, Document, Look, Surface, View
 from abfm_viewer.session.editor import LONGEST, Editor
 from abfm_viewer.session.player import SECONDS, Player
 from abfm_viewer.session.session import Session

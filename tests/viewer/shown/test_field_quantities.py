@@ -8,7 +8,7 @@ import pytest
 import abfm
 from abfm import AbfmError, Parameters
 from abfm.calculus import commuting_fields, gradient, pushforward, relative_bracket, to_ambient
-from abfm_viewer.appearance.colormaps import NO_VALUES, color_range, linear_table
+from abfm.pages.colormaps import NO_VALUES, color_range, linear_table
 from abfm_viewer.session.film_files import document_of_sequence
 from abfm_viewer.shown import shown as shown_module
 from abfm_viewer.shown.shown import Field, carried_gradient

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from abfm import Correspondence, Match, Registration
 from abfm.calculus.operators import vertex_areas
+from abfm.matching import Match
+from abfm.pages.colormaps import ColorRange, color_range
+from abfm.pages.front import Front, best_front, triple
+from abfm.registration import Correspondence, Registration
 from abfm.types import FloatArray
-from abfm_viewer.appearance.colormaps import ColorRange, color_range
-from abfm_viewer.computing.defaults import best_front
-from abfm_viewer.document.document import Front, triple
 
 MOST_CHANNELS = 4
 """The most pairs of functions that are shown."""

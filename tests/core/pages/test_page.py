@@ -11,9 +11,7 @@ import pytest
 
 import abfm
 from abfm import ParameterError
-from abfm_viewer.appearance.colormaps import ColorRange
-from abfm_viewer.document.document import Front
-from abfm_viewer.pages import (
+from abfm.pages import (
     Clock,
     Labels,
     Layer,
@@ -25,8 +23,10 @@ from abfm_viewer.pages import (
     film_page,
     match_page,
 )
-from abfm_viewer.pages.of_sequences import PART_VALUES_MAX, VALUES_MAX
-from abfm_viewer.pages.packing import Store, quantised
+from abfm.pages.colormaps import ColorRange
+from abfm.pages.front import Front
+from abfm.pages.of_sequences import PART_VALUES_MAX, VALUES_MAX
+from abfm.pages.packing import Store, quantised
 from tests.messages import check_message, raises
 from tests.shapes import icosphere
 
@@ -180,7 +180,7 @@ def test_page_of_a_film_has_carried_keys_between_its_frames():
 
 
 def test_page_of_many_frames_shows_some_of_them_and_says_so(monkeypatch):
-    monkeypatch.setattr("abfm_viewer.pages.of_sequences.VALUES_MAX", 5 * 42)
+    monkeypatch.setattr("abfm.pages.of_sequences.VALUES_MAX", 5 * 42)
     film = Film(icosphere(1), 12)
     page = film_page(film, "wave", Told())
     layer = page.panels[0].layers[0]

@@ -10,9 +10,9 @@ import pytest
 import abfm
 from abfm.matching.judging.verdict import Verdict
 from abfm.outcome import Outcome
-from abfm_viewer.computing.films import OPACITY_MIN, fast_in
-from abfm_viewer.pages import Labels, Told, film_page, sequence_page
-from abfm_viewer.pages.of_sequences import PLAY_SECONDS_MAX, PLAY_SECONDS_MIN
+from abfm.pages import Labels, Told, film_page, sequence_page
+from abfm.pages.film_motion import OPACITY_MIN, fast_in
+from abfm.pages.of_sequences import PLAY_SECONDS_MAX, PLAY_SECONDS_MIN
 from tests.messages import check_message
 from tests.shapes import icosphere
 

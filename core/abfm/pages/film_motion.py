@@ -1,4 +1,4 @@
-"""How the fields of a film compare, and where its critical points go."""
+"""Motion of a sequence as it is drawn: fast fields, and paths of critical points."""
 
 from __future__ import annotations
 
@@ -17,6 +17,13 @@ if TYPE_CHECKING:
 
 OPACITY_MIN = 0.1
 """Smallest opacity of arrows, which is how well frames determine the field there, 0 to 1."""
+CRITICAL = {
+    "source": (0.949, 0.722, 0.020, 1.0),
+    "sink": (0.110, 0.486, 0.235, 1.0),
+    "spiral": (0.541, 0.247, 1.000, 1.0),
+    "saddle": (0.851, 0.102, 0.569, 1.0),
+}
+"""Colours of critical points by kind, sRGB with alpha, unlike the colours of functions."""
 _PIECE = 0.01  # of sqrt(area): between points of a way, which else would cut through the surface
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from abfm_viewer.pages.packing import LEVELS, NONE, Store, quantised, quantised_places
+from abfm.pages.packing import LEVELS, NONE, Store, quantised, quantised_places
 from tests.shapes import ellipsoid
 
 

@@ -12,14 +12,14 @@ import pytest
 from abfm import TriangleMesh
 from abfm.batch import Entry, Row
 from abfm.outcome import Facts, Outcome
-from abfm_viewer.appearance.colormaps import ColorRange, linear_table
+from abfm.pages import Clock, Layer, Page, Panel, Span, Ways
+from abfm.pages.colormaps import ColorRange, linear_table
+from abfm.pages.front import Front
 from abfm_viewer.cli.batches.page import page as batch_page
 from abfm_viewer.cli.batches.rows import SummaryRow
 from abfm_viewer.cli.reports.report_page import document, rows_table
-from abfm_viewer.document.document import Front
-from abfm_viewer.pages import Clock, Layer, Page, Panel, Span, Ways
+from tests.core.pages.browser import SIZE, ActionChains, Keys, Shown, browser
 from tests.shapes import hemisphere, icosphere
-from tests.viewer.pages.browser import SIZE, ActionChains, Keys, Shown, browser
 
 FRONT = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
 COLORS = ColorRange("abfm sequential", 0.0, 1.0)

@@ -7,21 +7,25 @@ from dataclasses import replace
 
 import numpy as np
 
-import abfm
-from abfm import AbfmError, Facts, Match, Registration, TriangleMesh
-from abfm.maps import SurfacePoints
-from abfm.types import FloatArray
-from abfm.wording import share
-from abfm.workers.progress import step
-from abfm_viewer.appearance.colormaps import ColorRange, color_range
-from abfm_viewer.computing.defaults import best_front
-from abfm_viewer.computing.registered import (
+from abfm.errors import AbfmError
+from abfm.flow import flow_lines
+from abfm.maps import SurfacePoints, spread_points
+from abfm.matching import Match
+from abfm.mesh import TriangleMesh
+from abfm.outcome import Facts
+from abfm.pages.colormaps import ColorRange, color_range
+from abfm.pages.front import best_front
+from abfm.pages.page import Clock, Color, Layer, Page, Panel, Ways
+from abfm.pages.registered import (
     MOST_CHANNELS,
     compared_colors,
     fronts,
     functions_on_a,
 )
-from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Ways
+from abfm.registration import Registration
+from abfm.types import FloatArray
+from abfm.wording import share
+from abfm.workers.progress import step
 
 _FRAMES = 7, 41  # fewest and most keys of what is carried
 _MOST_VALUES = 3_000_000  # in all keys of all functions: about as many bytes of a page
@@ -120,7 +124,7 @@ def _moving(
 def _lines(match: Match) -> list[Ways]:
     """Return flow lines from places spread over the surface, and from the landmarks."""
     mesh, tau = match.mesh, match.parameters.tau
-    spread = abfm.maps.spread_points(mesh)
+    spread = spread_points(mesh)
     seeds = spread.points[np.arange(min(_LINES, len(spread.gaps)))]
     paths = _walked(match, seeds)
     least = _LEAST * mesh.length_scale
@@ -139,7 +143,7 @@ def _walked(match: Match, seeds: SurfacePoints) -> list[tuple[FloatArray, FloatA
     tau = match.parameters.tau
     found, lines = [], []
     with step("flow lines"), suppress(AbfmError):  # those that lead over too many faces
-        lines = abfm.flow.flow_lines(match.mesh, match.fine_velocity, seeds, tau, tau)
+        lines = flow_lines(match.mesh, match.fine_velocity, seeds, tau, tau)
     for line in lines:
         times = np.linspace(0, tau, _PLACES)
         places = [np.interp(times, line.times, line.positions[:, x]) for x in range(3)]

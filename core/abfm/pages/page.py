@@ -22,19 +22,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from abfm import TriangleMesh
 from abfm.errors import ParameterError
 from abfm.io import write_atomically
+from abfm.mesh import TriangleMesh
 from abfm.outcome import Tone
+from abfm.pages.colormaps import ColorRange, table
+from abfm.pages.creases import drawn_mesh
+from abfm.pages.front import Front
+from abfm.pages.packing import Store, quantised, quantised_places
 from abfm.types import FloatArray, IntArray
 from abfm.wording import capital
 from abfm.workers.progress import step
-from abfm_viewer.appearance.colormaps import ColorRange, table
-from abfm_viewer.computing.creases import drawn_mesh
-from abfm_viewer.document.document import Front
-from abfm_viewer.pages.packing import Store, quantised, quantised_places
 
-_HERE = Path(__file__).parent
+_TEMPLATE = Path(__file__).parent / "template"
 _SCRIPTS = ("packing.js", "drawing.js", "camera.js", "player.js", "values.js", "page.js")
 _STOPS = 16  # of the colour bar's gradient
 _COLORS = 256  # of a colour map
@@ -342,7 +342,7 @@ def _gradient(colormap: str) -> list[str]:
 
 
 def _text(name: str) -> str:
-    return (_HERE / name).read_text(encoding="utf-8")
+    return (_TEMPLATE / name).read_text(encoding="utf-8")
 
 
 def _in_script(told: Any) -> str:

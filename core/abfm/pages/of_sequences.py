@@ -10,21 +10,23 @@ from typing import Protocol
 
 import numpy as np
 
-import abfm
-from abfm import TriangleMesh
+from abfm import sequences
+from abfm.calculus import face_normals
 from abfm.calculus.operators import vertex_areas
+from abfm.flow import flow_lines, straight_ways, vectors_at
+from abfm.maps import SurfacePoints, spread_points
+from abfm.mesh import TriangleMesh
 from abfm.outcome import Tone
+from abfm.pages.colormaps import ColorRange, color_range
+from abfm.pages.film_motion import CRITICAL, OPACITY_MIN, fast_in, ways_of
+from abfm.pages.front import best_front, changes_in_time
+from abfm.pages.interval_words import motion_between, of_interval, uncertainty
+from abfm.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
+from abfm.pages.registered import MOST_CHANNELS
 from abfm.types import BoolArray, FloatArray
 from abfm.wording import share
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
-from abfm_viewer.appearance.colormaps import ColorRange, color_range
-from abfm_viewer.appearance.theme import CRITICAL
-from abfm_viewer.computing.defaults import best_front, changes_in_time
-from abfm_viewer.computing.films import OPACITY_MIN, fast_in, ways_of
-from abfm_viewer.computing.registered import MOST_CHANNELS
-from abfm_viewer.document.verdict_words import motion_between, of_interval, uncertainty
-from abfm_viewer.pages.page import Clock, Color, Layer, Page, Panel, Span, Ways
 
 VALUES_MAX = 4_000_000
 """Values in all keys of all functions; a value is two bytes of a page."""
@@ -90,7 +92,7 @@ class Told:
     unknown: BoolArray | None = None
 
 
-def sequence_page(sequence: abfm.Sequence, title: str, labels: Labels | None = None) -> Page:
+def sequence_page(sequence: sequences.Sequence, title: str, labels: Labels | None = None) -> Page:
     """Return the page of a sequence: its frames and what is carried between them, what each
     interval came to, arrows of its field, path lines, critical points on their tracks, and
     divergence and curl.
@@ -180,7 +182,7 @@ def _layer(name: str, values: FloatArray, times: FloatArray, unit: str) -> Layer
     return Layer(name, shown, ColorRange("abfm diverging", -most, most), at, unit)
 
 
-def _speed(sequence: abfm.Sequence, labels: Labels) -> str:
+def _speed(sequence: sequences.Sequence, labels: Labels) -> str:
     """Return the median over time of the root mean square over the surface."""
     return f"{float(np.median(sequence.speed)):.3g}, {_unit_of_speed(labels)}"
 
@@ -190,7 +192,7 @@ def _unit_of_speed(labels: Labels) -> str:
     return f"in the mesh's unit per {unit}"
 
 
-def _tracks(sequence: abfm.Sequence) -> list[Ways]:
+def _tracks(sequence: sequences.Sequence) -> list[Ways]:
     kinds: dict[str, list[tuple[FloatArray, FloatArray]]] = defaultdict(list)
     for way in ways_of(sequence.tracks()):
         kinds[way.kind].append((way.times, way.points.positions))
@@ -202,29 +204,29 @@ def _tracks(sequence: abfm.Sequence) -> list[Ways]:
     ]
 
 
-def _arrows(sequence: abfm.Sequence) -> Ways:
+def _arrows(sequence: sequences.Sequence) -> Ways:
     """Return arrows of each interval's field about places that stay the same, no longer than these
     are apart, which fade where frames do not determine it; none where it is slow, where they would
     meet a boundary, or leave the surface.
     """
     mesh, times = sequence.mesh, sequence.times
-    spread, fast = abfm.maps.spread_points(mesh), fast_in(sequence) or 1.0
+    spread, fast = spread_points(mesh), fast_in(sequence) or 1.0
     count = min(_ARROWS_PER_INTERVAL_MAX, max(_ARROWS_MAX // len(sequence), 1), len(spread.gaps))
     points, normals = spread.points[np.arange(count)], spread.normals[:count]
     longest = _ARROW_LENGTH_MAX * mesh.length_scale * min(float(spread.gaps[count - 1]), 0.2)
-    face_normals = abfm.calculus.face_normals(mesh)
+    normals_of_faces = face_normals(mesh)
     parts: list[tuple[FloatArray, ...]] = []
     with step("arrows") as tell:
         for number, velocity in enumerate(sequence.velocity):
             checkpoint()
-            vectors = abfm.flow.vectors_at(mesh, velocity, points) / fast
+            vectors = vectors_at(mesh, velocity, points) / fast
             opacities = sequence.determined[number][points.faces]
             speed = np.linalg.norm(vectors, axis=1)
             vectors *= (longest * np.minimum(1.0, 1 / np.maximum(speed, 1e-300)))[:, None]
             seen, tips = (speed > _ARROW_SPEED_MIN) & (opacities > OPACITY_MIN), []
             for side in (-0.5, 0.5):
-                found, inside = abfm.flow.straight_ways(mesh, points, side * vectors)
-                turned = (face_normals[found.faces] * normals).sum(axis=1)
+                found, inside = straight_ways(mesh, points, side * vectors)
+                turned = (normals_of_faces[found.faces] * normals).sum(axis=1)
                 seen &= inside & (turned > _ARROW_COSINE_MIN)
                 tips.append(found.positions)
             spans = np.broadcast_to(times[number : number + 2], (count, 2))
@@ -235,7 +237,7 @@ def _arrows(sequence: abfm.Sequence) -> Ways:
     return replace(ways, normals=of_pieces[0], opacities=of_pieces[1])
 
 
-def _about_arrows(sequence: abfm.Sequence, labels: Labels) -> str:
+def _about_arrows(sequence: sequences.Sequence, labels: Labels) -> str:
     if not (fast := fast_in(sequence)):
         return "nothing moves: there are no arrows"
     return (
@@ -245,7 +247,7 @@ def _about_arrows(sequence: abfm.Sequence, labels: Labels) -> str:
     )
 
 
-def _about_mask(sequence: abfm.Sequence) -> list[str]:
+def _about_mask(sequence: sequences.Sequence) -> list[str]:
     if (unknown := sequence.unknown) is None:
         return []
     areas = vertex_areas(sequence.mesh)
@@ -255,13 +257,13 @@ def _about_mask(sequence: abfm.Sequence) -> list[str]:
     ]
 
 
-def _path_lines(sequence: abfm.Sequence) -> Ways:
+def _path_lines(sequence: sequences.Sequence) -> Ways:
     """Return path lines from places spread over the surface; each begins anew after a while, not
     all at once.
     """
     mesh, times = sequence.mesh, sequence.times
     count = min(_PATH_LINES_MAX, _PATH_PIECES_MAX // len(sequence))
-    spread = abfm.maps.spread_points(mesh)
+    spread = spread_points(mesh)
     seeds = spread.points[np.arange(min(count, len(spread.gaps)))]
     ages = np.arange(len(seeds.faces)) % _PATH_INTERVALS
     faces, barycentric = seeds.faces, seeds.barycentric
@@ -271,9 +273,9 @@ def _path_lines(sequence: abfm.Sequence) -> Ways:
             zip(sequence.velocity, pairwise(times), strict=True)
         ):
             checkpoint()
-            here = abfm.maps.SurfacePoints(mesh, faces, barycentric)
+            here = SurfacePoints(mesh, faces, barycentric)
             # a fifth of the time that the continuous flow takes, which has more to prepare
-            lines = abfm.flow.flow_lines(mesh, velocity, here, end - begin)
+            lines = flow_lines(mesh, velocity, here, end - begin)
             starts.append(here.positions)
             ends.append(np.array([line.positions[-1] for line in lines]))
             spans.append(np.tile([begin, end], (len(ages), 1)))
