@@ -35,7 +35,10 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser.add_argument_group("who solves"))
     what = "so many processes of this machine (default: one for each core)"
     add("--jobs", what, "N", type=options.processes)
-    what = "a Dask cluster's scheduler instead, such as tcp://10.0.0.1:8786"
+    what = (
+        "a Dask cluster's scheduler instead, such as tcp://10.0.0.1:8786; whoever controls it can "
+        "run programs on this machine and on its workers: use one that you trust"
+    )
     add("--scheduler", what, "ADDRESS", type=options.address)
     add("--scheduler-file", "the same by the file in which it has its address", "FILE", type=Path)
 
@@ -202,7 +205,7 @@ def _lines(
     took = "" if seconds is None else f", in {seconds:.1f} s"
     lines = [f"{counted(len(rows), 'row')}: {words}{took}"]
     lines += [] if best is None else best.sentences()
-    failed = [row for row in rows if row.facts.outcome is Outcome.FAILED]
+    failed = [row for row in rows if row.facts.outcome is Outcome.FAILED or row.entry.reason]
     lines += [f"  {_line(row)}" for row in failed[:_FAILURES_MAX]]
     if len(failed) > _FAILURES_MAX:
         lines.append(f"  and {len(failed) - _FAILURES_MAX} more, see the summary")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from abfm import AbfmError
 from abfm.errors import one_line
-from abfm.io import write_atomically
+from abfm.io import write_atomically, write_csv
 from abfm_viewer import pictures
 from abfm_viewer.cli.batches.page import page
 from abfm_viewer.cli.batches.rows import SummaryRow, worst
@@ -54,16 +53,20 @@ def _write_table(path: Path, rows: Sequence[SummaryRow]) -> None:
         repeats |= Counter(column for column, _ in row.entry.row.options)
     columns = list(repeats.elements())
     own = [key for key in rows[0].to_dict() if key != "file"] if rows else []
-    with path.open("w", encoding="utf-8", errors="replace", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([*own, *columns])
-        for row in rows:
-            given = defaultdict[str, list[str]](list)
-            for column, text in reversed(row.entry.row.options):
-                given[column].append(text)
-            cells = [given[column].pop() if given[column] else "" for column in columns]
-            facts = row.to_dict()
-            writer.writerow([*("" if facts[key] is None else facts[key] for key in own), *cells])
+    with path.open("w", encoding="utf-8", newline="") as file:
+        write_csv(file, [[*own, *columns]])
+        write_csv(file, (_cells(row, own, columns) for row in rows))
+
+
+def _cells(row: SummaryRow, own: Sequence[str], columns: Sequence[str]) -> list[object]:
+    given = defaultdict[str, list[str]](list)
+    for column, text in reversed(row.entry.row.options):
+        given[column].append(text)
+    facts = row.to_dict()
+    return [
+        *(facts[key] for key in own),
+        *(given[column].pop() if given[column] else "" for column in columns),
+    ]
 
 
 def _picture(folder: Path, digest: str) -> Path:

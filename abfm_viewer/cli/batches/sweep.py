@@ -65,6 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
         rows = combinations(_fixed(arguments), over)
     except ParameterError as error:
         raise UsageError(re.sub("^column ", "--", str(error))) from error
+    if "largest-component" not in over:
+        options.mesh(arguments)  # refused here, it would fail every row
     title = f"{printable(Path(arguments.mesh).name)}, over {' and '.join(over)}"
     return solve(rows, title, arguments)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import io
 import json
 import re
@@ -21,7 +20,7 @@ import abfm
 from abfm import Control, Parameters, Population, read_subjects
 from abfm.batch import Entry
 from abfm.errors import AbfmError, one_line, printable
-from abfm.io import write_atomically
+from abfm.io import write_atomically, write_csv
 from abfm.population import HELD_OUT, Settings, function_text
 from abfm.population.settings import BOUND, MOST_ROUNDS
 from abfm.workers.control import CancelledError
@@ -262,13 +261,12 @@ def _arrays(found: Population) -> tuple[dict[str, Any], dict[str, Any]]:
 def _table(facts: Mapping[str, Any]) -> str:
     """Return a table of subjects, the worst first."""
     text = io.StringIO(newline="")
-    writer = csv.writer(text)
     names = [each["name"] for each in facts["channels"]]
     own = [name for name in facts["subjects"][0] if name != "scores"]
     ends = ("before", "after")
-    writer.writerow([*own, *(f"{name} {end}" for name in names for end in ends)])
+    rows = [[*own, *(f"{name} {end}" for name in names for end in ends)]]
     for subject in facts["subjects"]:
         scores = [value for name in names for value in subject["scores"][name]]
-        cells = [*(subject[name] for name in own), *scores]
-        writer.writerow(["" if cell is None else cell for cell in cells])
+        rows.append([*(subject[name] for name in own), *scores])
+    write_csv(text, rows)
     return text.getvalue()

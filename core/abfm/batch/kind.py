@@ -80,7 +80,10 @@ def facts_of_match(path: Path) -> Facts:
         # of a registration, which may be worse than that of its match
         name = "registration_verdict" if "registration_verdict" in archive else "verdict"
         texts = entries["verdict"].check(name, archive[name], {})
-        warnings = tuple(archive["warnings"].tolist()) if "warnings" in archive else ()
+        warnings = list[str]()
+        if "warnings" in archive:
+            entry = results.REGISTRATION.entries["warnings"]
+            warnings = entry.check("warnings", archive["warnings"], {}).tolist()
         verdict = Verdict.of_texts(texts.tolist())
         numbers |= _distortion(archive)
     worse = worse_residual(numbers["residual"], numbers["verified_residual"])
@@ -90,7 +93,10 @@ def facts_of_match(path: Path) -> Facts:
         verdict.reason,
         verdict.advice,
         known_numbers(numbers),
-        (*distortion_warnings(verdict.kind, numbers.get("log2_area_95", math.nan)), *warnings),
+        (
+            *distortion_warnings(verdict.kind, numbers.get("log2_area_95", math.nan)),
+            *warnings,
+        ),
     )
 
 
@@ -140,7 +146,7 @@ def mesh_of_row(path: str, given: Mapping[str, Any]) -> TriangleMesh:
     try:
         status = stat(path)
         changed = status.st_size, status.st_mtime_ns
-    except OSError:
+    except (OSError, ValueError):
         changed = 0, 0  # it cannot be loaded, which tells why
     return _loaded(path, changed, largest)
 

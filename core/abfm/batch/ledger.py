@@ -7,14 +7,13 @@ import os
 import re
 import secrets
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 from zipfile import is_zipfile
 
 from abfm.batch.rows import Row
-from abfm.errors import AbfmError, ResultError, brief, one_line
+from abfm.errors import ResultError, brief, one_line
 from abfm.io import write_atomically
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts, Outcome
@@ -184,24 +183,36 @@ class Ledger:
         """
         try:
             told = from_json(read_bytes(self.own / "rows.json", _LARGEST))
-            rows = [Row(each["name"], each["options"], each["folder"]) for each in told["rows"]]
-            keys = [_checked_key(each["key"]) for each in told["rows"]]
-            found = [self._entry(row, key) for row, key in zip(rows, keys, strict=True)]
-            return str(told["title"]), found
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            if isinstance(error, AbfmError | ValueError | KeyError | TypeError):
-                reason = f"its list of rows is damaged ({one_line(error, 80)})"
-            else:
-                reason = one_line(error)
+            if not isinstance(told, dict) or not isinstance(told.get("rows"), list):
+                raise ValueError(f"it holds {brief(told)}")
+            found = [self._kept(number, each) for number, each in enumerate(told["rows"], 1)]
+            return one_line(told.get("title", "")), found
+        except (OSError, ValueError) as error:
+            reason = one_line(error, 80)
+            if not isinstance(error, OSError):
+                reason = f"its list of rows is damaged ({reason})"
             raise ResultError(
                 f"{one_line(self.folder)} holds no batch: {reason}; give the folder that a batch "
                 "was written to"
             ) from error
 
+    def _kept(self, number: int, told: Any) -> Entry:
+        """Return what is known of a row of the list; a failure if it is damaged."""
+        try:
+            row, key = _row_and_key(told)
+        except ValueError as error:
+            reason = f"its line in the list of rows is damaged: {one_line(error, 200)}"
+            return Entry(Row.unreadable(f"row {number}"), "failed", Record(reason=reason))
+        return self._entry(row, key)
+
     def _entry(self, row: Row, key: str) -> Entry:
-        record = self._read(key)
-        if record is None:
+        try:
+            record = self._read(key)
+        except FileNotFoundError:
             return Entry(row, "missing")
+        except (OSError, ValueError) as error:
+            reason = f"its file in the folder ledger is damaged ({one_line(error, 80)})"
+            return Entry(row, "missing", Record(reason=reason))
         if record.reason:
             return Entry(row, "failed", record)
         if self.has(record.digest):
@@ -211,22 +222,33 @@ class Ledger:
     def _place(self, key: str) -> Path:
         return self.own / f"{key}.json"
 
-    def _read(self, key: str) -> Record | None:
-        """Return what was written of a row; None if its file is missing or damaged."""
-        with suppress(OSError, ValueError, TypeError):
-            record = Record(**from_json(read_bytes(self._place(key), _LARGEST)))
-            reason, expected = (
-                one_line(text, _LONGEST_REASON) for text in (record.reason, record.expected)
-            )
-            return replace(record, reason=reason, expected=expected)
-        return None
+    def _read(self, key: str) -> Record:
+        """Return what was written of a row; an OSError or ValueError says why that cannot be."""
+        told = from_json(read_bytes(self._place(key), _LARGEST))
+        known = {each.name for each in fields(Record)}
+        if not isinstance(told, dict) or not told or told.keys() - known:
+            raise ValueError(f"it holds {brief(told)}")
+        record = Record(**told)
+        reason, expected = (
+            one_line(text, _LONGEST_REASON) for text in (record.reason, record.expected)
+        )
+        return replace(record, reason=reason, expected=expected)
 
     def _write(self, path: Path, content: object) -> None:
         with write_atomically(path) as temporary:
             temporary.write_text(json.dumps(content), encoding="utf-8")
 
 
-def _checked_key(key: object) -> str:
-    if not (isinstance(key, str) and _NAME.fullmatch(key)):
-        raise ValueError(f"the key of a row is {brief(key)}; expected hexadecimal digits")
-    return key
+def _row_and_key(told: Any) -> tuple[Row, str]:
+    """Return a row and its key as `Ledger.write_rows` wrote them, or raise a ValueError."""
+    try:
+        name, folder, key = (told[each] for each in ("name", "folder", "key"))
+        options = [(column, text) for column, text in told["options"]]
+        texts = [name, folder, key, *(text for pair in options for text in pair)]
+        if not all(isinstance(text, str) for text in texts):
+            raise TypeError
+    except (TypeError, KeyError, ValueError):
+        raise ValueError(f"it is {brief(told)}; expected name, options, folder and key") from None
+    if not _NAME.fullmatch(key):
+        raise ValueError(f"its key is {brief(key)}; expected hexadecimal digits")
+    return Row(name, options, folder), key

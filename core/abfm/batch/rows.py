@@ -17,9 +17,9 @@ from urllib.parse import unquote
 from abfm.batch.columns import absolute
 from abfm.batch.kind import Cost, Kind, Prepared
 from abfm.batch.kinds import KINDS, kind_of_columns
-from abfm.errors import ParameterError, brief, did_you_mean
+from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm.matching.problem import Problem
-from abfm.reading import open_plain
+from abfm.reading import open_plain, referenced_file
 from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, files_of_film
 from abfm.workers.control import Control
 
@@ -46,7 +46,7 @@ class Row:
     Parameters
     ----------
     name : str
-        What it is called.
+        What it is called; characters that cannot be printed become question marks.
     options : mapping of str, or pairs
         Texts by column, named as the options of `abfm match` and `abfm register`: ``mesh``,
         ``source``, ``target``, ``alpha``, ...; ``a`` and ``b`` for a registration. Pairs may have
@@ -95,7 +95,9 @@ class Row:
         if missing:
             raise ParameterError(f"column {missing[0]}: a {kind} needs it, and it is empty")
         folder = os.path.abspath(os.path.expanduser(folder))
-        self.__dict__.update(name=str(name), options=given, folder=folder, kind=kind)
+        self.__dict__.update(
+            name=printable(" ".join(str(name).split())), options=given, folder=folder, kind=kind
+        )
         self.declared.check(self.values())
 
     @property
@@ -139,6 +141,13 @@ class Row:
     def told(self) -> dict[str, Any]:
         """Return what it is made of, as plain lists and texts."""
         return {"name": self.name, "options": list(map(list, self.options)), "folder": self.folder}
+
+    @classmethod
+    def unreadable(cls, name: str) -> Row:
+        """Return a row in place of one that cannot be read, to report it among the others."""
+        row = object.__new__(cls)
+        row.__dict__.update(name=name, options=(), folder=".", kind=next(iter(cls.kinds)))
+        return row
 
     def files(self) -> list[str]:
         """Return the absolute names of the files that it is made of, whether they exist or not."""
@@ -258,11 +267,10 @@ def _with_companions(path: str) -> list[str]:
         try:
             with open_plain(path, _LARGEST_JSON) as file:
                 names = _URI.findall(file.read())
-        except OSError:
+            decoded = (unquote(name.decode("utf-8", "replace")) for name in names)
+            return [path, *(os.fspath(referenced_file(path, name)) for name in decoded)]
+        except (OSError, ValueError):  # the reader reports them
             return [path]
-        folder = os.path.dirname(path)
-        others = (os.path.join(folder, unquote(name.decode("utf-8", "replace"))) for name in names)
-        return [path, *others]
     if low.endswith(VTK_ENDINGS):
         try:
             return list(dict.fromkeys([path, *map(os.fspath, files_of_film(Path(path)))]))

@@ -70,6 +70,13 @@ def rows_of_text(text: str, folder: str | os.PathLike[str]) -> list[Row]:
     rows = [_row(columns, cells, number, folder) for number, cells in enumerate(lines, 1)]
     if not rows:
         raise ParameterError("it has no rows: expected a line of names of columns, and more below")
+    first: dict[str, int] = {}
+    for number, row in enumerate(rows, 1):
+        if first.setdefault(row.name, number) != number:
+            raise ParameterError(
+                f"rows {first[row.name]} and {number} are both named {brief(row.name)}; give each "
+                "a name of its own"
+            )
     return rows
 
 
@@ -78,6 +85,9 @@ def table_cells(text: str, most: int = _MOST_ROWS) -> Iterator[list[str]]:
     so many; no line has more cells than there are columns.
     """
     head = text.lstrip().partition("\n")[0]
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise ParameterError(f"line {line}: it has a zero byte; save the table as UTF-8")
     delimiter = max(_DELIMITERS, key=head.count)
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
     number, width = -1, 0

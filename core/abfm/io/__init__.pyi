@@ -22,6 +22,7 @@ from .source_estimates import even_step as even_step
 from .source_estimates import write_stc as write_stc
 from .surface_images import from_surface_image as from_surface_image
 from .surface_images import to_surface_image as to_surface_image
+from .tables import write_csv as write_csv
 from .textured import TEXTURED as TEXTURED
 from .textured import textured_files as textured_files
 from .textured import write_textured as write_textured

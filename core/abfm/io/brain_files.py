@@ -5,7 +5,6 @@ GIFTI is as Connectome Workbench expects it: values of single precision, keys of
 hemisphere as ``AnatomicalStructurePrimary``. The same data makes the same file every time.
 """
 
-import csv
 import gzip
 import os
 from collections.abc import Mapping, Sequence
@@ -27,6 +26,7 @@ from abfm.io.cifti_files import (
     write_cifti_values,
 )
 from abfm.io.exports import export_ply
+from abfm.io.tables import write_csv
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.reading import FREESURFER_SURFACES, FREESURFER_VALUES, LABEL, Labels
@@ -289,7 +289,7 @@ def _write_plain(
             return
         with temporary.open("w", encoding="utf-8", newline="") as file:
             if names:
-                csv.writer(file, lineterminator="\n").writerow(names)
+                write_csv(file, [names])
             np.savetxt(file, values, form, _TEXTS[ending])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import re
 from collections.abc import Iterable
@@ -21,6 +20,7 @@ from abfm.io import (
     export_vtu,
     temporary_folder,
     write_atomically,
+    write_csv,
     write_stc,
     write_values,
 )
@@ -226,4 +226,4 @@ def _write_table(path: str | os.PathLike[str], heads: list[str], rows: Iterable[
         write_atomically(path) as temporary,
         temporary.open("w", newline="", encoding="utf-8") as file,
     ):
-        csv.writer(file, lineterminator="\n").writerows([heads, *rows])
+        write_csv(file, [heads, *rows])

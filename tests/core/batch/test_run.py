@@ -244,9 +244,10 @@ def test_a_ledger_that_is_damaged_loses_nothing_but_time(done):
     _, folder, entries, _ = done
     ledger, (row, path) = Ledger(folder), (entries[0].row, entries[0].path)
     record, result = folder / "ledger" / f"{row.key}.json", path.stat().st_mtime_ns
-    for damage in ("", "[]", '{"digest": 1}', '{"digest": "x", "other": 1}', '{"digest"'):
+    for damage in ("", "[]", "{}", '{"digest": 1}', '{"digest": "x", "other": 1}', '{"digest"'):
         record.write_text(damage)
         assert ledger.entry(row).state == "missing"
+        check_message(ledger.entry(row).reason, "ledger")
     (entry,) = run([row], folder, ONE)
     assert (entry.state, entry.path) == ("done", path)
     assert path.stat().st_mtime_ns == result  # it was there, and was not solved again
@@ -278,14 +279,27 @@ def test_record_with_wrong_field_is_missing(done, tmp_path, fields):
     assert ledger.entry(row).reason == "no ?[31mfile"
 
 
-@pytest.mark.parametrize("key", ["../x", "/x/y", "", 3, None])
-def test_row_with_wrong_key_is_refused(done, tmp_path, key):
-    ledger = Ledger(tmp_path)
-    ledger.make()
-    row = {**done[0][0].told(), "key": key}
-    (ledger.own / "rows.json").write_text(json.dumps({"title": "t", "rows": [row]}))
-    with raises(ResultError):
-        ledger.kept()
+@pytest.mark.parametrize(
+    "damage",
+    [
+        *({"key": key} for key in ("../x", "/x/y", "", 3, None)),
+        *({"options": options} for options in (3, [3], [["mesh", {}]], [["no", "such"]])),
+        {"name": 3},
+        {"folder": None},
+    ],
+)
+def test_damaged_row_does_not_hide_others(done, damage):
+    (row, *_), folder, _, _ = done
+    ledger = Ledger(folder)
+    good = {**row.told(), "key": row.key}
+    rows = [{**good, **damage}, 0.5, good]
+    (ledger.own / "rows.json").write_text(json.dumps({"title": "a\x1b[31mt", "rows": rows}))
+    title, entries = ledger.kept()
+    assert title == "a?[31mt"
+    assert [entry.state for entry in entries] == ["failed", "failed", ledger.entry(row).state]
+    assert [entry.row.name for entry in entries[:2]] == ["row 1", "row 2"]
+    check_message(entries[1].reason, 0.5)
+    assert entries[2].row == row
 
 
 @pytest.mark.parametrize(
@@ -299,6 +313,8 @@ def test_row_with_wrong_key_is_refused(done, tmp_path, key):
         {"residual": -0.5},
         {"verified_residual": "low"},
         {"path_step": 99},
+        {"warnings": [1, 2]},
+        {"warnings": ["\x1b[31mred"]},
     ],
 )
 def test_damaged_result_is_a_failed_row(done, tmp_path, damage):
@@ -338,9 +354,10 @@ def test_rows_are_kept_for_who_asks_later(done):
     ledger = Ledger(folder)
     ledger.write_rows(rows, "a title")
     assert ledger.kept() == ("a title", [ledger.entry(row) for row in rows])
-    (folder / "ledger" / "rows.json").write_text('{"rows": [{"name": 1}]}')
-    with raises(ResultError):
-        ledger.kept()
+    for damage in ("3", '{"title": "no rows"}', "["):
+        (folder / "ledger" / "rows.json").write_text(damage)
+        with raises(ResultError):
+            ledger.kept()
     with raises(ResultError):
         Ledger(folder / "nothing").kept()
 

@@ -5,7 +5,7 @@ import io
 from contextlib import suppress
 
 import pytest
-from hypothesis import example, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from abfm.batch import KINDS, combinations, read_table
@@ -51,6 +51,8 @@ def written(columns, rows, delimiter=",", end="\r\n"):
 )
 def test_what_is_written_is_read(options, columns, delimiter, end):
     cells = [[each.get(column, "") for column in columns] for each in options]
+    names = [each.get("name", f"row {number}") for number, each in enumerate(options, 1)]
+    assume(len({*names}) == len(names))
     rows = rows_of_text(written(columns, cells, delimiter, end), "/somewhere")
     assert len(rows) == len(options)
     for number, (row, each) in enumerate(zip(rows, options, strict=True), 1):
@@ -108,6 +110,11 @@ def test_names_of_columns_may_be_written_as_options_or_as_in_python_and_some_rep
             (1,),
         ),
         ('mesh,source\nm.off,"x\n', (2,)),
+        ("mesh,source,target\nm\0.off,coordinate:x,coordinate:y\n", (2, "UTF-8")),
+        (
+            "name,mesh,source,target\n" + 2 * "one,m.off,coordinate:x,coordinate:y\n",
+            (1, 2, "'one'"),
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused_with_row_and_column(text, named, tmp_path):

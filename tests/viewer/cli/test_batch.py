@@ -4,6 +4,7 @@ import csv
 import json
 import random
 import re
+import shlex
 import signal
 from html.parser import HTMLParser
 from unittest.mock import Mock
@@ -305,6 +306,13 @@ def test_a_sweep_is_a_table_of_all_combinations(abfm, tmp_path, monkeypatch):
             "alpha is given, and swept over",
         ),
         (["sweep", "m.off", "--over", "alpha=1"], "--out is missing"),
+        (
+            shlex.split(
+                "sweep {t}/m.off --source=coordinate:x --target=coordinate:y --out={t}/out "
+                "--over=alpha=1,2"
+            ),
+            "m.off",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused_in_a_line_and_nothing_is_solved(words, told, tmp_path, abfm):

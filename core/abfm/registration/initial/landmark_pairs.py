@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import AbfmError, brief, one_line
 from abfm.functions.files import text_rows
-from abfm.io.atomic import write_atomically
+from abfm.io import write_atomically, write_csv
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
@@ -80,14 +79,14 @@ class Landmarks:
         raise ResultError.
         """
         places = np.concatenate([self.a.positions, self.b.positions], axis=1)
-        with write_atomically(path) as temporary, temporary.open("w", newline="") as file:
-            rows = csv.writer(file)
-            rows.writerow(
-                [*(f"{axis}_{side}" for side in "ab" for axis in "xyz"), "weight", "name"]
-            )
-            for row, weight, name in zip(places, self.weights, self.names, strict=True):
-                said = " ".join(name.splitlines())
-                rows.writerow([*map(repr, [*row.tolist(), float(weight)]), said])
+        with (
+            write_atomically(path) as temporary,
+            temporary.open("w", newline="", encoding="utf-8") as file,
+        ):
+            axes = [f"{axis}_{side}" for side in "ab" for axis in "xyz"]
+            cells = zip(places.tolist(), self.weights.tolist(), self.names, strict=True)
+            rows = ([*row, weight, name] for row, weight, name in cells)
+            write_csv(file, [[*axes, "weight", "name"], *rows])
 
 
 class _Row(NamedTuple):

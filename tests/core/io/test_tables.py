@@ -1,0 +1,36 @@
+"""Tables for spreadsheets: texts never become formulas or control characters."""
+
+import csv
+import io
+
+import pytest
+
+from abfm.io import write_csv
+
+
+@pytest.mark.parametrize(
+    ("cell", "expected"),
+    [
+        ("=HYPERLINK(1)", "'=HYPERLINK(1)"),
+        ("+cmd", "'+cmd"),
+        ("-cmd|' /C calc'!A0", "'-cmd|' /C calc'!A0"),
+        ("@SUM(1)", "'@SUM(1)"),
+        ("\t=1", "'=1"),
+        ("\r\n-x", "'-x"),
+        ("\uff1d1", "'\uff1d1"),
+        ("a\x1b[31mb", "a?[31mb"),
+        ("\ud800", "?"),
+        ("-0.5", "-0.5"),
+        ("+1e-3", "+1e-3"),
+        ("a = b", "a = b"),
+        ('say "no", x', 'say "no", x'),
+        (-0.5, "-0.5"),
+        (None, ""),
+        (True, "True"),
+    ],
+)
+def test_cells_are_neutral(cell, expected):
+    file = io.StringIO(newline="")
+    write_csv(file, [["first", cell]])
+    file.seek(0)
+    assert list(csv.reader(file)) == [["first", expected]]
