@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from abfm.errors import ResultError, brief, one_line
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
+from abfm.mesh.draft import FileNumbers
 from abfm.reading import LARGEST as LARGEST_MEMBER
 from abfm.reading import array_from, most_inflated, open_plain
 from abfm.workers.control import CancelledError
@@ -456,7 +457,7 @@ def mesh_of(arrays: Arrays) -> TriangleMesh:
     ids, faces, count = arrays["vertex_ids"], arrays["faces"], int(arrays["file_vertex_count"])
     if count - len(ids) > _MOST_DROPPED:
         raise ValueError(f"the mesh file had {count} vertices, and {len(ids)} are used")
-    mesh = TriangleMesh(arrays["vertices"], faces, numbers=(ids, count))
+    mesh = TriangleMesh(arrays["vertices"], faces, numbers=FileNumbers(ids, count))
     if not (np.array_equal(mesh.vertex_ids, ids) and np.array_equal(mesh.faces, faces)):
         raise ValueError(f"the mesh needs repairs: {' '.join(mesh.messages)}")
     return mesh
