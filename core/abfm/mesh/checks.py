@@ -27,13 +27,16 @@ CLEANING = "in MeshLab for example with Filters > Cleaning and Repairing"
 
 
 def check(
-    vertices: ArrayLike, faces: ArrayLike, options: MeshOptions, numbers: FileNumbers | None
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    options: MeshOptions,
+    given: FileNumbers | tuple[IntArray, int] | None,
 ) -> Draft:
     """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
     meaning = "(V, 3), coordinates as numbers"
     points = np.array(_number_array(vertices, "vertices", meaning), dtype=np.float64)
     triangles = _face_array(faces, len(points))
-    numbers = numbers or FileNumbers(np.arange(len(points)), len(points))
+    numbers = FileNumbers(*given) if given else FileNumbers(np.arange(len(points)), len(points))
     draft = Draft(
         points,
         triangles,

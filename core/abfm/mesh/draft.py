@@ -9,7 +9,7 @@ import numpy as np
 
 from abfm.types import BoolArray, FloatArray, IntArray
 
-_NO_COPIES = np.zeros((0, 2), dtype=np.int64)
+NO_COPIES = np.zeros((0, 2), dtype=np.int64)
 
 
 class FileNumbers(NamedTuple):
@@ -17,7 +17,7 @@ class FileNumbers(NamedTuple):
 
     vertex_ids: IntArray
     file_vertex_count: int
-    copies: IntArray = _NO_COPIES
+    copies: IntArray = NO_COPIES
 
 
 @dataclass(repr=False)

@@ -78,8 +78,9 @@ class TriangleMesh:
         Number of vertices of the input.
     copies : (n, 2) array of int
         Vertices of the input that were merged into another one, ascending, and that one.
-    file_rows : (file_vertex_count,) array of int
-        The row that each vertex of the input became, or -1.
+    numbered : tuple of (n,) array of int, twice
+        The vertices of the input that the mesh has, ascending, merged ones included, and their
+        rows.
     messages : tuple of str
         What was repaired or is worth a warning; one line each.
     edges, face_edges : (E, 2) and (F, 3) array of int
@@ -116,7 +117,7 @@ class TriangleMesh:
         faces: ArrayLike,
         *,
         messages: Iterable[str] = (),
-        numbers: FileNumbers | None = None,
+        numbers: FileNumbers | tuple[IntArray, int] | None = None,
         **options: Unpack[MeshKeywords],
     ) -> None:
         draft = check(vertices, faces, MeshOptions(**options), numbers)
@@ -240,16 +241,19 @@ class TriangleMesh:
 
     @property
     @per_mesh
-    def file_rows(self) -> IntArray:
-        rows = np.full(self.file_vertex_count, -1)
-        rows[self.vertex_ids] = np.arange(len(self.vertices))
-        rows[self.copies[:, 0]] = rows[self.copies[:, 1]]
-        return _frozen(rows)
+    def numbered(self) -> tuple[IntArray, IntArray]:
+        if not len(self.copies):
+            return self.vertex_ids, np.arange(len(self.vertices))
+        rows = np.searchsorted(self.vertex_ids, self.copies[:, 1])
+        numbers = np.concatenate([self.vertex_ids, self.copies[:, 0]])
+        order = np.argsort(numbers)
+        return numbers[order], np.concatenate([np.arange(len(self.vertices)), rows])[order]
 
     def local_vertices(self, numbers: NDArray[Any]) -> IntArray:
         """Return the rows of vertices as the file counts them, in the same shape; -1 for others."""
-        known = (numbers >= 0) & (numbers < self.file_vertex_count) & (numbers == np.rint(numbers))
-        return np.where(known, self.file_rows[np.where(known, numbers, 0).astype(np.int64)], -1)
+        known, rows = self.numbered
+        place = np.searchsorted(known, numbers).clip(max=len(known) - 1)
+        return np.where(known[place] == numbers, rows[place], -1)
 
     def local_vertex(self, index: int) -> int:
         """Return the row of the vertex that the file calls ``index``, or raise a FunctionError."""
@@ -258,7 +262,7 @@ class TriangleMesh:
                 f"there is no vertex {index}: the mesh has {self.file_vertex_count} vertices, "
                 f"numbered 0 to {self.file_vertex_count - 1}"
             )
-        row = int(self.file_rows[index])
+        row = int(self.local_vertices(np.array(index)))
         if row < 0:
             raise FunctionError(
                 f"vertex {index} was dropped, as no kept face uses it: choose another"
@@ -293,8 +297,8 @@ class TriangleMesh:
             return values
         shape = (self.file_vertex_count, *values.shape[1:])
         whole = np.full(shape, missing, np.result_type(values.dtype, missing))
-        is_kept = self.file_rows >= 0
-        whole[is_kept] = values[self.file_rows[is_kept]]
+        numbers, rows = self.numbered
+        whole[numbers] = values[rows]
         return whole
 
     def _warn_of_differences(self, values: NDArray[Any]) -> None:

@@ -21,7 +21,7 @@ from abfm.types import BoolArray, IntArray
 _NEAR = 1e-6  # shortest over longest side of a face without area, up to which its ends are joined
 _FLAT_MAX = 100_000  # faces without area: more stay
 _SPLITS_EACH = 20  # faces that are split for each face without area, at most
-_NOTHING_LEFT = "no face has an area and is there once: give a file of a surface"
+_NOTHING_LEFT = "no face remains: give a file of a surface"
 
 
 def clean(draft: Draft) -> None:
