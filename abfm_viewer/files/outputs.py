@@ -156,9 +156,8 @@ def write_registration(path: Path, found: abfm.Registration, up: str = "y") -> s
         left_out = found.a.file_vertex_count - len(found.a.vertices)
         if left_out:
             raise ResultError(
-                f"cannot write {path}: {left_out} vertices of A's file are in no face and have no "
-                "place on B, so that rows would not be those of the file; write a .npz, or give A "
-                "without them"
+                f"cannot write {path}: {left_out} vertices of A's file were left out or merged, so "
+                "that rows would not be those of the file; write a .npz, or give A without them"
             )
         try:
             placed = abfm.TriangleMesh(found.back.positions, found.a.faces)

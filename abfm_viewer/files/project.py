@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 _FORMAT = 5
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
-_MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces")}
+_MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces", "copies")}
 _RUN = {
     "stages": Entry("integer", ("n",), may_be_empty=True, low=0),
     "energies": Entry("real", ("n", 3), may_be_empty=True),
@@ -165,7 +165,7 @@ def save_project(
     cannot be written.
     """
     surface, (arrays, others) = document.surface(), _of_surface_a(document)
-    arrays |= {f"mesh/{name}": getattr(surface.mesh, name) for name in _MESH}
+    arrays |= _mesh_arrays(surface.mesh, "mesh/")
     runs = []
     for number, run in enumerate(document.runs):
         names = (_COURSE if run.has_course else _RUN) | (_SHARES if run.words else {})
@@ -222,7 +222,7 @@ def _of_surface_a(document: Document) -> tuple[dict[str, Any], dict[str, Any]]:
     content: dict[str, Any] = {}
     if document.is_pair:
         first = document.surface("source")
-        arrays |= {f"mesh_a/{name}": getattr(first.mesh, name) for name in _MESH}
+        arrays |= _mesh_arrays(first.mesh, "mesh_a/")
         content["surface_a"] = _SurfaceA(first.name, first.mesh.file_vertex_count, first.front)
     if (initial := document.initial_map) is not None:
         of_map = initial.correspondence.arrays()
@@ -411,6 +411,11 @@ def _labels(state: dict[str, Any], arrays: Mapping[str, Any], mesh: TriangleMesh
     inside = all(0 <= channel <= 1 for color in labels.colors for channel in color)
     _require(inside, "labels have colours outside 0 to 1")
     return labels
+
+
+def _mesh_arrays(mesh: TriangleMesh, prefix: str) -> dict[str, Any]:
+    found = results.mesh_arrays(mesh)
+    return {f"{prefix}{name}": found[name] for name in _MESH if name in found}
 
 
 def _mesh_parts(arrays: Mapping[str, Any], prefix: str, count: int) -> dict[str, Any]:

@@ -1,8 +1,9 @@
 """Errors that a user can cause and mend: what was given, expected, and what to do."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from itertools import islice
+from typing import Any, NamedTuple
 
 _MOST_COMPARED, _LONGEST_COMPARED = 1000, 60  # words, and letters of each, as comparing takes long
 
@@ -20,8 +21,33 @@ class AbfmError(ValueError):
         super().__init__(one_line(str(message), LONGEST) if message else "")
 
 
+class Remedy(NamedTuple):
+    """Options of `abfm.load_mesh` that make a mesh usable, and what of it they keep."""
+
+    options: Mapping[str, Any]
+    button: str
+    keeps: str
+
+
 class MeshError(AbfmError):
-    """A mesh that the solver cannot use."""
+    """A mesh that the solver cannot use.
+
+    Attributes
+    ----------
+    problem : str
+        What is wrong, without advice; empty if no option helps.
+    remedies : tuple of Remedy
+        Options with which the mesh can be used; each was tried.
+    """
+
+    problem: str = ""
+    remedies: tuple[Remedy, ...] = ()
+
+    def of(self, whose: str) -> "MeshError":
+        """Return the same error, of a file that is named."""
+        found = MeshError(f"{whose}: {self}")
+        found.problem, found.remedies = self.problem, self.remedies
+        return found
 
 
 class FunctionError(AbfmError):

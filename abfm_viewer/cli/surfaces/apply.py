@@ -166,8 +166,8 @@ def _points(way: Correspondence, path: str) -> np.ndarray:
         return way.carry_points(_on_surface(way.a, table, path)).positions
     if table.shape[1] != 1:
         raise FunctionError(f"{path} has {table.shape[1]} columns; expected 1, or 3: x, y, z")
-    place = np.searchsorted(way.a.vertex_ids, table[:, 0]).clip(max=len(way.a.vertices) - 1)
-    wrong = np.flatnonzero(way.a.vertex_ids[place] != table[:, 0])
+    place = way.a.local_vertices(table[:, 0])
+    wrong = np.flatnonzero(place < 0)
     if len(wrong):
         raise FunctionError(
             f"{path}: line {wrong[0] + 1} has {table[wrong[0], 0]:g}, which is no vertex in use"

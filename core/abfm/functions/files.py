@@ -313,10 +313,7 @@ def _local_vertices(
     error names the owner of the number.
     """
     count = mesh.file_vertex_count
-    readings = []
-    for first in (0, 1):
-        nearest = np.searchsorted(mesh.vertex_ids, numbers - first).clip(max=len(mesh.vertices) - 1)
-        readings.append(np.where(mesh.vertex_ids[nearest] == numbers - first, nearest, -1))
+    readings = [mesh.local_vertices(numbers - first) for first in (0, 1)]
     fitting = [reading for reading in readings if (reading >= 0).all()]
     if not fitting:
         wrong = readings[0] < 0

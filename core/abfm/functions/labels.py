@@ -98,8 +98,8 @@ def listed_vertices(mesh: TriangleMesh, path: str, column: str | None = None) ->
             f"{mesh.file_vertex_count}, counted from 0: give the label of this surface"
         )
     found = np.zeros(len(mesh.vertices))
-    places = np.searchsorted(mesh.vertex_ids, vertices).clip(max=len(found) - 1)
-    is_used = mesh.vertex_ids[places] == vertices
+    places = mesh.local_vertices(vertices)
+    is_used = places >= 0
     found[places[is_used]] = 1.0 if column is None else values[is_used]
     return found
 

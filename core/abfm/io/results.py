@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from abfm.errors import ResultError, brief, one_line
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
+from abfm.mesh.draft import NO_COPIES, FileNumbers
 from abfm.reading import LARGEST as LARGEST_MEMBER
 from abfm.reading import array_from, most_inflated, open_plain
 from abfm.workers.control import CancelledError
@@ -101,6 +102,8 @@ MESH_ENTRIES = {
     "faces": Entry("integer", ("F", 3)),
     "vertex_ids": Entry("integer", ("V",)),
     "file_vertex_count": Entry("integer", (), low=1),
+    # vertices of the file that were merged, and what they became
+    "copies": Entry("integer", ("copied", 2), required=False, may_be_empty=True, low=0),
 }
 _FUNCTION = Entry("real", ("V", "C"), low=-LARGEST, high=LARGEST)
 _FUNCTIONS = {"source": _FUNCTION, "target": _FUNCTION}
@@ -164,6 +167,7 @@ _OTHER_MESH = {  # surface A of two; B has the names of the only one
     "a_faces": Entry("integer", ("FA", 3)),
     "a_vertex_ids": Entry("integer", ("VA",)),
     "a_file_vertex_count": Entry("integer", (), low=1),
+    "a_copies": Entry("integer", ("a_copied", 2), required=False, low=0),
 }
 _CORRESPONDENCE = {
     # the directions of the vertices, where both surfaces are laid out on one sphere
@@ -447,29 +451,42 @@ def _checked(arrays: Mapping[str, Any], kind: Kind) -> dict[str, NDArray[Any]]:
 
 def mesh_arrays(mesh: TriangleMesh) -> dict[str, Any]:
     """Return what files hold of a mesh."""
-    return {name: getattr(mesh, name) for name in MESH_ENTRIES}
+    arrays = {name: getattr(mesh, name) for name in MESH_ENTRIES}
+    if not len(mesh.copies):
+        del arrays["copies"]
+    return arrays
 
 
-def mesh_of(arrays: Arrays) -> TriangleMesh:
-    """Return the mesh of `mesh_arrays`; ValueError if it needs repairs."""
-    _check_indices(arrays)
-    ids, faces, count = arrays["vertex_ids"], arrays["faces"], int(arrays["file_vertex_count"])
+def mesh_of(arrays: Arrays, prefix: str = "") -> TriangleMesh:
+    """Return the mesh of `mesh_arrays`, under a prefix; ValueError if it needs repairs."""
+    _check_indices(arrays, prefix)
+    vertices, faces, ids, total, copies = _of_mesh(arrays, prefix)
+    count = int(total)
     if count - len(ids) > _MOST_DROPPED:
         raise ValueError(f"the mesh file had {count} vertices, and {len(ids)} are used")
-    mesh = TriangleMesh(arrays["vertices"], faces, numbers=(ids, count))
+    mesh = TriangleMesh(vertices, faces, numbers=FileNumbers(ids, count, copies))
     if not (np.array_equal(mesh.vertex_ids, ids) and np.array_equal(mesh.faces, faces)):
         raise ValueError(f"the mesh needs repairs: {' '.join(mesh.messages)}")
     return mesh
 
 
+def _of_mesh(arrays: Arrays, prefix: str) -> list[NDArray[Any]]:
+    return [arrays.get(f"{prefix}{name}", NO_COPIES) for name in MESH_ENTRIES]
+
+
 def _check_indices(arrays: Arrays, prefix: str = "") -> None:
-    vertices, faces, ids, total = (arrays[f"{prefix}{name}"] for name in MESH_ENTRIES)
+    vertices, faces, ids, total, copies = _of_mesh(arrays, prefix)
     count = len(vertices)
     for name, numbers, limit in (("faces", faces, count), ("vertex_ids", ids, int(total))):
         if numbers.min() < 0 or numbers.max() >= limit:
             raise ValueError(f"{prefix}{name} has an index outside 0 to {limit - 1}")
     if (np.diff(ids) <= 0).any():
         raise ValueError(f"{prefix}vertex_ids do not ascend")
+    gone, became = copies.T
+    if (np.diff(gone) <= 0).any() or (gone >= total).any() or np.isin(gone, ids).any():
+        raise ValueError(f"{prefix}copies do not ascend, or name vertices that are there")
+    if not np.isin(became, ids).all():
+        raise ValueError(f"{prefix}copies became vertices that are not there")
     unused = np.count_nonzero(np.bincount(faces.ravel(), minlength=count) == 0)
     if unused:
         raise ValueError(f"the mesh needs repairs: {unused} of its {count} vertices are in no face")

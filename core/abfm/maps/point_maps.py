@@ -18,7 +18,7 @@ from abfm.maps.surface_points import (
     vertex_points,
 )
 from abfm.mesh import TriangleMesh
-from abfm.mesh.checks import twice_areas
+from abfm.mesh.face_sizes import twice_areas
 from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray, IntArray
 

@@ -14,7 +14,7 @@ from abfm.calculus.channels import channels
 from abfm.calculus.operators import face_areas
 from abfm.errors import AbfmError, ParameterError
 from abfm.mesh import TriangleMesh
-from abfm.mesh.checks import twice_areas
+from abfm.mesh.face_sizes import twice_areas
 from abfm.numerics.kernels import kernel
 from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray, IndexArray, IntArray

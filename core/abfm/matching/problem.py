@@ -363,7 +363,7 @@ def load_problem(path: str | os.PathLike[str]) -> Problem:
     """Read a file of `Problem.save`; ResultError if it is missing, damaged, or no problem."""
     arrays = results.load_arrays(path, results.PROBLEM)
     try:
-        mesh = results.mesh_of({name: arrays.pop(name) for name in results.MESH_ENTRIES})
+        mesh = results.mesh_of(arrays)
         parameters = Parameters.from_dict(from_json(str(arrays.pop("parameters"))))
         return problem_of(mesh, arrays, parameters)
     except Exception as error:  # what stands in for a text, a number or a list may do anything

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import copy
 from typing import Any
 
 import numpy as np
@@ -10,138 +10,154 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import MeshError, one_line
 from abfm.mesh import topology
+from abfm.mesh.draft import Draft, FileNumbers, counted
+from abfm.mesh.face_sizes import flat_faces
+from abfm.mesh.options import MeshOptions
+from abfm.mesh.repairs.cleaning import clean
+from abfm.mesh.repairs.components import components, keep_hemisphere, keep_largest_component
+from abfm.mesh.repairs.merging import merge_vertices
+from abfm.mesh.repairs.remedies import FACES_MAX, DefectError, with_remedies
 from abfm.mesh.topology import edges_of_faces
-from abfm.types import BoolArray, FloatArray, IntArray
+from abfm.types import BoolArray, IntArray
 
 SMALLEST, LARGEST = 1e-60, 1e60  # squared areas of such sizes neither underflow nor overflow
-FLATNESS = 1e-12  # height over longest edge at which a face has no usable gradient
-# height over distance from the origin at which it is a matter of rounding
-ROUNDING = 4 * np.finfo(np.float64).eps
 # distance from the origin over width, from which on rounding takes more than 2e-9 of the width
 FAR = 1e7
-# faces whose corners are looked at together, as many as the processor's caches hold
-AT_A_TIME = 1 << 15
 CLEANING = "in MeshLab for example with Filters > Cleaning and Repairing"
-
-
-@dataclass
-class Draft:
-    """A mesh on its way through the checks; what it has is what a `TriangleMesh` has then."""
-
-    vertices: FloatArray
-    faces: IntArray
-    vertex_ids: IntArray
-    face_ids: IntArray
-    file_vertex_count: int
-    messages: list[str]
-    edges: IntArray = field(init=False)
-    face_edges: IntArray = field(init=False)
-    edge_slots: IntArray = field(init=False)
-    corner_fans: IntArray = field(init=False)
-
-    def drop_unreferenced_vertices(self) -> None:
-        used = np.zeros(len(self.vertices), dtype=bool)
-        used[self.faces] = True
-        self.vertices, self.vertex_ids = self.vertices[used], self.vertex_ids[used]
-        self.faces = (np.cumsum(used) - 1)[self.faces]
-
-    def corners(self, face: int | np.integer[Any]) -> str:
-        """Return the vertices of a face, as the input counts."""
-        return ", ".join(str(vertex) for vertex in self.vertex_ids[self.faces[face]])
 
 
 def check(
     vertices: ArrayLike,
     faces: ArrayLike,
-    largest_component: bool,
-    numbers: tuple[IntArray, int] | None,
+    options: MeshOptions,
+    given: FileNumbers | tuple[IntArray, int] | None,
 ) -> Draft:
     """Refuse, repair or accept a mesh; see :class:`abfm.mesh.TriangleMesh` for the rules."""
     meaning = "(V, 3), coordinates as numbers"
     points = np.array(_number_array(vertices, "vertices", meaning), dtype=np.float64)
     triangles = _face_array(faces, len(points))
-    vertex_ids, count = numbers or (np.arange(len(points)), len(points))
-    draft = Draft(points, triangles, vertex_ids, np.arange(len(triangles)), count, [])
+    numbers = FileNumbers(*given) if given else FileNumbers(np.arange(len(points)), len(points))
+    draft = Draft(
+        points,
+        triangles,
+        numbers.vertex_ids,
+        np.arange(len(triangles)),
+        numbers.file_vertex_count,
+        numbers.copies,
+        [],
+    )
     draft.drop_unreferenced_vertices()
     kept = len(draft.vertices)
-    if dropped := count - kept:
+    if dropped := draft.file_vertex_count - kept - len(draft.copies):
         gaps = np.flatnonzero(draft.vertex_ids != np.arange(kept))
-        were = _count(dropped, "vertex that no face uses was", "vertices that no face uses were")
+        were = counted(dropped, "vertex that no face uses was", "vertices that no face uses were")
         draft.messages.append(
             f"{were} dropped (for example vertex {gaps[0] if len(gaps) else kept})"
         )
     _refuse_unusable_coordinates(draft)
-    _make_one_component(draft, largest_component)
-    a, b, c = draft.faces.T
-    _refuse_faces(draft, (a == b) | (b == c) | (c == a), "a vertex twice", "remove")
+
+    def attempt(options: MeshOptions) -> Draft:
+        return _checked(_copied(draft), options)
+
+    try:
+        return attempt(options)
+    except DefectError as defect:
+        if len(draft.faces) > FACES_MAX:
+            raise MeshError(
+                f"{defect.problem}: try --merge, --clean or --largest-component (in Python: "
+                "merge=True, ...)"
+            ) from None
+        can_merge = not options.merge and _merged(draft) is not None
+        raise with_remedies(defect, options, attempt, can_merge) from None
+
+
+def _copied(draft: Draft) -> Draft:
+    found = copy.copy(draft)
+    found.messages = draft.messages.copy()
+    return found
+
+
+def _merged(draft: Draft) -> Draft | None:
+    """Return the mesh with vertices at the same position merged; None if there are none."""
+    found = _copied(draft)
+    try:
+        merge_vertices(found, True, False)
+    except MeshError:
+        return None
+    return found if len(found.vertices) < len(draft.vertices) else None
+
+
+def _checked(draft: Draft, options: MeshOptions) -> Draft:
+    given = len(draft.vertices), len(draft.faces)
+    if options.merge:
+        merge_vertices(draft, options.merge, options.clean)
+    if options.clean:
+        clean(draft)
+    if options.hemisphere:
+        keep_hemisphere(draft, options.hemisphere)
+    if options.largest_component:
+        keep_largest_component(draft)
+    draft.kept = (
+        f"{len(draft.vertices)} of {given[0]} vertices and {len(draft.faces)} of {given[1]} faces"
+    )
+    _refuse_several_components(draft)
+    _refuse_faces(draft, draft.has_vertex_twice(), "a vertex twice", "remove")
     flat = flat_faces(draft.vertices, draft.faces)
     _refuse_faces(draft, flat, "no area, up to rounding", "remove or collapse")
     _note_distance(draft)
     vertex_count, face_count = len(draft.vertices), len(draft.faces)
     if 3 * face_count > vertex_count * (vertex_count - 1):
         # before edges, maybe many more than vertices, are looked for
-        raise MeshError(
+        raise DefectError(
             f"{face_count} faces on {vertex_count} vertices have more sides than there are pairs "
-            "of vertices, twice each: "
-            f"faces repeat or edges have more than two faces; remove the extra ones, {CLEANING}"
+            "of vertices, twice each: faces repeat or edges have more than two faces",
+            f"remove the extra ones, {CLEANING}",
         )
     draft.edges, draft.face_edges = edges_of_faces(draft.faces, vertex_count)
     _refuse_duplicate_faces(draft)
     _refuse_non_manifold_edges(draft)
     _make_faces_agree(draft)
     draft.corner_fans = topology.corner_fans(draft.edge_slots, face_count)
+    _note_seams(draft)
     pinched = topology.pinched_vertices(draft.faces, draft.corner_fans, vertex_count)
     if pinched.any():
         draft.messages.append(
-            f"warning: {_count(pinched.sum(), 'vertex is', 'vertices are')} pinched, joining "
+            f"warning: {counted(pinched.sum(), 'vertex is', 'vertices are')} pinched, joining "
             "parts that share no edge "
             f"(for example vertex {draft.vertex_ids[np.argmax(pinched)]}): nothing flows across it"
         )
     return draft
 
 
-def twice_areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Compute twice the area of every face, (F,)."""
-    found = np.empty(len(faces))
-    for start in range(0, len(faces), AT_A_TIME):
-        a, b, c = _corners(vertices, faces[start : start + AT_A_TIME])
-        found[start : start + AT_A_TIME] = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return found
+def _note_seams(draft: Draft) -> None:
+    """Warn of parts of the boundary at one position, where the surface only looks connected."""
+    slots = draft.edge_slots[draft.edge_slots[:, 1] < 0, 0]
+    rim = np.unique(draft.faces.ravel()[topology.next_corner(slots)])
+    _, first = np.unique(draft.vertices[rim], axis=0, return_index=True)
+    if repeats := len(rim) - len(first):
+        example = draft.vertex_ids[np.delete(rim, first)[0]]
+        draft.messages.append(
+            f"warning: {counted(repeats, 'boundary vertex repeats', 'boundary vertices repeat')} "
+            f"the position of another (for example vertex {example}), as at a seam: nothing flows "
+            "across it; --merge joins it (in Python: merge=True)"
+        )
 
 
-def flat_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Compute the faces (F,) without area: so flat that gradients on them would be noise.
-
-    The height over the longest edge is at most 1e-12 of that edge, or what rounding does to the
-    coordinates: 9e-16 of how far the face reaches from the origin. That is the same in every unit
-    of length and after every rotation.
-    """
-    distances = np.sqrt(_squares(vertices))
-    found = np.empty(len(faces), dtype=bool)
-    for start in range(0, len(faces), AT_A_TIME):
-        some = slice(start, start + AT_A_TIME)
-        a, b, c = _corners(vertices, faces[some])
-        sides = [b - a, c - b, a - c]
-        twice = np.sqrt(_squares(np.cross(sides[0], sides[2])))
-        longest = np.sqrt(np.maximum.reduce([_squares(side) for side in sides]))
-        reach = distances.take(faces[some].T).max(axis=0)
-        found[some] = ~(twice > (FLATNESS * longest + ROUNDING * reach) * longest)
-    return found
-
-
-def _corners(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Return where the corners of faces are, (3, F, 3)."""
-    return np.moveaxis(vertices.take(faces, axis=0), 1, 0)  # several times as fast as by index
-
-
-def _squares(vectors: FloatArray) -> FloatArray:
-    """Compute squared lengths of rows, (n,)."""
-    found: FloatArray = np.einsum("nx,nx->n", vectors, vectors)
-    return found
-
-
-def _count(number: int | np.integer[Any], one: str, many: str) -> str:
-    return f"1 {one}" if number == 1 else f"{number} {many}"
+def _refuse_several_components(draft: Draft) -> None:
+    component = components(draft)
+    count = component.max() + 1
+    if count == 1:
+        return
+    sizes = np.bincount(component)
+    stray = np.argmax(component != sizes.argmax())
+    merged = _merged(draft)
+    joined = f", {components(merged).max() + 1} after merging vertices" if merged else ""
+    raise DefectError(
+        f"the surface has {count} components that do not touch{joined} (the one with most faces "
+        f"has {sizes.max()} of {len(component)}; face {draft.face_ids[stray]}, counting from 0, is "
+        "outside it)",
+        "join them, or give one of them",
+    )
 
 
 def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
@@ -173,7 +189,7 @@ def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
         if fractional.any():
             face = np.argmax(fractional)
             raise MeshError(
-                f"{_count(fractional.sum(), 'face has', 'faces have')} indices that are no whole "
+                f"{counted(fractional.sum(), 'face has', 'faces have')} indices that are no whole "
                 f"numbers (face {face}: {array[face].tolist()}): give vertex indices counted from 0"
             )
     outside = (array < 0) | (array >= vertex_count)
@@ -181,7 +197,7 @@ def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
         face, corner = np.argwhere(outside)[0]
         named = one_line(f"{array[face, corner]:.0f}", 40)
         raise MeshError(
-            f"{_count(outside.any(axis=1).sum(), 'face names', 'faces name')} a vertex that does "
+            f"{counted(outside.any(axis=1).sum(), 'face names', 'faces name')} a vertex that does "
             f"not exist (face {face}, counting from 0, names vertex {named} of {vertex_count} "
             "numbered from 0): correct the indices, or complete the vertices"
         )
@@ -193,7 +209,7 @@ def _refuse_unusable_coordinates(draft: Draft) -> None:
     if bad.any():
         vertex = np.argmax(bad)
         raise MeshError(
-            f"{_count(bad.sum(), 'vertex has', 'vertices have')} coordinates that are not finite "
+            f"{counted(bad.sum(), 'vertex has', 'vertices have')} coordinates that are not finite "
             f"(vertex {draft.vertex_ids[vertex]}, counting from 0: "
             f"{draft.vertices[vertex].tolist()}): correct or remove them"
         )
@@ -224,41 +240,13 @@ def _note_distance(draft: Draft) -> None:
         )
 
 
-def _make_one_component(draft: Draft, largest_component: bool) -> None:
-    vertices, faces = draft.vertices, draft.faces
-    sides = np.concatenate(
-        [faces[:, :2], faces[:, 1:]]
-    )  # faces that share a vertex belong together
-    component = topology.connected(len(vertices), sides)[faces[:, 0]]
-    count = component.max() + 1
-    if count == 1:
-        return
-    largest = component == np.argmax(np.bincount(component, twice_areas(vertices, faces)))
-    if not largest_component:
-        stray = np.argmin(largest)
-        repeated = len(vertices) - len(np.unique(vertices, axis=0))
-        seams = f"; {repeated} vertices repeat the position of another, so merging them may join it"
-        raise MeshError(
-            f"the surface has {count} components that do not touch (the largest has "
-            f"{largest.sum()} of {len(largest)} faces; face {draft.face_ids[stray]}, counting from "
-            f"0, is outside it){seams if repeated else ''}: keep only the largest with "
-            "--largest-component (in Python: largest_component=True), or join them"
-        )
-    draft.faces, draft.face_ids = faces[largest], draft.face_ids[largest]
-    draft.drop_unreferenced_vertices()
-    draft.messages.append(
-        f"kept the largest of {count} components: {len(draft.vertices)} of {len(vertices)} "
-        f"vertices, {len(draft.faces)} of {len(faces)} faces"
-    )
-
-
 def _refuse_faces(draft: Draft, bad: BoolArray, defect: str, remedy: str) -> None:
     if bad.any():
         face = np.argmax(bad)
-        raise MeshError(
-            f"{_count(bad.sum(), 'face is', 'faces are')} degenerate: {defect} (face "
-            f"{draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)}): {remedy} "
-            f"them, {CLEANING}"
+        raise DefectError(
+            f"{counted(bad.sum(), 'face is', 'faces are')} degenerate: {defect} (face "
+            f"{draft.face_ids[face]}, counting from 0: vertices {draft.corners(face)})",
+            f"{remedy} them, {CLEANING}",
         )
 
 
@@ -273,10 +261,11 @@ def _refuse_duplicate_faces(draft: Draft) -> None:
     if again.any():
         position = np.argmax(again)
         first, second = np.sort(draft.face_ids[order[position - 1 : position + 1]])
-        raise MeshError(
-            f"{_count(again.sum(), 'face repeats', 'faces repeat')} the vertices of another (faces "
-            f"{first} and {second}, counting from 0: vertices {draft.corners(order[position])}): "
-            f"remove the copies, {CLEANING}"
+        raise DefectError(
+            f"{counted(again.sum(), 'face repeats', 'faces repeat')} the vertices of another "
+            f"(faces {first} and {second}, counting from 0: vertices "
+            f"{draft.corners(order[position])})",
+            f"remove the copies, {CLEANING}",
         )
 
 
@@ -286,10 +275,11 @@ def _refuse_non_manifold_edges(draft: Draft) -> None:
         edge = np.argmax(uses > 2)
         start, end = draft.vertex_ids[draft.edges[edge]]
         faces = draft.face_ids[np.flatnonzero((draft.face_edges == edge).any(axis=1))]
-        raise MeshError(
-            f"{_count(int(np.sum(uses > 2)), 'edge has', 'edges have')} more than two faces "
+        raise DefectError(
+            f"{counted(int(np.sum(uses > 2)), 'edge has', 'edges have')} more than two faces "
             f"(vertices {start} and {end}, counting from 0: faces "
-            f"{', '.join(map(str, faces[:4]))}): remove the extra sheets, {CLEANING}"
+            f"{', '.join(map(str, faces[:4]))})",
+            f"remove the extra sheets, {CLEANING}",
         )
 
 
@@ -314,10 +304,11 @@ def _make_faces_agree(draft: Draft) -> None:
     as_given, turned = labels[:count], labels[count:]
     one_sided = as_given == turned
     if one_sided.any():
-        raise MeshError(
+        raise DefectError(
             f"the surface is not orientable, like a Moebius strip ({one_sided.sum()} of "
             f"{count} faces lie on a one-sided piece, for example face "
-            f"{draft.face_ids[np.argmax(one_sided)]}, counting from 0): cut it open"
+            f"{draft.face_ids[np.argmax(one_sided)]}, counting from 0)",
+            "cut it open",
         )
     flip, piece = turned < as_given, np.minimum(as_given, turned)
     flip = flip ^ _prefers_other_side(draft, flip, piece)[piece]
@@ -327,7 +318,7 @@ def _make_faces_agree(draft: Draft) -> None:
             setattr(draft, name, np.where(flip[:, None], of_corners[:, [0, 2, 1]], of_corners))
         draft.edge_slots = topology.edge_slots(draft.face_edges, len(draft.edges))
         draft.messages.append(
-            f"{_count(flip.sum(), 'face was', 'faces were')} turned over so that all agree on a "
+            f"{counted(flip.sum(), 'face was', 'faces were')} turned over so that all agree on a "
             f"side (for example face {draft.face_ids[np.argmax(flip)]})"
         )
 

@@ -126,7 +126,7 @@ def _rows_of(mesh: TriangleMesh, found: ColoredFaces) -> tuple[IntArray, IntArra
     by_place = own.reshape(-1)[mesh.faces], np.where(same, nearest, -1)[found.faces]
     rows = _equal_faces(*by_place)
     if (rows < 0).any() and len(found.vertices) == mesh.file_vertex_count:
-        by_number = mesh.vertex_ids[mesh.faces], found.faces
+        by_number = mesh.faces, mesh.local_vertices(found.faces)
         if (_equal_faces(*by_number) >= 0).all():
             by_place, rows = by_number, _equal_faces(*by_number)
     if (rows < 0).any():

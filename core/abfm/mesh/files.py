@@ -57,7 +57,14 @@ _NO_MESHES = {
 }
 
 
-def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> TriangleMesh:
+def load_mesh(
+    path: str | os.PathLike[str],
+    *,
+    merge: bool | float | None = None,
+    clean: bool = False,
+    hemisphere: str | None = None,
+    largest_component: bool = False,
+) -> TriangleMesh:
     """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf, gii or FreeSurfer's.
 
     Vertices keep the file's order and count, unused ones included; only STL and glTF, which repeat
@@ -69,8 +76,25 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
     ----------
     path : path
         The ending of its name says the format, or else how the file begins.
+    merge : bool or float, optional
+        Make vertices one that are at most this distance apart, in the file's unit, as where a
+        texture has a seam: the first of them stays where it is. A distance of an edge's length is
+        refused. True takes 1e-6 of the diagonal of the bounding box, or less where edges are short.
+    clean : bool
+        Remove repeated faces, and sheets that hang on a surface of at least their area. Remove
+        faces without area: join their ends if these are close, or else split their neighbours, so
+        that no hole is left. What cannot be cleaned so is refused.
+    hemisphere : {"L", "R"}, optional
+        Of a surface with both hemispheres, next to each other along x, keep one; L has the smaller
+        x. A surface in one piece is kept as it is.
     largest_component : bool
         Of several components keep the one with the largest area instead of refusing the mesh.
+
+    Notes
+    -----
+    Options apply in this order, and `TriangleMesh.messages` reports every change with a count and
+    an example. Values given for each vertex of the file fit all the same: see
+    `TriangleMesh.restrict`, and `TriangleMesh.on_file` for results.
 
     Raises
     ------
@@ -83,13 +107,21 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
     try:
         reader = READERS.get(form, read_freesurfer)
         vertices, faces, messages = read_contents(file, form, reader)
-        return TriangleMesh(vertices, faces, largest_component=largest_component, messages=messages)
+        return TriangleMesh(
+            vertices,
+            faces,
+            merge=merge,
+            clean=clean,
+            hemisphere=hemisphere,
+            largest_component=largest_component,
+            messages=messages,
+        )
     except MemoryError as error:
         raise MeshError(
             f"{name}: the mesh does not fit into memory: close other programs, or coarsen it"
         ) from error
     except MeshError as error:
-        raise MeshError(f"{name}: {error}") from error
+        raise error.of(name) from error
 
 
 def _form_by_beginning(file: Path, name: str) -> str:

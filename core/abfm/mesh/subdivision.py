@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import MeshError
+from abfm.mesh.draft import FileNumbers
 from abfm.mesh.triangle_mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
 
@@ -27,7 +28,7 @@ def subdivided(mesh: TriangleMesh) -> TriangleMesh:
     return TriangleMesh(
         interpolated(mesh, mesh.vertices),
         children.reshape(-1, 3),
-        numbers=(ids, count + len(mesh.edges)),
+        numbers=FileNumbers(ids, count + len(mesh.edges), mesh.copies),
     )
 
 

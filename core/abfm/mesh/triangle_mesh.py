@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import copy
 import hashlib
+import warnings
 from collections.abc import Callable, Iterable
 from functools import cached_property, wraps
-from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
+from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import FunctionError
-from abfm.mesh.checks import check, twice_areas
+from abfm.mesh.checks import check
+from abfm.mesh.draft import FileNumbers
+from abfm.mesh.face_sizes import twice_areas
+from abfm.mesh.options import MeshKeywords, MeshOptions
 from abfm.mesh.topology import connected, grouped, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm.workers.messages import sent_by_name
@@ -21,6 +25,7 @@ Result = TypeVar("Result")
 Others = ParamSpec("Others")
 Entry = TypeVar("Entry", bound=np.generic)
 
+_ROUNDED = 1e-6  # of the largest value: a difference that writing and reading may make
 _ENCLOSES = 0.3  # of what the normals of a sphere come to
 
 
@@ -56,12 +61,14 @@ class TriangleMesh:
     ----------
     vertices, faces : (V, 3) array of float, (F, 3) array of int
         Corners of triangles count vertices from 0. Copied.
-    largest_component : bool
-        Of several components keep the one with the largest area instead of refusing the mesh.
     messages : iterable of str
         What was already done to the input, put before the messages of the checks.
-    numbers : tuple of (V,) array of int and int, optional
-        The vertex_ids, ascending, and the file_vertex_count, if others were left out already.
+    numbers : FileNumbers, optional
+        The vertex_ids, ascending, the file_vertex_count and the copies, if vertices were left out
+        or merged already.
+    **options
+        What to change first: ``merge``, ``clean``, ``hemisphere`` and ``largest_component``, see
+        :func:`abfm.load_mesh`.
 
     Attributes
     ----------
@@ -69,6 +76,11 @@ class TriangleMesh:
         Rows of the input, or of the file, that vertices and faces came from; ascending.
     file_vertex_count : int
         Number of vertices of the input.
+    copies : (n, 2) array of int
+        Vertices of the input that were merged into another one, ascending, and that one.
+    numbered : tuple of (n,) array of int, twice
+        The vertices of the input that the mesh has, ascending, merged ones included, and their
+        rows.
     messages : tuple of str
         What was repaired or is worth a warning; one line each.
     edges, face_edges : (E, 2) and (F, 3) array of int
@@ -91,6 +103,7 @@ class TriangleMesh:
     vertex_ids: IntArray
     face_ids: IntArray
     file_vertex_count: int
+    copies: IntArray
     messages: tuple[str, ...]
     edges: IntArray
     face_edges: IntArray
@@ -103,11 +116,11 @@ class TriangleMesh:
         vertices: ArrayLike,
         faces: ArrayLike,
         *,
-        largest_component: bool = False,
         messages: Iterable[str] = (),
-        numbers: tuple[IntArray, int] | None = None,
+        numbers: FileNumbers | tuple[IntArray, int] | None = None,
+        **options: Unpack[MeshKeywords],
     ) -> None:
-        draft = check(vertices, faces, largest_component, numbers)
+        draft = check(vertices, faces, MeshOptions(**options), numbers)
         self.__setstate__(vars(draft) | {"messages": (*messages, *draft.messages), "cache": {}})
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
@@ -143,7 +156,7 @@ class TriangleMesh:
     def digest(self) -> str:
         """Name of the mesh by its content, in hexadecimal digits: the same in every process."""
         found = hashlib.sha256(repr((self.file_vertex_count, self.messages)).encode())
-        for name in ("vertices", "faces", "vertex_ids", "face_ids"):
+        for name in ("vertices", "faces", "vertex_ids", "face_ids", "copies"):
             array = np.ascontiguousarray(getattr(self, name))
             found.update(f"{name} {array.dtype.str} {array.shape}".encode())
             found.update(array.data)
@@ -226,6 +239,22 @@ class TriangleMesh:
         characteristic = self.corner_fans.max() + 1 - len(self.edges) + len(self.faces)
         return int(2 * (self.parts.max() + 1) - len(self.boundary_loops) - characteristic) // 2
 
+    @property
+    @per_mesh
+    def numbered(self) -> tuple[IntArray, IntArray]:
+        if not len(self.copies):
+            return self.vertex_ids, np.arange(len(self.vertices))
+        rows = np.searchsorted(self.vertex_ids, self.copies[:, 1])
+        numbers = np.concatenate([self.vertex_ids, self.copies[:, 0]])
+        order = np.argsort(numbers)
+        return numbers[order], np.concatenate([np.arange(len(self.vertices)), rows])[order]
+
+    def local_vertices(self, numbers: NDArray[Any]) -> IntArray:
+        """Return the rows of vertices as the file counts them, in the same shape; -1 for others."""
+        known, rows = self.numbered
+        place = np.searchsorted(known, numbers).clip(max=len(known) - 1)
+        return np.where(known[place] == numbers, rows[place], -1)
+
     def local_vertex(self, index: int) -> int:
         """Return the row of the vertex that the file calls ``index``, or raise a FunctionError."""
         if not 0 <= index < self.file_vertex_count:
@@ -233,16 +262,22 @@ class TriangleMesh:
                 f"there is no vertex {index}: the mesh has {self.file_vertex_count} vertices, "
                 f"numbered 0 to {self.file_vertex_count - 1}"
             )
-        position = int(np.searchsorted(self.vertex_ids, index))
-        if position == len(self.vertices) or self.vertex_ids[position] != index:
+        row = int(self.local_vertices(np.array(index)))
+        if row < 0:
             raise FunctionError(
                 f"vertex {index} was dropped, as no kept face uses it: choose another"
             )
-        return position
+        return row
 
     def restrict(self, values: NDArray[Entry]) -> NDArray[Entry]:
-        """Return the kept rows (V, ...) of (file_vertex_count, ...) or (V, ...) values."""
+        """Return the kept rows (V, ...) of (file_vertex_count, ...) or (V, ...) values.
+
+        Of vertices that were merged the value of the first one is taken, as ParaView does; a
+        UserWarning reports how many others differ from it.
+        """
         if len(values) == self.file_vertex_count:
+            if len(self.copies):
+                self._warn_of_differences(values)
             return values[self.vertex_ids]
         if len(values) == len(self.vertices):
             return values
@@ -255,14 +290,31 @@ class TriangleMesh:
 
     def on_file(self, values: NDArray[Any], missing: float = np.nan) -> NDArray[Any]:
         """Return values (V, ...) as rows of the mesh's file, (file_vertex_count, ...), the inverse
-        of `restrict`; vertices that no face uses get the value ``missing``.
+        of `restrict`; vertices that no face uses get the value ``missing``, and those that were
+        merged the value of the vertex that they became.
         """
         if len(values) == self.file_vertex_count:
             return values
         shape = (self.file_vertex_count, *values.shape[1:])
         whole = np.full(shape, missing, np.result_type(values.dtype, missing))
-        whole[self.vertex_ids] = values
+        numbers, rows = self.numbered
+        whole[numbers] = values[rows]
         return whole
+
+    def _warn_of_differences(self, values: NDArray[Any]) -> None:
+        copies, kept = (values[part].reshape(len(self.copies), -1) for part in self.copies.T)
+        differs = (copies != kept) & ((copies == copies) | (kept == kept))  # both NaN are the same
+        if values.dtype.kind == "f" and differs.any():
+            differs &= ~(np.abs(copies - kept) <= _ROUNDED * np.nanmax(np.abs(values)))
+        rows = np.flatnonzero(differs.any(axis=1))
+        if len(rows):
+            copy, first = self.copies[rows[0]]
+            warnings.warn(
+                f"{len(rows)} of {len(copies)} merged vertices have another value than the vertex "
+                f"that they were merged into, whose value is taken (for example vertex {copy} than "
+                f"vertex {first})",
+                stacklevel=3,
+            )
 
 
 def _frozen(array: NDArray[Entry]) -> NDArray[Entry]:

@@ -293,7 +293,9 @@ def load_population(path: str | os.PathLike[str]) -> Population:
     path = Path(path) / "population.npz" if Path(path).is_dir() else path
     arrays: dict[str, Any] = results.load_arrays(path, POPULATION)
     try:
-        template = results.mesh_of({name: arrays.pop(name) for name in results.MESH_ENTRIES})
+        template = results.mesh_of(arrays)
+        for name in results.MESH_ENTRIES:
+            arrays.pop(name, None)
         pairs = zip(arrays.pop("channels").tolist(), arrays.pop("held_out").tolist(), strict=True)
         texts: dict[str, Any] = {
             name: tuple(arrays.pop(name).tolist())

@@ -313,9 +313,7 @@ class _ThroughSphere(Correspondence):
 
 def correspondence_of(arrays: results.Arrays) -> Correspondence:
     """Return that of `Correspondence.arrays`; an AbfmError or a ValueError if they do not fit."""
-    b = results.mesh_of({name: arrays[name] for name in results.MESH_ENTRIES})
-    a = results.mesh_of({name: arrays[f"a_{name}"] for name in results.MESH_ENTRIES})
-    return _between(a, b, arrays)
+    return _between(results.mesh_of(arrays, "a_"), results.mesh_of(arrays), arrays)
 
 
 def _between(a: TriangleMesh, b: TriangleMesh, arrays: results.Arrays) -> Correspondence:

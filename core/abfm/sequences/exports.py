@@ -166,7 +166,8 @@ def export_stc(path: str | os.PathLike[str], sequence: Sequence) -> str:
     `abfm.io.write_stc`.
     """
     speed = vertex_speed(sequence)
-    return write_stc(path, speed, sequence.mesh.vertex_ids, sequence.middles)
+    numbers, rows = sequence.mesh.numbered
+    return write_stc(path, speed[:, rows], numbers, sequence.middles)
 
 
 def export_speed(path: str | os.PathLike[str], sequence: Sequence) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from abfm.assets import asset_path
 from abfm.errors import FunctionError, MeshError
 from abfm.mesh import TriangleMesh, load_mesh
-from abfm.mesh.checks import flat_faces
+from abfm.mesh.face_sizes import flat_faces
 from abfm.mesh.topology import edges_of_faces
 from tests import shapes
 from tests.messages import check_message, raises
@@ -105,7 +105,7 @@ REFUSED = {
     ),
     "separate faces at equal positions": (
         *(icosphere(0).vertices[icosphere(0).faces].reshape(-1, 3), np.arange(60).reshape(-1, 3)),
-        (20, 48),
+        (20, 1, 12, 60, "--merge", "merge=True"),
     ),
 }
 
@@ -260,6 +260,7 @@ def test_a_mesh_far_away_is_used_with_a_warning(power):
 def test_more_faces_than_pairs_of_vertices_are_refused_before_edges_are_looked_for(monkeypatch):
     mesh = tetrahedron()
     monkeypatch.setattr("abfm.mesh.checks.edges_of_faces", None)
+    monkeypatch.setattr("abfm.mesh.checks.FACES_MAX", 0)
     with raises(MeshError, 5, 4):
         TriangleMesh(mesh.vertices, [*mesh.faces, [0, 1, 2]])
 

@@ -56,7 +56,7 @@ def _of_pairs(
 ) -> PointMap | Landmarks:
     numbers = table - 1 if path.lower().endswith(".vts") else table
     # of a map, unlike landmarks, several may have one image
-    is_map = np.array_equal(np.sort(numbers[:, 1]), b.vertex_ids)
+    is_map = np.array_equal(np.sort(numbers[:, 1]), b.numbered[0])
     if path.lower().endswith(_WRITTEN) and not is_map:
         return read_landmarks(a, b, path)
     wrong = np.flatnonzero(~(np.isfinite(table) & (table == np.rint(table))).all(axis=1))
@@ -70,7 +70,7 @@ def _of_pairs(
     except AbfmError as error:
         raise AbfmError(f"landmarks {brief(path)}: {error}") from None
     if is_map:
-        return PointMap.of_vertices(b, a, np.array(of_a)[np.argsort(of_b)])
+        return PointMap.of_vertices(b, a, np.array(of_a)[np.unique(of_b, return_index=True)[1]])
     return Landmarks.of_vertices(a, b, of_a, of_b)
 
 

@@ -208,7 +208,7 @@ def _two_files(words: list[str]) -> list[str]:
 
 def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
     """Return the directions (V, 3) of a mesh's vertices on the sphere that a file holds."""
-    sphere = load_mesh(path)
+    sphere = load_mesh(path, merge=len(mesh.copies) > 0)
     if not np.array_equal(sphere.vertex_ids, mesh.vertex_ids):
         raise ParameterError(
             f"{path} has {sphere.file_vertex_count} vertices, and the surface "

@@ -30,9 +30,8 @@ def source_frames(file: Path, mesh: TriangleMesh) -> FramesFile:
             f"{mesh.file_vertex_count}: give the surface that its sources lie on, of the same "
             "hemisphere"
         )
-    row = np.full(mesh.file_vertex_count, -1)
-    row[film.vertices] = np.arange(len(film.vertices))
-    rows = row[mesh.vertex_ids]
+    rows, places = np.full(len(mesh.vertices), -1), mesh.local_vertices(film.vertices)[::-1]
+    rows[places[places >= 0]] = np.arange(len(places))[::-1][places >= 0]  # the first of copies
     known = int(np.count_nonzero(rows >= 0))
     if known == len(rows):
         return FramesFile(film.values[:, rows], film.times)

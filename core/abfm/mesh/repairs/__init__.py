@@ -1,0 +1,1 @@
+"""Repairs of a mesh that its reader asks for by `MeshOptions`."""

@@ -1,0 +1,212 @@
+"""Cleaning a mesh: faces without area, repeated faces, and sheets that hang on a surface.
+
+A face without area must not leave a hole where it was. If two of its corners are nearly at one
+position they become one vertex, so that the faces on both sides of it meet. Otherwise one corner
+lies on the longest side: the face goes, and faces on the other side of that side are split at this
+corner.
+"""
+
+from __future__ import annotations
+
+import heapq
+
+import numpy as np
+
+from abfm.errors import MeshError
+from abfm.mesh.draft import Draft, counted
+from abfm.mesh.face_sizes import flat_faces, side_lengths, twice_areas
+from abfm.mesh.topology import connected, edges_of_faces
+from abfm.types import BoolArray, IntArray
+
+_NEAR = 1e-6  # shortest over longest side of a face without area, up to which its ends are joined
+_FLAT_MAX = 100_000  # faces without area: more stay
+_SPLITS_EACH = 20  # faces that are split for each face without area, at most
+_NOTHING_LEFT = "no face remains: give a file of a surface"
+
+
+def clean(draft: Draft) -> None:
+    """Clean a mesh; every change is a message. What cannot be cleaned safely stays as it is."""
+    _join_short_sides(draft)
+    _drop(draft, draft.has_vertex_twice(), "with a vertex twice")
+    _drop_repeated(draft)
+    _remove_flat(draft)
+    _drop_repeated(draft)
+    _drop_hanging_sheets(draft)
+
+
+def _drop(draft: Draft, bad: BoolArray, what: str, more: str = "") -> None:
+    if bad.all():
+        raise MeshError(_NOTHING_LEFT)
+    if bad.any():
+        example, count = draft.face_ids[np.argmax(bad)], len(draft.vertices)
+        draft.keep(~bad)
+        gone = count - len(draft.vertices)
+        alone = f", and {counted(gone, 'vertex', 'vertices')} only they used" if gone else ""
+        draft.messages.append(
+            f"{counted(bad.sum(), 'face', 'faces')} {what} {'was' if bad.sum() == 1 else 'were'} "
+            f"removed{alone} (for example face {example}{more})"
+        )
+
+
+def _join_short_sides(draft: Draft) -> None:
+    """Make the ends of very short sides of faces without area one vertex."""
+    is_flat = flat_faces(draft.vertices, draft.faces) & ~draft.has_vertex_twice()
+    faces = draft.faces[is_flat]
+    lengths = side_lengths(draft.vertices, faces)
+    short = lengths <= _NEAR * lengths.max(axis=1, initial=0, keepdims=True)
+    if short.any():
+        ends = np.stack([np.roll(faces, -1, axis=1)[short], np.roll(faces, -2, axis=1)[short]], 1)
+        pairs = draft.join(connected(len(draft.vertices), ends))
+        draft.messages.append(
+            f"{counted(len(pairs), 'vertex was', 'vertices were')} merged into another one at the "
+            "other end of a very short side of a face without area (for example vertex "
+            f"{pairs[0, 0]} into vertex {pairs[0, 1]})"
+        )
+
+
+def _drop_repeated(draft: Draft) -> None:
+    """Drop faces that have the vertices of an earlier one, in whatever order; and this one as well
+    where such faces form a wall whose sides end on a surface that goes on beneath them.
+    """
+    keys = np.sort(draft.faces, axis=1)
+    _, first, group, sizes = np.unique(
+        keys, axis=0, return_index=True, return_inverse=True, return_counts=True
+    )
+    group = group.reshape(-1)
+    again = first[group] != np.arange(len(draft.faces))
+    if not again.any():
+        return
+    like = draft.face_ids[first[group[np.argmax(again)]]]
+    edges = edges_of_faces(draft.faces, len(draft.vertices))[1]
+    repeats = sizes[group] > 1
+    others = np.bincount(edges[~repeats].ravel(), minlength=int(edges.max()) + 1)
+    # patches of repeated faces, by their edges
+    label = connected(len(others), np.concatenate([edges[repeats][:, :2], edges[repeats][:, 1:]]))
+    ends, joins = np.zeros(len(others), dtype=bool), np.zeros(len(others), dtype=bool)
+    at = edges[repeats].ravel()
+    ends[label[at[others[at] >= 2]]] = True
+    joins[label[at[others[at] == 1]]] = True
+    patch = label[edges[:, 0]]
+    wall = repeats & ends[patch] & ~joins[patch]
+    _drop(draft, again | wall, "that repeat another one", f", as face {like}")
+
+
+def _remove_flat(draft: Draft) -> None:
+    """Remove faces without area, and split their neighbours at the corners on their longest sides.
+
+    The face with the longest side goes first: its neighbour there has area, or there is none.
+    """
+    is_flat = flat_faces(draft.vertices, draft.faces)
+    count = int(is_flat.sum())
+    if not 0 < count <= _FLAT_MAX:
+        return
+    is_near = _faces_around(draft.faces, _faces_around(draft.faces, is_flat))
+    patch = _Patch(draft, np.flatnonzero(is_near))
+    patch.enqueue(np.flatnonzero(is_flat).tolist())
+    splits = 0
+    while patch.queue and splits <= _SPLITS_EACH * count:
+        splits += patch.remove_flat(*heapq.heappop(patch.queue)[1:])
+    if is_near.all() and not patch.faces:
+        raise MeshError(_NOTHING_LEFT)
+    example = draft.face_ids[np.argmax(is_flat)]
+    ids = np.concatenate([draft.face_ids[~is_near], [patch.ids[face] for face in patch.faces]])
+    order = np.argsort(ids, kind="stable").astype(np.int64)
+    changed = np.array([*patch.faces.values()], dtype=np.int64).reshape(-1, 3)
+    draft.faces = np.concatenate([draft.faces[~is_near], changed])[order]
+    draft.face_ids = ids[order].astype(np.int64)
+    draft.drop_unreferenced_vertices()
+    one = count == 1
+    split = f", and {counted(splits, 'face', 'faces')} next to {'it' if one else 'them'} split"
+    draft.messages.append(
+        f"{counted(count, 'face', 'faces')} without area {'was' if one else 'were'} removed (for "
+        f"example face {example}){split if splits else ''} so that no hole is left"
+    )
+
+
+class _Patch:
+    """Faces whose neighbours are known, of which those without area are removed."""
+
+    def __init__(self, draft: Draft, near: IntArray) -> None:
+        self.vertices = draft.vertices
+        self.ids: list[int] = (
+            draft.face_ids.tolist()
+        )  # of the faces, and of the parts of split ones
+        self.faces: dict[int, list[int]] = {}
+        self.queue: list[tuple[float, int, int]] = []
+        self._around: dict[tuple[int, int], set[int]] = {}
+        for face, corners in zip(near.tolist(), draft.faces[near].tolist(), strict=True):
+            self._add(face, corners)
+
+    def enqueue(self, faces: list[int]) -> None:
+        """Note those of the faces that have no area, by the longest side and the corner on it."""
+        corners = np.array([self.faces[face] for face in faces])
+        lengths = side_lengths(self.vertices, corners)
+        for k in np.flatnonzero(flat_faces(self.vertices, corners)).tolist():
+            entry = -float(lengths[k].max()), faces[k], int(lengths[k].argmax())
+            heapq.heappush(self.queue, entry)
+
+    def remove_flat(self, face: int, corner: int) -> int:
+        """Remove a face, and split at its corner what lies beyond the side opposite; how many."""
+        if face not in self.faces:
+            return 0
+        ends = self._remove(face)
+        apex = ends.pop(corner)
+        beyond = sorted(self._around[min(ends), max(ends)])
+        for other in beyond:
+            whole, new = self._remove(other), [len(self.ids), len(self.ids) + 1]
+            self.ids += [self.ids[other]] * 2
+            for part, end in zip(new, ends, strict=True):
+                self._add(part, [apex if vertex == end else vertex for vertex in whole])
+            self.enqueue(new)
+        return len(beyond)
+
+    def _add(self, face: int, corners: list[int]) -> None:
+        self.faces[face] = corners
+        for side in _sides(corners):
+            self._around.setdefault(side, set()).add(face)
+
+    def _remove(self, face: int) -> list[int]:
+        for side in _sides(self.faces[face]):
+            self._around[side].discard(face)
+        return self.faces.pop(face)
+
+
+def _faces_around(faces: IntArray, some: BoolArray) -> BoolArray:
+    """Return the faces that share a vertex with some of them."""
+    at = np.zeros(int(faces.max()) + 1, dtype=bool)
+    at[faces[some]] = True
+    return np.asarray(at[faces].any(axis=1))
+
+
+def _sides(corners: list[int]) -> list[tuple[int, int]]:
+    a, b, c = corners
+    return [(min(b, c), max(b, c)), (min(c, a), max(c, a)), (min(a, b), max(a, b))]
+
+
+def _drop_hanging_sheets(draft: Draft) -> None:
+    """Drop sheets that end on a surface which goes on beneath them.
+
+    Faces joined by edges of two faces are a sheet. One hangs if each of its edges with more faces
+    has three, two of them in one and the same larger sheet.
+    """
+    _, edges = edges_of_faces(draft.faces, len(draft.vertices))
+    uses = np.bincount(edges.ravel())
+    if uses.max() <= 2:
+        return
+    order = np.argsort(edges, axis=None, kind="stable")
+    first = np.cumsum(uses) - uses
+    inner = first[uses == 2]
+    sheet = connected(len(edges), np.stack([order[inner], order[inner + 1]], axis=1) // 3)
+    areas = np.bincount(sheet, twice_areas(draft.vertices, draft.faces))
+    hangs, at_edges = np.ones(len(areas), dtype=bool), np.zeros(len(areas), dtype=bool)
+    at_more = np.repeat(uses > 2, uses)
+    at_edges[sheet[order[at_more] // 3]] = True
+    hangs[sheet[order[np.repeat(uses > 3, uses)] // 3]] = False
+    three = np.sort(sheet[order[first[uses == 3][:, None] + np.arange(3)] // 3], axis=1)
+    low, middle, high = three.T
+    single = np.where(low == middle, high, low)
+    has_single = (low == middle) != (middle == high)
+    for each in three.T:
+        may_go = has_single & (each == single) & (areas[each] < areas[middle])
+        hangs[each[~may_go]] = False
+    _drop(draft, (hangs & at_edges)[sheet], "of sheets that hang on the surface")

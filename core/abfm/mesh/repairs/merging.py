@@ -1,0 +1,79 @@
+"""Merging vertices that lie at the same position, or close to each other."""
+
+import numpy as np
+
+from abfm.errors import MeshError
+from abfm.mesh.draft import Draft, counted
+from abfm.mesh.face_sizes import side_lengths
+from abfm.mesh.topology import connected
+from abfm.types import FloatArray
+
+RELATIVE_DISTANCE = 1e-6  # of the diagonal of the bounding box
+_PAIRS_MAX = 30_000_000
+
+
+def merge_vertices(draft: Draft, distance: bool | float, may_collapse: bool) -> None:
+    """Make vertices one that are joined by steps of at most a distance: the first of them, where it
+    is.
+
+    True takes 1e-6 of the diagonal of the bounding box. Unless faces ``may_collapse`` it is at most
+    half the shortest edge then, and a given distance is refused that is as long as an edge.
+    """
+    _, first, place = np.unique(draft.vertices, axis=0, return_index=True, return_inverse=True)
+    points, place = draft.vertices[first], place.reshape(-1)
+    same = np.stack([first[place], np.arange(len(place))], axis=1)
+    reach = _reach(draft, distance, may_collapse)
+    _check_crowding(points, reach)
+    from scipy.spatial import KDTree  # whose import takes longer than reading a mesh
+
+    tree = KDTree(points)
+    if tree.count_neighbors(tree, reach) - len(points) > 2 * _PAIRS_MAX:
+        raise _crowded(reach)
+    near = first[tree.query_pairs(reach, output_type="ndarray")]
+    pairs = draft.join(connected(len(draft.vertices), np.concatenate([same, near])))
+    if len(pairs):
+        copy, kept = pairs[0]
+        where = f"at most {reach:.3g} apart" if len(near) else "at the same position"
+        draft.messages.append(
+            f"{counted(len(pairs), 'vertex was', 'vertices were')} merged into another one, "
+            f"{where} (for example vertex {copy} into vertex {kept})"
+        )
+
+
+def _reach(draft: Draft, distance: bool | float, may_collapse: bool) -> float:
+    """Return up to which distance vertices are merged."""
+    lengths = side_lengths(draft.vertices, draft.faces)
+    lengths[lengths == 0] = np.inf
+    face = int(lengths.min(axis=1).argmin())
+    shortest = float(lengths[face].min())
+    if distance is True:
+        width = draft.vertices.max(axis=0) - draft.vertices.min(axis=0)
+        reach = RELATIVE_DISTANCE * float(np.linalg.norm(width))
+        return reach if may_collapse else min(reach, shortest / 2)
+    middle = float(np.median(lengths))
+    if distance >= (middle if may_collapse else shortest):
+        which, where = "shortest", f" (face {draft.face_ids[face]}, counting from 0)"
+        if may_collapse:
+            which, where, shortest = "median", "", middle
+        raise MeshError(
+            f"vertices at most {distance:g} apart are to be merged, but the {which} edge has "
+            f"length {shortest:.4g}{where}, and its face would collapse: give a smaller distance"
+        )
+    return float(distance)
+
+
+def _check_crowding(points: FloatArray, reach: float) -> None:
+    """Refuse points so dense that looking for pairs of them would take very long."""
+    low = points.min(axis=0)
+    size = max(reach, 1e-12 * float((points - low).max())) or 1.0
+    cells = np.floor((points - low) / size).astype(np.int64)
+    crowds = np.unique(cells, axis=0, return_counts=True)[1].astype(np.float64)
+    if (crowds**2).sum() > 16 * len(points) + 1_000_000:
+        raise _crowded(reach)
+
+
+def _crowded(reach: float) -> MeshError:
+    return MeshError(
+        f"too many of its vertices are less than {reach:.3g} apart: give a smaller distance to "
+        "merge"
+    )

@@ -1,0 +1,70 @@
+"""Options with which a mesh that was refused can be used: they are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from abfm.errors import MeshError, Remedy
+from abfm.mesh.draft import Draft
+from abfm.mesh.options import HEMISPHERES, MeshOptions
+
+FACES_MAX = 1_000_000
+"""Of larger meshes no options are tried, as that takes long."""
+Attempt = Callable[[MeshOptions], Draft]
+
+
+class DefectError(MeshError):
+    """What is wrong with a mesh, and what to do if no option helps."""
+
+    def __init__(self, problem: str, advice: str) -> None:
+        super().__init__(f"{problem}: {advice}")
+        self.problem = problem
+
+
+def with_remedies(
+    defect: DefectError, options: MeshOptions, attempt: Attempt, can_merge: bool
+) -> MeshError:
+    """Return the error that names options with which the mesh can be used, or what is wrong with
+    all of them.
+    """
+    last = ""
+    for group in _candidates(options, can_merge):
+        works = []
+        for each in group:
+            try:
+                works.append((each, attempt(each)))
+            except MeshError as error:
+                is_other = not isinstance(error, DefectError) or error.problem != defect.problem
+                last = f"; with {each.words}, {error}" if is_other else ""
+        if works:
+            if group[0].hemisphere == options.hemisphere:
+                works = [max(works, key=lambda pair: len(pair[1].faces))]
+            return _advised(defect.problem, works)
+    return MeshError(f"{defect.problem}{last}" if last else str(defect))
+
+
+def _candidates(options: MeshOptions, can_merge: bool) -> Iterator[list[MeshOptions]]:
+    """Yield options, those of a group together: of the first group that works the one that keeps
+    most faces is advised, or both hemispheres.
+
+    Merging comes first, as it also joins the sides of seams that leave a surface connected.
+    """
+    merges = [replace(options, merge=True), options] if can_merge else [options]
+    cleans = [] if options.clean else [replace(each, clean=True) for each in merges]
+    yield from ([each] for each in [*merges[:-1], *cleans])
+    if not (options.hemisphere or options.largest_component):
+        for each in [*merges, *cleans]:
+            yield [replace(each, hemisphere=side) for side in HEMISPHERES]
+    for group in (merges, cleans):
+        yield [replace(each, largest_component=True) for each in group]
+
+
+def _advised(problem: str, works: list[tuple[MeshOptions, Draft]]) -> MeshError:
+    words = " or ".join(f"{options.words} (keeps {draft.kept})" for options, draft in works)
+    error = MeshError(f"{problem}: use {words}; in Python: {works[0][0].keywords}")
+    error.problem = problem
+    error.remedies = tuple(
+        Remedy(options.given, options.button, draft.kept) for options, draft in works
+    )
+    return error
