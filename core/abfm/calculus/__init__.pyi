@@ -2,6 +2,7 @@ from .channels import channels as channels
 from .eigenbasis import eigenbasis as eigenbasis
 from .eigenbasis import unit_eigenbasis as unit_eigenbasis
 from .geodesics import geodesic_distance as geodesic_distance
+from .geodesics import surface_distance as surface_distance
 from .operators import averaging as averaging
 from .operators import cotangent_laplacian as cotangent_laplacian
 from .operators import curl as curl
