@@ -8,7 +8,7 @@ import numpy as np
 
 from abfm import MeshError, ParameterError, TriangleMesh, load_mesh
 from abfm.assets import asset_names, asset_path
-from abfm.mesh.files import READERS
+from abfm.mesh.files import MESH_ENDINGS
 from abfm.mesh.shapes import even_sphere, five_limbs, grid
 
 _BUMPS = 9
@@ -46,7 +46,7 @@ def given_meshes(
 def _files(given: Path) -> list[tuple[str, Path]]:
     if not os.path.isdir(given):  # which takes any name
         return [(given.name, given)]
-    files = sorted(path for path in given.iterdir() if path.name.lower().endswith(tuple(READERS)))
+    files = sorted(path for path in given.iterdir() if path.name.lower().endswith(MESH_ENDINGS))
     return [(f"{given.resolve().name}/{path.name}", path) for path in files]
 
 

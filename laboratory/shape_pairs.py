@@ -32,8 +32,7 @@ from scipy.spatial import cKDTree
 from abfm import AbfmError, TriangleMesh
 from abfm.maps import PointMap, SurfacePoints, project_onto_surface
 from abfm.mesh.coarsening import coarsened
-from abfm.mesh.readers.plain import read_obj
-from abfm.mesh.readers.ply import read_ply
+from abfm.mesh.files import READERS, read_contents
 from abfm.mesh.subdivision import subdivided
 from abfm.mesh.topology import next_corner
 from abfm.registration.initial.landmark_pairs import Landmarks
@@ -138,7 +137,7 @@ def clean(vertices: FloatArray, faces: IntArray) -> TriangleMesh:
 
 
 def _read(path: Path) -> TriangleMesh:
-    contents = read_ply(path) if path.suffix == ".ply" else read_obj(path)
+    contents = read_contents(path, READERS, "mesh")
     return clean(contents.vertices, contents.faces)
 
 

@@ -17,7 +17,8 @@ from abfm.registration import Texture
 from abfm.workers.progress import step
 
 Pixels = NDArray[np.uint8]
-_MOST_PIXELS = 1 << 27  # of all images of a file
+_MOST_PIXELS = 1 << 26  # of all images of a file, of 4 bytes each
+_ROWS_AT_A_TIME = 256
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "TIFF")
 _OPAQUE, _BLEND = "OPAQUE", "BLEND"
 _SIXTEEN_BITS = 257  # from 16 to 8 bits
@@ -50,15 +51,18 @@ def read_texture(
                     f"{one_line(given)}: its image cannot be read: {one_line(error)}"
                 ) from error
             left -= known[data].size // 4
+    images = dict.fromkeys((material.image, material.wraps) for material in found.materials)
+    numbers = {each: number for number, each in enumerate(images)}
+    owners = [numbers[material.image, material.wraps] for material in found.materials]
     factors = np.array([material.color for material in found.materials])
     modes = {material.alpha_mode for material in found.materials}
     tints = found.colors * factors[found.owners][:, None]
     texture = Texture(
         mesh,
         np.where(np.isnan(found.coordinates), 0, found.coordinates),
-        [known[material.image] for material in found.materials],
-        found.owners,
-        [material.wraps for material in found.materials],
+        [known[data] for data, _ in images],
+        np.array(owners)[found.owners],
+        [wraps for _, wraps in images],
         None if (tints == 1).all() else tints,
     )
     return texture, modes.pop() if len(modes) == 1 else _BLEND
@@ -87,4 +91,8 @@ def _decoded(data: bytes, most: int) -> Pixels:
             return np.asarray(Image.fromarray(grey).convert("RGBA"))
         if image.mode == "F":
             raise ValueError("its pixels are floating-point numbers; expected 8 or 16 bits")
-        return np.asarray(image.convert("RGBA"))
+        pixels = np.empty((image.height, image.width, 4), dtype=np.uint8)
+        for top in range(0, image.height, _ROWS_AT_A_TIME):  # which need no copy of all
+            rows = image.crop((0, top, image.width, min(top + _ROWS_AT_A_TIME, image.height)))
+            pixels[top : top + rows.height] = np.asarray(rows.convert("RGBA"))
+        return pixels

@@ -19,7 +19,7 @@ import abfm
 from abfm import AbfmError, FunctionError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.errors import SeveralArraysError, brief, one_line
-from abfm.mesh.files import READERS
+from abfm.mesh.files import MESH_ENDINGS
 from abfm.reading import FREESURFER_SURFACES
 from abfm.types import FloatArray
 from abfm.wording import capital
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from abfm.reading.labels import Labels
     from abfm_viewer.files.state_folder import StateFolder
 
-MESHES, PROJECT, RESULT = (*READERS, *FREESURFER_SURFACES), ".abfm", ".npz"
+MESHES, PROJECT, RESULT = (*MESH_ENDINGS, *FREESURFER_SURFACES), ".abfm", ".npz"
 """Suffixes."""
 LABELS = (".label.gii", ".gii", ".gii.gz", ".annot")
 LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another mesh...", "Save as..."

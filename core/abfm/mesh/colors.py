@@ -4,23 +4,27 @@ from __future__ import annotations
 
 import os
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from abfm.errors import MeshError, one_line
-from abfm.mesh.files import read_contents
+from abfm.mesh.files import Readers, read_contents
 from abfm.mesh.readers.colored import WHITE, ColoredFaces, Material, colored_ply
 from abfm.mesh.readers.gltf_colors import colored_gltf
 from abfm.mesh.readers.obj_colors import colored_obj
 from abfm.mesh.triangle_mesh import TriangleMesh
-from abfm.reading import read_bytes
+from abfm.reading import Format, read_bytes
 from abfm.types import FloatArray, IntArray
 
-COLORED = {".obj": colored_obj, ".glb": colored_gltf, ".gltf": colored_gltf, ".ply": colored_ply}
-"""Readers by endings of names."""
+COLORED: Readers[ColoredFaces] = {
+    Format.OBJ: colored_obj,
+    Format.GLB: colored_gltf,
+    Format.GLTF: colored_gltf,
+    Format.PLY: colored_ply,
+}
+"""By the format of the file."""
 # how far a vertex may lie from itself on the surface: in sqrt(area), and in its coordinates
 _SAME, _SINGLE_PRECISION = 1e-5, 2e-7
 
@@ -69,15 +73,11 @@ def load_colors(
         One line that begins with the file's name: why it cannot be read, or that it is of another
         surface, or gives it no colours.
     """
-    file, name = Path(path), one_line(path)
-    form = file.suffix.lower()
-    if form not in COLORED:
-        raise MeshError(f"{name}: colours are read from {', '.join(COLORED)}; give one of these")
-    reader = COLORED[form]
-    if image is not None and reader is colored_obj:
-        reader = partial(colored_obj, has_materials=False)
+    name, readers = one_line(path), dict(COLORED)
+    if image is not None:
+        readers[Format.OBJ] = partial(colored_obj, has_materials=False)
     try:
-        found = read_contents(file, form, reader)
+        found = read_contents(path, readers, "file with colours")
         if image is not None:
             given = Material(_bytes_of(image), alpha_mode="BLEND")
             found = found._replace(materials=(given,), owners=np.zeros_like(found.owners))

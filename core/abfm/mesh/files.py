@@ -2,59 +2,62 @@
 
 import os
 import warnings
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
-import numpy as np
-
 from abfm.errors import MeshError, one_line
-from abfm.mesh.readers.contents import FileContents
+from abfm.mesh.readers.brain import (
+    read_ascii_surface,
+    read_gifti,
+    read_mni_obj,
+    read_quadrangles,
+    read_surface,
+)
+from abfm.mesh.readers.contents import FileContents, split_polygons
 from abfm.mesh.readers.gltf import read_gltf
-from abfm.mesh.readers.plain import read_obj, read_off, read_stl
+from abfm.mesh.readers.off import read_off
+from abfm.mesh.readers.plain import read_obj, read_stl
 from abfm.mesh.readers.ply import read_ply
 from abfm.mesh.triangle_mesh import TriangleMesh
-from abfm.reading import freesurfer_kind, freesurfer_surface, gifti_arrays, open_plain
+from abfm.reading import ENDINGS, Format, Opened, open_file, vtk_contents
 from abfm.workers.progress import step
 
 Contents = TypeVar("Contents")
-_LONGEST_NAME = 300
+Readers = Mapping[Format, Callable[[Opened], Contents]]
+_NAME_LENGTH_MAX = 300
 
 
-def read_gifti(path: Path) -> FileContents:
-    """Read the point set and the triangles of a GIFTI surface file."""
-    arrays = gifti_arrays(path)
-    points = [array.values for array in arrays if array.intent == "NIFTI_INTENT_POINTSET"]
-    triangles = [array.values for array in arrays if array.intent == "NIFTI_INTENT_TRIANGLE"]
-    if len(points) != 1 or len(triangles) != 1:
-        raise ValueError(
-            f"it has {len(points)} point sets and {len(triangles)} triangle arrays instead of one "
-            "of each: give a surface file (.surf.gii)"
-        )
-    return FileContents(np.asarray(points[0], dtype=np.float64), triangles[0])
+def read_vtk(opened: Opened) -> FileContents:
+    """Read the points and the polygons of a file of VTK."""
+    file = vtk_contents(opened)
+    return split_polygons(file.points, *file.polygons())
 
 
-def read_freesurfer(path: Path) -> FileContents:
-    """Read a FreeSurfer surface of triangles, such as ``lh.white``, in surface RAS as it is."""
-    return FileContents(*freesurfer_surface(path))
-
-
-READERS: dict[str, Callable[[Path], FileContents]] = {
-    ".obj": read_obj,
-    ".off": read_off,
-    ".ply": read_ply,
-    ".stl": read_stl,
-    ".glb": read_gltf,
-    ".gltf": read_gltf,
-    ".gii": read_gifti,
-    ".gii.gz": read_gifti,
+READERS: Readers[FileContents] = {
+    Format.OBJ: read_obj,
+    Format.OFF: read_off,
+    Format.PLY: read_ply,
+    Format.STL: read_stl,
+    Format.GLB: read_gltf,
+    Format.GLTF: read_gltf,
+    Format.GIFTI: read_gifti,
+    Format.VTK_LEGACY: read_vtk,
+    Format.VTK_XML: read_vtk,
+    Format.MNI_OBJ: read_mni_obj,
+    Format.FREESURFER_SURFACE: read_surface,
+    Format.FREESURFER_QUADS: read_quadrangles,
+    Format.FREESURFER_ASCII: read_ascii_surface,
 }
-"""By endings of names."""
-_NO_MESHES = {
-    ".annot": "it holds labels of vertices",
-    ".label": "it holds a list of vertices",
-    "values": "it holds values at vertices, as FreeSurfer writes them",
-}
+"""By the format of the file."""
+
+
+def endings_of(readers: Readers[Contents]) -> tuple[str, ...]:
+    """Return what names of files that these readers read usually end in."""
+    return tuple(ending for ending, found in ENDINGS.items() if found in readers)
+
+
+MESH_ENDINGS = (*endings_of(READERS), *(f"{ending}.gz" for ending in endings_of(READERS)))
+"""What names of meshes usually end in; surfaces of FreeSurfer may end in anything."""
 
 
 def load_mesh(
@@ -65,17 +68,19 @@ def load_mesh(
     hemisphere: str | None = None,
     largest_component: bool = False,
 ) -> TriangleMesh:
-    """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf, gii or FreeSurfer's.
+    """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, surfaces
+    of FreeSurfer or MNI objects; each may be compressed (.gz).
 
     Vertices keep the file's order and count, unused ones included; only STL and glTF, which repeat
-    vertices, are merged by position, with a message. Polygons are split into triangles. Surfaces
-    of FreeSurfer, such as ``lh.white``, are known by their first bytes, and keep the coordinates
-    of the file: surface RAS, to which ``cras`` is not added, as in nibabel.
+    vertices, are merged by position, with a message. Polygons and strips are split into triangles.
+    glTF is read as it is shown at rest, with its morph weights and skins. Surfaces of FreeSurfer,
+    such as ``lh.white``, keep the coordinates of the file: surface RAS, to which ``cras`` is not
+    added, as in nibabel.
 
     Parameters
     ----------
     path : path
-        The ending of its name says the format, or else how the file begins.
+        Its first bytes decide the format, or else the ending of its name.
     merge : bool or float, optional
         Make vertices one that are at most this distance apart, in the file's unit, as where a
         texture has a seam: the first of them stays where it is. A distance of an edge's length is
@@ -101,12 +106,9 @@ def load_mesh(
     MeshError
         One line that begins with the file's name: why it cannot be read, or its mesh be used.
     """
-    file, name = Path(path), one_line(path, _LONGEST_NAME)
-    ending = next((ending for ending in READERS if file.name.lower().endswith(ending)), None)
-    form = ending or _form_by_beginning(file, name)
+    name = one_line(path, _NAME_LENGTH_MAX)
     try:
-        reader = READERS.get(form, read_freesurfer)
-        vertices, faces, messages = read_contents(file, form, reader)
+        vertices, faces, messages = read_contents(path, READERS, "mesh")
         return TriangleMesh(
             vertices,
             faces,
@@ -124,38 +126,36 @@ def load_mesh(
         raise error.of(name) from error
 
 
-def _form_by_beginning(file: Path, name: str) -> str:
-    """Return the format of a file whose name does not say it, or raise a MeshError."""
-    try:
-        kind = freesurfer_kind(file)
-    except OSError:
-        kind = "surface"  # reading it will tell why it cannot be read
-    if kind in ("surface", "quadrangles"):
-        return "a FreeSurfer surface"
-    no_mesh = _NO_MESHES.get(kind or file.suffix.lower())
-    if no_mesh:
-        raise MeshError(f"{name}: {no_mesh}, and no mesh: give a surface, such as lh.white")
-    known = f"{', '.join(READERS)}, and FreeSurfer's surfaces by how they begin"
-    raise MeshError(f"{name}: the format is not known from the name's ending; known are {known}")
+def read_contents(
+    path: str | os.PathLike[str], readers: Readers[Contents], wanted: str
+) -> Contents:
+    """Return the contents of a file, or raise a MeshError, whatever a reader raises on a bad file.
 
-
-def read_contents(file: Path, form: str, reader: Callable[[Path], Contents]) -> Contents:
-    """Return the contents of the file, or a MeshError: readers may raise anything on a bad file."""
+    Parameters
+    ----------
+    readers : mapping
+        By the formats that can be read.
+    wanted : str
+        What the file is expected to hold, such as "mesh".
+    """
+    opened = None
     try:
-        with open_plain(file) as opened:
-            size = opened.seek(0, os.SEEK_END)
-        if size == 0:
-            raise ValueError("the file is empty")
-        with step(f"reading {form}", size), warnings.catch_warnings():
+        opened = open_file(path)
+        if opened.format not in readers:
+            known = ", ".join(endings_of(readers))
+            more = " or a FreeSurfer surface" * (Format.FREESURFER_SURFACE in readers)
+            raise MeshError(f"it is {opened.format}, not a {wanted}; expected {known}{more}")
+        with step(f"reading {opened.format}", len(opened.data)), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return reader(file)
-    except MemoryError:
+            return readers[opened.format](opened)
+    except (MemoryError, MeshError):
         raise
     except FileNotFoundError as error:
         missing = f"a file that it names is missing: {one_line(error.filename)}"
-        raise MeshError(missing if os.path.exists(file) else "there is no such file") from error
+        raise MeshError(missing if opened else "there is no such file") from error
     except IsADirectoryError as error:
-        folder, named = "this is a folder, not a mesh file", "a file that it names is a folder: "
-        raise MeshError(folder if file.is_dir() else f"{named}correct the name") from error
+        named = "a file that it names is a folder: correct the name"
+        raise MeshError(named if opened else "this is a folder, not a file") from error
     except Exception as error:
-        raise MeshError(f"cannot be read as {form}: {one_line(error)}") from error
+        read_as = f" as {opened.format}" if opened else ""
+        raise MeshError(f"cannot be read{read_as}: {one_line(error)}") from error

@@ -13,6 +13,7 @@ from .freesurfer import freesurfer_frames as freesurfer_frames
 from .freesurfer import freesurfer_kind as freesurfer_kind
 from .freesurfer import freesurfer_label as freesurfer_label
 from .freesurfer import freesurfer_overlay as freesurfer_overlay
+from .freesurfer import freesurfer_quadrangles as freesurfer_quadrangles
 from .freesurfer import freesurfer_surface as freesurfer_surface
 from .freesurfer import freesurfer_values as freesurfer_values
 from .gifti import LABEL as LABEL
@@ -28,6 +29,15 @@ from .opening import decoded as decoded
 from .opening import open_file as open_file
 from .source_estimates import SourceEstimate as SourceEstimate
 from .source_estimates import read_stc as read_stc
-from .vtk_xml import Grid as Grid
+from .strips import triangles_of_strips as triangles_of_strips
+from .vtk import Grid as Grid
+from .vtk import read_grid as read_grid
+from .vtk import vtk_contents as vtk_contents
+from .vtk_file import PointData as PointData
+from .vtk_file import Polygons as Polygons
+from .vtk_file import VtkFile as VtkFile
 from .vtk_xml import read_collection as read_collection
-from .vtk_xml import read_grid as read_grid
+from .words import Words as Words
+from .words import number as number
+from .words import split_lists as split_lists
+from .words import whole_number as whole_number

@@ -49,21 +49,16 @@ def freesurfer_kind(path: str | os.PathLike[str]) -> str:
         return _KINDS.get(file.read(len(_SURFACE)), "")
 
 
-def freesurfer_surface(path: str | os.PathLike[str]) -> tuple[FloatArray, IntArray]:
+def freesurfer_surface(data: bytes) -> tuple[FloatArray, IntArray]:
     """Read vertices (V, 3) and triangles (F, 3) of a surface.
 
     Coordinates are those of the file, FreeSurfer's surface RAS, as nibabel gives them: the centre
     of the volume (``cras``), which may follow the triangles, is not added.
 
-    An OSError says that the file cannot be read, a ValueError what is wrong with it.
+    A ValueError says what is wrong with it.
     """
-    data = read_bytes(path)
     if data[:3] != _SURFACE:
-        old = ": it is an old one of quadrangles; let mris_convert write it anew"
-        raise ValueError(
-            "it is no FreeSurfer surface of triangles"
-            + (old if data[:3] in (_QUADRANGLES, _VALUES) else "")
-        )
+        raise ValueError("it is no FreeSurfer surface of triangles")
     begin = len(_SURFACE)
     for _ in range(2):  # who made it and when, and an empty line
         begin = data.find(b"\n", begin, begin + _LONGEST_LINE) + 1
@@ -74,6 +69,20 @@ def freesurfer_surface(path: str | os.PathLike[str]) -> tuple[FloatArray, IntArr
     vertices = bytes_.array(">f4", (vertex_count, 3), "vertices")
     faces = bytes_.array(">i4", (face_count, 3), "triangles")
     return vertices.astype(np.float64), faces.astype(np.int64)
+
+
+def freesurfer_quadrangles(data: bytes) -> tuple[FloatArray, IntArray]:
+    """Read vertices (V, 3) and quadrangles (Q, 4) of an old surface, with numbers of three bytes.
+
+    Coordinates are hundredths, or, in the newer of both kinds, floats. A ValueError says what is
+    wrong with it.
+    """
+    bytes_ = _Bytes(data, len(_QUADRANGLES))
+    vertex_count, quad_count = bytes_.threes(2, "counts")
+    kind, parts = (">f4", 1) if data[:3] == _QUADRANGLES else (">i2", 100)
+    vertices = bytes_.array(kind, (vertex_count, 3), "vertices").astype(np.float64)
+    quads = bytes_.threes(4 * quad_count, "corners of quadrangles").reshape(-1, 4)
+    return vertices / parts, quads
 
 
 def freesurfer_values(path: str | os.PathLike[str]) -> FloatArray:
@@ -168,6 +177,12 @@ class _Bytes:
     @property
     def left(self) -> int:
         return len(self._data) - self._begin
+
+    def threes(self, count: int, of: str) -> IntArray:
+        """Return whole numbers (count,) of three bytes each."""
+        high, middle, low = self.array("u1", (count, 3), of).astype(np.int64).T
+        found: IntArray = high << 16 | middle << 8 | low
+        return found
 
     def skip(self, to: int) -> None:
         if to > len(self._data):

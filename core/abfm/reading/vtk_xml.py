@@ -1,9 +1,9 @@
-"""Point data of VTK's XML files, .vtu and .vtp, and the collections of them, .pvd.
+"""VTK's XML files, .vtu and .vtp, and the collections of them, .pvd.
 
 Format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html. Arrays are texts,
 or bytes in base64 or as they are, in place or appended, plain or in blocks compressed by zlib or
-LZMA. Own code, as meshio is no longer cared for, fails where arrays share bytes, and expands what
-is compressed without a bound; VTK itself has a hundred megabytes.
+LZMA. Own code: meshio is no longer maintained, fails where arrays share bytes, and decompresses
+without a bound; VTK takes 570 MB and crashes the process on one damaged file in thirty.
 """
 
 import base64
@@ -13,15 +13,24 @@ import os
 import re
 import sys
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.errors import SeveralArraysError, brief, did_you_mean, one_line
+from abfm.errors import brief
 from abfm.reading.door import inflated, most_inflated, read_bytes
+from abfm.reading.vtk_file import (
+    POLYGON,
+    STRIP,
+    PointData,
+    Polygons,
+    VtkFile,
+    polygons_of_cells,
+)
 from abfm.reading.xml_events import take_events
-from abfm.types import FloatArray
+from abfm.types import FloatArray, IntArray
 
 _TYPES = {
     f"{name}{bits}": np.dtype(f"{code}{bits // 8}")
@@ -35,23 +44,12 @@ _TYPES = {
 _ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
 _HEADS = {"UInt32": "u4", "UInt64": "u8"}
 _KINDS = ("UnstructuredGrid", "PolyData")
+_PLACES = ("Points", "PointData", "FieldData", "Cells", "Polys", "Strips")
 _APPENDED = re.compile(rb"<AppendedData[^>]*>\s*_")
 _END = b"</AppendedData>"
 _MOST_BLOCKS = 1 << 24
 
 Expand = Callable[[bytes, int], bytes]
-
-
-class Grid(NamedTuple):
-    """Points (n, 3) of a file, one array of its point data (n, C), and what that is called.
-
-    ``time`` is what the file says (``TimeValue``), NaN if it does not.
-    """
-
-    points: FloatArray
-    values: FloatArray
-    name: str
-    time: float
 
 
 class _Array(NamedTuple):
@@ -61,42 +59,32 @@ class _Array(NamedTuple):
     text: str
 
 
-def read_grid(path: str | os.PathLike[str], name: str | None = None) -> Grid:
-    """Read points and an array of point data; without a name there must be only one.
-
-    An OSError says that the file cannot be read, a ValueError what is wrong with it.
-    """
-    content = read_bytes(path)
+def xml_contents(content: bytes) -> VtkFile:
+    """Read a .vtu or .vtp file; a ValueError says what is wrong with it."""
     file = _File(content)
     if file.kind not in _KINDS:
         raise ValueError(f"it is VTK's {brief(file.kind)}; expected {' or '.join(_KINDS)}")
     if len(file.pieces) != 1:
         raise ValueError(f"it has {len(file.pieces)} pieces; expected one: merge them in ParaView")
     count = _whole(file.pieces[0], "NumberOfPoints")
-    names = [array.attributes.get("Name", "") for array in file.point_data]
-    if name is None and len(names) != 1:
-        listed = ", ".join(one_line(each, 30) for each in names[:8]) or "none"
-        text = f"it has {len(names)} arrays of point data: {listed}; choose one of them"
-        raise SeveralArraysError(text, names) if names else ValueError(text)
-    if name is not None and name not in names:
-        listed = ", ".join(one_line(each, 30) for each in names[:8]) or "none"
-        raise ValueError(
-            f"it has no point data {brief(name)}{did_you_mean(name, names)}; there is {listed}"
-        )
-    chosen = file.point_data[0 if name is None else names.index(name)]
-    if len(file.points) != 1:
-        raise ValueError(f"it has {len(file.points)} arrays of points; expected one")
-    points = file.values(file.points[0], count)
-    if points.shape[1] != 3:
-        raise ValueError(f"its points have {points.shape[1]} coordinates; expected 3")
-    values = file.values(chosen, count)
-    times = [each for each in file.field_data if each.attributes.get("Name") == "TimeValue"]
+    points = file.arrays["Points"]
+    if len(points) != 1:
+        raise ValueError(f"it has {len(points)} arrays of points; expected one")
+    places = file.values(points[0], count)
+    if places.shape[1] != 3:
+        raise ValueError(f"its points have {places.shape[1]} coordinates; expected 3")
+    data = PointData(
+        (array.attributes.get("Name", ""), partial(file.values, array, count))
+        for array in file.arrays["PointData"]
+    )
+    fields = file.arrays["FieldData"]
+    times = [array for array in fields if array.attributes.get("Name") == "TimeValue"]
     time = float(file.values(times[-1], 1)[0, 0]) if times else math.nan
-    return Grid(points, values, chosen.attributes.get("Name", ""), time)
+    return VtkFile(places, file.polygons, data, time)
 
 
 def read_collection(path: str | os.PathLike[str]) -> list[tuple[float, str]]:
-    """Read times, and names of files relative to its own, from a .pvd; errors as in `read_grid`."""
+    """Read times, and names of files relative to its own, from a .pvd; see `vtk_contents`."""
     file = _File(read_bytes(path))
     if file.kind != "Collection":
         raise ValueError(f"it is VTK's {brief(file.kind)}; expected a Collection")
@@ -119,9 +107,7 @@ class _File:
     def __init__(self, content: bytes) -> None:
         self.kind = ""
         self.pieces: list[dict[str, str]] = []
-        self.points: list[_Array] = []
-        self.point_data: list[_Array] = []
-        self.field_data: list[_Array] = []
+        self.arrays: dict[str, list[_Array]] = {place: [] for place in _PLACES}
         self.entries: list[dict[str, str]] = []
         self._head: dict[str, str] = {}
         self._open: list[str] = []
@@ -166,14 +152,40 @@ class _File:
         self._open.pop()
         if name != "DataArray":
             return
-        array = _Array(self._array, "".join(self._text))
-        places = {
-            "Points": self.points,
-            "PointData": self.point_data,
-            "FieldData": self.field_data,
-        }
-        if (place := places.get(self._open[-1])) is not None:
-            place.append(array)
+        if (place := self.arrays.get(self._open[-1])) is not None:
+            place.append(_Array(self._array, "".join(self._text)))
+
+    def polygons(self) -> Polygons:
+        """Return the polygons of the piece, those that are strips as triangles."""
+        piece = self.pieces[0]
+        if self.kind == "UnstructuredGrid":
+            sizes, corners, types = self._cells("Cells", _whole(piece, "NumberOfCells", "0"))
+            return polygons_of_cells(sizes, corners, types)
+        polygons = self._cells("Polys", _whole(piece, "NumberOfPolys", "0"), POLYGON)
+        strips = self._cells("Strips", _whole(piece, "NumberOfStrips", "0"), STRIP)
+        return polygons_of_cells(*map(np.concatenate, zip(polygons, strips, strict=True)))
+
+    def _cells(self, place: str, count: int, kind: int = 0) -> tuple[IntArray, IntArray, IntArray]:
+        """Return sizes, corners and types of the cells in a place."""
+        if count == 0:
+            return (np.zeros(0, dtype=np.int64),) * 3
+        named = {array.attributes.get("Name", ""): array for array in self.arrays[place]}
+        if missing := {"connectivity", "offsets"} - named.keys():
+            raise ValueError(f"its {place} have no array {' and no array '.join(sorted(missing))}")
+        sizes = np.diff(self._whole_numbers(named["offsets"], count), prepend=0)
+        if sizes.min() < 0 or sizes.max() == 0:
+            raise ValueError(f"the offsets of its {place} do not increase")
+        corners = self._whole_numbers(named["connectivity"], int(sizes.sum()))
+        if kind == 0 and "types" not in named:
+            raise ValueError(f"its {place} have no array types")
+        types = np.full(count, kind) if kind else self._whole_numbers(named["types"], count)
+        return sizes, corners, types
+
+    def _whole_numbers(self, array: _Array, count: int) -> IntArray:
+        found = self.values(array, count).astype(np.int64).ravel()
+        if len(found) != count:
+            raise ValueError(f"an array of its cells has {len(found)} numbers; expected {count}")
+        return found
 
     def values(self, array: _Array, count: int) -> FloatArray:
         """Return an array (count, C)."""

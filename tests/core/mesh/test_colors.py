@@ -15,7 +15,7 @@ from abfm import MeshError, TriangleMesh, load_mesh
 from abfm.mesh.colors import load_colors
 from tests.attack.heavy_meshes import TRIANGLE, glb, gltf_header
 from tests.core.surfaces import renumbered
-from tests.mesh_writers import write
+from tests.mesh_writers import off_file, write
 from tests.messages import raises
 from tests.shapes import icosphere, tetrahedron, torus
 
@@ -316,6 +316,7 @@ def test_obj_that_is_wrong_or_of_another_surface_is_refused(tmp_path, text, name
 
 
 def test_other_formats_and_missing_files_are_refused(tmp_path):
+    off_file(tmp_path / "a.off", MESH)
     for name, named in (("a.off", (".obj", ".glb", ".gltf", ".ply")), ("a.obj", ())):
         with raises(MeshError, *named):
             load_colors(tmp_path / name, square())

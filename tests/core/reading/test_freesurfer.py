@@ -90,7 +90,7 @@ def test_surfaces_are_as_nibabel_writes_and_reads_them(tmp_path):
     }
     for name, info in (("lh.white", volume), ("lh.sphere.reg", None)):
         freesurfer.write_geometry(tmp_path / name, 90 * mesh.vertices, mesh.faces, None, info)
-        vertices, faces = freesurfer_surface(tmp_path / name)
+        vertices, faces = _surface(tmp_path / name)
         expected = freesurfer.read_geometry(tmp_path / name)
         assert_array_equal(vertices, expected[0], strict=True)
         assert_array_equal(faces, expected[1])
@@ -155,8 +155,14 @@ VALUES = b"\xff\xff\xff" + packed(3, 0, 1) + struct.pack(">3f", 1, 2, 3)
 ANNOTATION = annotation([0, 1, 2, 3], 2)
 OVERLAY = packed(1, 3, 1, 1, 2, 3, 0) + bytes(256) + struct.pack(">6f", *range(6))
 LARGE = packed(2**31 - 1)
+
+
+def _surface(path):
+    return freesurfer_surface(path.read_bytes())
+
+
 READERS = {
-    "surface": (freesurfer_surface, SURFACE[: -len(b"\0\0\0\x02tag")]),
+    "surface": (_surface, SURFACE[: -len(b"\0\0\0\x02tag")]),
     "values": (freesurfer_values, VALUES),
     "overlay": (freesurfer_overlay, OVERLAY),
     "annotation 1": (freesurfer_annotation, annotation([0, 1, 2, 3], 1)),
@@ -168,12 +174,11 @@ READERS = {
 @pytest.mark.parametrize(
     ("reader", "content", "named"),
     [
-        (freesurfer_surface, b"", ("FreeSurfer",)),
-        (freesurfer_surface, b"\xff\xff\xfd" + SURFACE[3:], ("mris_convert",)),
-        (freesurfer_surface, b"\xff\xff\xfe" + b"a" * 10**6, ()),
-        (freesurfer_surface, SURFACE[:20] + LARGE + SURFACE[24:], (2147483647,)),
-        (freesurfer_surface, SURFACE[:24] + LARGE + SURFACE[28:], (2147483647,)),
-        (freesurfer_surface, SURFACE[:20] + packed(-1) + SURFACE[24:], ("to", -1)),
+        (_surface, b"", ("FreeSurfer",)),
+        (_surface, b"\xff\xff\xfe" + b"a" * 10**6, ()),
+        (_surface, SURFACE[:20] + LARGE + SURFACE[24:], (2147483647,)),
+        (_surface, SURFACE[:24] + LARGE + SURFACE[28:], (2147483647,)),
+        (_surface, SURFACE[:20] + packed(-1) + SURFACE[24:], ("to", -1)),
         (freesurfer_values, SURFACE, ()),
         (freesurfer_values, VALUES[:3] + LARGE + VALUES[7:], (2147483647,)),
         (freesurfer_values, VALUES[:11] + packed(2) + VALUES[15:], (2,)),

@@ -112,8 +112,8 @@ BOMB = (
 @pytest.mark.parametrize(
     ("content", "named"),
     [
-        (b"", ("XML",)),
-        (b"<GIFTI/>", ("XML", "VTK's")),
+        (b"", ("file", "empty")),
+        (b"<GIFTI/>", ("GIFTI", "VTK")),
         (b'<VTKFile type="ImageData"/>', ("ImageData", "VTK's", "UnstructuredGrid")),
         (b'<VTKFile type="PolyData"/>', (0,)),
         (b'<!DOCTYPE VTKFile [<!ATTLIST DataArray b CDATA "c">]><VTKFile/>', ("<!DOCTYPE",)),

@@ -1,11 +1,12 @@
 """What gives the faces of a file their colours, and the readers of it that need few lines: PLY."""
 
-from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from abfm.mesh.readers.ply import read_ply_colors
+from abfm.mesh.readers.contents import split_polygons
+from abfm.mesh.readers.ply import ply_contents
+from abfm.reading import Opened
 from abfm.types import FloatArray, IntArray
 
 Wrap: TypeAlias = Literal["repeat", "clamp", "mirror"]
@@ -41,14 +42,13 @@ class ColoredFaces(NamedTuple):
     materials: tuple[Material, ...]
 
 
-def colored_ply(path: Path) -> ColoredFaces:
+def colored_ply(opened: Opened) -> ColoredFaces:
     """Read a PLY file with the colours of its vertices; images that it may name are not read."""
-    contents, colors = read_ply_colors(path)
-    faces = contents.faces
-    if colors is None:
-        colors = np.ones((len(contents.vertices), 4))
+    file = ply_contents(opened)
+    faces = split_polygons(file.vertices, file.sizes, file.corners).faces
+    colors = np.ones((len(file.vertices), 4)) if file.colors is None else file.colors
     return ColoredFaces(
-        contents.vertices,
+        file.vertices,
         faces,
         np.full((len(faces), 3, 2), np.nan),
         colors[_inside(faces, len(colors))],

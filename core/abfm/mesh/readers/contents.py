@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.errors import brief
+from abfm.reading import number
 from abfm.types import BoolArray, FloatArray, IntArray
 
 _MOST_CORNERS = 1 << 18  # of one polygon
@@ -36,6 +36,10 @@ class Lists:
     def vertex_count(self) -> int:
         return len(self._points) // 3
 
+    @property
+    def polygon_count(self) -> int:
+        return len(self._sizes)
+
     def add_vertex(self, words: Sequence[str]) -> None:
         if len(words) < 3:
             raise ValueError(
@@ -62,27 +66,6 @@ class Lists:
 
     def contents(self) -> FileContents:
         return split_polygons(self.vertices(), *self.polygons())
-
-
-def number(word: str | bytes) -> float:
-    """Return the number that a word is, or raise a ValueError; `whole_number` does alike."""
-    try:
-        return float(word)
-    except ValueError:
-        raise _no_number(word, "a number") from None
-
-
-def whole_number(word: str | bytes) -> int:
-    try:
-        return int(word)
-    except ValueError:
-        expected = "a number of fewer digits" if word.isdigit() else "a whole number"
-        raise _no_number(word, expected) from None
-
-
-def _no_number(word: str | bytes, expected: str) -> ValueError:
-    given = word if isinstance(word, str) else word.decode("utf-8", "replace")
-    return ValueError(f"it has {brief(given)} where {expected} is expected")
 
 
 def merge_by_position(vertices: FloatArray, faces: IntArray) -> FileContents:

@@ -9,7 +9,6 @@ import base64
 import binascii
 import struct
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import unquote
 
@@ -17,78 +16,95 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.mesh.readers.contents import FileContents, merge_by_position
+from abfm.mesh.readers.gltf_json import indices_of, numbers_of, of
+from abfm.mesh.readers.gltf_shapes import shaped
+from abfm.mesh.readers.references import References
 from abfm.mesh.topology import edges_of_faces
-from abfm.reading import from_json, read_bytes
+from abfm.reading import Format, Opened, from_json, triangles_of_strips
 from abfm.types import FloatArray, IntArray
 
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of primitives; the others are points and lines
 _MOST_PARTS = 50_000  # of the scene: primitives, each as often as it is placed, and nodes
-# vertices of all parts, over those that are in the file; so many may be anyway
-_MOST_TIMES, _FEW = 4, 1_000_000
+# vertices, and faces, of all parts: bytes of buffers for each, and how many may be anyway
+_BYTES_EACH, _FEW = 3, 1_000_000
+_INSTANCES = "EXT_mesh_gpu_instancing"
 _GLB, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WORDS = {dict: "object", list: "array", int: "whole number", str: "text"}  # of JSON
 _SHAPES = {"SCALAR": (1, "corners"), "VEC2": (2, "texture coordinates")}
-_SHAPES |= {"VEC3": (3, "positions"), "VEC4": (4, "colours")}
+_SHAPES |= {"VEC3": (3, "positions"), "VEC4": (4, "colours"), "MAT4": (16, "matrices")}
 
 
 class Part(NamedTuple):
-    """Vertices (n, 3), faces, and the JSON of the primitive that they are of."""
+    """Vertices (n, 3), faces, and the JSON of the primitive that they are of.
+
+    Primitives that share their vertices have the same array.
+    """
 
     points: FloatArray
     faces: IntArray
     primitive: dict[str, Any]
 
 
-def read_gltf(path: Path) -> FileContents:
-    """Read all triangles of a scene, transformed as it says.
+def read_gltf(opened: Opened) -> FileContents:
+    """Read all triangles of a scene as it is shown at rest: transformed, morphed and skinned.
 
     glTF repeats a vertex wherever texture or normal are discontinuous. Where that leaves cracks,
     vertices at the same position are merged.
     """
-    return joined(placed_parts(Document(path)))
+    document = Document(opened)
+    contents = joined(placed_parts(document))
+    if not document.is_animated:
+        return contents
+    told = "its animations are not applied: it is read as it is at rest"
+    return contents._replace(messages=(*contents.messages, told))
 
 
 def placed_parts(document: "Document") -> list[Part]:
     """Return what has triangles, as the scene places it."""
     meshes: dict[int, list[Part]] = {}
     parts: list[Part] = []
-    there = placed = 0
-    for mesh, matrix in document.placements():
+    for node, matrix in list(document.placements()):
+        mesh = of(node, "mesh", int, None)
         if mesh not in meshes:
             meshes[mesh] = list(document.parts(mesh))
-            there += sum(len(part.points) for part in meshes[mesh])
+        placed: dict[tuple[int, ...], tuple[FloatArray, bool]] = {}
         for part in meshes[mesh]:
-            parts.append(_moved(part, matrix))
-            placed += len(part.points)
-        if len(parts) > _MOST_PARTS or placed > max(_FEW, _MOST_TIMES * there):
+            key = _vertices_of(part.primitive)
+            if key not in placed:
+                document.count(len(part.points))
+                placed[key] = shaped(document, part, node, matrix)
+            document.count(len(part.faces))
+            points, is_mirrored = placed[key]  # what is mirrored keeps its outer side
+            faces = part.faces[:, ::-1] if is_mirrored else part.faces
+            parts.append(Part(points, faces, part.primitive))
+        if len(parts) > _MOST_PARTS:
             raise ValueError(
-                f"its scene shows its meshes again and again, more than {len(parts) - 1} times, "
-                f"with {placed} vertices "
-                f"where the file has {there}: export what is to be matched alone"
+                f"its scene has more than {_MOST_PARTS} parts: export what is to be matched alone"
             )
     return parts
 
 
+def _vertices_of(primitive: dict[str, Any]) -> tuple[int, ...]:
+    """Return what tells where the vertices of a primitive are: numbers of accessors."""
+    attributes = of(primitive, "attributes", dict, {})
+    targets = of(primitive, "targets", list, [])
+    places = [of(entry, "POSITION", int, -1) for entry in (attributes, *targets)]
+    names = sorted(name for name in attributes if name.startswith(("JOINTS_", "WEIGHTS_")))
+    return (*places, *(of(attributes, name, int, -1) for name in names))
+
+
 def joined(parts: list[Part]) -> FileContents:
     """Return the vertices and faces of all parts, merged by position where that closes cracks."""
-    starts = np.cumsum([0, *(len(part.points) for part in parts)])
-    vertices = np.concatenate([np.zeros((0, 3)), *(part.points for part in parts)])
-    shifted = [part.faces + start for part, start in zip(parts, starts[:-1], strict=True)]
+    arrays = {id(part.points): part.points for part in parts}
+    starts = np.cumsum([0, *(len(points) for points in arrays.values())])
+    start_of = dict(zip(arrays, starts.tolist(), strict=False))
+    vertices = np.concatenate([np.zeros((0, 3)), *arrays.values()])
+    shifted = [part.faces + start_of[id(part.points)] for part in parts]
     split = FileContents(vertices, np.concatenate([np.zeros((0, 3), dtype=np.int64), *shifted]))
     if not split.faces.size or split.faces.max() >= len(vertices):
         return split
     merged = merge_by_position(split.vertices, split.faces)
     return merged if _boundary_length(merged) < _boundary_length(split) else split
-
-
-def _moved(part: Part, matrix: FloatArray) -> Part:
-    """Return a part as it is placed; what is mirrored keeps its outer side."""
-    if np.array_equal(matrix, np.eye(4)):
-        return part
-    moved = (matrix @ np.column_stack([part.points, np.ones(len(part.points))]).T).T[:, :3]
-    faces = part.faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else part.faces
-    return Part(moved, faces, part.primitive)
 
 
 def _boundary_length(contents: FileContents) -> int:
@@ -99,46 +115,80 @@ def _boundary_length(contents: FileContents) -> int:
 class Document:
     """The JSON and the buffers of a file; what they name is looked at before it is used."""
 
-    def __init__(self, path: Path) -> None:
-        data = read_bytes(path)
-        self._path, self._binary = path, b""
-        if path.suffix.lower() == ".glb":
+    def __init__(self, opened: Opened) -> None:
+        data, self._binary = opened.data, b""
+        if opened.format is Format.GLB:
             data, self._binary = _chunks(data)
         self._header = from_json(data)
         version = of(self._header, "asset", dict, {}).get("version", "2.0")
         if not str(version).startswith("2."):
             raise ValueError(f"it is glTF {str(version)[:20]}; only glTF 2 is read")
-        self._buffers: dict[Path | str, bytes] = {}
+        self.is_animated = bool(of(self._header, "animations", list, []))
+        self._references, self._texts = References(opened.path), dict[str, bytes]()
+        self._images: dict[tuple[int, int, int], bytes] = {}
+        self._size, self._counted = len(opened.data), 0
+        self._arrays: dict[tuple[int, str], NDArray[Any]] = {}
+        self._matrices, self._joints = dict[int, FloatArray](), dict[int, FloatArray]()
 
-    def placements(self) -> Iterator[tuple[int, FloatArray]]:
-        """Return mesh and transformation (4, 4) of every node that has a mesh, parents first."""
-        seen: set[int] = set()
+    def count(self, entries: int) -> None:
+        """Count vertices and faces that are made; a ValueError reports more than the file has."""
+        self._counted += entries
+        size = self._size + self._references.size
+        if self._counted > max(_FEW, size // _BYTES_EACH):
+            raise ValueError(
+                f"its scene shows its meshes again and again: {self._counted} vertices and faces, "
+                f"where the file has {size} bytes; export what is to be matched alone"
+            )
+
+    def placements(self) -> Iterator[tuple[dict[str, Any], FloatArray]]:
+        """Return every node that has a mesh, and its transformation (4, 4), parents first."""
         left = [(root, np.eye(4)) for root in self._roots()]
+        seen = self._matrices
         while left:
             index, above = left.pop()
             if index in seen or len(seen) > _MOST_PARTS:
                 again = index in seen
                 reason = "is in the scene twice" if again else f"is beyond the first {_MOST_PARTS}"
                 raise ValueError(f"node {index} {reason}: export what is to be matched alone")
-            seen.add(index)
             node = self.entry("nodes", index)
-            matrix = above @ _matrix(node, index)
-            mesh = of(node, "mesh", int, None)
-            children = _indices(node, "children")
-            if mesh is not None:
-                yield mesh, matrix
-            left.extend((child, matrix) for child in children)
+            if _INSTANCES in of(node, "extensions", dict, {}):
+                raise ValueError(f"node {index} has {_INSTANCES}, which is not read: export copies")
+            seen[index] = above @ _matrix(node, index)
+            children = indices_of(node, "children")
+            if of(node, "mesh", int, None) is not None:
+                yield node, seen[index]
+            left.extend((child, seen[index]) for child in children)
+
+    def joint_matrices(self, skin: int) -> FloatArray:
+        """Return the matrices (J, 4, 4) of a skin, which move vertices as its joints are placed."""
+        if skin not in self._joints:
+            entry = self.entry("skins", skin)
+            joints = indices_of(entry, "joints")
+            if missing := [joint for joint in joints if joint not in self._matrices]:
+                raise ValueError(f"skin {skin} has joint {missing[0]}, which is not in the scene")
+            placed = np.array([self._matrices[joint] for joint in joints]).reshape(-1, 4, 4)
+            inverse = of(entry, "inverseBindMatrices", int, None)
+            if inverse is not None:
+                found = self.numbers(inverse, "MAT4")[: len(joints)].reshape(-1, 4, 4)
+                if len(found) < len(joints):
+                    raise ValueError(
+                        f"skin {skin} has {len(found)} matrices of {len(joints)} joints"
+                    )
+                placed = placed @ found.transpose(0, 2, 1)  # column by column in the file
+            self._joints[skin] = placed
+        return self._joints[skin]
 
     def _roots(self) -> list[int]:
         """Return the nodes of the scene that is shown; without scenes, those below no other."""
         if of(self._header, "scenes", list, []):
-            return _indices(self.entry("scenes", of(self._header, "scene", int, 0)), "nodes")
+            return indices_of(self.entry("scenes", of(self._header, "scene", int, 0)), "nodes")
         nodes = range(len(of(self._header, "nodes", list, [])))
-        below = {child for k in nodes for child in _indices(self.entry("nodes", k), "children")}
+        below = {child for k in nodes for child in indices_of(self.entry("nodes", k), "children")}
         return [index for index in nodes if index not in below]
 
     def parts(self, mesh: int) -> Iterator[Part]:
         """Return the vertices and faces of the primitives of a mesh that have triangles."""
+        positions_of: dict[int, FloatArray] = {}
         for entry in of(self.entry("meshes", mesh), "primitives", list, []):
             if not isinstance(entry, dict):
                 raise ValueError(f"mesh {mesh} has a primitive that is no JSON object")
@@ -148,7 +198,10 @@ class Document:
             indices, mode = of(entry, "indices", int, None), of(entry, "mode", int, TRIANGLES)
             if mode not in (TRIANGLES, STRIP, FAN):
                 continue
-            points = self.numbers(positions, "VEC3").astype(np.float64)
+            if positions not in positions_of:
+                positions_of[positions] = self.numbers(positions, "VEC3").astype(np.float64)
+                self.count(len(positions_of[positions]))
+            points = positions_of[positions]
             corners = np.arange(len(points))
             if indices is not None:
                 corners = self.numbers(indices, "SCALAR").astype(np.int64).ravel()
@@ -157,6 +210,7 @@ class Document:
                     f"mesh {mesh} has {len(corners)} corners, which do not make whole triangles"
                 )
             faces = _faces(corners, mode)
+            self.count(len(faces))
             if faces.size and faces.max() >= len(points):
                 raise ValueError(
                     f"mesh {mesh} names vertex {faces.max()} of {len(points)} numbered from 0"
@@ -198,22 +252,40 @@ class Document:
             return np.maximum(found / np.iinfo(kind).max, -1.0)
         return found
 
+    def at_vertices(self, part: Part, index: int, shape: str) -> NDArray[Any]:
+        """Return what an accessor gives the vertices of a part, whole numbers as shares of 1."""
+        if (index, shape) not in self._arrays:
+            found = self.numbers(index, shape)
+            self.count(len(found))
+            scale = 1.0 if found.dtype.kind == "f" else float(np.iinfo(found.dtype).max)
+            self._arrays[index, shape] = found if scale == 1 else found / scale
+        found = self._arrays[index, shape]
+        if len(found) != len(part.points):
+            raise ValueError(
+                f"accessor {index} has {len(found)} entries for {len(part.points)} vertices"
+            )
+        return found
+
     def image(self, index: int | None) -> bytes:
-        """Return the bytes of an image's file."""
+        """Return the bytes of an image's file; the same object whenever they are the same."""
         entry = self.entry("images", index)
         uri = of(entry, "uri", str, None)
         if uri is not None:
             return self._named(uri, f"image {index}")
         view = self.entry("bufferViews", of(entry, "bufferView", int, None))
-        data = self._buffer(of(view, "buffer", int, None))
+        buffer = of(view, "buffer", int, None)
+        data = self._buffer(buffer)
         start, size = of(view, "byteOffset", int, 0), of(view, "byteLength", int, 0)
         if min(start, size) < 0 or start + size > len(data):
             raise ValueError(
                 f"image {index} asks for what the buffer of {len(data)} bytes does not have"
             )
-        return data[start : start + size]
+        if (buffer, start, size) not in self._images:
+            self._references.spend(size, f"image {index}")
+            self._images[buffer, start, size] = data[start : start + size]
+        return self._images[buffer, start, size]
 
-    def _buffer(self, index: int) -> bytes:
+    def _buffer(self, index: int | None) -> bytes:
         """Return the bytes of a buffer, wherever they are; read once."""
         uri = of(self.entry("buffers", index), "uri", str, None)
         if uri is not None:
@@ -226,17 +298,16 @@ class Document:
 
     def _named(self, uri: str, what: str) -> bytes:
         """Return the bytes that are in a text, or in the file that it names; read once."""
-        if not uri.startswith("data:"):
-            path = (self._path.parent / unquote(uri)).resolve()
-            if path not in self._buffers:
-                self._buffers[path] = read_bytes(path)
-            return self._buffers[path]
-        if what not in self._buffers:
-            try:
-                self._buffers[what] = base64.b64decode(uri.partition("base64,")[2])
-            except binascii.Error as error:
-                raise ValueError(f"{what} is no base64: {error}") from error
-        return self._buffers[what]
+        if what not in self._texts:
+            if not uri.startswith("data:"):
+                content = self._references.read(unquote(uri))
+            else:
+                try:
+                    content = base64.b64decode(uri.partition("base64,")[2])
+                except binascii.Error as error:
+                    raise ValueError(f"{what} is no base64: {error}") from error
+            self._texts[what] = content
+        return self._texts[what]
 
     def entry(self, name: str, index: int | None) -> dict[str, Any]:
         """Return one of the top-level objects of a kind."""
@@ -269,39 +340,14 @@ def _chunks(data: bytes) -> tuple[bytes, bytes]:
     return json, b""
 
 
-def of(entry: Any, name: str, kind: type, default: Any) -> Any:
-    """Return what a JSON object has under a name, of this type."""
-    found = entry.get(name, default) if isinstance(entry, dict) else None
-    if found is not default and (not isinstance(found, kind) or isinstance(found, bool)):
-        raise ValueError(f"its {name} is no {_WORDS[kind]}, as glTF has it")
-    return found
-
-
-def _indices(entry: dict[str, Any], name: str) -> list[int]:
-    found: list[int] = of(entry, name, list, [])
-    if not all(type(index) is int for index in found):
-        raise ValueError(f"its {name} are no list of numbers, as glTF has it")
-    return found
-
-
 def _faces(corners: IntArray, mode: int) -> IntArray:
     """Return the triangles (F, 3) that corners make."""
     if mode == TRIANGLES:
         return corners.reshape(-1, 3)
-    first = corners[:-2] if mode == STRIP else np.repeat(corners[:1], max(len(corners) - 2, 0))
-    faces = np.stack([first, corners[1:-1], corners[2:]], axis=1)
     if mode == STRIP:
-        faces[1::2] = faces[1::2, ::-1]
-    return faces
-
-
-def numbers_of(entry: dict[str, Any], name: str, count: int, what: str = "node") -> FloatArray:
-    """Return the numbers (count,) that a JSON object has under a name."""
-    found = of(entry, name, list, None)
-    are_numbers = found is not None and all(isinstance(each, int | float) for each in found)
-    if not are_numbers or len(found) != count:
-        raise ValueError(f"the {name} of a {what} is not made of {count} numbers")
-    return np.array([float(each) for each in found])
+        return triangles_of_strips(np.array([len(corners)]), corners)
+    first = np.repeat(corners[:1], max(len(corners) - 2, 0))
+    return np.stack([first, corners[1:-1], corners[2:]], axis=1)
 
 
 def _matrix(node: dict[str, Any], index: int) -> FloatArray:

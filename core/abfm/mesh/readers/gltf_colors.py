@@ -1,27 +1,28 @@
 """Base colours of glTF scenes: images, factors, colours of vertices (section 3.9 of glTF 2.0)."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from abfm.mesh.readers.colored import ColoredFaces, Material, Wrap
-from abfm.mesh.readers.gltf import Document, Part, joined, numbers_of, of, placed_parts
+from abfm.mesh.readers.gltf import Document, Part, joined, placed_parts
+from abfm.mesh.readers.gltf_json import numbers_of, of
+from abfm.reading import Opened
 from abfm.types import FloatArray
 
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _MODES = "OPAQUE", "MASK", "BLEND"
 
 
-def colored_gltf(path: Path) -> ColoredFaces:
+def colored_gltf(opened: Opened) -> ColoredFaces:
     """Read all triangles of a scene with their base colours."""
-    document = Document(path)
+    document = Document(opened)
     parts = placed_parts(document)
     numbers = [of(part.primitive, "material", int, -1) for part in parts]
-    known = sorted(set(numbers))
+    known = {number: place for place, number in enumerate(sorted(set(numbers)))}
     entries = [document.entry("materials", number) if number >= 0 else {} for number in known]
     textures = [_texture(entry) for entry in entries]
-    owners = [known.index(number) for number in numbers]
+    owners = [known[number] for number in numbers]
     at_corners = [
         (_coordinates(document, part, textures[owner]), _colors(document, part))
         for part, owner in zip(parts, owners, strict=True)
@@ -100,13 +101,8 @@ def _colors(document: Document, part: Part) -> FloatArray:
 
 
 def _at_corners(document: Document, part: Part, index: int, shape: str) -> FloatArray:
-    found = document.numbers(index, shape)
-    if len(found) != len(part.points):
-        raise ValueError(
-            f"accessor {index} has {len(found)} entries for {len(part.points)} vertices"
-        )
-    scale = 1.0 if found.dtype.kind == "f" else float(np.iinfo(found.dtype).max)
-    return np.asarray(found[part.faces] / scale, dtype=np.float64)
+    found = document.at_vertices(part, index, shape)
+    return np.asarray(found[part.faces], dtype=np.float64)
 
 
 def _srgb(colors: FloatArray) -> FloatArray:

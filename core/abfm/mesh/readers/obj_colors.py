@@ -8,22 +8,25 @@ import numpy as np
 
 from abfm.errors import brief, one_line
 from abfm.mesh.readers.colored import ColoredFaces, Material
-from abfm.mesh.readers.contents import Lists, number, split_polygons
+from abfm.mesh.readers.contents import Lists, split_polygons
 from abfm.mesh.readers.plain import obj_index, obj_lines
-from abfm.reading import read_bytes
+from abfm.mesh.readers.references import References
+from abfm.reading import Opened, number
 
 
-def colored_obj(path: Path, has_materials: bool = True) -> ColoredFaces:
+def colored_obj(opened: Opened, has_materials: bool = True) -> ColoredFaces:
     """Read an OBJ file with colours behind the coordinates of all vertices, and the materials that
     it names, unless these are not wanted.
     """
-    lines = _Lines()
+    lines, references = _Lines(), References(opened.path)
     materials: dict[str, Material] = {}
-    for keyword, words in obj_lines(path):
-        if keyword == "mtllib" and has_materials:
-            materials |= _read_mtl(_beside(path, words))
-        else:
+    read = set[Path]()
+    for keyword, words in obj_lines(opened.data):
+        if keyword != "mtllib":
             lines.take(keyword, words)
+        elif has_materials and (path := references.find(" ".join(words))) not in read:
+            read.add(path)
+            materials |= _read_mtl(references, " ".join(words))
     return lines.found(materials)
 
 
@@ -83,23 +86,16 @@ class _Lines:
         )
 
 
-def _beside(path: Path, words: Sequence[str]) -> Path:
-    """Return a file that another one names, also as Windows does."""
-    name = " ".join(words)
-    found = path.parent / name
-    return found if found.exists() else path.parent / name.replace("\\", "/")
-
-
-def _read_mtl(path: Path) -> dict[str, Material]:
-    """Return the materials by their names."""
+def _read_mtl(references: References, name: str) -> dict[str, Material]:
+    """Return the materials of a file by their names."""
     found: dict[str, Material] = {}
-    name = None
-    for keyword, words in obj_lines(path):
+    current = None
+    for keyword, words in obj_lines(references.read(name)):
         if keyword == "newmtl":
-            name = " ".join(words)
-            found[name] = Material(alpha_mode="BLEND")
-        elif name is not None and words:
-            found[name] = _with(found[name], keyword, words, path)
+            current = " ".join(words)
+            found[current] = Material(alpha_mode="BLEND")
+        elif current is not None and words:
+            found[current] = _with(found[current], keyword, words, references)
     # an image is shown as it is: what is written beside one, as Kd 0, is not meant to darken it
     return {
         name: each._replace(color=(1.0, 1.0, 1.0, each.color[3])) if each.image else each
@@ -107,19 +103,21 @@ def _read_mtl(path: Path) -> dict[str, Material]:
     }
 
 
-def _with(material: Material, keyword: str, words: Sequence[str], path: Path) -> Material:
+def _with(
+    material: Material, keyword: str, words: Sequence[str], references: References
+) -> Material:
     """Return a material with what a line says of it."""
     *color, opacity = material.color
-    if keyword == "Kd":
+    if keyword == "kd":
         color = [min(max(number(word), 0.0), 1.0) for word in (*words, *words, *words)[:3]]
-    elif keyword in ("d", "Tr"):
+    elif keyword in ("d", "tr"):
         given = min(max(number(words[-1]), 0.0), 1.0)
         opacity = given if keyword == "d" else 1 - given
-    elif keyword == "map_Kd":
+    elif keyword == "map_kd":
         if words[0].startswith("-"):
             raise ValueError(
-                f"{one_line(path.name, 60)} gives map_Kd options ({one_line(words[0], 20)}), which "
-                "are not read: leave the name of the image alone"
+                f"its materials give map_Kd options ({one_line(words[0], 20)}), which are not "
+                "read: leave the name of the image alone"
             )
-        return material._replace(image=read_bytes(_beside(path, words)))
+        return material._replace(image=references.read(" ".join(words)))
     return material._replace(color=(color[0], color[1], color[2], opacity))

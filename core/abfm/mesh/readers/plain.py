@@ -1,81 +1,41 @@
-"""OFF, OBJ and STL: formats that are little more than lists of numbers."""
+"""OBJ and STL: formats that are little more than lists of numbers."""
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 
-from abfm.mesh.readers.contents import FileContents, Lists, merge_by_position, whole_number
-from abfm.reading import read_bytes
+from abfm.mesh.readers.contents import FileContents, Lists, merge_by_position
+from abfm.reading import Opened, decoded, whole_number
+from abfm.types import FloatArray
 
-_OFF_HEADER = re.compile(r"(?:ST)?C?N?OFF\b", re.IGNORECASE)
+_OLD_KEYWORDS = {"fo": "f"}  # of OBJ
 _STL_HEADER = 84  # bytes: 80 of comment, then the number of triangles
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 # possessive, and blanks before it on its own line alone: the time grows with the file's length
 _STL_VERTEX = re.compile(
-    rb"^[^\S\n]*+vertex\s++(\S++)\s++(\S++)\s++(\S++)", re.IGNORECASE | re.MULTILINE
+    r"^[^\S\n]*+vertex\s++(\S++)\s++(\S++)\s++(\S++)", re.IGNORECASE | re.MULTILINE
 )
 
 
-def _text(path: Path) -> str:
-    """Return the text of a file, whose lines end with line feeds; what is no text is replaced."""
-    content = read_bytes(path).decode("utf-8-sig", errors="replace")
-    return content.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def read_off(path: Path) -> FileContents:
-    """Read a text OFF file, also with colours, normals or texture coordinates."""
-    lines = _text(path).splitlines()
-    rows = (words for line in lines if (words := line.partition("#")[0].split()))
-    first = next(rows, [""])
-    if not _OFF_HEADER.fullmatch(first[0]):
-        raise ValueError("the first line is not OFF, COFF, NOFF or STOFF")
-    counts = first[1:] or next(rows, [])
-    if len(counts) < 2:
-        raise ValueError("the numbers of vertices and faces are missing")
-    vertex_count, face_count = whole_number(counts[0]), whole_number(counts[1])
-    announced = f"{vertex_count} vertices and {face_count} faces are announced"
-    if min(vertex_count, face_count) < 0:
-        raise ValueError(f"{announced}: give their numbers")
-    lists, taken = Lists(), 0
-    try:
-        while taken < vertex_count + face_count:
-            words = next(rows)
-            taken += 1
-            if taken <= vertex_count:
-                lists.add_vertex(words)
-                continue
-            corners = whole_number(words[0])
-            if not 0 <= corners < len(words):
-                raise ValueError(
-                    f"a face announces {corners} corners, but its line has {len(words) - 1}"
-                )
-            lists.add_polygon(list(map(whole_number, words[1 : 1 + corners])))
-    except (StopIteration, ValueError) as error:
-        taken += sum(1 for _ in rows)
-        if taken >= vertex_count + face_count:
-            raise
-        raise ValueError(f"{announced}, but {taken} lines follow: the file is cut off") from error
-    return lists.contents()
-
-
-def read_obj(path: Path) -> FileContents:
+def read_obj(opened: Opened) -> FileContents:
     """Read a Wavefront OBJ file: one vertex per ``v`` line, whatever else the faces name."""
     lists = Lists()
-    for keyword, words in obj_lines(path):
+    for keyword, words in obj_lines(opened.data):
         if keyword == "v":
             lists.add_vertex(words)
         elif keyword == "f":
             lists.add_polygon([obj_index(word, lists.vertex_count) for word in words])
+        elif keyword == "surf" and not lists.polygon_count:
+            raise ValueError("it has free-form surfaces, which are not read: export polygons")
     return lists.contents()
 
 
-def obj_lines(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Return keyword and words of each line of an OBJ or MTL file."""
-    for line in _text(path).replace("\\\n", " ").splitlines():
+def obj_lines(data: bytes) -> Iterator[tuple[str, list[str]]]:
+    """Return the keyword, in lower case, and the words of each line of an OBJ or MTL file."""
+    for line in decoded(data, "replace").replace("\\\n", " ").splitlines():
         keyword, *words = line.partition("#")[0].split() or [""]
-        yield keyword, words
+        yield _OLD_KEYWORDS.get(keyword, keyword.lower()), words
 
 
 def obj_index(word: str, count: int) -> int:
@@ -86,23 +46,65 @@ def obj_index(word: str, count: int) -> int:
     return index - 1 if index > 0 else count + index
 
 
-def read_stl(path: Path) -> FileContents:
+def read_stl(opened: Opened) -> FileContents:
     """Read the triangles of an STL file, corners at exactly the same position merged."""
-    data = read_bytes(path)
+    data, messages = opened.data, tuple[str, ...]()
     count = int.from_bytes(data[_STL_HEADER - 4 : _STL_HEADER], "little")
-    if len(data) == _STL_HEADER + count * _STL_TRIANGLE.itemsize:
-        triangles = np.frombuffer(data, _STL_TRIANGLE, count, _STL_HEADER)
-        corners = triangles["corners"].reshape(-1, 3).astype(np.float64)
-    elif data.lstrip()[:5].lower() == b"solid" and b"endsolid" in data.lower():
-        lists = Lists()
-        for found in _STL_VERTEX.finditer(data):
-            lists.add_vertex([word.decode("ascii", "replace") for word in found.groups()])
-        corners = lists.vertices()
+    body = len(data) - _STL_HEADER
+    if body == count * _STL_TRIANGLE.itemsize:
+        corners = _binary_corners(data, count)
+    elif (text := _text_of_stl(data)) is not None:
+        corners, messages = _text_corners(text)
     else:
-        raise ValueError(
-            "it is neither a complete text file nor as long as its binary header says: it may be "
-            "cut off"
-        )
+        count, messages = _count_by_length(count, body)
+        corners = _binary_corners(data, count)
     if len(corners) % 3:
         raise ValueError(f"its {len(corners)} corners do not make whole triangles")
-    return merge_by_position(corners, np.arange(len(corners)).reshape(-1, 3))
+    merged = merge_by_position(corners, np.arange(len(corners)).reshape(-1, 3))
+    return merged._replace(messages=(*messages, *merged.messages))
+
+
+def _text_of_stl(data: bytes) -> str | None:
+    """Return the text of a file, or None if it is binary, though its header may begin alike."""
+    head = decoded(data[:_STL_HEADER], "replace")
+    is_text = "\0" not in head and head.lstrip()[:5].lower() in ("solid", "")
+    return decoded(data, "replace") if is_text else None
+
+
+def _binary_corners(data: bytes, count: int) -> FloatArray:
+    triangles = np.frombuffer(data, _STL_TRIANGLE, count, _STL_HEADER)
+    return triangles["corners"].reshape(-1, 3).astype(np.float64)
+
+
+def _count_by_length(count: int, body: int) -> tuple[int, tuple[str, ...]]:
+    """Return how many triangles a file has whose header does not give its length.
+
+    If it has more bytes, by whole triangles or with no triangles announced, the header is wrong,
+    as VTK and MeshLab take it; else the bytes that follow the triangles are something else.
+    """
+    size = _STL_TRIANGLE.itemsize
+    if body < size:
+        raise ValueError("it is neither text that begins with solid, nor has it a whole triangle")
+    if body < count * size:
+        raise ValueError(
+            f"its header announces {count} triangles, but its length is that of {body // size}: it "
+            "may be cut off"
+        )
+    if count == 0 or body % size == 0:
+        told = f"its header announces {count} triangles; all {body // size} in the file were read"
+        return body // size, (told,)
+    return count, (f"{body - count * size} bytes after its {count} triangles were ignored",)
+
+
+def _text_corners(text: str) -> tuple[FloatArray, tuple[str, ...]]:
+    lists = Lists()
+    end = 0
+    for found in _STL_VERTEX.finditer(text):
+        lists.add_vertex(found.groups())
+        end = found.end()
+    if "endsolid" in text[end:].lower():
+        return lists.vertices(), ()
+    if text.rstrip()[-8:].lower() != "endfacet":
+        raise ValueError("it is text that does not end with endsolid: it may be cut off")
+    told = "the file does not end with endsolid: check that no triangles are missing"
+    return lists.vertices(), (told,)

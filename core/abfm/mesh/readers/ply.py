@@ -7,27 +7,37 @@ sizes.
 import re
 import struct
 from array import array
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Sequence, Set
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.mesh.readers.contents import FileContents, number, split_polygons, whole_number
-from abfm.reading import read_bytes
+from abfm.mesh.readers.contents import FileContents, split_polygons
+from abfm.reading import (
+    Opened,
+    PointData,
+    Polygons,
+    decoded,
+    number,
+    triangles_of_strips,
+    whole_number,
+)
 from abfm.types import FloatArray, IntArray
 
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"(?:\r\n|\n|\r)[ \t]*+end_header\b[^\r\n]*+(\r\n|\n|\r|\Z)")
 _COMMENT = re.compile(rb"^[ \t]*+comment\b[^\r\n]*+", re.MULTILINE)
-_CORNERS = ("vertex_index", "vertex_indices")
+_CORNERS = ("vertexindex", "vertexindices", "vertexindexs", "vertices")
+"""Without underscores, in lower case."""
 _COLORS = ("red", "green", "blue", "alpha")
 _WHITES = {"B": 255.0, "H": 65535.0, "f": 1.0, "d": 1.0}  # by the type of a colour
 _NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
 _BITS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
 # of the header's types in Python's struct
 _CODES = dict(zip(_NAMES + _BITS, 2 * "bBhHiIfd", strict=True)) | {"int64": "q", "uint64": "Q"}
+_UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _LARGEST = 2.0**53  # above, doubles do not tell one whole number from the next
 
 
@@ -49,23 +59,30 @@ class _Element(NamedTuple):
 _Column = tuple[NDArray[Any], IntArray | None]
 
 
-def read_ply(path: Path) -> FileContents:
-    """Read vertices and faces of a PLY file; all other elements and properties are passed over."""
-    return _read(path, ())[0]
+class PlyFile(NamedTuple):
+    """Vertices (V, 3), the sizes of polygons, (P,), the corners of one after the other, and what
+    vertices have: columns (V,) by their names.
+    """
+
+    vertices: FloatArray
+    sizes: IntArray
+    corners: IntArray
+    columns: PointData
+    colors: FloatArray | None
+    """(V, 4), red, green, blue and opacity from 0 to 1, if there are any."""
 
 
-def read_ply_colors(path: Path) -> tuple[FileContents, FloatArray | None]:
-    """Read also the colours of vertices, (V, 4) from 0 to 1, if there are any."""
-    contents, found = _read(path, _COLORS)
-    if not all(name in found for name in _COLORS[:3]):
-        return contents, None
-    ones = np.ones(len(contents.vertices))
-    columns = [found.get(name, ones) for name in _COLORS]
-    return contents, np.clip(np.stack(columns, axis=1), 0, 1)
+def read_ply(opened: Opened) -> FileContents:
+    """Read vertices, polygons and strips of a PLY file; all else is passed over."""
+    file = ply_contents(opened)
+    return split_polygons(file.vertices, file.sizes, file.corners)
 
 
-def _read(path: Path, colors: Sequence[str]) -> tuple[FileContents, dict[str, FloatArray]]:
-    data = read_bytes(path)
+def ply_contents(opened: Opened) -> PlyFile:
+    """Read a PLY file with what it has at vertices; a ValueError reports what is wrong with it."""
+    data = opened.data
+    if data[:2] in _UTF_16_MARKS:
+        data = decoded(data).encode()
     end = _END.search(data)
     begins = data.startswith(b"ply")
     if end is None or not begins or data[: end.start()].split(None, 1)[0] != b"ply":
@@ -75,35 +92,67 @@ def _read(path: Path, colors: Sequence[str]) -> tuple[FileContents, dict[str, Fl
     # after a header whose lines end with carriage returns, a line feed is already data
     start = end.end(1) - (end[1] == b"\r\n" and re.match(rb"ply[ \t]*+\r(?!\n)", data) is not None)
     body = _Body(data, start, order)
-    vertices = np.zeros((0, 3))
-    sizes = corners = np.zeros(0, dtype=np.int64)
-    shades: dict[str, FloatArray] = {}
+    vertices, columns, colors = np.zeros((0, 3)), PointData(()), None
+    polygons: list[Polygons] = [(np.zeros(0, dtype=np.int64),) * 2]
     for element in elements:
-        wanted = {"vertex": ("x", "y", "z", *colors), "face": _CORNERS}.get(element.name, ())
-        found = body.take(element, wanted)
         if element.name == "vertex":
-            columns = []
-            for name in "xyz":
-                values, counts = found.get(name, (None, None))
-                if values is None or counts is not None:
-                    raise ValueError(f"it has no property {name}")
-                columns.append(values.astype(np.float64))
-            vertices = np.stack(columns, axis=1)
-            plain = [p for p in element.properties if p.name in colors and not p.length_code]
-            whites = {p.name: _WHITES.get(p.code) for p in plain}
-            shades = {name: found[name][0] / white for name, white in whites.items() if white}
-        elif element.name == "face":
-            corners, lengths = next(
-                (found[name] for name in _CORNERS if name in found), (sizes, None)
-            )
-            if lengths is None:
-                raise ValueError("its faces have no list property vertex_indices")
+            plain = [p.name for p in element.properties if not p.length_code]
+            found = body.take(element, set(plain))
+            columns = PointData((name, partial(_doubles, found[name])) for name in plain)
+            vertices = np.stack([_coordinate(columns, name) for name in "xyz"], axis=1)
+            colors = _colors(element, columns)
+        elif element.name in ("face", "tristrips"):
+            name = _name_of_corners(element)
+            corners, sizes = body.take(element, {name})[name]
+            assert sizes is not None  # of a list
             if corners.dtype.kind == "f":
                 raise ValueError(
                     "its faces name vertices by numbers of type float: make them whole numbers"
                 )
-            sizes = lengths
-    return split_polygons(vertices, sizes, corners), shades
+            if element.name == "tristrips":
+                sizes, corners = _triangles(sizes, corners)
+            polygons.append((sizes, corners))
+        else:
+            body.take(element, set())
+    sizes, corners = (np.concatenate(each) for each in zip(*polygons, strict=True))
+    return PlyFile(vertices, sizes, corners, columns, colors)
+
+
+def _doubles(column: _Column) -> FloatArray:
+    return column[0].astype(np.float64)
+
+
+def _coordinate(columns: PointData, name: str) -> FloatArray:
+    chosen = name if name in columns else name.upper()
+    if chosen not in columns:
+        raise ValueError(f"it has no property {name}")
+    return columns[chosen]
+
+
+def _name_of_corners(element: _Element) -> str:
+    """Return the list of corners: by its name, of which there are many, or as the only list."""
+    lists = [p.name for p in element.properties if p.length_code]
+    known = [name for name in lists if name.lower().replace("_", "") in _CORNERS]
+    if not (chosen := known or lists[: len(lists) == 1]):
+        raise ValueError("its faces have no list property vertex_indices")
+    return chosen[0]
+
+
+def _triangles(sizes: IntArray, corners: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the triangles of lists of strips, which -1 separates, as sizes and corners."""
+    corners = np.insert(corners, np.cumsum(sizes), -1)
+    ends = np.flatnonzero(corners == -1)
+    faces = triangles_of_strips(np.diff(ends, prepend=-1) - 1, corners[corners != -1])
+    return np.full(len(faces), 3), faces.ravel()
+
+
+def _colors(element: _Element, columns: PointData) -> FloatArray | None:
+    found = [p for p in element.properties if p.name in _COLORS and not p.length_code]
+    whites = {p.name: _WHITES[p.code] for p in found if p.code in _WHITES}
+    if not all(name in whites for name in _COLORS[:3]):
+        return None
+    shades = [columns[name] / whites[name] for name in _COLORS if name in whites]
+    return np.clip(np.stack([*shades, np.ones(element.rows)], axis=1)[:, :4], 0, 1)
 
 
 def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
@@ -149,7 +198,7 @@ class _Body:
             data = array("d", map(number, words)).tobytes()
         self._data, self._position, self._order = data, start, order
 
-    def take(self, element: _Element, wanted: Sequence[str]) -> dict[str, _Column]:
+    def take(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
         """Return the wanted properties of the next element, the last one of a name; or raise a
         ValueError if the file ends before, or a list has a length below 0.
         """
@@ -172,9 +221,8 @@ class _Body:
     def _kind(self, code: str) -> np.dtype[Any]:
         return np.dtype(self._order + code if self._order else "=d")
 
-    def _walk(self, element: _Element, wanted: Sequence[str]) -> dict[str, _Column]:
+    def _walk(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
         """Return the same where lengths of lists must be read to know where the next row begins."""
-        data, position = self._data, self._position
         found: dict[str, tuple[bytearray, array[int]]] = {}
         steps = []
         for p in element.properties:
@@ -185,25 +233,33 @@ class _Body:
             steps.append((length, self._kind(p.code).itemsize, found.get(p.name)))
         try:
             for _ in range(element.rows):
-                for length, size, kept in steps:
-                    count = 1
-                    if length:
-                        count = _whole(length.unpack_from(data, position)[0])
-                        position += length.size
-                    if count < 0:
-                        raise ValueError(f"a list has the length {count}")
-                    end = position + count * size
-                    if end > len(data):
-                        raise _cut_off(element)
-                    if kept:
-                        kept[0].extend(data[position:end])
-                        kept[1].append(count)
-                    position = end
-        except struct.error as error:
+                self._walk_row(steps)
+        except (struct.error, EOFError) as error:
             raise _cut_off(element) from error
+        kept = [p for p in element.properties if p.name in found]
+        return {p.name: self._column(p, *found[p.name]) for p in kept}
+
+    def _walk_row(
+        self,
+        steps: "Sequence[tuple[struct.Struct | None, int, tuple[bytearray, array[int]] | None]]",
+    ) -> None:
+        data, position = self._data, self._position
+        for length, size, kept in steps:
+            count = 1
+            if length:
+                count = _whole(length.unpack_from(data, position)[0])
+                position += length.size
+            if count < 0:
+                raise ValueError(f"a list has the length {count}")
+            end = position + count * size
+            if end > len(data):
+                raise EOFError
+            if kept:
+                kept[0].extend(data[position:end])
+                if length:
+                    kept[1].append(count)
+            position = end
         self._position = position
-        kept_ones = [p for p in element.properties if p.name in found]
-        return {p.name: self._column(p, *found[p.name]) for p in kept_ones}
 
     def _column(self, p: _Property, content: bytearray, counts: Sequence[int]) -> _Column:
         values = np.frombuffer(content, self._kind(p.code))

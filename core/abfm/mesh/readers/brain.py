@@ -1,0 +1,79 @@
+"""Surfaces of brain imaging: GIFTI, FreeSurfer's formats, and MNI objects (CIVET)."""
+
+import numpy as np
+
+from abfm.mesh.readers.contents import FileContents, split_polygons
+from abfm.reading import (
+    Opened,
+    Words,
+    decoded,
+    freesurfer_quadrangles,
+    freesurfer_surface,
+    gifti_arrays,
+)
+
+_MNI_PROPERTIES = 5  # how the surface reflects light
+
+
+def read_gifti(opened: Opened) -> FileContents:
+    """Read the point set and the triangles of a GIFTI surface file."""
+    arrays = gifti_arrays(opened.path)
+    points = [array.values for array in arrays if array.intent == "NIFTI_INTENT_POINTSET"]
+    triangles = [array.values for array in arrays if array.intent == "NIFTI_INTENT_TRIANGLE"]
+    if len(points) != 1 or len(triangles) != 1:
+        raise ValueError(
+            f"it has {len(points)} point sets and {len(triangles)} triangle arrays instead of one "
+            "of each: give a surface file (.surf.gii)"
+        )
+    return FileContents(np.asarray(points[0], dtype=np.float64), triangles[0])
+
+
+def read_surface(opened: Opened) -> FileContents:
+    """Read a FreeSurfer surface of triangles, such as ``lh.white``, in surface RAS as it is."""
+    return FileContents(*freesurfer_surface(opened.data))
+
+
+def read_quadrangles(opened: Opened) -> FileContents:
+    """Read an old FreeSurfer surface, split as FreeSurfer and nibabel split its quadrangles."""
+    vertices, quads = freesurfer_quadrangles(opened.data)
+    even = quads[:, :1] % 2 == 0
+    first = np.where(even, quads[:, [0, 1, 3]], quads[:, [0, 1, 2]])
+    second = np.where(even, quads[:, [2, 3, 1]], quads[:, [0, 2, 3]])
+    faces = np.stack([first, second], axis=1).reshape(-1, 3)
+    return FileContents(vertices, faces, (f"{len(quads)} quadrangles were split into triangles",))
+
+
+def read_ascii_surface(opened: Opened) -> FileContents:
+    """Read a FreeSurfer surface as mris_convert writes it in text: .asc or .srf."""
+    text = decoded(opened.data, "replace")
+    words = Words(text, text.find("\n") if text.startswith("#") else 0)
+    vertex_count, face_count = words.count("vertices"), words.count("faces")
+    rows = words.numbers(4 * vertex_count, "the table of vertices").reshape(
+        -1, 4
+    )  # the last column marks ripped ones
+    faces = words.whole_numbers(4 * face_count, "the table of faces").reshape(-1, 4)
+    return FileContents(rows[:, :3].copy(), faces[:, :3].copy())
+
+
+def read_mni_obj(opened: Opened) -> FileContents:
+    """Read the polygons of an MNI object file in text, as CIVET and BrainSuite write it.
+
+    Format: http://www.bic.mni.mcgill.ca/users/mishkin/mni_obj_format.pdf.
+    """
+    text = decoded(opened.data, "replace")
+    words = Words(text, text.find("P") + 1)
+    words.numbers(_MNI_PROPERTIES, "its first line")
+    point_count = words.count("points")
+    vertices = words.numbers(3 * point_count, "the list of points").reshape(-1, 3)
+    words.numbers(3 * point_count, "the list of normals")
+    polygon_count = words.count("polygons")
+    per_color = words.count("colours")
+    if per_color > 2:
+        raise ValueError(f"it has the number {per_color} before its colours; expected 0, 1 or 2")
+    words.numbers(4 * (1, polygon_count, point_count)[per_color], "the list of colours")
+    sizes = np.diff(words.whole_numbers(polygon_count, "the list of ends"), prepend=0)
+    if (sizes < 0).any():
+        raise ValueError("the ends of its polygons do not increase")
+    return split_polygons(
+        vertices, sizes, words.whole_numbers(int(sizes.sum()), "the list of corners")
+    )

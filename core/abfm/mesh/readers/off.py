@@ -1,0 +1,173 @@
+"""OFF files, as Geomview, MeshLab and others write them.
+
+Format: http://www.geomview.org/docs/html/OFF.html. Words may stand on any lines; what else a vertex
+has follows its coordinates.
+"""
+
+import re
+import struct
+from array import array
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+
+from abfm.mesh.readers.contents import FileContents, Lists, split_polygons
+from abfm.reading import Opened, Words, decoded, number, split_lists, whole_number
+from abfm.types import FloatArray, IntArray
+
+_HEADER = re.compile(r"\s*+((?:ST|[CN4])*)OFF", re.IGNORECASE)
+_ANY_DIMENSION = re.compile(r"\s*+(?:ST|[CN4])*nOFF")
+_BINARY = re.compile(rb"\s*+((?:ST|[CN4])*)OFF\s+BINARY[^\n]*+\n", re.IGNORECASE)
+_COMMENT = re.compile(r"#[^\n]*+")
+_EDGES = re.compile(r"[^\S\n]*+\S++|\s*+\d++[^\S\n]*+(?=\n)")  # behind the other counts
+_NORMAL, _COLORS, _TEXTURE = 3, (4, 3), 2  # numbers at a vertex; a colour may lack its opacity
+
+
+def read_off(opened: Opened) -> FileContents:
+    """Read an OFF file, text or binary, also with colours, normals or texture coordinates."""
+    if binary := _BINARY.match(opened.data):
+        return _read_binary(opened.data, binary.end(), binary[1].decode().upper())
+    text = decoded(opened.data, "replace")
+    text = _COMMENT.sub("", text) if "#" in text else text
+    if _ANY_DIMENSION.match(text):
+        raise ValueError("it is nOFF, with points of any dimension: export OFF, which has three")
+    header = _HEADER.match(text)
+    if header is None and not text.lstrip()[:1].isdigit():
+        raise ValueError("it begins neither with OFF nor with its numbers of vertices and faces")
+    prefix, begin = (header[1].upper(), header.end()) if header else ("", 0)
+    words = Words(text, begin)
+    counts = words.count("vertices"), words.count("faces")
+    edges = _EDGES.match(text, words.place)
+    return _Text(text, edges.end() if edges else words.place, prefix, counts).contents()
+
+
+class _Text:
+    """What follows the counts: usually a vertex or face a line, but lines may end anywhere."""
+
+    def __init__(self, text: str, begin: int, prefix: str, counts: tuple[int, int]) -> None:
+        self._text, self._begin = text, begin
+        self._vertex_count, self._face_count = counts
+        self._columns, self._least, self._widths = _layout(prefix)
+
+    def contents(self) -> FileContents:
+        try:
+            return self._checked(*self._by_lines(self._least))
+        except ValueError:
+            for width in self._widths:
+                try:
+                    return self._checked(*self._by_words(width))
+                except ValueError:
+                    continue
+        try:  # for files without the colours or normals that they announce, and the reason
+            return _contents(*self._by_lines(self._columns))
+        except ValueError as error:
+            expected = self._vertex_count + self._face_count
+            found = sum(1 for _ in _rows(self._text, self._begin))
+            if found >= expected:
+                raise
+            raise ValueError(
+                f"{self._vertex_count} vertices and {self._face_count} faces are announced, but "
+                f"{found} lines follow: the file is cut off"
+            ) from error
+
+    def _checked(self, points: FloatArray, sizes: IntArray, corners: IntArray) -> FileContents:
+        """Return the contents, or raise a ValueError if faces show that lines end elsewhere."""
+        if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
+            raise ValueError("a face names a vertex that is not there")
+        return _contents(points, sizes, corners)
+
+    def _by_lines(self, least: int) -> tuple[FloatArray, IntArray, IntArray]:
+        """Return points, sizes and corners of faces, if each line has a vertex or a face."""
+        points, begin = array("d"), self._begin
+        for words, end in islice(_rows(self._text, self._begin), self._vertex_count):
+            if len(words) < least:
+                raise ValueError(
+                    f"vertex {len(points) // self._columns}, counting from 0, has {len(words)} "
+                    f"numbers instead of {least}"
+                )
+            points.extend(map(number, words[: self._columns]))
+            begin = end
+        if len(points) < self._vertex_count * self._columns:
+            raise ValueError("vertices are missing")
+        places = np.frombuffer(points, np.float64).reshape(-1, self._columns)
+        return places, *self._faces_by_lines(begin)
+
+    def _faces_by_lines(self, begin: int) -> tuple[IntArray, IntArray]:
+        """Return sizes and corners of faces, which may have a colour at the end of their lines."""
+        lists = Lists()
+        for words, _ in islice(_rows(self._text, begin), self._face_count):
+            corners = whole_number(words[0])
+            if not 0 <= corners < len(words):
+                raise ValueError(
+                    f"a face announces {corners} corners, but its line has {len(words) - 1}"
+                )
+            lists.add_polygon(list(map(whole_number, words[1 : 1 + corners])))
+        sizes, corners_of_all = lists.polygons()
+        if len(sizes) < self._face_count:
+            raise ValueError("faces are missing")
+        return sizes, corners_of_all
+
+    def _by_words(self, width: int) -> tuple[FloatArray, IntArray, IntArray]:
+        """Return the same where lines end anywhere and vertices have so many numbers."""
+        words = Words(self._text, self._begin)
+        table = words.numbers(self._vertex_count * width, "the list of vertices").reshape(
+            -1, width
+        )[:, : self._columns]
+        try:
+            return table, *self._faces_by_lines(words.place)
+        except ValueError:
+            return table, *split_lists(words.whole_numbers(None, "faces"), self._face_count)
+
+
+def _layout(prefix: str) -> tuple[int, int, tuple[int, ...]]:
+    """Return how many numbers of a vertex are its place, how many it has at least, and how many it
+    may have.
+    """
+    columns = 4 if "4" in prefix else 3
+    plain = columns + _NORMAL * ("N" in prefix) + _TEXTURE * ("ST" in prefix)
+    widths = tuple(plain + color for color in _COLORS) if "C" in prefix else (plain,)
+    return columns, min(widths), widths
+
+
+def _contents(points: FloatArray, sizes: IntArray, corners: IntArray) -> FileContents:
+    """Return the contents, points of four coordinates divided by the last one."""
+    if points.shape[1] == 4:
+        if (points[:, 3] == 0).any():
+            raise ValueError("it has points at infinity, whose fourth coordinate is 0")
+        points = points[:, :3] / points[:, 3:]
+    return split_polygons(np.ascontiguousarray(points[:, :3]), sizes, corners)
+
+
+def _rows(text: str, begin: int) -> Iterator[tuple[list[str], int]]:
+    """Return the words of each line that has any, and where the line ends."""
+    while begin < len(text):
+        end = text.find("\n", begin)
+        end = len(text) if end < 0 else end
+        if words := text[begin:end].split():
+            yield words, end
+        begin = end + 1
+
+
+def _read_binary(data: bytes, begin: int, prefix: str) -> FileContents:
+    """Read big-endian numbers: floats of vertices, then corners and colours of each face."""
+    columns, _, (width, *_) = _layout(prefix)
+    try:
+        vertex_count, face_count, _ = struct.unpack_from(">3i", data, begin)
+        if min(vertex_count, face_count) < 0:
+            raise ValueError(f"it announces {vertex_count} vertices and {face_count} faces")
+        begin += 12
+        if vertex_count * width * 4 > len(data) - begin:
+            raise ValueError("the file is cut off: vertices are missing")
+        table = np.frombuffer(data, ">f4", vertex_count * width, begin).reshape(-1, width)
+        begin += 4 * table.size
+        lists = Lists()
+        for _ in range(face_count):
+            (size,) = struct.unpack_from(">i", data, begin)
+            lists.add_polygon(struct.unpack_from(f">{max(size, 0)}i", data, begin + 4))
+            begin += 4 * (1 + max(size, 0))
+            (color,) = struct.unpack_from(">i", data, begin)
+            begin += 4 * (1 + max(color, 0))
+    except struct.error:
+        raise ValueError("the file is cut off") from None
+    return _contents(table[:, :columns].astype(np.float64), *lists.polygons())

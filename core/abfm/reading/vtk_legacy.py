@@ -1,0 +1,214 @@
+"""VTK's legacy files, .vtk: text, or big-endian numbers behind lines of text.
+
+Format: https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html, with cells as
+versions before 5 have them, and as offsets and connectivity.
+"""
+
+import math
+import re
+from array import array
+from itertools import islice
+from typing import Any, TypeAlias
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abfm.errors import brief
+from abfm.reading.vtk_file import (
+    POLYGON,
+    STRIP,
+    PointData,
+    Polygons,
+    VtkFile,
+    polygons_of_cells,
+)
+from abfm.reading.words import number, split_lists, whole_number
+from abfm.types import FloatArray
+
+_TYPES = {
+    "unsigned_char": ">u1",
+    "char": ">i1",
+    "signed_char": ">i1",
+    "unsigned_short": ">u2",
+    "short": ">i2",
+    "unsigned_int": ">u4",
+    "int": ">i4",
+    "vtkidtype": ">i4",
+    "unsigned_long": ">u8",
+    "long": ">i8",
+    "vtktypeuint64": ">u8",
+    "vtktypeint64": ">i8",
+    "float": ">f4",
+    "double": ">f8",
+}
+_KINDS = ("POLYDATA", "UNSTRUCTURED_GRID")
+_CELLS = ("POLYGONS", "TRIANGLE_STRIPS", "CELLS", "VERTICES", "LINES")
+_COLUMNS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
+_COLUMNS |= {"GLOBAL_IDS": 1, "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}
+_TIMES = ("TimeValue", "TIME")  # names of field data
+_LINE_BYTES_MAX = 1 << 16
+_WORD = re.compile(rb"\S+")
+_OFFSETS = re.compile(rb"\s*OFFSETS\s", re.IGNORECASE)
+
+Cells: TypeAlias = Polygons
+"""Sizes of cells, and the corners of one after the other."""
+
+
+def legacy_contents(data: bytes) -> VtkFile:
+    """Read points, polygons and point data; a ValueError says what is wrong with the file."""
+    parser = _Parser(data)
+    try:
+        parser.parse()
+    except IndexError:
+        raise ValueError("one of its lines has fewer words than its keyword needs") from None
+    return VtkFile(parser.points, parser.polygons, PointData(parser.arrays()), parser.time)
+
+
+class _Parser:
+    """Takes a file from front to back, one keyword after the other."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self._begin, self._is_text = data, 0, True
+        self.points, self.time = np.zeros((0, 3)), math.nan
+        self._kind, self._cells = "", dict[str, Cells]()
+        self._types = np.zeros(0, dtype=np.int64)
+        self._values: list[tuple[str, FloatArray]] = []
+        self._of_points, self._count = False, 0
+
+    def parse(self) -> None:
+        for _ in range(2):  # the version, and a title that may be empty
+            self._begin = self._data.find(b"\n", self._begin) + 1 or len(self._data)
+        form = self._words()[0].upper()
+        if form not in ("ASCII", "BINARY"):
+            raise ValueError(f"its third line is {brief(form)}; expected ASCII or BINARY")
+        self._is_text = form == "ASCII"
+        while words := self._words():
+            self._take(words[0].upper(), words[1:])
+        if not self._kind:
+            raise ValueError("it has no line DATASET: it may be cut off")
+
+    def _take(self, keyword: str, words: list[str]) -> None:
+        if keyword == "DATASET":
+            self._kind = words[0].upper()
+            if self._kind not in _KINDS:
+                raise ValueError(f"it is VTK's {brief(words[0])}; expected {' or '.join(_KINDS)}")
+        elif keyword == "METADATA":  # up to an empty line
+            end = re.compile(rb"\n[ \t\r]*\n").search(self._data, self._begin - 1)
+            self._begin = end.end() if end else len(self._data)
+        elif keyword == "POINTS":
+            self.points = self._numbers(3 * _count(words[0]), words[1]).reshape(-1, 3)
+            self.points = self.points.astype(np.float64)
+        elif keyword in _CELLS:
+            self._cells[keyword] = self._cells_of(_count(words[0]), _count(words[1]))
+        elif keyword == "CELL_TYPES":
+            self._types = self._numbers(_count(words[0]), "int").astype(np.int64)
+        elif keyword in ("POINT_DATA", "CELL_DATA"):
+            self._of_points, self._count = keyword == "POINT_DATA", _count(words[0])
+        elif keyword == "FIELD":
+            self._take_field(_count(words[1]))
+        elif keyword == "LOOKUP_TABLE":
+            self._numbers(4 * _count(words[1]), "unsigned_char")
+        else:
+            self._take_attribute(keyword, words)
+
+    def _take_attribute(self, keyword: str, words: list[str]) -> None:
+        if keyword == "SCALARS":
+            columns, kind = _count(words[2]) if len(words) > 2 else 1, words[1]
+            begin = self._begin
+            if self._words()[:1] != ["LOOKUP_TABLE"]:  # which names one
+                self._begin = begin
+        elif keyword == "COLOR_SCALARS":
+            columns, kind = _count(words[1]), "unsigned_char"
+        elif keyword == "TEXTURE_COORDINATES":
+            columns, kind = _count(words[1]), words[2]
+        elif keyword in _COLUMNS:
+            columns, kind = _COLUMNS[keyword], words[1]
+        else:
+            raise ValueError(f"it has {brief(keyword)} where a keyword of VTK is expected")
+        self._keep(words[0], self._numbers(self._count * columns, kind), columns)
+
+    def _take_field(self, count: int) -> None:
+        """Take arrays that each have a line with name, columns, rows and type."""
+        for _ in range(count):
+            words = self._words()
+            while words[0].upper() == "METADATA":
+                self._take("METADATA", [])
+                words = self._words()
+            columns, rows = _count(words[1]), _count(words[2])
+            found = self._numbers(columns * rows, words[3])
+            if rows == self._count and self._count:
+                self._keep(words[0], found, columns)
+            elif words[0] in _TIMES and len(found) == 1:
+                self.time = float(found[0])
+
+    def _keep(self, name: str, values: NDArray[Any], columns: int) -> None:
+        if self._of_points and values.size:
+            self._values.append((unquote(name), values.reshape(-1, columns).astype(np.float64)))
+
+    def _cells_of(self, count: int, size: int) -> Cells:
+        """Take cells: a size before the corners of each, or offsets and then all corners."""
+        if _OFFSETS.match(self._data, self._begin):
+            offsets = self._numbers(count, self._words()[1]).astype(np.int64)
+            corners = self._numbers(size, self._words()[1]).astype(np.int64)
+            sizes = np.diff(offsets)
+            if (sizes < 0).any() or (count and (offsets[0] != 0 or offsets[-1] != size)):
+                raise ValueError(f"the offsets of its cells do not increase from 0 to {size}")
+            return sizes, corners
+        return split_lists(self._numbers(size, "int").astype(np.int64), count)
+
+    def polygons(self) -> Polygons:
+        """Return the polygons, those that are strips as triangles."""
+        empty = np.zeros(0, dtype=np.int64)
+        if self._kind == "UNSTRUCTURED_GRID":
+            sizes, corners = self._cells.get("CELLS", (empty, empty))
+            if len(self._types) != len(sizes):
+                raise ValueError(f"it has {len(self._types)} types for {len(sizes)} cells")
+            return polygons_of_cells(sizes, corners, self._types)
+        parts = [self._cells.get(name, (empty, empty)) for name in ("POLYGONS", "TRIANGLE_STRIPS")]
+        sizes, corners = (np.concatenate(each) for each in zip(*parts, strict=True))
+        types = np.repeat([POLYGON, STRIP], [len(part[0]) for part in parts])
+        return polygons_of_cells(sizes, corners, types)
+
+    def arrays(self) -> list[tuple[str, Any]]:
+        """Return names of point data, and functions that return the values."""
+        return [(name, lambda values=values: values) for name, values in self._values]
+
+    def _words(self) -> list[str]:
+        """Return the words of the next line that has any, or none at the end."""
+        words: list[bytes] = []
+        while not words and self._begin < len(self._data):
+            end = self._data.find(b"\n", self._begin, self._begin + _LINE_BYTES_MAX)
+            end = min(self._begin + _LINE_BYTES_MAX, len(self._data)) if end < 0 else end
+            words = self._data[self._begin : end].split()
+            self._begin = end + 1
+        return [word.decode("utf-8", "replace") for word in words]
+
+    def _numbers(self, count: int, kind: str) -> NDArray[Any]:
+        if kind.lower() not in _TYPES:
+            raise ValueError(f"it has numbers of the type {brief(kind)}, which is not read")
+        dtype = np.dtype(_TYPES[kind.lower()])
+        left = max(len(self._data) - self._begin, 0)
+        if count * (1 if self._is_text else dtype.itemsize) > left:
+            raise _cut_off(count)
+        if not self._is_text:
+            begin, self._begin = self._begin, self._begin + count * dtype.itemsize
+            return np.frombuffer(self._data, dtype, count, begin if count else 0)
+        found = array("d")
+        for word in islice(_WORD.finditer(self._data, self._begin), count):
+            found.append(number(word[0]))
+            self._begin = word.end()
+        if len(found) != count:
+            raise _cut_off(count)
+        return np.frombuffer(found, np.float64)
+
+
+def _count(word: str) -> int:
+    count = whole_number(word)
+    if count < 0:
+        raise ValueError(f"it announces {count} numbers")
+    return count
+
+
+def _cut_off(count: int) -> ValueError:
+    return ValueError(f"it is cut off: fewer than {count} numbers follow where it announces them")
