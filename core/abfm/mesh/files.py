@@ -8,7 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from abfm.errors import MeshError, one_line
+from abfm.errors import MeshError, ParameterError, brief, one_line
+from abfm.mesh.objects import PARTS, MeshLike, contents_of
 from abfm.mesh.readers.contents import FileContents
 from abfm.mesh.readers.gltf import read_gltf
 from abfm.mesh.readers.plain import read_obj, read_off, read_stl
@@ -57,27 +58,38 @@ _NO_MESHES = {
 }
 
 
-def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> TriangleMesh:
-    """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf, gii or FreeSurfer's.
+def load_mesh(
+    mesh: MeshLike, largest_component: bool = False, hemisphere: str = ""
+) -> TriangleMesh:
+    """Read a triangle mesh from a file, or make one of a mesh of another library.
 
-    Vertices keep the file's order and count, unused ones included; only STL and glTF, which repeat
-    vertices, are merged by position, with a message. Polygons are split into triangles. Surfaces
-    of FreeSurfer, such as ``lh.white``, are known by their first bytes, and keep the coordinates
-    of the file: surface RAS, to which ``cras`` is not added, as in nibabel.
+    Vertices keep the order and count of the file or object, unused ones included; only STL and
+    glTF, which repeat vertices, are merged by position, with a message. Polygons are split into
+    triangles. Surfaces of FreeSurfer, such as ``lh.white``, are known by their first bytes, and
+    keep the coordinates of the file: surface RAS, to which ``cras`` is not added, as in nibabel.
 
     Parameters
     ----------
-    path : path
-        The ending of its name says the format, or else how the file begins.
+    mesh : path or object
+        A file: obj, off, ply, stl, glb, gltf, gii or FreeSurfer's; the ending of its name gives the
+        format, or else its first bytes. Or a pair (vertices, faces), a ``trimesh.Trimesh``, PyVista
+        ``PolyData``, a meshio mesh, nilearn's ``SurfaceImage`` or ``PolyMesh``, a nibabel GIFTI
+        image, or a `TriangleMesh`, which is returned as it is.
     largest_component : bool
         Of several components keep the one with the largest area instead of refusing the mesh.
+    hemisphere : str
+        "L" or "R": the part of nilearn's objects; empty if there is only one.
 
     Raises
     ------
     MeshError
         One line that begins with the file's name: why it cannot be read, or its mesh be used.
     """
-    file, name = Path(path), one_line(path, _LONGEST_NAME)
+    if isinstance(mesh, TriangleMesh):
+        return mesh
+    if not isinstance(mesh, str | os.PathLike):
+        return _of_object(mesh, "mesh", largest_component, hemisphere)
+    file, name = Path(mesh), one_line(mesh, _LONGEST_NAME)
     ending = next((ending for ending in READERS if file.name.lower().endswith(ending)), None)
     form = ending or _form_by_beginning(file, name)
     try:
@@ -90,6 +102,39 @@ def load_mesh(path: str | os.PathLike[str], largest_component: bool = False) -> 
         ) from error
     except MeshError as error:
         raise MeshError(f"{name}: {error}") from error
+
+
+def as_mesh(given: MeshLike, name: str = "mesh") -> TriangleMesh:
+    """Return a mesh as it is, or what `load_mesh` makes of anything else.
+
+    Raises
+    ------
+    MeshError
+        If it makes no mesh; the message begins with the file's name or with ``name``.
+    """
+    if isinstance(given, TriangleMesh):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return load_mesh(given)
+    return _of_object(given, name, False, "")
+
+
+def as_meshes(a: MeshLike, b: MeshLike) -> tuple[TriangleMesh, TriangleMesh]:
+    """Return `as_mesh` of two surfaces, one mesh if they are the same object."""
+    mesh = as_mesh(a, "a")
+    return mesh, mesh if a is b else as_mesh(b, "b")
+
+
+def _of_object(given: object, name: str, largest_component: bool, hemisphere: str) -> TriangleMesh:
+    if hemisphere not in ("", *PARTS):
+        raise ParameterError(f"hemisphere is {brief(hemisphere)}; expected L or R")
+    try:
+        vertices, faces, messages = contents_of(given, hemisphere)
+        return TriangleMesh(vertices, faces, largest_component=largest_component, messages=messages)
+    except MeshError as error:
+        raise MeshError(f"{name}: {error}") from error
+    except Exception as error:  # the objects are not ours, and may raise anything
+        raise MeshError(f"{name} cannot be used: {one_line(error, 400)}") from error
 
 
 def _form_by_beginning(file: Path, name: str) -> str:
