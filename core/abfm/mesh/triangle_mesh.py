@@ -6,16 +6,20 @@ import copy
 import hashlib
 from collections.abc import Callable, Iterable
 from functools import cached_property, wraps
-from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Concatenate, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from abfm.errors import FunctionError
+from abfm.errors import FunctionError, MeshError, one_line
 from abfm.mesh.checks import check, twice_areas
 from abfm.mesh.topology import connected, grouped, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm.workers.messages import sent_by_name
+
+if TYPE_CHECKING:
+    import trimesh
 
 Result = TypeVar("Result")
 Others = ParamSpec("Others")
@@ -225,6 +229,29 @@ class TriangleMesh:
         """Handles: ``V - E + F = 2 - 2 genus - loops`` with pinched vertices cut apart."""
         characteristic = self.corner_fans.max() + 1 - len(self.edges) + len(self.faces)
         return int(2 * (self.parts.max() + 1) - len(self.boundary_loops) - characteristic) // 2
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """Return a ``trimesh.Trimesh`` with the vertices and faces in this order."""
+        import trimesh  # with what it loads
+
+        return trimesh.Trimesh(self.vertices.copy(), self.faces.copy(), process=False)
+
+    def to_pyvista(self) -> Any:
+        """Return PyVista ``PolyData`` with the vertices and faces in this order.
+
+        Raises
+        ------
+        MeshError
+            If PyVista is missing.
+        """
+        try:
+            pyvista = import_module("pyvista")
+        except ImportError as error:
+            raise MeshError(
+                f"PyVista cannot be imported ({one_line(error)}); install it with: "
+                "pip install pyvista"
+            ) from error
+        return pyvista.PolyData.from_regular_faces(self.vertices.copy(), self.faces)
 
     def local_vertex(self, index: int) -> int:
         """Return the row of the vertex that the file calls ``index``, or raise a FunctionError."""

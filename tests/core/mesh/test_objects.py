@@ -1,5 +1,6 @@
 """Meshes of other libraries."""
 
+import sys
 from types import SimpleNamespace as Object
 
 import nibabel
@@ -177,3 +178,26 @@ def test_same_object_becomes_one_mesh():
     assert as_mesh(a) is a
     a, b = as_meshes(pair, (V, F))
     assert a is not b
+
+
+def test_trimesh_keeps_order():
+    found = SPHERE.to_trimesh()
+    assert isinstance(found, trimesh.Trimesh)
+    assert_array_equal(found.vertices, V)
+    assert_array_equal(found.faces, F)
+    found.vertices += 1.0  # the mesh stays
+    assert_array_equal(SPHERE.vertices, V)
+
+
+def test_pyvista_is_made_of_regular_faces(monkeypatch):
+    kind = Object(from_regular_faces=lambda points, faces: poly_data(points, faces))
+    monkeypatch.setitem(sys.modules, "pyvista", Object(PolyData=kind))
+    mesh = load_mesh(SPHERE.to_pyvista())
+    assert_array_equal(mesh.vertices, V)
+    assert_array_equal(mesh.faces, F)
+
+
+def test_missing_pyvista_is_reported(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with raises(MeshError, "PyVista", "pip install pyvista"):
+        SPHERE.to_pyvista()
