@@ -19,7 +19,7 @@ from abfm.maps.distortion import Distortion
 from abfm.maps.functional_maps import spectral_coefficients
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import FlowMapQuality, ThereAndBack, came_back
-from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh import MeshLike, TriangleMesh, as_mesh, per_mesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined
 from abfm.numerics.real_numbers import is_finite_number, real_numbers
 from abfm.parameters import CHOICES, Method
@@ -176,8 +176,9 @@ class Flow:
 _discretisation = per_mesh(Discretisation)  # one memory for all flows on a mesh
 
 
-def advect(mesh: TriangleMesh, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
+def advect(mesh: MeshLike, velocity: ArrayLike, f: ArrayLike, t: float) -> FloatArray:
     """Carry ``f`` (V,) or (V, C), by vertices of the mesh or of its file, along a field (F, 3) for
     a time of either sign, in the same shape: ``exp(-t D_v) f`` (Eq. 4), see `Flow.push`.
     """
+    mesh = as_mesh(mesh)
     return Flow(mesh, check_field(mesh, velocity, "velocity")).push(f, t)

@@ -30,7 +30,7 @@ from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
 from abfm.functions.scaled import Scaled
 from abfm.functions.spectral import Eigenfunction, HeatKernelSignature, WaveKernelSignature
-from abfm.mesh import TriangleMesh
+from abfm.mesh import MeshLike, TriangleMesh, as_mesh
 from abfm.types import FloatArray
 
 LONGEST, DEEPEST = 10_000, 50
@@ -94,11 +94,12 @@ def parse(text: str) -> Spec:
     return spec
 
 
-def function(mesh: TriangleMesh, spec: str | Spec, *, may_be_unknown: bool = False) -> FloatArray:
+def function(mesh: MeshLike, spec: str | Spec, *, may_be_unknown: bool = False) -> FloatArray:
     """Return values of a function at the vertices, (V,), finite, a new array every time.
 
     Parameters
     ----------
+    mesh : TriangleMesh, or whatever `abfm.load_mesh` takes
     spec : str or Spec
         Text such as ``"gaussian:vertex=12,width=0.1 + gaussian:vertex=3"``, or what :func:`parse`
         makes of it; :func:`families` lists the families with their parameters.
@@ -111,7 +112,7 @@ def function(mesh: TriangleMesh, spec: str | Spec, *, may_be_unknown: bool = Fal
         If the text is no spec, names a vertex or file that does not fit the mesh, or gives values
         that are not finite.
     """
-    tree = parse(spec) if isinstance(spec, str) else spec
+    mesh, tree = as_mesh(mesh), parse(spec) if isinstance(spec, str) else spec
     if not isinstance(tree, Spec):
         raise FunctionError(
             f"function is {brief(spec)}; expected a text such as 'gaussian:vertex=12', or a "

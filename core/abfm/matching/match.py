@@ -30,7 +30,7 @@ from abfm.matching.problem import Problem, problem_of
 from abfm.matching.solving.measures import measured
 from abfm.matching.solving.record import Iteration, StopReason
 from abfm.matching.solving.solve import Solver
-from abfm.mesh import TriangleMesh
+from abfm.mesh import MeshLike, TriangleMesh
 from abfm.mesh.subdivision import mean_of_children, times_subdivided
 from abfm.outcome import Facts, Outcome, outcome_of, worse_residual
 from abfm.parameters import Parameters
@@ -414,7 +414,7 @@ def match(
 
 @overload
 def match(
-    mesh: TriangleMesh,
+    mesh: MeshLike,
     f: ArrayLike,
     g: ArrayLike,
     parameters: Parameters | None = None,

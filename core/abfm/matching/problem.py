@@ -26,7 +26,7 @@ from abfm.matching.solvability import is_measured
 from abfm.matching.terms.data_term import DataTerm, Restriction
 from abfm.matching.terms.functions import FunctionTerm, checked_mask
 from abfm.matching.terms.landmarks import Landmarks, landmarks_of, residual_of_errors
-from abfm.mesh import TriangleMesh
+from abfm.mesh import MeshLike, TriangleMesh, as_mesh
 from abfm.mesh.subdivision import interpolated, mean_of_children, refined, times_subdivided
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import KEEPING_AREAS, Parameters
@@ -42,7 +42,7 @@ class Problem:
 
     Parameters
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh, or whatever `abfm.load_mesh` takes
     f, g : (V,) or (V, C) arrays, or str, or sequences of str
         Source and target, one or several channels; texts are functions, see `abfm.function`, which
         finer meshes evaluate anew. Both None where landmarks alone are to be matched: zero then.
@@ -99,7 +99,7 @@ class Problem:
 
     def __init__(
         self,
-        mesh: TriangleMesh,
+        mesh: MeshLike,
         f: ArrayLike | Sequence[str] | None,
         g: ArrayLike | Sequence[str] | None,
         parameters: Parameters | None = None,
@@ -112,8 +112,7 @@ class Problem:
         landmark_weights: ArrayLike | None = None,
         approximate: bool = False,
     ) -> None:
-        if not isinstance(mesh, TriangleMesh):
-            raise MeshError(f"mesh is {brief(mesh)}; expected a TriangleMesh, see abfm.load_mesh")
+        mesh = as_mesh(mesh)
         if not isinstance(parameters, Parameters | None):
             raise ParameterError(
                 f"parameters is {brief(parameters)}; expected abfm.Parameters(...)"

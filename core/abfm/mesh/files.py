@@ -5,7 +5,9 @@ import warnings
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
-from abfm.errors import MeshError, one_line
+from abfm.errors import MeshError, ParameterError, brief, one_line
+from abfm.mesh.objects import MeshLike, contents_of
+from abfm.mesh.options import HEMISPHERES, MeshKeywords
 from abfm.mesh.readers.brain import (
     read_ascii_surface,
     read_gifti,
@@ -61,26 +63,29 @@ MESH_ENDINGS = (*endings_of(READERS), *(f"{ending}.gz" for ending in endings_of(
 
 
 def load_mesh(
-    path: str | os.PathLike[str],
+    mesh: MeshLike,
     *,
     merge: bool | float | None = None,
     clean: bool = False,
     hemisphere: str | None = None,
     largest_component: bool = False,
 ) -> TriangleMesh:
-    """Read a triangle mesh from a file: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, surfaces
-    of FreeSurfer or MNI objects; each may be compressed (.gz).
+    """Read a triangle mesh from a file, or make one of a mesh of another library.
 
-    Vertices keep the file's order and count, unused ones included; only STL and glTF, which repeat
-    vertices, are merged by position, with a message. Polygons and strips are split into triangles.
-    glTF is read as it is shown at rest, with its morph weights and skins. Surfaces of FreeSurfer,
-    such as ``lh.white``, keep the coordinates of the file: surface RAS, to which ``cras`` is not
-    added, as in nibabel.
+    Vertices keep the order and count of the file or object, unused ones included. Only STL and
+    glTF, which repeat vertices, are merged by position, with a message. Polygons and strips are
+    split into triangles. glTF is read as it is shown at rest, with its morph weights and skins.
+    Surfaces of FreeSurfer, such as ``lh.white``, keep the coordinates of the file: surface RAS, to
+    which ``cras`` is not added, as in nibabel.
 
     Parameters
     ----------
-    path : path
-        Its first bytes decide the format, or else the ending of its name.
+    mesh : path or object
+        A file: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, a surface of FreeSurfer or an MNI
+        object, perhaps compressed (.gz); its first bytes decide the format, or else the ending of
+        its name. Or a pair (vertices, faces), a ``trimesh.Trimesh``, PyVista ``PolyData``, a meshio
+        mesh, nilearn's ``SurfaceImage`` or ``PolyMesh``, a nibabel GIFTI image, or a
+        `TriangleMesh`, which is returned as it is.
     merge : bool or float, optional
         Make vertices one that are at most this distance apart, in the file's unit, as where a
         texture has a seam: the first of them stays where it is. A distance of an edge's length is
@@ -91,9 +96,11 @@ def load_mesh(
         that no hole is left. What cannot be cleaned so is refused.
     hemisphere : {"L", "R"}, optional
         Of a surface with both hemispheres, next to each other along x, keep one; L has the smaller
-        x. A surface in one piece is kept as it is.
+        x. A surface in one piece is kept as it is. Of nilearn's objects, the part.
     largest_component : bool
         Of several components keep the one with the largest area instead of refusing the mesh.
+    hemisphere : str
+        "L" or "R": the part of nilearn's objects; empty if there is only one.
 
     Notes
     -----
@@ -106,24 +113,62 @@ def load_mesh(
     MeshError
         One line that begins with the file's name: why it cannot be read, or its mesh be used.
     """
-    name = one_line(path, _NAME_LENGTH_MAX)
+    options: MeshKeywords = {
+        "merge": merge,
+        "clean": clean,
+        "hemisphere": hemisphere,
+        "largest_component": largest_component,
+    }
+    if isinstance(mesh, TriangleMesh):
+        if any(options.values()):
+            raise ParameterError("options of a mesh apply where it is made, not to a TriangleMesh")
+        return mesh
+    if not isinstance(mesh, str | os.PathLike):
+        return _of_object(mesh, "mesh", options)
+    name = one_line(mesh, _NAME_LENGTH_MAX)
     try:
-        vertices, faces, messages = read_contents(path, READERS, "mesh")
-        return TriangleMesh(
-            vertices,
-            faces,
-            merge=merge,
-            clean=clean,
-            hemisphere=hemisphere,
-            largest_component=largest_component,
-            messages=messages,
-        )
+        vertices, faces, messages = read_contents(mesh, READERS, "mesh")
+        return TriangleMesh(vertices, faces, messages=messages, **options)
     except MemoryError as error:
         raise MeshError(
             f"{name}: the mesh does not fit into memory: close other programs, or coarsen it"
         ) from error
     except MeshError as error:
         raise error.of(name) from error
+
+
+def as_mesh(given: MeshLike, name: str = "mesh") -> TriangleMesh:
+    """Return a mesh as it is, or what `load_mesh` makes of anything else.
+
+    Raises
+    ------
+    MeshError
+        If it makes no mesh; the message begins with the file's name or with ``name``.
+    """
+    if isinstance(given, TriangleMesh):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return load_mesh(given)
+    return _of_object(given, name, {})
+
+
+def as_meshes(a: MeshLike, b: MeshLike) -> tuple[TriangleMesh, TriangleMesh]:
+    """Return `as_mesh` of two surfaces, one mesh if they are the same object."""
+    mesh = as_mesh(a, "a")
+    return mesh, mesh if a is b else as_mesh(b, "b")
+
+
+def _of_object(given: object, name: str, options: MeshKeywords) -> TriangleMesh:
+    hemisphere = options.get("hemisphere") or ""
+    if hemisphere not in ("", *HEMISPHERES):
+        raise ParameterError(f"hemisphere is {brief(hemisphere)}; expected L or R")
+    try:
+        vertices, faces, messages = contents_of(given, hemisphere)
+        return TriangleMesh(vertices, faces, messages=messages, **options)
+    except MeshError as error:
+        raise error.of(name) from error
+    except Exception as error:  # the objects are not ours, and may raise anything
+        raise MeshError(f"{name} cannot be used: {one_line(error, 400)}") from error
 
 
 def read_contents(

@@ -7,12 +7,13 @@ import hashlib
 import warnings
 from collections.abc import Callable, Iterable
 from functools import cached_property, wraps
-from typing import Any, Concatenate, NoReturn, ParamSpec, TypeVar, Unpack
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Concatenate, NoReturn, ParamSpec, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from abfm.errors import FunctionError
+from abfm.errors import FunctionError, MeshError, one_line
 from abfm.mesh.checks import check
 from abfm.mesh.draft import FileNumbers
 from abfm.mesh.face_sizes import twice_areas
@@ -20,6 +21,9 @@ from abfm.mesh.options import MeshKeywords, MeshOptions
 from abfm.mesh.topology import connected, grouped, next_corner, pinched_vertices
 from abfm.types import BoolArray, FloatArray, IntArray
 from abfm.workers.messages import sent_by_name
+
+if TYPE_CHECKING:
+    import trimesh
 
 Result = TypeVar("Result")
 Others = ParamSpec("Others")
@@ -254,6 +258,29 @@ class TriangleMesh:
         known, rows = self.numbered
         place = np.searchsorted(known, numbers).clip(max=len(known) - 1)
         return np.where(known[place] == numbers, rows[place], -1)
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """Return a ``trimesh.Trimesh`` with the vertices and faces in this order."""
+        import trimesh  # with what it loads
+
+        return trimesh.Trimesh(self.vertices.copy(), self.faces.copy(), process=False)
+
+    def to_pyvista(self) -> Any:
+        """Return PyVista ``PolyData`` with the vertices and faces in this order.
+
+        Raises
+        ------
+        MeshError
+            If PyVista is missing.
+        """
+        try:
+            pyvista = import_module("pyvista")
+        except ImportError as error:
+            raise MeshError(
+                f"PyVista cannot be imported ({one_line(error)}); install it with: "
+                "pip install pyvista"
+            ) from error
+        return pyvista.PolyData.from_regular_faces(self.vertices.copy(), self.faces)
 
     def local_vertex(self, index: int) -> int:
         """Return the row of the vertex that the file calls ``index``, or raise a FunctionError."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import vertex_areas
-from abfm.errors import FunctionError, MeshError, ParameterError, brief
+from abfm.errors import FunctionError, ParameterError
 from abfm.functions.spec import function
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
@@ -20,7 +20,7 @@ from abfm.matching.match import Iteration, Match, match
 from abfm.matching.problem import Problem
 from abfm.matching.solvability import is_measured
 from abfm.matching.terms.functions import FunctionTerm
-from abfm.mesh import TriangleMesh
+from abfm.mesh import MeshLike, TriangleMesh, as_meshes
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
@@ -61,8 +61,8 @@ class Prepared(NamedTuple):
 
 
 def register(
-    a: TriangleMesh,
-    b: TriangleMesh,
+    a: MeshLike,
+    b: MeshLike,
     f: Functions | None = None,
     g: Functions | None = None,
     *,
@@ -83,7 +83,7 @@ def register(
 
     Parameters
     ----------
-    a, b : TriangleMesh
+    a, b : TriangleMesh, or whatever `abfm.load_mesh` takes
     f, g : (V_A,) or (V_A, C), and (V_B,) or (V_B, C) arrays, or str, or sequences of str
         One or several channels; texts are functions, see `abfm.function`, each on its own surface.
         Where a value is not finite, such as behind a medial wall, nothing is compared, which is
@@ -164,8 +164,8 @@ def within(
 
 
 def prepare(
-    a: TriangleMesh,
-    b: TriangleMesh,
+    a: MeshLike,
+    b: MeshLike,
     f: Functions | None = None,
     g: Functions | None = None,
     *,
@@ -177,9 +177,7 @@ def prepare(
     weights: ArrayLike | None = None,
 ) -> Prepared:
     """Return the initial map and the problem on B that `register` solves."""
-    for name, mesh in (("a", a), ("b", b)):
-        if not isinstance(mesh, TriangleMesh):
-            raise MeshError(f"{name} is {brief(mesh)}; expected a TriangleMesh, see abfm.load_mesh")
+    a, b = as_meshes(a, b)
     if (f is None) != (g is None):
         raise FunctionError("give both f and g: functions of A and of B to register by")
     marks = None if landmarks is None else _landmarks(a, b, landmarks)

@@ -24,7 +24,7 @@ from abfm.matching.match import Match
 from abfm.matching.problem import Problem
 from abfm.matching.solving.record import StopReason
 from abfm.matching.terms.functions import LARGEST
-from abfm.mesh import TriangleMesh
+from abfm.mesh import MeshLike, TriangleMesh, as_mesh
 from abfm.numerics.real_numbers import is_finite_number
 from abfm.outcome import Facts
 from abfm.parameters import Parameters
@@ -66,7 +66,7 @@ class Sequence:
 
     Attributes
     ----------
-    mesh : TriangleMesh
+    mesh : TriangleMesh, or whatever `abfm.load_mesh` takes
     frames : (T, V, C) array
         As given, and filled in where a value is not finite in some frame, or the mask is 0.
     times : (T,) array
@@ -360,7 +360,7 @@ class Sequence:
 
 
 def sequence(
-    mesh: TriangleMesh,
+    mesh: MeshLike,
     frames: ArrayLike,
     times: ArrayLike | None = None,
     parameters: Parameters | None = None,
@@ -426,7 +426,7 @@ def sequence(
     >>> found.velocity.shape == (3, len(mesh.faces), 3), found.confirmed
     (True, 3)
     """
-    given = checked_parameters(parameters)
+    mesh, given = as_mesh(mesh), checked_parameters(parameters)
     gamma = _checked_gamma(gamma)
     control = control or present_control() or Control()
     with controlled(control):

@@ -133,7 +133,7 @@ def test_it_cannot_be_changed_and_it_and_its_match_are_written_in_few_words():
         ({"mask": np.ones(5)}, ("mask",)),
         ({"g": np.stack([G, G], axis=1)}, ("source", 1, 2)),
         ({"f": 1e101 * F}, ()),
-        ({"mesh": "sphere.off"}, ("TriangleMesh",)),
+        ({"mesh": 3}, ("TriangleMesh",)),
         ({"parameters": {"tau": 1}}, ("abfm.Parameters",)),
         ({"mask": -F}, ()),
         ({"weights": [1, 2]}, ("(1,)",)),

@@ -353,7 +353,7 @@ def test_constants_are_no_measurements():
 @pytest.mark.parametrize(
     ("change", "error", "named"),
     [
-        ({"a": "x.off"}, MeshError, ("a", "x.off")),
+        ({"a": 3}, MeshError, ("a", "TriangleMesh")),
         ({"g": None}, FunctionError, ()),
         ({"f": np.ones(3)}, FunctionError, ()),
         ({"f": 3.0}, FunctionError, ()),

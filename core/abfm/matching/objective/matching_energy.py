@@ -26,7 +26,7 @@ from abfm.matching.objective.regularizer import Regularizer, regularizer
 from abfm.matching.problem import Problem, check_fields
 from abfm.matching.terms.data_term import DataTerms, Sum
 from abfm.matching.terms.landmarks import Missed, residual_of_errors
-from abfm.mesh import TriangleMesh
+from abfm.mesh import MeshLike, TriangleMesh
 from abfm.numerics import kernels
 from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
@@ -220,7 +220,7 @@ class MatchingEnergy:
         Or what `Problem` takes: mesh, f, g, parameters and, by name, mask and weights.
     """
 
-    def __init__(self, problem: Problem | TriangleMesh, *functions: Any, **given: Any) -> None:
+    def __init__(self, problem: Problem | MeshLike, *functions: Any, **given: Any) -> None:
         if not isinstance(problem, Problem):
             problem = Problem(problem, *functions, **given)
         self.problem, self.parameters = problem, problem.parameters

@@ -1,0 +1,166 @@
+"""Meshes of other libraries, recognised by their attributes: none of the libraries is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, NoReturn, TypeAlias
+
+import numpy as np
+
+from abfm.errors import brief, one_line
+from abfm.mesh.options import HEMISPHERES
+from abfm.mesh.readers.contents import FileContents, split_polygons
+from abfm.types import IntArray
+
+MeshLike: TypeAlias = Any
+"""A `TriangleMesh`, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista, meshio,
+nilearn or nibabel."""
+ACCEPTED = (
+    "a TriangleMesh, a file name, a pair (vertices, faces), a trimesh.Trimesh, PyVista PolyData, "
+    "a meshio mesh, nilearn's SurfaceImage or PolyMesh, or a nibabel GIFTI image"
+)
+_FACES = ("triangle", "quad")
+_DRAWN_ONLY = ("vertex", "line", "line3", "polyline")
+_POINTS, _TRIANGLES = 1008, 1009  # intents of GIFTI arrays
+
+
+def has(given: Any, *names: str) -> bool:
+    """Return whether an object has all of these attributes."""
+    return not isinstance(given, type) and all(hasattr(given, name) for name in names)
+
+
+def contents_of(given: Any, hemisphere: str = "") -> FileContents:
+    """Return the vertices and faces of an object, in its order.
+
+    Raises
+    ------
+    ValueError
+        If it is not one of the objects that are accepted, or its arrays do not make a mesh.
+    """
+    if isinstance(given, tuple | list):
+        if len(given) != 2:
+            raise ValueError(f"it has {len(given)} parts; expected a pair (vertices, faces)")
+        return FileContents(*given)
+    if has(given, "mesh", "data") and has(given.mesh, "parts"):  # SurfaceImage
+        given = given.mesh
+    if has(given, "parts"):  # PolyMesh
+        given = part_of(given.parts, hemisphere)
+    for names, read in _READERS.items():
+        if has(given, *names):
+            return read(given)
+    raise ValueError(f"it is of type {one_line(type(given).__name__, 60)}; expected {ACCEPTED}")
+
+
+def part_of(parts: Mapping[str, Any], hemisphere: str) -> Any:
+    """Return the part of an object of nilearn for a hemisphere, or the only part.
+
+    Raises
+    ------
+    ValueError
+        If the part is missing, or there are several and none is chosen.
+    """
+    found = dict(parts)
+    if not hemisphere and len(found) == 1:
+        return next(iter(found.values()))
+    if not hemisphere:
+        raise ValueError(
+            'it has two hemispheres; choose one: abfm.load_mesh(..., hemisphere="L") or "R"'
+        )
+    if HEMISPHERES[hemisphere] not in found:
+        raise ValueError(f"it has no part {HEMISPHERES[hemisphere]}, only {brief(list(found))}")
+    return found[HEMISPHERES[hemisphere]]
+
+
+def _of_gifti(image: Any) -> FileContents:
+    points, triangles = (
+        [np.asarray(array.data) for array in image.darrays if array.intent == intent]
+        for intent in (_POINTS, _TRIANGLES)
+    )
+    if len(points) != 1 or len(triangles) != 1:
+        raise ValueError(
+            f"it has {len(points)} point sets and {len(triangles)} triangle arrays; expected one "
+            "of each, as in a surface (.surf.gii)"
+        )
+    return FileContents(points[0], triangles[0])
+
+
+def _of_poly_data(given: Any) -> FileContents:
+    """Read polygons and triangle strips, which list the number of their corners before them."""
+    polygons, strips = _lists(given.faces, "faces"), _lists(given.strips, "strips")
+    corners, first = [polygons.corners], 0
+    for size in strips.sizes.tolist():
+        strip = strips.corners[first : first + size]
+        rows = np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=1)
+        rows[1::2] = rows[1::2, ::-1]  # every second triangle runs the other way round
+        corners.append(rows.ravel())
+        first += size
+    threes = np.full(sum(map(len, corners[1:])) // 3, 3)
+    return _split(given.points, [polygons.sizes, threes], corners)
+
+
+class _Lists(NamedTuple):
+    sizes: IntArray
+    corners: IntArray
+
+
+def _lists(given: Any, name: str) -> _Lists:
+    numbers = np.asarray([] if given is None else given).astype(np.int64).ravel()
+    if not len(numbers):
+        return _Lists(numbers, numbers)
+    width = int(numbers[0]) + 1
+    if width > 0 and len(numbers) % width == 0:
+        rows = numbers.reshape(-1, width)
+        if (rows[:, 0] == rows[0, 0]).all():
+            return _Lists(rows[:, 0], rows[:, 1:].ravel())
+    starts, at = [], 0
+    while at < len(numbers):
+        starts.append(at)
+        at += 1 + max(int(numbers[at]), 0)
+    if at > len(numbers):
+        raise ValueError(f"its {name} are cut short")
+    return _Lists(numbers[starts], np.delete(numbers, starts))
+
+
+def _of_cells(given: Any) -> FileContents:
+    """Read the triangles, quadrilaterals and polygons of a meshio mesh."""
+    try:
+        blocks = [(str(block.type), block.data) for block in given.cells]
+    except (AttributeError, TypeError):
+        raise ValueError("it has cells, as a volume; use its extract_surface()") from None
+    sizes, corners = [], []
+    for kind, data in blocks:
+        if kind in _DRAWN_ONLY:
+            continue
+        if kind not in _FACES and not kind.startswith("polygon"):
+            raise ValueError(
+                f"it has cells of type {brief(kind)}; expected triangles, quads or polygons, such "
+                "as the surface of a volume"
+            )
+        sizes.append(np.array([len(row) for row in data], dtype=np.int64))
+        corners.append(np.concatenate([np.zeros(0, dtype=np.int64), *data]))
+    points = np.asarray(given.points)
+    if points.ndim == 2 and points.shape[1] == 2:
+        points = np.column_stack([points, np.zeros(len(points))])
+    return _split(points, sizes, corners)
+
+
+def _split(points: Any, sizes: list[IntArray], corners: list[IntArray]) -> FileContents:
+    if not sum(map(len, sizes)):
+        raise ValueError("it has no faces; expected triangles")
+    points = np.asarray(points, dtype=np.float64)
+    return split_polygons(points, np.concatenate(sizes), np.concatenate(corners).astype(np.int64))
+
+
+def _of_scene(given: Any) -> NoReturn:
+    raise ValueError("it is a scene; use the mesh that its to_mesh() returns")
+
+
+_READERS: dict[tuple[str, ...], Callable[[Any], FileContents]] = {
+    ("coordinates", "faces"): lambda part: FileContents(part.coordinates, part.faces),
+    ("darrays",): _of_gifti,
+    ("points", "faces", "strips"): _of_poly_data,
+    ("points", "cells"): _of_cells,
+    ("geometry", "to_mesh"): _of_scene,
+    ("vertices", "faces"): lambda mesh: FileContents(mesh.vertices, mesh.faces),
+}
+"""By attributes: a part of nilearn's PolyMesh, nibabel, PyVista, meshio, trimesh."""
