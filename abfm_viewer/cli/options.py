@@ -18,7 +18,10 @@ from abfm.parameters import CHOICES, is_whole
 from abfm.types import FloatArray
 from abfm_viewer.cli.exit_status import UsageError
 
-MESH = "triangle mesh: obj, off, ply, stl, glb, gltf, gii or FreeSurfer's"
+MESH = (
+    "triangle mesh: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, or of FreeSurfer or MNI; "
+    "also compressed (.gz)"
+)
 UNSET = object()
 """What an option is that was not given."""
 LARGEST = "of several components use the one with the largest area"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -23,15 +24,17 @@ FRAMES = (
 )
 """Suffixes of files that may hold frames; those of `ALONE` hold nothing else that is opened."""
 ALONE = (
-    *(".npy", ".csv", ".txt", ".mgh", ".mgz", ".stc", ".pvd", ".series", ".vtu", ".vtp"),
+    *(".npy", ".csv", ".txt", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
     *(".func.gii", ".func.gii.gz"),
 )
+_NUMBERED = re.compile(r"[0-9]\.vt[up]$")  # grids of VTK; those without a number are meshes
 _POINTS = "NIFTI_INTENT_POINTSET"
 
 
 def is_named_as_frames(path: Path) -> bool:
     """Return whether a name says that a file holds frames, and nothing else that is opened."""
-    return path.name.lower().endswith(ALONE)
+    name = path.name.lower()
+    return name.endswith(ALONE) or _NUMBERED.search(name) is not None
 
 
 def is_no_surface(path: Path) -> bool:

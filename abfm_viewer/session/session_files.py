@@ -302,7 +302,7 @@ class SessionFiles:
             self.open_frames(path)
             return
         if not name.endswith(known):
-            told = ", ".join((*known, *ALONE))
+            told = ", ".join(each for each in (*known, *ALONE) if not each.endswith(".gz"))
             text = f"{path.name} cannot be opened: expected a file that ends in {told}"
             self._session.notices.say(text, True, OPENING, self._offered(OTHER_MESH))
             return

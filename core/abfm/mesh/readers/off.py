@@ -168,6 +168,8 @@ def _read_binary(data: bytes, begin: int, prefix: str) -> FileContents:
             begin += 4 * (1 + max(size, 0))
             (color,) = struct.unpack_from(">i", data, begin)
             begin += 4 * (1 + max(color, 0))
+        if begin > len(data):
+            raise ValueError("the file is cut off: a colour is missing")
     except struct.error:
-        raise ValueError("the file is cut off") from None
+        raise ValueError("the file is cut off: faces are missing") from None
     return _contents(table[:, :columns].astype(np.float64), *lists.polygons())

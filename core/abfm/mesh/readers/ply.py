@@ -37,7 +37,6 @@ _NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
 _BITS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
 # of the header's types in Python's struct
 _CODES = dict(zip(_NAMES + _BITS, 2 * "bBhHiIfd", strict=True)) | {"int64": "q", "uint64": "Q"}
-_UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 _LARGEST = 2.0**53  # above, doubles do not tell one whole number from the next
 
 
@@ -81,8 +80,8 @@ def read_ply(opened: Opened) -> FileContents:
 def ply_contents(opened: Opened) -> PlyFile:
     """Read a PLY file with what it has at vertices; a ValueError reports what is wrong with it."""
     data = opened.data
-    if data[:2] in _UTF_16_MARKS:
-        data = decoded(data).encode()
+    if not data.startswith(b"ply"):  # text in another encoding
+        data = decoded(data, "replace").encode()
     end = _END.search(data)
     begins = data.startswith(b"ply")
     if end is None or not begins or data[: end.start()].split(None, 1)[0] != b"ply":
