@@ -28,7 +28,7 @@ def main(argv: list[str] | None = None) -> int:
 def _run(words: list[str]) -> int:
     from abfm_viewer import window
     from abfm_viewer.cli.exit_status import UsageError
-    from abfm_viewer.cli.options import Parser, adder
+    from abfm_viewer.cli.options import Parser, add_mesh_options, adder, mesh_options
 
     parser = Parser(prog="abfm-viewer", description=_DESCRIPTION)
     add = adder(parser)
@@ -41,7 +41,7 @@ def _run(words: list[str]) -> int:
     about = "a second mesh, to which the first is registered, or frames of a film on the mesh"
     add("second", about, "B", nargs="?")
     add("--array", "which array of frames in a .npz, or in VTK's files", "NAME")
-    add("--largest-component", "of several components use the largest")
+    add_mesh_options(parser)
     parser.set_defaults(parser=parser)
     arguments = parser.parse_whole(words)
     if any(name.startswith("NUMBA_") for name in os.environ):
@@ -51,7 +51,6 @@ def _run(words: list[str]) -> int:
         if not arguments.second:
             raise UsageError("--array chooses one of the frames' arrays: give a mesh and frames")
         what = (*what, arguments.array)
-    window.open_window(
-        what, "openGL3_glfw", (1280, 800), largest_component=arguments.largest_component
-    ).run()
+    options = mesh_options(arguments)
+    window.open_window(what, "openGL3_glfw", (1280, 800), options=options).run()
     return 0

@@ -19,8 +19,8 @@ def given_meshes(
 ) -> dict[str, TriangleMesh]:
     """Read files by name and all meshes of folders by ``folder/name``, in order of their names.
 
-    Of several components the largest is taken. `tell` is told in a line of every file that cannot
-    be used, which is left out, and of what was repaired.
+    Those that are refused are read with the options that are advised. `tell` is called with a line
+    for every file that cannot be used, which is left out, and for every repair.
 
     Raises
     ------
@@ -34,13 +34,23 @@ def given_meshes(
                 f"two meshes are called {name}: rename one, as problems are told apart by the name"
             )
         try:
-            found[name] = load_mesh(path, largest_component=True)
+            found[name] = _repaired(path)
         except MeshError as error:
             tell(f"left out: {error}")
             continue
         for message in found[name].messages:
             tell(f"{name}: {message}")
     return found
+
+
+def _repaired(path: Path) -> TriangleMesh:
+    """Read a mesh as it is, or with the options that are advised."""
+    try:
+        return load_mesh(path)
+    except MeshError as error:
+        if not error.remedies:
+            raise
+        return load_mesh(path, **error.remedies[0].options)
 
 
 def _files(given: Path) -> list[tuple[str, Path]]:

@@ -83,8 +83,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     choose = adder(parser.add_argument_group("with --success or --measured"))
     choose(
         "--meshes",
-        "try these meshes, too: files, and folders, each with lines of its own; the largest "
-        "component is taken, and what cannot be loaded is named and left out",
+        "try these meshes, too: files, and folders, each with lines of its own; they are merged, "
+        "cleaned or cut as needed, and what cannot be loaded is named and left out",
         "PATH",
         nargs="+",
         type=Path,

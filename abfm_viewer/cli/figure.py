@@ -100,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("figure", f"number of the figure, 1 to {max(FIGURES)}, or all", "N|all")
     add("--out", "folder, made if missing", "DIR", type=Path, required=True)
     add("--mesh", "compute the figure on this mesh instead of its own", "FILE")
-    add("--largest-component", options.LARGEST)
+    options.add_mesh_options(parser)
     add("--up", "axis that points upwards (default: y for a --mesh)", choices=("x", "y", "z"))
     add("--json", "print one JSON object with everything that was measured")
     add("--quiet", "no progress")

@@ -47,7 +47,7 @@ Examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser)
     add("mesh", f"{options.MESH}; or a result .npz", "MESH|RESULT.npz")
-    add("--largest-component", options.LARGEST)
+    options.add_mesh_options(parser)
     add("--json", "print one JSON object")
 
 
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.mesh.endswith(".npz"):
         return _of_result(arguments)
     try:
-        mesh = load_mesh(arguments.mesh, largest_component=arguments.largest_component)
+        mesh = load_mesh(arguments.mesh, **options.mesh_options(arguments).given)
     except MeshError as error:
         if arguments.json:
             print(json.dumps({"mesh": arguments.mesh, "usable": False, "objection": str(error)}))

@@ -3,6 +3,7 @@
 import argparse
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields
@@ -11,9 +12,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from abfm import Match, Parameters, TriangleMesh, load_mesh
-from abfm.errors import brief, did_you_mean, one_line, printable
+from abfm.errors import ParameterError, brief, did_you_mean, one_line, printable
 from abfm.functions import function
 from abfm.functions.family import quoted
+from abfm.mesh.options import MERGE, MeshOptions
 from abfm.parameters import CHOICES, is_whole
 from abfm.types import FloatArray
 from abfm_viewer.cli.exit_status import UsageError
@@ -22,9 +24,9 @@ MESH = (
     "triangle mesh: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, or of FreeSurfer or MNI; "
     "also compressed (.gz)"
 )
+_DISTANCE = re.compile(r"auto|[-+.\d][-+.\de]*", re.IGNORECASE)
 UNSET = object()
 """What an option is that was not given."""
-LARGEST = "of several components use the one with the largest area"
 
 
 class Parser(argparse.ArgumentParser):
@@ -41,13 +43,22 @@ class Parser(argparse.ArgumentParser):
 
     def parse_whole(self, words: list[str]) -> argparse.Namespace:
         """Parse words that must all be understood; the `parser` of the result is in charge."""
-        arguments, unknown = self.parse_known_args(words)
+        arguments, unknown = self.parse_known_args(_with_distance(words))
         if unknown:
             command: Parser = arguments.parser
             name = unknown[0].partition("=")[0]
             nearest = did_you_mean(name, command._option_string_actions)
             command.error(f"{unknown[0]!r} is not understood{nearest}")
         return arguments
+
+
+def _with_distance(words: list[str]) -> list[str]:
+    """Return the words with ``--merge=auto`` for a ``--merge`` that no distance follows."""
+    found = []
+    for word, following in zip(words, [*words[1:], ""], strict=True):
+        is_alone = word == f"--{MERGE}" and not _DISTANCE.fullmatch(following)
+        found.append(f"{word}=auto" if is_alone else word)
+    return found
 
 
 def adder(to: argparse._ActionsContainer) -> Callable[..., None]:
@@ -156,10 +167,33 @@ def _or_auto(kind: type[int] | type[float], text: str) -> float | None:
 
 
 def add_mesh(parser: argparse.ArgumentParser) -> None:
-    """Declare the mesh file, as an argument of its own, and what to do with several components."""
-    add = adder(parser)
-    add("mesh", MESH, "MESH")
-    add("--largest-component", LARGEST)
+    """Declare the mesh file, as an argument of its own, and how it is read."""
+    adder(parser)("mesh", MESH, "MESH")
+    add_mesh_options(parser)
+
+
+def add_mesh_options(parser: argparse.ArgumentParser) -> None:
+    """Declare how meshes are read."""
+    add = adder(parser.add_argument_group("meshes"))
+    for entry in fields(MeshOptions):
+        metavar = entry.metadata["metavar"]
+        settings: dict[str, Any] = {"type": partial(_mesh_option, entry.name)} if metavar else {}
+        if entry.name == MERGE:
+            settings["nargs"] = "?"
+        name = f"--{entry.name.replace('_', '-')}"
+        add(name, entry.metadata["help"], metavar or None, **settings)
+
+
+def _mesh_option(name: str, text: str) -> Any:
+    try:
+        return MeshOptions.value(name, text)
+    except ParameterError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def mesh_options(arguments: argparse.Namespace) -> MeshOptions:
+    """Return how meshes are to be read."""
+    return MeshOptions(**{each.name: getattr(arguments, each.name) for each in fields(MeshOptions)})
 
 
 def warn_of_doubt(path: str, match: Match | None) -> None:
@@ -171,7 +205,7 @@ def warn_of_doubt(path: str, match: Match | None) -> None:
 
 def mesh(arguments: argparse.Namespace) -> TriangleMesh:
     """Read the mesh and say on stderr what was repaired."""
-    loaded = load_mesh(arguments.mesh, largest_component=arguments.largest_component)
+    loaded = load_mesh(arguments.mesh, **mesh_options(arguments).given)
     for message in loaded.messages:
         print(f"note: {message}", file=sys.stderr)
     return loaded

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -20,6 +20,7 @@ from abfm import AbfmError, FunctionError, MeshError, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh.files import MESH_ENDINGS
+from abfm.mesh.options import AS_IT_IS, MeshOptions
 from abfm.reading import FREESURFER_SURFACES
 from abfm.types import FloatArray
 from abfm.wording import capital
@@ -65,7 +66,7 @@ if TYPE_CHECKING:
 MESHES, PROJECT, RESULT = (*MESH_ENDINGS, *FREESURFER_SURFACES), ".abfm", ".npz"
 """Suffixes."""
 LABELS = (".label.gii", ".gii", ".gii.gz", ".annot")
-LARGEST, OTHER_MESH, OTHER_NAME = "Open the largest component", "Open another mesh...", "Save as..."
+OTHER_MESH, OTHER_NAME = "Open another mesh...", "Save as..."
 OTHER_SECOND, OTHER_FRAMES = "Open another second surface...", "Open other frames..."
 OTHER_TABLE = "Open another table..."
 """Labels of what can be done about a file."""
@@ -91,7 +92,7 @@ class Ask(Protocol):
 
 def open_session(
     path: Path,
-    largest_component: bool = False,
+    options: MeshOptions = AS_IT_IS,
     second: Path | None = None,
     array: str | None = None,
 ) -> Session:
@@ -108,7 +109,7 @@ def open_session(
     if second is not None and is_document:
         raise AbfmError(f"{path.name} is no mesh; give two meshes, or one project or result")
     if not is_document:
-        session = Session(load_mesh(path, largest_component=largest_component), path.name)
+        session = Session(load_mesh(path, **options.given), path.name)
         if second is not None and has_frames:
             film, notes = read_film(second, session.surface().mesh, array)
             shown = document_of_film(film, session.surface(), session.view)
@@ -116,7 +117,7 @@ def open_session(
             session.reset_history()
             session.notices.say("; ".join(notes))
         elif second is not None:
-            other = load_mesh(second, largest_component=largest_component)
+            other = load_mesh(second, **options.given)
             session.set_surfaces(*session.document.surfaces, Surface(other, second.name))
             session.reset_history()
         return session
@@ -584,17 +585,31 @@ class SessionFiles:
         try:
             return partial(show_mesh, path, load_mesh(path))
         except MeshError as error:
-            reason = str(error)
-        try:
-            largest = load_mesh(path, largest_component=True)
-        except MeshError:
-            raise MeshError(reason) from None
-        size = f"{len(largest.vertices):,} vertices and {len(largest.faces):,} faces"
-        text = f"{path.name} has several components, and one is needed; the largest has {size}"
-        show = partial(show_mesh, path, largest)
-        open_largest: Do = partial(self.when_free, f"opening {path.name}", show)
-        remedies = {LARGEST: open_largest} | self._offered(OTHER_MESH)
-        return partial(self._session.notices.say, text, True, OPENING, remedies)
+            if not error.remedies:
+                raise
+            text = f"{path.name}: {error.problem}. " + "; ".join(
+                f"{each.button} keeps {each.keeps}" for each in error.remedies
+            )
+            remedies: dict[str, Do] = {
+                each.button: partial(self._read_again, path, show_mesh, each.options)
+                for each in error.remedies
+            }
+        notice = text, True, OPENING, remedies | self._offered(OTHER_MESH)
+        return partial(self._session.notices.say, *notice)
+
+    def _read_again(
+        self,
+        path: Path,
+        show_mesh: Callable[[Path, TriangleMesh], None],
+        options: Mapping[str, Any],
+    ) -> None:
+        """Read a mesh with options."""
+
+        def read() -> Do:
+            return partial(show_mesh, path, load_mesh(path, **options))
+
+        remedies = self._offered(OTHER_MESH)
+        self._load(Load(f"opening {path.name}", read, remedies=remedies))
 
     def _show_mesh(self, path: Path, mesh: TriangleMesh) -> None:
         self._show(path, partial(self._session.set_mesh, mesh, path.name), mesh.messages)

@@ -18,6 +18,7 @@ from abfm import TriangleMesh
 from abfm.assets import asset_path
 from abfm.errors import SeveralArraysError
 from abfm.io import write_atomically
+from abfm.mesh.options import AS_IT_IS, MeshOptions
 from abfm_viewer import signals
 from abfm_viewer.computing.background import error_line
 from abfm_viewer.computing.freed_memory import keep_little
@@ -97,7 +98,7 @@ def open_window(
     backend: opengl.Backend,
     size: tuple[int, int],
     state_folder: Path | None = None,
-    largest_component: bool = False,
+    options: MeshOptions = AS_IT_IS,
 ) -> Window:
     """Open the app's window with a mesh, project, result or table of results in it; by default with
     a bundled mesh. Of two mesh files the first is registered to the second; of
@@ -120,10 +121,10 @@ def open_window(
             first = asset_path(_BUNDLED) if table else first
             try:
                 beside = second[0] if second else None
-                session = open_session(first, largest_component, beside, array)
+                session = open_session(first, options, beside, array)
             except SeveralArraysError:
                 ambiguous = beside
-                session = open_session(first, largest_component)
+                session = open_session(first, options)
         for path in paths:
             state.add_recent(path)
     window = Window(session, backend, size, state)

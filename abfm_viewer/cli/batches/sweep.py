@@ -10,7 +10,7 @@ from typing import Any
 
 from abfm import Parameters
 from abfm.batch import combinations
-from abfm.batch.columns import option
+from abfm.batch.columns import MESH_OPTIONS, option
 from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.running import add_cluster, solve
@@ -27,7 +27,7 @@ Examples:
   abfm sweep spot.obj --source hks:time=0.01 \\
       --over 'target=eigenfunction:3,"gaussian:vertex=7,width=0.2"' --out targets
 """
-_OWN = ("source", "target", "mask", "start", "largest-component", "max-distortion")
+_OWN = ("source", "target", "mask", "start", *MESH_OPTIONS, "max-distortion")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -74,6 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser)
     add("table", "a subject a row", "SUBJECTS.csv", type=Path)
     add("--template", f"the surface that subjects come to, a {options.MESH}", "SURFACE")
+    options.add_mesh_options(parser)
     add = options.adder(parser.add_argument_group("the template and the mean"))
     what = "the template's own function of a channel, the first target; one for each, or none"
     add("--function", what, "NAME=SPEC", action="append", default=[])
@@ -167,6 +168,8 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         for entry in fields(Parameters)
         if (value := getattr(arguments, entry.name)) is not options.UNSET
     }
+    chosen = options.mesh_options(arguments).given
+    given |= {name.replace("_", "-"): value for name, value in chosen.items()}
     if arguments.max_distortion is not None:
         given["max-distortion"] = arguments.max_distortion
     return Settings(

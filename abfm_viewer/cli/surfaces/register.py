@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser)
     add("a", f"surface A, a {options.MESH}", "A")
     add("b", "surface B, on which the flow is", "B")
-    add("--largest-component", options.LARGEST)
+    options.add_mesh_options(parser)
     options.add_channels(
         parser, "function on A to bring to B", "function on B that it should become"
     )
@@ -152,7 +152,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _mesh(arguments: argparse.Namespace, path: str) -> TriangleMesh:
-    loaded = load_mesh(path, largest_component=arguments.largest_component)
+    loaded = load_mesh(path, **options.mesh_options(arguments).given)
     for message in loaded.messages:
         print(f"note: {printable(path)}: {message}", file=sys.stderr)
     return loaded

@@ -6,19 +6,19 @@ import os
 import shlex
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import fields, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from abfm.errors import FunctionError, ParameterError, brief
 from abfm.functions import Permuted, Scaled, Spec, Sum, ValuesFile, parse, quoted
 from abfm.matching.bounded import check_bound
+from abfm.mesh.options import MeshOptions
 from abfm.parameters import CHOICES, Parameters, is_whole
 from abfm.registration import initial
 
 Rename = Callable[[str], str]
 """What to call a file that a cell names."""
-_TRUE, _FALSE = ("yes", "true", "1"), ("no", "false", "0")
 
 
 class Column(NamedTuple):
@@ -79,12 +79,6 @@ def _reader(name: str, is_optional: bool) -> Callable[[str], Any]:
         return value
 
     return read
-
-
-def _flag(text: str) -> bool:
-    if text.lower() in (*_TRUE, *_FALSE):
-        return text.lower() in _TRUE
-    raise ParameterError(f"{brief(text)} is neither {_TRUE[0]} nor {_FALSE[0]}")
 
 
 def _bound(text: str) -> float:
@@ -168,11 +162,21 @@ def _file(text: str, rename: Rename) -> str:
 
 SPEC = Column("a function as text", _spec, _renamed_spec)
 FILE = Column("a file", str, _file)
-FLAG = Column("yes or no", _flag)
 WEIGHT = Column("weight at each vertex: a function, or its file", str, _renamed_weight)
 CHANNEL = Column("source, target and weight, with blanks between", _channel, _renamed_channel, True)
 INITIAL = Column("the initial map, by its word", _initial, _renamed_initial)
 BOUND = Column("the most that areas and shapes may change", _bound)
+MESH_OPTIONS = {
+    option(entry.name): Column(entry.metadata["help"], partial(MeshOptions.value, entry.name))
+    for entry in fields(MeshOptions)
+}
+"""How the meshes of a row are read."""
+
+
+def mesh_options(values: Mapping[str, Any]) -> MeshOptions:
+    """Return the options of reading meshes that are among values by column."""
+    found = {name.replace("-", "_"): values[name] for name in MESH_OPTIONS if name in values}
+    return MeshOptions(**found)
 
 
 def absolute(folder: str) -> Rename:

@@ -11,7 +11,7 @@ from os import stat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from abfm.batch.columns import Column, parameters_in
+from abfm.batch.columns import Column, mesh_options, parameters_in
 from abfm.errors import ParameterError
 from abfm.functions import function
 from abfm.io import results
@@ -20,6 +20,7 @@ from abfm.matching.judging.verdict import Verdict
 from abfm.matching.path import PathStep
 from abfm.matching.solving.record import Iteration
 from abfm.mesh import TriangleMesh, load_mesh
+from abfm.mesh.options import MeshOptions
 from abfm.outcome import Facts, worse_residual
 from abfm.parameters import Parameters
 from abfm.types import FloatArray
@@ -142,15 +143,14 @@ def weight(mesh: TriangleMesh, spec: str | None) -> FloatArray | None:
 
 def mesh_of_row(path: str, given: Mapping[str, Any]) -> TriangleMesh:
     """Read a mesh, unless this process has it of the row before."""
-    largest = given.get("largest-component", False)
     try:
         status = stat(path)
         changed = status.st_size, status.st_mtime_ns
     except (OSError, ValueError):
         changed = 0, 0  # it cannot be loaded, which tells why
-    return _loaded(path, changed, largest)
+    return _loaded(path, changed, mesh_options(given))
 
 
 @lru_cache(maxsize=_MESHES_KEPT)
-def _loaded(path: str, changed: tuple[int, int], largest: bool) -> TriangleMesh:
-    return load_mesh(path, largest_component=largest)
+def _loaded(path: str, changed: tuple[int, int], options: MeshOptions) -> TriangleMesh:
+    return load_mesh(path, **options.given)

@@ -28,7 +28,7 @@ _FUNCTIONS: Mapping[str, Column] = {
     "channel": columns.CHANNEL,
 }
 _ANY: Mapping[str, Column] = {
-    "largest-component": columns.FLAG,
+    **columns.MESH_OPTIONS,
     "max-distortion": columns.BOUND,
     **parameter_columns(),
 }
@@ -43,7 +43,7 @@ KINDS: Mapping[str, Kind] = {
             "gamma": Column("how much neighbouring fields are held together", not_negative),
             "mask": columns.WEIGHT,
             "weights": Column("weight of each channel, with commas or blanks between", weights),
-            "largest-component": columns.FLAG,
+            **columns.MESH_OPTIONS,
             **{option(name): parameter_columns(CHOSEN)[option(name)] for name in TAKEN},
         },
         prepare_sequence,

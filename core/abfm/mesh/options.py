@@ -10,6 +10,7 @@ from typing import Any, TypedDict
 from abfm.errors import ParameterError, brief
 
 _TRUE, _FALSE = ("yes", "true", "1"), ("no", "false", "0")
+MERGE = "merge"
 HEMISPHERES = {"L": "left", "R": "right"}
 
 
@@ -100,6 +101,14 @@ class MeshOptions:
         if side is not None and side not in HEMISPHERES:
             raise ParameterError(f"hemisphere is {brief(side)}; expected L or R")
 
+    @classmethod
+    def value(cls, name: str, text: str) -> Any:
+        """Return the value of an option that a text gives, or raise a ParameterError."""
+        read = next(each.metadata["read"] for each in fields(cls) if each.name == name)
+        value: Any = read(text)
+        cls(**{name: value})
+        return value
+
     @property
     def given(self) -> Mapping[str, Any]:
         """The options that are not the defaults, by name."""
@@ -125,3 +134,7 @@ class MeshOptions:
         buttons = {each.name: each.metadata["button"] for each in fields(self)}
         names = [buttons[name] or HEMISPHERES[value].title() for name, value in self.given.items()]
         return ", ".join([names[0], *(name.lower() for name in names[1:])])
+
+
+AS_IT_IS = MeshOptions()
+"""Nothing is changed."""

@@ -189,6 +189,7 @@ class Carrying(Row):
             {
                 "surface": columns.FILE,
                 "template": columns.FILE,
+                **columns.MESH_OPTIONS,
                 "functions": Column("of channels, in quotes", _functions, _renamed_functions),
                 "mask": SPEC,
                 "initial": columns.INITIAL,

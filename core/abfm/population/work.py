@@ -15,11 +15,12 @@ from typing import TypeAlias
 import numpy as np
 
 from abfm.batch import Entry, Row
+from abfm.batch.columns import MESH_OPTIONS, mesh_options
 from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
 from abfm.functions import quoted
 from abfm.io.atomic import write_atomically
-from abfm.mesh import load_mesh
+from abfm.mesh import TriangleMesh, load_mesh
 from abfm.parameters import Parameters
 from abfm.population.carrying import Carried, Carrying
 from abfm.population.misfits import Compared, Likeness, judge, left_for_good
@@ -61,7 +62,9 @@ class Work:
         self.cohort, self.settings, self._solve = cohort, settings, solve
         self.path = os.path.abspath(os.path.expanduser(template))
         self.folder = Path(os.path.abspath(os.path.expanduser(folder)))
-        self.template = load_mesh(self.path)
+        options = {name: str(value) for name, value in settings.options.items()}
+        self.of_meshes = {name: options[name] for name in MESH_OPTIONS if name in options}
+        self.template = self._mesh(self.path)
         names = [cohort.channels[c].name for c in cohort.registered_by]
         for what, given in (("function", settings.functions), ("weight", settings.weights)):
             for name in given:
@@ -82,6 +85,10 @@ class Work:
         self.areas = vertex_areas(self.template) * self.mask
         self.weights = np.array([subject.weight for subject in cohort.subjects])
 
+    def _mesh(self, path: str) -> TriangleMesh:
+        values = {name: MESH_OPTIONS[name].read(text) for name, text in self.of_meshes.items()}
+        return load_mesh(path, **mesh_options(values).given)
+
     @cached_property
     def goal(self) -> float:
         """How close registrations come, unless that is given, where functions do not count as
@@ -90,7 +97,7 @@ class Work:
         levels = []
         for subject in self.cohort.subjects[:_LISTENED_TO]:
             with suppress(AbfmError):  # which its registration tells
-                mesh = load_mesh(subject.surface or self.path)
+                mesh = self._mesh(subject.surface or self.path)
                 texts = [subject.functions[c] for c in self.cohort.registered_by]
                 f = known_functions(mesh, texts, checked_mask(mesh, subject.mask, subject.name))[1]
                 sizes = f.std(axis=1)
@@ -189,6 +196,7 @@ class Work:
             "template": self.path,
             "functions": shlex.join(subject.functions),
             "mask": subject.mask,
+            **self.of_meshes,
         }
         return Carrying(subject.name, pairs | (by or first))
 
