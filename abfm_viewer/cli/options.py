@@ -55,7 +55,7 @@ class Parser(argparse.ArgumentParser):
 def _with_distance(words: list[str]) -> list[str]:
     """Return the words with ``--merge=auto`` for a ``--merge`` that no distance follows."""
     found = []
-    for word, following in zip(words, [*words[1:], ""], strict=True):
+    for word, following in zip(words, [*words[1:], ""], strict=False):
         is_alone = word == f"--{MERGE}" and not _DISTANCE.fullmatch(following)
         found.append(f"{word}=auto" if is_alone else word)
     return found
