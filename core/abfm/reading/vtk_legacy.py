@@ -79,9 +79,9 @@ class _Parser:
     def parse(self) -> None:
         for _ in range(2):  # the version, and a title that may be empty
             self._begin = self._data.find(b"\n", self._begin) + 1 or len(self._data)
-        form = self._words()[0].upper()
-        if form not in ("ASCII", "BINARY"):
-            raise ValueError(f"its third line is {brief(form)}; expected ASCII or BINARY")
+        word = self._words()[0]
+        if (form := word.upper()) not in ("ASCII", "BINARY"):
+            raise ValueError(f"its third line is {brief(word)}; expected ASCII or BINARY")
         self._is_text = form == "ASCII"
         while words := self._words():
             self._take(words[0].upper(), words[1:])

@@ -1,6 +1,7 @@
 """Textures and colours of files: OBJ, glTF and PLY, matched to surfaces face by face."""
 
 import io
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,9 @@ from PIL import Image
 
 from abfm import MeshError, TriangleMesh, load_mesh
 from abfm.mesh.colors import load_colors
+from abfm.mesh.readers import references
+from abfm.mesh.readers.gltf_colors import colored_gltf
+from abfm.reading import open_file
 from tests.attack.heavy_meshes import TRIANGLE, glb, gltf_header
 from tests.core.surfaces import renumbered
 from tests.mesh_writers import off_file, write
@@ -353,3 +357,98 @@ def test_damaged_files_are_read_or_refused_in_a_line(folder, data, kind):
     assert found.coordinates.shape == (4, 3, 2)
     assert ((found.colors >= 0) & (found.colors <= 1)).all()
     assert found.owners.max() < len(found.materials)
+
+
+def _obj_of(folder, name, mtl):
+    """A surface whose material is in a file of the folder, and names an image."""
+    write(folder, "skin.mtl", mtl)
+    write(folder, "my skin.png", image())
+    return write(folder, "a.obj", obj(MESH, coordinates(MESH)).replace("skin.mtl", name))
+
+
+NAMES = [
+    "my skin.png",
+    '"my skin.png"',
+    "MY SKIN.PNG",
+    "C:\\\\textures\\\\my skin.png",
+    "/home/somebody/my skin.png",
+    "../textures/my skin.png",
+    "textures/my skin.png",
+]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_images_of_other_machines_are_found_by_name_beside_the_file(tmp_path, name):
+    folder = tmp_path / "inner"
+    folder.mkdir()
+    write(tmp_path, "my skin.png", b"another one")
+    path = _obj_of(folder, "../skin.mtl", f"newmtl a skin\nmap_KD {name}\n".encode())
+    [material] = load_colors(path, MESH).materials
+    assert material.image == image()
+
+
+@pytest.mark.parametrize("name", ["../secret.png", "{folder}/secret.png", "..\\\\secret.png"])
+def test_files_outside_the_folder_are_not_read(tmp_path, name):
+    folder = tmp_path / "inner"
+    folder.mkdir()
+    write(tmp_path, "secret.png", image())
+    given = name.format(folder=tmp_path)
+    mtl = f"newmtl a skin\nmap_Kd {given}\n".encode()
+    for path in (
+        _obj_of(folder, "skin.mtl", mtl),
+        _obj_of(folder, given, mtl),
+        write(folder, "a.gltf", json.dumps(gltf_header(buffers=[{"uri": given}]))),
+    ):
+        with raises(MeshError, "secret.png"):
+            load_colors(path, MESH)
+
+
+def test_files_and_materials_are_read_once(tmp_path, monkeypatch):
+    read = []
+
+    def read_bytes(path, most):
+        read.append(path.name)
+        return path.read_bytes()
+
+    monkeypatch.setattr(references, "read_bytes", read_bytes)
+    materials = "".join(f"newmtl m{k}\nmap_Kd my skin.png\n" for k in range(300)).encode()
+    path = _obj_of(tmp_path, "skin.mtl", materials + b"newmtl a skin\nmap_Kd my skin.png\n")
+    text = path.read_text().replace(
+        "mtllib skin.mtl\n", "mtllib skin.mtl\nmtllib ./skin.mtl\n" * 200
+    )
+    [material] = load_colors(write(tmp_path, "a.obj", text), MESH).materials
+    assert material.image == image()
+    assert read == ["skin.mtl", "my skin.png"]
+
+
+def test_everything_that_a_file_refers_to_has_one_budget(tmp_path, monkeypatch):
+    path = as_obj(tmp_path, MESH, coordinates(MESH))
+    size = len((tmp_path / "skin.mtl").read_bytes() + image())
+    monkeypatch.setattr(references, "BYTES_MAX", size)
+    load_colors(path, MESH)
+    monkeypatch.setattr(references, "BYTES_MAX", size - 1)
+    with raises(MeshError, len(image()), len(image()) - 1):
+        load_colors(path, MESH)
+
+
+def test_images_of_glb_are_taken_once_and_within_the_budget(tmp_path, monkeypatch):
+    path = as_trimesh_glb(tmp_path, MESH, coordinates(MESH))
+    data = path.read_bytes()
+    length = int.from_bytes(data[12:16], "little")
+    header, binary = json.loads(data[20 : 20 + length]), data[28 + length :]
+    header["materials"] = [json.loads(json.dumps(header["materials"][0])) for _ in range(3)]
+    header["textures"] *= 3
+    header["images"] *= 3
+    header["textures"] = [each | {"source": k} for k, each in enumerate(header["textures"])]
+    for k, material in enumerate(header["materials"]):
+        material["pbrMetallicRoughness"]["baseColorTexture"]["index"] = k
+    [primitive] = header["meshes"][0]["primitives"]
+    header["meshes"][0]["primitives"] = [primitive | {"material": k} for k in range(3)]
+    view = header["bufferViews"][header["images"][0]["bufferView"]]
+    path = write(tmp_path, "b.glb", glb(header, binary))
+    monkeypatch.setattr(references, "BYTES_MAX", view["byteLength"])
+    found = colored_gltf(open_file(path))
+    assert len({id(material.image) for material in found.materials}) == 1
+    monkeypatch.setattr(references, "BYTES_MAX", view["byteLength"] - 1)
+    with raises(MeshError, "image 0"):
+        load_colors(path, MESH)

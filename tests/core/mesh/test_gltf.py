@@ -171,3 +171,142 @@ def test_endless_scenes_and_deep_json_are_refused(tmp_path, monkeypatch):
         load_mesh(write(tmp_path, "a.glb", glb(gltf_header(nodes=nodes))))
     with raises(MeshError, "JSON"):
         load_mesh(write(tmp_path, "a.gltf", b"[" * 100_000))
+
+
+def _with_arrays(arrays, **changes):
+    """A scene of a sphere, with accessors 2, 3, ... of further arrays, and changes of its JSON."""
+    sphere = icosphere(1)
+    arrays = [sphere.vertices.astype("<f4"), sphere.faces.astype("<u4").reshape(-1, 1), *arrays]
+    shapes = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+    kinds = {"f4": 5126, "u4": 5125, "u1": 5121, "u2": 5123}
+    data, views, entries = b"", [], []
+    for array in arrays:
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
+        kind, shape = kinds[array.dtype.str[1:]], shapes[array.shape[1]]
+        entries.append({"bufferView": len(views) - 1, "componentType": kind})
+        entries[-1] |= {"count": len(array), "type": shape}
+        data += array.tobytes() + bytes(-array.nbytes % 4)
+    header = gltf_header(
+        accessors=entries, bufferViews=views, buffers=[{"byteLength": len(data)}], **changes
+    )
+    return sphere, glb(header, data)
+
+
+def _primitive(attributes=None, **changes):
+    return {"attributes": {"POSITION": 0, **(attributes or {})}, "indices": 1, **changes}
+
+
+MORPHED = _primitive(targets=[{"POSITION": 2}, {"NORMAL": 2}, {"POSITION": 3}])
+
+
+@pytest.mark.parametrize(
+    ("of_mesh", "of_node", "weights"),
+    [
+        ({"weights": [1, 0, 0]}, {}, (1, 0)),
+        ({"weights": [1, 0, 0]}, {"weights": [-0.5, 3, 0.25]}, (-0.5, 0.25)),
+        ({}, {"weights": [0, 0, 2]}, (0, 2)),
+        ({}, {}, (0, 0)),
+    ],
+)
+def test_morph_weights_move_vertices(tmp_path, of_mesh, of_node, weights):
+    """Those of the node come before those of the mesh, and the node then scales."""
+    rng = np.random.default_rng(0)
+    shifts = rng.uniform(-0.1, 0.1, (2, 42, 3)).astype("<f4")
+    nodes = [{"mesh": 0, "scale": [2, 2, 2], **of_node}]
+    meshes = [{"primitives": [MORPHED], **of_mesh}]
+    sphere, content = _with_arrays(shifts, nodes=nodes, meshes=meshes)
+    mesh = load_mesh(write(tmp_path, "a.glb", content))
+    expected = 2 * (sphere.vertices + np.einsum("k,kvx->vx", weights, shifts))
+    np.testing.assert_allclose(mesh.vertices, expected, atol=1e-6)
+    np.testing.assert_array_equal(mesh.faces, sphere.faces)
+
+
+@pytest.mark.parametrize("kind", ["<f4", "<u1", "<u2"])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_skins_place_vertices_by_their_joints(tmp_path, kind, mirrored):
+    """Vertices above the equator follow joint 1, below joint 0, on it both; the node does not."""
+    sphere = icosphere(1)
+    share = np.clip(np.round(sphere.vertices[:, 2] * 4) / 8 + 0.5, 0, 1)
+    weights = np.stack([1 - share, share, 0 * share, 0 * share], axis=1)
+    scale = 1 if kind == "<f4" else np.iinfo(kind).max
+    stored = np.round(weights * scale).astype(kind) if scale > 1 else weights.astype(kind)
+    joints = np.tile(np.array([[0, 1, 0, 0]], dtype="<u1"), (42, 1))
+    inverse = np.stack([np.eye(4), np.diag([0.5, 0.5, 0.5, 1])])
+    inverse[1, :3, 3] = [0, 0, 1]
+    columns = inverse.transpose(0, 2, 1).reshape(2, 16).astype("<f4")
+    sign = -1 if mirrored else 1
+    nodes = [
+        {"mesh": 0, "skin": 0, "translation": [50, 0, 0], "children": [1]},
+        {"translation": [-50, 0, 0], "scale": [sign, 1, 1], "children": [2]},
+        {"translation": [0, 0, 3], "scale": [2, 2, 2]},
+    ]
+    _, content = _with_arrays(
+        [joints, stored, columns],
+        nodes=nodes,
+        skins=[{"joints": [1, 2], "inverseBindMatrices": 4}],
+        meshes=[{"primitives": [_primitive({"JOINTS_0": 2, "WEIGHTS_0": 3})]}],
+    )
+    mesh = load_mesh(write(tmp_path, "a.glb", content))
+    own = stored.astype(float) / stored.sum(axis=1, keepdims=True)
+    placed = np.stack([sphere.vertices, sphere.vertices + np.array([0, 0, 2 * 1 + 3])])
+    expected = np.einsum("vk,kvx->vx", own[:, :2], placed) * [sign, 1, 1]
+    np.testing.assert_allclose(mesh.vertices, expected, atol=1e-5)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces], 1, 0)
+    assert np.einsum("fx,fx->", a, np.cross(b, c)) > 0  # the volume: the outer side is kept
+
+
+SKINNED = {
+    "nodes": [{"mesh": 0, "skin": 0, "children": [1]}, {}],
+    "skins": [{"joints": [1]}],
+    "meshes": [{"primitives": [_primitive({"JOINTS_0": 2, "WEIGHTS_0": 3})]}],
+}
+UNSHAPED = {
+    "weights of other targets": (
+        {"meshes": [{"primitives": [MORPHED], "weights": [1, 2]}]},
+        ("weights", 3),
+    ),
+    "shifts of others": (
+        {"meshes": [{"primitives": [_primitive(targets=[{"POSITION": 4}])], "weights": [1]}]},
+        (4, 42),
+    ),
+    "no joints": (SKINNED | {"meshes": [{"primitives": [_primitive()]}]}, ("JOINTS_0",)),
+    "joints elsewhere": (SKINNED | {"skins": [{"joints": [7]}]}, (0, 7)),
+    "joints beyond": (SKINNED | {"skins": [{"joints": []}]}, (0, 0)),
+    "few matrices": (
+        SKINNED | {"skins": [{"joints": [1, 1, 1], "inverseBindMatrices": 5}]},
+        (2, 3),
+    ),
+    "instances": (
+        {"nodes": [{"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {}}}]},
+        ("EXT_mesh_gpu_instancing",),
+    ),
+}
+
+
+@pytest.mark.parametrize(("changes", "named"), UNSHAPED.values(), ids=UNSHAPED)
+def test_what_cannot_be_applied_is_refused_by_name(tmp_path, changes, named):
+    weights = np.tile(np.array([[1, 0, 0, 0]], dtype="<f4"), (42, 1))
+    arrays = [np.zeros((42, 4), "<u1"), weights, np.zeros((3, 3), "<f4"), np.zeros((2, 16), "<f4")]
+    _, content = _with_arrays(arrays, **changes)
+    with raises(MeshError, *named):
+        load_mesh(write(tmp_path, "a.glb", content))
+
+
+def test_vertices_without_weights_are_refused(tmp_path):
+    _, content = _with_arrays([np.zeros((42, 4), "<u1"), np.zeros((42, 4), "<f4")], **SKINNED)
+    with raises(MeshError, "vertex", 0):
+        load_mesh(write(tmp_path, "a.glb", content))
+
+
+def test_animations_are_reported(tmp_path):
+    _, content = _with_arrays([], animations=[{"channels": [], "samplers": []}])
+    assert "animations" in load_mesh(write(tmp_path, "a.glb", content)).messages[0]
+
+
+def test_primitives_that_share_vertices_have_them_once(tmp_path):
+    """However many there are, unlike those that are placed again."""
+    parts = [_primitive() for _ in range(3000)]
+    _, content = _with_arrays([], meshes=[{"primitives": parts}])
+    found = gltf.read_gltf(open_file(write(tmp_path, "a.glb", content)))
+    assert found.vertices.shape == (42, 3)
+    assert len(found.faces) == 3000 * 80
