@@ -300,7 +300,10 @@ class Editor:
 def _large_parts(document: Document) -> dict[int, int]:
     """Bytes of the arrays of meshes and results, by the identity of these."""
     result = document.result
-    held = [*(surface.mesh for surface in document.surfaces), *([result] if result else [])]
+    held: list[object] = [
+        *(surface.mesh for surface in document.surfaces),
+        *([result] if result else []),
+    ]
     held += result.path if result else []  # which results of one match share
     held += [document.initial_map.correspondence.points] if document.initial_map else []
     held += [document.film.frames] if document.film else []

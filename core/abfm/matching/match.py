@@ -14,6 +14,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from abfm.display import Display
 from abfm.errors import AbfmError, ParameterError, ResultError, one_line
 from abfm.flow.flow import Flow
 from abfm.io import results
@@ -48,7 +49,7 @@ matched: rounding comes to 1e-6 of it, another version's scheme to some of its o
 
 
 @dataclass(frozen=True, eq=False)
-class Match:
+class Match(Display):
     """A field whose flow carries the source towards the target.
 
     Attributes

@@ -3,11 +3,11 @@
 import os
 import warnings
 from collections.abc import Callable, Mapping
-from typing import TypeVar
+from typing import TypeVar, Unpack
 
-from abfm.errors import MeshError, ParameterError, brief, one_line
-from abfm.mesh.objects import MeshLike, contents_of
-from abfm.mesh.options import HEMISPHERES, MeshKeywords
+from abfm.errors import MeshError, ParameterError, one_line
+from abfm.mesh.objects import MeshLike, contents_of, parts_of
+from abfm.mesh.options import MeshKeywords
 from abfm.mesh.readers.brain import (
     read_ascii_surface,
     read_gifti,
@@ -72,7 +72,7 @@ def load_mesh(
 ) -> TriangleMesh:
     """Read a triangle mesh from a file, or make one of a mesh of another library.
 
-    Vertices keep the order and count of the file or object, unused ones included. Only STL and
+    Vertices keep the order and count of the file or object, unused ones included; only STL and
     glTF, which repeat vertices, are merged by position, with a message. Polygons and strips are
     split into triangles. glTF is read as it is shown at rest, with its morph weights and skins.
     Surfaces of FreeSurfer, such as ``lh.white``, keep the coordinates of the file: surface RAS, to
@@ -81,10 +81,10 @@ def load_mesh(
     Parameters
     ----------
     mesh : path or object
-        A file: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, a surface of FreeSurfer or an MNI
-        object, perhaps compressed (.gz); its first bytes decide the format, or else the ending of
-        its name. Or a pair (vertices, faces), a ``trimesh.Trimesh``, PyVista ``PolyData``, a meshio
-        mesh, nilearn's ``SurfaceImage`` or ``PolyMesh``, a nibabel GIFTI image, or a
+        A file: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, surfaces of FreeSurfer or MNI
+        objects; each may be compressed (.gz). Its first bytes decide the format, or else the ending
+        of its name. Or a pair (vertices, faces), a ``trimesh.Trimesh``, PyVista ``PolyData``, a
+        meshio mesh, nilearn's ``SurfaceImage`` or ``PolyMesh``, a nibabel GIFTI image, or a
         `TriangleMesh`, which is returned as it is.
     merge : bool or float, optional
         Make vertices one that are at most this distance apart, in the file's unit, as where a
@@ -96,11 +96,9 @@ def load_mesh(
         that no hole is left. What cannot be cleaned so is refused.
     hemisphere : {"L", "R"}, optional
         Of a surface with both hemispheres, next to each other along x, keep one; L has the smaller
-        x. A surface in one piece is kept as it is. Of nilearn's objects, the part.
+        x. A surface in one piece is kept as it is. Of objects of nilearn, the part.
     largest_component : bool
         Of several components keep the one with the largest area instead of refusing the mesh.
-    hemisphere : str
-        "L" or "R": the part of nilearn's objects; empty if there is only one.
 
     Notes
     -----
@@ -113,21 +111,27 @@ def load_mesh(
     MeshError
         One line that begins with the file's name: why it cannot be read, or its mesh be used.
     """
-    options: MeshKeywords = {
-        "merge": merge,
-        "clean": clean,
-        "hemisphere": hemisphere,
-        "largest_component": largest_component,
-    }
-    if isinstance(mesh, TriangleMesh):
+    options = MeshKeywords(
+        merge=merge, clean=clean, hemisphere=hemisphere, largest_component=largest_component
+    )
+    return as_mesh(mesh, **options)
+
+
+def as_mesh(given: MeshLike, name: str = "mesh", **options: Unpack[MeshKeywords]) -> TriangleMesh:
+    """Return what `load_mesh` does; in messages an object is called by the name."""
+    if isinstance(given, TriangleMesh):
         if any(options.values()):
             raise ParameterError("options of a mesh apply where it is made, not to a TriangleMesh")
-        return mesh
-    if not isinstance(mesh, str | os.PathLike):
-        return _of_object(mesh, "mesh", options)
-    name = one_line(mesh, _NAME_LENGTH_MAX)
+        return given
+    is_file = isinstance(given, str | os.PathLike)
+    name = one_line(given, _NAME_LENGTH_MAX) if is_file else name
     try:
-        vertices, faces, messages = read_contents(mesh, READERS, "mesh")
+        if is_file:
+            vertices, faces, messages = read_contents(given, READERS, "mesh")
+        else:
+            vertices, faces, messages = _of_object(given, options.get("hemisphere"))
+            if parts_of(given):
+                options["hemisphere"] = None
         return TriangleMesh(vertices, faces, messages=messages, **options)
     except MemoryError as error:
         raise MeshError(
@@ -137,38 +141,19 @@ def load_mesh(
         raise error.of(name) from error
 
 
-def as_mesh(given: MeshLike, name: str = "mesh") -> TriangleMesh:
-    """Return a mesh as it is, or what `load_mesh` makes of anything else.
-
-    Raises
-    ------
-    MeshError
-        If it makes no mesh; the message begins with the file's name or with ``name``.
-    """
-    if isinstance(given, TriangleMesh):
-        return given
-    if isinstance(given, str | os.PathLike):
-        return load_mesh(given)
-    return _of_object(given, name, {})
-
-
 def as_meshes(a: MeshLike, b: MeshLike) -> tuple[TriangleMesh, TriangleMesh]:
     """Return `as_mesh` of two surfaces, one mesh if they are the same object."""
     mesh = as_mesh(a, "a")
     return mesh, mesh if a is b else as_mesh(b, "b")
 
 
-def _of_object(given: object, name: str, options: MeshKeywords) -> TriangleMesh:
-    hemisphere = options.get("hemisphere") or ""
-    if hemisphere not in ("", *HEMISPHERES):
-        raise ParameterError(f"hemisphere is {brief(hemisphere)}; expected L or R")
+def _of_object(given: object, hemisphere: str | None) -> FileContents:
     try:
-        vertices, faces, messages = contents_of(given, hemisphere)
-        return TriangleMesh(vertices, faces, messages=messages, **options)
-    except MeshError as error:
-        raise error.of(name) from error
+        return contents_of(given, hemisphere or "")
+    except MemoryError:
+        raise
     except Exception as error:  # the objects are not ours, and may raise anything
-        raise MeshError(f"{name} cannot be used: {one_line(error, 400)}") from error
+        raise MeshError(one_line(error, 400)) from error
 
 
 def read_contents(

@@ -10,6 +10,7 @@ import numpy as np
 from abfm.errors import brief, one_line
 from abfm.mesh.options import HEMISPHERES
 from abfm.mesh.readers.contents import FileContents, split_polygons
+from abfm.reading.strips import triangles_of_strips
 from abfm.types import IntArray
 
 MeshLike: TypeAlias = Any
@@ -41,14 +42,18 @@ def contents_of(given: Any, hemisphere: str = "") -> FileContents:
         if len(given) != 2:
             raise ValueError(f"it has {len(given)} parts; expected a pair (vertices, faces)")
         return FileContents(*given)
-    if has(given, "mesh", "data") and has(given.mesh, "parts"):  # SurfaceImage
-        given = given.mesh
-    if has(given, "parts"):  # PolyMesh
-        given = part_of(given.parts, hemisphere)
+    if parts := parts_of(given):
+        given = part_of(parts, hemisphere)
     for names, read in _READERS.items():
         if has(given, *names):
             return read(given)
     raise ValueError(f"it is of type {one_line(type(given).__name__, 60)}; expected {ACCEPTED}")
+
+
+def parts_of(given: Any) -> Mapping[str, Any] | None:
+    """Return the parts of the mesh of a SurfaceImage or PolyMesh; None for other objects."""
+    mesh = given.mesh if has(given, "mesh", "data") else given
+    return mesh.parts if has(mesh, "parts") else None
 
 
 def part_of(parts: Mapping[str, Any], hemisphere: str) -> Any:
@@ -66,9 +71,10 @@ def part_of(parts: Mapping[str, Any], hemisphere: str) -> Any:
         raise ValueError(
             'it has two hemispheres; choose one: abfm.load_mesh(..., hemisphere="L") or "R"'
         )
-    if HEMISPHERES[hemisphere] not in found:
-        raise ValueError(f"it has no part {HEMISPHERES[hemisphere]}, only {brief(list(found))}")
-    return found[HEMISPHERES[hemisphere]]
+    part = HEMISPHERES.get(hemisphere)
+    if part not in found:
+        raise ValueError(f"hemisphere is {brief(hemisphere)}; it has {brief(list(found))}")
+    return found[part]
 
 
 def _of_gifti(image: Any) -> FileContents:
@@ -87,15 +93,9 @@ def _of_gifti(image: Any) -> FileContents:
 def _of_poly_data(given: Any) -> FileContents:
     """Read polygons and triangle strips, which list the number of their corners before them."""
     polygons, strips = _lists(given.faces, "faces"), _lists(given.strips, "strips")
-    corners, first = [polygons.corners], 0
-    for size in strips.sizes.tolist():
-        strip = strips.corners[first : first + size]
-        rows = np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=1)
-        rows[1::2] = rows[1::2, ::-1]  # every second triangle runs the other way round
-        corners.append(rows.ravel())
-        first += size
-    threes = np.full(sum(map(len, corners[1:])) // 3, 3)
-    return _split(given.points, [polygons.sizes, threes], corners)
+    triangles = triangles_of_strips(*strips)
+    sizes = [polygons.sizes, np.full(len(triangles), 3)]
+    return _split(given.points, sizes, [polygons.corners, triangles.ravel()])
 
 
 class _Lists(NamedTuple):

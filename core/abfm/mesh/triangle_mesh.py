@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Concatenate, NoReturn, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from abfm.display import Display
 from abfm.errors import FunctionError, MeshError, one_line
 from abfm.mesh.checks import check
 from abfm.mesh.draft import FileNumbers
@@ -52,7 +53,7 @@ def per_mesh(
 
 
 @sent_by_name
-class TriangleMesh:
+class TriangleMesh(Display):
     """An oriented, connected, edge-manifold triangle mesh, with or without boundary.
 
     Refused: no vertices or faces, wrong shapes or types, coordinates that are not finite or

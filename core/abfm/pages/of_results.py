@@ -37,14 +37,14 @@ _OF_MAP = "log2_area", "folded"
 _ALWAYS = (-1e30, 1e30)
 
 
-def match_page(match: Match, title: str, up: str = "y") -> Page:
+def match_page(match: Match, title: str, up: str = "y", share: float = 1.0) -> Page:
     """Return the page of a match: its source, the source on its way, its target; ``up`` is the axis
-    that points upwards.
+    that points upwards, and ``share`` says how many values and lines there may be, up to 1.
     """
     functions = () if match.problem.is_of_landmarks else (match.source[:, 0], match.target[:, 0])
     front = best_front(match.mesh, *functions, up=up)
     shown = _functions(match)
-    moving = _moving(match, shown)
+    moving = _moving(match, shown, share)
     still = [(match.source, "source", 0), (match.target, "target", 1)]
     if match.problem.is_of_landmarks:
         still = [(match.mesh.vertices, "at first", 0)]
@@ -58,25 +58,26 @@ def match_page(match: Match, title: str, up: str = "y") -> Page:
         )
         for values, name, side in still
     )
-    carried = Panel("carried", match.mesh, moving, front, _lines(match))
+    carried = Panel("carried", match.mesh, moving, front, _lines(match, share))
     about = f"A match on a surface of {_sized(match.mesh)}"
     return _page(match, title, about, [first, carried, *last])
 
 
-def registration_page(found: Registration, title: str, up: str = "y") -> Page:
+def registration_page(found: Registration, title: str, up: str = "y", share: float = 1.0) -> Page:
     """Return the page of a registration: A with its function, that on its way on B, and B's own;
     ``up`` is the axis of B that points upwards.
     """
     match = found.match
     if found.a is found.b:
-        return match_page(match, title, up)
+        return match_page(match, title, up, share)
     of_a, of_b = fronts(found, up)
     shown = _functions(match, found.a)
     of_landmarks = match.problem.is_of_landmarks
     on_a = found.a.vertices if of_landmarks else functions_on_a(found)
     layers_of_a = [Layer(name, on_a[:, c], colors) for c, (name, colors) in enumerate(shown)]
     start = found.initial.carry(on_a) if of_landmarks else None
-    carried = Panel("A on B", found.b, _moving(match, shown, start), of_b, _lines(match))
+    moving = _moving(match, shown, share, start)
+    carried = Panel("A on B", found.b, moving, of_b, _lines(match, share))
     marks_on_a = _marks_on_a(found)
     panels = [Panel("A", found.a, layers_of_a, of_a, marks_on_a), carried]
     if not of_landmarks:
@@ -107,10 +108,13 @@ def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, C
 
 
 def _moving(
-    match: Match, shown: list[tuple[str, ColorRange]], start: FloatArray | None = None
+    match: Match,
+    shown: list[tuple[str, ColorRange]],
+    share: float,
+    start: FloatArray | None = None,
 ) -> list[Layer]:
     """Return what is carried, at even times from 0 to tau; of landmarks alone what is given."""
-    budget = _MOST_VALUES // (len(match.mesh.vertices) * len(shown))
+    budget = int(share * _MOST_VALUES) // (len(match.mesh.vertices) * len(shown))
     times = np.linspace(0, match.parameters.tau, min(max(budget, _FRAMES[0]), _FRAMES[1]))
     with step("carrying along the flow"):
         if match.problem.is_of_landmarks:
@@ -121,11 +125,11 @@ def _moving(
     return [Layer(name, frames[:, :, c], colors, times) for c, (name, colors) in enumerate(shown)]
 
 
-def _lines(match: Match) -> list[Ways]:
+def _lines(match: Match, share: float) -> list[Ways]:
     """Return flow lines from places spread over the surface, and from the landmarks."""
     mesh, tau = match.mesh, match.parameters.tau
     spread = spread_points(mesh)
-    seeds = spread.points[np.arange(min(_LINES, len(spread.gaps)))]
+    seeds = spread.points[np.arange(min(int(_LINES * share**0.5), len(spread.gaps)))]
     paths = _walked(match, seeds)
     least = _LEAST * mesh.length_scale
     far = [each for each in paths if np.linalg.norm(np.diff(each[1], axis=0), axis=1).sum() > least]

@@ -69,12 +69,15 @@ class Filmed(Protocol):
 
 @dataclass(frozen=True)
 class Labels:
-    """Names of channels, the unit of values and that of times, and the axis that is up."""
+    """Names of channels, the unit of values and that of times, the axis that is up, and how many of
+    the values and arrows that a page may have there are, up to 1.
+    """
 
     names: Sequence[str] = ()
     unit: str = ""
     unit_of_time: str = ""
     up: str = "y"
+    share: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,11 @@ class Told:
     unknown: BoolArray | None = None
 
 
-def sequence_page(sequence: sequences.Sequence, title: str, labels: Labels | None = None) -> Page:
+def sequence_page(
+    sequence: sequences.Sequence,
+    title: str,
+    labels: Labels | None = None,
+) -> Page:
     """Return the page of a sequence: its frames and what is carried between them, what each
     interval came to, arrows of its field, path lines, critical points on their tracks, and
     divergence and curl.
@@ -111,7 +118,7 @@ def sequence_page(sequence: sequences.Sequence, title: str, labels: Labels | Non
             "frames in between": motion_between(sequence),
             "solved with": sequence.settings,
         },
-        [_layer(name, values, middles, unit) for name, values in parts.items()],
+        [_layer(name, values, middles, unit, labels.share) for name, values in parts.items()],
         [
             *([] if facts.tone == "good" else [facts.reason]),
             _about_arrows(sequence, labels),
@@ -119,12 +126,17 @@ def sequence_page(sequence: sequences.Sequence, title: str, labels: Labels | Non
         ],
         sequence.unknown,
     )
-    ways = [_arrows(sequence), _path_lines(sequence), *_tracks(sequence)]
+    lines = [_path_lines(sequence)] if labels.share == 1 else []  # which are hidden at first
+    ways = [_arrows(sequence, labels.share), *lines, *_tracks(sequence)]
     return film_page(sequence, title, told, ways, labels)
 
 
 def film_page(
-    film: Filmed, title: str, told: Told, ways: Sequence[Ways] = (), labels: Labels | None = None
+    film: Filmed,
+    title: str,
+    told: Told,
+    ways: Sequence[Ways] = (),
+    labels: Labels | None = None,
 ) -> Page:
     """Return the page of any film: its surface, with a time bar over real time.
 
@@ -133,7 +145,7 @@ def film_page(
     """
     labels = labels or Labels()
     mesh, times = film.mesh, np.asarray(film.times, dtype=float)
-    keys, frames, thinned = _keys(film, times)
+    keys, frames, thinned = _keys(film, times, labels.share)
     if told.unknown is not None:
         frames = np.where(told.unknown[:, None], np.nan, frames)
     count = frames.shape[2]
@@ -172,11 +184,11 @@ def film_page(
     )
 
 
-def _layer(name: str, values: FloatArray, times: FloatArray, unit: str) -> Layer:
+def _layer(name: str, values: FloatArray, times: FloatArray, unit: str, share: float) -> Layer:
     """Return a layer about 0 at some of the times at least, with colours that a few extremes do not
     change.
     """
-    every = -(-values.size // PART_VALUES_MAX)
+    every = -(-values.size // int(share * PART_VALUES_MAX))
     shown, most = values[::every], float(np.percentile(np.abs(values), _COLOR_PERCENTILE)) or 1.0
     at = times[::every] if len(shown) > 1 else None
     return Layer(name, shown, ColorRange("abfm diverging", -most, most), at, unit)
@@ -204,14 +216,15 @@ def _tracks(sequence: sequences.Sequence) -> list[Ways]:
     ]
 
 
-def _arrows(sequence: sequences.Sequence) -> Ways:
+def _arrows(sequence: sequences.Sequence, share: float) -> Ways:
     """Return arrows of each interval's field about places that stay the same, no longer than these
     are apart, which fade where frames do not determine it; none where it is slow, where they would
     meet a boundary, or leave the surface.
     """
     mesh, times = sequence.mesh, sequence.times
     spread, fast = spread_points(mesh), fast_in(sequence) or 1.0
-    count = min(_ARROWS_PER_INTERVAL_MAX, max(_ARROWS_MAX // len(sequence), 1), len(spread.gaps))
+    most = max(int(share * _ARROWS_MAX) // len(sequence), 1)
+    count = min(_ARROWS_PER_INTERVAL_MAX, most, len(spread.gaps))
     points, normals = spread.points[np.arange(count)], spread.normals[:count]
     longest = _ARROW_LENGTH_MAX * mesh.length_scale * min(float(spread.gaps[count - 1]), 0.2)
     normals_of_faces = face_normals(mesh)
@@ -292,11 +305,11 @@ def _path_lines(sequence: sequences.Sequence) -> Ways:
     )
 
 
-def _keys(film: Filmed, times: FloatArray) -> tuple[FloatArray, FloatArray, str]:
+def _keys(film: Filmed, times: FloatArray, share: float) -> tuple[FloatArray, FloatArray, str]:
     """Return times and values (T', V, C) of the page, and what is to be said of them."""
     frames = np.asarray(film.frames)
     frames = frames.reshape(*frames.shape[:2], -1)[:, :, :MOST_CHANNELS]
-    most = max(VALUES_MAX // (frames.shape[1] * frames.shape[2]), 2)
+    most = max(int(share * VALUES_MAX) // (frames.shape[1] * frames.shape[2]), 2)
     if most < len(times):
         every = -(-(len(times) - 1) // (most - 1))
         chosen = np.unique([*range(0, len(times), every), len(times) - 1])
@@ -310,8 +323,8 @@ def _keys(film: Filmed, times: FloatArray) -> tuple[FloatArray, FloatArray, str]
     with step("carrying frames") as tell:
         for number, (start, end) in enumerate(pairwise(times), 1):
             checkpoint()
-            for share in range(1, between):
-                keys.append(start + share / between * (end - start))
+            for part in range(1, between):
+                keys.append(start + part / between * (end - start))
                 carried = np.asarray(film.at(float(keys[-1])))
                 values.append(carried.reshape(frames.shape[1], -1)[:, :MOST_CHANNELS])
             keys.append(end)

@@ -174,8 +174,8 @@ class Page:
     facts: Mapping[str, str] = field(default_factory=dict)
     notes: Sequence[str] = ()
 
-    def html(self) -> str:
-        """Return the whole page."""
+    def html(self, is_embedded: bool = False) -> str:
+        """Return the whole page; one that is embedded has neither title nor text below."""
         store = Store()
         script = "\n".join(_text(name) for name in _SCRIPTS)
         script, style = f'"use strict";\n{script}', _text("page.css")
@@ -187,12 +187,13 @@ class Page:
             title=escape(self.title),
             style=style,
             tone=self.tone,
+            kind="embedded" if is_embedded else "",
             headline=escape(capital(self.headline)),
             about=escape(self.about),
             label=", ".join(titles),
             views="".join(map(figure.format, titles)),
             moving="hidden" if self.clock is None else "",
-            below=self._below(),
+            below="" if is_embedded else self._below(),
             page=told,
             data=store.text(),
             script=script,

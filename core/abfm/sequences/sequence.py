@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.operators import Matrix, curl, divergence, face_areas
 from abfm.calculus.vector_fields import helmholtz_hodge, to_ambient, to_frame
+from abfm.display import Display
 from abfm.errors import FunctionError, ParameterError, brief
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
@@ -61,7 +62,7 @@ _THREADS = 2  # that walk along flow lines: the rest is one thread's work
 
 
 @dataclass(frozen=True, eq=False)
-class Sequence:
+class Sequence(Display):
     """Frames of a function, and the field of each interval between two of them; immutable.
 
     Attributes

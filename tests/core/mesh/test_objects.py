@@ -11,7 +11,7 @@ from nilearn.surface import InMemoryMesh, PolyMesh, SurfaceImage
 from numpy.testing import assert_array_equal
 
 import abfm
-from abfm import MeshError, load_mesh
+from abfm import MeshError, ParameterError, load_mesh
 from abfm.mesh import as_mesh, as_meshes
 from tests.messages import raises
 from tests.shapes import icosphere
@@ -122,7 +122,9 @@ def test_hemisphere_is_chosen():
     assert_array_equal(load_mesh(image, hemisphere="L").vertices, V)
     with raises(MeshError, "hemisphere", "L", "R"):
         load_mesh(both)
-    with raises(MeshError, "right", "left"):
+    with raises(ParameterError, "TriangleMesh"):
+        load_mesh(SPHERE, hemisphere="L")
+    with raises(MeshError, "R", "left"):
         load_mesh(poly_mesh(left=(V, F)), hemisphere="R")
 
 

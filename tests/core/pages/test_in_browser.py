@@ -508,3 +508,25 @@ def test_tables_of_reports_and_batches_stay_on_a_phone(driver, tmp_path):
         shown.resize(390, 844, touch=True)
         shown.until(partial(shown.script, "innerWidth === 390"))
         assert shown.script("document.documentElement.scrollWidth") == 390
+
+
+def test_a_view_for_notebooks_is_drawn_in_its_frame(driver, tmp_path):
+    file = tmp_path / "notebook.html"
+    file.write_text(f"<!doctype html><meta charset=utf-8>{BALL._repr_html_()}", encoding="utf-8")
+    shown = Shown(driver, file.as_uri(), ready="document.querySelector('iframe') !== null")
+    driver.switch_to.frame(shown.find("iframe"))
+    try:
+        shown.until(lambda: shown.script("document.body.dataset.drawn !== undefined"))
+        assert not shown.find("header").is_displayed()
+        assert not shown.find("#bars").text  # a mesh has no values
+        middle = shown.find("#stage").rect
+    finally:
+        driver.switch_to.default_content()
+    frame = shown.find("iframe").rect
+    x, y = (
+        round(frame[at] + middle[at] + middle[size] / 2)
+        for at, size in (("x", "width"), ("y", "height"))
+    )
+    grey = shown.picture()[y - 5 : y + 5, x - 5 : x + 5].reshape(-1, 3)
+    assert np.ptp(grey, axis=1).max() < 10
+    assert 100 < grey.mean() < 230

@@ -20,7 +20,7 @@ function told(problem) {
   element("problem").textContent = problem;
   element("problem").hidden = false;
   element("stage").hidden = element("controls").hidden = true;
-  document.body.className = "failed";
+  document.body.classList.add("failed");
 }
 
 async function main() {
@@ -129,7 +129,7 @@ function bars(page, layer) {
   }
   const box = element("bars");
   box.replaceChildren();
-  for (const { own, titles } of seen.values()) {
+  for (const { own, titles } of [...seen.values()].filter(({ own }) => own.name)) {
     const add = (kind, text = "") => {
       const made = bar.appendChild(document.createElement("span"));
       made.className = kind;

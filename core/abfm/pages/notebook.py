@@ -1,0 +1,116 @@
+"""Pages of objects: embedded in a notebook, or opened in a browser."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import webbrowser
+from collections.abc import Iterable
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from abfm.errors import AbfmError, ParameterError, brief, one_line, printable
+from abfm.matching import Match
+from abfm.mesh import TriangleMesh
+from abfm.pages.of_meshes import coarser, mesh_page
+from abfm.pages.of_results import match_page, registration_page
+from abfm.pages.of_sequences import Labels, sequence_page
+from abfm.pages.page import Page
+from abfm.registration import Registration
+from abfm.sequences import Sequence
+from abfm.wording import capital
+
+VERTICES_MAX = 10_000
+"""Vertices of a surface in a notebook; finer ones are coarsened."""
+RESULT_VERTICES_MAX = 100_000
+"""Vertices of a surface whose result is shown in a notebook: on more, a page takes long."""
+BYTES_MAX = 6_000_000
+"""Characters of a page in a notebook."""
+SHARE = 0.1
+"""How many of the values, arrows and lines of a page there are in a notebook."""
+_HEIGHT = 440  # pixels
+_COLORS = {"good": "#2da44e", "warning": "#bf8700", "failure": "#cf222e"}
+
+
+def page_of(what: Any, title: str = "", up: str = "y", share: float = 1.0) -> Page:
+    """Return the page of a mesh, a match, a registration or a sequence.
+
+    Parameters
+    ----------
+    title : str
+        By default the name of the type.
+    share : float
+        How many of the values, arrows and lines that a page may have, up to 1.
+    """
+    if up not in ("x", "y", "z"):
+        raise ParameterError(f"up is {brief(up)}; expected x, y or z")
+    title = title or _kind(what)
+    if isinstance(what, Match):
+        return match_page(what, title, up, share)
+    if isinstance(what, Registration):
+        return registration_page(what, title, up, share)
+    if isinstance(what, Sequence):
+        return sequence_page(what, title, Labels(up=up, share=share))
+    if isinstance(what, TriangleMesh):
+        return mesh_page(what, title, up)
+    raise ParameterError(f"there is no page of {brief(what)}; expected a mesh or a result")
+
+
+def embedded(what: Any) -> str:
+    """Return a view for a notebook: the verdict, and a page in a frame.
+
+    The frame holds the whole page, also where the notebook is exported, and its script cannot reach
+    the notebook. Surfaces of more than `VERTICES_MAX` vertices are coarsened; a sentence replaces
+    the page of results on more than `RESULT_VERTICES_MAX`, and pages above `BYTES_MAX`.
+    """
+    if not isinstance(what, TriangleMesh) and (count := _vertex_count(what)) > RESULT_VERTICES_MAX:
+        headline = f"{_kind(what)}: {what.facts.headline}"
+        return _about(headline, what.facts.tone, [_see_browser(f"{count:,} vertices")])
+    try:
+        page = coarser(page_of(what, share=SHARE), VERTICES_MAX)
+        frame = escape(page.html(is_embedded=True))
+    except AbfmError as error:
+        return _about(one_line(error), "failure", [])
+    facts = " \u00b7 ".join(f"{name}: {value}" for name, value in page.facts.items())
+    about = _about(f"{page.title}: {page.headline}", page.tone, [facts, *page.notes])
+    if len(frame) > BYTES_MAX:
+        return about + _about("", "muted", [_see_browser("so many values")])
+    return (
+        f'{about}<iframe srcdoc="{frame}" title="{escape(page.title)}" sandbox="allow-scripts" '
+        f'style="width: 100%; height: {_HEIGHT}px; border: 0"></iframe>'
+    )
+
+
+def show(what: Any, path: str | os.PathLike[str] | None, up: str) -> Path:
+    """Write the page of an object and open it in a browser; see `abfm.display.Display.show`."""
+    name = _kind(what)
+    file = Path(path or Path(tempfile.mkdtemp(prefix="abfm-"), f"{name}.html")).absolute()
+    page_of(what, printable(file.stem), up).write(file)
+    try:
+        is_open = webbrowser.open(file.as_uri())
+    except webbrowser.Error:
+        is_open = False
+    if not is_open:
+        print(f"No browser was found. Open this page in one: {file}")
+    return file
+
+
+def _kind(what: Any) -> str:
+    return type(what).__name__.removeprefix("Triangle").lower()
+
+
+def _vertex_count(what: Any) -> int:
+    meshes = (what.a, what.b) if isinstance(what, Registration) else (what.mesh,)
+    return max(len(mesh.vertices) for mesh in meshes)
+
+
+def _see_browser(why: str) -> str:
+    return f"It is not drawn here, as it has {why}; its show() opens a page in a browser"
+
+
+def _about(headline: str, tone: str, notes: Iterable[str]) -> str:
+    dot = f'<span style="color: {_COLORS[tone]}">\u25cf</span> ' if tone in _COLORS else ""
+    strong = f"<strong>{escape(capital(headline))}</strong>" if headline else ""
+    rest = "".join(f"<div>{escape(capital(note))}</div>" for note in notes if note)
+    return f'<div style="margin: 0.4em 0">{dot}{strong}{rest}</div>'

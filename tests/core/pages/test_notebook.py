@@ -1,0 +1,148 @@
+"""Meshes and results in a notebook and in a browser."""
+
+import re
+import webbrowser
+from functools import cache
+from html import escape, unescape
+from pathlib import Path
+
+import nbclient
+import nbformat
+import numpy as np
+import pytest
+
+import abfm
+from abfm import AbfmError, ParameterError
+from abfm.pages import notebook
+from tests.core.pages.test_page import EVIL
+from tests.messages import check_message, raises
+from tests.shapes import icosphere, square
+
+NOTEBOOK = Path(__file__).parents[3] / "docs" / "notebooks" / "match_and_register.ipynb"
+BALL = icosphere(2)
+X = BALL.vertices[:, 0]
+QUICK = abfm.Parameters(iterations=2, refine=0)
+
+
+@cache
+def found():
+    """What can be shown, by the words that its view has."""
+    match = abfm.match(BALL, X, X + 0.1 * BALL.vertices[:, 1], QUICK)
+    frames = [np.sin(3 * (X - 0.02 * t)) for t in range(3)]
+    sequence = abfm.sequence(BALL, frames, parameters=abfm.sequences.defaults(sigma=0.1))
+    other = abfm.TriangleMesh(BALL.vertices * (1.0, 1.1, 0.9), BALL.faces)
+    registration = abfm.register(other, BALL, X, X, initial="connectivity", parameters=QUICK)
+    return {
+        "mesh": (BALL, "162 vertices, 320 faces, closed"),
+        "match": (match, match.facts.headline),
+        "registration": (registration, registration.facts.headline),
+        "sequence": (sequence, sequence.facts.headline),
+    }
+
+
+def frame_of(view):
+    """Return the page in a view."""
+    [page] = re.findall(r'srcdoc="([^"]*)"', view)
+    return unescape(page)
+
+
+@pytest.mark.parametrize("kind", ["mesh", "match", "registration", "sequence"])
+def test_views_have_verdict_and_page(kind):
+    shown, headline = found()[kind]
+    view = shown._repr_html_()
+    about, _ = view.split("<iframe", 1)
+    assert headline in unescape(about)
+    assert kind.capitalize() in about
+    assert 'sandbox="allow-scripts"' in view
+    page = frame_of(view)
+    assert page.startswith("<!doctype html>")
+    assert '<body class="embedded">' in page
+    assert len(view) < 400_000
+
+
+def test_hostile_names_are_escaped(tmp_path):
+    path = tmp_path / f"{EVIL.replace('/', '')} 'x'.npy"
+    np.save(path, X)
+    spec = f"file:{abfm.functions.quoted(str(path))}"
+    view = abfm.match(BALL, spec, spec, QUICK)._repr_html_()
+    assert "<script>document" not in view
+    assert "<img" not in view
+    page = frame_of(view)
+    assert page.count("<script") == 3  # data, arrays and the script
+    assert "<img" not in page
+    assert view.count("<iframe") == 1
+
+
+def test_error_of_a_page_is_its_view(monkeypatch):
+    def refuse(*given, **named):
+        raise AbfmError(EVIL)
+
+    monkeypatch.setattr(notebook, "page_of", refuse)
+    view = BALL._repr_html_()
+    assert escape(EVIL[:30]) in view
+    assert "<script" not in view
+
+
+def test_fine_surfaces_are_coarsened(monkeypatch):
+    monkeypatch.setattr(notebook, "VERTICES_MAX", 60)
+    match, _ = found()["match"]
+    view = match._repr_html_()
+    check_message(re.search("Shown on[^<]*", view)[0], 60, 162)
+    page = notebook.coarser(notebook.page_of(match), 60)
+    for panel in page.panels:
+        assert 20 < len(panel.mesh.vertices) <= 75
+        [layer] = panel.layers
+        assert layer.values.shape[-1] == len(panel.mesh.vertices)
+    # the source is x, also on the coarser sphere, whose vertices lie inside
+    coarse = page.panels[0]
+    assert np.abs(coarse.layers[0].values - coarse.mesh.vertices[:, 0]).max() < 0.1
+    open_square = square(12)
+    coarse = notebook.coarser(notebook.mesh_page(open_square, ""), 60).panels[0]
+    assert len(coarse.mesh.vertices) < len(open_square.vertices)
+    assert np.isnan(coarse.layers[0].values).all()
+
+
+@pytest.mark.parametrize("bound", ["RESULT_VERTICES_MAX", "BYTES_MAX"])
+def test_large_results_are_a_sentence(monkeypatch, bound):
+    monkeypatch.setattr(notebook, bound, 100)
+    match, headline = found()["match"]
+    view = match._repr_html_()
+    assert "<iframe" not in view
+    assert headline in unescape(view)
+    check_message(re.search("It is not drawn[^<]*", view)[0], "show")
+
+
+def test_show_opens_a_page(monkeypatch, tmp_path, capsys):
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: opened.append(address) or True)
+    path = BALL.show(tmp_path / "a ball.html")
+    assert path.read_text("utf-8").count("a ball") == 2  # title and heading
+    assert BALL.show().suffix == ".html"
+    assert opened[0] == path.as_uri()
+    assert len(opened) == 2
+    assert not capsys.readouterr().out
+    with raises(ParameterError, "up", "w"):
+        BALL.show(up="w")
+
+
+def test_show_without_a_browser_prints_the_path(monkeypatch, capsys):
+    monkeypatch.setattr(webbrowser, "open", lambda address: False)
+    path = BALL.show()
+    assert str(path) in capsys.readouterr().out
+    assert path.exists()
+
+
+def test_notebook_runs():
+    executed = nbformat.read(NOTEBOOK, as_version=4)
+    nbclient.NotebookClient(executed, timeout=300).execute()
+    outputs = [out for cell in executed.cells for out in cell.get("outputs", [])]
+    views = [out["data"]["text/html"] for out in outputs if "data" in out]
+    assert len(views) == 3
+    for view, words in zip(views, ("315 vertices", "Match: matched", "Registration"), strict=True):
+        assert words in view
+        assert '<body class="embedded">' in frame_of(view)
+
+
+def test_notebook_is_kept_without_outputs():
+    cells = nbformat.read(NOTEBOOK, as_version=4).cells
+    assert not any(cell.get("outputs") for cell in cells)
