@@ -99,8 +99,6 @@ def load_mesh(
         x. A surface in one piece is kept as it is. Of nilearn's objects, the part.
     largest_component : bool
         Of several components keep the one with the largest area instead of refusing the mesh.
-    hemisphere : str
-        "L" or "R": the part of nilearn's objects; empty if there is only one.
 
     Notes
     -----
