@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from abfm import Correspondence, Parameters, TriangleMesh, load_mesh, register
-from abfm.functions import read_labels, read_table
+from abfm.functions import read_column, read_labels
 from abfm.maps.spherical import sphere_directions
 from abfm.registration import MEASURED, prepare
 from abfm.registration.initial import initial_map
@@ -124,7 +124,7 @@ def read_subject(folder: Path) -> Side:
     def place(name: str) -> Path:
         return next(path for path in sorted(folder.rglob(name)))
 
-    depth, curvature = (read_table(str(place(f"lh.{n}")))[1][:, 0] for n in ("sulc", "curv"))
+    depth, curvature = (read_column(place(f"lh.{n}")) for n in ("sulc", "curv"))
     sphere, surface = load_mesh(place("lh.sphere")), load_mesh(place("lh.smoothwm"))
     return Side(sphere, surface, depth, curvature, None, label_names(place("lh.aparc.annot")))
 
@@ -133,8 +133,7 @@ def read_template(folder: Path, side: str, labels: Path | None) -> Side:
     """Read a hemisphere of fsaverage5 as nilearn has it."""
     sphere, surface = (load_mesh(folder / f"{name}_{side}.gii.gz") for name in ("sphere", "white"))
     depth, curvature, thickness = (
-        read_table(str(folder / f"{name}_{side}.gii.gz"))[1][:, 0]
-        for name in ("sulc", "curv", "thick")
+        read_column(folder / f"{name}_{side}.gii.gz") for name in ("sulc", "curv", "thick")
     )
     return Side(
         sphere, surface, depth, curvature, thickness, label_names(labels) if labels else None
@@ -270,14 +269,14 @@ def read_conte69(folder: Path) -> tuple[TriangleMesh, FloatArray, FloatArray, Fl
     """Read the sphere of conte69, the left hemisphere, its curvature, thickness, and cortex."""
     sphere = load_mesh(folder / "conte69_32k_lh_sphere.gii")
     curvature, thickness = (
-        read_table(str(folder / f"conte69_32k_{name}.csv"))[1][: len(sphere.vertices), 0]
+        read_column(folder / f"conte69_32k_{name}.csv", "0")[: len(sphere.vertices)]
         for name in ("curvature", "thickness")
     )
     return (
         sphere,
         curvature,
         thickness,
-        read_table(str(folder / "conte69_32k_lh_mask.csv"))[1][:, 0],
+        read_column(folder / "conte69_32k_lh_mask.csv", "0"),
     )
 
 

@@ -25,7 +25,7 @@ from abfm import Sequence, TriangleMesh, load_mesh, sequence
 from abfm.batch import Cluster
 from abfm.calculus.operators import edge_lengths, face_areas, face_normals, gradient
 from abfm.calculus.vector_fields import to_ambient
-from abfm.functions import read_table
+from abfm.functions import read_column
 from abfm.outcome import worse_residual
 from abfm.types import BoolArray, FloatArray, IntArray
 from laboratory.common import mapped, put_between, told_table
@@ -77,7 +77,7 @@ class Maps:
 def read_maps(folder: Path, side: str, mesh: TriangleMesh) -> Maps:
     """Read the maps of a side, on the first vertices of theirs."""
     eccentricity, angle, area = (
-        read_table(str(folder / f"{side}.benson14_{name}.v4_0.mgz"))[1][: len(mesh.vertices), 0]
+        read_column(folder / f"{side}.benson14_{name}.v4_0.mgz", "0")[: len(mesh.vertices)]
         for name in ("eccen", "angle", "varea")
     )
     return Maps(mesh, eccentricity, angle, area)

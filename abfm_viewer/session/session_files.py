@@ -6,7 +6,6 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -60,7 +59,6 @@ from abfm_viewer.session.result_tables import FoundTable, Tables, find_table
 from abfm_viewer.session.session import Session
 
 if TYPE_CHECKING:
-    from abfm.reading.labels import Labels
     from abfm_viewer.files.state_folder import StateFolder
 
 MESHES, PROJECT, RESULT = (*MESH_ENDINGS, *FREESURFER_SURFACES), ".abfm", ".npz"
@@ -251,16 +249,6 @@ def _needs_no_file(spec: str) -> bool:
         return False
 
 
-def _labels(path: Path) -> Labels:
-    """Read labels; of several columns the first, as nothing asks for another one."""
-    try:
-        return abfm.functions.read_labels(path)
-    except FunctionError:
-        with suppress(FunctionError):
-            return abfm.functions.read_labels(path, "0")
-        raise
-
-
 class SessionFiles:
     """Opens and saves a session's files, and keeps recent ones in `state`.
 
@@ -401,8 +389,10 @@ class SessionFiles:
         """Take the labels of a file for the source's surface."""
         session = self._session
         try:
-            labels = _labels(path)
-            found = LabelMap.of(path.name, session.surface("source").mesh, labels)
+            mesh = session.surface("source").mesh
+            # of several columns the first, as nothing asks for another one
+            labels = abfm.functions.read_label_columns(path, mesh).labels(0)
+            found = LabelMap.of(path.name, mesh, labels)
         except FunctionError as error:
             session.notices.say(str(error), is_error=True)
             return

@@ -2,6 +2,8 @@
 
 import argparse
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -17,10 +19,12 @@ from abfm import (
     load_correspondence,
 )
 from abfm.errors import printable
-from abfm.functions import read_column, read_labels, read_table
+from abfm.functions import read_values
+from abfm.functions.labels import read_label_columns
+from abfm.functions.value_files import reported
 from abfm.io import textured_files, write_labels, write_values
 from abfm.maps import SurfacePoints, project_onto_surface
-from abfm.reading import NO_LABEL, Labels
+from abfm.reading import NO_LABEL, Columns, Labels
 from abfm.workers.progress import Step, telling
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
@@ -70,6 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=texels,
     )
     add("--column", "of --labels with several: its name, or its number, counted from 0", "NAME")
+    add("--hemisphere", "of --data and --labels of both hemispheres (CIFTI)", choices=("L", "R"))
     add("--inverse", "from B to A")
     what = "of --data and --labels: area or point (default: area)"
     add("--by", what, "WAY", choices=("area", "point"))
@@ -91,17 +96,18 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.column is not None and not arguments.labels:
         raise UsageError("--column is of --labels; of --data all columns are carried")
     by: Literal["area", "point"] = arguments.by or "area"
+    side = arguments.hemisphere or ""
     found = load_correspondence(arguments.registration)
     if isinstance(found, Registration):
         warn_of_doubt(arguments.registration, found.match)
     way = found.inverse() if arguments.inverse else found
     if arguments.data:
-        names, values = read_table(arguments.data)
-        _check_rows(way, len(values), arguments.data)
-        write_values(out, way.b.on_file(way.carry(values, by)), names=names)
+        data = partial(read_values, arguments.data, hemisphere=side)
+        columns = _read_on(way, data)
+        carried = way.b.on_file(way.carry(columns.table(), by))
+        write_values(out, carried, names=columns.names)
     elif arguments.labels:
-        labels = _labels(arguments.labels, arguments.column)
-        _check_rows(way, len(labels.values), arguments.labels)
+        labels = _labels(way, arguments.labels, arguments.column, side)
         carried = way.b.on_file(way.carry_labels(labels.values, by), NO_LABEL)
         write_labels(out, Labels(carried, labels.names, labels.colors))
     elif arguments.points:
@@ -138,30 +144,43 @@ def _check_textured(arguments: argparse.Namespace) -> None:
             )
 
 
-def _check_rows(way: Correspondence, rows: int, path: str) -> None:
-    if rows in (len(way.a.vertices), way.a.file_vertex_count):
-        return
-    other = rows in (len(way.b.vertices), way.b.file_vertex_count)
-    hint = "; they fit the other surface: give --inverse, or leave it out" if other else ""
-    raise FunctionError(
-        f"{path} has {rows} rows, and the surface {way.a.file_vertex_count} vertices{hint}"
-    )
-
-
-def _labels(path: str, column: str | None) -> Labels:
+def _read_on(way: Correspondence, read: Callable[[TriangleMesh], Columns]) -> Columns:
+    """Read columns on surface A of a correspondence, and print what a user should know of them."""
     try:
-        if not path.lower().endswith((".npy", ".csv", ".txt")):
-            return read_labels(path, column)
-        keys = read_column(path, column)
+        found = read(way.a)
+    except FunctionError as error:
+        if not _fits(way.b, read):
+            raise
+        raise FunctionError(
+            f"{error}; they fit the other surface: give --inverse, or leave it out"
+        ) from None
+    for note in found.notes:
+        print(f"note: {note}", file=sys.stderr)
+    return found
+
+
+def _fits(mesh: TriangleMesh, read: Callable[[TriangleMesh], Columns]) -> bool:
+    try:
+        read(mesh)
+    except FunctionError:
+        return False
+    return True
+
+
+def _labels(way: Correspondence, path: str, column: str | None, side: str) -> Labels:
+    columns = _read_on(way, partial(read_label_columns, path, column=column, hemisphere=side))
+    try:
+        with reported(path):
+            labels = columns.labels(column)
     except FunctionError as error:
         raise FunctionError(str(error).replace("choose column=", "choose --column ")) from None
-    if not (np.array_equal(keys, np.round(keys)) and np.abs(keys).max() <= _LARGEST_KEY):
-        raise FunctionError(f"{path}: labels are whole numbers")
-    return Labels(keys.astype(np.int64), {}, {})
+    if np.abs(labels.values).max() > _LARGEST_KEY:
+        raise FunctionError(f"{path}: keys of labels are at most {_LARGEST_KEY}")
+    return labels
 
 
 def _points(way: Correspondence, path: str) -> np.ndarray:
-    table = read_table(path)[1]
+    table = read_values(path).table()
     if table.shape[1] == 3:
         return way.carry_points(_on_surface(way.a, table, path)).positions
     if table.shape[1] != 1:

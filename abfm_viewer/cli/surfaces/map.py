@@ -21,7 +21,7 @@ from abfm import (
     load_match,
 )
 from abfm.errors import printable
-from abfm.functions import read_table, vertex_map
+from abfm.functions import read_values, vertex_map
 from abfm.io import write_atomically
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import BOUNDS, MapAccuracy, map_accuracy
@@ -176,11 +176,7 @@ def _table(
 
 def _carried(points: PointMap, path: str) -> NDArray[Any]:
     """Return a table, a row per vertex, transferred along the flow; NaN where no face is."""
-    table = read_table(path)[1]
-    try:
-        rows = points.domain.restrict(table)
-    except FunctionError as error:
-        raise FunctionError(f"file {path!r}: {error}") from None
+    rows = read_values(path, points.domain).table()
     if not np.isfinite(rows).all():
         raise FunctionError(
             f"file {path!r}: some values are not finite; only finite ones can be carried"
@@ -188,7 +184,7 @@ def _carried(points: PointMap, path: str) -> NDArray[Any]:
     values = points.pull_back(rows)
     if not np.isfinite(values).all():
         raise ParameterError("the carried values overflow: use a shorter time")
-    return values if len(table) == len(values) else points.domain.on_file(values)
+    return points.domain.on_file(values)
 
 
 def _write(path: Path, table: NDArray[Any]) -> None:

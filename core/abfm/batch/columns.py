@@ -15,6 +15,7 @@ from abfm.functions import Permuted, Scaled, Spec, Sum, ValuesFile, parse, quote
 from abfm.matching.bounded import check_bound
 from abfm.mesh.options import MeshOptions
 from abfm.parameters import CHOICES, Parameters, is_whole
+from abfm.reading.text_tables import parse_number
 from abfm.registration import initial
 
 Rename = Callable[[str], str]
@@ -67,10 +68,10 @@ def _reader(name: str, is_optional: bool) -> Callable[[str], Any]:
             return None
         if name not in CHOICES:
             try:
-                value = int(text) if is_whole(entry) else float(text)
+                value = int(text) if is_whole(entry) else parse_number(text)
             except ValueError:
                 noun = "whole number" if is_whole(entry) else "number"
-                raise ParameterError(f"{brief(text)} is no {noun}") from None
+                raise ParameterError(f"{brief(text)} is no {noun}{_hint(text)}") from None
         # what does not fit alone; what does not fit the others is told of the row
         alone: dict[str, Any] = {name: value}
         if name == "stage_iterations":
@@ -81,11 +82,15 @@ def _reader(name: str, is_optional: bool) -> Callable[[str], Any]:
     return read
 
 
+def _hint(text: str) -> str:
+    return ": write a decimal point, and no signs between thousands" if "," in text else ""
+
+
 def _bound(text: str) -> float:
     try:
-        bound = float(text)
+        bound = parse_number(text)
     except ValueError:
-        raise ParameterError(f"{brief(text)} is no number") from None
+        raise ParameterError(f"{brief(text)} is no number{_hint(text)}") from None
     check_bound(bound)
     return bound
 
@@ -126,7 +131,7 @@ def _renamed_weight(text: str, rename: Rename) -> str:
 def _channel(text: str) -> tuple[str, str, float]:
     try:
         source, target, weight = shlex.split(text)
-        return _spec(source), _spec(target), float(weight)
+        return _spec(source), _spec(target), parse_number(weight)
     except ValueError as error:
         if isinstance(error, FunctionError):
             raise

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
-from pathlib import Path
 from typing import Any, TypeVar
 
 from abfm.batch.columns import Column
 from abfm.batch.kinds import KINDS
 from abfm.batch.rows import Row
 from abfm.errors import ParameterError, brief, did_you_mean, one_line
-from abfm.reading import read_bytes
+from abfm.reading import Format, decoded, open_file, rows_of
 
 Read = TypeVar("Read")
 
 NAME = "name"
 """The column with what a row is called."""
 _LARGEST, _MOST_ROWS = 256 << 20, 1_000_000
-_OPEN = "its last double quote has no other one"
-_DELIMITERS = ",;\t"
 
 
 def known_columns() -> dict[str, Column]:
@@ -35,8 +30,8 @@ def read_table(path: str | os.PathLike[str]) -> list[Row]:
 
     The first line names the columns as the options of `abfm match` and `abfm register` are named,
     and ``mesh``, or ``a`` and ``b``, and maybe ``name``; commas, semicolons or tabs separate them,
-    as in the first line. A cell with a comma stands in double quotes. Empty cells are not given,
-    empty lines are skipped.
+    as in the first line. A cell with a comma stands in double quotes. Numbers may have decimal
+    commas. Empty cells are not given, empty lines are skipped.
 
     Raises
     ------
@@ -50,16 +45,19 @@ def of_table(path: str | os.PathLike[str], read: Callable[[str, str], Read]) -> 
     """Return what is read of the text of a table, and of the folder where its paths begin; a
     ParameterError names the table.
     """
-    name, place = one_line(path), Path(os.path.expanduser(path))
+    name = one_line(path)
     try:
-        text = read_bytes(place, _LARGEST).decode("utf-8-sig")
+        opened = open_file(path)
+        if opened.format not in (Format.TABLE, Format.UNKNOWN):
+            raise ParameterError(f"it is {opened.format}; expected a table, such as .csv")
+        if len(opened.data) > _LARGEST:
+            raise ParameterError(f"it has {len(opened.data)} bytes; at most {_LARGEST} are read")
+        return read(decoded(opened.data), os.fspath(opened.path.absolute().parent))
     except OSError as error:
         raise ParameterError(f"cannot read table {name}: {one_line(error)}") from error
     except UnicodeDecodeError as error:
         raise ParameterError(f"table {name}: {one_line(error)}; save it as UTF-8") from None
-    try:
-        return read(text, os.fspath(place.absolute().parent))
-    except ParameterError as error:
+    except ValueError as error:
         raise ParameterError(f"table {name}: {error}") from None
 
 
@@ -84,19 +82,9 @@ def table_cells(text: str, most: int = _MOST_ROWS) -> Iterator[list[str]]:
     """Yield the cells of each line that is not empty, the names of the columns first, then at most
     so many; no line has more cells than there are columns.
     """
-    head = text.lstrip().partition("\n")[0]
-    if "\0" in text:
-        line = text.count("\n", 0, text.index("\0")) + 1
-        raise ParameterError(f"line {line}: it has a zero byte; save the table as UTF-8")
-    delimiter = max(_DELIMITERS, key=head.count)
-    lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
-    number, width = -1, 0
+    width = 0
     try:
-        for given in lines:
-            cells = [cell.strip() for cell in given]
-            if not any(cells):
-                continue
-            number += 1
+        for number, cells in enumerate(rows_of(text, blanks=False).cells):
             width = width or len(cells)
             if number > most:
                 raise ParameterError(f"it has more than {most} rows")
@@ -106,9 +94,8 @@ def table_cells(text: str, most: int = _MOST_ROWS) -> Iterator[list[str]]:
                     "a cell with a comma in double quotes"
                 )
             yield cells
-    except csv.Error as error:
-        told = one_line(error).replace("unexpected end of data", _OPEN)
-        raise ParameterError(f"line {lines.line_num}: {told}") from None
+    except ValueError as error:
+        raise ParameterError(str(error)) from None
 
 
 def _columns(cells: Sequence[str]) -> list[str]:

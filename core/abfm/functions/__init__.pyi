@@ -6,11 +6,10 @@ from .family import Spec as Spec
 from .family import quoted as quoted
 from .files import Permuted as Permuted
 from .files import ValuesFile as ValuesFile
-from .files import read_column as read_column
-from .files import read_table as read_table
 from .files import read_vertex_map as read_vertex_map
 from .files import vertex_map as vertex_map
 from .labels import Labels as Labels
+from .labels import read_label_columns as read_label_columns
 from .labels import read_labels as read_labels
 from .local_shape import vertex_normals as vertex_normals
 from .places import Gaussian as Gaussian
@@ -20,3 +19,5 @@ from .spec import Sum as Sum
 from .spec import families as families
 from .spec import function as function
 from .spec import parse as parse
+from .value_files import read_column as read_column
+from .value_files import read_values as read_values

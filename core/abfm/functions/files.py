@@ -1,60 +1,45 @@
 """Functions and vertex maps read from files that count as the mesh file does."""
 
-import csv
 import os
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from abfm.errors import FunctionError, brief, did_you_mean, one_line
-from abfm.functions.family import WORD, Family, Spec, file_name, parameter, quoted
-from abfm.functions.labels import LISTED, listed_vertices, where_label
+from abfm.errors import FunctionError, brief, did_you_mean
+from abfm.functions.family import WORD, Family, Spec, choice, file_name, parameter, quoted
+from abfm.functions.labels import where_label
+from abfm.functions.value_files import (
+    LABELS_ENDINGS,
+    VALUES_ENDINGS,
+    Request,
+    columns_of,
+    read_map_table,
+    reported,
+)
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh
-from abfm.reading import (
-    FREESURFER_VALUES,
-    LABEL,
-    array_from,
-    freesurfer_kind,
-    freesurfer_label,
-    freesurfer_overlay,
-    freesurfer_values,
-    read_bytes,
-    read_gifti,
-)
+from abfm.reading import FREESURFER_VALUES, Format, counts_of, open_file
 from abfm.types import FloatArray, IntArray
 
-_NO_NUMBER = re.compile(  # NumPy's words, which count rows from 0 and columns from 1
-    r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
-    re.DOTALL,
-)
-_SUFFIXES = (".npy", ".csv", ".txt", ".gii", ".gii.gz", ".mgh", ".mgz", ".vts")
-_TABLES = (*_SUFFIXES, ".map")
-_LABELS = (".annot", LISTED)
 _SYMMETRIC = ".sym.vts"
-_ARE_LABELS = (
-    "it holds labels, which cannot be interpolated; give label=NAME for where one is, carry them "
-    "by abfm apply --labels, or use abfm.functions.read_labels"
-)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ValuesFile(Family):
     """Values from a file, in its own unit: one per vertex, as the mesh file counts.
 
-    It may be .npy, .csv, .txt, .gii(.gz) or FreeSurfer's. Labels, of .label.gii and .annot files,
-    are numbers with nothing between them: a function is where one of them is, 1 there and 0
-    elsewhere. So is what a .label file lists.
+    Tables, arrays of NumPy and MATLAB, GIFTI, CIFTI, and FreeSurfer's files hold them, see
+    :func:`abfm.functions.read_values`. Labels are numbers with nothing between them: a function is
+    where one of them is, 1 there and 0 elsewhere. So is what a .label file lists.
     """
 
     family = "file"
     positional = "path"
     path: str = parameter(
-        file_name(*_SUFFIXES, *FREESURFER_VALUES, *_LABELS),
-        ".npy, .csv, .txt, .gii or FreeSurfer's",
+        file_name(*VALUES_ENDINGS, *FREESURFER_VALUES, *LABELS_ENDINGS),
+        "a table, array, GIFTI, CIFTI or FreeSurfer file",
     )
     column: str | None = parameter(
         WORD, "column by its name or number, counted from 0", default=None
@@ -62,18 +47,23 @@ class ValuesFile(Family):
     label: str | None = parameter(
         WORD, "of labels, the one that is 1, by its name or key; all else is 0", default=None
     )
+    hemisphere: str | None = parameter(
+        choice("L", "R"), "of files of both hemispheres", default=None
+    )
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
+        side = self.hemisphere or ""
         if self.label is not None:
-            values = where_label(self.path, self.label, self.column).astype(np.float64)
-        elif self.path.lower().endswith(LISTED):
-            return listed_vertices(mesh, self.path, self.column)
-        else:
-            values = read_column(self.path, self.column)
-        try:
-            return mesh.restrict(values)
-        except FunctionError as error:
-            raise FunctionError(f"file {brief(self.path)}: {error}") from None
+            return where_label(self.path, self.label, mesh, self.column, side).astype(np.float64)
+        with reported(self.path):
+            opened = open_file(self.path)
+            request = Request(counts_of(mesh), self.column, side)
+            found = columns_of(opened, request).of_values().on(mesh)
+            values = found.table()[:, found.number_of(self.column)]
+            if opened.format is not Format.LABEL_LIST:
+                return values
+            listed = ~np.isnan(values)
+            return np.where(listed, 1.0 if self.column is None else values, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +76,7 @@ class Permuted(Family):
 
     family = "permuted"
     path: str = parameter(
-        file_name(*_SUFFIXES), "file with one vertex number per vertex; or mirror, or rotation"
+        file_name(*VALUES_ENDINGS), "file with one vertex number per vertex; or mirror, or rotation"
     )
     function: Spec  # given in parentheses after the path
 
@@ -100,136 +90,6 @@ class Permuted(Family):
 
     def evaluate(self, mesh: TriangleMesh) -> FloatArray:
         return self.function.evaluate(mesh)[vertex_map(mesh, self.path)]
-
-
-def read_column(path: str, column: str | None = None) -> FloatArray:
-    """Read one column of numbers, (n,), of a file, or raise a FunctionError; see `read_table`.
-
-    ``column`` is a name, or a number counted from 0, and needed where there are several.
-    """
-    names, table = read_table(path)
-    count = table.shape[1]
-    if column is None and count == 1:
-        return table[:, 0]
-    if column in names:
-        return table[:, names.index(column)]
-    if column is not None and len(column) < 10 and column.isdecimal() and int(column) < count:
-        return table[:, int(column)]
-    listed = f" or one of {', '.join(one_line(name, 30) for name in names[:8])}" if names else ""
-    asked = "" if column is None else f", none called {brief(column)}{did_you_mean(column, names)}"
-    raise FunctionError(
-        f"file {brief(path)} has {count} columns{asked}; choose column=0 to {count - 1}{listed}"
-    )
-
-
-def read_table(path: str) -> tuple[list[str], FloatArray]:
-    """Read the names of the columns, if any, and the numbers, (n, c), or raise a FunctionError.
-
-    .npy holds an array (n,) or (n, c), no pickle. .csv, .txt, .vts and .map hold lines of
-    numbers separated by commas, semicolons, tabs or blanks, with or without a line of names on top;
-    empty lines and lines starting with ``#`` are skipped. .gii is GIFTI: its arrays are columns,
-    named by their metadata. .mgh and .mgz are FreeSurfer's: frames are the columns. Other names
-    may be of FreeSurfer's values, such as ``lh.sulc``, which are known by how they begin; .label
-    lists vertices with a value each. Labels are refused: see `read_labels`.
-    """
-    suffix = next((suffix for suffix in _TABLES if path.lower().endswith(suffix)), None)
-    file = Path(os.path.expanduser(path))
-    try:
-        if suffix is None:
-            return _read_freesurfer(file)
-        if suffix in (".csv", ".txt", ".vts", ".map"):
-            return _read_text(file)
-        if suffix == ".npy":
-            return [], _as_table(array_from(read_bytes(file)))
-        if suffix in (".mgh", ".mgz"):
-            return [], freesurfer_overlay(file)
-        arrays = read_gifti(file).arrays
-        if not arrays:
-            raise ValueError("it holds no data array")
-        if any(array.intent == LABEL for array in arrays):
-            raise ValueError(_ARE_LABELS)
-        table = _as_table(np.column_stack([array.values for array in arrays]))
-        names = [array.name for array in arrays]
-        return names if any(names) and len(names) == table.shape[1] else [], table
-    except OSError as error:
-        raise FunctionError(f"file {brief(path)} cannot be read: {one_line(error)}") from error
-    except Exception as error:  # whatever a broken file makes of the readers
-        raise FunctionError(
-            f"file {brief(path)} is not a table of numbers: {one_line(error)}"
-        ) from error
-
-
-def _read_freesurfer(file: Path) -> tuple[list[str], FloatArray]:
-    """Read values of FreeSurfer's, whatever their file is called."""
-    ending = file.suffix.lower()
-    if ending == LISTED:
-        return ["vertex", "value"], np.column_stack(freesurfer_label(file)).astype(np.float64)
-    if ending == ".annot":
-        raise ValueError(_ARE_LABELS)
-    kind = freesurfer_kind(file)
-    if kind == "values":
-        return [], freesurfer_values(file).reshape(-1, 1)
-    if kind:
-        raise ValueError("it is a surface of FreeSurfer's; give values, such as lh.sulc")
-    raise ValueError(
-        f"the name must end in {', '.join(_SUFFIXES)}, or the file begin as FreeSurfer's values do"
-    )
-
-
-def _as_table(values: np.ndarray) -> FloatArray:
-    if values.dtype.kind not in "biuf" or values.ndim not in (1, 2):
-        raise ValueError(
-            f"an array of {values.dtype} with shape {values.shape}; real numbers (n,) or (n, c) "
-            "expected"
-        )
-    return values.reshape(len(values), -1).astype(np.float64)
-
-
-def _text_lines(path: Path) -> tuple[list[str], str | None]:
-    """Return the lines that are neither empty nor begin with ``#``, and what separates cells; None
-    is blanks.
-    """
-    text = read_bytes(path).decode("utf-8-sig")
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    if not lines:
-        raise ValueError("it is empty")
-    return lines, next((sign for sign in ";,\t" if sign in lines[0]), None)
-
-
-def text_rows(path: Path) -> list[list[str]]:
-    """Return the cells of the lines of a text file, which may hold words; see `read_table`."""
-    lines, delimiter = _text_lines(path)
-    if delimiter is None:
-        return [line.split() for line in lines]
-    try:
-        return list(csv.reader(lines, delimiter=delimiter))
-    except csv.Error as error:  # which is no ValueError
-        raise ValueError(str(error)) from None
-
-
-def _read_text(path: Path) -> tuple[list[str], FloatArray]:
-    lines, delimiter = _text_lines(path)
-    names = list[str]()
-    first = next(csv.reader(lines[:1], delimiter=delimiter)) if delimiter else lines[0].split()
-    try:
-        list(map(float, first))
-    except ValueError:
-        names = [name.strip() for name in first]
-    rows = lines[1:] if names else lines
-    if not rows:
-        raise ValueError(f"it has only the line {brief(lines[0])}")
-    try:
-        table = np.loadtxt(rows, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
-    except ValueError as error:
-        found = _NO_NUMBER.match(str(error))
-        raise ValueError(
-            f"row {found['row']} of its numbers, counting from 0, has "
-            f"{one_line(found['word'], 60)} in column "
-            f"{int(found['column']) - 1}, where a number is expected"
-            if found
-            else str(error).partition("; use `usecols`")[0]  # which is advice to who programs
-        ) from error
-    return names if len(names) == table.shape[1] else [], table  # other words on top are a title
 
 
 def vertex_map(mesh: TriangleMesh, name: str) -> IntArray:
@@ -255,7 +115,7 @@ def vertex_map(mesh: TriangleMesh, name: str) -> IntArray:
 
 
 def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
-    """Read a map of the vertices, (V,), from any file that `read_table` reads.
+    """Read a map of the vertices, (V,), from any file that `read_values` reads.
 
     One column, one number per vertex of the mesh file
         The vertex that each vertex is mapped to.
@@ -271,12 +131,12 @@ def read_vertex_map(mesh: TriangleMesh, path: str) -> IntArray:
     others from 0, as meshes do. A FunctionError tells what else there is, as are pairs of .txt or
     .csv that fit both ways, or two partners of a vertex.
     """
-    table = read_table(path)[1]
+    table = read_map_table(path, mesh)
     template = Path(os.path.expanduser(path[: -len(_SYMMETRIC)] + ".vts"))
     if table.shape[1] == 2:
         return _swapped(mesh, path, _local_vertices(mesh, path, table))
     if path.lower().endswith(_SYMMETRIC) and template.is_file():
-        points, mirrored = read_column(str(template)), read_column(path)
+        points, mirrored = read_map_table(template, mesh)[:, 0], table[:, 0]
         if len(points) != len(mirrored):
             raise FunctionError(
                 f"map {brief(path)} has {len(mirrored)} lines, {brief(template.name)} has "

@@ -2,14 +2,13 @@
 in a zip, checked whole when written, and each when it is asked for.
 """
 
-import io
 import json
 import math
 import os
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import Any, BinaryIO, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +17,7 @@ from abfm.errors import ResultError, brief, one_line
 from abfm.io.atomic import write_atomically
 from abfm.mesh import TriangleMesh
 from abfm.mesh.draft import NO_COPIES, FileNumbers
-from abfm.reading import LARGEST as LARGEST_MEMBER
-from abfm.reading import array_from, most_inflated, open_plain
+from abfm.reading import Archive, open_plain
 from abfm.workers.control import CancelledError
 
 FORMAT_VERSION = 2
@@ -34,7 +32,6 @@ _MOST_DROPPED = 10_000_000
 _MOST_TOLD, _LONGEST_TEXT = 400, 10_000  # characters
 # bytes of files of abfm's own: those of thousands of frames are larger than any that others make
 _LARGEST_FILE = 1 << 40
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read in bounded steps
 _KINDS: dict[str, tuple[str, Any]] = {
     "real": ("fiu", np.float64),
     "single": ("fiu", np.float32),
@@ -213,50 +210,6 @@ _SEQUENCE = {
     "weights": Entry("real", ("C",), low=0),
 }
 SEQUENCE = Kind("sequence file", MESH_ENTRIES | _SEQUENCE)
-
-
-class Archive(Mapping[str, NDArray[Any]]):
-    """A zip open for reading, in all no more bytes than it can hold: each array when asked for."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._zip = zipfile.ZipFile(file)
-        size = file.seek(0, io.SEEK_END)
-        self._left, self._most = most_inflated(size), max(LARGEST_MEMBER, size)
-        names = self._zip.namelist()
-        self._names = {name.removesuffix(".npy") for name in names if name.endswith(".npy")}
-        self.packed = [member.filename for member in self._zip.infolist() if member.compress_type]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._names
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        if name not in self._names:
-            raise KeyError(f"it lacks {name}")
-        try:
-            return array_from(self.read(f"{name}.npy"))
-        except ValueError as error:
-            raise ValueError(f"{name}: {one_line(error)}") from error
-
-    def read(self, name: str, most: int | None = None) -> bytes:
-        """Return the bytes of a member; damage makes any error of the zip's reader."""
-        member, most = self._zip.getinfo(name), self._most if most is None else most
-        if member.file_size > most:
-            raise ValueError(f"{name} has {member.file_size} bytes; expected at most {most}")
-        self._left -= member.file_size
-        if self._left < 0:
-            raise ValueError(
-                f"its members up to {name} have more bytes than a zip of this size can hold"
-            )
-        if member.compress_type not in _METHODS:
-            raise ValueError(f"{name} is compressed by a method other than deflate")
-        with self._zip.open(member) as file:
-            return file.read(member.file_size + 1)
 
 
 @contextmanager

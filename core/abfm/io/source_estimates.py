@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from abfm.errors import ResultError, one_line
 from abfm.io.atomic import write_atomically
 from abfm.numerics.real_numbers import real_numbers
-from abfm.reading import read_stc
+from abfm.reading import read_bytes, read_stc
 from abfm.types import IntArray
 
 _HEMISPHERES = ("-lh.stc", "-rh.stc")
@@ -67,7 +67,8 @@ def write_stc(
     other = _other_hemisphere(path)
     try:
         if other.is_file() and other.read_bytes()[8:12] != bytes(4):  # the number of its vertices
-            fits = np.array_equal(read_stc(other).times, read_stc(path).times)
+            known = read_stc(read_bytes(other)).times
+            fits = np.array_equal(known, read_stc(read_bytes(path)).times)
             return "" if fits else f"MNE cannot open it with {other.name}, which has other times"
     except (OSError, ValueError) as error:
         return f"MNE cannot open it with {other.name}: {one_line(error)}"

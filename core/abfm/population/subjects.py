@@ -13,6 +13,7 @@ from abfm.batch.table import of_table, table_cells
 from abfm.errors import AbfmError, ParameterError, brief, one_line
 from abfm.functions import quoted
 from abfm.population.settings import LARGEST_WEIGHT
+from abfm.reading.text_tables import parse_number
 
 HELD_OUT = "held-out:"
 """How the column of a channel begins that is carried, but not registered by."""
@@ -206,11 +207,11 @@ def _value(given: Mapping[str, str], column: str, number: int, folder: str) -> s
         raise ParameterError(f"row {number}, column {one_line(column, 60)}: {why}") from None
 
 
-def _weight(text: str, number: int) -> float:
+def _weight(text: str, row: int) -> float:
     try:
-        return float(text) if text else 1.0
-    except ValueError:
-        raise ParameterError(f"row {number}: weight {brief(text)} is no number") from None
+        return parse_number(text) if text else 1.0
+    except ValueError as error:
+        raise ParameterError(f"row {row}: weight {brief(text)}: {one_line(error)}") from None
 
 
 def _require_once(what: str, names: Sequence[str]) -> None:

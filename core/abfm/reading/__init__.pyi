@@ -1,4 +1,10 @@
+from .cifti import read_cifti as read_cifti
+from .columns import Columns as Columns
+from .columns import Keys as Keys
+from .columns import counts_of as counts_of
+from .columns import vertex_axis as vertex_axis
 from .door import LARGEST as LARGEST
+from .door import Archive as Archive
 from .door import array_from as array_from
 from .door import from_json as from_json
 from .door import inflated as inflated
@@ -10,13 +16,14 @@ from .freesurfer import FREESURFER_SURFACES as FREESURFER_SURFACES
 from .freesurfer import FREESURFER_VALUES as FREESURFER_VALUES
 from .freesurfer import freesurfer_annotation as freesurfer_annotation
 from .freesurfer import freesurfer_frames as freesurfer_frames
-from .freesurfer import freesurfer_kind as freesurfer_kind
 from .freesurfer import freesurfer_label as freesurfer_label
-from .freesurfer import freesurfer_overlay as freesurfer_overlay
 from .freesurfer import freesurfer_quadrangles as freesurfer_quadrangles
 from .freesurfer import freesurfer_surface as freesurfer_surface
+from .freesurfer import freesurfer_text as freesurfer_text
 from .freesurfer import freesurfer_values as freesurfer_values
 from .gifti import LABEL as LABEL
+from .gifti import NODE_INDEX as NODE_INDEX
+from .gifti import SURFACE as SURFACE
 from .gifti import gifti_arrays as gifti_arrays
 from .gifti import read_gifti as read_gifti
 from .labels import NO_LABEL as NO_LABEL
@@ -30,6 +37,8 @@ from .opening import open_file as open_file
 from .source_estimates import SourceEstimate as SourceEstimate
 from .source_estimates import read_stc as read_stc
 from .strips import triangles_of_strips as triangles_of_strips
+from .text_tables import read_numbers as read_numbers
+from .text_tables import rows_of as rows_of
 from .vtk import Grid as Grid
 from .vtk import read_grid as read_grid
 from .vtk import vtk_contents as vtk_contents

@@ -13,8 +13,9 @@ import os
 import stat
 import sys
 import warnings
+import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -36,6 +37,7 @@ _NPY_HEADERS = {
     (3, 0): npy.read_array_header_2_0,  # whose letters beyond ASCII are in names of fields
 }
 _FLAGS = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that can be read in bounded steps
 # what is no plain file and no folder, by its mode's format
 SPECIAL = {stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 SPECIAL |= dict.fromkeys((stat.S_IFCHR, stat.S_IFBLK), "a device")
@@ -175,3 +177,47 @@ def array_from(data: bytes) -> NDArray[Any]:
         if (letters > sys.maxunicode).any():
             raise ValueError("a letter is none of Unicode's")
     return array.reshape(shape, order="F" if is_fortran else "C").copy(order="K")
+
+
+class Archive(Mapping[str, NDArray[Any]]):
+    """A zip open for reading: its arrays by name, in all no more bytes than it can hold."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._zip = zipfile.ZipFile(file)
+        size = file.seek(0, os.SEEK_END)
+        self._left, self._most = most_inflated(size), max(LARGEST, size)
+        names = self._zip.namelist()
+        self._names = {name.removesuffix(".npy") for name in names if name.endswith(".npy")}
+        self.packed = [member.filename for member in self._zip.infolist() if member.compress_type]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        if name not in self._names:
+            raise KeyError(f"it lacks {name}")
+        try:
+            return array_from(self.read(f"{name}.npy"))
+        except ValueError as error:
+            raise ValueError(f"{name}: {one_line(error)}") from error
+
+    def read(self, name: str, most: int | None = None) -> bytes:
+        """Return the bytes of a member; damage makes any error of the zip's reader."""
+        member, most = self._zip.getinfo(name), self._most if most is None else most
+        if member.file_size > most:
+            raise ValueError(f"{name} has {member.file_size} bytes; expected at most {most}")
+        self._left -= member.file_size
+        if self._left < 0:
+            raise ValueError(
+                f"its members up to {name} have more bytes than a zip of this size can hold"
+            )
+        if member.compress_type not in _METHODS:
+            raise ValueError(f"{name} is compressed by a method other than deflate")
+        with self._zip.open(member) as file:
+            return file.read(member.file_size + 1)

@@ -6,7 +6,6 @@ tell. Own code, as nibabel believes the sizes that files give.
 """
 
 import math
-import os
 import struct
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -15,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief
-from abfm.reading.door import inflated, open_plain, read_bytes
 from abfm.reading.labels import NO_LABEL, Color, Labels
 from abfm.types import FloatArray, IntArray
 
@@ -25,7 +23,6 @@ FREESURFER_SURFACES = (
 FREESURFER_VALUES = (".sulc", ".curv", ".thickness", ".area", ".volume")
 """What names of surfaces and of values usually end in; they may end in anything."""
 _SURFACE, _VALUES, _QUADRANGLES = b"\xff\xff\xfe", b"\xff\xff\xff", b"\xff\xff\xfd"
-_KINDS = {_SURFACE: "surface", _VALUES: "values", _QUADRANGLES: "quadrangles"}
 _LONGEST_LINE = 1 << 16  # of the two lines that say who made a surface
 _MGH_TYPES = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2", 10: ">u2"}
 _MGH_DATA = 284  # where it begins
@@ -37,16 +34,6 @@ class LabelFile(NamedTuple):
 
     vertices: IntArray
     values: FloatArray
-
-
-def freesurfer_kind(path: str | os.PathLike[str]) -> str:
-    """Return what the first bytes of a file say that it is: "surface", "values", "quadrangles" (an
-    old surface), or "" if it is nothing of FreeSurfer's that can be told so.
-
-    An OSError says that it cannot be read.
-    """
-    with open_plain(path) as file:
-        return _KINDS.get(file.read(len(_SURFACE)), "")
 
 
 def freesurfer_surface(data: bytes) -> tuple[FloatArray, IntArray]:
@@ -85,11 +72,16 @@ def freesurfer_quadrangles(data: bytes) -> tuple[FloatArray, IntArray]:
     return vertices / parts, quads
 
 
-def freesurfer_values(path: str | os.PathLike[str]) -> FloatArray:
-    """Read the values at vertices, (n,), of a file such as ``lh.sulc``; errors as for surfaces."""
-    data = read_bytes(path)
-    if data[:3] != _VALUES:
-        raise ValueError("it does not begin as FreeSurfer's files of values do")
+def freesurfer_values(data: bytes) -> FloatArray:
+    """Read the values at vertices, (n,), of a file such as ``lh.sulc``, also of an old one.
+
+    A ValueError reports what is wrong with it.
+    """
+    if data[:3] != _VALUES:  # counts of 3 bytes, and hundredths
+        count = int.from_bytes(data[:3], "big")
+        if len(data) != 6 + 2 * count:
+            raise ValueError("it does not begin as FreeSurfer's files of values do")
+        return np.frombuffer(data, ">i2", count, 6) / 100
     bytes_ = _Bytes(data, len(_VALUES))
     count, _, each = bytes_.count("values"), bytes_.count("faces"), bytes_.count("values a vertex")
     if each != 1:
@@ -97,23 +89,14 @@ def freesurfer_values(path: str | os.PathLike[str]) -> FloatArray:
     values = bytes_.array(">f4", (count,), "values")
     if bytes_.left:
         raise ValueError(f"{bytes_.left} bytes follow the {count} values that it says to have")
-    return values.astype(np.float64)
+    return values
 
 
-def freesurfer_overlay(path: str | os.PathLike[str]) -> FloatArray:
-    """Read the values at vertices of a .mgh file, or of a compressed one, .mgz: (n, frames).
-
-    Errors as for surfaces.
+def freesurfer_frames(data: bytes) -> tuple[NDArray[Any], float]:
+    """Read values at vertices of an .mgh file, (n, frames), and the milliseconds from a frame to
+    the next, which may follow them; NaN if they do not. Errors as in `freesurfer_values`.
     """
-    return freesurfer_frames(path)[0]
-
-
-def freesurfer_frames(path: str | os.PathLike[str]) -> tuple[FloatArray, float]:
-    """Read values as `freesurfer_overlay`, and the milliseconds from a frame to the next, which may
-    follow them; NaN if they do not.
-    """
-    data = read_bytes(path)
-    bytes_ = _Bytes(inflated(data) if data[:2] == b"\x1f\x8b" else data)
+    bytes_ = _Bytes(data)
     version = bytes_.number()
     if version != 1:
         raise ValueError(f"it is no .mgh file, or of version {version}; expected 1")
@@ -123,49 +106,64 @@ def freesurfer_frames(path: str | os.PathLike[str]) -> tuple[FloatArray, float]:
         raise ValueError(f"its values have the type {kind}; expected one of {[*_MGH_TYPES]}")
     bytes_.skip(_MGH_DATA)
     frames, count = counts[3], math.prod(counts[:3])
-    values = bytes_.array(_MGH_TYPES[kind], (frames, count), "frames").T.astype(np.float64)
+    values = bytes_.array(_MGH_TYPES[kind], (frames, count), "frames").T
     return values, float(bytes_.array(">f4", (1,), "times")[0]) if bytes_.left >= 4 else math.nan
 
 
-def freesurfer_annotation(path: str | os.PathLike[str]) -> Labels:
-    """Read a .annot file, with a table of colours of version 1 or 2; errors as for surfaces.
+def freesurfer_annotation(data: bytes) -> Labels:
+    """Read an .annot file, with a table of colours of version 1 or 2, or without one.
 
     The file gives each vertex a colour; keys are the numbers of the colours in the table, from 0
     (version 2 has numbers of its own for them). Vertices without a colour, or with one that the
-    table does not have, have the key -1.
+    table does not have, have the key -1. Without a table, keys are the colours as the file has
+    them, red + 256 green + 65536 blue, and have no names. Errors as in `freesurfer_values`.
     """
-    bytes_ = _Bytes(read_bytes(path))
+    bytes_ = _Bytes(data)
     count = bytes_.count("vertices")
     vertices, colors = bytes_.array(">i4", (count, 2), "vertices").astype(np.int64).T
     if not np.array_equal(np.sort(vertices), np.arange(count)):
         raise ValueError(f"its {count} rows are not one for each of the vertices from 0")
     names, codes = dict[int, str](), dict[int, tuple[int, int, int, int]]()
-    if bytes_.left and bytes_.number():
-        for key, name, code in _table(bytes_):
-            if key in names:
-                raise ValueError(f"its table has two entries of the number {key}")
-            names[key], codes[key] = name, code
+    has_table = bool(bytes_.left and bytes_.number())
+    for key, name, code in _table(bytes_) if has_table else ():
+        if key in names:
+            raise ValueError(f"its table has two entries of the number {key}")
+        names[key], codes[key] = name, code
     values = np.full(count, NO_LABEL)
-    values[vertices] = _keys(colors, codes)
+    values[vertices] = _keys(colors, codes) if has_table else colors
+    if has_table and colors.any() and (values == NO_LABEL).all():
+        raise ValueError(f"no vertex has one of the {len(codes)} colours in its table")
     return Labels(values, names, {key: _color(code) for key, code in codes.items()})
 
 
-def freesurfer_label(path: str | os.PathLike[str]) -> LabelFile:
+def freesurfer_label(data: bytes) -> LabelFile:
     """Read a .label file, a text: vertices of one region, counted from 0, each with a value."""
-    lines = read_bytes(path).decode("utf-8", "replace").splitlines()
+    lines = data.decode("utf-8", "replace").splitlines()
     rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     if not rows or len(rows[0]) != 1 or not rows[0][0].isdecimal():
         raise ValueError("its second line is not the number of its vertices")
     if len(rows) - 1 != int(rows[0][0][:18]):
         raise ValueError(f"it says to have {brief(rows[0][0])} vertices, and has {len(rows) - 1}")
-    for k, row in enumerate(rows[1:]):
+    return _rows_of_vertices(rows[1:])
+
+
+def freesurfer_text(data: bytes) -> LabelFile:
+    """Read values in a text without a header, as mris_convert writes them; lines as in .label."""
+    if data.startswith(b"#!ascii"):
+        raise ValueError("it is a surface; use a file of values")
+    rows = [line.split() for line in data.decode("utf-8", "replace").splitlines() if line.strip()]
+    return _rows_of_vertices(rows)
+
+
+def _rows_of_vertices(rows: list[list[str]]) -> LabelFile:
+    for k, row in enumerate(rows):
         if len(row) != 5 or not (row[0].isdecimal() and len(row[0]) < 10 and _is_number(row[4])):
             raise ValueError(
                 f"vertex {k} of it, counting from 0, is {brief(' '.join(row))}; expected its "
                 "number, three coordinates and a value"
             )
-    vertices = np.array([int(row[0]) for row in rows[1:]], dtype=np.int64)
-    return LabelFile(vertices, np.array([float(row[4]) for row in rows[1:]], dtype=np.float64))
+    vertices = np.array([int(row[0]) for row in rows], dtype=np.int64)
+    return LabelFile(vertices, np.array([float(row[4]) for row in rows], dtype=np.float64))
 
 
 class _Bytes:

@@ -14,27 +14,54 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.reading.door import (
-    inflated,
-    most_inflated,
-    open_plain,
-    read_bytes,
-    referenced_file,
-)
+from abfm.reading.door import inflated, most_inflated, open_plain, referenced_file
 from abfm.reading.labels import Color
+from abfm.reading.opening import Opened, open_file
 from abfm.reading.xml_events import take_events
 
 _INTEGERS = ("uint8", "int8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 _TYPES = {
     f"NIFTI_TYPE_{name.upper()}": np.dtype(name) for name in (*_INTEGERS, "float32", "float64")
 }
-_ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
-_LAYOUTS = {"RowMajorOrder": "C", "ColumnMajorOrder": "F"}
+_TYPES |= {  # numbers of NIfTI, which early files have in place of words
+    str(number): np.dtype(name)
+    for name, number in zip(
+        (*_INTEGERS, "float32", "float64"),
+        (2, 256, 4, 512, 8, 768, 1024, 1280, 16, 64),
+        strict=True,
+    )
+}
+# words of the standard, of early versions of nibabel and PyMVPA, and numbers
+_ORDERS = {"LittleEndian": "<", "GIFTI_ENDIAN_LITTLE": "<", "2": "<"}
+_ORDERS |= {"BigEndian": ">", "GIFTI_ENDIAN_BIG": ">", "1": ">"}
+_LAYOUTS = {"RowMajorOrder": "C", "1": "C", "ColumnMajorOrder": "F", "2": "F"}
+_ENCODINGS = {
+    alias: words[0]
+    for words in (
+        ("ASCII", "GIFTI_ENCODING_ASCII", "1"),
+        ("Base64Binary", "GIFTI_ENCODING_B64BIN", "2"),
+        ("GZipBase64Binary", "GIFTI_ENCODING_B64GZ", "3"),
+        ("ExternalFileBinary", "GIFTI_ENCODING_EXTBIN", "4"),
+    )
+    for alias in words
+}
+_INTENTS = {
+    "0": "NIFTI_INTENT_NONE",
+    "1002": "NIFTI_INTENT_LABEL",
+    "1008": "NIFTI_INTENT_POINTSET",
+    "1009": "NIFTI_INTENT_TRIANGLE",
+    "2002": "NIFTI_INTENT_NODE_INDEX",
+}
+_STRUCTURES = {"CortexLeft": "L", "CortexRight": "R"}
 _MOST_DIMENSIONS = 6
 _TEXTS = ("Data", "Label", "Name", "Value")  # elements whose text is used
 _LARGEST_KEY = 2**63 - 1
 LABEL = "NIFTI_INTENT_LABEL"
 """The intent of arrays of keys, which the table of labels names."""
+NODE_INDEX = "NIFTI_INTENT_NODE_INDEX"
+"""The intent of arrays of the vertices that the rows of the others belong to."""
+SURFACE = ("NIFTI_INTENT_POINTSET", "NIFTI_INTENT_TRIANGLE")
+"""The intents of the arrays of a mesh."""
 
 
 class GiftiArray(NamedTuple):
@@ -56,23 +83,25 @@ class Gifti(NamedTuple):
     names: dict[int, str]
     colors: dict[int, Color]
     time_step: float = math.nan
+    structure: str = ""
+    """"L" or "R" where its metadata name a hemisphere (``AnatomicalStructurePrimary``)."""
 
 
-def gifti_arrays(path: str | os.PathLike[str]) -> list[GiftiArray]:
+def gifti_arrays(source: str | os.PathLike[str] | Opened) -> list[GiftiArray]:
     """Read all data arrays of a GIFTI file; see `read_gifti`."""
-    return read_gifti(path).arrays
+    return read_gifti(source).arrays
 
 
-def read_gifti(path: str | os.PathLike[str]) -> Gifti:
-    """Read a GIFTI file, plain or compressed.
+def read_gifti(source: str | os.PathLike[str] | Opened) -> Gifti:
+    """Read a GIFTI file.
 
     An OSError says that the file, or one that it names, cannot be read, a ValueError that it is no
     GIFTI file, or an array not as large as it says.
     """
-    content = read_bytes(path)
-    reader = _Reader(Path(path), most_inflated(len(content)))
-    take_events(inflated(content) if content[:2] == b"\x1f\x8b" else content, reader)
-    return Gifti(reader.arrays, reader.names, reader.colors, reader.time_step)
+    opened = source if isinstance(source, Opened) else open_file(source)
+    reader = _Reader(opened.path, most_inflated(len(opened.data)))
+    take_events(opened.data, reader)
+    return Gifti(reader.arrays, reader.names, reader.colors, reader.time_step, reader.structure)
 
 
 class _Reader:
@@ -83,7 +112,7 @@ class _Reader:
         self.arrays: list[GiftiArray] = []
         self.names: dict[int, str] = {}
         self.colors: dict[int, Color] = {}
-        self.time_step = math.nan
+        self.time_step, self.structure = math.nan, ""
         self._open: list[str] = []
         self._attributes: dict[str, str] = {}
         self._name, self._entry = "", ""  # of the array; of its metadata
@@ -109,14 +138,17 @@ class _Reader:
         text = "".join(self._text)
         self._text.clear()
         if name == "Data":
+            intent = self._attributes.get("Intent", "").strip()
             values = self._values(text)
-            self.arrays.append(GiftiArray(self._attributes.get("Intent", ""), values, self._name))
+            self.arrays.append(GiftiArray(_INTENTS.get(intent, intent), values, self._name))
         elif name == "Label":
             self._label(text.strip())
         elif name == "Name":
             self._entry = text.strip()
         elif self._entry == "TimeStep":
             self.time_step = _number(text)
+        elif self._entry == "AnatomicalStructurePrimary":
+            self.structure = self.structure or _STRUCTURES.get(text.strip(), "")
         elif self._entry == "Name" and "DataArray" in self._open:
             self._name = text.strip()
 
@@ -147,7 +179,7 @@ class _Reader:
                 f"an array has {dimensions} dimensions; expected 1 to {_MOST_DIMENSIONS}"
             )
         shape = tuple(self._whole(f"Dim{k}", "") for k in range(dimensions))
-        encoding = self._attributes.get("Encoding", "GZipBase64Binary")
+        encoding = self._one_of("Encoding", _ENCODINGS, "GZipBase64Binary")
         size = math.prod(shape) * (8 if encoding == "ASCII" else kind.itemsize)
         if size > self._left:
             raise ValueError(f"an array of shape {shape} is more than a file of this size may hold")
@@ -163,22 +195,19 @@ class _Reader:
                 if self._attributes.get("ExternalFileOffset"):  # which some write, and leave empty
                     f.seek(self._whole("ExternalFileOffset", "0"))
                 data = f.read(size)
-        elif encoding in ("Base64Binary", "GZipBase64Binary"):
+        else:
             data = base64.b64decode(text)
             if encoding == "GZipBase64Binary":
                 data = inflated(data, size)
-        else:
-            raise ValueError(
-                f"an array has the Encoding {encoding[:40]!r}; expected Base64Binary or the like"
-            )
         if len(data) != size:
             raise ValueError(f"an array of shape {shape} has {len(data)} bytes; expected {size}")
         return np.frombuffer(data, stored).reshape(shape, order=order).astype(kind)
 
     def _one_of(self, name: str, known: dict[str, Any], default: str) -> Any:
-        word = self._attributes.get(name, default)
+        word = self._attributes.get(name, default).strip()
         if word not in known:
-            raise ValueError(f"an array has the {name} {word[:40]!r}; expected {', '.join(known)}")
+            words = ", ".join(each for each in known if not each.isdigit() and "GIFTI" not in each)
+            raise ValueError(f"an array has the {name} {word[:40]!r}; expected {words}")
         return known[word]
 
     def _whole(self, name: str, default: str) -> int:

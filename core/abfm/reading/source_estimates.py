@@ -5,13 +5,12 @@ vertices and their numbers as uint32, how many samples as uint32, float32 values
 [MNE manual, appendix "The stc format"].
 """
 
-import os
 import struct
 from typing import NamedTuple
 
 import numpy as np
 
-from abfm.reading.door import read_bytes
+from abfm.numerics.real_numbers import as_doubles
 from abfm.types import FloatArray, IntArray
 
 _HEAD = struct.Struct(">ffI")
@@ -25,12 +24,8 @@ class SourceEstimate(NamedTuple):
     times: FloatArray
 
 
-def read_stc(path: str | os.PathLike[str]) -> SourceEstimate:
-    """Read one hemisphere.
-
-    An OSError says that the file cannot be read, a ValueError what is wrong with it.
-    """
-    data = read_bytes(path)
+def read_stc(data: bytes) -> SourceEstimate:
+    """Read one hemisphere; a ValueError reports what is wrong with it."""
     if len(data) < _HEAD.size:
         raise ValueError(f"it is cut off: it has {len(data)} bytes; its head alone has 12")
     begin, step, count = _HEAD.unpack_from(data)
@@ -56,4 +51,4 @@ def read_stc(path: str | os.PathLike[str]) -> SourceEstimate:
         )
     values = np.frombuffer(data, ">f4", samples * count, end + 4).reshape(samples, count)
     times = (begin + step * np.arange(samples)) / 1000
-    return SourceEstimate(values.astype(np.float64), vertices, times)
+    return SourceEstimate(as_doubles(values), vertices, times)

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError, did_you_mean
-from abfm.functions import function
-from abfm.functions.files import read_column
+from abfm.functions import function, read_column
 from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
 from tests.core.reading.hostile import npy_of, one_byte_changed
@@ -70,7 +69,7 @@ def test_one_column_from_every_format(tmp_path):
 @pytest.mark.parametrize("delimiter", [",", ";", "\t", " "])
 def test_columns_by_name_and_by_number(tmp_path, delimiter):
     path = tmp_path / "a, (1) +.csv"
-    write_text(path, delimiter.join(["index", '"depth"']), delimiter, [np.arange(COUNT), VALUES])
+    write_text(path, delimiter.join(["area", '"depth"']), delimiter, [np.arange(COUNT), VALUES])
     for column in ("1", "depth" if delimiter != " " else '"""depth"""'):
         assert_array_equal(function(MESH, f'file:"{path}",column={column}'), VALUES)
     for asked, named in (
@@ -93,7 +92,7 @@ def test_columns_of_arrays_and_gifti(tmp_path):
 def test_a_title_of_more_words_than_columns_names_none(tmp_path):
     path = tmp_path / "v.csv"
     path.write_text("a,b,c\n1,2\n3,4\n")
-    assert_allclose(read_column(str(path), "1"), [2, 4])
+    assert_allclose(read_column(path, "1"), [2, 4])
     with raises(FunctionError, 2):
         read_column(str(path), "c")
     path.write_text("mean curvature\n1\n3\n")
@@ -279,7 +278,7 @@ def error_line(path, form="file:{}"):
         ("a.csv", b"x" * 100_000 + b"\n1\n", (1,)),
         ("a.csv", b"x" * 200_000 + b",y\n1,2\n", ()),
         (
-            *("a.csv", b"a" * 10_000 + b",\x1b[31m,c\n1,2,3\n"),
+            *("a.csv", b"a" * 10_000 + b",\x1b[31m,c\n" + b"1,2,3\n" * COUNT),
             (3, "column=0", 2),
         ),
         ("a.csv", b"1,2\n3," + b"x" * 10_000, ()),
@@ -294,7 +293,7 @@ def error_line(path, form="file:{}"):
         ("a.gii", b"<GIFTI", ()),
         ("a.gii", b"", ()),
         ("a.gii.gz", b"\x1f\x8b\x08\x00", ()),
-        ("b.gii.gz", b"plain", ("XML",)),
+        ("b.gii.gz", b"plain", ()),
         ("a.xyz", b"1", (".npy", ".csv", ".txt", ".gii")),
         ("lh.sulc", b"\xff\xff\xff", ()),
         ("a.mgh", b"\0\0\0\1", ()),
@@ -339,7 +338,7 @@ def test_a_line_of_another_length_is_named_without_advice_and_names_are_made_pri
 
 def test_columns_are_asked_for_in_one_line(tmp_path):
     names = ",".join(f"name{number}" for number in range(5000))
-    (tmp_path / "a.csv").write_text(names + "\n" + ",".join(["1"] * 5000))
+    (tmp_path / "a.csv").write_text("\n".join([names, *[",".join(["1"] * 5000)] * COUNT]))
     check_message(error_line(tmp_path / "a.csv", "file:{},column=" + "9" * 5000))
     check_message(error_line(tmp_path / "a.csv", "file:{},column=nome12"), "name12")
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from abfm.errors import FunctionError
-from abfm.functions import function, read_labels, read_table, read_vertex_map
+from abfm.functions import function, read_labels, read_values, read_vertex_map
 from tests.core.reading.hostile import one_byte_changed
 from tests.messages import raises
 from tests.shapes import icosphere, with_loose_vertex
@@ -119,13 +119,13 @@ def test_what_a_list_of_vertices_names_is_a_function(tmp_path):
         assert dict(zip(np.flatnonzero(found), values[found > 0], strict=True)) == expected
         assert set(found) == {0, 1}
         assert np.count_nonzero(values) == len(expected)
-    names, table = read_table(str(path))
-    assert names == ["vertex", "value"]
-    assert table.tolist() == [[5, 2.5], [0, -1], [7, 1]]
+    found = read_values(path)
+    assert (found.names, found.vertices.tolist()) == (("value",), [5, 0, 7])
+    assert found.values.tolist() == [[2.5], [-1], [1]]
     path.write_text(LIST.replace("7 0", f"{COUNT} 0"))
     for asked, named in (
         ("", (COUNT, 0)),
-        (",column=2", ("column=value",)),
+        (",column=2", ("value",)),
         (",label=V1", ()),
     ):
         with raises(FunctionError, *named):
@@ -139,7 +139,7 @@ def test_labels_are_no_values_and_no_map(tmp_path):
         write_gifti(tmp_path / "b.gii.gz", [VALUES], names={}),
         write_annotation(tmp_path / "lh.aparc.annot", np.zeros(COUNT, dtype=int)),
     ):
-        for read in (read_table, lambda p: function(MESH, f"file:{p}")):
+        for read in (read_values, lambda p: function(MESH, f"file:{p}")):
             with raises(FunctionError, "label=NAME", "read_labels") as caught:
                 read(str(path))
             assert str(caught.value).startswith("file ")
@@ -149,8 +149,8 @@ def test_labels_are_no_values_and_no_map(tmp_path):
 
 def test_columns_of_gifti_have_the_names_of_their_metadata(tmp_path):
     columns = [np.arange(COUNT), -np.arange(COUNT)]
-    path = write_gifti(tmp_path / "a.func.gii", columns, "NIFTI_INTENT_NONE", kind=np.float32)
-    assert read_table(str(path))[0] == ["map 0", "map 1"]
+    path = write_gifti(tmp_path / "a.func.gii", columns, "NIFTI_INTENT_NONE", {}, np.float32)
+    assert read_values(path).names == ("map 0", "map 1")
     assert_array_equal(function(MESH, f"file:{path},column=map 1"), -np.arange(COUNT))
 
 
@@ -160,14 +160,14 @@ def test_values_of_freesurfer_are_known_by_how_they_begin(tmp_path):
         nibabel.freesurfer.write_morph_data(tmp_path / name, values)
         assert_array_equal(function(MESH, f"file:{tmp_path / name}"), values)
     nibabel.freesurfer.write_geometry(tmp_path / "lh.white", MESH.vertices, MESH.faces)
-    with raises(FunctionError, "FreeSurfer's"):
+    with raises(FunctionError, "FreeSurfer surface"):
         function(MESH, f"file:{tmp_path / 'lh.white'}")
 
 
 @pytest.mark.parametrize(
     ("name", "content", "named"),
     [
-        ("a.npy", b"", (".label.gii", ".gii", ".gii.gz", ".annot")),
+        ("a.xyz", b"a", (".gii", ".annot", ".dlabel.nii")),
         ("lh.annot", b"\0", ()),
         ("missing.annot", None, ()),
         ("a.label.gii", b"<GIFTI", ("XML",)),
@@ -188,7 +188,7 @@ def test_what_holds_no_labels_says_so_in_one_line(tmp_path, name, content, named
 
 def test_values_and_fractions_are_no_labels_and_unknown_labels_are_told(tmp_path):
     path = write_gifti(tmp_path / "a.gii", [VALUES], "NIFTI_INTENT_SHAPE", kind=np.float32)
-    with raises(FunctionError, 1):
+    with raises(FunctionError, "values"):
         read_labels(path)
     write_gifti(path, [VALUES + 0.5], kind=np.float32)
     with raises(FunctionError):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from abfm.errors import ResultError
-from abfm.functions import Labels, function, read_labels, read_table
+from abfm.functions import Labels, function, read_column, read_labels, read_values
 from abfm.io import write_labels, write_surface, write_values
 from abfm.mesh import load_mesh
 from tests.messages import raises
@@ -85,7 +85,7 @@ def test_surfaces_are_what_nibabel_expects(tmp_path):
 @pytest.mark.parametrize("values", [VALUES, VALUES * 1e-30, np.stack([VALUES, np.cos(VALUES)], 1)])
 def test_values_come_back(tmp_path, name, values):
     write_values(tmp_path / name, values)
-    found = read_table(str(tmp_path / name))[1]
+    found = read_values(tmp_path / name).table()
     is_single = name.lower().endswith((".gii", ".gz", ".mgh", ".mgz"))
     expected = values.astype(np.float32) if is_single else values
     assert_array_equal(found, expected.reshape(COUNT, -1))
@@ -96,7 +96,7 @@ def test_values_come_back(tmp_path, name, values):
 def test_columns_keep_their_names(tmp_path, name):
     names, values = ["depth, mean", 'Ärmel "b"'], np.stack([VALUES, np.cos(VALUES)], 1)
     write_values(tmp_path / name, values, names=names)
-    assert read_table(str(tmp_path / name))[0] == names
+    assert read_values(tmp_path / name).names == tuple(names)
     with raises(ResultError, 1, 2):
         write_values(tmp_path / name, values, names=["depth"])
     with raises(ResultError, "a\\nb"):
@@ -116,7 +116,7 @@ def test_values_may_be_none_at_vertices_without_any(tmp_path):
     values = np.where(VALUES > 1, np.nan, VALUES)
     for name in ("a.func.gii", "lh.sulc", "a.txt"):
         write_values(tmp_path / name, values)
-        found = read_table(str(tmp_path / name))[1][:, 0]
+        found = read_column(tmp_path / name)
         assert_array_equal(np.isnan(found), np.isnan(values))
 
 
@@ -223,7 +223,7 @@ def test_gifti_names_missing_labels(tmp_path, keys, names, unknown, written):
 @pytest.mark.parametrize("name", ["a.npy", "a.csv", "a.txt"])
 def test_keys_alone_come_back(tmp_path, name):
     write_labels(tmp_path / name, LABELS)
-    assert_array_equal(read_table(str(tmp_path / name))[1][:, 0], LABELS.values)
+    assert_array_equal(read_column(tmp_path / name), LABELS.values)
 
 
 def test_the_same_data_makes_the_same_bytes_whenever_and_whoever_writes_them(tmp_path, monkeypatch):

@@ -11,11 +11,12 @@ from numpy.testing import assert_array_equal
 
 from abfm.reading import (
     freesurfer_annotation,
+    freesurfer_frames,
     freesurfer_kind,
     freesurfer_label,
-    freesurfer_overlay,
     freesurfer_surface,
     freesurfer_values,
+    open_file,
 )
 from tests.core.reading.hostile import one_byte_changed
 from tests.mesh_writers import freesurfer_bytes
@@ -58,9 +59,7 @@ def annotation(colours, version, numbers=(0, 1, 2, 3), order=None):
 def test_values_are_those_that_nibabel_writes(folder, seed, count):
     values = np.random.default_rng(seed).normal(size=count).astype(np.float32)
     freesurfer.write_morph_data(folder / "lh.sulc", values, fnum=7)
-    found = freesurfer_values(folder / "lh.sulc")
-    assert found.dtype == np.float64
-    assert_array_equal(found, values)
+    assert_array_equal(freesurfer_values((folder / "lh.sulc").read_bytes()), values)
     assert freesurfer_kind(folder / "lh.sulc") == "values"
 
 
@@ -70,7 +69,7 @@ def test_values_are_those_that_nibabel_writes(folder, seed, count):
 def test_overlays_are_those_that_nibabel_writes(tmp_path, kind, shape, name):
     values = (100 * np.random.default_rng(0).random(shape)).astype(kind)
     freesurfer.MGHImage(values, np.eye(4)).to_filename(tmp_path / name)
-    found = freesurfer_overlay(tmp_path / name)
+    found = freesurfer_frames(open_file(tmp_path / name).data)[0].astype(np.float64)
     count = np.prod(shape[:3])
     assert_array_equal(found, values.reshape(count, -1, order="F").astype(np.float64), strict=True)
 
@@ -104,7 +103,7 @@ def test_annotations_are_those_that_nibabel_writes(folder, seed, count):
     table = np.array(COLOURS)
     path = folder / "lh.annot"
     freesurfer.write_annot(path, values, table, [name.encode() for name in NAMES])
-    found = freesurfer_annotation(path)
+    found = freesurfer_annotation(path.read_bytes())
     assert_array_equal(found.values, values, strict=True)
     assert_array_equal(found.values, freesurfer.read_annot(path)[0])
     assert [found.names[key] for key in range(4)] == NAMES
@@ -118,23 +117,26 @@ def test_annotations_of_both_versions_in_any_order(tmp_path, version):
     colours = np.array([2, -1, 0, 3, 1, 1])
     path = tmp_path / "lh.annot"
     path.write_bytes(annotation(colours, version, order=[3, 1, 0, 5, 4, 2]))
-    found = freesurfer_annotation(path)
+    found = freesurfer_annotation(path.read_bytes())
     assert_array_equal(found.values, colours)
     assert found.names == dict(enumerate(NAMES))
     if version == 2:  # whose colours have numbers of their own
         path.write_bytes(annotation(colours, version, numbers=(7, 0, 3, 40)))
-        found = freesurfer_annotation(path)
+        found = freesurfer_annotation(path.read_bytes())
         assert found.values.tolist() == [3, -1, 7, 40, 0, 0]
         assert found.names == dict(zip((7, 0, 3, 40), NAMES, strict=True))
 
 
-def test_without_a_table_no_vertex_has_a_label(tmp_path):
-    path = tmp_path / "lh.annot"
+def test_without_a_table_keys_are_the_colours():
+    """As numbers of red, green and blue; a table without the colours is refused."""
     whole = annotation([1, 2], 2)
+    keys = [red + 256 * green + 65536 * blue for red, green, blue, _ in COLOURS[1:3]]
     for data in (whole[:20], whole[:20] + packed(0)):
-        path.write_bytes(data)
-        found = freesurfer_annotation(path)
-        assert (found.values.tolist(), found.names, found.colors) == ([-1, -1], {}, {})
+        found = freesurfer_annotation(data)
+        assert (found.values.tolist(), found.names, found.colors) == (keys, {}, {})
+    other = packed(2, 0, 1, 1, 1) + whole[20:]
+    with raises(ValueError, 4):
+        freesurfer_annotation(other)
 
 
 LABEL = "#!ascii label  , from subject a vox2ras=TkReg\n{}\n5  1.0 -2.5 3.0 0.25\n0 0 0 0 1e-3\n"
@@ -143,11 +145,11 @@ LABEL = "#!ascii label  , from subject a vox2ras=TkReg\n{}\n5  1.0 -2.5 3.0 0.25
 def test_labels_list_vertices_with_values(tmp_path):
     path = tmp_path / "lh.V1.label"
     path.write_text(LABEL.format(2))
-    vertices, values = freesurfer_label(path)
+    vertices, values = freesurfer_label(path.read_bytes())
     assert (vertices.tolist(), values.tolist()) == ([5, 0], [0.25, 1e-3])
     assert_array_equal(vertices, freesurfer.read_label(path))
     path.write_text("# nothing\n0\n")
-    assert freesurfer_label(path).vertices.tolist() == []
+    assert freesurfer_label(path.read_bytes()).vertices.tolist() == []
 
 
 SURFACE = freesurfer_bytes(tetrahedron().vertices, tetrahedron().faces)
@@ -164,7 +166,7 @@ def _surface(path):
 READERS = {
     "surface": (_surface, SURFACE[: -len(b"\0\0\0\x02tag")]),
     "values": (freesurfer_values, VALUES),
-    "overlay": (freesurfer_overlay, OVERLAY),
+    "overlay": (freesurfer_frames, OVERLAY),
     "annotation 1": (freesurfer_annotation, annotation([0, 1, 2, 3], 1)),
     "annotation 2": (freesurfer_annotation, ANNOTATION),
     "label": (freesurfer_label, LABEL.format(2).rstrip().encode()),
@@ -183,12 +185,11 @@ READERS = {
         (freesurfer_values, VALUES[:3] + LARGE + VALUES[7:], (2147483647,)),
         (freesurfer_values, VALUES[:11] + packed(2) + VALUES[15:], (2,)),
         (freesurfer_values, VALUES + b"\0", (1, 3)),
-        (freesurfer_overlay, VALUES, (".mgh", -256)),
-        (freesurfer_overlay, b"\x1f\x8b" + OVERLAY, ()),
-        (freesurfer_overlay, OVERLAY[:280], (280, 284)),
-        (freesurfer_overlay, OVERLAY[:4] + LARGE + OVERLAY[8:], (24, 2)),
-        (freesurfer_overlay, OVERLAY[:4] + packed(-1) + OVERLAY[8:], ("to", -1)),
-        (freesurfer_overlay, OVERLAY[:20] + packed(2) + OVERLAY[24:], (2,)),
+        (freesurfer_frames, VALUES, (".mgh", -256)),
+        (freesurfer_frames, OVERLAY[:280], (280, 284)),
+        (freesurfer_frames, OVERLAY[:4] + LARGE + OVERLAY[8:], (24, 2)),
+        (freesurfer_frames, OVERLAY[:4] + packed(-1) + OVERLAY[8:], ("to", -1)),
+        (freesurfer_frames, OVERLAY[:20] + packed(2) + OVERLAY[24:], (2,)),
         (freesurfer_annotation, LARGE + ANNOTATION[4:], (2147483647,)),
         (freesurfer_annotation, packed(1, 1, 0), ()),
         (freesurfer_annotation, packed(2, 0, 0, 0, 0), ()),
@@ -214,9 +215,8 @@ READERS = {
     ],
 )
 def test_files_that_lie_are_refused(tmp_path, reader, content, named):
-    (tmp_path / "a").write_bytes(content)
     with raises(ValueError, *named) as caught:
-        reader(tmp_path / "a")
+        reader(_given(tmp_path, reader, content))
     assert len(str(caught.value)) < 300
     assert str(caught.value).isprintable()
 
@@ -225,7 +225,7 @@ def test_files_that_lie_are_refused(tmp_path, reader, content, named):
 def test_every_cut_is_noticed(tmp_path, name):
     """But one that leaves an annotation without its table, which is a whole file."""
     reader, content = READERS[name]
-    reader(_written(tmp_path, content))
+    reader(_given(tmp_path, reader, content))
     whole = [4 + 8 * 4] if "annotation" in name else []
     for end in range(len(content)):
         if end in whole:
@@ -233,7 +233,7 @@ def test_every_cut_is_noticed(tmp_path, name):
         if name == "label" and end in (len(content) - 1, len(content) - 2, len(content) - 3):
             continue  # shorter numbers are numbers
         with pytest.raises(ValueError, match=r"\w"):
-            reader(_written(tmp_path, content[:end]))
+            reader(_given(tmp_path, reader, content[:end]))
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -241,12 +241,12 @@ def test_one_wrong_byte_gives_no_more_than_there_is_or_is_refused(tmp_path, name
     (reader, content), told = READERS[name], []
     for changed in one_byte_changed(content):
         try:
-            found = reader(_written(tmp_path, changed))
+            found = reader(_given(tmp_path, reader, changed))
         except ValueError as error:
             told.append(str(error))
         else:
             arrays = found if isinstance(found, tuple) else [getattr(found, "values", found)]
-            assert sum(array.size for array in arrays) <= len(content)
+            assert sum(np.size(array) for array in arrays) <= len(content)
     assert told
     assert max(map(len, told)) < 300
 
@@ -257,11 +257,16 @@ def test_any_bytes_are_read_or_refused(folder, content, begin):
     told = []
     for reader in {reader for reader, _ in READERS.values()}:
         try:
-            reader(_written(folder, begin + content))
+            reader(_given(folder, reader, begin + content))
         except ValueError as error:
             told.append(str(error))
     assert len(told) >= 3  # they are one format at most
     assert all(text.isprintable() for text in told)
+
+
+def _given(folder, reader, content):
+    """What a reader takes: surfaces are read by their names."""
+    return _written(folder, content) if reader is freesurfer_surface else content
 
 
 def _written(folder, content):

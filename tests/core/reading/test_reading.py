@@ -264,7 +264,7 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
 @pytest.mark.parametrize(
     ("content", "named"),
     [
-        (b"", ("XML",)),
+        (b"", ("empty",)),
         (bytes(100), ("XML",)),
         (gifti("1 2 3")[:-20], ()),
         (b"<a><GIFTI/></a>", ("GIFTI",)),

@@ -17,7 +17,7 @@ _MNI_PROPERTIES = 5  # how the surface reflects light
 
 def read_gifti(opened: Opened) -> FileContents:
     """Read the point set and the triangles of a GIFTI surface file."""
-    arrays = gifti_arrays(opened.path)
+    arrays = gifti_arrays(opened)
     points = [array.values for array in arrays if array.intent == "NIFTI_INTENT_POINTSET"]
     triangles = [array.values for array in arrays if array.intent == "NIFTI_INTENT_TRIANGLE"]
     if len(points) != 1 or len(triangles) != 1:

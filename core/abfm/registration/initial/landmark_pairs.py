@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import AbfmError, brief, one_line
-from abfm.functions.files import text_rows
+from abfm.functions.value_files import reported
 from abfm.io import write_atomically, write_csv
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
+from abfm.reading import Format, open_file, rows_of
+from abfm.reading.text_tables import parse_number
 from abfm.types import FloatArray
 
-_SUFFIXES = (".csv", ".txt", ".vts")
 _WORDS = ("name", "weight", "curve")  # columns beside the places, by their names
 _LARGEST = 1e15  # number of a vertex; larger ones are none and fill lines
 _FAR = 0.1  # of sqrt(area): a place that is farther from its surface is none of its points
@@ -99,7 +101,7 @@ class _Row(NamedTuple):
 
 
 def read_landmarks(a: TriangleMesh, b: TriangleMesh, path: str) -> Landmarks:
-    """Read pairs of points of A and of B from a .csv, .txt or .vts file.
+    """Read pairs of points of A and of B from a .csv, .tsv, .txt or .vts file.
 
     A line holds the number of a vertex of A and that of one of B, as the mesh files count them,
     from 0 (in .vts files from 1); or six coordinates, x, y, z on A and x, y, z on B, in the units
@@ -206,22 +208,19 @@ class _Side(NamedTuple):
 
 def _rows(path: str) -> list[_Row]:
     """Read what the lines of the file say."""
-    if not path.lower().endswith(_SUFFIXES):
-        raise AbfmError(f"landmarks {brief(path)}: the name must end in {', '.join(_SUFFIXES)}")
-    try:
-        rows = text_rows(Path(os.path.expanduser(path)))
-    except OSError as error:
-        raise AbfmError(f"landmarks {brief(path)} cannot be read: {one_line(error)}") from error
-    except ValueError as error:
-        raise AbfmError(f"landmarks {brief(path)}: {one_line(error)}") from error
-    try:
-        columns = _columns(rows[0])
+    with reported(path, "landmarks"):
+        opened = open_file(path)
+        if opened.format is not Format.TABLE:
+            raise ValueError(f"it is {opened.format}; expected a table: .csv, .tsv, .txt or .vts")
+        table = rows_of(opened.data, comments="#")
+        rows = list(table.cells)
+        if not rows:
+            raise ValueError("it is empty")
+        columns = _columns(rows[0], table.number)
         body = rows[1:] if columns.named else rows
         if not body:
-            raise AbfmError("it has only a line of names; expected pairs of points below it")
+            raise ValueError("it has only a line of names; expected pairs of points below it")
         return [columns.read(number, cells) for number, cells in enumerate(body, start=1)]
-    except AbfmError as error:
-        raise AbfmError(f"landmarks {brief(path)}: {error}") from None
 
 
 class _Columns(NamedTuple):
@@ -231,6 +230,7 @@ class _Columns(NamedTuple):
     places: list[int]
     others: dict[str, int]  # by `_WORDS`
     width: int  # how many there are
+    parse: Callable[[str], float]
 
     def read(self, number: int, cells: list[str]) -> _Row:
         if len(cells) != self.width:
@@ -243,7 +243,9 @@ class _Columns(NamedTuple):
             if not any(given) and texts.get("curve"):
                 sides.append(tuple[float, ...]())
             else:
-                sides.append(tuple(_number(text, number, f"a place on {which}") for text in given))
+                sides.append(
+                    tuple(self.number(text, number, f"a place on {which}") for text in given)
+                )
         if not any(sides):
             raise AbfmError(f"row {number} has no point; expected one of A, of B, or both")
         weight = texts.get("weight", "")
@@ -252,12 +254,21 @@ class _Columns(NamedTuple):
             sides[0],
             sides[1],
             texts.get("name") or str(number - 1),
-            _number(weight, number, "the weight") if weight else 1.0,
+            self.number(weight, number, "the weight") if weight else 1.0,
             texts.get("curve", ""),
         )
 
+    def number(self, text: str, row: int, what: str) -> float:
+        try:
+            found = self.parse(text)
+        except ValueError:
+            found = math.nan
+        if not math.isfinite(found):
+            raise AbfmError(f"row {row} has {brief(text)} for {what}; expected a finite number")
+        return found
 
-def _columns(first: list[str]) -> _Columns:
+
+def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
     """Tell by the first line what the columns are."""
     count = len(first)
     if _is_number(first[0]) or not first[0].strip():
@@ -268,27 +279,22 @@ def _columns(first: list[str]) -> _Columns:
         others = {word: names.index(word) for word in _WORDS if word in names}
         named = True
     places = [k for k in range(count) if k not in others.values()]
+    is_doubled = len(places) == 12  # numbers with decimal commas between commas
     if len(places) not in (2, 6):
         raise AbfmError(
             f"it has {len(places)} columns of numbers; expected 2 (a vertex of A, a vertex of B) "
             "or 6 (x, y, z on A, x, y, z on B); name others in the first line: "
-            f"{', '.join(_WORDS)}"
+            f"{', '.join(_WORDS)}" + "; commas separate them, and are not decimal" * is_doubled
         )
-    return _Columns(named, places, others, count)
+    return _Columns(named, places, others, count, parse)
 
 
 def _is_number(text: str) -> bool:
     try:
-        float(text)
+        parse_number(text, decimal_comma=True)
     except ValueError:
         return False
     return True
-
-
-def _number(text: str, row: int, what: str) -> float:
-    if not _is_number(text) or not np.isfinite(float(text)):
-        raise AbfmError(f"row {row} has {brief(text)} for {what}; expected a finite number")
-    return float(text)
 
 
 def _refuse_doubles(rows: list[_Row]) -> None:

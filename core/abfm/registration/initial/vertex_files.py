@@ -3,13 +3,14 @@
 import numpy as np
 
 from abfm.errors import AbfmError, ParameterError, brief
-from abfm.functions.files import mapped_vertices, read_table
+from abfm.functions.files import mapped_vertices
+from abfm.functions.value_files import read_map_table
 from abfm.maps.point_maps import PointMap
 from abfm.mesh import TriangleMesh
+from abfm.reading import Format, open_file
 from abfm.registration.initial.landmark_pairs import Landmarks, read_landmarks
 from abfm.types import FloatArray, IntArray
 
-_WRITTEN = (".csv", ".txt", ".vts")  # of which `read_landmarks` reads words, too
 _ROUNDED = 1e-3  # what weights of a file may miss 1 by, or be below 0
 
 
@@ -32,7 +33,7 @@ def map_from_file(a: TriangleMesh, b: TriangleMesh, path: str) -> PointMap | Lan
     AbfmError
         If the file cannot be read or holds none of these; the first line that is wrong, and why.
     """
-    table = read_table(path)[1]
+    table = read_map_table(path, b)
     columns = table.shape[1]
     if columns == 1:
         return PointMap.of_vertices(b, a, mapped_vertices(b, a, path, table))
@@ -57,7 +58,7 @@ def _of_pairs(
     numbers = table - 1 if path.lower().endswith(".vts") else table
     # of a map, unlike landmarks, several may have one image
     is_map = np.array_equal(np.sort(numbers[:, 1]), b.numbered[0])
-    if path.lower().endswith(_WRITTEN) and not is_map:
+    if not is_map and open_file(path).format is Format.TABLE:  # which may have words, too
         return read_landmarks(a, b, path)
     wrong = np.flatnonzero(~(np.isfinite(table) & (table == np.rint(table))).all(axis=1))
     try:

@@ -1,47 +1,43 @@
 """Frames of MNE's source estimates, interpolated between the sources."""
 
-from pathlib import Path
-
 import numpy as np
 from scipy import sparse
 
 from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
-from abfm.reading import read_stc
+from abfm.reading import Columns
 from abfm.sequences.reading.frames_file import FramesFile
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_VOLUMES = ("-vl.stc", "-vol.stc")
 _FSAVERAGE = 163_842  # vertices, of which the first ones are those of its coarser copies
 _COARSER = {642: "fsaverage3", 2562: "fsaverage4", 10_242: "fsaverage5", 40_962: "fsaverage6"}
 
 
-def source_frames(file: Path, mesh: TriangleMesh) -> FramesFile:
-    """Read one hemisphere; a ValueError says what is wrong with it."""
-    if file.name.lower().endswith(_VOLUMES):
-        raise ValueError("it is of a volume, by its name; give a -lh.stc or -rh.stc of a surface")
-    film = read_stc(file)
-    if film.vertices.max() >= mesh.file_vertex_count:
+def source_frames(film: Columns, mesh: TriangleMesh) -> FramesFile:
+    """Return frames of what a source estimate holds; a ValueError reports what is wrong with it."""
+    sources = np.zeros(0, dtype=np.int64) if film.vertices is None else film.vertices
+    values = film.table().T
+    if sources.max() >= mesh.file_vertex_count:
         raise ValueError(
-            f"it has a value of vertex {film.vertices.max()}, and the mesh has "
+            f"it has a value of vertex {sources.max()}, and the mesh has "
             f"{mesh.file_vertex_count}: give the surface that its sources lie on, of the same "
             "hemisphere"
         )
-    rows, places = np.full(len(mesh.vertices), -1), mesh.local_vertices(film.vertices)[::-1]
+    rows, places = np.full(len(mesh.vertices), -1), mesh.local_vertices(sources)[::-1]
     rows[places[places >= 0]] = np.arange(len(places))[::-1][places >= 0]  # the first of copies
     known = int(np.count_nonzero(rows >= 0))
     if known == len(rows):
-        return FramesFile(film.values[:, rows], film.times)
+        return FramesFile(values[:, rows], film.times)
     if not known:
         raise ValueError("it has no value at a vertex of the mesh that is in a face")
     told = f"{known:,} of {len(rows):,} vertices have values; the others are interpolated"
-    are_first = known == film.vertices.max() + 1
+    are_first = known == sources.max() + 1
     if mesh.file_vertex_count == _FSAVERAGE and are_first and known in _COARSER:
         told += f": {_COARSER[known]} has just those with values, and takes less time"
-    return FramesFile(_interpolated(mesh, film.values, rows), film.times, (told,))
+    return FramesFile(_interpolated(mesh, values, rows), film.times, (told,))
 
 
 def _interpolated(mesh: TriangleMesh, film: FloatArray, rows: IntArray) -> FloatArray:

@@ -1,0 +1,467 @@
+"""The one reader of values at vertices: frames, labels and maps are read by it, too."""
+
+import math
+import os
+import re
+import struct
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
+from io import BytesIO
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abfm.errors import (
+    FunctionError,
+    SeveralArraysError,
+    brief,
+    did_you_mean,
+    one_line,
+)
+from abfm.mesh import TriangleMesh
+from abfm.mesh.readers.ply import ply_contents
+from abfm.reading import (
+    LABEL,
+    NODE_INDEX,
+    SURFACE,
+    Archive,
+    Columns,
+    Format,
+    Keys,
+    Opened,
+    array_from,
+    counts_of,
+    freesurfer_annotation,
+    freesurfer_frames,
+    freesurfer_label,
+    freesurfer_text,
+    freesurfer_values,
+    inflated,
+    most_inflated,
+    open_file,
+    read_cifti,
+    read_gifti,
+    read_numbers,
+    read_stc,
+    vertex_axis,
+    vtk_contents,
+)
+from abfm.reading.gifti import Gifti, GiftiArray
+from abfm.types import FloatArray
+from abfm.workers.control import CancelledError
+
+VALUES_ENDINGS = (
+    *(".npy", ".npz", ".mat", ".csv", ".tsv", ".txt", ".1D", ".gii", ".gii.gz", ".mgh", ".mgz"),
+    *(".dscalar.nii", ".dtseries.nii", ".asc", ".stc", ".vts", ".vtk", ".vtp", ".vtu", ".ply"),
+)
+"""What names of files of values end in; those of FreeSurfer may end in anything."""
+LABELS_ENDINGS = (".annot", ".label", ".dlabel.nii")
+_KEY_MAX = 2**53  # of labels, and exact in double precision
+_SECONDS_MAX = 20.0  # between functional images; larger steps are milliseconds
+_PART = re.compile(r"(.*)\[[0-9]{1,9}\]", re.DOTALL)
+_MATLAB_HEAD, _MATLAB_COMPRESSED = 128, 15
+_OF_A_MESH = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha")
+_VOLUMES = ("-vl.stc", "-vol.stc")
+_NO_VALUES = {
+    Format.NIFTI: "project the volume onto the surface first",
+    Format.HDF5: "write MATLAB files with save(..., '-v7'), and other ones as .npy",
+    Format.COLLECTION: "use one of the files that it lists",
+    Format.SERIES: "use one of the files that it lists",
+}
+
+
+class Request(NamedTuple):
+    """What is looked for in a file that may hold more."""
+
+    counts: tuple[int, ...] = ()
+    """How many vertices the mesh, or its file, has."""
+    array: str | None = None
+    """The name of an array, in files that have several."""
+    hemisphere: str = ""
+    """Of files of both: "L", "R", or empty for the one that fits the mesh."""
+    whole: bool = False
+    """Whether the numbers are whole ones, such as numbers of vertices."""
+
+
+@contextmanager
+def reported(path: str | os.PathLike[str], what: str = "file") -> Iterator[None]:
+    """Raise a FunctionError that names the file for whatever goes wrong while it is read."""
+    name = f"{what} {brief(os.fspath(path))}"
+    try:
+        yield
+    except CancelledError:
+        raise
+    except SeveralArraysError as error:
+        raise error.of(name) from error
+    except OSError as error:
+        raise FunctionError(f"{name} cannot be read: {one_line(error)}") from error
+    except Exception as error:  # a damaged file can cause any error in readers
+        raise FunctionError(f"{name}: {one_line(error, 400)}") from error
+
+
+def read_values(
+    path: str | os.PathLike[str],
+    mesh: TriangleMesh | None = None,
+    column: str | None = None,
+    hemisphere: str = "",
+) -> Columns:
+    """Read all columns of values from a file.
+
+    .npy and .mat (not 7.3) hold arrays, .npz too. .csv, .tsv, .txt and .1D hold numbers separated
+    by semicolons, tabs, commas or blanks, with or without a line of names on top; commas are
+    decimal if something else separates. GIFTI has an array a column, without those of a mesh.
+    FreeSurfer's values are recognised by their first bytes; frames are the columns of .mgh and
+    .mgz. Of CIFTI files one hemisphere is read, whose medial wall is NaN; of VTK and PLY meshes
+    the data at points.
+
+    Parameters
+    ----------
+    path : path
+    mesh : TriangleMesh, optional
+        The mesh whose vertices get the values: rows that name their vertex, by a node index of
+        GIFTI or a column called vertex, node or index, are placed there, and vertices without a
+        value get NaN. Otherwise rows are those of the file.
+    column : str, optional
+        Of .npz, .mat, VTK and PLY the array; ``NAME[1]`` is the second column of one.
+    hemisphere : str
+        "L" or "R", of files that hold both.
+
+    Returns
+    -------
+    Columns
+        Values (V, C), or (n, C) without a mesh.
+
+    Raises
+    ------
+    FunctionError
+        If the file cannot be read, holds labels, or does not fit the mesh.
+    """
+    with reported(path):
+        counts = () if mesh is None else counts_of(mesh)
+        found = columns_of(open_file(path), Request(counts, column, hemisphere)).of_values()
+        return found if mesh is None else found.on(mesh)
+
+
+def read_column(
+    path: str | os.PathLike[str],
+    column: str | None = None,
+    mesh: TriangleMesh | None = None,
+    hemisphere: str = "",
+) -> FloatArray:
+    """Read one column of numbers, (V,), or (n,) without a mesh; see `read_values`.
+
+    ``column`` is a name, or a number counted from 0, and needed where there are several.
+    """
+    found = read_values(path, mesh, column, hemisphere)
+    with reported(path):
+        return found.table()[:, found.number_of(column)]
+
+
+def read_map_table(
+    path: str | os.PathLike[str], domain: TriangleMesh, what: str = "map"
+) -> FloatArray:
+    """Read a table (n, C) that says where vertices of a mesh lie elsewhere, in the file's own rows.
+
+    Columns are never taken for numbers of the vertices themselves, but GIFTI's node indices are.
+    """
+    with reported(path, what):
+        counts = counts_of(domain)
+        found = columns_of(open_file(path), Request(counts, whole=True)).of_values()
+        is_row = len(found.values) == 1 and found.values[0].size in counts
+        return (found.on(domain) if is_row or found.vertices is not None else found).table()
+
+
+def columns_of(opened: Opened, request: Request) -> Columns:
+    """Return what an open file holds, in its own rows; a ValueError reports what is wrong."""
+    reader = READERS.get(opened.format)
+    if reader is None:
+        if opened.format is Format.UNKNOWN:
+            known = ", ".join((*VALUES_ENDINGS, *LABELS_ENDINGS))
+            raise ValueError(
+                f"it is {opened.format}; known are {known}, and FreeSurfer's values by their first "
+                "bytes"
+            )
+        advice = _NO_VALUES.get(opened.format, "use a file of values, such as lh.sulc")
+        raise ValueError(f"it is {opened.format}, not a table of numbers: {advice}")
+    found = reader(opened, request)
+    if request.hemisphere and request.hemisphere != found.structure:
+        given = f"of hemisphere {found.structure}" if found.structure else "of one hemisphere"
+        raise ValueError(f"it holds values {given}: leave out hemisphere={request.hemisphere}")
+    return found
+
+
+def _npy(opened: Opened, request: Request) -> Columns:
+    return Columns(array_from(opened.data), frames_first=True)
+
+
+def _text(opened: Opened, request: Request) -> Columns:
+    names, table = read_numbers(opened.data, request.whole)
+    return Columns(table, tuple(names))
+
+
+def _gifti(opened: Opened, request: Request) -> Columns:
+    """Return the arrays as columns, without those of a mesh; node indices place their rows."""
+    gifti = read_gifti(opened)
+    arrays = {
+        number: array._replace(values=_by_vertex(array.values, request.counts))
+        for number, array in enumerate(gifti.arrays)
+        if array.intent not in (*SURFACE, NODE_INDEX)
+    }
+    if not arrays:
+        is_mesh = any(array.intent in SURFACE for array in gifti.arrays)
+        raise ValueError(
+            "it holds a surface and no values" if is_mesh else "it holds no data array"
+        )
+    if len({len(array.values) for array in arrays.values()}) > 1:
+        sizes = " and ".join(dict.fromkeys(str(len(array.values)) for array in arrays.values()))
+        raise ValueError(f"it holds arrays of {sizes} values; expected one length for all")
+    is_named = opened.path.name.lower().removesuffix(".gz").endswith(".label.gii")
+    numbers, names, keys, columns = [], [], [], []
+    for number, array in arrays.items():
+        parts = array.values.reshape(len(array.values), -1).T
+        meaning = Keys(gifti.names, gifti.colors) if _is_labels(gifti, array, is_named) else None
+        for k, part in enumerate(parts):
+            of_part = f"[{k}]" if len(parts) > 1 and len(arrays) > 1 else ""
+            numbers.append(str(k) if len(arrays) == 1 < len(parts) else f"{number}{of_part}")
+            names.append(f"{array.name}{of_part}" if array.name else "")
+            keys.append(meaning)
+            columns.append(part)
+    step = gifti.time_step
+    times, note = None, ""
+    if math.isfinite(step) and step > 0:
+        seconds = step if step <= _SECONDS_MAX else step / 1000
+        times = seconds * np.arange(len(columns), dtype=np.float64)
+        unit = "seconds" if step <= _SECONDS_MAX else "milliseconds"
+        note = f"its TimeStep of {step:g} is taken as {unit}"
+    return Columns(
+        np.column_stack(columns),
+        names=tuple(names) if any(names) else (),
+        numbers=tuple(numbers) if len(columns) > 1 else (),
+        keys=tuple(keys) if any(keys) else (),
+        vertices=_node_indices(gifti, len(columns[0])),
+        structure=gifti.structure,
+        times=times,
+        notes=(note,) if note else (),
+    )
+
+
+def _by_vertex(values: NDArray[Any], counts: tuple[int, ...]) -> NDArray[Any]:
+    """Return an array without axes of length 1, which rows (1, V) have, vertices first."""
+    flat = values.reshape([size for size in values.shape if size != 1] or 1)
+    return np.moveaxis(flat, vertex_axis(flat.shape, counts, 0), 0)
+
+
+def _is_labels(gifti: Gifti, array: GiftiArray, is_named: bool) -> bool:
+    """Return whether an array holds labels: by its intent, by its file's name, or, if it has no
+    intent, by whole values in a file with names for them. A name of the key 0 alone, as Workbench
+    writes, is not enough.
+    """
+    is_whole = array.values.dtype.kind in "iub" or np.array_equal(
+        array.values, np.rint(array.values)
+    )
+    if array.intent == LABEL or is_named:
+        if not is_whole or (np.abs(array.values) > _KEY_MAX).any():
+            raise ValueError("a key is not a whole number")
+        return True
+    has_names = any(name for key, name in gifti.names.items() if key != 0)
+    return is_whole and has_names and array.intent in ("", "NIFTI_INTENT_NONE")
+
+
+def _node_indices(gifti: Gifti, count: int) -> NDArray[np.int64] | None:
+    indices = [array.values.reshape(-1) for array in gifti.arrays if array.intent == NODE_INDEX]
+    if not indices:
+        return None
+    if any(not np.array_equal(each, indices[0]) for each in indices):
+        raise ValueError(f"it has {len(indices)} arrays of node indices that differ; expected one")
+    if len(indices[0]) != count:
+        raise ValueError(f"it has {len(indices[0])} node indices for {count} values")
+    if indices[0].dtype.kind == "f" and not np.array_equal(indices[0], np.rint(indices[0])):
+        raise ValueError("its node indices are not whole numbers")
+    return indices[0].astype(np.int64)
+
+
+def _morphometry(opened: Opened, request: Request) -> Columns:
+    return Columns(freesurfer_values(opened.data))
+
+
+def _mgh(opened: Opened, request: Request) -> Columns:
+    table, milliseconds = freesurfer_frames(opened.data)
+    known = math.isfinite(milliseconds) and milliseconds > 0
+    steps = np.arange(table.shape[1], dtype=np.float64)
+    return Columns(table, times=milliseconds / 1000 * steps if known else None)
+
+
+def _stc(opened: Opened, request: Request) -> Columns:
+    name = opened.path.name.lower()
+    if name.endswith(_VOLUMES):
+        raise ValueError("it is of a volume, by its name; give a -lh.stc or -rh.stc of a surface")
+    found = read_stc(opened.data)
+    structure = {"-lh.stc": "L", "-rh.stc": "R"}.get(name[-7:], "")
+    return Columns(found.values.T, vertices=found.vertices, times=found.times, structure=structure)
+
+
+def _annotation(opened: Opened, request: Request) -> Columns:
+    labels = freesurfer_annotation(opened.data)
+    note = "it has no names of labels: keys are the colours of its vertices, as numbers"
+    return Columns(
+        labels.values.reshape(-1, 1),
+        keys=(Keys(labels.names, labels.colors),),
+        notes=() if labels.names else (note,),
+    )
+
+
+def _label_list(opened: Opened, request: Request) -> Columns:
+    found = freesurfer_label(opened.data)
+    return Columns(found.values.reshape(-1, 1), names=("value",), vertices=found.vertices)
+
+
+def _freesurfer_text(opened: Opened, request: Request) -> Columns:
+    found = freesurfer_text(opened.data)
+    return Columns(found.values.reshape(-1, 1), vertices=found.vertices)
+
+
+def _cifti(opened: Opened, request: Request) -> Columns:
+    return read_cifti(opened.data, request.counts, request.hemisphere)
+
+
+def _npz(opened: Opened, request: Request) -> Columns:
+    return _of_arrays(Archive(BytesIO(opened.data)), request)
+
+
+def _mat(opened: Opened, request: Request) -> Columns:
+    return _of_arrays(_MatlabArrays(opened.data), request)
+
+
+class _MatlabArrays(Mapping[str, NDArray[Any]]):
+    """Numeric arrays of a MATLAB file up to version 7.2, each read when it is looked up."""
+
+    _NUMERIC = {"double", "single", "logical"} | {
+        f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
+    }
+
+    def __init__(self, data: bytes) -> None:
+        most = most_inflated(len(data))
+        self._data = data = _expanded(data, most)
+        self._sizes = {
+            name: math.prod(shape)
+            for name, shape, kind in _matlab("whosmat", data)
+            if kind in self._NUMERIC and 8 * math.prod(shape) <= most
+        }
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return np.asarray(_matlab("loadmat", self._data, variable_names=[name])[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._sizes)
+
+    def __len__(self) -> int:
+        return len(self._sizes)
+
+
+def _matlab(function: str, data: bytes, **options: Any) -> Any:
+    return getattr(import_module("scipy.io"), function)(BytesIO(data), **options)
+
+
+def _expanded(data: bytes, most: int) -> bytes:
+    """Return a MATLAB file with its compressed elements expanded, of at most so many bytes."""
+    if not data.startswith(b"MATLAB 5.0"):
+        return data
+    order = "<" if data[126:128] == b"IM" else ">"
+    parts, begin = [data[:_MATLAB_HEAD]], _MATLAB_HEAD
+    while begin + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, begin)
+        part = data[begin : begin + 8 + size]
+        if kind == _MATLAB_COMPRESSED:
+            part = inflated(part[8:], most)
+            most -= len(part)
+        parts.append(part)
+        begin += 8 + size
+    return b"".join(parts)
+
+
+def _vtk(opened: Opened, request: Request) -> Columns:
+    return _of_arrays(vtk_contents(opened).point_data, request)
+
+
+def _ply(opened: Opened, request: Request) -> Columns:
+    return _of_arrays(ply_contents(opened).columns, request, _OF_A_MESH)
+
+
+def _of_arrays(
+    arrays: Mapping[str, NDArray[Any]], request: Request, passed_over: Collection[str] = ()
+) -> Columns:
+    """Return one array of a file that has several with names; some only if they are named."""
+    name = _array_name(arrays, request, passed_over)
+    times = arrays["times"] if "times" in arrays and name != "times" else None
+    if times is not None and (times.dtype.kind not in "iuf" or times.size != max(times.shape)):
+        raise ValueError(
+            f"its times are {times.dtype} of shape {times.shape}; expected real numbers (T,)"
+        )
+    return Columns(
+        arrays[name],
+        names=(name,),
+        numbers=(request.array or name,),
+        times=None if times is None else times.reshape(-1).astype(np.float64),
+        frames_first=True,
+    )
+
+
+def _array_name(
+    arrays: Mapping[str, NDArray[Any]], request: Request, passed_over: Collection[str]
+) -> str:
+    names, word = sorted({*arrays} - {*passed_over}), request.array
+    if word is not None:
+        part = _PART.fullmatch(word)
+        name = word if word in arrays or not part else part[1]
+        if name in arrays:
+            return name
+        shown = f"it has no array {brief(name)}{did_you_mean(name, names)}"
+    elif len(names) == 1 or "frames" in arrays:
+        return "frames" if "frames" in arrays else names[0]
+    else:
+        own = "is a file of abfm's own without frames, and " if "format_version" in arrays else ""
+        shown = f"it {own}has {len(names)} arrays"
+    fitting = [each for each in names if _may_be_values(arrays, each, request.counts)]
+    if word is None and len(fitting) == 1:
+        return fitting[0]
+    listed = ", ".join(one_line(each, 30) for each in (fitting or names)[:8]) or "none"
+    text = f"{shown}; there is {listed}"
+    if word is None and fitting and "format_version" not in arrays:
+        raise SeveralArraysError(f"{text}; choose one of them", fitting)
+    raise ValueError(text)
+
+
+def _may_be_values(arrays: Mapping[str, NDArray[Any]], name: str, counts: tuple[int, ...]) -> bool:
+    try:
+        values = arrays[name]
+    except Exception:  # damaged, or an array of objects
+        return False
+    if values.ndim not in (1, 2, 3) or values.dtype.kind not in "biuf":
+        return False
+    return not counts or bool({*counts} & {*values.shape})
+
+
+Reader = Callable[[Opened, Request], Columns]
+READERS: dict[Format, Reader] = {
+    Format.NPY: _npy,
+    Format.NPZ: _npz,
+    Format.MAT: _mat,
+    Format.VTK_XML: _vtk,
+    Format.VTK_LEGACY: _vtk,
+    Format.PLY: _ply,
+    Format.TABLE: _text,
+    Format.GIFTI: _gifti,
+    Format.CIFTI: _cifti,
+    Format.FREESURFER_VALUES: _morphometry,
+    Format.FREESURFER_OLD_VALUES: _morphometry,
+    Format.FREESURFER_ASCII: _freesurfer_text,
+    Format.MGH: _mgh,
+    Format.STC: _stc,
+    Format.ANNOTATION: _annotation,
+    Format.LABEL_LIST: _label_list,
+}
+"""What reads the values of each format."""
+HAVE_NAMED_ARRAYS = (Format.NPZ, Format.MAT, Format.VTK_XML, Format.VTK_LEGACY, Format.PLY)
+"""Formats whose arrays are chosen by their names."""

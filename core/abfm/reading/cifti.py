@@ -1,0 +1,181 @@
+"""Values, series and labels of one hemisphere in a CIFTI-2 file, read by nibabel.
+
+Format: https://www.nitrc.org/projects/cifti. A file has one row of values for each grayordinate:
+vertices of surfaces without the medial wall, and voxels. nibabel believes the sizes that a file
+gives, so they are compared with the bytes of the file before an array is made.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Collection
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from abfm.errors import one_line
+from abfm.numerics.real_numbers import as_doubles
+from abfm.reading.columns import Columns, Keys
+from abfm.reading.xml_events import take_events
+from abfm.types import FloatArray
+
+_HEADER_BYTES, _EXTENSION_CODE = 540, 32
+_SURFACE = "CIFTI_MODEL_TYPE_SURFACE"
+_HEMISPHERES = {"CIFTI_STRUCTURE_CORTEX_LEFT": "L", "CIFTI_STRUCTURE_CORTEX_RIGHT": "R"}
+_MODELS, _SERIES = "CIFTI_INDEX_TYPE_BRAIN_MODELS", "CIFTI_INDEX_TYPE_SERIES"
+_MAPS = ("CIFTI_INDEX_TYPE_SCALARS", "CIFTI_INDEX_TYPE_LABELS", _SERIES)
+
+
+def read_cifti(data: bytes, counts: Collection[int], hemisphere: str) -> Columns:
+    """Read the columns of one hemisphere from .dscalar.nii, .dtseries.nii and .dlabel.nii.
+
+    Parameters
+    ----------
+    data : bytes
+    counts : collection of int
+        How many vertices the surface may have, which chooses the hemisphere if only one fits.
+    hemisphere : str
+        "L" or "R"; empty if it is not known.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged, is of another type, or both hemispheres fit.
+    """
+    head = _header(data)
+    matrix = _matrix(data, head)
+    kinds = [matrix.get_index_map(axis).indices_map_to_data_type for axis in range(2)]
+    if _MODELS not in kinds or not set(kinds) & {*_MAPS}:
+        shown = " and ".join(one_line(kind, 40).rpartition("TYPE_")[2].lower() for kind in kinds)
+        raise ValueError(
+            f"it is a CIFTI file of {shown}; expected values at vertices, as in .dscalar.nii, "
+            ".dtseries.nii and .dlabel.nii"
+        )
+    axis = kinds.index(_MODELS)
+    model, others = _model(matrix.get_index_map(axis), counts, hemisphere)
+    table = _table(data, head, axis)
+    begin, count = int(model.index_offset), int(model.index_count)
+    vertices = np.array(list(model.vertex_indices), dtype=np.int64)
+    if not 0 <= begin <= begin + count <= len(table) or len(vertices) != count:
+        raise ValueError(
+            f"its hemisphere has {len(vertices)} vertices in rows {begin} to {begin + count} of "
+            f"{len(table)}"
+        )
+    maps = matrix.get_index_map(1 - axis)
+    named = list(maps.named_maps) if kinds[1 - axis] != _SERIES else []
+    if named and len(named) != table.shape[1]:
+        raise ValueError(f"it has names of {len(named)} maps for {table.shape[1]} columns")
+    return Columns(
+        table[begin : begin + count],
+        names=tuple((each.map_name or "").strip() for each in named),
+        keys=tuple(map(_keys, named)) if kinds[1 - axis] == _MAPS[1] else (),
+        vertices=vertices,
+        vertex_count=int(model.surface_number_of_vertices),
+        structure=_HEMISPHERES[model.brain_structure],
+        times=None if named else _times(maps, table.shape[1]),
+        notes=(f"{others} other structures in it are ignored",) if others else (),
+    )
+
+
+def _header(data: bytes) -> Any:
+    if len(data) < _HEADER_BYTES:
+        raise ValueError(f"it is cut off: it has {len(data)} bytes of a header of {_HEADER_BYTES}")
+    nifti: Any = import_module("nibabel.nifti2")  # takes time, and is typed in part
+    return nifti.Nifti2Header(data[:_HEADER_BYTES], check=False)
+
+
+def _matrix(data: bytes, head: Any) -> Any:
+    """Return what the XML of the header says of the rows and columns."""
+    begin = _HEADER_BYTES + 4
+    while begin + 8 <= len(data):
+        size, code = struct.unpack_from(f"{head.endianness}ii", data, begin)
+        if size < 8 or begin + size > len(data):
+            break
+        if code == _EXTENSION_CODE:
+            xml = data[begin + 8 : begin + size].rstrip(b"\0")
+            take_events(xml, _Elements())
+            cifti: Any = import_module("nibabel.cifti2.parse_cifti2")
+            parser = cifti.Cifti2Parser()
+            parser.parse(string=xml)
+            return parser.header.matrix
+        begin += size
+    raise ValueError("it lacks the XML of a CIFTI-2 file, or is cut off")
+
+
+class _Elements:
+    """Ignores the events of a parser that checks XML."""
+
+    def start(self, name: str, attributes: dict[str, str]) -> None: ...
+
+    def end(self, name: str) -> None: ...
+
+    def characters(self, text: str) -> None: ...
+
+
+def _model(models: Any, counts: Collection[int], hemisphere: str) -> tuple[Any, int]:
+    """Return the brain model of one hemisphere, and how many others there are."""
+    every = list(models.brain_models)
+    found = [
+        each
+        for each in every
+        if each.model_type == _SURFACE and each.brain_structure in _HEMISPHERES
+    ]
+    if not found:
+        raise ValueError("it has no values on the surface of a hemisphere")
+    sides = "".join(_HEMISPHERES[each.brain_structure] for each in found)
+    if len(set(sides)) < len(sides):
+        raise ValueError("it has two models of one hemisphere")
+    if hemisphere:
+        if hemisphere not in sides:
+            raise ValueError(f"it has no values of hemisphere {hemisphere}, only of {sides}")
+        chosen = [found[sides.index(hemisphere)]]
+    else:
+        chosen = [each for each in found if each.surface_number_of_vertices in counts] or found
+    if len(chosen) > 1:
+        known = "" if not counts else ", and neither the mesh nor its name says which it is"
+        raise ValueError(
+            f"it holds both hemispheres{known}: choose one by hemisphere=L or hemisphere=R"
+        )
+    return chosen[0], len(every) - 1
+
+
+def _table(data: bytes, head: Any, axis: int) -> FloatArray:
+    """Return all values, a row for each grayordinate."""
+    shape = tuple(map(int, head.get_data_shape()))
+    kind = head.get_data_dtype()
+    begin, size = int(head["vox_offset"]), math.prod(shape) * kind.itemsize
+    if len(shape) != 6 or shape[:4] != (1, 1, 1, 1) or min(shape) < 1 or kind.kind not in "biuf":
+        raise ValueError(f"it is an array of {kind} of shape {shape}; expected two axes of numbers")
+    if begin < _HEADER_BYTES or begin + size > len(data):
+        raise ValueError(
+            f"it is cut off: {len(data) - begin} bytes are left for {size} of its values"
+        )
+    values = np.frombuffer(data, kind, math.prod(shape), begin).reshape(shape[4:], order="F")
+    slope, intercept = float(head["scl_slope"]), float(head["scl_inter"])
+    table = as_doubles(values if axis == 0 else values.T)
+    if math.isfinite(slope) and slope and math.isfinite(intercept) and (slope, intercept) != (1, 0):
+        table = table * slope + intercept
+    return table
+
+
+def _keys(named: Any) -> Keys:
+    """Return names and colours of the labels of a map."""
+    names, colors = {}, {}
+    for key, label in (named.label_table or {}).items():
+        names[int(key)] = str(label.label or "").strip()
+        red, green, blue, opacity = map(float, label.rgba)
+        if all(0 <= part <= 1 for part in (red, green, blue, opacity)):
+            colors[int(key)] = red, green, blue, opacity
+    return Keys(names, colors)
+
+
+def _times(series: Any, count: int) -> FloatArray | None:
+    """Return seconds of the frames, or None if the file gives none."""
+    if series.series_unit != "SECOND":
+        return None
+    scale = 10.0 ** (series.series_exponent or 0)
+    begin, step = float(series.series_start or 0), float(series.series_step or 0)
+    times = scale * (begin + step * np.arange(count, dtype=np.float64))
+    return times if step > 0 and np.isfinite(times).all() else None

@@ -1,0 +1,243 @@
+"""Tables of text: what separates their cells, which commas are decimal, names and numbers."""
+
+import csv
+import io
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from abfm.errors import brief, one_line
+from abfm.reading.opening import decoded
+from abfm.types import FloatArray
+
+_SEPARATORS = ";\t,"
+_QUOTED = re.compile(r'"[^"]*"')
+_DECIMAL = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
+_BLANK_AFTER = re.compile(r",\s+")
+_POINT = re.compile(r"\d\.|\.\d")
+_NUMPY_ERROR = re.compile(  # NumPy counts rows from 0 and columns from 1
+    r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
+    re.DOTALL,
+)
+_OPEN_QUOTE = "its last double quote has no other one"
+_ADVICE = "write decimal points, or separate the columns by semicolons"
+
+
+class Rows(NamedTuple):
+    """Cells of each line, and what separates them; None is blanks."""
+
+    cells: Iterator[list[str]]
+    separator: str | None
+
+    def number(self, text: str) -> float:
+        """Return the number in a cell; see `parse_number`."""
+        return parse_number(text, decimal_comma=self.separator in (";", "\t", None))
+
+
+def rows_of(data: bytes | str, comments: str | None = None, blanks: bool = True) -> Rows:
+    """Return the cells of all lines of a table that are not empty, without blanks around them.
+
+    Parameters
+    ----------
+    data : bytes or str
+        A file in UTF-8 or UTF-16, or its text.
+    comments : str, optional
+        How lines begin that are skipped.
+    blanks : bool
+        Whether blanks separate cells if nothing else does; otherwise commas do.
+
+    Raises
+    ------
+    ValueError
+        If the text cannot be decoded or quotes do not close, also while iterating.
+    """
+    text = _text(data)
+    first = next((line for line in _lines(text, comments)), "")
+    separator = _separator(first) or (None if blanks else ",")
+    return Rows(_cells(text, separator, comments), separator)
+
+
+def _cells(text: str, separator: str | None, comments: str | None) -> Iterator[list[str]]:
+    if separator is None:
+        yield from (line.split() for line in _lines(text, comments))
+        return
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    try:
+        for row in rows:
+            cells = [cell.strip() for cell in row]
+            if any(cells) and not (comments and row[0].startswith(comments)):
+                yield cells
+    except csv.Error as error:
+        reason = one_line(error).replace("unexpected end of data", _OPEN_QUOTE)
+        raise ValueError(f"line {rows.line_num}: {reason}") from None
+
+
+def parse_number(text: str, decimal_comma: bool = False) -> float:
+    """Return the number in a cell, which may have a decimal comma.
+
+    Raises
+    ------
+    ValueError
+        If it is not a number, or its comma may separate thousands, unless ``decimal_comma`` is
+        true.
+    """
+    if not decimal_comma and _THOUSANDS.fullmatch(text):
+        raise ValueError(f"{brief(text)} may be a decimal or thousands: write a decimal point")
+    return float(text.replace(",", ".") if _DECIMAL.fullmatch(text) else text)
+
+
+def read_numbers(data: bytes | str, whole: bool = False) -> tuple[list[str], FloatArray]:
+    """Read a table of numbers: names of the columns, if any, and the numbers, (n, C).
+
+    Semicolons, tabs, commas or blanks separate cells. Empty lines, and lines that begin with ``#``,
+    are skipped; if the last of the latter above the numbers has a word for each column, these are
+    the names, as is a first line that is not all numbers. Commas inside cells are decimal ones.
+
+    Parameters
+    ----------
+    data : bytes or str
+        A file in UTF-8 or UTF-16, or its text.
+    whole : bool
+        Whether whole numbers are expected, so that a comma between two of them separates columns.
+
+    Raises
+    ------
+    ValueError
+        If there is something else than numbers, or commas that can be read in two ways.
+    """
+    text = _text(data)
+    lines = list(_lines(text, "#"))
+    if not lines:
+        raise ValueError("it has no numbers")
+    separator = _separator(lines[min(1, len(lines) - 1)])
+    first = _split(lines[0], separator)
+    names = [] if all(map(_is_number, first)) else [name.strip() for name in first]
+    rows = lines[1:] if names else lines
+    if not rows:
+        raise ValueError(f"it has only the line {brief(lines[0])}")
+    if "," in text:
+        rows, separator = _with_points(rows, separator, names, whole)
+    try:
+        table = np.loadtxt(rows, delimiter=separator, comments=None, quotechar='"', ndmin=2)
+    except ValueError as error:
+        found = _NUMPY_ERROR.match(str(error))
+        raise ValueError(
+            f"row {found['row']} of its numbers, counting from 0, has "
+            f"{one_line(found['word'], 60)} in column {int(found['column']) - 1}, where a number "
+            "is expected"
+            if found
+            else str(error).partition("; use `usecols`")[0]  # advice for programmers
+        ) from error
+    names = names or _commented_names(text, separator)
+    return names if len(names) == table.shape[1] else [], table  # other words on top are a title
+
+
+def _text(data: bytes | str) -> str:
+    text = data if isinstance(data, str) else decoded(data)
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise ValueError(f"line {line}: it has a zero byte; save the table as UTF-8")
+    return text.removeprefix("\ufeff")
+
+
+def _lines(text: str, comments: str | None) -> Iterator[str]:
+    for line in text.split("\n"):
+        if line.strip() and not (comments and line.startswith(comments)):
+            yield line
+
+
+def _separator(line: str) -> str | None:
+    """Return what separates the cells of a line; None is blanks."""
+    outside = _QUOTED.sub("0", line)
+    found = next((sign for sign in _SEPARATORS if sign in outside), None)
+    if found != ",":
+        return found
+    words = outside.split()
+    has_decimals = len(words) > 1 and all(map(_is_number, words))  # such as 0,5 1,5
+    return None if has_decimals and not all(map(_is_number, outside.split(","))) else ","
+
+
+def _split(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.split()
+    try:
+        return next(csv.reader([line], delimiter=separator))
+    except csv.Error as error:  # not a ValueError
+        raise ValueError(str(error)) from None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        parse_number(text.strip(), decimal_comma=True)
+    except ValueError:
+        return False
+    return True
+
+
+def _with_points(
+    rows: list[str], separator: str | None, names: list[str], whole: bool
+) -> tuple[list[str], str | None]:
+    """Return lines of numbers with decimal points for decimal commas, and what separates cells."""
+    if separator == "," and not any('"' in row for row in rows):
+        if len(names) == 1 and not whole and all(_DECIMAL.fullmatch(row.strip()) for row in rows):
+            return [row.replace(",", ".") for row in rows], None
+        _refuse_ambiguous(rows, names, whole)
+        return rows, separator
+    body = "\n".join(rows)
+    if separator == ",":  # commas between quotes are decimal, others separate
+        inside = [cell.strip('" ') for cell in _QUOTED.findall(body) if "," in cell]
+        _refuse_mixed(body, inside, separator)
+        body = _QUOTED.sub(lambda cell: cell[0][1:-1].replace(",", "."), body)
+    else:
+        inside = [cell for cell in re.split(r'[;\s"]+', body) if "," in cell]
+        _refuse_mixed(body, inside, separator)
+        body = body.replace(",", ".")
+    return body.split("\n"), separator
+
+
+def _refuse_mixed(body: str, cells: list[str], separator: str | None) -> None:
+    """Refuse decimal commas among cells that have points, or that may be thousands."""
+    if cells and _POINT.search(body):
+        raise ValueError(
+            f"it has numbers with commas, such as {brief(cells[0])}, and numbers with points; "
+            "write decimal points, and no signs between thousands"
+        )
+    if separator != ";" and cells and all(map(_THOUSANDS.fullmatch, cells)):
+        raise ValueError(
+            f"it is not clear whether the comma of {brief(cells[0])} is decimal or separates "
+            "thousands; write decimal points, and no signs between thousands"
+        )
+
+
+def _refuse_ambiguous(rows: list[str], names: list[str], whole: bool) -> None:
+    """Refuse lines of commas that may be decimal ones as well as separate columns."""
+    if whole:
+        return
+    if not names and all(
+        all(map(_DECIMAL.fullmatch, _BLANK_AFTER.split(row.strip()))) for row in rows
+    ):
+        shown = rows[0].strip()
+        raise ValueError(
+            f"it is not clear whether {brief(shown)} is {shown.count(',') + 1} columns or has "
+            f"decimal commas, as in {brief(shown.replace(',', '.', 1))}: give each column a name "
+            f"in the first line, or {_ADVICE}"
+        )
+    widths = {row.count(",") + 1 for row in rows}
+    if len(names) > 1 and widths == {2 * len(names)}:
+        raise ValueError(
+            f"it has {len(names)} names of columns above lines of {2 * len(names)} cells: if half "
+            f"of its commas are decimal, {_ADVICE}"
+        )
+
+
+def _commented_names(text: str, separator: str | None) -> list[str]:
+    """Return the words of the last comment above the numbers, as np.savetxt writes names."""
+    head = ""
+    for line in text.split("\n"):
+        if line.strip() and not line.startswith("#"):
+            break
+        head = line if line.startswith("#") else head
+    return [name.strip() for name in _split(head.lstrip("# "), separator)] if head else []
