@@ -27,7 +27,7 @@ ALONE = (
     *(".npy", ".csv", ".txt", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
     *(".func.gii", ".func.gii.gz"),
 )
-_NUMBERED = re.compile(r"[0-9]\.vt[up]$")  # grids of VTK; those without a number are meshes
+_NUMBERED = re.compile(r"[0-9]\.vt[kup]$")  # grids of VTK; those without a number are meshes
 _POINTS = "NIFTI_INTENT_POINTSET"
 
 

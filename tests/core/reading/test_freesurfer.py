@@ -12,7 +12,6 @@ from numpy.testing import assert_array_equal
 from abfm.reading import (
     freesurfer_annotation,
     freesurfer_frames,
-    freesurfer_kind,
     freesurfer_label,
     freesurfer_surface,
     freesurfer_values,
@@ -60,7 +59,6 @@ def test_values_are_those_that_nibabel_writes(folder, seed, count):
     values = np.random.default_rng(seed).normal(size=count).astype(np.float32)
     freesurfer.write_morph_data(folder / "lh.sulc", values, fnum=7)
     assert_array_equal(freesurfer_values((folder / "lh.sulc").read_bytes()), values)
-    assert freesurfer_kind(folder / "lh.sulc") == "values"
 
 
 @pytest.mark.parametrize("kind", ["u1", "i2", "i4", "f4"])
@@ -89,11 +87,10 @@ def test_surfaces_are_as_nibabel_writes_and_reads_them(tmp_path):
     }
     for name, info in (("lh.white", volume), ("lh.sphere.reg", None)):
         freesurfer.write_geometry(tmp_path / name, 90 * mesh.vertices, mesh.faces, None, info)
-        vertices, faces = _surface(tmp_path / name)
+        vertices, faces = freesurfer_surface((tmp_path / name).read_bytes())
         expected = freesurfer.read_geometry(tmp_path / name)
         assert_array_equal(vertices, expected[0], strict=True)
         assert_array_equal(faces, expected[1])
-        assert freesurfer_kind(tmp_path / name) == "surface"
 
 
 @given(seed=seeds, count=st.integers(1, 30))
@@ -159,12 +156,8 @@ OVERLAY = packed(1, 3, 1, 1, 2, 3, 0) + bytes(256) + struct.pack(">6f", *range(6
 LARGE = packed(2**31 - 1)
 
 
-def _surface(path):
-    return freesurfer_surface(path.read_bytes())
-
-
 READERS = {
-    "surface": (_surface, SURFACE[: -len(b"\0\0\0\x02tag")]),
+    "surface": (freesurfer_surface, SURFACE[: -len(b"\0\0\0\x02tag")]),
     "values": (freesurfer_values, VALUES),
     "overlay": (freesurfer_frames, OVERLAY),
     "annotation 1": (freesurfer_annotation, annotation([0, 1, 2, 3], 1)),
@@ -176,11 +169,11 @@ READERS = {
 @pytest.mark.parametrize(
     ("reader", "content", "named"),
     [
-        (_surface, b"", ("FreeSurfer",)),
-        (_surface, b"\xff\xff\xfe" + b"a" * 10**6, ()),
-        (_surface, SURFACE[:20] + LARGE + SURFACE[24:], (2147483647,)),
-        (_surface, SURFACE[:24] + LARGE + SURFACE[28:], (2147483647,)),
-        (_surface, SURFACE[:20] + packed(-1) + SURFACE[24:], ("to", -1)),
+        (freesurfer_surface, b"", ("FreeSurfer",)),
+        (freesurfer_surface, b"\xff\xff\xfe" + b"a" * 10**6, ()),
+        (freesurfer_surface, SURFACE[:20] + LARGE + SURFACE[24:], (2147483647,)),
+        (freesurfer_surface, SURFACE[:24] + LARGE + SURFACE[28:], (2147483647,)),
+        (freesurfer_surface, SURFACE[:20] + packed(-1) + SURFACE[24:], ("to", -1)),
         (freesurfer_values, SURFACE, ()),
         (freesurfer_values, VALUES[:3] + LARGE + VALUES[7:], (2147483647,)),
         (freesurfer_values, VALUES[:11] + packed(2) + VALUES[15:], (2,)),
@@ -216,7 +209,7 @@ READERS = {
 )
 def test_files_that_lie_are_refused(tmp_path, reader, content, named):
     with raises(ValueError, *named) as caught:
-        reader(_given(tmp_path, reader, content))
+        reader(content)
     assert len(str(caught.value)) < 300
     assert str(caught.value).isprintable()
 
@@ -225,7 +218,7 @@ def test_files_that_lie_are_refused(tmp_path, reader, content, named):
 def test_every_cut_is_noticed(tmp_path, name):
     """But one that leaves an annotation without its table, which is a whole file."""
     reader, content = READERS[name]
-    reader(_given(tmp_path, reader, content))
+    reader(content)
     whole = [4 + 8 * 4] if "annotation" in name else []
     for end in range(len(content)):
         if end in whole:
@@ -233,7 +226,7 @@ def test_every_cut_is_noticed(tmp_path, name):
         if name == "label" and end in (len(content) - 1, len(content) - 2, len(content) - 3):
             continue  # shorter numbers are numbers
         with pytest.raises(ValueError, match=r"\w"):
-            reader(_given(tmp_path, reader, content[:end]))
+            reader(content[:end])
 
 
 @pytest.mark.parametrize("name", READERS)
@@ -241,7 +234,7 @@ def test_one_wrong_byte_gives_no_more_than_there_is_or_is_refused(tmp_path, name
     (reader, content), told = READERS[name], []
     for changed in one_byte_changed(content):
         try:
-            found = reader(_given(tmp_path, reader, changed))
+            found = reader(changed)
         except ValueError as error:
             told.append(str(error))
         else:
@@ -257,16 +250,11 @@ def test_any_bytes_are_read_or_refused(folder, content, begin):
     told = []
     for reader in {reader for reader, _ in READERS.values()}:
         try:
-            reader(_given(folder, reader, begin + content))
+            reader(begin + content)
         except ValueError as error:
             told.append(str(error))
     assert len(told) >= 3  # they are one format at most
     assert all(text.isprintable() for text in told)
-
-
-def _given(folder, reader, content):
-    """What a reader takes: surfaces are read by their names."""
-    return _written(folder, content) if reader is freesurfer_surface else content
 
 
 def _written(folder, content):

@@ -23,11 +23,11 @@ from abfm.sequences.reading.frames_file import FramesFile
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
-_NUMBERED = re.compile(r"(.*?)([0-9]{1,18})(\.vt[up])", re.IGNORECASE)
+_NUMBERED = re.compile(r"(.*?)([0-9]{1,18})(\.vt[kup])", re.IGNORECASE)
 _KEYS = ("name", "time")  # of a file in a .series
 _APART = 1e-3  # of the mesh's size: points that far from its vertices are told
 
-VTK_ENDINGS = (".pvd", ".series", ".vtu", ".vtp")
+VTK_ENDINGS = (".pvd", ".series", ".vtu", ".vtp", ".vtk")
 
 Entry = tuple[float, Path]
 
