@@ -21,7 +21,15 @@ from abfm.mesh.readers.off import read_off
 from abfm.mesh.readers.plain import read_obj, read_stl
 from abfm.mesh.readers.ply import read_ply
 from abfm.mesh.triangle_mesh import TriangleMesh
-from abfm.reading import ENDINGS, Format, Opened, open_file, vtk_contents
+from abfm.reading import (
+    ENDINGS,
+    STRUCTURES,
+    Format,
+    Opened,
+    named_side,
+    open_file,
+    vtk_contents,
+)
 from abfm.workers.progress import step
 
 Contents = TypeVar("Contents")
@@ -126,7 +134,8 @@ def load_mesh(
     name = one_line(mesh, _NAME_LENGTH_MAX)
     try:
         vertices, faces, messages = read_contents(mesh, READERS, "mesh")
-        return TriangleMesh(vertices, faces, messages=messages, **options)
+        structure = STRUCTURES.get(hemisphere or named_side(mesh) or "")
+        return TriangleMesh(vertices, faces, messages=messages, structure=structure, **options)
     except MemoryError as error:
         raise MeshError(
             f"{name}: the mesh does not fit into memory: close other programs, or coarsen it"

@@ -37,9 +37,9 @@ _OF_MAP = "log2_area", "folded"
 _ALWAYS = (-1e30, 1e30)
 
 
-def match_page(match: Match, title: str, up: str = "y") -> Page:
+def match_page(match: Match, title: str, up: str | None = None) -> Page:
     """Return the page of a match: its source, the source on its way, its target; ``up`` is the axis
-    that points upwards.
+    that points upwards, by default as in `best_front`.
     """
     functions = () if match.problem.is_of_landmarks else (match.source[:, 0], match.target[:, 0])
     front = best_front(match.mesh, *functions, up=up)
@@ -63,9 +63,9 @@ def match_page(match: Match, title: str, up: str = "y") -> Page:
     return _page(match, title, about, [first, carried, *last])
 
 
-def registration_page(found: Registration, title: str, up: str = "y") -> Page:
+def registration_page(found: Registration, title: str, up: str | None = None) -> Page:
     """Return the page of a registration: A with its function, that on its way on B, and B's own;
-    ``up`` is the axis of B that points upwards.
+    ``up`` is the axis of both that points upwards.
     """
     match = found.match
     if found.a is found.b:

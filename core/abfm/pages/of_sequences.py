@@ -74,7 +74,7 @@ class Labels:
     names: Sequence[str] = ()
     unit: str = ""
     unit_of_time: str = ""
-    up: str = "y"
+    up: str | None = None
 
 
 @dataclass(frozen=True)
