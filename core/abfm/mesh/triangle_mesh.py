@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.display import Display
-from abfm.errors import FunctionError, MeshError, one_line
+from abfm.errors import AbfmWarning, FunctionError, MeshError, one_line
 from abfm.mesh.checks import check
 from abfm.mesh.draft import FileNumbers
 from abfm.mesh.face_sizes import twice_areas
@@ -66,6 +66,9 @@ class TriangleMesh(Display):
     ----------
     vertices, faces : (V, 3) array of float, (F, 3) array of int
         Corners of triangles count vertices from 0. Copied.
+    structure : str, optional
+        What it is a surface of, as GIFTI's ``AnatomicalStructurePrimary`` has it, such as
+        ``CortexLeft``. It is written with outputs and compared with that of values.
     messages : iterable of str
         What was already done to the input, put before the messages of the checks.
     numbers : FileNumbers, optional
@@ -115,18 +118,21 @@ class TriangleMesh(Display):
     cache: dict[Any, Any]
     edge_slots: IntArray
     corner_fans: IntArray
+    structure: str | None
 
     def __init__(
         self,
         vertices: ArrayLike,
         faces: ArrayLike,
         *,
+        structure: str | None = None,
         messages: Iterable[str] = (),
         numbers: FileNumbers | tuple[IntArray, int] | None = None,
         **options: Unpack[MeshKeywords],
     ) -> None:
         draft = check(vertices, faces, MeshOptions(**options), numbers)
-        self.__setstate__(vars(draft) | {"messages": (*messages, *draft.messages), "cache": {}})
+        draft_state = vars(draft) | {"structure": structure}
+        self.__setstate__(draft_state | {"messages": (*messages, *draft.messages), "cache": {}})
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(
@@ -301,7 +307,7 @@ class TriangleMesh(Display):
         """Return the kept rows (V, ...) of (file_vertex_count, ...) or (V, ...) values.
 
         Of vertices that were merged the value of the first one is taken, as ParaView does; a
-        UserWarning reports how many others differ from it.
+        AbfmWarning reports how many others differ from it.
         """
         if len(values) == self.file_vertex_count:
             if len(self.copies):
@@ -341,6 +347,7 @@ class TriangleMesh(Display):
                 f"{len(rows)} of {len(copies)} merged vertices have another value than the vertex "
                 f"that they were merged into, whose value is taken (for example vertex {copy} than "
                 f"vertex {first})",
+                AbfmWarning,
                 stacklevel=3,
             )
 

@@ -37,9 +37,10 @@ _OF_MAP = "log2_area", "folded"
 _ALWAYS = (-1e30, 1e30)
 
 
-def match_page(match: Match, title: str, up: str = "y", share: float = 1.0) -> Page:
+def match_page(match: Match, title: str, up: str | None = None, share: float = 1.0) -> Page:
     """Return the page of a match: its source, the source on its way, its target; ``up`` is the axis
-    that points upwards, and ``share`` says how many values and lines there may be, up to 1.
+    that points upwards, by default as in `best_front`, and ``share`` says how many values and lines
+    there may be, up to 1.
     """
     functions = () if match.problem.is_of_landmarks else (match.source[:, 0], match.target[:, 0])
     front = best_front(match.mesh, *functions, up=up)
@@ -63,9 +64,11 @@ def match_page(match: Match, title: str, up: str = "y", share: float = 1.0) -> P
     return _page(match, title, about, [first, carried, *last])
 
 
-def registration_page(found: Registration, title: str, up: str = "y", share: float = 1.0) -> Page:
+def registration_page(
+    found: Registration, title: str, up: str | None = None, share: float = 1.0
+) -> Page:
     """Return the page of a registration: A with its function, that on its way on B, and B's own;
-    ``up`` is the axis of B that points upwards.
+    ``up`` is the axis of both that points upwards.
     """
     match = found.match
     if found.a is found.b:
