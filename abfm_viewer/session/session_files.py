@@ -578,7 +578,7 @@ class SessionFiles:
             if not error.remedies:
                 raise
             text = f"{path.name}: {error.problem}. " + "; ".join(
-                f"{each.button} keeps {each.keeps}" for each in error.remedies
+                f'"{each.button}" keeps {each.keeps}' for each in error.remedies
             )
             remedies: dict[str, Do] = {
                 each.button: partial(self._read_again, path, show_mesh, each.options)

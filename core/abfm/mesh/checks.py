@@ -67,8 +67,9 @@ def check(
                 f"{defect.problem}: try --merge, --clean or --largest-component (in Python: "
                 "merge=True, ...)"
             ) from None
-        can_merge = not options.merge and _merged(draft) is not None
-        raise with_remedies(defect, options, attempt, can_merge) from None
+        merged = None if options.merge else _merged(draft)
+        joins = merged is not None and components(merged).max() < components(draft).max()
+        raise with_remedies(defect, options, attempt, merged is not None, joins) from None
 
 
 def _copied(draft: Draft) -> Draft:
@@ -151,7 +152,8 @@ def _refuse_several_components(draft: Draft) -> None:
     sizes = np.bincount(component)
     stray = np.argmax(component != sizes.argmax())
     merged = _merged(draft)
-    joined = f", {components(merged).max() + 1} after merging vertices" if merged else ""
+    fewer = components(merged).max() + 1 if merged else count
+    joined = f", {fewer} after merging vertices" if fewer < count else ""
     raise DefectError(
         f"the surface has {count} components that do not touch{joined} (the one with most faces "
         f"has {sizes.max()} of {len(component)}; face {draft.face_ids[stray]}, counting from 0, is "

@@ -20,6 +20,7 @@ from abfm.types import BoolArray, IntArray
 
 _NEAR = 1e-6  # shortest over longest side of a face without area, up to which its ends are joined
 _FLAT_MAX = 100_000  # faces without area: more stay
+_ROUNDS_MAX = 5
 _SPLITS_EACH = 20  # faces that are split for each face without area, at most
 _NOTHING_LEFT = "no face remains: give a file of a surface"
 
@@ -31,7 +32,8 @@ def clean(draft: Draft) -> None:
     _drop_repeated(draft)
     _remove_flat(draft)
     _drop_repeated(draft)
-    _drop_hanging_sheets(draft)
+    for _ in range(_ROUNDS_MAX):  # sheets may hang on sheets that hang
+        _drop(draft, _hanging_sheets(draft), "of sheets that hang on the surface")
 
 
 def _drop(draft: Draft, bad: BoolArray, what: str, example: str = "") -> None:
@@ -184,8 +186,8 @@ def _sides(corners: list[int]) -> list[tuple[int, int]]:
     return [(min(b, c), max(b, c)), (min(c, a), max(c, a)), (min(a, b), max(a, b))]
 
 
-def _drop_hanging_sheets(draft: Draft) -> None:
-    """Drop sheets that end on a surface which goes on beneath them.
+def _hanging_sheets(draft: Draft) -> BoolArray:
+    """Return the faces (F,) of sheets that end on a surface which goes on beneath them.
 
     Faces joined by edges of two faces are a sheet. One hangs if each of its edges with more faces
     has three, two of them in one and the same larger sheet.
@@ -193,7 +195,7 @@ def _drop_hanging_sheets(draft: Draft) -> None:
     _, edges = edges_of_faces(draft.faces, len(draft.vertices))
     uses = np.bincount(edges.ravel())
     if uses.max() <= 2:
-        return
+        return np.zeros(len(edges), dtype=bool)
     order = np.argsort(edges, axis=None, kind="stable")
     first = np.cumsum(uses) - uses
     inner = first[uses == 2]
@@ -210,4 +212,4 @@ def _drop_hanging_sheets(draft: Draft) -> None:
     for each in three.T:
         may_go = has_single & (each == single) & (areas[each] < areas[middle])
         hangs[each[~may_go]] = False
-    _drop(draft, (hangs & at_edges)[sheet], "of sheets that hang on the surface")
+    return np.asarray((hangs & at_edges)[sheet])

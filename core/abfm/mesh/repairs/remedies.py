@@ -23,13 +23,13 @@ class DefectError(MeshError):
 
 
 def with_remedies(
-    defect: DefectError, options: MeshOptions, attempt: Attempt, can_merge: bool
+    defect: DefectError, options: MeshOptions, attempt: Attempt, can_merge: bool, joins: bool
 ) -> MeshError:
     """Return the error that names options with which the mesh can be used, or what is wrong with
-    all of them.
+    all of them. They merge vertices if that ``joins`` components.
     """
     last = ""
-    for group in _candidates(options, can_merge):
+    for group in _candidates(options, can_merge, joins):
         works = []
         for each in group:
             try:
@@ -46,15 +46,15 @@ def with_remedies(
     return MeshError(f"{defect.problem}{last}" if last else str(defect))
 
 
-def _candidates(options: MeshOptions, can_merge: bool) -> Iterator[list[MeshOptions]]:
+def _candidates(options: MeshOptions, can_merge: bool, joins: bool) -> Iterator[list[MeshOptions]]:
     """Yield options, those of a group together: of the first group that works the one that keeps
     most faces is advised, or both hemispheres if both work.
 
     Merging comes first, as it also joins the sides of seams that leave a surface connected.
     """
-    merges = [replace(options, merge=True), options] if can_merge else [options]
+    merges = [replace(options, merge=True)] * can_merge + [options] * (not joins)
     cleans = [] if options.clean else [replace(each, clean=True) for each in merges]
-    yield from ([each] for each in [*merges[:-1], *cleans])
+    yield from ([each] for each in [*merges, *cleans] if each != options)
     if not (options.hemisphere or options.largest_component):
         for each in [*merges, *cleans]:
             yield [replace(each, hemisphere=side) for side in HEMISPHERES]
