@@ -1,7 +1,9 @@
 """Numbers and arrays that users give, or an error that says what is wrong with them."""
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import AbfmError, ParameterError, one_line
 from abfm.types import FloatArray
@@ -23,7 +25,12 @@ def real_numbers(
         raise error(f"{name} has values of type {one_line(array.dtype, 40)}; expected real numbers")
     if np.ma.is_masked(values):
         raise error(f"{name} has values that are masked; expected real numbers")
-    with np.errstate(over="ignore"):  # numbers of more digits may be larger
+    return as_doubles(array)
+
+
+def as_doubles(array: NDArray[Any]) -> FloatArray:
+    """Return numbers as float64, row after row; infinities and NaN without a warning."""
+    with np.errstate(over="ignore", invalid="ignore"):
         return array.astype(np.float64, order="C", copy=False)
 
 

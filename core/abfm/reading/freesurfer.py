@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief
+from abfm.numerics.real_numbers import as_doubles
 from abfm.reading.door import inflated, open_plain, read_bytes
 from abfm.reading.labels import NO_LABEL, Color, Labels
 from abfm.types import FloatArray, IntArray
@@ -97,7 +98,7 @@ def freesurfer_values(path: str | os.PathLike[str]) -> FloatArray:
     values = bytes_.array(">f4", (count,), "values")
     if bytes_.left:
         raise ValueError(f"{bytes_.left} bytes follow the {count} values that it says to have")
-    return values.astype(np.float64)
+    return as_doubles(values)
 
 
 def freesurfer_overlay(path: str | os.PathLike[str]) -> FloatArray:
@@ -123,7 +124,9 @@ def freesurfer_frames(path: str | os.PathLike[str]) -> tuple[FloatArray, float]:
         raise ValueError(f"its values have the type {kind}; expected one of {[*_MGH_TYPES]}")
     bytes_.skip(_MGH_DATA)
     frames, count = counts[3], math.prod(counts[:3])
-    values = bytes_.array(_MGH_TYPES[kind], (frames, count), "frames").T.astype(np.float64)
+    if frames * count == 0:
+        raise ValueError(f"it holds {frames} frames of {count} values, which is nothing")
+    values = as_doubles(bytes_.array(_MGH_TYPES[kind], (frames, count), "frames").T)
     return values, float(bytes_.array(">f4", (1,), "times")[0]) if bytes_.left >= 4 else math.nan
 
 

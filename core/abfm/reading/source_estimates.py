@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abfm.numerics.real_numbers import as_doubles
 from abfm.reading.door import read_bytes
 from abfm.types import FloatArray, IntArray
 
@@ -56,4 +57,4 @@ def read_stc(path: str | os.PathLike[str]) -> SourceEstimate:
         )
     values = np.frombuffer(data, ">f4", samples * count, end + 4).reshape(samples, count)
     times = (begin + step * np.arange(samples)) / 1000
-    return SourceEstimate(values.astype(np.float64), vertices, times)
+    return SourceEstimate(as_doubles(values), vertices, times)

@@ -15,6 +15,7 @@ from abfm.errors import FunctionError, SeveralArraysError, brief, did_you_mean, 
 from abfm.functions import read_table
 from abfm.io import results
 from abfm.mesh import TriangleMesh
+from abfm.numerics.real_numbers import as_doubles
 from abfm.reading import LABEL, array_from, freesurfer_frames, open_plain, read_bytes, read_gifti
 from abfm.sequences.reading.frames_file import FramesFile
 from abfm.sequences.reading.source_frames import source_frames
@@ -97,7 +98,7 @@ def _checked(found: FramesFile, mesh: TriangleMesh) -> FramesFile:
         elif sizes & {*given.shape}:
             hint = ": give the axes in the order (T, V, C)"
         raise ValueError(f"it has the shape {given.shape}; the mesh has {counts} vertices{hint}")
-    values = np.ascontiguousarray(given, dtype=np.float64)
+    values = as_doubles(given)
     bad = ~np.isfinite(values)
     if bad.any():
         count = np.count_nonzero(bad.any(axis=0 if bad.ndim == 2 else (0, 2)))
