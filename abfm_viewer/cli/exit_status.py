@@ -37,6 +37,10 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
     except (AbfmError, UsageError, OSError, MemoryError) as error:
         print(f"{program}: {one_line(str(error) or 'out of memory', LONGEST)}", file=sys.stderr)
         return BAD_INPUT
+    except ImportError as error:  # also where memory is too small for a library's code
+        why = f"{one_line(error)}; free some memory, or install abfm again"
+        print(f"{program}: a library cannot be loaded: {why}", file=sys.stderr)
+        return BAD_INPUT
 
 
 def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:

@@ -101,6 +101,10 @@ SEQUENCES = (".npz", ".pvd", ".stc", ".gii", ".html")
 """Suffixes of files that a sequence can be written to."""
 
 
+class LostResultError(ResultError):
+    """A result that could be written nowhere."""
+
+
 def write_sequences(
     paths: Sequence[Path],
     found: abfm.Sequence,
@@ -235,16 +239,21 @@ def _write_each(
     if problem is None:
         return notes
     told = one_line(problem) if isinstance(problem, AbfmError) else f"not written: {problem!r}"
-    raise ResultError(told if kept else f"{told}; {_kept_elsewhere(whole)}") from problem
+    if kept:
+        raise ResultError(told) from problem
+    if place := _kept_elsewhere(whole):
+        raise ResultError(f"{told}; the result is in {place}") from problem
+    raise LostResultError(f"{told}; there was no other place for the result either") from problem
 
 
 def _kept_elsewhere(whole: results.Saved) -> str:
+    """Save a result in a folder that can be written; return its place, or nothing."""
     for folder in (Path.cwd, Path.home, tempfile.gettempdir):
         with suppress(Exception):
             place = Path(folder()) / f"abfm-{secrets.token_hex(4)}.npz"
             missing = results.save_what_can_be(place, whole)
-            return f"the result is in {place}{f'; {missing}' if missing else ''}"
-    return "there was no other place for the result either"
+            return f"{place}{f'; {missing}' if missing else ''}"
+    return ""
 
 
 def write_picture(path: Path, picture: Image.Image) -> None:

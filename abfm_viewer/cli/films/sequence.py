@@ -153,17 +153,7 @@ def run(arguments: argparse.Namespace) -> int:
                 unfinished=unfinished,
                 control=control,
             )
-        with nullcontext() if arguments.quiet else telling(print_long):
-            notes = outputs.write_sequences(
-                arguments.out,
-                found,
-                arguments.tracks,
-                arguments.intervals,
-                pages.Labels(unit_of_time="s" if unit == "second" else "", up=arguments.up),
-            )
-        print_notes(notes)
-        if kept.number is None:
-            unfinished.remove()
+        _write(arguments, found, unit, unfinished if kept.number is None else None)
     seconds, written = time.perf_counter() - start, [*arguments.out, *tables]
     if arguments.json:
         own = {"mesh": arguments.mesh, "film": arguments.frames}
@@ -175,6 +165,29 @@ def run(arguments: argparse.Namespace) -> int:
         lines = [*begin, *sequence_results.lines(found, unit), f"in {seconds:.1f} s; wrote {names}"]
         print("\n".join(lines))
     return _status(found, kept.number)
+
+
+def _write(
+    arguments: argparse.Namespace, found: Sequence, unit: str, finished: Unfinished | None
+) -> None:
+    """Write all outputs; remove what was kept of a finished sequence once the result is safe."""
+    is_safe = True
+    try:
+        with nullcontext() if arguments.quiet else telling(print_long):
+            notes = outputs.write_sequences(
+                arguments.out,
+                found,
+                arguments.tracks,
+                arguments.intervals,
+                pages.Labels(unit_of_time="s" if unit == "second" else "", up=arguments.up),
+            )
+        print_notes(notes)
+    except outputs.LostResultError:
+        is_safe = False
+        raise
+    finally:
+        if finished is not None and is_safe:
+            finished.remove()
 
 
 def _read(arguments: argparse.Namespace) -> list[str | None]:

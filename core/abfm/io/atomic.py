@@ -1,10 +1,9 @@
-"""Replace a file as a whole or not at all; temporary files and folders that do not stay: not after
-an error, nor a signal, nor for long after a kill.
+"""Replace a file completely or not at all; temporary files and folders.
 
-Each is locked while it is in use, and the system takes the lock back when a process ends, however
-that happens. So one that is not locked is surely abandoned, and the next to write in the same
-folder removes it, if it is of the same machine: locks of other machines may not be seen. Python's
-own `tempfile` leaves what a killed process had for ever, and libraries that write atomically do.
+Temporary files are removed after errors and signals. What a killed process leaves is removed by the
+next one that writes in the same folder: each file is locked while it is in use, and the system
+releases the lock when the process ends. Files of other machines are left alone, as their locks may
+not be visible. Python's `tempfile` and libraries that write atomically leave such files for ever.
 """
 
 import os
@@ -27,7 +26,9 @@ if sys.platform != "win32":
 _PREFIX = f".abfm-{zlib.crc32(platform.node().encode()):08x}-"
 # bytes; a longer one is nobody's format, and names must not get longer than systems take
 _LONGEST_SUFFIX = 20
-_DAY = 86400.0  # seconds
+# seconds for which a file is never taken for abandoned: it may be about to be locked, which Windows
+# cannot do to files that are to be renamed
+_KEPT_SECONDS = 86400.0 if sys.platform == "win32" else 10.0
 _in_use: set[Path] = set()
 
 
@@ -117,7 +118,11 @@ def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> I
     _in_use.add(path)  # before it is there: a signal may come in between
     descriptor = -1
     try:
-        descriptor = _made(path, is_folder)
+        path.mkdir(0o700) if is_folder else path.touch(exist_ok=False)
+        if sys.platform != "win32":
+            descriptor = os.open(path, os.O_RDONLY)
+            with suppress(OSError):  # a file system without locks, where nobody removes anything
+                fcntl.flock(descriptor, fcntl.LOCK_SH)
         yield path
     finally:
         _remove(path)
@@ -141,29 +146,6 @@ def remove_temporary() -> None:
         _remove(path)
 
 
-def _made(path: Path, is_folder: bool) -> int:
-    """Make it and return it open and locked; -1 on Windows, which renames no open file."""
-    while True:
-        if is_folder:
-            path.mkdir(0o700)
-        if sys.platform == "win32":
-            if not is_folder:
-                path.touch(exist_ok=False)
-            return -1
-        new = os.O_RDONLY if is_folder else os.O_RDWR | os.O_CREAT | os.O_EXCL
-        try:
-            descriptor = os.open(path, new, 0o666)
-        except FileNotFoundError:
-            if is_folder:  # it was taken for abandoned, and removed, as soon as it was made
-                continue
-            raise
-        with suppress(OSError):  # a file system without locks, where nobody gets one
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-        if os.fstat(descriptor).st_nlink:
-            return descriptor
-        os.close(descriptor)  # it was taken for abandoned, and removed, just before it was locked
-
-
 def _remove(path: Path) -> None:
     """Remove it if that can be: what goes wrong here must not hide what did before."""
     with suppress(OSError):
@@ -175,21 +157,20 @@ def _remove(path: Path) -> None:
 
 def _remove_abandoned(folder: Path) -> None:
     with suppress(OSError), os.scandir(folder) as entries:
-        for name in [entry.name for entry in entries if entry.name.startswith(_PREFIX)]:
+        for path in [Path(entry) for entry in entries if entry.name.startswith(_PREFIX)]:
             with suppress(OSError):
-                _remove_if_abandoned(folder / name)
+                if time.time() - path.lstat().st_mtime > _KEPT_SECONDS and not _is_locked(path):
+                    _remove(path)
 
 
-def _remove_if_abandoned(path: Path) -> None:
-    if sys.platform == "win32":  # which removes no file that is open
-        if time.time() - path.stat().st_mtime > _DAY:
-            _remove(path)
-        return
-    mode = os.O_RDONLY if stat.S_ISDIR(os.lstat(path).st_mode) else os.O_RDWR
-    descriptor = os.open(path, mode | os.O_NOFOLLOW | os.O_NONBLOCK)
+def _is_locked(path: Path) -> bool:
+    if sys.platform == "win32":
+        return False
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(descriptor), os.lstat(path)):
-            _remove(path)
+    except BlockingIOError:
+        return True
     finally:
         os.close(descriptor)
+    return False

@@ -106,6 +106,8 @@ def freesurfer_frames(data: bytes) -> tuple[NDArray[Any], float]:
         raise ValueError(f"its values have the type {kind}; expected one of {[*_MGH_TYPES]}")
     bytes_.skip(_MGH_DATA)
     frames, count = counts[3], math.prod(counts[:3])
+    if frames * count == 0:
+        raise ValueError(f"it holds {frames} frames of {count} values, which is nothing")
     values = bytes_.array(_MGH_TYPES[kind], (frames, count), "frames").T
     return values, float(bytes_.array(">f4", (1,), "times")[0]) if bytes_.left >= 4 else math.nan
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief
+from abfm.numerics.real_numbers import as_doubles
 from abfm.reading.door import inflated, most_inflated, read_bytes
 from abfm.reading.vtk_file import (
     POLYGON,
@@ -216,7 +217,7 @@ class _File:
             raise ValueError(
                 f"its array {called} has {len(numbers)} numbers; expected {count * columns}"
             )
-        return numbers.astype(np.float64).reshape(count, columns)
+        return as_doubles(numbers).reshape(count, columns)
 
     def _decoded(self, data: "_Raw | _Base64", size: int, kind: np.dtype[Any]) -> NDArray[Any]:
         """Return the numbers of so many bytes that data hold behind their header."""
@@ -327,7 +328,7 @@ def _numbers(text: str, kind: np.dtype[Any]) -> NDArray[Any]:
             np.array(words, dtype=np.float64) if kind.kind == "f" else np.array(words, dtype=kind)
         )
     except (ValueError, OverflowError) as error:
-        raise ValueError(f"an array has something else than numbers in it: {error}") from None
+        raise ValueError("an array has something else than numbers of its type in it") from error
 
 
 def _one_of(known: dict[str, Any], word: str, what: str) -> Any:

@@ -93,7 +93,10 @@ def export_pvd(path: str | os.PathLike[str], sequence: Sequence) -> None:
     try:
         # where files can be moved from: a folder that is there may be on another disk
         with temporary_folder(folder if folder.is_dir() else folder.parent) as made:
-            rows = _write_frames(made, path.stem, sequence)
+            try:
+                rows = _write_frames(made, path.stem, sequence)
+            except ResultError as error:  # of the temporary folder, which the user never sees
+                raise ResultError(str(error).replace(str(made), str(folder))) from error
             folder.mkdir(exist_ok=True)
             written = [each.name for each in sorted(made.iterdir())]
             for name in written:

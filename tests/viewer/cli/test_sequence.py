@@ -1,9 +1,12 @@
 """`abfm sequence`, and what `abfm info` and `abfm render` say of its files, run in this process."""
 
 import argparse
+import errno
 import json
+import os
 import signal
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -326,6 +329,17 @@ def test_a_run_that_is_killed_goes_on(files, tmp_path, abfm):
     check_names(told[0], 29)
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "whole.npz").read_bytes()
     assert not [*tmp_path.glob("*.unfinished")]
+
+
+def test_output_that_fails_leaves_no_unfinished_file(files, tmp_path, abfm, monkeypatch):
+    """The result is safe in the other output, and the message names no temporary folder."""
+    full = Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+    monkeypatch.setattr("abfm.io.exports.unstructuredGridToVTK", full, raising=True)
+    words = ["sequence", files / "m.ply", files / "f.npz", *SOLVED, "--out", tmp_path / "a.npz"]
+    told = abfm(*words, "--out", tmp_path / "b.pvd", status=2).err.splitlines()[-1]
+    check_message(told, "b_0000.vtu", "space")
+    assert ".abfm-" not in told
+    assert [path.name for path in tmp_path.iterdir()] == ["a.npz"]
 
 
 def test_help_tells_the_defaults_of_films():

@@ -225,6 +225,7 @@ def test_what_is_taken_over_goes_when_it_is_saved_and_halves_with_the_next_copy(
     with temporary_file(tmp_path) as half:
         left = half.name
     (tmp_path / left).touch()
+    os.utime(tmp_path / left, (0, 0))
     assert recoverable(StateFolder(tmp_path)) == []
     offer(autosave, DOCUMENT)
     assert list(tmp_path.iterdir()) == [autosave.path]
