@@ -28,7 +28,7 @@ def old_quads(vertices: int, quads: int) -> bytes:
     ("name", "data", "expected"),
     [
         ("a.off", OFF, Format.OFF),
-        ("a.off.gz", gzip.compress(OFF), Format.OFF),
+        ("a.off.gz", gzip.compress(OFF, mtime=0), Format.OFF),
         ("A.OBJ", b"v 0 0 0\n", Format.OBJ),
         ("brain.obj", b"P 0.3 0.3 0.4 10 1 162\n -26.3 42.5 0\n", Format.MNI_OBJ),
         ("wrong.obj", b"ply\nformat ascii 1.0\n", Format.PLY),
@@ -48,7 +48,7 @@ def old_quads(vertices: int, quads: int) -> bytes:
         ("a.pvd", b"<VTKFile type='Collection'>", Format.COLLECTION),
         ("a.dscalar.nii", header_of_nifti(2, 3006), Format.CIFTI),
         ("a.nii", header_of_nifti(2, 0), Format.NIFTI),
-        ("a.nii.gz", gzip.compress(header_of_nifti(1, 0)), Format.NIFTI),
+        ("a.nii.gz", gzip.compress(header_of_nifti(1, 0), mtime=0), Format.NIFTI),
         ("a.npz", b"PK\x03\x04", Format.NPZ),
         ("a.tsv", b"x\ty\n", Format.TABLE),
         ("a.xyz", b"0 0 0\n", Format.UNKNOWN),
@@ -62,7 +62,7 @@ def test_format_of_files(tmp_path: Path, name: str, data: bytes, expected: Forma
 
 
 def test_compressed_bytes_are_returned_decompressed(tmp_path: Path) -> None:
-    (tmp_path / "a.off.gz").write_bytes(gzip.compress(OFF))
+    (tmp_path / "a.off.gz").write_bytes(gzip.compress(OFF, mtime=0))
     assert open_file(tmp_path / "a.off.gz").data == OFF
 
 
