@@ -34,14 +34,17 @@ def read_stc(data: bytes) -> SourceEstimate:
         raise ValueError(f"it says to have {count} vertices, more than its {len(data)} bytes hold")
     vertices = np.frombuffer(data, ">u4", count, _HEAD.size).astype(np.int64)
     samples = int.from_bytes(data[end : end + 4], "big")
+    if count == 0 or samples == 0:  # as MNE writes a hemisphere without sources
+        raise ValueError(
+            f"it holds {samples} samples of {count} vertices: this hemisphere has no sources. Use "
+            "the file of the other one"
+        )
     size = 4 * samples * count
     if len(data) - end - 4 != size:
         raise ValueError(
             f"it says to have {samples} samples of {count} values, {size} bytes, and "
             f"{len(data) - end - 4} follow"
         )
-    if count == 0 or samples == 0:
-        raise ValueError(f"it holds {samples} samples of {count} vertices, which is nothing")
     if len(np.unique(vertices)) < count:
         raise ValueError("it has values of one vertex twice")
     if not (np.isfinite(begin) and np.isfinite(step) and step > 0):
