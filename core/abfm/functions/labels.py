@@ -67,6 +67,7 @@ def read_label_columns(
             found = found.of_labels()
         if mesh is not None:
             return found.on(mesh)
+        found = found.by_vertex()
         if found.vertices is not None:
             raise ValueError("it holds labels of some vertices only: give the mesh, too")
         return found

@@ -204,13 +204,14 @@ def _text(opened: Opened, request: Request) -> Columns:
 def _gifti(opened: Opened, request: Request) -> Columns:
     """Return the arrays as columns, without those of a mesh; node indices place their rows."""
     gifti = read_gifti(opened)
+    is_mesh = any(array.intent in SURFACE for array in gifti.arrays)
+    others = (*SURFACE, NODE_INDEX, *(["NIFTI_INTENT_VECTOR"] if is_mesh else []))  # normals
     arrays = {
         number: array._replace(values=_by_vertex(array.values, request.counts))
         for number, array in enumerate(gifti.arrays)
-        if array.intent not in (*SURFACE, NODE_INDEX)
+        if array.intent not in others
     }
     if not arrays:
-        is_mesh = any(array.intent in SURFACE for array in gifti.arrays)
         raise ValueError(
             "it holds a surface and no values" if is_mesh else "it holds no data array"
         )
@@ -238,7 +239,7 @@ def _gifti(opened: Opened, request: Request) -> Columns:
     return Columns(
         np.column_stack(columns),
         names=tuple(names) if any(names) else (),
-        numbers=tuple(numbers) if len(columns) > 1 else (),
+        numbers=tuple(numbers),
         keys=tuple(keys) if any(keys) else (),
         vertices=_node_indices(gifti, len(columns[0])),
         structure=gifti.structure,

@@ -113,7 +113,7 @@ class Columns:
         found = self.by_vertex()
         if found.vertices is not None:
             return found._placed(mesh, found.vertices)
-        shape, counts = self.values.shape, counts_of(mesh)
+        shape, counts = found.values.shape, counts_of(mesh)
         axis = vertex_axis(shape, counts, 0)
         if shape[axis] not in counts and len(shape) > 1:
             sizes = (
@@ -126,11 +126,12 @@ class Columns:
                 f"it has {sizes}, and the mesh {counts[1]} vertices: use one value per vertex"
                 + "; its first line may be names that are numbers" * is_one_more
             )
-        table = np.moveaxis(self.values, axis, 0)
+        table = np.moveaxis(found.values, axis, 0)
         table = mesh.restrict(as_doubles(table.reshape(len(table), -1)))
-        if axis or len(found.names or found.numbers) not in (0, table.shape[1]):
-            names = found.names if len(found.names) == 1 and axis == 0 else ()
-            parts = tuple(f"{name}[{k}]" for name in names for k in range(table.shape[1]))
+        known, count = len(found.names or found.numbers), table.shape[1]
+        if known and (known != count or (axis and count > 1)):  # those of another axis
+            names = found.names if len(found.names) == 1 else ()
+            parts = tuple(f"{name}[{k}]" for name in names for k in range(count))
             return replace(found, values=table, names=parts, keys=(), numbers=parts)
         return replace(found, values=table)
 
@@ -198,8 +199,9 @@ class Columns:
         rows = mesh.local_vertices(vertices[order])
         if len(rows) and (rows < 0).all():
             raise ValueError("it has no value at a vertex of the mesh that is in a face")
-        table = np.full((len(mesh.vertex_ids), self.values.shape[1]), np.nan)
-        table[rows[rows >= 0]] = as_doubles(self.values[order[rows >= 0]])
+        given = self.table()
+        table = np.full((len(mesh.vertex_ids), given.shape[1]), np.nan)
+        table[rows[rows >= 0]] = given[order[rows >= 0]]
         return replace(self, values=table, vertices=None)
 
     def number_of(self, column: str | None) -> int:
@@ -224,6 +226,8 @@ class Columns:
             )
         word = str(int(column)) if column and len(column) < 10 and column.isdecimal() else column
         chosen = named[0] if named else word
+        if count == 1 and chosen == "0":
+            return 0  # whatever the number of its array
         if chosen in numbers:
             return numbers.index(chosen)
         once = [name for name in self.names if name and self.names.count(name) == 1]

@@ -171,7 +171,7 @@ def _split(line: str, separator: str | None) -> list[str]:
 
 def _is_number(text: str) -> bool:
     try:
-        parse_number(text.strip(), decimal_comma=True)
+        parse_number(text.strip(' "'), decimal_comma=True)
     except ValueError:
         return False
     return True

@@ -89,7 +89,9 @@ def _checked(found: FramesFile, mesh: TriangleMesh, frames_first: bool) -> Frame
     """
     given, times, notes = found.values, found.times, [*found.notes]
     if given.ndim not in (2, 3) or given.size == 0:
-        raise ValueError(f"it is an array of shape {given.shape}; expected (T, V) or (T, V, C)")
+        one = ", at most one frame" * (given.ndim == 1)
+        shape = f"it is an array of shape {given.shape}{one}"
+        raise ValueError(f"{shape}; expected (T, V) or (T, V, C)")
     counts = counts_of(mesh)
     axis = vertex_axis(given.shape, counts, 1 if frames_first else 0)
     if given.shape[axis] not in counts:

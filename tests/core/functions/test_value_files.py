@@ -1,0 +1,354 @@
+"""One reader of values: rows that name their vertex, rows and columns, and choices in a file."""
+
+import io
+import warnings
+
+import nibabel
+import numpy as np
+import pytest
+import scipy.io
+from numpy.testing import assert_allclose, assert_array_equal
+
+from abfm.errors import FunctionError, SeveralArraysError
+from abfm.functions import function, read_column, read_labels, read_values, read_vertex_map
+from abfm.mesh import TriangleMesh
+from abfm.reading import NO_LABEL, Columns
+from abfm.sequences import read_frames
+from tests.core.reading.vtk_files import vtk_bytes
+from tests.messages import raises
+from tests.shapes import icosphere, with_loose_vertex
+
+MESH = icosphere(1)
+COUNT = len(MESH.vertices)
+RANDOM = np.random.default_rng(3)
+VALUES = RANDOM.standard_normal(COUNT).astype(np.float32).astype(np.float64)
+ORDER = RANDOM.permutation(COUNT)
+SOME = ORDER[:10]
+SPARSE = np.where(np.isin(np.arange(COUNT), SOME), VALUES, np.nan)
+NONE, NODES = "NIFTI_INTENT_NONE", "NIFTI_INTENT_NODE_INDEX"
+
+
+def gifti(path, arrays, labels=None, structure=""):
+    """Write arrays, given with their intents, and names of labels by their keys."""
+    found = []
+    for intent, values in arrays:
+        kind = np.float32 if np.asarray(values).dtype.kind == "f" else np.int32
+        array = np.asarray(values, kind)
+        found.append(
+            nibabel.gifti.GiftiDataArray(array, intent, f"NIFTI_TYPE_{array.dtype}".upper())
+        )
+    meta = {"AnatomicalStructurePrimary": structure} if structure else {}
+    image = nibabel.gifti.GiftiImage(darrays=found, meta=nibabel.gifti.GiftiMetaData(meta))
+    for key, name in (labels or {}).items():
+        label = nibabel.gifti.GiftiLabel(key)
+        label.label = name
+        image.labeltable.labels.append(label)
+    nibabel.save(image, path)
+    return path
+
+
+def table(path, text):
+    path.write_text(text)
+    return path
+
+
+def rows(*columns):
+    return "\n".join(",".join(map(repr, row)) for row in zip(*map(list, columns), strict=True))
+
+
+def value_of(path, options="", mesh=MESH):
+    return function(mesh, f'file:"{path}"{options}', may_be_unknown=True)
+
+
+@pytest.mark.parametrize("place", ["first", "last"])
+def test_node_indices_place_values(tmp_path, place):
+    """In values, frames, labels and maps, wherever the array of indices is in the file."""
+
+    def write(name, arrays, rows, **more):
+        indices = [(NODES, rows)]
+        both = indices + arrays if place == "first" else arrays + indices
+        return gifti(tmp_path / name, both, **more)
+
+    path = write("a.func.gii", [(NONE, VALUES[ORDER])], ORDER)
+    assert_array_equal(value_of(path), VALUES)
+    path = write("b.func.gii", [(NONE, VALUES[SOME]), (NONE, -VALUES[SOME])], SOME)
+    assert_array_equal(read_values(path, MESH).values, np.stack([SPARSE, -SPARSE], axis=1))
+    assert_array_equal(read_frames(path, MESH).values, np.stack([SPARSE, -SPARSE]))
+    path = write("c.label.gii", [("NIFTI_INTENT_LABEL", SOME % 3)], SOME)
+    expected = np.where(np.isnan(SPARSE), NO_LABEL, np.arange(COUNT) % 3)
+    assert_array_equal(read_labels(path, mesh=MESH).values, expected)
+    assert_array_equal(value_of(path, ",label=2"), expected == 2)
+    path = write("d.gii", [(NONE, ORDER[::-1])], ORDER)
+    assert_array_equal(read_vertex_map(MESH, str(path))[ORDER], ORDER[::-1])
+
+
+def test_placed_values_count_as_the_mesh_file(tmp_path):
+    """A vertex that no face uses takes its value with it; the ones behind it keep theirs."""
+    mesh = with_loose_vertex(MESH)
+    values = np.insert(VALUES, 5, 9.0)
+    path = gifti(tmp_path / "a.gii", [(NODES, np.arange(1, COUNT + 1)), (NONE, values[1:])])
+    assert_array_equal(value_of(path, mesh=mesh)[1:], VALUES[1:])
+
+
+@pytest.mark.parametrize(
+    ("indices", "named"), [([0, 1, 1], (1,)), ([0, 1, COUNT], (COUNT,)), ([0, -1, 2], (-1,))]
+)
+def test_wrong_indices_are_refused(tmp_path, indices, named):
+    path = gifti(tmp_path / "a.gii", [(NODES, indices), (NONE, VALUES[:3])])
+    with raises(FunctionError, *named):
+        value_of(path)
+    written = table(tmp_path / "a.csv", "vertex,v\n" + rows(indices, VALUES[:3].tolist()))
+    with pytest.raises(FunctionError):
+        value_of(written)
+
+
+@pytest.mark.parametrize("name", ["vertex", "Node", "INDEX", "vertex_id", "node index"])
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_column_of_vertices_places_the_others(tmp_path, name, separator):
+    text = f"{name},v,w\n" + rows(ORDER.tolist(), VALUES[ORDER].tolist(), ORDER.tolist())
+    path = table(tmp_path / "a.csv", text.replace(",", separator))
+    assert_array_equal(value_of(path, ",column=v"), VALUES)
+    assert_array_equal(value_of(path, ",column=2"), np.arange(COUNT))  # counted as in the file
+    assert_array_equal(read_frames(path, MESH).values, np.stack([VALUES, np.arange(COUNT)]))
+    with raises(FunctionError, 2, "v", "w"):
+        value_of(path)
+
+
+def test_lone_or_fractional_column_is_values(tmp_path):
+    path = table(tmp_path / "a.csv", "index\n" + rows(ORDER.tolist()))
+    assert_array_equal(value_of(path), ORDER)
+    path = table(tmp_path / "a.csv", "index,v\n" + rows(VALUES.tolist(), ORDER.tolist()))
+    assert_array_equal(value_of(path, ",column=index"), VALUES)
+    with raises(FunctionError, "vertex"):
+        value_of(table(tmp_path / "a.csv", "vertex,v\n" + rows(VALUES.tolist(), ORDER.tolist())))
+
+
+def test_unnamed_first_column_is_an_index_if_that_is_clear(tmp_path):
+    """Pandas counts rows from 0 and R from 1; of shuffled rows the lowest number says which."""
+
+    def write(numbers):
+        return table(tmp_path / "a.csv", ",v\n" + rows(numbers.tolist(), VALUES[ORDER].tolist()))
+
+    assert_array_equal(value_of(write(ORDER)), VALUES)
+    for first in (0, 1):
+        assert_array_equal(value_of(write(np.arange(COUNT) + first)), VALUES[ORDER])
+    with raises(FunctionError, "vertex"):
+        value_of(write(ORDER + 1))
+
+
+def test_comment_above_numbers_names_the_columns(tmp_path):
+    columns = np.column_stack([ORDER, VALUES[ORDER]])
+    np.savetxt(tmp_path / "a.txt", columns, header="vertex depth", fmt="%.17g")
+    assert_array_equal(value_of(tmp_path / "a.txt"), VALUES)
+
+
+def test_columns_are_placed_from_python():
+    """As a pandas Series with an index of its own is."""
+    found = Columns(VALUES[SOME], vertices=SOME).on(MESH)
+    assert_array_equal(found.values[:, 0], SPARSE)
+
+
+@pytest.mark.parametrize("shape", [(1, COUNT), (COUNT, 1), (COUNT, 1, 1), (1, 1, COUNT)])
+def test_rows_are_columns(tmp_path, shape):
+    array = VALUES.reshape(shape)
+    np.save(tmp_path / "a.npy", array)
+    np.savez(tmp_path / "a.npz", depth=array)
+    scipy.io.savemat(tmp_path / "a.mat", {"depth": array}, do_compression=True)
+    gifti(tmp_path / "a.gii", [(NONE, array)])
+    names = ["a.npy", "a.npz", "a.mat", "a.gii"]
+    if len(shape) == 2:
+        np.savetxt(tmp_path / "a.csv", array, delimiter=",", fmt="%.17g")
+        names.append("a.csv")
+    for name in names:
+        assert_array_equal(value_of(tmp_path / name), VALUES, err_msg=name)
+
+
+def test_any_axis_may_be_the_vertices(tmp_path):
+    """The same rule for functions and frames: the axis with as many entries as vertices."""
+    film = RANDOM.standard_normal((3, COUNT))
+    np.save(tmp_path / "a.npy", film)
+    np.save(tmp_path / "b.npy", film.T)
+    for name in ("a.npy", "b.npy"):
+        assert_array_equal(value_of(tmp_path / name, ",column=2"), film[2])
+        assert_array_equal(read_frames(tmp_path / name, MESH).values, film)
+    np.save(tmp_path / "a.npy", film[:, 1:])
+    with raises(FunctionError, 3, COUNT - 1, COUNT):
+        value_of(tmp_path / "a.npy")
+
+
+def test_arrays_are_chosen_by_name(tmp_path):
+    arrays = {"depth": VALUES, "field": np.stack([VALUES, -VALUES]), "times": np.arange(2.0)}
+    np.savez(tmp_path / "a.npz", **arrays)
+    scipy.io.savemat(tmp_path / "a.mat", arrays | {"words": "text", "cell": np.array([1], "O")})
+    points = {"depth": VALUES, "field": np.stack([VALUES, -VALUES], axis=1)}
+    (tmp_path / "a.vtu").write_bytes(vtk_bytes(MESH.vertices, points))
+    for name in ("a.npz", "a.mat", "a.vtu"):
+        path = tmp_path / name
+        assert_array_equal(value_of(path, ",column=depth"), VALUES)
+        assert_array_equal(value_of(path, ',column="field[1]"'), -VALUES)
+        with raises(FunctionError, "field[0]", "field[1]"):
+            value_of(path, ",column=field")
+        with raises(FunctionError, "depht", "depth"):
+            value_of(path, ",column=depht")
+        with pytest.raises(SeveralArraysError) as caught:
+            value_of(path)
+        assert caught.value.names == ("depth", "field")
+    assert_array_equal(read_frames(tmp_path / "a.mat", MESH, "field").times, [0, 1])
+
+
+def test_values_of_ply_files(tmp_path):
+    faces = [f"3 {a} {b} {c}" for a, b, c in MESH.faces.tolist()]
+    points = [
+        f"{x!r} {y!r} {z!r} {v!r}"
+        for (x, y, z), v in zip(MESH.vertices.tolist(), VALUES.tolist(), strict=True)
+    ]
+    kinds = "".join(f"property double {name}\n" for name in ("x", "y", "z", "quality"))
+    head = (
+        f"ply\nformat ascii 1.0\nelement vertex {COUNT}\n{kinds}element face {len(faces)}\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    path = table(tmp_path / "a.ply", head + "\n".join(points + faces) + "\n")
+    assert_array_equal(value_of(path), VALUES)
+    assert_array_equal(value_of(path, ",column=x"), MESH.vertices[:, 0])
+
+
+def test_mesh_and_values_in_one_gifti(tmp_path):
+    """As CAT12 and SPM write them; arrays are counted as in the file."""
+    mesh = [("NIFTI_INTENT_POINTSET", MESH.vertices), ("NIFTI_INTENT_TRIANGLE", MESH.faces)]
+    normals = [("NIFTI_INTENT_VECTOR", MESH.vertices)]
+    path = gifti(tmp_path / "a.gii", [*mesh, *normals, ("NIFTI_INTENT_SHAPE", VALUES)])
+    for column in ("", ",column=3", ",column=0"):
+        assert_array_equal(value_of(path, column), VALUES)
+    with raises(FunctionError, "surface"):
+        value_of(gifti(tmp_path / "b.gii", mesh))
+
+
+def test_names_that_repeat_are_not_chosen(tmp_path):
+    path = table(tmp_path / "a.csv", "v,v\n" + rows(VALUES.tolist(), ORDER.tolist()))
+    with raises(FunctionError, 2, "v", "column=0", 1):
+        value_of(path, ",column=v")
+    assert_array_equal(value_of(path, ",column=1"), ORDER)
+    image = nibabel.gifti.GiftiImage(
+        darrays=[
+            nibabel.gifti.GiftiDataArray(
+                (k * VALUES).astype(np.float32), NONE, meta={"Name": "thickness"}
+            )
+            for k in (1, 2)
+        ]
+    )
+    nibabel.save(image, tmp_path / "a.gii")
+    with raises(FunctionError, 2, "thickness", "column=0", 1):
+        value_of(tmp_path / "a.gii", ",column=thickness")
+
+
+def test_labels_are_recognised_without_their_intent(tmp_path):
+    """By names for their keys, or by the name of the file; a metric of Workbench names only 0."""
+    keys = np.arange(COUNT) % 3
+    named = {0: "???", 1: "one", 2: "two"}
+    for name, labels in (("a.gii", named), ("a.label.gii", {}), ("a.label.gii.gz", None)):
+        path = gifti(tmp_path / name, [(NONE, keys)], labels)
+        assert_array_equal(read_labels(path).values, keys)
+        with raises(FunctionError, "--labels"):
+            value_of(path)
+        with raises(FunctionError, "labels"):
+            read_frames(path, MESH)
+    path = gifti(tmp_path / "b.gii", [(NONE, keys)], {0: "???"})
+    assert_array_equal(value_of(path), keys)
+    path = gifti(tmp_path / "c.gii", [(NONE, VALUES)], named)
+    assert_array_equal(value_of(path), VALUES)
+    with raises(FunctionError, "whole"):
+        read_labels(gifti(tmp_path / "d.label.gii", [(NONE, VALUES)]))
+
+
+def test_tables_of_whole_numbers_are_labels(tmp_path):
+    text = "vertex,key\n" + rows(SOME.tolist(), (SOME % 3).tolist())
+    path = table(tmp_path / "a.csv", text)
+    expected = np.where(np.isnan(SPARSE), NO_LABEL, np.arange(COUNT) % 3)
+    assert_array_equal(read_labels(path, mesh=MESH).values, expected)
+    with raises(FunctionError, "mesh"):
+        read_labels(path)
+
+
+def test_annotation_without_a_table_keeps_its_numbers(tmp_path):
+    """Each vertex keeps the number that the file gives it; nibabel cannot read such a file."""
+    colors = np.where(np.arange(COUNT) % 2, 0x640519, 0x1405DC)
+    pairs = np.column_stack([np.arange(COUNT), colors]).astype(">i4")
+    (tmp_path / "lh.a.annot").write_bytes(np.array([COUNT], ">i4").tobytes() + pairs.tobytes())
+    found = read_labels(tmp_path / "lh.a.annot", mesh=MESH)
+    assert_array_equal(found.values, colors)
+    assert_array_equal(value_of(tmp_path / "lh.a.annot", f",label={0x1405DC}"), colors == 0x1405DC)
+
+
+def test_old_values_and_texts_of_freesurfer(tmp_path):
+    hundredths = np.round(100 * VALUES).astype(">i2")
+    head = COUNT.to_bytes(3, "big") + (80).to_bytes(3, "big")
+    (tmp_path / "lh.curv").write_bytes(head + hundredths.tobytes())
+    assert_array_equal(value_of(tmp_path / "lh.curv"), hundredths / 100)
+    assert_array_equal(
+        nibabel.freesurfer.read_morph_data(tmp_path / "lh.curv"), hundredths.astype(float) / 100
+    )
+    lines = [f"{k:03d} 0.0 0.0 0.0 {v!r}" for k, v in enumerate(VALUES.tolist())]
+    path = table(tmp_path / "lh.curv.asc", "\n".join(lines) + "\n")
+    assert_array_equal(value_of(path), VALUES)
+
+
+@pytest.mark.parametrize("words", [("GIFTI_ENDIAN_LITTLE", "GIFTI_ENCODING_B64GZ"), ("2", "3")])
+def test_former_words_of_gifti(tmp_path, words):
+    path = gifti(tmp_path / "a.gii", [(NONE, VALUES)])
+    text = path.read_text().replace("LittleEndian", words[0]).replace("GZipBase64Binary", words[1])
+    path.write_text(text.replace("NIFTI_TYPE_FLOAT32", "16").replace(NONE, "0"))
+    assert_array_equal(value_of(path), VALUES)
+
+
+def test_signalling_nan_warns_nobody(tmp_path):
+    array = VALUES.astype(np.float32)
+    array.view(np.uint32)[4] = 0x7F800001
+    np.save(tmp_path / "a.npy", array)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = value_of(tmp_path / "a.npy")
+    assert_array_equal(np.flatnonzero(np.isnan(found)), [4])
+
+
+def test_matlab_files_that_cannot_be_read(tmp_path):
+    (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512))
+    with raises(FunctionError, "-v7"):
+        value_of(tmp_path / "a.mat")
+    content = io.BytesIO()
+    scipy.io.savemat(content, {"a": np.zeros(20_000_000, np.uint8)}, do_compression=True)
+    (tmp_path / "a.mat").write_bytes(content.getvalue())
+    with pytest.raises(FunctionError):  # more than a file of this size may hold
+        value_of(tmp_path / "a.mat")
+    scipy.io.savemat(tmp_path / "a.mat", {"a": VALUES})
+    whole = (tmp_path / "a.mat").read_bytes()
+    for end in range(0, len(whole), 7):
+        (tmp_path / "a.mat").write_bytes(whole[:end])
+        with pytest.raises(FunctionError):
+            value_of(tmp_path / "a.mat")
+
+
+def test_files_that_hold_no_values_say_what_they_are(tmp_path):
+    (tmp_path / "a.off").write_text("OFF\n3 1 0\n")
+    (tmp_path / "a.nii").write_bytes(np.array([348], "<i4").tobytes().ljust(344, b"\0") + b"n+1\0")
+    for name, named in (("a.off", "OFF mesh"), ("a.nii", "NIfTI image")):
+        with raises(FunctionError, named):
+            value_of(tmp_path / name)
+
+
+def test_merged_vertices_take_the_first_value(tmp_path):
+    """A vertex that the file has twice gets the value of the copy with the lower number."""
+    vertices = np.concatenate([MESH.vertices, MESH.vertices[:1]])
+    faces = MESH.faces.copy()
+    one = int(np.flatnonzero((faces == 0).any(axis=1))[0])
+    faces[one][faces[one] == 0] = COUNT
+    mesh = TriangleMesh(vertices, faces, merge=True)
+    found = Columns(np.array([1.0, 2.0]), vertices=np.array([COUNT, 0])).on(mesh)
+    assert found.values[0, 0] == 2.0
+    found = Columns(np.array([1.0]), vertices=np.array([COUNT])).on(mesh)
+    assert found.values[0, 0] == 1.0
+
+
+def test_columns_of_a_table_without_a_mesh(tmp_path):
+    path = table(tmp_path / "a.csv", "vertex,v\n1,2.5\n0,3.5\n")
+    assert read_values(path).names == ("vertex", "v")
+    assert_allclose(read_column(path, "v"), [2.5, 3.5])

@@ -1,0 +1,91 @@
+"""Tables of text: separators, decimal commas, and what can be read in two ways."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from abfm.reading import read_numbers, rows_of
+from abfm.reading.text_tables import parse_number
+from tests.messages import raises
+
+NUMBERS = np.array([[0.369, -12.5], [1e-3, 1000.25], [7, 0]])
+
+
+def written(separator, decimal=",", quote=""):
+    cells = [
+        [f"{quote}{x!r}{quote}".replace(".", decimal) for x in row] for row in NUMBERS.tolist()
+    ]
+    return "\n".join(separator.join(row) for row in cells) + "\n"
+
+
+@pytest.mark.parametrize("separator", [";", "\t", " ", "  ", "; "])
+@pytest.mark.parametrize("head", ["", "depth{}area\n"])
+def test_decimal_commas_are_read_if_something_else_separates(separator, head):
+    names, found = read_numbers(head.format(separator) + written(separator))
+    assert_array_equal(found, NUMBERS)
+    assert [name.strip() for name in names] == (["depth", "area"] if head else [])
+
+
+def test_decimal_commas_in_quotes_are_read():
+    assert_array_equal(read_numbers(written(",", quote='"'))[1], NUMBERS)
+    assert_array_equal(read_numbers('"0,369"\n"1,5"\n')[1], [[0.369], [1.5]])
+
+
+def test_one_name_above_decimal_commas_is_one_column():
+    names, found = read_numbers("mean depth\n0,369\n-1,25\n")
+    assert found.tolist() == [[0.369], [-1.25]]
+    assert names == ["mean depth"]
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("0,369\n1,25\n", ("'0,369'", "'0.369'", 2)),
+        ("0,369, 1,25\n0,5, 0,75\n", (4,)),
+        ("depth,area\n0,369,1,25\n", (2, 4)),
+        ("0,369;1.5\n", ("'0,369'",)),
+        ('"0,369",1.5\n', ("'0,369'",)),
+        ("1,234\t5,678\n", ("'1,234'", "thousands")),
+        ('"1,234","5,678"\n', ("'1,234'", "thousands")),
+        ("1\0\n", (1, "UTF-8")),
+        ("# nothing\n", ()),
+    ],
+)
+def test_what_can_be_read_in_two_ways_is_refused(text, named):
+    with raises(ValueError, *named):
+        read_numbers(text)
+
+
+def test_pairs_of_whole_numbers_are_two_columns_where_these_are_expected():
+    assert read_numbers("0,369\n1,25\n", whole=True)[1].tolist() == [[0, 369], [1, 25]]
+    assert read_numbers("a,b\n0,369\n1,25\n")[1].tolist() == [[0, 369], [1, 25]]
+    assert read_numbers("0, 369\n1, 25.5\n")[1].tolist() == [[0, 369], [1, 25.5]]
+
+
+@given(
+    rows=st.lists(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=2), min_size=1, max_size=5),
+    separator=st.sampled_from([";", "\t", ",", " "]),
+    mark=st.booleans(),
+    encoding=st.sampled_from(["utf-8-sig", "utf-16", "utf-16-le"]),
+)
+def test_numbers_come_back_from_any_table(rows, separator, mark, encoding):
+    decimal = "," if mark and separator != "," else "."
+    cells = [[f"{x:.4f}".replace(".", decimal) for x in row] for row in rows]
+    text = "\r\n".join([f"one{separator}two", *(separator.join(row) for row in cells)])
+    names, found = read_numbers(text.encode(encoding))
+    assert names == ["one", "two"]
+    assert_array_equal(found, np.round(rows, 4))
+
+
+def test_rows_of_words_and_the_numbers_in_them():
+    table = rows_of('name;place\n"a;b";1,5\n\n', comments="#")
+    assert [*table.cells] == [["name", "place"], ["a;b", "1,5"]]
+    assert table.number("1,5") == table.number("1.5") == 1.5
+    assert table.number("1,234") == 1.234
+    assert [*rows_of("0,5 1,5 left").cells] == [["0", "5 1", "5 left"]]
+    assert [*rows_of("0,5 1,5\n2,5 3").cells] == [["0,5", "1,5"], ["2,5", "3"]]
+    with raises(ValueError, "1,234"):
+        parse_number("1,234")
+    assert parse_number("0,234") == 0.234
