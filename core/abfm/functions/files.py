@@ -13,14 +13,14 @@ from abfm.functions.labels import where_label
 from abfm.functions.value_files import (
     LABELS_ENDINGS,
     VALUES_ENDINGS,
-    Request,
     columns_of,
     read_map_table,
     reported,
+    request_for,
 )
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh
-from abfm.reading import FREESURFER_VALUES, Format, counts_of, open_file
+from abfm.reading import FREESURFER_VALUES, Format, open_file
 from abfm.types import FloatArray, IntArray
 
 _SYMMETRIC = ".sym.vts"
@@ -57,7 +57,7 @@ class ValuesFile(Family):
             return where_label(self.path, self.label, mesh, self.column, side).astype(np.float64)
         with reported(self.path):
             opened = open_file(self.path)
-            request = Request(counts_of(mesh), self.column, side)
+            request = request_for(mesh, self.column, side)
             found = columns_of(opened, request).of_values().on(mesh)
             values = found.table()[:, found.number_of(self.column)]
             if opened.format is not Format.LABEL_LIST:

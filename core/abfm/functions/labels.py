@@ -4,9 +4,9 @@ import os
 from collections.abc import Iterable
 
 from abfm.errors import brief, did_you_mean, one_line
-from abfm.functions.value_files import Request, columns_of, reported
+from abfm.functions.value_files import columns_of, reported, request_for
 from abfm.mesh import TriangleMesh
-from abfm.reading import Columns, Format, Labels, counts_of, open_file
+from abfm.reading import Columns, Format, Labels, open_file
 from abfm.types import BoolArray
 
 __all__ = ["Labels", "read_label_columns", "read_labels", "where_label"]
@@ -56,8 +56,7 @@ def read_label_columns(
     """Read all columns of labels from a file; see `read_labels`."""
     with reported(path):
         opened = open_file(path)
-        counts = () if mesh is None else counts_of(mesh)
-        found = columns_of(opened, Request(counts, column, hemisphere))
+        found = columns_of(opened, request_for(mesh, column, hemisphere))
         if opened.format is Format.LABEL_LIST:
             raise ValueError(
                 "it holds no labels, but lists the vertices of one: use it as file:, a function "

@@ -45,6 +45,7 @@ from abfm.reading import (
     read_gifti,
     read_numbers,
     read_stc,
+    side_of,
     vertex_axis,
     vtk_contents,
 )
@@ -81,6 +82,8 @@ class Request(NamedTuple):
     """The name of an array, in files that have several."""
     hemisphere: str = ""
     """Of files of both: "L", "R", or empty for the one that fits the mesh."""
+    likely: str = ""
+    """The hemisphere of the mesh, if it is known."""
     whole: bool = False
     """Whether the numbers are whole ones, such as numbers of vertices."""
 
@@ -99,6 +102,15 @@ def reported(path: str | os.PathLike[str], what: str = "file") -> Iterator[None]
         raise FunctionError(f"{name} cannot be read: {one_line(error)}") from error
     except Exception as error:  # a damaged file can cause any error in readers
         raise FunctionError(f"{name}: {one_line(error, 400)}") from error
+
+
+def request_for(
+    mesh: TriangleMesh | None, array: str | None = None, hemisphere: str = ""
+) -> Request:
+    """Return what is looked for in a file of values for a mesh."""
+    if mesh is None:
+        return Request(array=array, hemisphere=hemisphere)
+    return Request(counts_of(mesh), array, hemisphere, side_of(mesh.structure) or "")
 
 
 def read_values(
@@ -139,8 +151,7 @@ def read_values(
         If the file cannot be read, holds labels, or does not fit the mesh.
     """
     with reported(path):
-        counts = () if mesh is None else counts_of(mesh)
-        found = columns_of(open_file(path), Request(counts, column, hemisphere)).of_values()
+        found = columns_of(open_file(path), request_for(mesh, column, hemisphere)).of_values()
         return found if mesh is None else found.on(mesh)
 
 
@@ -168,7 +179,8 @@ def read_map_table(
     """
     with reported(path, what):
         counts = counts_of(domain)
-        found = columns_of(open_file(path), Request(counts, whole=True)).of_values()
+        request = request_for(domain)._replace(whole=True)
+        found = columns_of(open_file(path), request).of_values()
         is_row = len(found.values) == 1 and found.values[0].size in counts
         return (found.on(domain) if is_row or found.vertices is not None else found).table()
 
@@ -324,7 +336,7 @@ def _freesurfer_text(opened: Opened, request: Request) -> Columns:
 
 
 def _cifti(opened: Opened, request: Request) -> Columns:
-    return read_cifti(opened.data, request.counts, request.hemisphere)
+    return read_cifti(opened.data, request.counts, request.hemisphere, request.likely)
 
 
 def _npz(opened: Opened, request: Request) -> Columns:

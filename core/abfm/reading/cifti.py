@@ -28,7 +28,9 @@ _MODELS, _SERIES = "CIFTI_INDEX_TYPE_BRAIN_MODELS", "CIFTI_INDEX_TYPE_SERIES"
 _MAPS = ("CIFTI_INDEX_TYPE_SCALARS", "CIFTI_INDEX_TYPE_LABELS", _SERIES)
 
 
-def read_cifti(data: bytes, counts: Collection[int], hemisphere: str) -> Columns:
+def read_cifti(
+    data: bytes, counts: Collection[int], hemisphere: str = "", likely: str = ""
+) -> Columns:
     """Read the columns of one hemisphere from .dscalar.nii, .dtseries.nii and .dlabel.nii.
 
     Parameters
@@ -37,7 +39,9 @@ def read_cifti(data: bytes, counts: Collection[int], hemisphere: str) -> Columns
     counts : collection of int
         How many vertices the surface may have, which chooses the hemisphere if only one fits.
     hemisphere : str
-        "L" or "R"; empty if it is not known.
+        "L" or "R", which must be in the file; empty if it is not known.
+    likely : str
+        The hemisphere of the surface, which is taken if it is there and nothing else is requested.
 
     Raises
     ------
@@ -54,7 +58,7 @@ def read_cifti(data: bytes, counts: Collection[int], hemisphere: str) -> Columns
             ".dtseries.nii and .dlabel.nii"
         )
     axis = kinds.index(_MODELS)
-    model, others = _model(matrix.get_index_map(axis), counts, hemisphere)
+    model, others = _model(matrix.get_index_map(axis), counts, (hemisphere, likely))
     table = _table(data, head, axis)
     begin, count = int(model.index_offset), int(model.index_count)
     vertices = np.array(list(model.vertex_indices), dtype=np.int64)
@@ -114,8 +118,9 @@ class _Elements:
     def characters(self, text: str) -> None: ...
 
 
-def _model(models: Any, counts: Collection[int], hemisphere: str) -> tuple[Any, int]:
+def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tuple[Any, int]:
     """Return the brain model of one hemisphere, and how many others there are."""
+    requested, likely = sides
     every = list(models.brain_models)
     found = [
         each
@@ -124,20 +129,16 @@ def _model(models: Any, counts: Collection[int], hemisphere: str) -> tuple[Any, 
     ]
     if not found:
         raise ValueError("it has no values on the surface of a hemisphere")
-    sides = "".join(_HEMISPHERES[each.brain_structure] for each in found)
-    if len(set(sides)) < len(sides):
+    known = "".join(_HEMISPHERES[each.brain_structure] for each in found)
+    if len(set(known)) < len(known):
         raise ValueError("it has two models of one hemisphere")
-    if hemisphere:
-        if hemisphere not in sides:
-            raise ValueError(f"it has no values of hemisphere {hemisphere}, only of {sides}")
-        chosen = [found[sides.index(hemisphere)]]
-    else:
-        chosen = [each for each in found if each.surface_number_of_vertices in counts] or found
+    if requested and requested not in known:
+        raise ValueError(f"it has no values of hemisphere {requested}, only of {known}")
+    if (side := requested or likely) and side in known:
+        return found[known.index(side)], len(every) - 1
+    chosen = [each for each in found if each.surface_number_of_vertices in counts] or found
     if len(chosen) > 1:
-        known = "" if not counts else ", and neither the mesh nor its name says which it is"
-        raise ValueError(
-            f"it holds both hemispheres{known}: choose one by hemisphere=L or hemisphere=R"
-        )
+        raise ValueError("it holds both hemispheres: choose one by hemisphere=L or hemisphere=R")
     return chosen[0], len(every) - 1
 
 

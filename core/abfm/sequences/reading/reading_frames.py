@@ -10,9 +10,9 @@ from abfm.errors import brief
 from abfm.functions.value_files import (
     HAVE_NAMED_ARRAYS,
     VALUES_ENDINGS,
-    Request,
     columns_of,
     reported,
+    request_for,
 )
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import as_doubles
@@ -69,7 +69,7 @@ def read_frames(
             return _checked(vtk_frames(opened.path, mesh, array), mesh, frames_first=True)
         if array is not None and opened.format not in HAVE_NAMED_ARRAYS:
             raise ValueError(f"it is {opened.format}, without arrays called {brief(array)}")
-        found = columns_of(opened, Request(counts_of(mesh), array, hemisphere)).by_vertex()
+        found = columns_of(opened, request_for(mesh, array, hemisphere)).by_vertex()
         if any(found.keys):
             raise ValueError("it holds labels, which are no values that move")
         if opened.format is Format.STC:
