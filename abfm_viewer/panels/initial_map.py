@@ -13,7 +13,7 @@ from abfm_viewer.session.session_files import MESHES
 _ABOUT = "Where each point of B lies on A before anything flows; the flow on B goes on from there."
 _MIRRORED = "See A in a mirror first, as between left and right."
 _MIRROR, _FILE = "mirror", "file"
-_MAPS = (".npy", ".csv", ".txt", ".vts", ".map", ".gii")
+_MAPS = (".npy", ".mat", ".csv", ".tsv", ".txt", ".vts", ".map", ".gii")
 
 
 class _Choice(NamedTuple):

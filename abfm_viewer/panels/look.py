@@ -71,7 +71,7 @@ def draw_coloring(context: Context) -> None:
 def _draw_labels(context: Context, opens: bool) -> None:
     """Draw which labels there are, and what opens others: at once where there are none."""
     ui, labels = context.ui, context.session.document.labels
-    tip = "Labels of the source's surface from a file: .label.gii or .annot."
+    tip = "Labels of the source's surface: .label.gii, .annot, .dlabel.nii, or whole numbers."
     if ui.button(_LABELS, tip) or (opens and labels is None):
         context.dialogs.open("Open labels", LABELS, context.files.open_labels)
     if labels is not None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import abfm
 from abfm import ResultError, TriangleMesh
 from abfm.reading import read_gifti
+from abfm.reading.opening import VALUES_ENDINGS
 from abfm.types import FloatArray
 from abfm_viewer.document.document import MEASURED, Channel, Document, Surface, View
 from abfm_viewer.document.film import Film, settings_of, unit_of
@@ -18,14 +19,11 @@ from abfm_viewer.document.film import Film, settings_of, unit_of
 if TYPE_CHECKING:
     from abfm.sequences.frames import Frames
 
-FRAMES = (
-    *(".npy", ".npz", ".csv", ".txt", ".gii", ".gii.gz", ".mgh", ".mgz", ".stc"),
-    *(".pvd", ".series", ".vtu", ".vtp"),
-)
+FRAMES = (*VALUES_ENDINGS, ".pvd", ".series")
 """Suffixes of files that may hold frames; those of `ALONE` hold nothing else that is opened."""
 ALONE = (
-    *(".npy", ".csv", ".txt", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
-    *(".func.gii", ".func.gii.gz"),
+    *(".npy", ".mat", ".csv", ".tsv", ".txt", ".1d", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
+    *(".func.gii", ".func.gii.gz", ".dtseries.nii", ".dscalar.nii"),
 )
 _NUMBERED = re.compile(r"[0-9]\.vt[kup]$")  # grids of VTK; those without a number are meshes
 _POINTS = "NIFTI_INTENT_POINTSET"

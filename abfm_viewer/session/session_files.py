@@ -63,7 +63,10 @@ if TYPE_CHECKING:
 
 MESHES, PROJECT, RESULT = (*MESH_ENDINGS, *FREESURFER_SURFACES), ".abfm", ".npz"
 """Suffixes."""
-LABELS = (".label.gii", ".gii", ".gii.gz", ".annot")
+LABELS = (
+    *(".label.gii", ".gii", ".gii.gz", ".annot", ".dlabel.nii"),
+    *(".npy", ".csv", ".tsv", ".txt", ".mat", ".mgh", ".mgz"),  # of whole numbers
+)
 OTHER_MESH, OTHER_NAME = "Open another mesh...", "Save as..."
 OTHER_SECOND, OTHER_FRAMES = "Open another second surface...", "Open other frames..."
 OTHER_TABLE = "Open another table..."

@@ -39,9 +39,9 @@ Examples:
   abfm sequence lh.white sources-lh.stc --out flow.npz --out speed-lh.stc --tracks tracks.csv
   abfm sequence mesh.ply simulation.pvd --array u --gamma 0 --out s.npz
 
-Frames are a .npy (T, V) or (T, V, C), a .npz of "frames" and perhaps "times", a .csv, .txt, GIFTI
-or .mgh with a column for each, one hemisphere of MNE's .stc, or ParaView's .pvd, .series, or one of
-numbered .vtu or .vtp files.
+Frames are an array (T, V) or (T, V, C) in .npy, .npz ("frames", and perhaps "times") or .mat, a
+table, GIFTI, CIFTI or .mgh file with a column for each, one hemisphere of MNE's .stc, or ParaView's
+.pvd, .series, or one of numbered .vtu, .vtp or .vtk files. Rows that name their vertex are placed.
 
 The exit status is 0 when flow lines confirm at least half of the intervals, 3 when they confirm
 fewer, 2 for bad input, and 130 or 143 when Ctrl-C or SIGTERM ended the run: what was found is
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "SECONDS",
         type=options.positive,
     )
-    add("--array", "which array of a .npz, or of VTK's point data", "NAME")
+    add("--array", "which array of a .npz, .mat or .ply, or of VTK's point data", "NAME")
     add(
         "--mask",
         "weight of the mismatch at each vertex, not negative, 0 where values are not known: a "

@@ -11,8 +11,6 @@ from abfm.errors import FunctionError, brief, did_you_mean
 from abfm.functions.family import WORD, Family, Spec, choice, file_name, parameter, quoted
 from abfm.functions.labels import where_label
 from abfm.functions.value_files import (
-    LABELS_ENDINGS,
-    VALUES_ENDINGS,
     columns_of,
     read_map_table,
     reported,
@@ -20,7 +18,13 @@ from abfm.functions.value_files import (
 )
 from abfm.maps.symmetry import KINDS, SymmetryError, detect_symmetry
 from abfm.mesh import TriangleMesh
-from abfm.reading import FREESURFER_VALUES, Format, open_file
+from abfm.reading import (
+    FREESURFER_VALUES,
+    LABELS_ENDINGS,
+    VALUES_ENDINGS,
+    Format,
+    open_file,
+)
 from abfm.types import FloatArray, IntArray
 
 _SYMMETRIC = ".sym.vts"

@@ -24,8 +24,10 @@ from abfm.mesh import TriangleMesh
 from abfm.mesh.readers.ply import ply_contents
 from abfm.reading import (
     LABEL,
+    LABELS_ENDINGS,
     NODE_INDEX,
     SURFACE,
+    VALUES_ENDINGS,
     Archive,
     Columns,
     Format,
@@ -53,12 +55,6 @@ from abfm.reading.gifti import Gifti, GiftiArray
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError
 
-VALUES_ENDINGS = (
-    *(".npy", ".npz", ".mat", ".csv", ".tsv", ".txt", ".1D", ".gii", ".gii.gz", ".mgh", ".mgz"),
-    *(".dscalar.nii", ".dtseries.nii", ".asc", ".stc", ".vts", ".vtk", ".vtp", ".vtu", ".ply"),
-)
-"""What names of files of values end in; those of FreeSurfer may end in anything."""
-LABELS_ENDINGS = (".annot", ".label", ".dlabel.nii")
 _KEY_MAX = 2**53  # of labels, and exact in double precision
 _SECONDS_MAX = 20.0  # between functional images; larger steps are milliseconds
 _PART = re.compile(r"(.*)\[[0-9]{1,9}\]", re.DOTALL)

@@ -84,6 +84,13 @@ ENDINGS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".1d", ".vts", ".map"), Format.TABLE),
 }
 """Formats by the ending of the name, in lower case and without ``.gz``."""
+VALUES_ENDINGS = (
+    *(".npy", ".npz", ".mat", ".csv", ".tsv", ".txt", ".1d", ".gii", ".gii.gz", ".mgh", ".mgz"),
+    *(".dscalar.nii", ".dtseries.nii", ".stc", ".vts", ".asc", ".vtk", ".vtp", ".vtu", ".ply"),
+)
+"""Endings of files with values at vertices; names of FreeSurfer's may end in anything."""
+LABELS_ENDINGS = (".annot", ".label", ".dlabel.nii")
+"""Endings of files with labels of vertices, in addition."""
 
 _GZIP = b"\x1f\x8b"
 _ZIP = b"PK\x03\x04"

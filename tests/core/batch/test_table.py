@@ -91,10 +91,19 @@ def test_names_of_columns_may_be_written_as_options_or_as_in_python_and_some_rep
     assert len(second.values()["channel"]) == 1
 
 
+def test_decimal_commas_are_numbers():
+    """A comma before three digits may separate thousands and is refused."""
+    text = 'mesh;alpha;sigma;channel\nm.off;0,03;"1,5e-3";coordinate:x coordinate:y 0,5\n'
+    values = rows_of_text(text, "/")[0].values()
+    assert (values["alpha"], values["sigma"]) == (0.03, 1.5e-3)
+    assert values["channel"] == [("coordinate:x", "coordinate:y", 0.5)]
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [
         ("", ()),
+        ("mesh;alpha\nm.off;1,234\n", (1, "alpha", "decimal")),
         ("mesh,source,target\n", ()),
         ("mesh,sauce\nm.off,1\n", ("sauce", "source", 2)),
         ("mesh,mesh\nm.off,1\n", ("mesh", 2)),

@@ -9,14 +9,13 @@ import numpy as np
 from abfm.errors import brief
 from abfm.functions.value_files import (
     HAVE_NAMED_ARRAYS,
-    VALUES_ENDINGS,
     columns_of,
     reported,
     request_for,
 )
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import as_doubles
-from abfm.reading import Format, counts_of, open_file, vertex_axis
+from abfm.reading import VALUES_ENDINGS, Format, counts_of, open_file, vertex_axis
 from abfm.sequences.reading.frames_file import FramesFile
 from abfm.sequences.reading.source_frames import source_frames
 from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, vtk_frames

@@ -57,6 +57,11 @@ def test_six_columns_are_places_which_come_onto_the_surfaces(read):
     found = read("\n".join(",".join(map(repr, row)) for row in off.tolist()))
     assert_allclose(found.b.positions, B.vertices[[4, 5]], atol=0.01)
     assert_allclose(found.a.positions, A.vertices[[3, 8]], atol=0.03)
+    text = "\n".join(";".join(map(repr, row)) for row in off.tolist()).replace(".", ",")
+    for separated in (text, text.replace(";", "\t"), text.replace(";", " ")):  # decimal commas
+        assert_allclose(read(separated).b.positions, found.b.positions, atol=1e-12)
+    with raises(AbfmError, 12, "decimal"):
+        read(text.replace(";", ","))
     off[1, 3:] *= 2
     with raises(AbfmError, 2):
         read("\n".join(",".join(map(repr, row)) for row in off.tolist()))
