@@ -92,7 +92,7 @@ def ply_contents(opened: Opened) -> PlyFile:
     start = end.end(1) - (end[1] == b"\r\n" and re.match(rb"ply[ \t]*+\r(?!\n)", data) is not None)
     body = _Body(data, start, order)
     vertices, columns, colors = np.zeros((0, 3)), PointData(()), None
-    polygons: list[Polygons] = [(np.zeros(0, dtype=np.int64),) * 2]
+    polygons: list[Polygons] = []
     for element in elements:
         if element.name == "vertex":
             plain = [p.name for p in element.properties if not p.length_code]
@@ -113,7 +113,9 @@ def ply_contents(opened: Opened) -> PlyFile:
             polygons.append((sizes, corners))
         else:
             body.take(element, set())
-    sizes, corners = (np.concatenate(each) for each in zip(*polygons, strict=True))
+    sizes, corners = polygons[0] if polygons else (np.zeros(0, dtype=np.int64),) * 2
+    if len(polygons) > 1:
+        sizes, corners = (np.concatenate(each) for each in zip(*polygons, strict=True))
     return PlyFile(vertices, sizes, corners, columns, colors)
 
 
