@@ -170,6 +170,8 @@ def test_old_and_large_keywords_of_obj(tmp_path):
         assert load_mesh(write(tmp_path, "a.obj", text)).faces.tolist() == [[0, 1, 2]]
     with raises(MeshError, "polygons"):
         load_mesh(write(tmp_path, "a.obj", OBJ + "cstype bezier\nsurf 0 1 0 1 1 2 3\nend\n"))
+    with raises(MeshError, "binary", "MNI"):
+        load_mesh(write(tmp_path, "a.obj", b"p" + bytes(30)))
     with raises(MeshError, "0,5", "decimal"):
         load_mesh(write(tmp_path, "a.obj", OBJ.replace("1 0 0", "0,5 0 0")))
 
