@@ -1,6 +1,6 @@
 """Surfaces, values and labels as brain imaging has them: GIFTI, and the files of FreeSurfer.
 
-nibabel makes the bytes.
+nibabel makes the bytes; it is imported when a file is written, as that takes time.
 GIFTI is as Connectome Workbench expects it: values of single precision, keys of 32 bits, the
 hemisphere as ``AnatomicalStructurePrimary``. The same data makes the same file every time.
 """

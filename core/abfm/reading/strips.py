@@ -21,7 +21,9 @@ def triangles_of_strips(sizes: IntArray, corners: IntArray) -> IntArray:
     place = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     first = np.repeat(np.cumsum(sizes) - sizes, counts) + place
     odd = place % 2
-    a, b, c = (corners[first + shift] for shift in (0, 1 + odd, 2 - odd))
-    faces = np.stack([a, b, c], axis=1).reshape(-1, 3)
-    kept: IntArray = faces[(a != b) & (b != c) & (c != a)]
-    return kept
+    faces = np.empty((len(first), 3), dtype=np.int64)
+    for column, shift in enumerate((0, 1 + odd, 2 - odd)):
+        faces[:, column] = corners[first + shift]
+    a, b, c = faces.T
+    is_kept = (a != b) & (b != c) & (c != a)
+    return faces if is_kept.all() else faces[is_kept]

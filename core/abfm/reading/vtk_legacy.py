@@ -47,7 +47,7 @@ _CELLS = ("POLYGONS", "TRIANGLE_STRIPS", "CELLS", "VERTICES", "LINES")
 _COLUMNS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
 _COLUMNS |= {"GLOBAL_IDS": 1, "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}
 _TIMES = ("TimeValue", "TIME")  # names of field data
-_LINE_BYTES_MAX = 1 << 16
+_LINE = re.compile(rb"\s*+([^\n]{1,65536}+)")
 _WORD = re.compile(rb"\S+")
 _OFFSETS = re.compile(rb"\s*OFFSETS\s", re.IGNORECASE)
 
@@ -176,13 +176,11 @@ class _Parser:
 
     def _words(self) -> list[str]:
         """Return the words of the next line that has any, or none at the end."""
-        words: list[bytes] = []
-        while not words and self._begin < len(self._data):
-            end = self._data.find(b"\n", self._begin, self._begin + _LINE_BYTES_MAX)
-            end = min(self._begin + _LINE_BYTES_MAX, len(self._data)) if end < 0 else end
-            words = self._data[self._begin : end].split()
-            self._begin = end + 1
-        return [word.decode("utf-8", "replace") for word in words]
+        found = _LINE.match(self._data, self._begin)
+        if found is None:
+            return []
+        self._begin = found.end() + 1
+        return [word.decode("utf-8", "replace") for word in found[1].split()]
 
     def _numbers(self, count: int, kind: str) -> NDArray[Any]:
         if kind.lower() not in _TYPES:

@@ -91,6 +91,18 @@ def test_names_in_ply(tmp_path, content):
     np.testing.assert_array_equal(mesh.faces, SHAPE.faces)
 
 
+def test_rows_of_ply_may_have_more_words_than_they_announce(tmp_path):
+    """As MeshLab wrote colours of corners; and lines may end anywhere where they have no more."""
+    header, rows = PLY.split(b"end_header\n")
+    for more in (b" 9 1 1 1", b" 7"):
+        text = header + b"end_header\n" + rows.replace(b" 0.5", b" 0.5" + more)
+        mesh = load_mesh(write(tmp_path, "a.ply", text))
+        np.testing.assert_array_equal(mesh.vertices, SHAPE.vertices)
+        np.testing.assert_array_equal(mesh.faces, SHAPE.faces)
+    one_line = header + b"end_header\n" + rows.replace(b"\n", b" ")
+    assert len(load_mesh(write(tmp_path, "a.ply", one_line)).faces) == 4
+
+
 def test_ply_with_two_coordinates_of_one_name_is_refused(tmp_path):
     with raises(MeshError, "x", 2):
         load_mesh(write(tmp_path, "a.ply", PLY.replace(b"double y", b"double x")))
@@ -170,6 +182,8 @@ def test_old_and_large_keywords_of_obj(tmp_path):
         assert load_mesh(write(tmp_path, "a.obj", text)).faces.tolist() == [[0, 1, 2]]
     with raises(MeshError, "polygons"):
         load_mesh(write(tmp_path, "a.obj", OBJ + "cstype bezier\nsurf 0 1 0 1 1 2 3\nend\n"))
+    with raises(MeshError, "binary", "MNI"):
+        load_mesh(write(tmp_path, "a.obj", b"p" + bytes(30)))
     with raises(MeshError, "0,5", "decimal"):
         load_mesh(write(tmp_path, "a.obj", OBJ.replace("1 0 0", "0,5 0 0")))
 

@@ -90,6 +90,8 @@ def test_one_buffer_for_several_is_read_once(tmp_path, monkeypatch):
 
 
 SPARSE = {"count": 1, "indices": {"bufferView": 1, "componentType": 5125}, "values": {}}
+BEYOND = SPARSE | {"indices": {"bufferView": 0, "componentType": 5125}, "count": 9}
+SIGNED = SPARSE | {"indices": {"bufferView": 1, "componentType": 5126}}
 POSITIONS, CORNERS = gltf_header()["accessors"]
 VIEWS = gltf_header()["bufferViews"]
 
@@ -125,7 +127,13 @@ REFUSED = {
     "negative node": ({"scenes": [{"nodes": [-1]}]}, ("nodes[-1]", 1)),
     "words as nodes": ({"nodes": "all"}, ()),
     "no accessor": ({"accessors": [POSITIONS]}, ("accessors[1]", 1)),
-    "sparse": (accessors({"sparse": SPARSE}, {}), (0,)),
+    "sparse without values": (accessors({"sparse": SPARSE}, {}), ("bufferViews",)),
+    "sparse beyond": (accessors({"sparse": BEYOND}, {}), (0, 3)),
+    "sparse floats": (accessors({"sparse": SIGNED}, {}), (0,)),
+    "many without data": (
+        {"accessors": [WITHOUT_VIEW | {"sparse": SPARSE}, CORNERS]},
+        (100000000,),
+    ),
     "many": (accessors({"count": 10**9}, {}), (1000000000,)),
     "no data": ({"accessors": [WITHOUT_VIEW, CORNERS]}, (0,)),
     "one place": (view(byteStride=0), ()),
@@ -290,6 +298,30 @@ def test_what_cannot_be_applied_is_refused_by_name(tmp_path, changes, named):
     _, content = _with_arrays(arrays, **changes)
     with raises(MeshError, *named):
         load_mesh(write(tmp_path, "a.glb", content))
+
+
+def test_sparse_targets_shift_some_vertices(tmp_path):
+    """As Blender writes them: without other data, or in place of some."""
+    places, shifts = np.array([[3], [7]], "<u2"), np.array([[0, 0, 1], [0, 2, 0]], "<f4")
+    sphere, content = _with_arrays(
+        [places, shifts],
+        meshes=[{"primitives": [_primitive(targets=[{"POSITION": 4}])], "weights": [0.5]}],
+    )
+    header, data = _opened(content)
+    sparse = {"count": 2, "indices": {"bufferView": 2, "componentType": 5123}}
+    sparse["values"] = {"bufferView": 3}
+    for base in ({}, {"bufferView": 0}):
+        more = {"componentType": 5126, "count": 42, "type": "VEC3", "sparse": sparse, **base}
+        changed = header | {"accessors": [*header["accessors"], more]}
+        mesh = load_mesh(write(tmp_path, "a.glb", glb(changed, data)))
+        shift = np.zeros((42, 3)) if not base else sphere.vertices.astype("<f4").astype(float)
+        shift[[3, 7]] = shifts
+        np.testing.assert_allclose(mesh.vertices, sphere.vertices + 0.5 * shift, atol=1e-6)
+
+
+def _opened(content):
+    length = int.from_bytes(content[12:16], "little")
+    return json.loads(content[20 : 20 + length]), content[28 + length :]
 
 
 def test_vertices_without_weights_are_refused(tmp_path):

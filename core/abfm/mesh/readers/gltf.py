@@ -31,7 +31,11 @@ _INSTANCES = "EXT_mesh_gpu_instancing"
 _GLB, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _SHAPES = {"SCALAR": (1, "corners"), "VEC2": (2, "texture coordinates")}
-_SHAPES |= {"VEC3": (3, "positions"), "VEC4": (4, "colours"), "MAT4": (16, "matrices")}
+_SHAPES |= {
+    "VEC3": (3, "positions"),
+    "VEC4": (4, "colours, joints or weights"),
+    "MAT4": (16, "matrices"),
+}
 
 
 class Part(NamedTuple):
@@ -220,11 +224,7 @@ class Document:
     def numbers(self, index: int, shape: str) -> NDArray[Any]:
         """Return what an accessor gives, (count, columns of the shape)."""
         entry, name = self.entry("accessors", index), f"accessor {index}"
-        if "sparse" in entry:
-            raise ValueError(
-                f"{name} is sparse, which is not read: export without sparse accessors"
-            )
-        if "bufferView" not in entry:
+        if "bufferView" not in entry and "sparse" not in entry:
             raise ValueError(
                 f"{name} has no buffer view: export without compression (Draco, meshopt)"
             )
@@ -233,11 +233,26 @@ class Document:
         right = kind.itemsize and entry.get("type") == shape
         if not right or (shape == "SCALAR" and kind.kind == "f"):
             raise ValueError(f"{name} is not made of {meaning} as glTF has them")
+        count = of(entry, "count", int, 0)
+        if "bufferView" in entry:
+            found = self._viewed(entry, count, kind, columns, name)
+        else:
+            self.count(count)
+            found = np.zeros((max(count, 0), columns), kind)
+        if sparse := of(entry, "sparse", dict, {}):
+            found = self._with_entries(found, sparse, name)
+        if shape != "SCALAR" and kind.kind != "f" and entry.get("normalized") is True:
+            return np.maximum(found / np.iinfo(kind).max, -1.0)
+        return found
+
+    def _viewed(
+        self, entry: dict[str, Any], count: int, kind: np.dtype[Any], columns: int, name: str
+    ) -> NDArray[Any]:
+        """Return the numbers (count, columns) that a part of a buffer view has."""
         view = self.entry("bufferViews", of(entry, "bufferView", int, None))
         data = self._buffer(of(view, "buffer", int, None))
-        width = kind.itemsize * columns
+        width, offset = kind.itemsize * columns, of(entry, "byteOffset", int, 0)
         start, size = of(view, "byteOffset", int, 0), of(view, "byteLength", int, 0)
-        offset, count = of(entry, "byteOffset", int, 0), of(entry, "count", int, 0)
         step = of(view, "byteStride", int, width)
         if min(start, offset, count) < 0 or step < width or start + size > len(data):
             raise ValueError(
@@ -247,10 +262,24 @@ class Document:
         if count and offset + (count - 1) * step + width > size:
             raise ValueError(f"{name} announces {count} entries, more than its buffer view has")
         place = start + offset if count else 0
-        found = np.ndarray((count, columns), kind, data, place, (step, kind.itemsize))
-        if shape != "SCALAR" and kind.kind != "f" and entry.get("normalized") is True:
-            return np.maximum(found / np.iinfo(kind).max, -1.0)
-        return found
+        return np.ndarray((count, columns), kind, data, place, (step, kind.itemsize))
+
+    def _with_entries(self, found: NDArray[Any], sparse: dict[str, Any], name: str) -> NDArray[Any]:
+        """Return numbers with those in their places that a sparse accessor has."""
+        count = of(sparse, "count", int, 0)
+        at, values = (of(sparse, part, dict, {}) for part in ("indices", "values"))
+        kind = np.dtype(_KINDS.get(of(at, "componentType", int, 0), "V0"))
+        if kind.kind != "u":
+            raise ValueError(f"the indices of the sparse {name} are no whole numbers")
+        places = self._viewed(at, count, kind, 1, f"the indices of {name}").ravel()
+        if places.size and places.max() >= len(found):
+            raise ValueError(f"the sparse {name} names entry {places.max()} of {len(found)}")
+        self.count(len(found))
+        whole = found.copy()
+        whole[places] = self._viewed(
+            values, count, found.dtype, found.shape[1], f"the values of {name}"
+        )
+        return whole
 
     def at_vertices(self, part: Part, index: int, shape: str) -> NDArray[Any]:
         """Return what an accessor gives the vertices of a part, whole numbers as shares of 1."""

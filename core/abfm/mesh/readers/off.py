@@ -23,6 +23,9 @@ _COMMENT = re.compile(r"#[^\n]*+")
 _EDGES = re.compile(r"[^\S\n]*+\S++|\s*+\d++[^\S\n]*+(?=\n)")  # behind the other counts
 _NORMAL, _COLORS, _TEXTURE = 3, (4, 3), 2  # numbers at a vertex; a colour may lack its opacity
 
+_Parts = tuple[FloatArray, IntArray, IntArray]
+"""Points, sizes of faces, and the corners of one after the other."""
+
 
 def read_off(opened: Opened) -> FileContents:
     """Read an OFF file, text or binary, also with colours, normals or texture coordinates."""
@@ -51,52 +54,64 @@ class _Text:
         self._columns, self._least, self._widths = _layout(prefix)
 
     def contents(self) -> FileContents:
+        found, reason, is_sure = None, None, False
         try:
-            return self._checked(*self._by_lines(self._least))
-        except ValueError:
-            for width in self._widths:
-                try:
-                    return self._checked(*self._by_words(width))
-                except ValueError:
-                    continue
-        try:  # for files without the colours or normals that they announce, and the reason
-            return _contents(*self._by_lines(self._columns))
+            found, end = self._by_lines(self._least)
+            is_sure = self._fits(*found) or not self._text[end:].strip()
         except ValueError as error:
-            expected = self._vertex_count + self._face_count
-            found = sum(1 for _ in _rows(self._text, self._begin))
-            if found >= expected:
-                raise
-            raise ValueError(
-                f"{self._vertex_count} vertices and {self._face_count} faces are announced, but "
-                f"{found} lines follow: the file is cut off"
-            ) from error
+            reason = self._cut_off() or error
+        for width in () if is_sure else self._widths:
+            try:
+                other = self._by_words(width)
+            except ValueError:
+                continue
+            if self._fits(*other):
+                return _contents(*other)
+        if reason is not None and self._least > self._columns:
+            try:  # it may lack the colours or normals that it announces
+                found, _ = self._by_lines(self._columns)
+            except ValueError as error:
+                reason = self._cut_off() or error
+        if found is None:
+            raise reason or ValueError("it has no vertices")
+        return _contents(*found)
 
-    def _checked(self, points: FloatArray, sizes: IntArray, corners: IntArray) -> FileContents:
-        """Return the contents, or raise a ValueError if faces show that lines end elsewhere."""
-        if corners.size and not 0 <= corners.min() <= corners.max() < len(points):
-            raise ValueError("a face names a vertex that is not there")
-        return _contents(points, sizes, corners)
+    def _fits(self, points: FloatArray, sizes: IntArray, corners: IntArray) -> bool:
+        """Return whether faces are possible, or show that lines end elsewhere."""
+        least, most = corners.min(initial=0), corners.max(initial=-1)
+        return bool(sizes.min(initial=3) >= 3 and least >= 0 and most < len(points))
 
-    def _by_lines(self, least: int) -> tuple[FloatArray, IntArray, IntArray]:
-        """Return points, sizes and corners of faces, if each line has a vertex or a face."""
-        points, begin = array("d"), self._begin
-        for words, end in islice(_rows(self._text, self._begin), self._vertex_count):
+    def _cut_off(self) -> ValueError | None:
+        """Return the reason, if fewer lines than vertices and faces follow."""
+        expected = self._vertex_count + self._face_count
+        found = sum(1 for _ in islice(_Rows(self._text, self._begin), expected))
+        if found == expected:
+            return None
+        return ValueError(
+            f"{self._vertex_count} vertices and {self._face_count} faces are announced, but "
+            f"{found} lines follow: the file is cut off"
+        )
+
+    def _by_lines(self, least: int) -> tuple[_Parts, int]:
+        """Return what is there if each line has a vertex or a face, and the end of the last one."""
+        points, rows = array("d"), _Rows(self._text, self._begin)
+        for words in islice(rows, self._vertex_count):
             if len(words) < least:
                 raise ValueError(
                     f"vertex {len(points) // self._columns}, counting from 0, has {len(words)} "
                     f"numbers instead of {least}"
                 )
             points.extend(map(number, words[: self._columns]))
-            begin = end
         if len(points) < self._vertex_count * self._columns:
             raise ValueError("vertices are missing")
         places = np.frombuffer(points, np.float64).reshape(-1, self._columns)
-        return places, *self._faces_by_lines(begin)
+        sizes, corners, end = self._faces_by_lines(rows.end)
+        return (places, sizes, corners), end
 
-    def _faces_by_lines(self, begin: int) -> tuple[IntArray, IntArray]:
-        """Return sizes and corners of faces, which may have a colour at the end of their lines."""
-        lists = Lists()
-        for words, _ in islice(_rows(self._text, begin), self._face_count):
+    def _faces_by_lines(self, begin: int) -> tuple[IntArray, IntArray, int]:
+        """Return sizes and corners of faces, which may have a colour behind them, and the end."""
+        lists, rows = Lists(), _Rows(self._text, begin)
+        for words in islice(rows, self._face_count):
             corners = whole_number(words[0])
             if not 0 <= corners < len(words):
                 raise ValueError(
@@ -106,16 +121,16 @@ class _Text:
         sizes, corners_of_all = lists.polygons()
         if len(sizes) < self._face_count:
             raise ValueError("faces are missing")
-        return sizes, corners_of_all
+        return sizes, corners_of_all, rows.end
 
-    def _by_words(self, width: int) -> tuple[FloatArray, IntArray, IntArray]:
+    def _by_words(self, width: int) -> _Parts:
         """Return the same where lines end anywhere and vertices have so many numbers."""
         words = Words(self._text, self._begin)
         table = words.numbers(self._vertex_count * width, "the list of vertices").reshape(
             -1, width
         )[:, : self._columns]
         try:
-            return table, *self._faces_by_lines(words.place)
+            return table, *self._faces_by_lines(words.place)[:2]
         except ValueError:
             return table, *split_lists(words.whole_numbers(None, "faces"), self._face_count)
 
@@ -139,14 +154,22 @@ def _contents(points: FloatArray, sizes: IntArray, corners: IntArray) -> FileCon
     return split_polygons(np.ascontiguousarray(points[:, :3]), sizes, corners)
 
 
-def _rows(text: str, begin: int) -> Iterator[tuple[list[str], int]]:
-    """Return the words of each line that has any, and where the line ends."""
-    while begin < len(text):
-        end = text.find("\n", begin)
-        end = len(text) if end < 0 else end
-        if words := text[begin:end].split():
-            yield words, end
-        begin = end + 1
+class _Rows:
+    """The words of each line that has any."""
+
+    def __init__(self, text: str, begin: int) -> None:
+        self._text, self.end = text, begin
+        """The end of the last line that was taken."""
+
+    def __iter__(self) -> Iterator[list[str]]:
+        text, begin = self._text, self.end
+        while begin < len(text):
+            end = text.find("\n", begin)
+            end = len(text) if end < 0 else end
+            if words := text[begin:end].split():
+                self.end = end
+                yield words
+            begin = end + 1
 
 
 def _read_binary(data: bytes, begin: int, prefix: str) -> FileContents:

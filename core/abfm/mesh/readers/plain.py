@@ -9,6 +9,7 @@ from abfm.mesh.readers.contents import FileContents, Lists, merge_by_position
 from abfm.reading import Opened, decoded, whole_number
 from abfm.types import FloatArray
 
+_HEAD = 1000  # characters in which a file of bytes has a zero
 _OLD_KEYWORDS = {"fo": "f"}  # of OBJ
 _STL_HEADER = 84  # bytes: 80 of comment, then the number of triangles
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
@@ -33,7 +34,12 @@ def read_obj(opened: Opened) -> FileContents:
 
 def obj_lines(data: bytes) -> Iterator[tuple[str, list[str]]]:
     """Return the keyword, in lower case, and the words of each line of an OBJ or MTL file."""
-    for line in decoded(data, "replace").replace("\\\n", " ").splitlines():
+    text = decoded(data, "replace")
+    if "\0" in text[:_HEAD]:
+        raise ValueError(
+            "it is binary, but OBJ files and MNI objects are read as text: export text"
+        )
+    for line in text.replace("\\\n", " ").splitlines():
         keyword, *words = line.partition("#")[0].split() or [""]
         yield _OLD_KEYWORDS.get(keyword, keyword.lower()), words
 

@@ -8,7 +8,9 @@ import re
 import struct
 from array import array
 from collections.abc import Sequence, Set
+from contextlib import suppress
 from functools import partial
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,8 +93,24 @@ def ply_contents(opened: Opened) -> PlyFile:
     # after a header whose lines end with carriage returns, a line feed is already data
     start = end.end(1) - (end[1] == b"\r\n" and re.match(rb"ply[ \t]*+\r(?!\n)", data) is not None)
     body = _Body(data, start, order)
+    if order:
+        return _contents(body, elements)
+    found, reason = None, None
+    try:
+        found = _contents(body, elements)
+    except ValueError as error:
+        reason = error
+    if found is None or not body.is_at_end:  # rows may have more words than they announce
+        with suppress(ValueError):
+            return _contents(_Body(_announced_words(data[start:], elements), 0, order), elements)
+    if found is None:
+        raise reason or ValueError("it has no elements")
+    return found
+
+
+def _contents(body: "_Body", elements: Sequence[_Element]) -> PlyFile:
     vertices, columns, colors = np.zeros((0, 3)), PointData(()), None
-    polygons: list[Polygons] = [(np.zeros(0, dtype=np.int64),) * 2]
+    polygons: list[Polygons] = []
     for element in elements:
         if element.name == "vertex":
             plain = [p.name for p in element.properties if not p.length_code]
@@ -100,7 +118,7 @@ def ply_contents(opened: Opened) -> PlyFile:
             columns = PointData((name, partial(_doubles, found[name])) for name in plain)
             vertices = np.stack([_coordinate(columns, name) for name in "xyz"], axis=1)
             colors = _colors(element, columns)
-        elif element.name in ("face", "tristrips"):
+        elif element.name in ("face", "tristrips") and element.rows:
             name = _name_of_corners(element)
             corners, sizes = body.take(element, {name})[name]
             assert sizes is not None  # of a list
@@ -113,7 +131,9 @@ def ply_contents(opened: Opened) -> PlyFile:
             polygons.append((sizes, corners))
         else:
             body.take(element, set())
-    sizes, corners = (np.concatenate(each) for each in zip(*polygons, strict=True))
+    sizes, corners = polygons[0] if polygons else (np.zeros(0, dtype=np.int64),) * 2
+    if len(polygons) > 1:
+        sizes, corners = (np.concatenate(each) for each in zip(*polygons, strict=True))
     return PlyFile(vertices, sizes, corners, columns, colors)
 
 
@@ -185,6 +205,21 @@ def _parsed(header: list[list[str]]) -> tuple[str, list[_Element]]:
     return order, elements
 
 
+def _announced_words(text: bytes, elements: Sequence[_Element]) -> bytes:
+    """Return what the rows of elements announce, if each is a line, without what is behind it."""
+    lines = (words for line in _COMMENT.sub(b"", text).splitlines() if (words := line.split()))
+    rows = []
+    for element in elements:
+        for words in islice(lines, element.rows if element.properties else 0):
+            size = 0
+            for p in element.properties:
+                if size >= len(words):
+                    raise _cut_off(element)
+                size += 1 + (max(whole_number(words[size]), 0) if p.length_code else 0)
+            rows.append(b" ".join(words[:size]))
+    return b"\n".join(rows)
+
+
 class _Body:
     """What follows the header, taken element by element, from front to back: bytes in an order, or,
     where it is empty, the words of a text, all of them as doubles.
@@ -196,6 +231,10 @@ class _Body:
             words = (_COMMENT.sub(b"", text) if b"comment" in text else text).split()
             data = array("d", map(number, words)).tobytes()
         self._data, self._position, self._order = data, start, order
+
+    @property
+    def is_at_end(self) -> bool:
+        return self._position == len(self._data)
 
     def take(self, element: _Element, wanted: Set[str]) -> dict[str, _Column]:
         """Return the wanted properties of the next element, the last one of a name; or raise a

@@ -6,7 +6,7 @@ from pathlib import Path
 from abfm.errors import brief
 from abfm.reading import read_bytes, referenced_file
 
-BYTES_MAX = 1 << 29
+BYTES_MAX = 1 << 28
 """Of everything that a file refers to."""
 
 
