@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from abfm.mesh import topology
 from abfm.mesh.draft import Draft, FileNumbers, counted
 from abfm.mesh.face_sizes import flat_faces
 from abfm.mesh.options import MeshOptions
-from abfm.mesh.repairs.cleaning import clean
+from abfm.mesh.repairs.cleaning import clean as clean_faces
 from abfm.mesh.repairs.components import components, keep_hemisphere, keep_largest_component
 from abfm.mesh.repairs.merging import merge_vertices
 from abfm.mesh.repairs.remedies import FACES_MAX, DefectError, with_remedies
@@ -56,8 +57,26 @@ def check(
         )
     _refuse_unusable_coordinates(draft)
 
+    @cache
+    def repaired(merge: bool | float | None, clean: bool) -> Draft:
+        found = _copied(draft)
+        if merge:
+            merge_vertices(found, merge, clean)
+        if clean:
+            clean_faces(found)
+        return found
+
     def attempt(options: MeshOptions) -> Draft:
-        return _checked(_copied(draft), options)
+        found = _copied(repaired(options.merge, options.clean))
+        if options.hemisphere:
+            keep_hemisphere(found, options.hemisphere)
+        if options.largest_component:
+            keep_largest_component(found)
+        found.kept = (
+            f"{len(found.vertices)} of {len(draft.vertices)} vertices and {len(found.faces)} of "
+            f"{len(draft.faces)} faces"
+        )
+        return _checked(found)
 
     try:
         return attempt(options)
@@ -88,19 +107,7 @@ def _merged(draft: Draft) -> Draft | None:
     return found if len(found.vertices) < len(draft.vertices) else None
 
 
-def _checked(draft: Draft, options: MeshOptions) -> Draft:
-    given = len(draft.vertices), len(draft.faces)
-    if options.merge:
-        merge_vertices(draft, options.merge, options.clean)
-    if options.clean:
-        clean(draft)
-    if options.hemisphere:
-        keep_hemisphere(draft, options.hemisphere)
-    if options.largest_component:
-        keep_largest_component(draft)
-    draft.kept = (
-        f"{len(draft.vertices)} of {given[0]} vertices and {len(draft.faces)} of {given[1]} faces"
-    )
+def _checked(draft: Draft) -> Draft:
     _refuse_several_components(draft)
     _refuse_faces(draft, draft.has_vertex_twice(), "a vertex twice", "remove")
     flat = flat_faces(draft.vertices, draft.faces)

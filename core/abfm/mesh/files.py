@@ -7,7 +7,7 @@ from typing import TypeVar, Unpack
 
 from abfm.errors import MeshError, ParameterError, one_line
 from abfm.mesh.objects import MeshLike, contents_of, parts_of
-from abfm.mesh.options import MeshKeywords
+from abfm.mesh.options import HEMISPHERES, MeshKeywords
 from abfm.mesh.readers.brain import (
     read_ascii_surface,
     read_gifti,
@@ -137,7 +137,14 @@ def as_mesh(given: MeshLike, name: str = "mesh", **options: Unpack[MeshKeywords]
         side = options.get("hemisphere")
         if is_file:
             vertices, faces, messages = read_contents(given, READERS, "mesh")
-            side = side or named_side(given)
+            named = named_side(given)
+            if side and named and named != side:
+                raise MeshError(
+                    f"its name is that of a {HEMISPHERES[named]} hemisphere, and the "
+                    f"{HEMISPHERES[side]} one was requested: leave out --hemisphere, or choose "
+                    "another file"
+                )
+            side = side or named
         else:
             vertices, faces, messages = _of_object(given, side)
             if parts_of(given):

@@ -4,7 +4,10 @@ A *slot* is one corner of one face, flat index ``3 f + k``; it also stands for t
 that corner.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from abfm.types import BoolArray, IntArray
 
@@ -70,6 +73,19 @@ def connected(count: int, pairs: IntArray) -> IntArray:
         pairs = root[pairs]
         pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     return np.asarray((np.cumsum(root == nodes) - 1)[root])
+
+
+def equal_rows(rows: NDArray[Any]) -> tuple[IntArray, IntArray]:
+    """Return the first of each kind of equal rows (n, k), and the kind of each row, (n,).
+
+    As ``np.unique`` along the first axis, in a fraction of its time.
+    """
+    order = np.lexsort(rows.T)
+    among = rows[order]
+    is_new = np.append(True, (among[1:] != among[:-1]).any(axis=1))
+    kinds = np.empty(len(rows), dtype=np.int64)
+    kinds[order] = np.cumsum(is_new) - 1
+    return order[is_new], kinds
 
 
 def grouped(rows: IntArray, labels: IntArray) -> list[IntArray]:

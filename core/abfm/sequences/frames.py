@@ -94,7 +94,7 @@ def checked(
         raise FunctionError(
             f"frames have {given.shape[1]} values each; expected {counts}, one per vertex{hint}"
         )
-    restricted = np.stack([mesh.restrict(frame) for frame in given])
+    restricted = np.moveaxis(mesh.restrict(np.moveaxis(given, 1, 0)), 0, 1)
     frames = restricted.reshape(*restricted.shape[:2], -1)
     of_channels = _weights(weights, frames.shape[2])
     counted = of_channels > 0

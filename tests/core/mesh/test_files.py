@@ -12,7 +12,15 @@ from abfm.errors import MeshError
 from abfm.mesh import load_mesh
 from abfm.mesh.readers import contents as readers
 from abfm.mesh.readers.contents import split_polygons
-from tests.mesh_writers import STL_WRITERS, WRITERS, exported, off_text, ply_bytes, write
+from tests.mesh_writers import (
+    STL_WRITERS,
+    WRITERS,
+    exported,
+    freesurfer_bytes,
+    off_text,
+    ply_bytes,
+    write,
+)
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, open_cylinder, square, tetrahedron, torus
 
@@ -181,6 +189,15 @@ def test_gltf_scene_is_joined_where_seams_split_it(tmp_path):
     assert len(mesh.vertices) == mesh.file_vertex_count == 42
     check_message(mesh.messages[0], 240, 42)
     np.testing.assert_allclose(mesh.vertices.max(axis=0), sphere.vertices.max(axis=0), atol=1e-3)
+
+
+def test_a_hemisphere_is_not_taken_for_the_other_one(tmp_path):
+    path = write(
+        tmp_path, "rh.white", freesurfer_bytes(tetrahedron().vertices, tetrahedron().faces)
+    )
+    assert load_mesh(path, hemisphere="R").structure == "CortexRight"
+    with raises(MeshError, "rh.white", "right", "left", "--hemisphere"):
+        load_mesh(path, hemisphere="L")
 
 
 def test_largest_component_of_a_file(tmp_path):

@@ -15,6 +15,7 @@ from abfm.registration.initial.given import Given
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.words import initial_map
 from abfm.registration.register import prepare
+from tests.mesh_writers import off_text, write
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, torus
 
@@ -47,6 +48,21 @@ def test_landmarks_alone_come_to_where_they_belong_and_files_keep_it(tmp_path):
     found.save(tmp_path / "r.npz")
     again = abfm.load_registration(tmp_path / "r.npz")
     assert_allclose(again.landmark_errors, found.landmark_errors, atol=1e-9)
+
+
+def test_spheres_of_files_fit_surfaces_that_were_merged_or_cut(tmp_path):
+    """A file with the spheres of both hemispheres, a vertex for each corner of a face."""
+    corners = BALL.vertices[BALL.faces.ravel()]
+    faces = np.arange(2 * BALL.faces.size).reshape(-1, 3)
+    bumpy = corners * (2 + corners[:, [2]])
+    surfaces = np.concatenate([bumpy + np.array([x, 0, 0]) for x in (-4, 4)])
+    mesh = TriangleMesh(surfaces, faces, merge=True, hemisphere="R")
+    spheres = write(tmp_path, "s.off", off_text(np.concatenate([corners, corners]), faces))
+    found = initial_map(f"sphere:{spheres},{spheres}", Given(mesh, mesh, None, None))
+    assert_allclose(found.correspondence.points.positions, mesh.vertices, atol=1e-6)
+    small = write(tmp_path, "t.off", off_text(corners, faces[: len(BALL.faces)]))
+    with raises(ParameterError, 960, 1920):
+        initial_map(f"sphere:{small},{spheres}", Given(mesh, mesh, None, None))
 
 
 def test_landmarks_are_vertices_or_points_beside_functions_or_alone():

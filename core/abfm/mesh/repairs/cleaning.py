@@ -15,7 +15,7 @@ import numpy as np
 from abfm.errors import MeshError
 from abfm.mesh.draft import Draft, counted
 from abfm.mesh.face_sizes import flat_faces, side_lengths, twice_areas
-from abfm.mesh.topology import connected, edges_of_faces
+from abfm.mesh.topology import connected, edges_of_faces, equal_rows
 from abfm.types import BoolArray, IntArray
 
 _NEAR = 1e-6  # shortest over longest side of a face without area, up to which its ends are joined
@@ -31,9 +31,11 @@ def clean(draft: Draft) -> None:
     _drop(draft, draft.has_vertex_twice(), "with a vertex twice")
     _drop_repeated(draft)
     _remove_flat(draft)
-    _drop_repeated(draft)
     for _ in range(_ROUNDS_MAX):  # sheets may hang on sheets that hang
-        _drop(draft, _hanging_sheets(draft), "of sheets that hang on the surface")
+        hanging = _hanging_sheets(draft)
+        if not hanging.any():
+            break
+        _drop(draft, hanging, "of sheets that hang on the surface")
 
 
 def _drop(draft: Draft, bad: BoolArray, what: str, example: str = "") -> None:
@@ -70,18 +72,14 @@ def _drop_repeated(draft: Draft) -> None:
     """Drop faces that have the vertices of an earlier one, in whatever order; and this one as well
     where such faces form a wall whose sides end on a surface that goes on beneath them.
     """
-    keys = np.sort(draft.faces, axis=1)
-    _, first, group, sizes = np.unique(
-        keys, axis=0, return_index=True, return_inverse=True, return_counts=True
-    )
-    group = group.reshape(-1)
+    first, group = equal_rows(np.sort(draft.faces, axis=1))
     again = first[group] != np.arange(len(draft.faces))
     if not again.any():
         return
     example = np.argmax(again)
     like = f"{draft.face_ids[example]}, as face {draft.face_ids[first[group[example]]]}"
     edges = edges_of_faces(draft.faces, len(draft.vertices))[1]
-    repeats = sizes[group] > 1
+    repeats = np.bincount(group)[group] > 1
     others = np.bincount(edges[~repeats].ravel(), minlength=int(edges.max()) + 1)
     # patches of repeated faces, by their edges
     label = connected(len(others), np.concatenate([edges[repeats][:, :2], edges[repeats][:, 1:]]))
@@ -118,6 +116,7 @@ def _remove_flat(draft: Draft) -> None:
     draft.faces = np.concatenate([draft.faces[~is_near], changed])[order]
     draft.face_ids = ids[order].astype(np.int64)
     draft.drop_unreferenced_vertices()
+    _drop_repeated(draft)
     one = count == 1
     split = f", and {counted(splits, 'face', 'faces')} next to {'it' if one else 'them'} split"
     draft.messages.append(

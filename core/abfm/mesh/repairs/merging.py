@@ -5,7 +5,7 @@ import numpy as np
 from abfm.errors import MeshError
 from abfm.mesh.draft import Draft, counted
 from abfm.mesh.face_sizes import side_lengths
-from abfm.mesh.topology import connected
+from abfm.mesh.topology import connected, equal_rows
 from abfm.types import FloatArray
 
 RELATIVE_DISTANCE = 1e-6  # of the diagonal of the bounding box
@@ -19,8 +19,8 @@ def merge_vertices(draft: Draft, distance: bool | float, may_collapse: bool) -> 
     True takes 1e-6 of the diagonal of the bounding box. Unless faces ``may_collapse`` it is at most
     half the shortest edge then, and a given distance is refused that is as long as an edge.
     """
-    _, first, place = np.unique(draft.vertices, axis=0, return_index=True, return_inverse=True)
-    points, place = draft.vertices[first], place.reshape(-1)
+    first, place = equal_rows(draft.vertices)
+    points = draft.vertices[first]
     same = np.stack([first[place], np.arange(len(place))], axis=1)
     reach = _reach(draft, distance, may_collapse)
     _check_crowding(points, reach)

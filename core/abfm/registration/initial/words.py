@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
-from abfm.errors import AbfmError, ParameterError, brief, did_you_mean
+from abfm.errors import AbfmError, MeshError, ParameterError, brief, did_you_mean
 from abfm.maps.point_maps import PointMap
 from abfm.maps.spherical import is_sphere, sphere_directions
-from abfm.mesh import TriangleMesh, load_mesh
+from abfm.mesh import TriangleMesh
+from abfm.mesh.files import READERS, read_contents
 from abfm.registration.correspondence import Candidate, Correspondence
 from abfm.registration.initial.alignment import KINDS, closest_after_alignment
 from abfm.registration.initial.connectivity import same_connectivity
@@ -208,13 +210,20 @@ def _two_files(words: list[str]) -> list[str]:
 
 def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
     """Return the directions (V, 3) of a mesh's vertices on the sphere that a file holds."""
-    sphere = load_mesh(path, merge=len(mesh.copies) > 0)
-    if not np.array_equal(sphere.vertex_ids, mesh.vertex_ids):
+    try:
+        vertices, faces, _ = read_contents(path, READERS, "mesh")
+    except MeshError as error:
+        raise error.of(path) from None
+    if len(vertices) != mesh.file_vertex_count:
         raise ParameterError(
-            f"{path} has {sphere.file_vertex_count} vertices, and the surface "
-            f"{mesh.file_vertex_count}; give a sphere with the same vertices"
+            f"{path} has {len(vertices)} vertices, and the surface {mesh.file_vertex_count}; give "
+            "a sphere with the same vertices"
         )
-    return sphere_directions(sphere)
+    with suppress(MeshError):  # a mesh that is merged or cut, as the surface is
+        sphere = TriangleMesh(vertices, faces)
+        if np.array_equal(sphere.vertex_ids, mesh.vertex_ids):
+            return sphere_directions(sphere)
+    return sphere_directions(TriangleMesh(vertices[mesh.vertex_ids], mesh.faces))
 
 
 def _is_mirrored(name: str, words: list[str]) -> bool:

@@ -123,7 +123,9 @@ def _of_grids(entries: Sequence[Entry], mesh: TriangleMesh, array: str | None) -
                     f"its {len(entries)} frames take more than {most} bytes, the limit for files "
                     "of this size"
                 )
-            away = max(away, float(np.abs(mesh.restrict(grid.points) - mesh.vertices).max()))
+            is_whole = len(grid.points) == mesh.file_vertex_count
+            points = grid.points[mesh.vertex_ids] if is_whole else grid.points
+            away = max(away, float(np.abs(points - mesh.vertices).max()))
             found[file] = grid._replace(points=grid.points[:0])
             tell((k + 1) / len(files))
     grids = [found[file] for _, file in entries]
