@@ -1,5 +1,7 @@
-"""The doors through which users open files, and what must hold of what comes in."""
+"""The doors through which users open files, and the promises about each."""
 
+import contextlib
+import io
 import re
 from functools import cache
 from pathlib import Path
@@ -8,19 +10,21 @@ import numpy as np
 
 import abfm
 from abfm import AbfmError
+from abfm.batch import read_table
 from abfm.errors import LONGEST
+from abfm.functions.labels import read_labels
+from abfm.population.subjects import read_subjects
+from abfm.registration.initial.landmark_pairs import read_landmarks
+from abfm.sequences import read_frames
+from abfm_viewer.cli import main
 from abfm_viewer.document.document import THEMES
 from abfm_viewer.files.autosave import recoverable
 from abfm_viewer.files.project import load_origin, load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session import Session
 from abfm_viewer.window.recovery import Preferences
+from tests.attack.hunt import FaultError
 from tests.attack.specimens import MESH
-
-
-class BrokenPromiseError(Exception):
-    """What was opened is not what it should be, or the way in which it was refused."""
-
 
 _INNER = re.compile(
     r"\b__\w+__\b|NoneType|object has no attribute|not subscriptable|unhashable|slice indices"
@@ -51,7 +55,7 @@ def enter(door, path):
 
 def _hold(holds, broken):
     if not holds:
-        raise BrokenPromiseError(broken)
+        raise FaultError(broken)
 
 
 def _check_mesh(mesh):
@@ -173,7 +177,56 @@ def _spec(path):
     _check_values(abfm.function(MESH, text))
 
 
+def _frames(path):
+    found = read_frames(path, MESH, "u" if path.suffix in (".vtu", ".pvd") else None)
+    is_right = found.values.ndim in (2, 3) and found.values.dtype == np.float64
+    _hold(is_right, f"frames of shape {found.values.shape} and type {found.values.dtype}")
+    are_known = found.times is None or found.times.shape == found.values.shape[:1]
+    _hold(are_known, "frames with other times")
+
+
+def _labels(path):
+    found = read_labels(path)
+    known = all(name.isprintable() for name in found.names.values())
+    _hold(found.values.dtype.kind == "i" and known, "labels that are no numbers with names")
+
+
+def _command(*words):
+    """Run a command as users do: it ends with a known status, in words that can be printed."""
+    out, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+        status = main([*map(str, words)])
+    lines = (out.getvalue() + errors.getvalue()).splitlines()
+    _hold(status in (0, 2, 3, 4), f"exit status {status}")
+    _hold(all(map(str.isprintable, lines)), f"control characters: {lines[:9]!r}"[:300])
+    _hold(status != 2 or len(errors.getvalue().splitlines()) == 1, f"a refusal of lines: {lines}")
+    return status, lines
+
+
+def _batch(path):
+    """A file of a folder of two rows: whatever is in it, other rows are still reported."""
+    folder = path.parent.parent if path.suffix == ".json" else path.parent
+    around = {each: each.stat().st_mtime_ns for each in folder.parent.iterdir() if each != folder}
+    status, lines = _command("batch", "--status", folder, "--quiet", "--no-pictures")
+    now = {each: each.stat().st_mtime_ns for each in folder.parent.iterdir() if each != folder}
+    _hold(now == around, "a file outside the folder of results")
+    if status == 2:
+        raise AbfmError(lines[-1])
+    _hold(path.name == "rows.json" or lines[0].startswith("2 rows: "), f"rows are hidden: {lines}")
+    text = (folder / "summary.csv").read_text(encoding="utf-8", errors="strict")
+    _hold(all(map(str.isprintable, text.splitlines())), "control characters in summary.csv")
+    is_formula = re.search(r'(^|,)"?[=+@]', text, re.MULTILINE)
+    _hold(not is_formula, f"a formula in summary.csv: {is_formula}")
+
+
 DOORS = {
+    "frames": _frames,
+    "labels": _labels,
+    "table": lambda path: read_table(path),
+    "subjects": lambda path: read_subjects(path),
+    "landmarks": lambda path: read_landmarks(MESH, MESH, str(path)),
+    "info": lambda path: _hold(_command("info", path)[0] in (0, 2), "another exit status"),
+    "batch": _batch,
     "mesh": lambda path: _check_mesh(abfm.load_mesh(path)),
     "values": _values,
     "map": _map,

@@ -1,4 +1,7 @@
-"""Small valid files of every kind that abfm reads, each with the door that opens it."""
+"""Small valid files of every kind that abfm reads, each with the door that opens it.
+
+A format is added by a line of `_newer`, with a function that returns the bytes of a small file.
+"""
 
 import base64
 import gzip
@@ -13,13 +16,17 @@ from tempfile import TemporaryDirectory
 
 import nibabel
 import numpy as np
+import scipy.io
 import trimesh
 
 from abfm import Parameters, match
+from abfm.batch import Ledger, Row
+from abfm.batch.ledger import Record
 from abfm.pages.front import Front
 from abfm_viewer.document.document import Channel, Document, Look, Point, Run, Surface, View
 from abfm_viewer.files.project import Origin, save_project
-from tests.mesh_writers import STL_WRITERS, WRITERS, exported
+from tests.core.reading.vtk_files import vtk_bytes
+from tests.mesh_writers import STL_WRITERS, WRITERS, exported, off_file, off_text
 from tests.shapes import icosphere, with_loose_vertex
 
 WHOLE = icosphere(1)
@@ -65,6 +72,10 @@ def specimens():
         Specimen("preferences.json", "preferences", json.dumps(preferences, indent=1).encode()),
         *_projects(),
         *_all("spec", specs),
+        *(Specimen(name, door, content) for name, (door, content) in _newer().items()),
+        *_lists_of_frames(),
+        *_batch(),
+        _subjects(),
     ]
     return {specimen.name: specimen for specimen in found}
 
@@ -213,3 +224,128 @@ def _projects():
             save()
             found[name] = path.read_bytes()
     return [*_all("result", {"result.npz": found.pop("result.npz")}), *_all("project", found)]
+
+
+def _newer():
+    """Return door and bytes of files by name."""
+    film = np.stack([X, Y, X * Y])
+    on_file = MESH.on_file(film.T, 0.0).T
+    stc = struct.pack(">ffI", 0, 5, COUNT) + np.arange(COUNT).astype(">u4").tobytes()
+    stc += struct.pack(">I", 3) + on_file.astype(">f4").tobytes()
+    frames = struct.pack(">7i256x", 1, COUNT, 1, 1, 3, 3, 0) + on_file.astype(">f4").tobytes()
+    rows = "".join(f"p{k},{6 + k},{9 + k}\n" for k in range(4))
+    table = (
+        'name,mesh,source,target,alpha\none,m.off,"gaussian:vertex=1,width=0.2",hks:time=1,0.1\n'
+    )
+    archive, matlab = io.BytesIO(), io.BytesIO()
+    np.savez(archive, frames=on_file, times=np.arange(3.0))
+    scipy.io.savemat(matlab, {"thickness": X})
+    quads = np.stack([*WHOLE.faces[:, :2].T, *WHOLE.faces[:, 1:].T], axis=1)
+    return {
+        "film.npy": ("frames", _npy(on_file)),
+        "film.npz": ("frames", archive.getvalue()),
+        "film.csv": ("frames", _text(on_file.T, ",")),
+        "film.gii": ("frames", _gifti(list(on_file))),
+        "film.mgz": ("frames", gzip.compress(frames, mtime=0)),
+        "film-lh.stc": ("frames", stc),
+        "keys.label.gii": (
+            "labels",
+            _gifti([np.arange(COUNT) % 2], labels={0: "a", 1: "b"}),
+        ),
+        "rh.annot": ("labels", _labels()["lh.annot"]),
+        "table.csv": ("table", table.encode()),
+        "landmarks.csv": ("landmarks", f"name,a,b\n{rows}".encode()),
+        "quads.white": (
+            "info",
+            b"\xff\xff\xfd"
+            + len(WHOLE.vertices).to_bytes(3, "big")
+            + len(quads).to_bytes(3, "big")
+            + WHOLE.vertices.astype(">f4").tobytes()
+            + b"".join(int(k).to_bytes(3, "big") for k in quads.ravel()),
+        ),
+        "legacy.vtk": ("mesh", _legacy_vtk().encode()),
+        "mesh.vtp": ("info", vtk_bytes(WHOLE.vertices, {"u": X[:42]}, "base64", kind="PolyData")),
+        "civet.obj": ("mesh", _mni_obj().encode()),
+        "values.mat": ("info", matlab.getvalue()),
+        "values.dscalar.nii": ("info", _cifti()),
+    }
+
+
+def _legacy_vtk():
+    points = "\n".join(" ".join(map(repr, row)) for row in WHOLE.vertices.tolist())
+    faces = "\n".join("3 " + " ".join(map(str, row)) for row in WHOLE.faces.tolist())
+    count = len(WHOLE.faces)
+    head = (
+        f"# vtk DataFile Version 3.0\nball\nASCII\nDATASET POLYDATA\nPOINTS 42 double\n{points}\n"
+    )
+    return f"{head}POLYGONS {count} {4 * count}\n{faces}\n"
+
+
+def _mni_obj():
+    points = "\n".join(" ".join(f"{x:.6f}" for x in row) for row in WHOLE.vertices.tolist())
+    count = len(WHOLE.faces)
+    ends = " ".join(str(3 * k) for k in range(1, count + 1))
+    corners = " ".join(map(str, WHOLE.faces.ravel().tolist()))
+    colour = "0 1 1 1 1"
+    return (
+        f"P 0.3 0.3 0.4 10 1 42\n{points}\n\n{points}\n\n{count}\n{colour}\n\n{ends}\n\n{corners}\n"
+    )
+
+
+def _cifti():
+    axis = nibabel.cifti2.BrainModelAxis.from_surface(np.arange(42), 42, "CortexLeft")
+    scalars = nibabel.cifti2.ScalarAxis(["thickness"])
+    image = nibabel.Cifti2Image(X[None, :42].astype(np.float32), header=(scalars, axis))
+    return image.to_bytes()
+
+
+def _lists_of_frames():
+    values = MESH.on_file(np.stack([X, Y], axis=1), 0.0)
+    points = MESH.on_file(MESH.vertices, 9.0)
+    beside = {
+        f"wave_{k}.vtu": vtk_bytes(points, {"u": values[:, k]}, form, packed, time=float(k))
+        for k, (form, packed) in enumerate([("raw", "vtkZLibDataCompressor"), ("ascii", "")])
+    }
+    rows = "".join(f'<DataSet timestep="{k}" file="wave_{k}.vtu"/>' for k in range(2))
+    listed = f'<VTKFile type="Collection"><Collection>{rows}</Collection></VTKFile>'
+    files = [{"name": name, "time": k} for k, name in enumerate(beside)]
+    others = dict(beside)
+    own = others.pop("wave_1.vtu")
+    return [
+        Specimen("waves.pvd", "frames", listed.encode(), beside),
+        Specimen("waves.vtu.series", "info", json.dumps({"files": files}).encode(), beside),
+        Specimen("wave_1.vtu", "frames", own, others),
+    ]
+
+
+def _subjects():
+    rows = "".join(f"s{k},m{k}.off,f{k}.npy\n" for k in range(3))
+    beside = {f"m{k}.off": off_text(WHOLE.vertices, WHOLE.faces).encode() for k in range(3)}
+    beside |= {f"f{k}.npy": _npy(X[:42]) for k in range(3)}
+    return Specimen("subjects.csv", "subjects", f"name,mesh,thickness\n{rows}".encode(), beside)
+
+
+def _batch():
+    """Return files of a folder of results of two rows, one of which failed."""
+    with TemporaryDirectory() as place:
+        folder = Path(place)
+        off_file(folder / "m.off", WHOLE)
+        options = {"mesh": "m.off", "source": "coordinate:x", "target": "coordinate:y"}
+        rows = [Row("one", options | {"iterations": 3}, folder), Row("two", options, folder)]
+        ledger = Ledger(folder / "out")
+        ledger.make()
+        ledger.write_rows(rows, "a table")
+        found = rows[0].solve()
+        found.save(ledger.result(rows[0].digest))
+        ledger.record(rows[0], Record(rows[0].digest, seconds=1.5))
+        ledger.record(rows[1], Record(reason="no reason"))
+        files = {
+            path.relative_to(folder).as_posix(): path.read_bytes()
+            for path in (folder / "out").rglob("*")
+            if path.is_file()
+        }
+    names = [name for name in files if not name.endswith("identity")]
+    return [
+        Specimen(name, "batch", files[name], {k: v for k, v in files.items() if k != name})
+        for name in names
+    ]
