@@ -296,6 +296,15 @@ def _broken(chance):
         return _mesh(name, WRITERS[name][0](V, F.clip(-(2**31), 2**31 - 1)))
 
 
+def _index(chance):
+    """Name a vertex that is not there."""
+    name, F = chance.choice(list(WRITERS)), WHOLE.faces.copy()
+    F[chance.randrange(len(F)), 2] = (
+        42 if name.endswith((".glb", ".off")) else chance.choice((42, 99))
+    )
+    return Specimen(name, "mesh", WRITERS[name][0](WHOLE.vertices, F), must_be_refused=True)
+
+
 def _with(array, place, value):
     changed = array.copy()
     changed[place] = value
@@ -345,6 +354,7 @@ HOSTILE = {
     "texts": _texts,
     "special files": _special,
     "broken mesh": _broken,
+    "index": _index,
     "heavy mesh": _heavy,
 }
 """Makers of specimens by what is wrong with these."""

@@ -53,6 +53,7 @@ class Specimen:
     content: bytes
     beside: Mapping[str, bytes] = field(default_factory=dict)
     place: Callable[[Path], None] | None = None
+    must_be_refused: bool = False
 
 
 @cache

@@ -53,7 +53,10 @@ class Victim:
         if specimen.place is not None:
             specimen.place(files / specimen.name)
         answer = self._ask(specimen.door, files / specimen.name)
-        if fault := answer.pop("fault"):
+        fault = answer.pop("fault")
+        if not fault and specimen.must_be_refused and not answer["is_refused"]:
+            fault = "it was opened, and should be refused"
+        if fault:
             place = self._keep / specimen.name
             shutil.rmtree(place, ignore_errors=True)
             shutil.copytree(files, place, symlinks=True, ignore=_special_files)
