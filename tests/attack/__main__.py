@@ -18,7 +18,16 @@ from pathlib import Path
 from tests.attack.hunt import Tally, hunt, table
 from tests.processes import ROOT
 
-PARTS = ("mutations", "hostile", "signals", "kills", "memory", "batches", "monkey")
+PARTS = {
+    "mutations": 40,
+    "hostile": 20,
+    "signals": 2,
+    "kills": 10,
+    "memory": 2,
+    "batches": 1,
+    "monkey": 2,
+}
+"""The parts, and the trials of each that a seed makes."""
 _RUN_SECONDS = 60.0  # of one part in one process
 
 
@@ -50,7 +59,7 @@ def run_part(part, seed, seconds, shrinks=False):
     with ExitStack() as opened:
         attempt = attempt_of(part, opened)
         while time.monotonic() < end or not tally.trials:
-            hunt(tally, attempt, seed, shrinks=shrinks, until=end if tally.trials else float("inf"))
+            hunt(tally, attempt, seed, PARTS[part], shrinks)
             seed += 1
             if shrinks:
                 break

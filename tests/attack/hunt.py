@@ -5,7 +5,6 @@ returns a `Trial` or raises a `FaultError`. Hypothesis numbers its runs by a see
 ``python -m tests.attack --repeat PART:SEED`` makes the same trials again and shrinks a fault.
 """
 
-import time
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -13,7 +12,6 @@ import hypothesis
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-TRIALS_OF_A_SEED = 40
 _FAULTS_SHOWN = 20
 
 
@@ -51,15 +49,11 @@ class Tally:
         return [self.part, *map(str, numbers), f"{self.seconds:.2g}", f"{self.megabytes:.0f}"]
 
 
-def hunt(tally, attempt, seed, trials=TRIALS_OF_A_SEED, shrinks=False, until=float("inf")):
-    """Make the trials of a seed, the same ones each time, and add what comes of them to a tally.
-
-    Once it is later than ``until`` (monotonic seconds), no further trial begins.
-    """
+def hunt(tally, attempt, seed, trials=40, shrinks=False):
+    """Make the trials of a seed, the same ones each time, and add what comes of them to a tally."""
 
     def one(chance):
-        if time.monotonic() < until:
-            tally.add(attempt(chance))
+        tally.add(attempt(chance))
 
     phases = (Phase.generate, Phase.shrink) if shrinks else (Phase.generate,)
     test = given(st.randoms(use_true_random=False))(one)
