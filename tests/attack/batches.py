@@ -15,6 +15,8 @@ from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 
+import psutil
+
 from abfm.assets import asset_path
 from tests.attack.hunt import FaultError, Trial
 from tests.processes import ROOT
@@ -108,34 +110,21 @@ def anew(before, after):
     return sorted(name for name, file in before.items() if after.get(name) != file)
 
 
-def children_of(number):
-    """Numbers of the processes that a process has started."""
-    found = []
-    with suppress(OSError):
-        for thread in Path(f"/proc/{number}/task").iterdir():
-            found += map(int, (thread / "children").read_text().split())
-    return found
-
-
-def words_of(number):
-    """The command line of a process; empty if it is gone."""
-    with suppress(OSError):
-        return Path(f"/proc/{number}/cmdline").read_text().replace("\0", " ")
-    return ""
-
-
 def family(number):
-    """A process and all below it that are Python's."""
-    return [number, *(each for child in children_of(number) for each in family(child))]
+    """Return the numbers of a process and of all below it."""
+    with suppress(psutil.NoSuchProcess):
+        return [number, *(each.pid for each in psutil.Process(number).children(recursive=True))]
+    return [number]
 
 
-def victims(client, cluster=None):
-    """Numbers of processes by what they are: those of a client's own cluster or of another one."""
-    holders = [cluster] if cluster else children_of(client)
-    workers = [
-        each for holder in holders for each in children_of(holder) if "spawn_main" in words_of(each)
-    ]
-    return {"client": [client], "scheduler": holders, "worker": workers}
+def victims(client):
+    """Return numbers of processes by what they are: of the client and of its own cluster."""
+    holders, workers = [], []
+    with suppress(psutil.NoSuchProcess):
+        holders = psutil.Process(client).children()
+        below = [each for holder in holders for each in holder.children()]
+        workers = [each.pid for each in below if "spawn_main" in " ".join(each.cmdline())]
+    return {"client": [client], "scheduler": [each.pid for each in holders], "worker": workers}
 
 
 def kill(number):
@@ -144,11 +133,10 @@ def kill(number):
 
 
 def lingering(numbers, seconds=20.0):
-    """Those of some processes that are still there after a while."""
+    """Return those of some processes that are still there after a while."""
     end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        left = [each for each in numbers if words_of(each)]
-        if not left:
-            return []
+    while (
+        left := [each for each in numbers if psutil.pid_exists(each)]
+    ) and time.monotonic() < end:
         time.sleep(0.1)
     return left

@@ -16,6 +16,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
+import psutil
+
 import abfm
 from abfm import AbfmError, Parameters, load_match, load_mesh, match
 from abfm.assets import asset_path
@@ -177,11 +179,10 @@ def _lingering(token):
     """Return command lines of processes that an ended one has left, after a moment to end in."""
     for _ in range(40):
         found = []
-        for path in Path("/proc").iterdir():
-            with suppress(OSError):  # it has ended, or is another user's
-                if path.name.isdecimal() and token.encode() in (path / "environ").read_bytes():
-                    words = (path / "cmdline").read_bytes().replace(b"\0", b" ")
-                    found.append(words.decode(errors="replace")[:100])
+        for process in psutil.process_iter():
+            with suppress(psutil.Error):  # it has ended, or is another user's
+                if process.environ().get("ABFM_TOKEN") == token:
+                    found.append(" ".join(process.cmdline())[:100])
         if not found:
             break
         time.sleep(0.05)

@@ -109,10 +109,11 @@ class Victim:
 
 
 def _special_files(folder, names):
-    paths = {name: Path(folder, name) for name in names}
-    return [n for n, path in paths.items() if path.is_symlink() or not os.path.exists(path)] + [
-        n for n, path in paths.items() if not (path.is_file() or path.is_dir())
-    ]
+    return [n for n in names if os.path.islink(f"{folder}/{n}") or not _is_plain(f"{folder}/{n}")]
+
+
+def _is_plain(path):
+    return os.path.isfile(path) or os.path.isdir(path)
 
 
 def main(doors, seconds, megabytes):
