@@ -22,7 +22,7 @@ from abfm_viewer.document.document import Document, Surface
 from abfm_viewer.errors import DriverError
 from abfm_viewer.files.project import save_project
 from tests.attack.hunt import FaultError, Trial
-from tests.mesh_writers import off_text, write
+from tests.mesh_writers import off_file, write
 from tests.shapes import ellipsoid, icosphere
 
 # frames of 5 ms, and as long as they take, in which everything must come to its end
@@ -42,12 +42,10 @@ _KEYS = (
     *("ctrl+z", "ctrl+y", "ctrl+shift+z", "space", "left", "right", "home", "end", "esc", "tab"),
     *("enter", "ctrl+enter", "ctrl+s", "ctrl+o", "ctrl+q", "up", "down", "f1", *"plarwf123"),
 )
-_WEIGHTS = {
-    "answer": 8, "match": 4, "pause": 2, "resume": 3, "cancel": 2, "wait": 3, "key": 4, "slide": 4,
-    "type": 4, "choose": 4, "click": 4, "menu": 2, "tab": 2, "pick": 3, "wheel": 1, "open": 3,
-    "export": 1,
-}  # fmt: skip
-_ACTIONS = [name for name, weight in _WEIGHTS.items() for _ in range(weight)]
+_ACTIONS = [
+    *(8 * ["answer", "run"] + 4 * ["key", "slide", "type", "choose", "click"]),
+    *(2 * ["wait", "menu", "tab", "pick", "open"] + ["wheel", "export"]),
+]
 
 
 class Monkey:
@@ -107,28 +105,20 @@ class Monkey:
         self._note_errors()
         return done
 
-    def _usable(self, *kinds, label=""):
+    def _usable(self, *kinds):
         """Return widgets that were drawn last and are not grey."""
         drawn = self.gui.window.ui.widgets
-        ready = [w for w in drawn if w.enabled and w.kind in kinds and w.label not in _UNUSED]
-        return [w for w in ready if label in ("", w.label)]
+        return [w for w in drawn if w.enabled and w.kind in kinds and w.label not in _UNUSED]
 
-    def _press(self, label, chance):
-        self.gui._click_on(chance.choice(self._usable("button", label=label)))
-
-    def _match(self, chance):
-        self._press("Match", chance)
-        if chance.random() < 0.3:
+    def _run(self, chance):
+        """Press one of the buttons of the solver, and sometimes wait for its end."""
+        found = self._usable("button")
+        ready = [w for w in found if w.label in ("Match", "Pause", "Resume", "Cancel")]
+        chosen = chance.choice(ready)
+        self.gui._click_on(chosen)
+        if chosen.label == "Match" and chance.random() < 0.3:
             self.gui.wait(lambda s: not s.solver.running or s.solver.paused, seconds=20)
-
-    def _pause(self, chance):
-        self._press("Pause", chance)
-
-    def _resume(self, chance):
-        self._press("Resume", chance)
-
-    def _cancel(self, chance):
-        self._press("Cancel", chance)
+        return chosen.label
 
     def _wait(self, chance):
         for _ in range(chance.choice((1, 5, 20, 60))):
@@ -172,18 +162,16 @@ class Monkey:
         return self._click(chance) if self.gui.window.dialogs.is_open else "nothing"
 
     def _menu(self, chance):
-        menu = chance.choice(self._usable("menu")).label
-        self.gui.click(menu)
-        for _ in range(3):
+        chosen = chance.choice(self._usable("menu"))
+        for _ in range(4):
+            self.gui._click_on(chosen)
             items = [w for w in self._usable("item", "menu") if w.section]
-            if not items:
+            if chosen.kind == "item" or not items:
                 break
             chosen = chance.choice(items)
-            self.gui._click_on(chosen)
-            if chosen.kind == "item":
-                return f"{menu}/{chosen.label}"
-        self.gui.key("esc")
-        return menu
+        if chosen.kind != "item":
+            self.gui.key("esc")
+        return chosen.label
 
     def _tab(self, chance):
         self.gui.window.ui.open_tab = chance.choice(("Functions", "Match", "Look", "Export"))
@@ -277,13 +265,13 @@ class Monkey:
 
     def _save_all(self):
         """Write every document that would be lost into a file, as at the window's end."""
-        window, session = self.gui.window, self.gui.session
+        window, saves = self.gui.window, self.gui.session.saves
         for _ in range(2):  # where a result was undone, this differs from the file with the result
-            for number, document in enumerate(session.saves.unsaved_documents):
+            for number, document in enumerate(saves.unsaved_documents):
                 window.files.save(self.folder / f"left-{number}.abfm", document=document)
             self._settle()
-        if unsaved := session.saves.unsaved_documents:
-            self._fault(f"not saved: {', '.join(document.name for document in unsaved)}")
+        if saves.unsaved_documents:
+            self._fault(f"not saved: {[each.name for each in saves.unsaved_documents]}")
 
     @contextmanager
     def _watched(self):
@@ -321,19 +309,14 @@ def differences(one, other):
 
 def monkey_files(folder):
     """Write files to open: good ones three times as often as broken ones."""
-    sphere, egg = icosphere(1), ellipsoid(2, 1.0, 0.8, 0.6)
-    good = [
-        write(folder, "sphere.off", off_text(sphere.vertices, sphere.faces)),
-        write(folder, "egg.off", off_text(egg.vertices, egg.faces)),
-        *(folder / name for name in ("result.npz", "project.abfm")),
-    ]
+    sphere, good = icosphere(1), [folder / name for name in ("a.off", "m.npz", "p.abfm")]
+    off_file(good[0], ellipsoid(2, 1.0, 0.8, 0.6))
     f, g = (abfm.function(sphere, f"gaussian:vertex={vertex},width=0.3") for vertex in (1, 8))
-    abfm.match(sphere, f, g, abfm.Parameters(iterations=5)).save(good[2])
-    save_project(good[3], Document((Surface(sphere, "sphere.off"),), time=0.5), {})
-    bad = [write(folder, "text.txt", "a text"), folder / "nothing.off", folder / "folder.off"]
+    abfm.match(sphere, f, g, abfm.Parameters(iterations=5)).save(good[1])
+    save_project(good[2], Document((Surface(sphere, "sphere.off"),), time=0.5), {})
+    bad = [folder / "nothing.off", folder / "folder.off"]
     bad[-1].mkdir()
     for path in good:
-        content = path.read_bytes()
-        for word, changed in (("cut", content[: len(content) // 2]), ("empty", b"")):
-            bad.append(write(folder, f"{path.stem}-{word}{path.suffix}", changed))
+        bad.append(write(folder, f"cut-{path.name}", path.read_bytes()[:-99]))
+        bad.append(write(folder, f"empty-{path.name}", b""))
     return [*good, *good, *good, *bad]

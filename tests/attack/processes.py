@@ -6,7 +6,6 @@ Linux only: what catches which signal, and which processes are left, is read fro
 import json
 import os
 import resource
-import secrets
 import signal
 import subprocess
 import sys
@@ -14,7 +13,6 @@ import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 import psutil
 
@@ -36,38 +34,18 @@ _PROGRESS = ("iteration ", "compiling", "note: ")
 _PATIENCE = 60.0  # seconds after which a process does not end
 
 
-class Command(NamedTuple):
-    """Words, files that the command may leave, exit statuses of a complete run, and its life."""
-
-    words: tuple[str, ...]
-    files: tuple[str, ...] = ()
-    statuses: tuple[int, ...] = (0,)
-    seconds: float = 3.0
-
-
 _PAIR = ("--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2")
 _LONG = ("--iterations=1000000", "--tolerance=0", "--sigma=1e-6", "--out=m.npz")
-COMMANDS = {
-    "match": Command(("match", "MESH", *_PAIR, *_LONG), ("m.npz",), (3,), 4.0),
-    "short match": Command(
-        ("match", "MESH", *_PAIR, "--iterations=3", "--out=m.npz", "--out=m.vtu", "--quiet"),
-        ("m.npz", "m.vtu"),
-        (3,),
-    ),
-    "map": Command(("map", "RESULT", "--out=map.txt"), ("map.txt",)),
-    "movie": Command(
-        ("render", "RESULT", "--out=m.mp4", "--size=320x240", "--seconds=0.3", "--quiet"),
-        ("m.mp4",),
-    ),
-    "figure": Command(
-        ("figure", "3", "--mesh", "MESH", "--quiet", "--out=."),
-        ("figure-3.png", "figure-3.json"),
-        seconds=8.0,
-    ),
-    "bench": Command(
-        ("bench", "--success", "--only-given", "--meshes", "MESH", "--problems=1", "--quiet"),
-        seconds=6.0,
-    ),
+_MOVIE = ("--out=m.mp4", "--size=320x240", "--seconds=0.3", "--quiet")
+_BRIEF = ("--iterations=3", "--out=m.npz", "--out=m.vtu", "--quiet")
+_BENCH = ("--success", "--only-given", "--problems=1", "--quiet", "--meshes", "MESH")
+COMMANDS = {  # words, seconds in which a signal comes, files that may be left
+    "match": (("match", "MESH", *_PAIR, *_LONG), 4.0, {"m.npz"}),
+    "short match": (("match", "MESH", *_PAIR, *_BRIEF), 3.0, {"m.npz", "m.vtu"}),
+    "map": (("map", "RESULT", "--out=map.txt"), 3.0, {"map.txt"}),
+    "movie": (("render", "RESULT", *_MOVIE), 4.0, {"m.mp4"}),
+    "figure": (("figure", "3", "--quiet", "--out=."), 8.0, {"figure-3.png", "figure-3.json"}),
+    "bench": (("bench", *_BENCH), 6.0, set()),
 }
 
 
@@ -84,49 +62,44 @@ class Signals:
     def attempt(self, chance, name=""):
         """Send one signal, to the process or its group, or two to the process."""
         name = name or chance.choice(list(COMMANDS))
-        command, number = COMMANDS[name], chance.choice(_SIGNALS)
-        mode, after = (
-            chance.choice(("process", "group", "twice")),
-            command.seconds * chance.random(),
-        )
+        words, seconds, files = COMMANDS[name]
+        number, mode = chance.choice(_SIGNALS), chance.choice(("process", "group", "twice"))
+        after, faults = seconds * chance.random(), []
         with tempfile.TemporaryDirectory(dir=self._folder) as place:
-            process, token = self._start(command, Path(place))
+            folder = Path(place)
+            process = self._start(words, folder)
             _send(process, number, mode, after)
-            faults = []
             try:
                 _, errors = process.communicate(timeout=_PATIENCE)
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
                 _, errors = process.communicate()
                 faults.append(f"no end within {_PATIENCE:g} s")
-            if process.returncode not in (*command.statuses, 128 + number):
+            if process.returncode not in (0, 3, 128 + number):
                 faults.append(f"exit status {process.returncode}")
             lines = [line for line in errors.splitlines() if not line.startswith(_PROGRESS)]
-            unexpected = [line for line in lines if not line.startswith(_SAID)]
-            if process.returncode == 128 + number and unexpected:
-                faults.append(f"stderr: {unexpected[-1][-300:]!r}")
+            if process.returncode and (lines := [x for x in lines if not x.startswith(_SAID)]):
+                faults.append(f"stderr: {lines[-1][-300:]!r}")
             has_result = "\niteration" in errors and mode != "twice"
-            faults += _left(Path(place), command.files, needs_result=has_result)
-            faults += [f"a process is left: {words}" for words in _lingering(token)]
+            faults += _left(folder, files, needs_result=has_result)
+            faults += [f"a process is left: {each}" for each in _lingering(place)]
         _report(f"{name}, {number.name} to {mode} after {after:.2f} s", faults)
         return Trial()
 
-    def _start(self, command, folder):
-        token, temporary = secrets.token_hex(8), folder / "tmp"
+    def _start(self, words, folder):
+        temporary = folder / "tmp"
         temporary.mkdir()
-        words = [self._places.get(word, word) for word in command.words]
         places = {"ABFM_STATE_FOLDER": str(temporary), "TMPDIR": str(temporary)}
-        process = subprocess.Popen(
-            [sys.executable, "-c", _MAIN, *words],
+        return subprocess.Popen(
+            [sys.executable, "-c", _MAIN, *(self._places.get(word, word) for word in words)],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
             cwd=folder,
             start_new_session=True,
-            env=os.environ | places | {"ABFM_TOKEN": token},
+            env=os.environ | places,
             preexec_fn=_take_signals,
         )
-        return process, token
 
 
 def _report(what, faults):
@@ -175,13 +148,13 @@ def _left(folder, files, needs_result):
         yield "the best result is lost"
 
 
-def _lingering(token):
+def _lingering(folder):
     """Return command lines of processes that an ended one has left, after a moment to end in."""
     for _ in range(40):
         found = []
         for process in psutil.process_iter():
             with suppress(psutil.Error):  # it has ended, or is another user's
-                if process.environ().get("ABFM_TOKEN") == token:
+                if process.environ().get("TMPDIR") == f"{folder}/tmp":
                     found.append(" ".join(process.cmdline())[:100])
         if not found:
             break

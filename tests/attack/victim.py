@@ -65,6 +65,7 @@ class Victim:
 
     def _ask(self, door, path):
         if self._process is None or self._process.poll() is not None:
+            self._end()
             self._start()
         process = self._process
         process.stdin.write(json.dumps([door, str(path)]) + "\n")
