@@ -1,149 +1,134 @@
-"""All parts of the attack for some minutes, on all cores, and a table of what came of it.
+"""Try to break abfm for some minutes, on all cores, and print a table of what came of it.
 
-The exit status is 1 where there is a fault. Files that made one are in ``out/attack``.
+The exit status is 1 if there is a fault. Files that made one are in ``out/attack``.
 """
 
 import argparse
+import json
 import os
-import queue
 import secrets
-import signal
 import subprocess
 import sys
-import threading
+import tempfile
 import time
-from contextlib import suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
-from tests.attack.trial import Tally, Trial, text_table, write
+from tests.attack.hunt import Tally, hunt, table
 from tests.processes import ROOT
 
-SHARES = {
-    "mutations": 3,
-    "hostile": 1,
-    "broken_meshes": 2,
-    "signals": 4,
-    "kills": 1,
-    "monkey": 8,
-    "memory": 1,
+PARTS = {
+    "mutations": 40,
+    "hostile": 20,
+    "signals": 2,
+    "kills": 10,
+    "memory": 2,
+    "batches": 1,
+    "monkey": 2,
 }
-"""The parts, modules of this package, and the time that each has in relation to the others."""
-_MANY = 10**6  # seeds of one worker, for one part
-_PATIENCE = 600.0  # seconds without a line
+"""The parts, and the trials of each that a seed makes."""
+_RUN_SECONDS = 60.0  # of one part in one process
+
+
+def attempt_of(part, opened):
+    """Return the function that makes one trial of a part; what it needs is closed at the end."""
+    if part in ("mutations", "hostile"):
+        from tests.attack import hostile, mutations
+        from tests.attack.victim import Victim
+
+        make = {"mutations": mutations.mutant, "hostile": hostile.hostile}[part]
+        victim = opened.enter_context(Victim(ROOT / "out" / "attack"))
+        return lambda chance: victim.open(*make(chance))
+    if part == "monkey":
+        from tests.attack.monkey import Monkey
+
+        return opened.enter_context(Monkey()).attempt
+    from tests.attack import batches, processes
+
+    if part == "memory":
+        return processes.lack_memory
+    folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="abfm-attack-")))
+    makers = {"signals": processes.Signals, "kills": processes.Kills, "batches": batches.Batches}
+    return makers[part](folder).attempt
+
+
+def run_part(part, seed, seconds, shrinks=False):
+    """Make the trials of a seed and of those after it, for so many seconds."""
+    tally, end = Tally(part), time.monotonic() + seconds
+    with ExitStack() as opened:
+        attempt = attempt_of(part, opened)
+        while time.monotonic() < end or not tally.trials:
+            hunt(tally, attempt, seed, PARTS[part], shrinks)
+            seed += 1
+            if shrinks:
+                break
+    return tally
 
 
 def main():
     """The program; its exit status."""
     parser = argparse.ArgumentParser(prog="./run attack", description=__doc__)
-    add, cores = parser.add_argument, os.cpu_count() or 1
+    add = parser.add_argument
     add("--minutes", type=float, default=10, help="how long (default: 10)")
-    add("--seed", type=int, help="of each part's first trial (default: another one each time)")
-    add("--workers", type=int, default=cores, help="at a time (default: one per core)")
-    add("--only", choices=SHARES, action="append", help="this part alone; may be repeated")
-    add("--repeat", metavar="PART:SEED", help="repeat one trial and say what came of it")
-    add("--write", action="store_true", help="add the numbers to the table of docs/promises.md")
+    add("--seed", type=int, help="of the first trials (default: another one each time)")
+    add("--workers", type=int, default=os.cpu_count() or 1, help="at a time (default: one a core)")
+    add("--only", choices=PARTS, action="append", help="this part alone; may be repeated")
+    add("--repeat", metavar="PART:SEED", help="make the trials of a seed again, and shrink a fault")
+    add("--json", action="store_true", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.repeat:
         part, _, seed = asked.repeat.rpartition(":")
-        if part not in SHARES or not seed.isdecimal():
-            parts = ", ".join(SHARES)
-            parser.error(f"--repeat {asked.repeat}: expected a part ({parts}), a colon and a seed")
-        return subprocess.call([sys.executable, "-m", f"tests.attack.{part}", "--seed", seed])
-    seed = secrets.randbelow(10**6) * 10**3 if asked.seed is None else asked.seed
-    tallies = attack(asked.only or list(SHARES), asked.minutes * 60, seed, asked.workers)
-    print(text_table(tallies))
-    if asked.write:
-        write(tallies)
-    return int(any(tally.faults for tally in tallies.values()))
+        if part not in PARTS or not seed.isdecimal():
+            parser.error(f"--repeat {asked.repeat}: expected one of {', '.join(PARTS)}, and a seed")
+        tallies = [run_part(part, int(seed), float("inf"), shrinks=True)]
+    elif asked.json:
+        print(json.dumps(vars(run_part(asked.only[0], asked.seed, 60 * asked.minutes))))
+        return 0
+    else:
+        seed = secrets.randbelow(10**6) * 10**3 if asked.seed is None else asked.seed
+        tallies = attack(asked.only or list(PARTS), asked.minutes * 60, seed, asked.workers)
+    print(table(tallies))
+    return int(any(tally.faults for tally in tallies))
 
 
-def attack(chosen, seconds, seed, workers):
-    """What came of each part in so many seconds."""
-    tallies = {part: Tally(part) for part in chosen}
-    spent = dict.fromkeys(chosen, 0.0)
-    lock, end = threading.Lock(), time.monotonic() + seconds
-    longest = max(seconds / 12, 5.0)
-    shown = 0.0
+def attack(parts, seconds, seed, workers):
+    """Run the parts in turn in processes of their own, and add up what comes of them."""
+    end, tallies = time.monotonic() + seconds, {part: Tally(part) for part in parts}
 
-    def show():
-        """The line of progress, at most once a second; once a minute where no terminal is."""
-        nonlocal shown
-        now, terminal = time.monotonic(), sys.stderr.isatty()
-        if now - shown < (1 if terminal else 60):
-            return
-        shown = now
-        counts = ", ".join(f"{t.part} {t.trials} ({t.fault_count})" for t in tallies.values())
-        line = f"{max(end - now, 0) / 60:.1f} min left; trials (faults): {counts}"
-        before, after = ("\r\033[K", "") if terminal else ("", "\n")
-        print(before + line, end=after, file=sys.stderr, flush=True)
-
-    def work(worker, folder):
-        following = dict.fromkeys(chosen, seed + worker * _MANY)
+    def work(number):
+        turn = number
         while (left := end - time.monotonic()) > 0:
-            with lock:
-                part = min(chosen, key=lambda part: spent[part] / SHARES[part])
-                planned = min(longest * SHARES[part] / 2, left)
-                spent[part] += planned
-            begin = time.monotonic()
-            for trial in trials(part, following[part], planned, folder):
-                following[part] = trial.seed + 1
-                with lock:
-                    tallies[part].add(trial)
-                    show()
-            with lock:
-                spent[part] += time.monotonic() - begin - planned
+            part = parts[turn % len(parts)]
+            _add(tallies[part], _run(part, seed + 1000 * turn, min(_RUN_SECONDS, left)))
+            turn += workers
 
-    with TemporaryDirectory(prefix="abfm-attack-") as folder:
-        threads = [
-            threading.Thread(target=work, args=(number, Path(folder))) for number in range(workers)
-        ]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    print(file=sys.stderr)
-    return tallies
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(work, range(workers)))
+    return list(tallies.values())
 
 
-def trials(part, seed, seconds, folder):
-    """The trials of a part from a seed on, as they end, in a process of its own."""
-    said = folder / f"{part}-{seed}.log"
-    words = ["--seed", str(seed), "--count", str(_MANY), "--seconds", str(seconds)]
-    with said.open("w") as log:
-        process = subprocess.Popen(
-            [sys.executable, "-m", f"tests.attack.{part}", *words],
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            stderr=log,
-            text=True,
-            start_new_session=True,
-            env=os.environ | {"TMPDIR": str(folder)},
-        )
-    lines = queue.Queue()
+def _run(part, seed, seconds):
+    words = ["--json", "--only", part, "--seed", str(seed), "--minutes", str(seconds / 60)]
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.attack", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    with suppress(ValueError, IndexError):
+        return Tally(**json.loads(done.stdout.splitlines()[-1]))
+    last = " ".join(done.stderr.splitlines()[-3:])[-300:]
+    return Tally(part, faults={f"{part}:{seed}": f"the attack itself: {done.returncode}: {last}"})
 
-    def read():
-        for line in process.stdout:
-            lines.put(line)
-        lines.put(None)
 
-    threading.Thread(target=read, daemon=True).start()
-    try:
-        while (line := lines.get(timeout=_PATIENCE)) is not None:
-            if line.startswith("{"):
-                trial = Trial.from_line(line)
-                seed = trial.seed + 1
-                yield trial
-        if status := process.wait():
-            last = " ".join(said.read_text(errors="replace").strip().splitlines()[-1:])[:200]
-            yield Trial("the part itself", seed, "fault", f"exit status {status}: {last}")
-    except queue.Empty:
-        yield Trial("the part itself", seed, "fault", f"no answer within {_PATIENCE:g} s")
-    finally:
-        # end it, should it still run, and what it has started
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+def _add(tally, other):
+    tally.trials += other.trials
+    tally.refused += other.refused
+    tally.seconds = max(tally.seconds, other.seconds)
+    tally.megabytes = max(tally.megabytes, other.megabytes)
+    tally.faults |= other.faults
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""Files, and what is none, made to hurt who opens them."""
+"""Files, and what is none, made to hurt: bombs, lies, nesting, references, devices, broken meshes.
+
+`HOSTILE` is a table: a name, and a function of a `random.Random` that returns a specimen.
+"""
 
 import base64
 import gzip
@@ -6,433 +9,348 @@ import io
 import json
 import os
 import pickle
-import socket
 import struct
-import threading
-import time
 import zipfile
 import zlib
-from contextlib import suppress
-from pathlib import Path
-from random import Random
+from functools import partial
 
 import numpy as np
 
-from tests.attack.heavy_meshes import gltf_header
-from tests.attack.specimens import COUNT, WHOLE, Specimen, specimens
-from tests.attack.victim import run_victim
-from tests.mesh_writers import obj_text, off_text, ply_bytes
+from tests.attack.specimens import COUNT, MESH, WHOLE, Specimen, X, specimens
+from tests.attack.victim import LARGEST
+from tests.core.mesh.heavy_meshes import HEAVY, gltf_header
+from tests.core.reading.vtk_files import vtk_bytes
+from tests.mesh_writers import WRITERS, obj_text, off_text, ply_bytes
+from tests.shapes import icosphere, moebius_arrays, open_cylinder, square, tetrahedron, torus
 
-_MANY = (10**5, 10**6, 10**7, 10**8, 10**9, 2**31 - 1, 2**32, 2**53, 2**62, 2**63, 10**30)
-_OFF = off_text(WHOLE.vertices, WHOLE.faces)
-_OBJ = obj_text(WHOLE.vertices, WHOLE.faces)
-_PLY, _BIG_PLY = (
-    ply_bytes(WHOLE.vertices, WHOLE.faces.tolist(), kind) for kind in ("ascii", "binary_big_endian")
+_MANY = (10**5, 10**8, 2**31 - 1, 2**32, 2**62, 2**63, 10**30)
+_DEVICES = ("/dev/zero", "/dev/urandom", "/dev/null", "/dev/tty")
+_OFF, _OBJ = off_text(WHOLE.vertices, WHOLE.faces), obj_text(WHOLE.vertices, WHOLE.faces)
+_PLY = ply_bytes(WHOLE.vertices, WHOLE.faces.tolist(), "ascii")
+_POINTS = (
+    '<DataArray Intent="NIFTI_INTENT_POINTSET" DataType="NIFTI_TYPE_FLOAT32" Endian="LittleEndian" '
+    'Dimensionality="2" Dim0="{}" Dim1="3" Encoding="{}" {}><Data>{}</Data></DataArray>'
 )
-_HEADERS = (
-    *("(" * 9000, "{" * 9000, "[" * 60000, "9" * 60000, "-" * 60000, "'" * 99, "\n" * 60000),
-    "{'a':" * 9000,
-)
-_METHODS = (zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
-_DEVICES = "/dev/zero", "/dev/urandom", "/dev/null", "/dev/full", "/dev/tty"
+_VTK = '<VTKFile type="UnstructuredGrid"><UnstructuredGrid><FieldData>{}</FieldData>{}</VTKFile>'
 
 
-def hostile(seed):
-    """What the seed puts in the way, and its name; seeds in a row take all kinds in turn."""
-    maker = _MAKERS[seed % len(_MAKERS)]
-    specimen = maker(Random(seed))
-    return specimen, f"{maker.__name__} as {specimen.name}"
-
-
-# Mesh files: small ones that say they are huge, that expand, nest or repeat without end
+def hostile(chance):
+    """Return a hostile specimen, and what it is called."""
+    name = chance.choice(list(HOSTILE))
+    return HOSTILE[name](chance), name
 
 
 def _mesh(name, content):
-    return Specimen(name, "mesh", content.encode() if isinstance(content, str) else content)
+    return Specimen(name, "mesh", (content.encode() if isinstance(content, str) else content))
 
 
-def counts(random):
-    """Headers that announce far more than follows."""
-    many = random.choice(_MANY)
-    kind = random.choice(("off", "ply", "big.ply", "stl", "surf.gii"))
-    if kind == "off":
-        return _mesh("a.off", _OFF.replace("42 80", f"{random.choice((42, many))} {many}", 1))
-    if kind == "stl":
-        return _mesh("a.stl", bytes(80) + (many % 2**32).to_bytes(4, "little") + bytes(50 * 80))
-    if kind == "surf.gii":
-        return gifti(random, dims=(many, random.choice((3, many))))
-    counted = random.choice((b"face 80", b"vertex 42"))
-    ply = _BIG_PLY if kind == "big.ply" else _PLY
-    return _mesh("a.ply", ply.replace(counted, b"face %d" % many, 1))
+def _counts(chance):
+    """Announce far more than follows."""
+    many = chance.choice(_MANY)
+    name = chance.choice(("a.off", "a.ply", "a.stl", "a.surf.gii", "a.mgh", "a-lh.stc"))
+    if name == "a.off":
+        return _mesh(name, _OFF.replace("42 80", f"{chance.choice((42, many))} {many}", 1))
+    if name == "a.stl":
+        return _mesh(name, bytes(80) + (many % 2**32).to_bytes(4, "little") + bytes(50 * 80))
+    if name == "a.mgh":
+        sizes = [chance.choice((0, 1, 2**31 - 1)) for _ in range(4)]
+        return Specimen(name, "frames", struct.pack(">7i256x", 1, *sizes, 3, 0))
+    if name == "a-lh.stc":
+        return Specimen(name, "frames", struct.pack(">ffI", 0, 1, many % 2**32) + bytes(99))
+    if name == "a.surf.gii":
+        return _gifti(_POINTS.format(many, "ASCII", "", "1 2 3"))
+    return _mesh(name, _PLY.replace(b"face 80", b"face %d" % many, 1))
 
 
-def gifti(random, dims=(42, 3)):
-    """Bombs in GIFTI: compressed zeros, entities of entities, nesting, devices beside."""
-    zeros = zlib.compress(bytes(random.choice((10**6, 10**8, 10**9))), 9)
-    encoding, extra, data = "GZipBase64Binary", "", base64.b64encode(zeros).decode()
-    act = random.randrange(5)
-    if act == 0:
-        extra = "<!DOCTYPE GIFTI [<!ENTITY a0 'aaaaaaaaaa'>"
-        extra += "".join(f"<!ENTITY a{k} '{f'&a{k - 1};' * 10}'>" for k in range(1, 10)) + "]>"
-        encoding, data = "ASCII", "&a9;"
-    elif act == 1:
-        encoding, data = "ASCII", "<x>" * random.choice((10**4, 10**6))
-    elif act == 2:
-        encoding, data = "ExternalFileBinary", ""
-    elif act == 3:
-        encoding, data = "ASCII", "1 " * random.choice((126, 10**6)) + "1e" + "9" * 10**5
-    attributes = (
-        f'Encoding="{encoding}" DataType="NIFTI_TYPE_FLOAT32" ExternalFileName="/dev/zero" '
-        'ExternalFileOffset="0"'
-        f' Dimensionality="2" Dim0="{dims[0]}" Dim1="{dims[1]}" Endian="LittleEndian"'
+def _gifti(arrays, begin="", chance=None):
+    text = f'<?xml version="1.0"?>{begin}<GIFTI Version="1.0">{arrays}</GIFTI>'
+    door = chance.choice(("mesh", "values", "frames", "labels")) if chance else "mesh"
+    return Specimen("a.surf.gii", door, text.encode())
+
+
+def _entities(chance):
+    """Have entities of entities, or an attribute with a long default value."""
+    if chance.random() < 0.5:
+        dtd = "<!ENTITY a0 'aaaaaaaaaa'>"
+        dtd += "".join(f"<!ENTITY a{k} '{f'&a{k - 1};' * 10}'>" for k in range(1, 10))
+        arrays = _POINTS.format(42, "ASCII", "", "&a9;")
+        return _gifti(arrays, f"<!DOCTYPE GIFTI [{dtd}]>", chance)
+    long = "x" * chance.choice((99, 4 << 20))
+    if chance.random() < 0.5:
+        dtd = f'<!DOCTYPE GIFTI [<!ATTLIST MD a CDATA "{long}">]>'
+        return _gifti("<MD/>" * 50_000, dtd, chance)
+    dtd = f'<!DOCTYPE VTKFile [<!ATTLIST DataArray a CDATA "{long}">]>'
+    return Specimen("a_1.vtu", "frames", (dtd + _VTK.format("<DataArray/>" * 20_000, "")).encode())
+
+
+def _xml(chance):
+    """Nest, have a number of very many digits, or an encoding that nobody knows."""
+    head = f'<?xml version="1.0" encoding="{chance.choice(("foo", "utf-7", "latin-9"))}"?>'
+    numbers = "1 " * 10**6 + "1e" + "9" * 10**5
+    found = (
+        *(
+            _gifti("<x>" * 10**6),
+            _gifti(_POINTS.format(42, "ASCII", "", numbers)),
+            _gifti("", head),
+        ),
+        Specimen("a.pvd", "frames", f"{head}<VTKFile/>".encode()),
     )
-    arrays = "".join(
-        f'<DataArray Intent="NIFTI_INTENT_{intent}" {attributes}><Data>{data}</Data></DataArray>'
-        for intent in ("POINTSET", "TRIANGLE")
+    return chance.choice(found)
+
+
+def _repeated_arrays(chance):
+    """Name the same appended bytes, or the same file, very often."""
+    points = MESH.on_file(MESH.vertices, 9.0)
+    values = {"u": MESH.on_file(X, 0.0)}
+    whole = vtk_bytes(points, values, "base64", time=1.0)
+    if chance.random() < 0.5:
+        begin, end = whole.index(b"<FieldData>"), whole.index(b"</FieldData>")
+        field, other = whole[begin + 11 : end], vtk_bytes(points, values, "base64", time=2.0)
+        filler = b"\n" * (4 << 20)
+        content = whole.replace(field, field * 30_000).replace(
+            b"</AppendedData>", filler + b"</AppendedData>"
+        )
+        return Specimen("a_1.vtu", "frames", content, {"a_2.vtu": other})
+    count = chance.choice((10, 1000, 150_000))
+    rows = "".join(f'<DataSet timestep="{k}" file="w.vtu"/>' for k in range(count))
+    listed = f'<VTKFile type="Collection"><Collection>{rows}</Collection></VTKFile>'
+    return Specimen("a.pvd", "frames", listed.encode(), {"w.vtu": whole})
+
+
+def _packed(chance):
+    """Hold gigabytes of one byte in a few kilobytes."""
+    zeros = zlib.compress(bytes(chance.choice((10**6, 10**9))), 9)
+    if chance.random() < 0.3:
+        data = base64.b64encode(zeros).decode()
+        return _gifti(_POINTS.format(42, "GZipBase64Binary", "", data), chance=chance)
+    content = gzip.compress(chance.choice((b"\0", b" ", b"<")) * (1 << 26), mtime=0)
+    content *= chance.choice((1, 30, 120))
+    name = chance.choice(("a.gii.gz", "a.obj.gz", "a.mgz"))
+    return Specimen(name, chance.choice(("mesh", "values", "map", "frames")), content[:LARGEST])
+
+
+def _references(chance):
+    """Name files elsewhere on the machine."""
+    place = chance.choice(("/etc/passwd", "../../../../etc/passwd", "/dev/zero", "http://x/y"))
+    more = f'ExternalFileName="{place}" ExternalFileOffset="0"'
+    row = f'<VTKFile type="Collection"><Collection><DataSet timestep="1" file="{place}"/>'
+    series = json.dumps({"files": [{"name": place, "time": 1}]})
+    tree = gltf_header(buffers=[{"byteLength": 48, "uri": place}])
+    found = (
+        _gifti(_POINTS.format(14, "ExternalFileBinary", more, ""), chance=chance),
+        Specimen("a.pvd", "frames", f"{row}</Collection></VTKFile>".encode()),
+        Specimen("a.vtu.series", "frames", series.encode()),
+        _mesh("a.gltf", json.dumps(tree)),
     )
-    text = (
-        f'<?xml version="1.0"?>{extra}<GIFTI Version="1.0" NumberOfDataArrays="2">{arrays}</GIFTI>'
+    return chance.choice(found)
+
+
+def _gltf(chance):
+    """Have nodes in circles or doubled, NaN matrices, nesting."""
+    depth = chance.choice((100, 20_000))
+    nodes = (
+        [{"mesh": 0, "children": [1]}, {"children": [0]}],
+        [{"children": [k + 1]} for k in range(depth)] + [{"mesh": 0}],
+        [{"children": [k + 1, k + 1]} for k in range(40)] + [{"mesh": 0}],
+        [{"mesh": 0, "matrix": [float("nan")] * 16}],
     )
-    return Specimen("a.surf.gii", random.choice(("mesh", "values")), text.encode())
+    text = json.dumps(gltf_header(nodes=chance.choice(nodes)))
+    return _mesh("a.gltf", chance.choice((text, "[" * 10**6, '{"a":' * 10**5 + "0" + "}" * 10**5)))
 
 
-def gzip_bomb(random):
-    """Some gigabytes of one byte; also in several members, or within another."""
-    piece = gzip.compress(random.choice((b"\0", b" ", b"<")) * (1 << 26), mtime=0)
-    content = piece * random.choice((1, 30, 120))
-    if random.random() < 0.3:
-        content = gzip.compress(content, mtime=0)
-    return Specimen("a.gii.gz", random.choice(("mesh", "values", "map")), content[: 10 << 20])
+def _lines(chance):
+    """Repeat a line, a word or a digit by the million."""
+    name = chance.choice(("a.off", "a.obj", "a.ply", "a.csv", "a.txt", "a.vts"))
+    text = {"a.off": _OFF, "a.obj": _OBJ, "a.ply": _PLY.decode()}.get(name, "1\n" * COUNT)
+    filler = chance.choice(
+        ("\n", "# x\n", " ", "0 ", "f 1 2 3\n", "x", "9", '"', "1,", "\0", "\\\n")
+    )
+    piece = filler * (chance.choice((10**5, 10**6, 9 << 20)) // len(filler))
+    at = chance.choice((0, 4, text.find("\n") + 1, len(text)))
+    door = (
+        "mesh"
+        if name in ("a.off", "a.obj", "a.ply")
+        else chance.choice(("values", "map", "frames"))
+    )
+    return Specimen(name, door, (text[:at] + piece + text[at:]).encode())
 
 
-def gltf(random):
-    """Accessors without buffers, nodes in circles, NaN matrices, nesting, devices as buffers."""
-    accessor = {"componentType": 5126, "type": "VEC3", "count": random.choice(_MANY)}
-    indices = {"componentType": 5125, "type": "SCALAR", "count": random.choice((3, *_MANY))}
-    tree = gltf_header(accessors=[accessor, indices], bufferViews=None, buffers=None)
-    act = random.randrange(7)
-    if act == 0:
-        tree["nodes"] = [{"mesh": 0, "children": [1]}, {"children": [random.choice((0, 1))]}]
-    elif act == 1:
-        depth = random.choice((100, 2000, 20000))
-        tree["nodes"] = [{"children": [k + 1]} for k in range(depth)] + [{"mesh": 0}]
-    elif act == 2:  # doubled at each level: 2**40 copies
-        tree["nodes"] = [{"children": [k + 1, k + 1]} for k in range(40)] + [{"mesh": 0}]
-    elif act == 3:
-        tree["nodes"] = [{"mesh": 0, "matrix": [float("nan")] * 16}]
-    elif act == 4:
-        places = ("/dev/zero", "file:///dev/zero", "http://localhost:9/x", "../../../../dev/zero")
-        tree["buffers"] = [{"byteLength": 1 << 40, "uri": random.choice(places)}]
-        tree["bufferViews"] = [{"buffer": 0, "byteLength": 1 << 40}]
-        accessor["bufferView"] = 0
-    elif act == 5:
-        view = {"bufferView": 0}
-        accessor["sparse"] = {"count": 10**9, "indices": view, "values": view}
-    text = json.dumps(tree)
-    if act == 6:
-        text = '{"asset":' * 10**5 + "0" + "}" * 10**5 if random.random() < 0.5 else "[" * 10**6
-    return _mesh("a.gltf", text)
-
-
-def long_lines(random):
-    """Blank lines, comments, words and numbers by the million."""
-    name = random.choice(("a.off", "a.obj", "a.ply", "a.stl"))
-    solid = "solid a\n facet normal 0 0 1\n  outer loop\n"
-    text = {"a.off": _OFF, "a.obj": _OBJ, "a.ply": _PLY.decode()}.get(name, solid)
-    fillers = "\n", "# x\n", "comment x\n", " ", "\t\n", "0 ", "v 0 0 0\n", "f 1 2 3\n", "x", "9"
-    filler = random.choice((*fillers, "facet\n", "\\\n", "\r"))
-    piece = filler * (random.choice((10**5, 10**6, 9 << 20)) // len(filler))
-    place = random.choice((0, 4, text.find("\n") + 1, len(text) // 2, len(text)))
-    return _mesh(name, text[:place] + piece + text[place:])
-
-
-def huge_polygons(random):
-    """Faces of very many corners, or with the same ones."""
-    n = random.choice((10**3, 10**5, 10**6))
-    corners = random.choice((lambda k: k % 42, lambda k: 0, lambda k: k))
-    name = random.choice(("a.obj", "a.off"))
-    if name == "a.obj":
-        return _mesh(name, _OBJ + "f " + " ".join(str(corners(k) + 1) for k in range(n)) + "\n")
-    row = " ".join([str(n), *(str(corners(k)) for k in range(n))])
-    return _mesh(name, _OFF.replace("42 80", "42 81", 1) + row + "\n")
-
-
-def ply_headers(random):
-    """PLY headers with very many elements or properties, and lists of lists."""
-    n = random.choice((100, 10**4, 3 * 10**5))
-    act = random.randrange(4)
-    sizes = [random.choice((0, 1, 10**9)) for _ in range(n)]
-    more = (
-        "".join(f"property float p{k}\n" for k in range(n)),
-        "property list uint float q\n" * min(n, 10**4),
-        "".join(f"element e{k} {size}\nproperty float x\n" for k, size in enumerate(sizes)),
-        "".join(f"element e{k} 1000000000\n" for k in range(min(n, 10**4))),
-    )[act]
-    place = b"element face" if act < 2 else b"end_header"
-    return _mesh("a.ply", _PLY.replace(place, more.encode() + place, 1))
-
-
-def extremes(random):
-    """Coordinates at the ends of what numbers can be."""
-    scale = random.choice((1e-320, 1e-300, 1e-160, 1e-30, 1e30, 1e150, 1e160, 1e300, 1.7e308))
-    vertices = WHOLE.vertices * scale + random.choice((0.0, 1e10, 1e16, 1e300))
-    name, write = random.choice((("a.off", off_text), ("a.obj", obj_text)))
-    return _mesh(name, write(vertices, WHOLE.faces))
-
-
-# Values, results, projects and functions
-
-
-def _npy(header, body=b"", version=b"\1\0"):
-    length = struct.pack("<H" if version == b"\1\0" else "<I", len(header))
-    return b"\x93NUMPY" + version + length + header.encode("latin-1", "replace") + body
-
-
-def npy(random):
-    """Arrays that say they are huge, hold objects, or whose header is a program."""
-    a, b, c = (random.choice((2**62, 2**63, 10**12, 10**9, -1, 0)) for _ in range(3))
-    shape = random.choice((f"({a},)", f"({b}, {c})", "(1,) * 10**9"))
-    kind = random.choice(("<f8", "|O", "<U999999999", "|V999999999", "|b1", "<c16"))
-    header = f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': {shape}, }}"
-    act = random.randrange(6)
-    if act == 0:
-        header = random.choice(_HEADERS)
-    elif act == 1:
+def _npy(chance):
+    """Have a header that lies, holds objects, nests, or is a program."""
+    size, kind = (
+        chance.choice((2**62, 10**12, 10**9, -1, 0)),
+        chance.choice(("<f8", "|O", "<U999999999", "|b1", "<c16")),
+    )
+    header = f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': ({size},), }}"
+    header = chance.choice((header, "(" * 9000, "{" * 9000, "9" * 60_000, "{'a':" * 9000))
+    if chance.random() < 0.2:
         header = header.replace("}", "'x': __import__('os').abort(), }")
     body = pickle.dumps([1, 2]) if kind == "|O" else bytes(8 * COUNT)
-    version = b"\2\0"
-    if len(header) < 60000:
-        version = random.choice((b"\1\0", b"\1\0", b"\2\0", b"\3\0"))
-    return Specimen("a.npy", random.choice(("values", "map")), _npy(header, body, version))
+    content = b"\x93NUMPY\2\0" + struct.pack("<I", len(header)) + header.encode() + body
+    return Specimen("a.npy", chance.choice(("values", "map", "frames")), content)
 
 
-def tables(random):
-    """Text with very long lines, very many columns or numbers of very many digits."""
-    n = random.choice((10**4, 2 * 10**5, 5 * 10**6))
-    contents = (
-        *(b'"' + b"x" * n + b'",1\n1,2\n', b"1," * n + b"1\n", b"1 " * n, b"9" * n + b"\n"),
-        *(b"0." + b"3" * n + b"\n" + b"1\n" * 42, b"\n" * n, b"#\n" * n, b"1\n" * n),
-        *(b"nan\n" * COUNT, b'"' * n, b"1" + b"\0" * n, ("1\n" * n).encode("utf-16")),
-        *(b"\xff" * n, b"a,b\n" + b"1,2,3\n" * n),
-    )
-    content = random.choice(contents)
-    door = random.choice(("values", "map"))
-    name = random.choice(("a.csv", "a.txt", "a.vts", "a.sym.vts"))
-    return Specimen(name, door, content[: 9 << 20])
-
-
-def bombs(random):
-    """Results and projects whose members expand, overlap, are very many, or unknown and large."""
-    name = random.choice(("result.npz", "plain.abfm", "rich.abfm"))
-    specimen, method = specimens()[name], random.choice(_METHODS)
-    file = io.BytesIO(specimen.content)
-    act = random.randrange(4)
-    with zipfile.ZipFile(file, "a", method) as archive:
+def _zips(chance):
+    """Expand, overlap or repeat members of results and projects."""
+    name = chance.choice(("result.npz", "plain.abfm", "rich.abfm"))
+    specimen, file = specimens()[name], io.BytesIO(specimens()[name].content)
+    act = chance.randrange(3)
+    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
         if act == 0:
-            big = np.zeros(random.choice((10**6, 10**8)), dtype=np.uint8)
-            new = random.choice(("x.npy", "known/9.npy", "x.json"))
-            with archive.open(new, "w", force_zip64=True) as member:
-                for _ in range(random.choice((1, 8))):
-                    member.write(big)
+            member = archive.open(chance.choice(("x.npy", "known/9.npy")), "w", force_zip64=True)
+            with member:
+                for _ in range(8):
+                    member.write(bytes(10**8))
         elif act == 1:
-            for k in range(random.choice((10**3, 3 * 10**4))):
+            for k in range(30_000):
                 archive.writestr(zipfile.ZipInfo(f"{k}.npy"), b"")
-        elif act == 2:
-            archive.comment = b"PK\5\6" * 10**4
-        else:
-            header = "{" + " " * 9 * 10**6 + "}"
-            archive.writestr(zipfile.ZipInfo("format_version.npy"), _npy(header, version=b"\2\0"))
-    return Specimen(name, specimen.door, file.getvalue()[: 10 << 20])
-
-
-def quine(random):
-    """A zip all of whose entries are one large member."""
-    header = "{'descr': '<f8', 'fortran_order': False, 'shape': (1000000,), }"
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        archive.writestr(zipfile.ZipInfo("0.npy"), _npy(header, bytes(8 * 10**6)))
     data = file.getvalue()
-    begin, end = data.find(b"PK\1\2"), data.find(b"PK\5\6")
-    record, count = data[begin:end], random.choice((100, 5000, 60000))
-    records = b"".join(record[:-5] + f"{k % 10**1}.npy".encode() for k in range(count))
-    tail = struct.pack("<4s4H2IH", b"PK\5\6", 0, 0, count, count, len(records), begin, 0)
-    door = random.choice(("result", "project"))
-    return Specimen("a.npz" if door == "result" else "a.abfm", door, data[:begin] + records + tail)
+    if act == 2:  # all members at the place of the first one
+        places = [k for k in range(len(data)) if data[k : k + 4] == b"PK\1\2"]
+        changed = bytearray(data)
+        for place in places:
+            changed[place + 42 : place + 46] = data[places[0] + 42 : places[0] + 46]
+        data = bytes(changed)
+    return Specimen(name, specimen.door, data[:LARGEST])
 
 
-def numbers(random):
-    """Results with counts and parameters beyond everything."""
+def _results(chance):
+    """Have counts, parameters and words that no result has."""
     with np.load(io.BytesIO(specimens()["result.npz"].content)) as result:
         arrays = dict(result)
-    act = random.randrange(7)
-    if act == 0:
-        count = random.choice((10**7, 10**8, 10**12, 4 * 10**18, -1))
-        arrays["file_vertex_count"] = np.array(count)
-    elif act == 1:
-        arrays["velocity"] = arrays["velocity"] * random.choice((1e10, 1e100, 1e300))
-    elif act == 2:
-        long = "[" * 10**5, '{"tau": ' + "9" * 10**5 + "}"
-        arrays["parameters"] = np.array(random.choice(('{"tau": 1e308}', "{}", *long, "null")))
-    elif act == 3:
-        versions = (np.arange(10**5), *map(np.array, ("1", 2**62, [], 1.0)))
-        arrays["format_version"] = random.choice(versions)
-    elif act == 4:
-        arrays["mask" if random.random() < 0.5 else "weights"] *= random.choice((-1.0, 1e300, 0.0))
-    elif act == 5:
-        arrays["verdict"] = np.array(["x" * 10**5, "a\nb", "\0", ""])
-    else:
-        arrays["stop_reason"] = np.array(random.choice(("x" * 10**6, "a\nb\nc", "", "\udc80")))
+    changes = (
+        {"file_vertex_count": np.array(chance.choice((10**7, 10**12, -1)))},
+        {"velocity": arrays["velocity"] * chance.choice((1e10, 1e300))},
+        {"parameters": np.array(chance.choice(('{"tau": 1e308}', "{}", "[" * 10**5, "null")))},
+        {"format_version": chance.choice((np.arange(9), np.array("1"), np.array(2**62)))},
+        {"weights": arrays["weights"] * chance.choice((-1.0, 1e300, 0.0))},
+        {"verdict": np.array(["x" * 10**5, "a\nb", "\0", ""])},
+        {"stop_reason": np.array(chance.choice(("x" * 10**6, "a\nb\nc", "\x1b[31m")))},
+    )
     file = io.BytesIO()
-    np.savez(file, **arrays)
+    np.savez(file, **arrays | chance.choice(changes))
     return Specimen("result.npz", "result", file.getvalue())
 
 
-def json_texts(random):
-    """JSON that nests, repeats or holds numbers without end."""
-    texts = (
-        *("[" * 10**6, "[" * 10**5 + "]" * 10**5, '{"a":' * 10**5 + "1" + "}" * 10**5),
-        *("9" * 10**6, "1e" + "9" * 10**5, "[" + "0," * 10**6 + "0]"),
-        json.dumps(["/x" * 10**4] * 100),
-        *(json.dumps(["\0", "\udc80", "a\nb", 5, None, {}, []]), '"' + "x" * 9 * 10**6 + '"'),
-        '{"format_version": ' + "9" * 5000 + "}",
-        '{"theme": ["dark"], "ui_scale": 1e999, "follow": 3}',
-        *('{"theme": {}, "ui_scale": NaN}', "", "\ufeff{}"),
+def _texts(chance):
+    """Nest or repeat JSON, or functions as text."""
+    n = chance.choice((50, 10**5))
+    texts = ("[" * n, '{"a":' * n, "9" * n, '{"theme": ["dark"], "ui_scale": 1e999}')
+    specs = (
+        *("permuted:mirror(" * n + "coordinate:x" + ")" * n, "expression:" + "(" * n + "x"),
+        *("expression:x" + "**x" * n, "expression:9**9**9**9", "expression:'a'*10**9"),
+        *(" + ".join(["coordinate:x"] * n), "expression:().__class__", "hks:time=1e-320"),
+        *("eigenfunction:" + "9" * 20, "file:/dev/zero", "gaussian:vertex=1,width=1e-162"),
     )
-    text = random.choice(texts).encode("utf-8", "surrogatepass")
-    name = random.choice(("recent.json", "preferences.json", "rich.abfm"))
-    if name != "rich.abfm":
-        return Specimen(name, name.removesuffix(".json"), text)
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        member = random.choice(("project.json", "origin.json"))
-        archive.writestr(zipfile.ZipInfo(member), text)
-        if member == "origin.json":
-            with zipfile.ZipFile(io.BytesIO(specimens()[name].content)) as good:
-                for info in good.infolist():
-                    archive.writestr(info, good.read(info))
-    return Specimen(name, "project", file.getvalue())
-
-
-def specs(random):
-    """Functions as text that nest, repeat, or ask for numbers without end."""
-    n = random.choice((50, 1000, 10**5))
-    index = random.choice(("99999999999999999999", "41", "42", "43", "1000000", "-1"))
-    pairs = random.choice(("1", "42", "1000000000", "99999999999999999999"))
-    time = random.choice(("1e-320", "1e308", "0", "-1", "nan"))
-    width = random.choice(("1e-320", "1e-162", "1e308", "1e-9", "0"))
-    texts = (
-        "permuted:mirror(" * n + "coordinate:x" + ")" * n,
-        "expression:" + "(" * n + "x" + ")" * n,
-        *("expression:" + "-" * n + "x", "expression:x" + "+x" * n, "expression:x" + "**x" * n),
-        " + ".join(["coordinate:x"] * n),
-        *("expression:9**9**9**9", "expression:9**9**9"),
-        "expression:10**" + "9" * min(n, 1000),
-        *("expression:'a'*10**9", "expression:[x]*10**9", "expression:[x for y in z]"),
-        "expression:().__class__.__base__.__subclasses__()",
-        *("expression:open('/etc/passwd')", "expression:where(x>0,1/0,x)"),
-        *("expression:exp(exp(exp(9+x)))", "expression:1<<10**9", "expression:" + "9" * n),
-        *(f"eigenfunction:{index}", f"wks:energy=1,eigenpairs={pairs}", f"hks:time={time}"),
-        *(f"gaussian:vertex=3,width={width}", "gaussian:x=1e308,y=-1e308,z=1e308"),
-        "gaussian:x=1e-320,y=0,z=0,height=1e308 + gaussian:x=0,y=0,z=0,height=1e308",
-        *("geodesic:vertex=" + "1" * n, "indicator:vertex=3,radius=1e308"),
-        "indicator:axis=x,above=-1e308",
-        "gaussian:vertex=3,height=1e308 + gaussian:vertex=3,height=1e308",
-        *("gaussian:vertex=3,height=1e-320", 'file:"' + "a/" * n + 'x.csv"'),
-        *('file:"/dev/zero.csv"', 'permuted:"' + "x" * n + '.txt"(coordinate:x)'),
-        *("☃" * n, "\n" * n, "a:" * n, "," * n, '"' * n),
+    name, chosen = chance.choice(
+        (("recent.json", texts), ("preferences.json", texts), ("a.spec", specs))
     )
-    return Specimen("a.spec", "spec", random.choice(texts).encode())
+    door = name.removesuffix(".json").removeprefix("a.")
+    return Specimen(name, door, chance.choice(chosen).encode())
 
 
-# What is no file, or does not stay what it was. Files that may not be read are not tried: tests may
-# run as root, who reads them all.
+def _special(chance):
+    """Put a folder, a pipe, a device or a link in a circle in the place of a file."""
+    door, suffix = chance.choice(
+        (
+            ("mesh", ".off"),
+            ("values", ".npy"),
+            ("result", ".npz"),
+            ("project", ".abfm"),
+            ("frames", ".pvd"),
+        )
+    )
+    place = chance.choice(
+        (
+            os.mkdir,
+            os.mkfifo,
+            partial(os.symlink, chance.choice(_DEVICES)),
+            partial(os.symlink, f"a{suffix}"),
+        )
+    )
 
-
-def _any(random, place, but=("spec",)):
-    known = specimens()
-    specimen = known[random.choice([name for name, one in known.items() if one.door not in but])]
-    return Specimen(specimen.name, specimen.door, specimen.content, specimen.beside, place)
-
-
-def _instead(random, make):
-    def place(path):
+    def put(path):
         path.unlink()
-        make(path)
+        place(path)
 
-    return _any(random, place)
-
-
-def devices(random):
-    """A link to a device."""
-    device = random.choice([d for d in _DEVICES if Path(d).exists()])
-    return _instead(random, lambda path: path.symlink_to(device))
+    return Specimen(f"a{suffix}", door, b"", place=put)
 
 
-def pipes(random):
-    """A pipe that nobody writes to, a socket that nobody listens to."""
-
-    def bind(path):
-        with socket.socket(socket.AF_UNIX) as made:
-            folder = os.open(path.parent, os.O_RDONLY)  # names of sockets may not be long
-            try:
-                made.bind(f"/proc/self/fd/{folder}/{path.name}")
-            finally:
-                os.close(folder)
-
-    return _instead(random, random.choice((os.mkfifo, os.mkfifo, bind)))
+_SHAPES = (icosphere(0), torus(6, 5), square(4), open_cylinder(6, 2), tetrahedron())
+_COORDINATES = (np.nan, np.inf, 1e308, -1e308, 5e-324, 1e200, 1e-60, 0.0)
 
 
-def links(random):
-    """A link to nowhere, to itself, to the folder; a folder of the file's name."""
+def _broken(chance):
+    """Make a mesh that is no surface, or hardly one."""
+    shape = chance.choice(_SHAPES)
+    V, F = shape.vertices.copy(), shape.faces.copy()
+    for _ in range(chance.choice((1, 1, 2, 3))):
+        face, vertex = chance.randrange(len(F)), chance.randrange(len(V))
+        V, F = chance.choice(_BREAKS)(chance, V, F, face, vertex)
+    name = chance.choice(("a.obj", "a.off", "ascii.ply", "little.ply"))
+    with np.errstate(all="ignore"):
+        return _mesh(name, WRITERS[name][0](V, F.clip(-(2**31), 2**31 - 1)))
 
-    def folder_with_something(path):
-        path.mkdir()
-        (path / "x").touch()
 
-    makers = (
-        lambda path: path.symlink_to("nowhere"),
-        lambda path: path.symlink_to(path.name),
-        lambda path: path.symlink_to("."),
-        *(Path.mkdir, folder_with_something),
+def _index(chance):
+    """Name a vertex that is not there."""
+    name, F = chance.choice(list(WRITERS)), WHOLE.faces.copy()
+    F[chance.randrange(len(F)), 2] = (
+        42 if name.endswith((".glb", ".off")) else chance.choice((42, 99))
     )
-    return _instead(random, random.choice(makers))
+    return Specimen(name, "mesh", WRITERS[name][0](WHOLE.vertices, F), must_be_refused=True)
 
 
-def moving(random):
-    """A file that vanishes, shrinks or grows while it is read."""
-    pause, act = random.random() * 0.01, random.randrange(4)
-
-    def move(path):
-        time.sleep(pause)
-        with suppress(OSError):  # the next trial has begun
-            size = path.stat().st_size
-            if act == 0:
-                path.unlink()
-            elif act == 1:
-                os.truncate(path, size // 2)
-            else:
-                with path.open("ab") as file:
-                    for _ in range(1 if act == 2 else 100):
-                        file.write(bytes(10**5))
-
-    return _any(
-        random,
-        lambda path: threading.Thread(target=move, args=(path,)).start(),
-        ("spec", "recent", "preferences"),  # the latter are written, too
-    )
+def _with(array, place, value):
+    changed = array.copy()
+    changed[place] = value
+    return changed
 
 
-def holes(random):
-    """A file of many gigabytes of which nothing is on the disk."""
-    size = random.choice((2**31, 2**33, 2**40))
-    return _any(random, lambda path: os.truncate(path, size))
+def _size(chance, V, F, *_):
+    return V * chance.choice((1e-70, 1e-9, 1e9, 1e70)) + chance.choice((0, 1e9, 1e16)), F
 
 
-_MAKERS = (
-    *(counts, gifti, gzip_bomb, gltf, long_lines, huge_polygons, ply_headers, extremes),
-    *(npy, tables, bombs, quine, numbers, json_texts, specs, specs),
-    *(devices, pipes, links, moving, holes),
+_BREAKS = (
+    lambda c, V, F, f, v: (_with(V, (v, c.randrange(3)), c.choice(_COORDINATES)), F),
+    lambda c, V, F, f, v: (V, _with(F, (f, 0), c.choice((-1, -(2**31), 2**31 - 1, len(V))))),
+    lambda c, V, F, f, v: (V, _with(F, (f, 0), F[f, 1])),
+    lambda c, V, F, f, v: (V, np.concatenate([F, F[f : f + 1]])),
+    lambda c, V, F, f, v: (V, _with(F, f, F[f, ::-1])),
+    lambda c, V, F, f, v: (V, F[: c.randint(1, 2)]),
+    lambda c, V, F, f, v: (np.vstack([V, V[:1] + 5]), np.vstack([F, [*F[f, :2], len(V)]])),
+    lambda c, V, F, f, v: (_with(V, v, V[c.randrange(len(V))]), F),
+    lambda c, V, F, f, v: (V, _with(F, v == F, c.randrange(len(V)))),
+    lambda c, V, F, f, v: (np.vstack([V, V + 5]), np.vstack([F, F + len(V)])),
+    lambda c, V, F, f, v: (V * _with(np.ones(3), c.randrange(3), c.choice((0.0, 1e-13))), F),
+    lambda c, V, F, f, v: moebius_arrays(c.randint(3, 20)),
+    lambda c, V, F, f, v: (V, np.concatenate([F, F[:, ::-1]])),
+    _size,
 )
+"""What may be wrong with vertices and faces, each at a face and a vertex."""
 
-if __name__ == "__main__":
-    run_victim("hostile", "hostile", __doc__)
+
+def _heavy(chance):
+    name, size = chance.choice(list(HEAVY)), chance.choice((10**4, 10**5, 9 * 10**6))
+    return _mesh(name, HEAVY[name](size)[:LARGEST])
+
+
+HOSTILE = {
+    "counts": _counts,
+    "entities": _entities,
+    "XML": _xml,
+    "repeated arrays": _repeated_arrays,
+    "packed": _packed,
+    "references": _references,
+    "glTF": _gltf,
+    "lines": _lines,
+    "NumPy header": _npy,
+    "zips": _zips,
+    "results": _results,
+    "texts": _texts,
+    "special files": _special,
+    "broken mesh": _broken,
+    "index": _index,
+    "heavy mesh": _heavy,
+}
+"""Makers of specimens by what is wrong with these."""

@@ -1,160 +1,228 @@
-"""A monkey at the window: random sequences of what a user can do, each given by its seed.
+"""A monkey at the window: random sequences of what a user can do.
 
-``python -m tests.attack.monkey --seed S --count N`` prints a line for each (see
-`tests.attack.trial`). A sequence ends by waiting until nothing is computed any more, and by undoing
-everything, which must lead back to where it began. The window lives on from one sequence to the
-next, and its unsaved work is saved in between, as somebody would who works all day. ``--apart``
-matches and evaluates in processes, as a real window does on large meshes. A run of more than five
-minutes tells at its end what the window has then and had after those, and ends with 1 if that is
-more by a tenth.
+A sequence ends by waiting until nothing is computed, and by undoing everything, which must lead
+back to its beginning. The window stays open from one sequence to the next.
 """
 
 import io
-import random
 import re
-import resource
 import sys
 import tempfile
 import threading
 import time
 import traceback
-from collections import deque
 from contextlib import ExitStack, contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
 
-import numpy as np
-
 import abfm
-from abfm.workers import threads
+from abfm import FunctionError
 from abfm_viewer.automation import Driver
-from abfm_viewer.computing import evaluation
 from abfm_viewer.document.document import Document, Surface
 from abfm_viewer.errors import DriverError
 from abfm_viewer.files.project import save_project
-from tests.attack.monkey_actions import ACTIONS, LEFT_ALONE
-from tests.attack.trial import Trial, asked_for
-from tests.mesh_writers import off_text, write
-from tests.processes import children
+from tests.attack.hunt import FaultError, Trial
+from tests.mesh_writers import off_file, write
 from tests.shapes import ellipsoid, icosphere
 
-_LENGTH = (5, 25)  # actions of a sequence, at least and at most
 # frames of 5 ms, and as long as they take, in which everything must come to its end
-_PATIENCE = 3000
-_LONGEST_LINE = 1000
-_MOST_MEMORY = 6 << 30  # bytes of address space
-# seconds, and what there may be at the end over what there was after them
-_EARLY, _MOST_GROWTH = 300.0, 1.1
-_BUG = re.compile(
-    r"\b(Type|Key|Index|Attribute|Value|Runtime|Assertion|Name|Lookup|Arithmetic|Recursion)Error: "
-)
+_FRAMES_MAX, _LINE_MAX, _THREADS_MAX = 3000, 1000, 20
+_BUG = re.compile(r"\b(Type|Key|Index|Attribute|Value|Runtime|Assertion|Name|Lookup)Error: ")
 _ENDS = ("Go back", "Cancel", "Close", "OK", "Later", "No", "Don't replace")
+_UNUSED = ("Samples", "Save movie...", "Save picture...", "iterations", "UI scale", "Quit")
+_CLICKED = ("button", "checkbox", "choice", "tab", "section", "item")
+_OUTPUTS = ("out.npz", "out.ply", "out.vtu", "out.csv", "out.nothing", "no/such/folder/out.npz")
+_NONSENSE = (
+    *("", " ", "%s%n", "\\", "9" * 500, "nan", "inf", "-1", "0", "0.5", "1e-300", "1e300", "1,5"),
+    *("abc", "🦆", "gaussian:", "gaussian:vertex=1", "gaussian:vertex=999999,width=0.2"),
+    *("eigenfunction:2", "expression:1/0", "expression:sin(5*x)*z", "file:nothing.npy"),
+    *("geodesic:vertex=3", "curvature:mean", "coordinate:x + coordinate:y"),
+)
+_KEYS = (
+    *("ctrl+z", "ctrl+y", "ctrl+shift+z", "space", "left", "right", "home", "end", "esc", "tab"),
+    *("enter", "ctrl+enter", "ctrl+s", "ctrl+o", "ctrl+q", "up", "down", "f1", *"plarwf123"),
+)
+_ACTIONS = [
+    *(8 * ["answer", "run"] + 4 * ["key", "slide", "type", "choose", "click"]),
+    *(2 * ["wait", "menu", "tab", "pick", "open"] + ["wheel", "export"]),
+]
 
 
 class Monkey:
     """One window, and the files that it opens and writes; a context manager."""
 
-    def __init__(self, apart):
-        self._closing = ExitStack()
-        self._apart = apart
-        self._faults = []
+    def __init__(self):
+        self._opened, self._faults = ExitStack(), []
 
     def __enter__(self):
-        opened = self._closing
-        self.folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="abfm-monkey-")))
-        mesh = ellipsoid(2, 1.0, 0.7, 0.55)
-        if self._apart:
-            before, evaluation.OWN_PROCESS_FROM = evaluation.OWN_PROCESS_FROM, 100
-            opened.callback(setattr, evaluation, "OWN_PROCESS_FROM", before)
+        enter = self._opened.enter_context
+        self.folder = Path(enter(tempfile.TemporaryDirectory(prefix="abfm-monkey-")))
         self.files = monkey_files(self.folder)
-        opened.enter_context(self._watched())
-        self.gui = opened.enter_context(Driver(mesh, backend="openGL_mock", size=(1100, 800)))
+        enter(self._watched())
+        mesh = ellipsoid(2, 1.0, 0.7, 0.55)
+        self.gui = enter(Driver(mesh, backend="openGL_mock", size=(1100, 800)))
         self.gui.window.dialogs.folder = self.folder
-        self._settle()
-        self.gui.session.reset_history()
         return self
 
     def __exit__(self, *_):
-        self._closing.close()
+        self._opened.close()
 
-    def sequence(self, seed):
-        """The trial of a seed."""
-        began, chance = time.process_time(), random.Random(seed)
-        self._faults = []
+    def attempt(self, chance):
+        """Make one sequence."""
+        begin, self._faults = time.process_time(), []
         self._settle()
         self.gui.session.reset_history()
         start = self.gui.session.document
-        done = [self._act(chance) for _ in range(chance.randint(*_LENGTH))]
+        done = [self._act(chance) for _ in range(chance.randint(5, 25))]
         self._settle()
         self._undo_to(start)
         self._settle()
         self._save_all()
-        faults = "; ".join(self._faults)
-        kind = "monkey/apart" if self._apart else "monkey"
-        detail = faults and f"{faults} | {', '.join(done)}"
-        seconds, now = round(time.process_time() - began, 3), counts()
-        kept = {"threads": now["threads"], "resident": now["megabytes"]}
-        return Trial(kind, seed, "fault" if faults else "ok", detail, seconds, **kept)
+        if threading.active_count() > _THREADS_MAX:
+            self._fault(f"{threading.active_count()} threads")
+        if self._faults:
+            raise FaultError(f"{'; '.join(self._faults)} | {', '.join(done)}")
+        return Trial(seconds=time.process_time() - begin)
 
     def _fault(self, what):
         text = " ".join(what.split())
         if text not in self._faults:
             self._faults.append(text)
 
-    def _tell_errors(self):
-        for part, error in self.gui.errors.items():
-            self._fault(f"{part}: {error}")
-
     def _act(self, chance):
-        """Do something, and say what; in brackets if its widget was gone or grey."""
+        """Do something, and return what; in brackets if its widget was not there."""
         self.gui.frames(1)
-        possible = {name: each for name, each in ACTIONS.items() if each.is_possible(self)}
-        [name] = chance.choices(list(possible), [each.weight for each in possible.values()])
+        name = chance.choice(_ACTIONS)
         done = name
         try:
-            done = f"{name} {possible[name].act(self, chance) or ''}".strip()
-        except DriverError:
+            done = f"{name} {getattr(self, f'_{name}')(chance) or ''}".strip()
+        except (DriverError, FunctionError, IndexError):  # there is nothing to choose from
             done = f"({name})"
         except Exception as error:
             where = traceback.extract_tb(error.__traceback__)[-1]
-            owner = "driver" if "automation" in where.filename else "window"
             place = f"{Path(where.filename).name}:{where.lineno}"
-            self._fault(f"{owner}: {type(error).__name__}: {error} at {place}")
-        self._tell_errors()
+            self._fault(f"{type(error).__name__}: {error} at {place}")
+        self._note_errors()
         return done
 
-    def usable(self, *kinds, label=""):
-        """Widgets of these kinds that were drawn last and are not grey, or those of a label."""
-        ready = [w for w in self.gui.window.ui.widgets if w.enabled and w.kind in kinds]
-        return [w for w in ready if w.label not in LEFT_ALONE and label in ("", w.label)]
+    def _usable(self, *kinds):
+        """Return widgets that were drawn last and are not grey."""
+        drawn = self.gui.window.ui.widgets
+        return [w for w in drawn if w.enabled and w.kind in kinds and w.label not in _UNUSED]
 
-    def widget(self, chance, *kinds, label=""):
-        self.gui.frames(1)
-        if not (usable := self.usable(*kinds, label=label)):
-            raise DriverError("there is no such widget any more")
-        return chance.choice(usable)
+    def _run(self, chance):
+        """Press one of the buttons of the solver, and sometimes wait for its end."""
+        found = self._usable("button")
+        ready = [w for w in found if w.label in ("Match", "Pause", "Resume", "Cancel")]
+        chosen = chance.choice(ready)
+        self.gui._click_on(chosen)
+        if chosen.label == "Match" and chance.random() < 0.3:
+            self.gui.wait(lambda s: not s.solver.running or s.solver.paused, seconds=20)
+        return chosen.label
 
-    def rest(self):
-        """Do nothing until threads that wait for work have ended."""
-        end = time.monotonic() + 1.5 * threads._IDLE
-        while time.monotonic() < end:
+    def _wait(self, chance):
+        for _ in range(chance.choice((1, 5, 20, 60))):
             self.gui.frames(1)
-            time.sleep(0.05)
+            time.sleep(0.002)
+
+    def _key(self, chance):
+        key = chance.choice(_KEYS)
+        self.gui.key(key)
+        return key
+
+    def _slide(self, chance):
+        widget, share = chance.choice(self._usable("slider")), chance.choice((0.0, 1.0, 0.3))
+        value = widget.ends.nearest(widget.ends.low + share * (widget.ends.high - widget.ends.low))
+        self.gui.drag(widget.label, value, within=_section(widget))
+        return f"{widget.label} {value:.3g}"
+
+    def _type(self, chance):
+        widget, text = chance.choice(self._usable("box")), chance.choice(_NONSENSE)
+        self.gui.type(widget.label, text, within=_section(widget), enter=chance.random() < 0.8)
+        return f"{widget.label} {text[:40]!r}"
+
+    def _choose(self, chance):
+        widget = chance.choice(self._usable("combo"))
+        self.gui.click(widget.label, within=_section(widget))
+        drawn = self.gui.window.ui.widgets
+        choices = [w.label for w in drawn if w.kind == "choice" and widget.label in w.section]
+        if not choices:
+            self.gui.key("esc")
+            return widget.label
+        choice = chance.choice(choices)
+        self.gui.click(choice, within=widget.name or widget.label)
+        return f"{widget.label} {choice}"
+
+    def _click(self, chance):
+        widget = chance.choice(self._usable(*_CLICKED))
+        self.gui.click(widget.label, within=_section(widget))
+        return f"{widget.section}/{widget.label}"
+
+    def _answer(self, chance):
+        return self._click(chance) if self.gui.window.dialogs.is_open else "nothing"
+
+    def _menu(self, chance):
+        chosen = chance.choice(self._usable("menu"))
+        for _ in range(4):
+            self.gui._click_on(chosen)
+            items = [w for w in self._usable("item", "menu") if w.section]
+            if chosen.kind == "item" or not items:
+                break
+            chosen = chance.choice(items)
+        if chosen.kind != "item":
+            self.gui.key("esc")
+        return chosen.label
+
+    def _tab(self, chance):
+        self.gui.window.ui.open_tab = chance.choice(("Functions", "Match", "Look", "Export"))
+        self.gui.frames(2)
+
+    def _pick(self, chance):
+        ids = self.gui.session.surface().mesh.vertex_ids
+        vertices = [int(chance.choice(ids)) for _ in range(chance.choice((1, 1, 3)))]
+        side = chance.choice(("source", "target", "advected"))
+        self.gui.drag_on_surface(vertices, side, chance.choice((("shift",), ())))
+        return f"{side} {vertices}"
+
+    def _wheel(self, chance):
+        vertex = int(chance.choice(self.gui.session.surface().mesh.vertex_ids))
+        side = chance.choice(("source", "target"))
+        self.gui.wheel(chance.choice((-5, 5)), vertex, side, chance.choice((("shift",), ())))
+
+    def _open(self, chance):
+        path = chance.choice(self.files)
+        self.gui.window._dropped([str(path)])
+        self._wait(chance)
+        return path.name
+
+    def _export(self, chance):
+        name = chance.choice(_OUTPUTS)
+        self.gui.click("Save result...")
+        self.gui.type("file name", str(self.folder / name))
+        return name
+
+    def _note_errors(self):
+        for part, error in self.gui.errors.items():
+            self._fault(f"{part}: {error}")
 
     def _settle(self):
-        """Let everything come to its end; what does not within many frames is a fault."""
+        """Leave dialogs, end all work, and look at what was reported."""
         gui, window, session = self.gui, self.gui.window, self.gui.session
-        window.closing = False
-        session.player.playing = False
-        for _ in range(6):
+        for _ in range(20):
+            gui.frames(1)
             if not window.dialogs.is_open:
                 break
-            self._leave_dialog()
+            labels = [w.label for w in window.ui.widgets if w.kind == "button" and w.enabled]
+            ends = [label for label in _ENDS if label in labels]
+            try:
+                gui.click(ends[0]) if ends else gui.key("esc")
+            except DriverError:
+                gui.key("esc")
         session.solver.cancel()
         if window.exporter.running:
             window.exporter.cancel()
         quiet = 0
-        for _ in range(_PATIENCE):
+        for _ in range(_FRAMES_MAX):
             session.player.playing = False
             gui.frames(1)
             quiet = 0 if self._at_work() else quiet + 1
@@ -163,23 +231,13 @@ class Monkey:
             time.sleep(0.005)
         else:
             self._fault(f"no end of: {self._at_work()}")
-        self._tell_errors()
+        self._note_errors()
         for entry in session.notices.log:
-            is_bug = _BUG.search(entry.text) or len(entry.text) > _LONGEST_LINE
-            if entry.kind == "error" and is_bug:
-                self._fault(f"told: {entry.text[:300]}")
+            if entry.kind == "error" and (_BUG.search(entry.text) or len(entry.text) > _LINE_MAX):
+                self._fault(f"reported: {entry.text[:300]}")
         session.notices.log.clear()
         for card in session.notices.cards:
             session.notices.dismiss(card)
-
-    def _leave_dialog(self):
-        gui = self.gui
-        labels = [w.label for w in gui.window.ui.widgets if w.kind == "button" and w.enabled]
-        ends = [label for label in _ENDS if label in labels]
-        try:
-            gui.click(ends[0]) if ends else gui.key("esc")
-        except DriverError:
-            gui.key("esc")
 
     def _at_work(self):
         window, session = self.gui.window, self.gui.session
@@ -188,8 +246,7 @@ class Monkey:
             window.shown.busy: True,
             "transport": window.shown.mass_transport.busy,
             "quantities": window.shown.quantities.busy,
-            "files": window.files.saving,
-            "waiting": window.files.waiting is not None,
+            "files": window.files.saving or window.files.waiting is not None,
             "export": window.exporter.running,
         }
         return ", ".join(what for what, is_so in at_work.items() if what and is_so)
@@ -207,31 +264,26 @@ class Monkey:
             self._fault(f"undo left other {', '.join(differing)}")
 
     def _save_all(self):
-        """As one who closes the window: every document that would be lost goes into a file."""
-        window, session = self.gui.window, self.gui.session
-        # where a result was undone, what is there now differs from the file with the result
-        for _ in range(2):
-            for number, document in enumerate(session.saves.unsaved_documents):
+        """Write every document that would be lost into a file, as at the window's end."""
+        window, saves = self.gui.window, self.gui.session.saves
+        for _ in range(2):  # where a result was undone, this differs from the file with the result
+            for number, document in enumerate(saves.unsaved_documents):
                 window.files.save(self.folder / f"left-{number}.abfm", document=document)
             self._settle()
-        if session.saves.unsaved_documents:
-            names = ", ".join(document.name for document in session.saves.unsaved_documents)
-            self._fault(f"not saved: {names}: {session.notices.latest.text}")
+        if saves.unsaved_documents:
+            self._fault(f"not saved: {[each.name for each in saves.unsaved_documents]}")
 
     @contextmanager
     def _watched(self):
-        """Exceptions that the app prints, and those that end a thread, are faults."""
+        """Count exceptions that the app prints, and those that end a thread, as faults."""
 
         def printed(*_, **__):
             text = io.StringIO()
             traceback.print_exception(*sys.exc_info(), file=text)
-            sys.stderr.write(text.getvalue())
             self._fault(f"printed: {text.getvalue()[-400:]}")
 
         def ended(raised):
-            name = raised.thread and raised.thread.name
-            self._fault(f"thread {name}: {raised.exc_type.__name__}: {raised.exc_value}")
-            hook(raised)
+            self._fault(f"a thread: {raised.exc_type.__name__}: {raised.exc_value}")
 
         print_exc, hook = traceback.print_exc, threading.excepthook
         traceback.print_exc, threading.excepthook = printed, ended
@@ -241,107 +293,30 @@ class Monkey:
             traceback.print_exc, threading.excepthook = print_exc, hook
 
 
+def _section(widget):
+    return widget.section.split("/")[-1]
+
+
 def differences(one, other):
-    """What two documents differ in, apart from what is no step of undo."""
-    steady = [replace(d.view, look=None, large="") for d in (one, other)]
-    one, other = (replace(d, view=v, time=0.0) for d, v in zip((one, other), steady, strict=True))
+    """Return what two documents differ in, apart from what is no step of undo."""
+    one, other = (
+        replace(each, view=replace(each.view, look=None, large=""), time=0.0)
+        for each in (one, other)
+    )
     names = [each.name for each in fields(Document)]
     return [name for name in names if getattr(one, name) != getattr(other, name)]
 
 
 def monkey_files(folder):
-    """Files to open: good ones three times as often as broken ones."""
-    chance = random.Random(0)
-    sphere, egg = icosphere(1), ellipsoid(2, 1.0, 0.8, 0.6)
-    corners = np.array([[x, y, 0.1 * x * y] for x in range(5) for y in range(5)], dtype=float)
-    quads = [5 * x + y for x in range(4) for y in range(4)]
-    patch = np.array([f for q in quads for f in ((q, q + 5, q + 1), (q + 1, q + 5, q + 6))])
-    good = [
-        write(folder, "sphere.off", off_text(sphere.vertices, sphere.faces)),
-        write(folder, "egg.off", off_text(egg.vertices, egg.faces)),
-        write(folder, "patch.off", off_text(corners, patch)),
-        *(folder / name for name in ("result.npz", "project.abfm")),
-    ]
+    """Write files to open: good ones three times as often as broken ones."""
+    sphere, good = icosphere(1), [folder / name for name in ("a.off", "m.npz", "p.abfm")]
+    off_file(good[0], ellipsoid(2, 1.0, 0.8, 0.6))
     f, g = (abfm.function(sphere, f"gaussian:vertex={vertex},width=0.3") for vertex in (1, 8))
-    abfm.match(sphere, f, g, abfm.Parameters(iterations=5)).save(good[3])
-    save_project(good[4], Document((Surface(sphere, "sphere.off"),), time=0.5), {})
-    bad = []
-    for path in good:
-        content = path.read_bytes()
-        flipped = bytearray(content)
-        for place in (chance.randrange(len(content)) for _ in range(20)):
-            flipped[place] ^= 1 << chance.randrange(8)
-        half, broken = content[: len(content) // 2], bytes(flipped)
-        for word, changed in (("cut", half), ("flipped", broken), ("empty", b"")):
-            bad.append(write(folder, f"{path.stem}-{word}{path.suffix}", changed))
-    vertices = np.vstack([sphere.vertices, sphere.vertices + 5])
-    faces = np.vstack([sphere.faces, sphere.faces + 42])
-    bad += [write(folder, "two.off", off_text(vertices, faces)), folder / "nothing.off"]
-    bad += [write(folder, "text.txt", "a text"), folder / "folder.off"]
+    abfm.match(sphere, f, g, abfm.Parameters(iterations=5)).save(good[1])
+    save_project(good[2], Document((Surface(sphere, "sphere.off"),), time=0.5), {})
+    bad = [folder / "nothing.off", folder / "folder.off"]
     bad[-1].mkdir()
+    for path in good:
+        bad.append(write(folder, f"cut-{path.name}", path.read_bytes()[:-99]))
+        bad.append(write(folder, f"empty-{path.name}", b""))
     return [*good, *good, *good, *bad]
-
-
-def counts():
-    """What the process has at present: threads, children, and megabytes that are resident."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    megabytes = round(pages * resource.getpagesize() / 2**20, 1)
-    return {
-        "threads": threading.active_count(),
-        "children": len(children()),
-        "megabytes": megabytes,
-    }
-
-
-class Endurance:
-    """What the window keeps after its first five minutes and at the end: of memory the least that
-    some sequences leave, of threads and processes what is there after a rest.
-    """
-
-    def __init__(self, begun, rest):
-        self._begun, self._rest = begun, rest
-        self._megabytes = deque(maxlen=50)
-        self._early = None
-
-    def add(self):
-        """Look at what there is after one more sequence."""
-        self._megabytes.append(counts()["megabytes"])
-        if self._early is None and time.monotonic() - self._begun > _EARLY:
-            self._early = self._kept()
-
-    def _kept(self):
-        self._rest()
-        return counts() | {"megabytes": min(self._megabytes)}
-
-    def end(self):
-        """Tell of both, and whether what there is at the end is not more by over a tenth."""
-        if self._early is None:
-            return True
-        early, late = self._early, self._kept()
-        print(f"# after {_EARLY / 60:g} minutes: {early}; at the end: {late}", file=sys.stderr)
-        return all(late[name] <= _MOST_GROWTH * early[name] for name in late)
-
-
-def main():
-    """The program; its exit status."""
-    longer = {"type": float, "default": 0.0, "help": "so long at least, with further seeds"}
-    apart = {"action": "store_true", "help": "match and evaluate in processes"}
-    asked = asked_for(__doc__, minutes=longer, apart=apart)
-    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
-    began, seed = time.monotonic(), asked.seed
-    with Monkey(asked.apart) as monkey:
-        endurance = Endurance(began, monkey.rest)
-        while seed < asked.seed + asked.count or time.monotonic() - began < 60 * asked.minutes:
-            if time.monotonic() - began > asked.seconds:
-                break
-            print(monkey.sequence(seed).to_line(), flush=True)
-            endurance.add()
-            seed += 1
-            if (seed - asked.seed) % 50 == 0:
-                said = f"{seed - asked.seed} sequences, {time.monotonic() - began:.0f} s"
-                print(f"# {said}: {counts()}", file=sys.stderr)
-        return 0 if endurance.end() else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,39 +1,41 @@
-"""Small valid files of every kind that abfm reads, each with the door that opens it."""
+"""Small valid files of every kind that abfm reads, each with the door that opens it.
 
-import base64
-import gzip
-import io
+A format is added by a line of `_written`, with a function that writes a small file.
+"""
+
 import json
-import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import nibabel
 import numpy as np
-import trimesh
+import scipy.io
 
 from abfm import Parameters, match
+from abfm.batch import Ledger, Row
+from abfm.batch.ledger import Record
+from abfm.io import write_labels, write_stc, write_values
 from abfm.pages.front import Front
+from abfm.reading import Labels
 from abfm_viewer.document.document import Channel, Document, Look, Point, Run, Surface, View
 from abfm_viewer.files.project import Origin, save_project
-from tests.mesh_writers import STL_WRITERS, WRITERS, exported
+from tests.core.reading.vtk_files import vtk_bytes
+from tests.mesh_writers import STL_WRITERS, WRITERS, exported, off_file
 from tests.shapes import icosphere, with_loose_vertex
 
 WHOLE = icosphere(1)
 MESH = with_loose_vertex(WHOLE)
 COUNT = MESH.file_vertex_count
 X, Y = MESH.vertices[:, 0].copy(), MESH.vertices[:, 1].copy()
+_ON_FILE = np.stack([np.arange(COUNT) / 3, -np.arange(COUNT) / 7, np.arange(COUNT) ** 2.0], axis=1)
 # functions as text: no file, but what users type and what projects hold
-SPECS = (
-    "gaussian:vertex=17,width=0.35",
+_SPECS = (
     "gaussian:vertex=17,width=0.35,height=-2.5 + gaussian:x=0.5,y=1,z=-1",
     "coordinate:x + (expression:x**2*sin(3*y) - sqrt(abs(z))) + shape-diameter",
     *("eigenfunction:3", "geodesic:vertex=4", "indicator:axis=x,above=0.25", "curvature:mean"),
     *("wks:energy=0.5", "hks:time=0.5", "permuted:mirror(coordinate:y + coordinate:z)"),
-    *('file:"a, (b).csv",column=depth', "indicator:vertex=3,radius=0.5"),
 )
 
 
@@ -46,170 +48,160 @@ class Specimen:
     content: bytes
     beside: Mapping[str, bytes] = field(default_factory=dict)
     place: Callable[[Path], None] | None = None
+    must_be_refused: bool = False
 
 
 @cache
 def specimens():
-    """All of them, by name."""
-    used = np.delete(np.arange(COUNT), 5)
-    sym_vts = Specimen("a.sym.vts", "map", _text(used[::-1] + 1), {"a.vts": _text(used + 1)})
-    specs = {f"{number}.spec": spec.encode() for number, spec in enumerate(SPECS)}
-    recent = ["/nowhere/a.abfm", "recent.json", "b.off"]
+    """Return all of them, by name."""
+    meshes = {name: write(WHOLE.vertices, WHOLE.faces) for name, (write, _) in WRITERS.items()}
+    meshes |= {n: exported(WHOLE.vertices, WHOLE.faces, kind) for n, kind in STL_WRITERS.items()}
+    meshes |= {"legacy.vtk": _legacy_vtk().encode(), "civet.obj": _mni_obj().encode()}
     preferences = {"theme": "dark", "ui_scale": 1.25, "follow": True, "flow_after_match": False}
+    recent = ["/nowhere/a.abfm", "recent.json", "b.off"]
     found = [
-        *_meshes(),
-        *_all("values", _columns() | _labels()),
-        *_all("map", _maps(used)),
-        sym_vts,
-        Specimen("recent.json", "recent", json.dumps(recent).encode()),
+        *(Specimen(name, "mesh", content) for name, content in meshes.items()),
+        *(Specimen(f"{k}.spec", "spec", spec.encode()) for k, spec in enumerate(_SPECS)),
         Specimen("preferences.json", "preferences", json.dumps(preferences, indent=1).encode()),
-        *_projects(),
-        *_all("spec", specs),
+        Specimen("recent.json", "recent", json.dumps(recent).encode()),
+        *_written(),
+        *_waves(),
+        *_batch(),
     ]
     return {specimen.name: specimen for specimen in found}
 
 
-def _all(door, files):
-    return [Specimen(name, door, content) for name, content in files.items()]
-
-
-def _meshes():
-    vertices, faces = WHOLE.vertices, WHOLE.faces
-    files = {name: write(vertices, faces) for name, (write, _) in WRITERS.items()}
-    files |= {name: exported(vertices, faces, kind) for name, kind in STL_WRITERS.items()}
-    lines = "mtllib a.mtl\n# made by hand\no sphere\ng all\nvt 0.5 0.5\nvn 0 0 1\nusemtl red\ns off"
-    rows = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
-    for face in (faces - len(vertices)).tolist():
-        rows.append("f " + " ".join(f"{corner}/1/1" for corner in face))
-    files["rich.obj"] = "\n".join([lines, *rows]).encode()
-    made = trimesh.Trimesh(vertices, faces, process=False).export(file_type="gltf")
-    buffers = {name: bytes(content) for name, content in made.items() if name.endswith(".bin")}
-    tree = json.loads(made["model.gltf"])
-    for buffer in tree["buffers"]:
-        data = base64.b64encode(buffers[buffer["uri"]]).decode()
-        buffer["uri"] = f"data:application/octet-stream;base64,{data}"
-    embedded = {"embedded.gltf": json.dumps(tree).encode()}
-    for encoding in ("ASCII", "B64BIN"):
-        embedded[f"{encoding.lower()}.surf.gii"] = _gifti([vertices, faces], encoding)
-    model = Specimen("model.gltf", "mesh", bytes(made["model.gltf"]), buffers)
-    return [*_all("mesh", files), model, *_all("mesh", embedded)]
-
-
-def _gifti(columns, encoding="B64GZ", labels=None):
-    """Arrays as GIFTI: two of three columns are a surface, and with names of labels keys."""
-    kind = "NIFTI_INTENT_LABEL" if labels else "NIFTI_INTENT_SHAPE"
-    intents = {"f": "NIFTI_INTENT_POINTSET", "i": "NIFTI_INTENT_TRIANGLE"}
-    arrays = [
-        nibabel.gifti.GiftiDataArray(
-            column.astype(f"{column.dtype.kind}4"),
-            intent=intents[column.dtype.kind] if column.ndim == 2 else kind,
-            encoding=f"GIFTI_ENCODING_{encoding}",
-            datatype="NIFTI_TYPE_FLOAT32" if column.dtype.kind == "f" else "NIFTI_TYPE_INT32",
-        )
-        for column in columns
-    ]
-    image = nibabel.gifti.GiftiImage(darrays=arrays)
-    for key, name in (labels or {}).items():
-        label = nibabel.gifti.GiftiLabel(key, 0.5, 0.25, 1.0, 1.0)
-        label.label = name
-        image.labeltable.labels.append(label)
-    return image.to_bytes()
-
-
-def _npy(array):
-    file = io.BytesIO()
-    np.save(file, array)
-    return file.getvalue()
-
-
-def _text(array, delimiter=" ", header=""):
-    file = io.StringIO()
-    np.savetxt(file, array, "%.9g", delimiter, header=header, comments="")
-    return file.getvalue().encode()
-
-
-def _columns():
-    one, two = np.arange(COUNT) / 7, np.stack([np.arange(COUNT) / 3, -np.arange(COUNT)], axis=1)
-    return {
-        "values.npy": _npy(one),
-        "two.npy": _npy(two.astype(">f4")),
-        "values.csv": _text(two, ",", 'index,"the depth"'),
-        "values.txt": _text(one),
-        "two.txt": b"# by hand\n\n" + _text(two, "\t"),
-        "values.vts": _text(np.arange(COUNT)),
-        "values.gii": _gifti([one]),
-        "two.gii.gz": gzip.compress(_gifti([one, -one], "B64BIN"), mtime=0),
-    }
-
-
-def _labels():
-    """Of FreeSurfer and GIFTI; a door asks for the label ``a`` of what holds several."""
-    keys = np.arange(COUNT) % 3
-    names = {1: "a", 2: "b", -5: "c"}
-    rows = "".join(f"{k} 0.5 {k}.25 -1 {k}e-1\n" for k in range(3, COUNT, 4))
-    table = [(name, (key + 5, 2, 3, 0)) for key, name in names.items()]
-    colours = [5 + key + 2 * 256 + 3 * 65536 for key in names]
-    annotation = struct.pack(">i", COUNT)
-    annotation += np.stack([np.arange(COUNT), np.take(colours, keys)], 1).astype(">i4").tobytes()
-    annotation += struct.pack(">iiii", 1, -2, 3, 0) + struct.pack(">i", len(table))
-    for number, (name, colour) in enumerate(table):
-        annotation += struct.pack(">ii2s4i", number, 2, name.encode(), *colour)
-    overlay = struct.pack(">7i256x", 1, COUNT, 1, 1, 1, 3, 0)
-    overlay += (np.arange(COUNT) / 3).astype(">f4").tobytes()
-    values = struct.pack(">3sIIi", b"\xff\xff\xff", COUNT, 7, 1)
-    return {
-        "a.label.gii": _gifti([keys], labels=names),
-        "lh.annot": annotation,
-        "lh.label": f"#!ascii label\n{len(range(3, COUNT, 4))}\n{rows}".encode(),
-        "lh.mgz": gzip.compress(overlay, mtime=0),
-        "lh.sulc": values + (np.arange(COUNT) / 7).astype(">f4").tobytes(),
-    }
-
-
-def _maps(used):
+def _written():
+    """Return what the writers of abfm and of other libraries make."""
+    keys, used = np.arange(COUNT) % 3, np.delete(np.arange(COUNT), 5)
     mirrored = np.arange(COUNT)
     mirrored[used] = used[::-1]
-    return {
-        "map.npy": _npy(mirrored),
-        "pairs.csv": _text(np.stack([used, used[::-1]], axis=1), ","),
-        "map.txt": _text(mirrored),
-        "map.vts": _text(mirrored + 1),
-        "map.gii": _gifti([mirrored]),
+    labels = Labels(keys, {0: "a", 1: "b", 2: "c"}, {k: (0.5, 0.25, k / 2, 1) for k in range(3)})
+    result, plain, rich, origin = _documents()
+    one, three = _ON_FILE[:, 0], _ON_FILE
+    known = {"file:x.npy": X}
+    writers = {
+        "values.npy": ("values", partial(write_values, values=one)),
+        "two.npy": ("values", partial(write_values, values=three)),
+        "values.csv": ("values", partial(write_values, values=three, names=["a", "b", "c"])),
+        "values.txt": ("values", partial(write_values, values=one)),
+        "values.shape.gii": ("values", partial(write_values, values=one)),
+        "values.gii.gz": ("values", partial(write_values, values=one)),
+        "lh.sulc": ("values", partial(write_values, values=one)),
+        "lh.mgz": ("values", partial(write_values, values=one)),
+        "a.dscalar.nii": ("values", partial(write_values, values=one, structure="CortexLeft")),
+        "values.mat": ("values", lambda path: scipy.io.savemat(path, {"thickness": one})),
+        "a.label.gii": ("labels", partial(write_labels, labels=labels)),
+        "lh.annot": ("labels", partial(write_labels, labels=labels)),
+        "map.npy": ("map", lambda path: np.save(path, mirrored)),
+        "map.txt": ("map", lambda path: np.savetxt(path, mirrored, "%d")),
+        "map.vts": ("map", lambda path: np.savetxt(path, mirrored + 1, "%d")),
+        "pairs.csv": ("map", lambda path: np.savetxt(path, np.stack([used, used], 1), "%d", ",")),
+        "film.npy": ("frames", lambda path: np.save(path, three.T)),
+        "film.npz": ("frames", lambda path: np.savez(path, frames=three.T, times=np.arange(3))),
+        "film.csv": ("frames", partial(write_values, values=three)),
+        "film.func.gii": ("frames", partial(write_values, values=three)),
+        "film.mgz": ("frames", partial(write_values, values=three)),
+        "film-lh.stc": ("frames", lambda p: write_stc(p, three.T, np.arange(COUNT), np.arange(3))),
+        "table.csv": ("table", lambda path: path.write_text(_TABLE)),
+        "landmarks.csv": ("landmarks", lambda path: path.write_text("name,a,b\np,6,9\nq,7,10\n")),
+        "plain.abfm": ("project", lambda path: save_project(path, plain, {})),
+        "rich.abfm": ("project", lambda path: save_project(path, rich, known)),
+        "autosave-1.abfm": ("project", lambda path: save_project(path, rich, known, origin)),
+        "result.npz": ("result", result.save),
     }
+    with TemporaryDirectory() as place:
+        for name, (door, write) in writers.items():
+            write(Path(place, name))
+            yield Specimen(name, door, Path(place, name).read_bytes())
 
 
-def _projects():
+_TABLE = "name,mesh,source,target,alpha\none,m.off,coordinate:x,hks:time=1,0.1\n"
+
+
+def _documents():
+    """Return a result with everything that results may have, and projects without and with it."""
     f, g = np.stack([X, Y], axis=1), np.stack([Y, X], axis=1)
-    # with everything that results may have
     result = match(MESH, f, g, Parameters(iterations=3), mask=X**2, weights=[1, 0.5])
     plain = Document((Surface(MESH, "a ball"),), (Channel("gaussian:vertex=7", "coordinate:y"),))
     front = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
-    stages, coarse = np.array([0, 1]), (np.array([12, 42]), np.array([0.5, 0.0]))
-    first = Channel("file:x.npy + gaussian:vertex=7", "coordinate:y")
     run = Run(result.energy_history, result.stages, (2,), 0.25, "alpha 1")
-    rich = Document(
-        (Surface(MESH, "a ball", front),),
+    first = Channel("file:x.npy + gaussian:vertex=7", "coordinate:y")
+    rich = replace(
+        plain,
+        surfaces=(Surface(MESH, "a ball", front),),
         channels=(first, Channel("eigenfunction:2", "wks:energy=0.5", 0.5)),
         channel=1,
         parameters=result.parameters,
         mask="indicator:axis=x,above=0.0",
         result=result,
-        runs=(run, Run(np.ones((2, 3)), stages, (), 0.5, "two meshes", *coarse)),
+        runs=(run,),
         time=0.25,
         lines=(Point(3, (0.25, 0.25, 0.5)),),
-        points=(Point(0, (1.0, 0.0, 0.0)),),
         view=View(look=Look(front, 2.5, (0.1, 0.2, 0.3)), hidden=("source",), arrows=True),
     )
-    origin, known = Origin(Path("/nowhere/rich.abfm"), 1, 2), {"file:x.npy": X}
-    found = {}
-    with TemporaryDirectory() as folder:
-        path = Path(folder, "a")
-        for name, save in {
-            "plain.abfm": lambda: save_project(path, plain, {}),
-            "rich.abfm": lambda: save_project(path, rich, known),
-            "autosave-1.abfm": lambda: save_project(path, rich, known, origin),
-            "result.npz": lambda: result.save(path),
-        }.items():
-            save()
-            found[name] = path.read_bytes()
-    return [*_all("result", {"result.npz": found.pop("result.npz")}), *_all("project", found)]
+    return result, plain, rich, Origin(Path("/nowhere/rich.abfm"), 1, 2)
+
+
+def _legacy_vtk():
+    points = "\n".join(" ".join(map(repr, row)) for row in WHOLE.vertices.tolist())
+    faces = "\n".join("3 " + " ".join(map(str, row)) for row in WHOLE.faces.tolist())
+    head = "# vtk DataFile Version 3.0\nball\nASCII\nDATASET POLYDATA\n"
+    return f"{head}POINTS 42 double\n{points}\nPOLYGONS 80 320\n{faces}\n"
+
+
+def _mni_obj():
+    points = "\n".join(" ".join(f"{x:.6f}" for x in row) for row in WHOLE.vertices.tolist())
+    ends = " ".join(str(3 * k) for k in range(1, 81))
+    corners = " ".join(map(str, WHOLE.faces.ravel().tolist()))
+    head = f"P 0.3 0.3 0.4 10 1 42\n{points}"
+    return "\n\n".join([head, points, "80\n0 1 1 1 1", ends, corners]) + "\n"
+
+
+def _waves():
+    """Return lists of frames in VTK's files."""
+    points = MESH.on_file(MESH.vertices, 9.0)
+    beside = {
+        f"wave_{k}.vtu": vtk_bytes(points, {"u": _ON_FILE[:, k]}, form, packed, time=float(k))
+        for k, (form, packed) in enumerate([("raw", "vtkZLibDataCompressor"), ("ascii", "")])
+    }
+    rows = "".join(f'<DataSet timestep="{k}" file="wave_{k}.vtu"/>' for k in range(2))
+    listed = f'<VTKFile type="Collection"><Collection>{rows}</Collection></VTKFile>'
+    series = {"files": [{"name": name, "time": k} for k, name in enumerate(beside)]}
+    return [
+        Specimen("waves.pvd", "frames", listed.encode(), beside),
+        Specimen("waves.vtu.series", "frames", json.dumps(series).encode(), beside),
+        Specimen(
+            "wave_1.vtu", "frames", beside["wave_1.vtu"], {"wave_0.vtu": beside["wave_0.vtu"]}
+        ),
+    ]
+
+
+def _batch():
+    """Return files of a folder of results of two rows, one of which failed, and of subjects."""
+    with TemporaryDirectory() as place:
+        folder = Path(place)
+        off_file(folder / "m.off", WHOLE)
+        np.save(folder / "f.npy", X[:42])
+        subjects = "name,surface,thickness\n" + "".join(f"s{k},m.off,f.npy\n" for k in range(3))
+        options = {"mesh": "m.off", "source": "coordinate:x", "target": "coordinate:y"}
+        rows = [Row("one", options | {"iterations": 3}, folder), Row("two", options, folder)]
+        ledger = Ledger(folder / "out")
+        ledger.make()
+        ledger.write_rows(rows, "a table")
+        rows[0].solve().save(ledger.result(rows[0].digest))
+        ledger.record(rows[0], Record(rows[0].digest, seconds=1.5))
+        ledger.record(rows[1], Record(reason="no reason"))
+        files = {
+            path.relative_to(folder).as_posix(): path.read_bytes()
+            for path in folder.rglob("*")
+            if path.is_file()
+        }
+    own = [name for name in files if name.startswith("out/") and not name.endswith("identity")]
+    return [
+        Specimen("subjects.csv", "subjects", subjects.encode(), files),
+        *(
+            Specimen(name, "batch", files[name], {k: v for k, v in files.items() if k != name})
+            for name in own
+        ),
+    ]

@@ -28,7 +28,7 @@ _PREFIX = f".abfm-{zlib.crc32(platform.node().encode()):08x}-"
 _LONGEST_SUFFIX = 20
 # seconds for which a file is never taken for abandoned: it may be about to be locked, which Windows
 # cannot do to files that are to be renamed
-_KEPT_SECONDS = 86400.0 if sys.platform == "win32" else 10.0
+_KEPT_SECONDS = 86400.0 if sys.platform == "win32" else 2.0
 _in_use: set[Path] = set()
 
 

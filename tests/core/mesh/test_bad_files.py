@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from abfm.errors import MeshError
 from abfm.mesh import load_mesh
-from tests.attack.heavy_meshes import HEAVY
+from tests.core.mesh.heavy_meshes import HEAVY
 from tests.mesh_writers import (
     STL_WRITERS,
     WRITERS,

@@ -17,7 +17,7 @@ from abfm.mesh.colors import load_colors
 from abfm.mesh.readers import references
 from abfm.mesh.readers.gltf_colors import colored_gltf
 from abfm.reading import open_file
-from tests.attack.heavy_meshes import TRIANGLE, glb, gltf_header
+from tests.core.mesh.heavy_meshes import TRIANGLE, glb, gltf_header
 from tests.core.surfaces import renumbered
 from tests.mesh_writers import off_file, write
 from tests.messages import raises

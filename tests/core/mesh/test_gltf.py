@@ -12,7 +12,7 @@ from abfm.errors import MeshError
 from abfm.mesh import load_mesh
 from abfm.mesh.readers import gltf, references
 from abfm.reading import open_file
-from tests.attack.heavy_meshes import TRIANGLE, glb, gltf_header
+from tests.core.mesh.heavy_meshes import TRIANGLE, glb, gltf_header
 from tests.mesh_writers import write
 from tests.messages import raises
 from tests.shapes import icosphere
