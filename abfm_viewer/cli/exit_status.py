@@ -5,12 +5,13 @@ import io
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TextIO, cast
 
 from abfm import AbfmError
-from abfm.errors import LONGEST, one_line
+from abfm.errors import LONGEST, AbfmWarning, one_line
 from abfm.io import remove_temporary
 from abfm.workers import process
 from abfm_viewer import signals
@@ -26,13 +27,20 @@ class UsageError(Exception):
 def exit_status(program: str, run: Callable[[], int]) -> int:
     """Run a program and return its exit status: 2 after bad input, 130 after Ctrl-C."""
     try:
-        return run()
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", AbfmWarning)
+            warnings.showwarning = _print_warning
+            return run()
     except KeyboardInterrupt as error:
         print(f"{program}: interrupted", file=sys.stderr)
         return signals.status(getattr(error, "number", signal.SIGINT))
     except (AbfmError, UsageError, OSError, MemoryError) as error:
         print(f"{program}: {one_line(str(error) or 'out of memory', LONGEST)}", file=sys.stderr)
         return BAD_INPUT
+
+
+def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"warning: {one_line(message, LONGEST)}", file=sys.stderr)
 
 
 def program_status(program: str, run: Callable[[], int]) -> int:

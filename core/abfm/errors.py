@@ -21,6 +21,10 @@ class AbfmError(ValueError):
         super().__init__(one_line(str(message), LONGEST) if message else "")
 
 
+class AbfmWarning(UserWarning):
+    """Input that is used, but may be wrong; the command line prints it as one line."""
+
+
 class Remedy(NamedTuple):
     """Options of `abfm.load_mesh` that make a mesh usable, and what of it they keep."""
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.display import Display
-from abfm.errors import FunctionError, MeshError, one_line
+from abfm.errors import AbfmWarning, FunctionError, MeshError, one_line
 from abfm.mesh.checks import check
 from abfm.mesh.draft import FileNumbers
 from abfm.mesh.face_sizes import twice_areas
@@ -301,7 +301,7 @@ class TriangleMesh(Display):
         """Return the kept rows (V, ...) of (file_vertex_count, ...) or (V, ...) values.
 
         Of vertices that were merged the value of the first one is taken, as ParaView does; a
-        UserWarning reports how many others differ from it.
+        AbfmWarning reports how many others differ from it.
         """
         if len(values) == self.file_vertex_count:
             if len(self.copies):
@@ -341,6 +341,7 @@ class TriangleMesh(Display):
                 f"{len(rows)} of {len(copies)} merged vertices have another value than the vertex "
                 f"that they were merged into, whose value is taken (for example vertex {copy} than "
                 f"vertex {first})",
+                AbfmWarning,
                 stacklevel=3,
             )
 

@@ -13,7 +13,7 @@ from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.face_sizes import flat_faces
 from abfm.mesh.topology import edges_of_faces
 from tests import shapes
-from tests.messages import check_message, raises
+from tests.messages import check_message, check_names, raises
 from tests.shapes import disc, hemisphere, icosphere, open_cylinder, square, tetrahedron, torus
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -116,6 +116,9 @@ def test_refused(vertices, faces, named):
         TriangleMesh(vertices, faces)
     assert "\n" not in str(caught.value)
     assert ": " in str(caught.value)  # the advice
+    for remedy in caught.value.remedies:
+        kept = TriangleMesh(vertices, faces, **remedy.options)
+        check_names(remedy.keeps, len(kept.vertices), len(kept.faces))
 
 
 def test_examples_count_as_the_input_does():

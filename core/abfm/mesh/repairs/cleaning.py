@@ -34,17 +34,17 @@ def clean(draft: Draft) -> None:
     _drop_hanging_sheets(draft)
 
 
-def _drop(draft: Draft, bad: BoolArray, what: str, more: str = "") -> None:
+def _drop(draft: Draft, bad: BoolArray, what: str, example: str = "") -> None:
     if bad.all():
         raise MeshError(_NOTHING_LEFT)
     if bad.any():
-        example, count = draft.face_ids[np.argmax(bad)], len(draft.vertices)
+        example, count = example or str(draft.face_ids[np.argmax(bad)]), len(draft.vertices)
         draft.keep(~bad)
         gone = count - len(draft.vertices)
-        alone = f", and {counted(gone, 'vertex', 'vertices')} only they used" if gone else ""
+        alone = f", and {counted(gone, 'vertex', 'vertices')} that only they used" if gone else ""
         draft.messages.append(
             f"{counted(bad.sum(), 'face', 'faces')} {what} {'was' if bad.sum() == 1 else 'were'} "
-            f"removed{alone} (for example face {example}{more})"
+            f"removed{alone} (for example face {example})"
         )
 
 
@@ -76,7 +76,8 @@ def _drop_repeated(draft: Draft) -> None:
     again = first[group] != np.arange(len(draft.faces))
     if not again.any():
         return
-    like = draft.face_ids[first[group[np.argmax(again)]]]
+    example = np.argmax(again)
+    like = f"{draft.face_ids[example]}, as face {draft.face_ids[first[group[example]]]}"
     edges = edges_of_faces(draft.faces, len(draft.vertices))[1]
     repeats = sizes[group] > 1
     others = np.bincount(edges[~repeats].ravel(), minlength=int(edges.max()) + 1)
@@ -88,7 +89,7 @@ def _drop_repeated(draft: Draft) -> None:
     joins[label[at[others[at] == 1]]] = True
     patch = label[edges[:, 0]]
     wall = repeats & ends[patch] & ~joins[patch]
-    _drop(draft, again | wall, "that repeat another one", f", as face {like}")
+    _drop(draft, again | wall, "that repeat another one", like)
 
 
 def _remove_flat(draft: Draft) -> None:
