@@ -119,6 +119,18 @@ def test_a_file_colours_the_surface_that_is_read_from_it(tmp_path, writer):
     assert_allclose(np.sort(found.coordinates, axis=None), np.sort(expected.coordinates, axis=None))
 
 
+@pytest.mark.parametrize("moved", [1.0, 2.0])
+def test_texture_coordinates_of_a_seam_are_right_after_merging(tmp_path, moved):
+    """A vertex of the file for each corner; also where faces are known by numbers alone."""
+    corners = SimpleNamespace(
+        vertices=MESH.vertices[MESH.faces.ravel()], faces=np.arange(MESH.faces.size).reshape(-1, 3)
+    )
+    path = as_obj(tmp_path, corners, coordinates(MESH))
+    mesh = TriangleMesh(corners.vertices * [moved, 1, 1], corners.faces, merge=True)
+    assert len(mesh.vertices) == len(MESH.vertices)
+    assert_array_equal(load_colors(path, mesh).coordinates, coordinates(MESH))
+
+
 def test_surfaces_elsewhere_in_space_are_known_by_numbers(tmp_path):
     """Also if a vertex of the file, here vertex 5, is in no face."""
     whole = SimpleNamespace(

@@ -30,7 +30,7 @@ from abfm_viewer.errors import DrawingError
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.pictures.sheets import DEFAULT_WIDTH
 from abfm_viewer.session.session_files import document_of_result
-from tests.mesh_writers import freesurfer_bytes
+from tests.mesh_writers import freesurfer_bytes, off_text
 from tests.messages import check_message, line_with
 from tests.processes import argv
 from tests.shapes import icosphere
@@ -200,6 +200,33 @@ def test_meshes_are_refused_with_the_way_out_and_to_machines_too(tmp_path, abfm)
     facts = json.loads(told.out)
     assert facts["usable"] is False
     assert told.err == f"abfm: {facts['objection']}\n"
+
+
+def test_meshes_are_merged_and_cleaned_in_every_command(tmp_path, abfm):
+    """Values of all vertices of the file fit, and what is written has its length."""
+    sphere = icosphere(1)
+    corners = np.concatenate([sphere.faces, sphere.faces[:1]]).ravel()
+    path, values, out = (tmp_path / name for name in ("split.off", "x.npy", "m.npz"))
+    path.write_text(off_text(sphere.vertices[corners], np.arange(len(corners)).reshape(-1, 3)))
+    of_corners = sphere.vertices[corners, 0]
+    of_corners[-1] += 1  # of a copy
+    np.save(values, of_corners)
+    assert "--merge --clean" in abfm("info", path, status=2).err
+    for words in (["--merge", path, "--clean"], [path, "--clean", "--merge=1e-9"]):
+        assert json.loads(abfm("info", *words, "--json").out)["vertices"] == 42
+    assert "0.9" in abfm("info", "--merge", "0.9", path, status=2).err
+    assert "near" in abfm("info", path, "--merge=near", status=2).err
+    assert "L or R" in abfm("info", path, "--hemisphere", "left", status=2).err
+    given = [f"--source=file:{values}", f"--target=file:{values}", "--merge", "--clean", *SHORT]
+    assert "warning: 1 of 201 merged" in abfm("match", path, *given, "--out", out).err
+    mesh = load_match(out).mesh
+    assert mesh.on_file(mesh.vertices[:, 0]) == pytest.approx(sphere.vertices[corners, 0])
+    abfm("map", out, "--out", tmp_path / "map.txt")
+    assert (mesh.local_vertices(np.loadtxt(tmp_path / "map.txt")) == mesh.numbered[1]).all()
+    table = tmp_path / "t.csv"
+    row = f"{path},{path},coordinate:x,coordinate:x,yes,yes,3,0"
+    table.write_text(f"a,b,source,target,merge,clean,iterations,refine\n{row}\n")
+    abfm("batch", table, "--out", tmp_path / "b", "--jobs=1", "--quiet")
 
 
 def test_match_reports_and_writes_what_it_found(tmp_path, abfm):

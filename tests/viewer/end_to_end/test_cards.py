@@ -48,6 +48,31 @@ def test_a_mesh_of_several_components_is_opened_by_its_remedy(gui, two_spheres):
     assert cards(gui) == []
 
 
+def test_split_meshes_and_both_hemispheres_are_opened_by_their_remedies(gui, tmp_path):
+    sphere = icosphere(1)
+    corners = sphere.vertices[sphere.faces.ravel()]
+    split = write(tmp_path, "s.off", off_text(corners, np.arange(240).reshape(-1, 3)))
+    faces = np.concatenate([sphere.faces, sphere.faces + 42, [[0, 1, 1]]])
+    both = np.concatenate([sphere.vertices + np.array([3, 0, 0]), sphere.vertices])
+    both = write(tmp_path, "both.off", off_text(both, faces))
+    for path, labels, chosen, middle in (
+        (split, ["Merge vertices"], "Merge vertices", 0),
+        (both, ["Clean, left", "Clean, right"], "Clean, right", 3),
+    ):
+        gui.window._dropped([str(path)])
+        gui.wait(lambda s: s.notices.cards)
+        assert cards(gui) == [[*labels, "Open another mesh...", "Dismiss"]]
+        check_message(gui.session.notices.cards[0].text)
+        gui.click(chosen)
+        gui.wait(lambda s, name=path.name: s.document.name == name)
+        mesh = gui.session.surface().mesh
+        assert mesh.vertices[:, 0].mean() == pytest.approx(middle, abs=1e-6)
+        assert cards(gui) == []
+    gui.click("Undo")
+    gui.wait(lambda s: s.document.name == "s.off")
+    assert len(gui.session.surface().mesh.copies) == 240 - 42
+
+
 def test_another_table_may_be_opened_in_place_of_none(gui, tmp_path):
     gui.window.files.open(tmp_path)
     gui.wait(lambda s: s.notices.cards)

@@ -50,6 +50,8 @@ from tests.shapes import icosphere, torus, with_loose_vertex
 WHOLE = icosphere(1)
 SPHERE = with_loose_vertex(WHOLE)
 """Of 43 vertices in its file it has 42."""
+CORNERS = np.arange(WHOLE.faces.size).reshape(-1, 3)
+MERGED = TriangleMesh(WHOLE.vertices[WHOLE.faces.ravel()], CORNERS, merge=True)
 X, Y = SPHERE.vertices[:, 0].copy(), SPHERE.vertices[:, 1].copy()
 KNOWN = {"permuted:map ☃.txt(file:x.npy)": Y, "file:x.npy": X}
 
@@ -120,7 +122,7 @@ def assert_same(value, expected, where="document"):
     if isinstance(expected, np.ndarray):
         assert_array_equal(value, expected, err_msg=where, strict=True)
     elif isinstance(expected, TriangleMesh):
-        for name in ("vertices", "faces", "vertex_ids", "file_vertex_count", "edges", "face_edges"):
+        for name in ("vertices", "faces", "vertex_ids", "copies", "file_vertex_count", "edges"):
             assert_same(getattr(value, name), getattr(expected, name), f"{where}.{name}")
     elif isinstance(expected, Document | Match | PathStep | Run | Surface):
         for name in (one.name for one in fields(expected) if one.name != "identity"):
@@ -141,6 +143,7 @@ def assert_same(value, expected, where="document"):
         DOCUMENT,
         Document((Surface(WHOLE, "nothing yet"),)),
         Document((Surface(WHOLE, "no channels"),), view=View(look=None)),
+        Document((Surface(MERGED, "merged"),)),
         replace(DOCUMENT, result=replace(RESULT, problem=PLAIN), runs=()),
         replace(DOCUMENT, result=replace(RESULT, verified_residual=math.nan, folded=math.nan)),
         replace(DOCUMENT, result=replace(RESULT, verdict=CANCELLED)),

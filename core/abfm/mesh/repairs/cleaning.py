@@ -89,7 +89,7 @@ def _drop_repeated(draft: Draft) -> None:
     joins[label[at[others[at] == 1]]] = True
     patch = label[edges[:, 0]]
     wall = repeats & ends[patch] & ~joins[patch]
-    _drop(draft, again | wall, "that repeat another one", like)
+    _drop(draft, again | wall, "repeating another one", like)
 
 
 def _remove_flat(draft: Draft) -> None:

@@ -37,16 +37,18 @@ def with_remedies(
             except MeshError as error:
                 is_other = not isinstance(error, DefectError) or error.problem != defect.problem
                 last = f"; with {each.words}, {error}" if is_other else ""
+        if group[0].hemisphere != options.hemisphere:
+            works *= len(works) == len(group)
+        elif works:
+            works = [max(works, key=lambda pair: len(pair[1].faces))]
         if works:
-            if group[0].hemisphere == options.hemisphere:
-                works = [max(works, key=lambda pair: len(pair[1].faces))]
             return _advised(defect.problem, works)
     return MeshError(f"{defect.problem}{last}" if last else str(defect))
 
 
 def _candidates(options: MeshOptions, can_merge: bool) -> Iterator[list[MeshOptions]]:
     """Yield options, those of a group together: of the first group that works the one that keeps
-    most faces is advised, or both hemispheres.
+    most faces is advised, or both hemispheres if both work.
 
     Merging comes first, as it also joins the sides of seams that leave a surface connected.
     """
@@ -56,7 +58,7 @@ def _candidates(options: MeshOptions, can_merge: bool) -> Iterator[list[MeshOpti
     if not (options.hemisphere or options.largest_component):
         for each in [*merges, *cleans]:
             yield [replace(each, hemisphere=side) for side in HEMISPHERES]
-    for group in (merges, cleans):
+    for group in filter(None, (merges, cleans)):
         yield [replace(each, largest_component=True) for each in group]
 
 
