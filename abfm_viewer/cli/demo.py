@@ -10,7 +10,7 @@ from abfm.assets import asset_path
 from abfm.errors import printable
 from abfm.functions import function
 from abfm_viewer import pictures
-from abfm_viewer.cli.match import solve
+from abfm_viewer.cli.match import Outputs, solve
 from abfm_viewer.cli.options import adder
 from abfm_viewer.errors import DrawingError
 from abfm_viewer.files import outputs
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check(path, [path.suffix])
     mesh = load_mesh(asset_path("human_A.off"))
     problem = Problem(mesh, function(mesh, SOURCE), function(mesh, TARGET), Parameters())
-    outcome = solve(problem, [result], quiet=arguments.quiet)
+    outcome = solve(problem, Outputs([result]), quiet=arguments.quiet)
     drawn = outcome.signal is None and _draw(outcome.match, *drawings)
     if arguments.json:
         picture, movie = (str(path) if drawn else None for path in drawings)

@@ -216,7 +216,7 @@ def _compute(figure: _Figure, arguments: argparse.Namespace) -> Entry:
             figure.tell = report
             findings = figure.findings()
             report("drawing", 1.0)
-            up = arguments.up or ("y" if on_mesh else findings.sheet.up)
+            up = arguments.up or (None if on_mesh else findings.sheet.up)
             sheet = replace(findings.sheet, up=up)
             notes, picture, problem = pictures.captions(sheet), None, ""
             try:

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -71,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--out", what, "FILE", type=Path, action="append", required=True)
     add("--path", "table of the path, a step a line", "FILE.csv", type=Path)
+    options.add_up(add)
     options.add_max_distortion(add)
     add("--json", "print one JSON object about the result")
     add("--quiet", "no progress")
@@ -101,8 +102,8 @@ def run(arguments: argparse.Namespace) -> int:
             weights=weights,
             start=_start(mesh, arguments.start, parameters),
         )
-    outs = (arguments.out, arguments.path)
-    outcome = solve(problem, *outs, arguments.quiet, arguments.max_distortion)
+    out = Outputs(arguments.out, arguments.path, arguments.up)
+    outcome = solve(problem, out, arguments.quiet, arguments.max_distortion)
     if arguments.json:
         print(json.dumps({"mesh": arguments.mesh, **outcome.to_dict()}))
     else:
@@ -198,10 +199,17 @@ class FinishedMatch:
         return {**results.facts(self.match), **own}
 
 
+class Outputs(NamedTuple):
+    """Files of a result, the table of its path, and the axis that points upwards on pages."""
+
+    files: Sequence[Path]
+    path: Path | None = None
+    up: str | None = None
+
+
 def solve(
     problem: Problem,
-    outs: Sequence[Path],
-    path: Path | None = None,
+    out: Outputs,
     quiet: bool = False,
     max_distortion: float | None = None,
 ) -> FinishedMatch:
@@ -219,8 +227,8 @@ def solve(
             with nullcontext() if quiet else telling(print_long):
                 match = bounded(match, max_distortion, control=control)
         seconds = time.perf_counter() - start
-        results.print_notes(outputs.write_all(outs, match))
-        if path is not None:
-            outputs.write_path(path, match)
-    written = [*outs, path] if path is not None else outs
+        results.print_notes(outputs.write_all(out.files, match, out.up))
+        if out.path is not None:
+            outputs.write_path(out.path, match)
+    written = [*out.files, *([] if out.path is None else [out.path])]
     return FinishedMatch(match, seconds, written, kept.number)

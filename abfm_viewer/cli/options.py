@@ -106,6 +106,12 @@ def channels(
     return [source for source, *_ in found], [target for _, target, _ in found], weights
 
 
+def add_up(add: Callable[..., None]) -> None:
+    """Declare the axis that points upwards on pictures and pages."""
+    about = "axis that points upwards on pictures and pages (default: z, seen from the side, for a"
+    add("--up", f"{about} cortex of known hemisphere; otherwise y)", choices=("x", "y", "z"))
+
+
 def add_max_distortion(add: Callable[..., None]) -> None:
     add(
         "--max-distortion",

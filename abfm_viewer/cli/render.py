@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import abfm
-from abfm import ParameterError, ResultError
+from abfm import ParameterError, ResultError, pages
 from abfm.errors import printable
 from abfm.pages.front import best_front
 from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
-from abfm_viewer.cli.options import adder, angle, positive, size, warn_of_doubt
+from abfm_viewer.cli.options import add_up, adder, angle, positive, size, warn_of_doubt
 from abfm_viewer.cli.progress import frame_progress
 from abfm_viewer.computing.defaults import front_of_film
 from abfm_viewer.document.document import Document
@@ -75,8 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--style", "of a picture (default: by the input)", choices=("sheet", "window"))
     add("--channel", "which pair of functions (default: 0, or the active)", "C", type=int)
-    axes = ("x", "y", "z")
-    add("--up", "axis that points upwards (default: y, or as it is)", choices=axes)
+    add_up(add)
     add = adder(parser.add_argument_group("pictures and movies of the window's style"))
     add("--transparent", "a picture without a ground")
     add("--no-color-bar", "leave the colour bars out")
@@ -134,7 +133,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     else:
         picture = pictures.match_picture(
-            document.result, arguments.time, arguments.size, document.channel, arguments.up or "y"
+            document.result, arguments.time, arguments.size, document.channel, arguments.up
         )
     outputs.write_picture(out, picture)
     print(f"wrote {printable(out)} ({picture.width} x {picture.height})")
@@ -151,13 +150,14 @@ def _of_sequence(arguments: argparse.Namespace) -> None:
         _refuse_others(arguments, _OF_FILMS, "pictures of matches", "one of a sequence")
     film = abfm.load_sequence(arguments.input)
     if is_page:
-        outputs.write_sequence(out, film, arguments.up or "y", unit_of(film.times))
+        labels = pages.Labels(unit_of_time=unit_of(film.times), up=arguments.up)
+        outputs.write_sequence(out, film, labels)
     else:
         count = film.frames.shape[2]
         if not 0 <= (channel := arguments.channel or 0) < count:
             raise ParameterError(f"--channel {channel}: there are channels 0 to {count - 1}")
         picture = pictures.sequence_picture(
-            film, arguments.time, arguments.size, channel, arguments.up or "y"
+            film, arguments.time, arguments.size, channel, arguments.up
         )
         outputs.write_picture(out, picture)
     print(f"wrote {printable(out)}")
@@ -178,16 +178,17 @@ def _write_page(arguments: argparse.Namespace) -> None:
     match, initial = document.result, document.initial_map
     if document.sequence is not None:
         unit = "" if document.film is None else document.film.unit
-        outputs.write_sequence(out, document.sequence, arguments.up or "y", unit)
+        labels = pages.Labels(unit_of_time=unit, up=arguments.up)
+        outputs.write_sequence(out, document.sequence, labels)
         print(f"wrote {printable(out)}")
         return
     if match is None:
         raise ParameterError(f"{arguments.input} holds no result to make a page of")
     warn_of_doubt(arguments.input, match)
     if document.is_pair and initial is not None:
-        outputs.write_registration(out, initial.registration(match), arguments.up or "y")
+        outputs.write_registration(out, initial.registration(match), arguments.up)
     else:
-        outputs.write(out, match, arguments.up or "y")
+        outputs.write(out, match, arguments.up)
     print(f"wrote {printable(out)}")
 
 

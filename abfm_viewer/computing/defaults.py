@@ -25,7 +25,7 @@ _FEW = 3000  # vertices to average over
 _TILT = np.array([0.02, -0.01, 0.005])
 
 
-def front_of_film(film: Film, up: str = "y") -> Front:
+def front_of_film(film: Film, up: str | None = None) -> Front:
     """Look from where most of what changes in time is seen, where it was measured."""
     changes = changes_in_time(film.frames.values)
     if (unknown := film.frames.unknown) is not None:

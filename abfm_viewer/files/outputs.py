@@ -106,13 +106,13 @@ def write_sequences(
     found: abfm.Sequence,
     tracks: Path | None = None,
     intervals: Path | None = None,
-    unit: str = "",
+    labels: pages.Labels | None = None,
 ) -> list[str]:
-    """Write a sequence to several files, and its tables, as `write_all` does. ``unit`` is that of
-    time.
+    """Write a sequence to several files, and its tables, as `write_all` does, with the labels of
+    pages.
     """
     writers: dict[Path, Callable[[], str | None]] = {
-        path: partial(write_sequence, path, found, unit=unit) for path in paths
+        path: partial(write_sequence, path, found, labels) for path in paths
     }
     if tracks is not None:
         writers[tracks] = partial(abfm.sequences.export_tracks, tracks, found)
@@ -121,10 +121,8 @@ def write_sequences(
     return _write_each([*writers], lambda path: writers[path](), found)
 
 
-def write_sequence(path: Path, found: abfm.Sequence, up: str = "y", unit: str = "") -> str:
-    """Write by the suffix, as `write` does; of a page are ``up``, the axis that points upwards, and
-    the unit.
-    """
+def write_sequence(path: Path, found: abfm.Sequence, labels: pages.Labels | None = None) -> str:
+    """Write by the suffix, as `write` does, with the labels of a page."""
     if path.suffix == ".npz":
         return results.save_what_can_be(path, found)
     if path.suffix == ".pvd":
@@ -132,19 +130,20 @@ def write_sequence(path: Path, found: abfm.Sequence, up: str = "y", unit: str = 
     elif path.suffix == ".stc":
         return abfm.sequences.export_stc(path, found)
     elif path.suffix == ".html":
-        labels = pages.Labels(unit_of_time=unit, up=up)
-        pages.sequence_page(found, printable(path.stem), labels).write(path)
+        pages.sequence_page(found, printable(path.stem), labels or pages.Labels()).write(path)
     else:
         abfm.sequences.export_speed(path, found)
     return ""
 
 
-def write_registrations(paths: Sequence[Path], found: abfm.Registration) -> list[str]:
+def write_registrations(
+    paths: Sequence[Path], found: abfm.Registration, up: str | None = None
+) -> list[str]:
     """Write a registration to several files, as `write_all` does."""
-    return _write_each(paths, partial(write_registration, found=found), found)
+    return _write_each(paths, partial(write_registration, found=found, up=up), found)
 
 
-def write_registration(path: Path, found: abfm.Registration, up: str = "y") -> str:
+def write_registration(path: Path, found: abfm.Registration, up: str | None = None) -> str:
     """Write by the suffix, as `write` does; ``up`` is B's axis that points upwards on a page."""
     if path.suffix == ".npz":
         return results.save_what_can_be(path, found)
@@ -160,7 +159,8 @@ def write_registration(path: Path, found: abfm.Registration, up: str = "y") -> s
                 "that rows would not be those of the file; write a .npz, or give A without them"
             )
         try:
-            placed = abfm.TriangleMesh(found.back.positions, found.a.faces)
+            positions, structure = found.back.positions, found.a.structure
+            placed = abfm.TriangleMesh(positions, found.a.faces, structure=structure)
         except AbfmError as error:
             raise ResultError(f"cannot write {path}: where A lies on B {one_line(error)}") from None
         abfm.io.write_surface(path, placed)
@@ -184,7 +184,7 @@ def make_folder(path: Path) -> None:
         ) from None
 
 
-def write(path: Path, match: abfm.Match, up: str = "y") -> str:
+def write(path: Path, match: abfm.Match, up: str | None = None) -> str:
     """Write by the suffix; ``up`` is the axis that points upwards on a page. Return what a result
     file is without and why, in a line, if some of it cannot be written.
     """
@@ -211,13 +211,13 @@ def write_path(path: Path, match: abfm.Match) -> None:
         temporary.write_text("".join(f"{line}\n" for line in lines))
 
 
-def write_all(paths: Sequence[Path], match: abfm.Match) -> list[str]:
+def write_all(paths: Sequence[Path], match: abfm.Match, up: str | None = None) -> list[str]:
     """Write a match to several files; return what a result file is without, a line each.
 
     If a file cannot be written the result is kept elsewhere, unless a result file holds it, and a
     ResultError reports that.
     """
-    return _write_each(paths, partial(write, match=match), match)
+    return _write_each(paths, partial(write, match=match, up=up), match)
 
 
 def _write_each(

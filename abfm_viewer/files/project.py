@@ -60,7 +60,9 @@ if TYPE_CHECKING:
 
 _FORMAT = 5
 _LARGEST_HEADER = 2 << 20  # bytes of `project.json`
-_MESH = {name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces", "copies")}
+_MESH = {
+    name: MESH_ENTRIES[name] for name in ("vertex_ids", "vertices", "faces", "copies", "structure")
+}
 _RUN = {
     "stages": Entry("integer", ("n",), may_be_empty=True, low=0),
     "energies": Entry("real", ("n", 3), may_be_empty=True),

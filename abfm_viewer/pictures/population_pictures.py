@@ -43,7 +43,7 @@ class PopulationPictures:
 def population_pictures(
     found: Population,
     width: int,
-    up: Up = "y",
+    up: Up | None = None,
     report: Callable[[str, float], None] = lambda text, share: None,
 ) -> PopulationPictures:
     """Draw a population, in pictures of a width in pixels.

@@ -87,7 +87,7 @@ def registration_pictures(
     found: Correspondence,
     distortion: Distortion,
     width: int,
-    up: Up = "y",
+    up: Up | None = None,
     report: Callable[[str, float], None] = lambda text, share: None,
 ) -> RegistrationPictures:
     """Draw a registration, or a map without functions, in pictures of a width in pixels.
@@ -222,7 +222,9 @@ def _plot_size(width: int) -> tuple[int, int]:
     return 2 * width, round(1.1 * width)
 
 
-def _views(found: Correspondence, up: Up) -> tuple[tuple[dict[TriangleMesh, Camera], ...], float]:
+def _views(
+    found: Correspondence, up: Up | None
+) -> tuple[tuple[dict[TriangleMesh, Camera], ...], float]:
     """Return cameras of both surfaces on two opposite sides, and the aspect of all pictures."""
     of_a, of_b = fronts(found, up)
     return both_sides({found.a: of_a, found.b: of_b})

@@ -13,7 +13,7 @@ from PIL import Image
 from abfm import ResultError, TriangleMesh
 from abfm.errors import one_line
 from abfm.io.results import MEND, SEQUENCE, load_arrays, mesh_of
-from abfm.io.sheets import Panel, Sheet, Values
+from abfm.io.sheets import Panel, Sheet, Up, Values
 from abfm.pages.colormaps import color_range
 from abfm.pages.front import best_front
 from abfm.sequences import is_sequence
@@ -35,7 +35,9 @@ class _Shown(NamedTuple):
     labels: tuple[str, str, str]
 
 
-def row_pictures(paths: Sequence[Path]) -> Iterator[tuple[Path, Image.Image | ResultError]]:
+def row_pictures(
+    paths: Sequence[Path], up: Up | None = None
+) -> Iterator[tuple[Path, Image.Image | ResultError]]:
     """Yield the picture of each result, of a match or of a registration's match on B, on white, or
     why there is none; all on a mesh are seen from where much of their functions is. A
     `DrawingError` says why the machine cannot draw.
@@ -51,7 +53,7 @@ def row_pictures(paths: Sequence[Path]) -> Iterator[tuple[Path, Image.Image | Re
                 yield path, error
         for mesh in {one.mesh: None for one in read if one.mesh not in cameras}:
             functions = [f for one in read if one.mesh is mesh for f in one.functions[::2]]
-            front, aspect = best_front(mesh, *functions), SIZE[0] / SIZE[1]
+            front, aspect = best_front(mesh, *functions, up=up), SIZE[0] / SIZE[1]
             cameras[mesh] = fitted(mesh.vertices, front, aspect, _FIELD_OF_VIEW, _MARGIN)
         if read:
             bars = [f"function {number}" for number in range(len(read))]

@@ -3,14 +3,13 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 import abfm
 from abfm import Match, TriangleMesh
-from abfm.io.sheets import Frame, Panel, Plot, Sheet, Values
+from abfm.io.sheets import Frame, Panel, Plot, Sheet, Up, Values
 from abfm.types import FloatArray
 from abfm_viewer import pictures
 from abfm_viewer.appearance.abbreviation import cut
@@ -120,7 +119,7 @@ def match_picture(
     times: Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     channel: int = 0,
-    up: Literal["x", "y", "z"] = "y",
+    up: Up | None = None,
 ) -> Image.Image:
     """Source (blue frame), the source on its way, at tau (black frame), and target (red frame).
 
@@ -158,7 +157,7 @@ def sequence_picture(
     times: Sequence[float] | None = None,
     size: tuple[int, int] | None = None,
     channel: int = 0,
-    up: Literal["x", "y", "z"] = "y",
+    up: Up | None = None,
 ) -> Image.Image:
     """Draw the function at some times, by default evenly spread over all, with arrows of the field
     then, which fade where frames do not determine it. Other parameters are those of

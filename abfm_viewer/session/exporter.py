@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import abfm
-from abfm import AbfmError
+from abfm import AbfmError, pages
 from abfm.io import temporary_folder, write_atomically
 from abfm.numerics.factoring_apart import factoring_apart
 from abfm.reading import NO_LABEL
@@ -150,14 +150,14 @@ class Exporter:
     ) -> None:
         def write() -> str:
             outputs.check_sequence(path)
-            note = outputs.write_sequence(path, found, unit=unit)
+            note = outputs.write_sequence(path, found, pages.Labels(unit_of_time=unit))
             if path.suffix == RESULT:
                 kept()
             return note
 
         self._start(path, SEQUENCES, write)
 
-    def save_table(self, path: Path, write: Callable[[Path], None]) -> None:
+    def save_table(self, path: Path, write: Callable[[Path], str | None]) -> None:
         self._start(path, TABLES, partial(write, path))
 
     def save_labels(
@@ -168,7 +168,7 @@ class Exporter:
             if isinstance(way, abfm.Match):
                 way = abfm.Correspondence(way.point_map())
             carried = way.b.on_file(way.carry_labels(labels.values, "area"), NO_LABEL)
-            abfm.io.write_labels(path, labels.labels(carried))
+            abfm.io.write_labels(path, labels.labels(carried), way.b.structure)
 
         self._start(path, LABELS, write)
 

@@ -20,7 +20,7 @@ from abfm_viewer import signals
 from abfm_viewer.cli import options
 from abfm_viewer.cli.batches.best import Best, best_of
 from abfm_viewer.cli.batches.rows import SummaryRow, counts, summary_row
-from abfm_viewer.cli.batches.summary import write_summary
+from abfm_viewer.cli.batches.summary import Drawing, write_summary
 from abfm_viewer.cli.exit_status import FAILED, UNMATCHED, UsageError
 from abfm_viewer.cli.match import cancelled_by_signals
 from abfm_viewer.cli.progress import row_progress
@@ -49,6 +49,7 @@ def add_cluster(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser.add_argument_group("output"))
     about = "folder for results: made if it is not there"
     add("--out", about, "DIR", type=options.folder)
+    options.add_up(add)
     add("--no-pictures", "a summary without pictures, which take a tenth of a second each")
     add("--json", "print one JSON object about all rows")
     add("--quiet", "no progress")
@@ -144,9 +145,10 @@ def report_all(
     def drawn(number: int, count: int) -> None:
         report(f"picture {number} of {count}")
 
+    drawing = Drawing(drawn, arguments.up) if draws else None
     try:
         with row_progress(0, arguments.quiet or not draws, "drawing") as report:
-            written, why = write_summary(folder, title, rows, draws, drawn)
+            written, why = write_summary(folder, title, rows, drawing)
     except ResultError as error:
         if seconds is not None:
             raise

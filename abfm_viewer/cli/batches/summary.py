@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from abfm import AbfmError
 from abfm.errors import one_line
 from abfm.io import write_atomically, write_csv
+from abfm.io.sheets import Up
 from abfm_viewer import pictures
 from abfm_viewer.cli.batches.page import page
 from abfm_viewer.cli.batches.rows import SummaryRow, worst
@@ -17,12 +19,18 @@ _PICTURES = "pictures"
 _COLORS = 64  # of small pictures
 
 
+class Drawing(NamedTuple):
+    """What is called with the number of each picture, and the axis that points upwards."""
+
+    report: Callable[[int, int], object] = lambda done, count: None
+    up: Up | None = None
+
+
 def write_summary(
     folder: Path,
     title: str,
     rows: Sequence[SummaryRow],
-    draws: bool = True,
-    report: Callable[[int, int], object] = lambda done, count: None,
+    drawing: Drawing | None = None,
 ) -> tuple[list[Path], str]:
     """Write ``summary.csv``, in the order of the rows, and ``summary.html``, the worst first;
     return them, and why there are no pictures, if there are none.
@@ -34,11 +42,12 @@ def write_summary(
     with write_atomically(table) as temporary:
         _write_table(temporary, rows)
     shown = [row for row in worst(rows) if row.is_known]
-    why = _draw(folder, shown, report) if draws else ""
+    up = drawing.up if drawing else None
+    why = _draw(folder, shown, drawing) if drawing else ""
     small = {
         row.entry.digest: path.read_bytes()
         for row in shown
-        if (path := _picture(folder, row.entry.digest)).is_file()
+        if (path := _picture(folder, row.entry.digest, up)).is_file()
     }
     text = page(title, rows, small, why)
     with write_atomically(shown_page) as temporary:
@@ -69,22 +78,28 @@ def _cells(row: SummaryRow, own: Sequence[str], columns: Sequence[str]) -> list[
     ]
 
 
-def _picture(folder: Path, digest: str) -> Path:
-    return folder / _PICTURES / f"{digest}.png"
+def _picture(folder: Path, digest: str, up: Up | None) -> Path:
+    return folder / _PICTURES / f"{digest}{f'-{up}' if up else ''}.png"
 
 
-def _draw(folder: Path, rows: Sequence[SummaryRow], report: Callable[[int, int], object]) -> str:
+def _draw(
+    folder: Path,
+    rows: Sequence[SummaryRow],
+    drawing: Drawing,
+) -> str:
     """Draw the pictures that are missing; return why not, if the machine cannot."""
     paths = {row.entry.path: row.entry.digest for row in rows if row.entry.path}
-    left = [path for path, digest in paths.items() if not _picture(folder, digest).is_file()]
+    left = [
+        path for path, digest in paths.items() if not _picture(folder, digest, drawing.up).is_file()
+    ]
     if not left:
         return ""
     try:
         (folder / _PICTURES).mkdir(exist_ok=True)
-        for number, (path, drawn) in enumerate(pictures.row_pictures(left), 1):
-            report(number, len(left))
+        for number, (path, drawn) in enumerate(pictures.row_pictures(left, drawing.up), 1):
+            drawing.report(number, len(left))
             if not isinstance(drawn, AbfmError):
-                with write_atomically(_picture(folder, paths[path])) as temporary:
+                with write_atomically(_picture(folder, paths[path], drawing.up)) as temporary:
                     drawn.quantize(_COLORS).save(temporary, "PNG", optimize=True)
     except (AbfmError, OSError) as error:
         return one_line(error, 300)

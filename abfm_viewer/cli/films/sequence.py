@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 import abfm
-from abfm import Control, Sequence
+from abfm import Control, Sequence, pages
 from abfm.errors import printable
 from abfm.sequences import ENDINGS, GAMMA, TAKEN, Unfinished, defaults, read_frames
 from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, files_of_film
@@ -103,6 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         required=True,
     )
+    options.add_up(add)
     add("--tracks", "table of critical points through time", "FILE.csv", type=Path)
     add(
         "--intervals",
@@ -158,7 +159,7 @@ def run(arguments: argparse.Namespace) -> int:
                 found,
                 arguments.tracks,
                 arguments.intervals,
-                "s" if unit == "second" else "",
+                pages.Labels(unit_of_time="s" if unit == "second" else "", up=arguments.up),
             )
         print_notes(notes)
         if kept.number is None:

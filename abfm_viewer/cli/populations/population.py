@@ -94,12 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = options.adder(parser.add_argument_group("output"))
     about = "folder for results: made if it is not there"
     add("--out", about, "DIR", type=options.folder, required=True)
-    add(
-        "--up",
-        "axis of the template that points upwards (default: y)",
-        choices=("x", "y", "z"),
-        default="y",
-    )
+    options.add_up(add)
     add("--no-pictures", "a page without pictures")
     add("--json", "print one JSON object about the population")
     add("--quiet", "no progress")
@@ -228,7 +223,8 @@ def _write(
         written.append(folder / "mean.shape.gii")
         whole = found.template.on_file(np.stack(list(on_vertices.values()), axis=1))
         try:
-            abfm.io.write_values(written[-1], whole, names=list(on_vertices))
+            structure = found.template.structure
+            abfm.io.write_values(written[-1], whole, structure, list(on_vertices))
         except AbfmError as error:
             print(f"note: no {written.pop().name}: {error}", file=sys.stderr)
     drawn = None

@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("input", "what `abfm register` wrote, or `abfm match`", "REG.npz")
     add("--out", "the page (.html)", "FILE", type=Path, required=True)
     add("--title", "its title (default: the input's name)", "TEXT")
-    add("--up", "axis of B that points upwards (default: y)", choices=("x", "y", "z"), default="y")
+    options.add_up(add)
     what = f"of each picture in pixels (default: {_WIDTH})"
     add("--width", what, "N", type=_width, default=_WIDTH)
     add("--json", "print the page's numbers as one JSON object")

@@ -105,11 +105,11 @@ def run(arguments: argparse.Namespace) -> int:
         data = partial(read_values, arguments.data, hemisphere=side)
         columns = _read_on(way, data)
         carried = way.b.on_file(way.carry(columns.table(), by))
-        write_values(out, carried, names=columns.names)
+        write_values(out, carried, way.b.structure, columns.names)
     elif arguments.labels:
         labels = _labels(way, arguments.labels, arguments.column, side)
         carried = way.b.on_file(way.carry_labels(labels.values, by), NO_LABEL)
-        write_labels(out, Labels(carried, labels.names, labels.colors))
+        write_labels(out, Labels(carried, labels.names, labels.colors), way.b.structure)
     elif arguments.points:
         write_values(out, _points(way, arguments.points), names=("x", "y", "z"))
     else:

@@ -91,6 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         required=True,
     )
+    options.add_up(add)
     options.add_max_distortion(add)
     add("--json", "print one JSON object about the result")
     add("--quiet", "no progress")
@@ -141,7 +142,7 @@ def run(arguments: argparse.Namespace) -> int:
             if arguments.max_distortion is not None:
                 found = within(found, arguments.max_distortion, control)
         results.print_notes(found.notes[len(prepared.notes) :])
-        results.print_notes(outputs.write_registrations(arguments.out, found))
+        results.print_notes(outputs.write_registrations(arguments.out, found, arguments.up))
     seconds = time.perf_counter() - start
     outcome = FinishedRegistration(found, seconds, arguments.out, kept.number)
     if arguments.json:

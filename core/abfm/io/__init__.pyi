@@ -4,7 +4,6 @@ from .atomic import temporary_folder as temporary_folder
 from .atomic import write_atomically as write_atomically
 from .bids_names import BidsName as BidsName
 from .bids_names import bids_name as bids_name
-from .bids_names import hemisphere as hemisphere
 from .bids_names import parse_bids_name as parse_bids_name
 from .brain_files import check_surface_name as check_surface_name
 from .brain_files import check_values_name as check_values_name

@@ -9,6 +9,7 @@ import re
 from typing import NamedTuple
 
 from abfm.errors import ParameterError, brief, did_you_mean
+from abfm.reading import hemisphere
 
 ENTITIES = (
     *("sub", "tpl", "ses", "cohort", "sample", "task", "tracksys", "acq", "nuc", "voi", "ce"),
@@ -22,8 +23,6 @@ _ENTITY = re.compile(rf"([A-Za-z]+)-({_VALUE.pattern})")
 _WORD, _EXTENSION = re.compile(r"[0-9A-Za-z]+"), re.compile(r"(\.[0-9A-Za-z]+)+")
 _FREESURFER = re.compile(r"[lr]h\.([0-9A-Za-z]+)")
 _EXTENSIONS = (".surf.gii", ".shape.gii", ".func.gii", ".label.gii")  # of names that are no BIDS
-_SIDES = {"lh": "L", "L": "L", "rh": "R", "R": "R"}
-_WORDS = {"left": "L", "right": "R"}  # in capitals or not
 
 
 class BidsName(NamedTuple):
@@ -102,19 +101,6 @@ def bids_name(
     end = _part("extension", extension or known.extension, _EXTENSION, ".surf.gii")
     keys = sorted(found, key=_place)
     return "_".join([*(f"{key}-{found[key]}" for key in keys), word]) + end
-
-
-def hemisphere(path: str | os.PathLike[str]) -> str | None:
-    """Return "L" or "R" where a file's name says the hemisphere, or None.
-
-    It does so by ``hemi-L``, by ``lh``, ``L`` or ``left`` between dots and underscores, and the
-    like; a name that says both says none.
-    """
-    name = os.path.basename(path)
-    words = re.split(r"[._]", name)
-    given = [word.removeprefix("hemi-") for word in words if word.startswith("hemi-")]
-    sides = {_SIDES.get(word) or _WORDS.get(word.lower()) for word in given or words} - {None}
-    return sides.pop() if len(sides) == 1 else None
 
 
 def _other_name(source: str | os.PathLike[str]) -> BidsName:

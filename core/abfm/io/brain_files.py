@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import ResultError, brief, one_line
 from abfm.io.atomic import write_atomically
-from abfm.io.bids_names import hemisphere
 from abfm.io.cifti_files import (
     CIFTI_LABELS,
     CIFTI_VALUES,
@@ -29,11 +28,17 @@ from abfm.io.exports import export_ply
 from abfm.io.tables import write_csv
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
-from abfm.reading import FREESURFER_SURFACES, FREESURFER_VALUES, LABEL, Labels
+from abfm.reading import (
+    FREESURFER_SURFACES,
+    FREESURFER_VALUES,
+    LABEL,
+    STRUCTURES,
+    Labels,
+    hemisphere,
+)
 from abfm.types import FloatArray, IntArray
 
 _PRIMARY = "AnatomicalStructurePrimary"
-_STRUCTURES = {"L": "CortexLeft", "R": "CortexRight"}
 _INTENTS = {".shape.gii": "NIFTI_INTENT_SHAPE", ".func.gii": "NIFTI_INTENT_NONE"}
 _TEXTS = {".csv": ",", ".txt": " "}
 # longer ones first, so that what is neither .surf.gii nor the like is plain GIFTI
@@ -65,8 +70,8 @@ def write_surface(
         The ending of its name says the format.
     mesh : TriangleMesh
     structure : str, optional
-        What it is a surface of, as Connectome Workbench calls it; without it, ``CortexLeft`` or
-        ``CortexRight`` where the file's name says the hemisphere (see `hemisphere`).
+        What it is a surface of, as Connectome Workbench calls it; by default that of the mesh, or
+        else ``CortexLeft`` or ``CortexRight`` by the file's name (see `abfm.reading.hemisphere`).
 
     Raises
     ------
@@ -84,7 +89,7 @@ def write_surface(
         with write_atomically(path) as temporary:
             write(temporary, vertices, mesh.faces, create_stamp=_STAMP)
         return
-    meta = _structure(path, structure)
+    meta = _structure(path, structure or mesh.structure)
     _write_gifti(
         path,
         [
@@ -234,7 +239,7 @@ def _single(values: FloatArray, name: str) -> NDArray[np.float32]:
 
 
 def _structure(path: str | os.PathLike[str], given: str | None) -> dict[str, str]:
-    structure = given or _STRUCTURES.get(hemisphere(path) or "")
+    structure = given or STRUCTURES.get(hemisphere(path) or "")
     if not structure:
         return {}
     return {_PRIMARY: _printable(structure, "structure")}

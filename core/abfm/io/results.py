@@ -101,6 +101,7 @@ MESH_ENTRIES = {
     "file_vertex_count": Entry("integer", (), low=1),
     # vertices of the file that were merged, and what they became
     "copies": Entry("integer", ("copied", 2), required=False, may_be_empty=True, low=0),
+    "structure": Entry("text", (), required=False),
 }
 _FUNCTION = Entry("real", ("V", "C"), low=-LARGEST, high=LARGEST)
 _FUNCTIONS = {"source": _FUNCTION, "target": _FUNCTION}
@@ -165,6 +166,7 @@ _OTHER_MESH = {  # surface A of two; B has the names of the only one
     "a_vertex_ids": Entry("integer", ("VA",)),
     "a_file_vertex_count": Entry("integer", (), low=1),
     "a_copies": Entry("integer", ("a_copied", 2), required=False, low=0),
+    "a_structure": Entry("text", (), required=False),
 }
 _CORRESPONDENCE = {
     # the directions of the vertices, where both surfaces are laid out on one sphere
@@ -407,6 +409,8 @@ def mesh_arrays(mesh: TriangleMesh) -> dict[str, Any]:
     arrays = {name: getattr(mesh, name) for name in MESH_ENTRIES}
     if not len(mesh.copies):
         del arrays["copies"]
+    if mesh.structure is None:
+        del arrays["structure"]
     return arrays
 
 
@@ -417,14 +421,21 @@ def mesh_of(arrays: Arrays, prefix: str = "") -> TriangleMesh:
     count = int(total)
     if count - len(ids) > _MOST_DROPPED:
         raise ValueError(f"the mesh file had {count} vertices, and {len(ids)} are used")
-    mesh = TriangleMesh(vertices, faces, numbers=FileNumbers(ids, count, copies))
+    structure = arrays.get(f"{prefix}structure")
+    mesh = TriangleMesh(
+        vertices,
+        faces,
+        numbers=FileNumbers(ids, count, copies),
+        structure=None if structure is None else str(structure),
+    )
     if not (np.array_equal(mesh.vertex_ids, ids) and np.array_equal(mesh.faces, faces)):
         raise ValueError(f"the mesh needs repairs: {' '.join(mesh.messages)}")
     return mesh
 
 
 def _of_mesh(arrays: Arrays, prefix: str) -> list[NDArray[Any]]:
-    return [arrays.get(f"{prefix}{name}", NO_COPIES) for name in MESH_ENTRIES]
+    names = [name for name in MESH_ENTRIES if name != "structure"]
+    return [arrays.get(f"{prefix}{name}", NO_COPIES) for name in names]
 
 
 def _check_indices(arrays: Arrays, prefix: str = "") -> None:

@@ -87,7 +87,7 @@ class Sheet:
     """Rows of panels and plots."""
 
     rows: tuple[tuple[Panel | Plot, ...], ...]
-    up: Up = "y"
+    up: Up | None = None
     # functions (V,) on the first mesh for the camera to show; by default source and target panels'
     seen: tuple[FloatArray, ...] = ()
     one_view: bool = False  # all meshes from the direction of the first: poses of one body

@@ -21,7 +21,15 @@ from abfm.mesh.readers.off import read_off
 from abfm.mesh.readers.plain import read_obj, read_stl
 from abfm.mesh.readers.ply import read_ply
 from abfm.mesh.triangle_mesh import TriangleMesh
-from abfm.reading import ENDINGS, Format, Opened, open_file, vtk_contents
+from abfm.reading import (
+    ENDINGS,
+    STRUCTURES,
+    Format,
+    Opened,
+    named_side,
+    open_file,
+    vtk_contents,
+)
 from abfm.workers.progress import step
 
 Contents = TypeVar("Contents")
@@ -126,13 +134,17 @@ def as_mesh(given: MeshLike, name: str = "mesh", **options: Unpack[MeshKeywords]
     is_file = isinstance(given, str | os.PathLike)
     name = one_line(given, _NAME_LENGTH_MAX) if is_file else name
     try:
+        hemisphere = options.get("hemisphere")
         if is_file:
             vertices, faces, messages = read_contents(given, READERS, "mesh")
+            side = hemisphere or named_side(given)
         else:
-            vertices, faces, messages = _of_object(given, options.get("hemisphere"))
+            vertices, faces, messages = _of_object(given, hemisphere)
+            side = hemisphere
             if parts_of(given):
                 options["hemisphere"] = None
-        return TriangleMesh(vertices, faces, messages=messages, **options)
+        structure = STRUCTURES.get(side or "")
+        return TriangleMesh(vertices, faces, messages=messages, structure=structure, **options)
     except MemoryError as error:
         raise MeshError(
             f"{name}: the mesh does not fit into memory: close other programs, or coarsen it"

@@ -66,6 +66,9 @@ class TriangleMesh(Display):
     ----------
     vertices, faces : (V, 3) array of float, (F, 3) array of int
         Corners of triangles count vertices from 0. Copied.
+    structure : str, optional
+        What it is a surface of, as GIFTI's ``AnatomicalStructurePrimary`` has it, such as
+        ``CortexLeft``. It is written with outputs and compared with that of values.
     messages : iterable of str
         What was already done to the input, put before the messages of the checks.
     numbers : FileNumbers, optional
@@ -115,18 +118,21 @@ class TriangleMesh(Display):
     cache: dict[Any, Any]
     edge_slots: IntArray
     corner_fans: IntArray
+    structure: str | None
 
     def __init__(
         self,
         vertices: ArrayLike,
         faces: ArrayLike,
         *,
+        structure: str | None = None,
         messages: Iterable[str] = (),
         numbers: FileNumbers | tuple[IntArray, int] | None = None,
         **options: Unpack[MeshKeywords],
     ) -> None:
         draft = check(vertices, faces, MeshOptions(**options), numbers)
-        self.__setstate__(vars(draft) | {"messages": (*messages, *draft.messages), "cache": {}})
+        draft_state = vars(draft) | {"structure": structure}
+        self.__setstate__(draft_state | {"messages": (*messages, *draft.messages), "cache": {}})
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(

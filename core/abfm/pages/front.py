@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from abfm.mesh import TriangleMesh
+from abfm.reading import side_of
 from abfm.types import FloatArray
 
 Triple = tuple[float, float, float]
@@ -42,16 +43,22 @@ class Front:
 def best_front(
     mesh: TriangleMesh,
     *functions: FloatArray,
-    up: str = "y",
+    up: str | None = None,
     changes: FloatArray | None = None,
 ) -> Front:
-    """Look from where much surface is seen, and of every function (V,) its remarkable part.
+    """Look from where much surface is seen, and of every function (V,) its remarkable part; at a
+    cortex of known hemisphere as Connectome Workbench does, from the side with z upwards.
 
-    That is where it differs from its median; hiding behind another part is not considered, but of a
-    surface that is inside out the outside is looked at. Without functions rather from the side that
-    most meshes have in front, z where y is `up`: as much of a closed surface is seen from behind.
-    Of a film its `changes` (V,) are seen, 0 or more, see `changes_in_time`.
+    It is so unless another axis is `up`; other surfaces have y upwards by default. Remarkable is
+    where a function differs from its median; hiding behind another part is not considered, but of
+    a surface that is inside out the outside is looked at. Without functions rather from the side
+    that most meshes have in front, z where y is `up`: as much of a closed surface is seen from
+    behind. Of a film its `changes` (V,) are seen, 0 or more, see `changes_in_time`.
     """
+    side = side_of(mesh.structure)
+    if side and up in (None, "z"):
+        return Front((-1.0 if side == "L" else 1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    up = up or "y"
     axes = np.roll(np.eye(3), 1 - "xyz".index(up), axis=0)  # sideways, up, to the front
     azimuth, elevation = (grid.ravel() for grid in np.meshgrid(_AZIMUTHS, _ELEVATIONS))
     around = np.stack([np.sin(azimuth), np.zeros(len(azimuth)), np.cos(azimuth)], axis=1) @ axes

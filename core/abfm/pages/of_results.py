@@ -37,7 +37,7 @@ _OF_MAP = "log2_area", "folded"
 _ALWAYS = (-1e30, 1e30)
 
 
-def match_page(match: Match, title: str, up: str = "y", share: float = 1.0) -> Page:
+def match_page(match: Match, title: str, up: str | None = None, share: float = 1.0) -> Page:
     """Return the page of a match: its source, the source on its way, its target; ``up`` is the axis
     that points upwards, and ``share`` says how many values and lines there may be, up to 1.
     """
@@ -63,9 +63,9 @@ def match_page(match: Match, title: str, up: str = "y", share: float = 1.0) -> P
     return _page(match, title, about, [first, carried, *last])
 
 
-def registration_page(found: Registration, title: str, up: str = "y", share: float = 1.0) -> Page:
+def registration_page(found: Registration, title: str, up: str | None = None, share: float = 1.0) -> Page:
     """Return the page of a registration: A with its function, that on its way on B, and B's own;
-    ``up`` is the axis of B that points upwards.
+    ``up`` is the axis of both that points upwards.
     """
     match = found.match
     if found.a is found.b:

@@ -76,7 +76,7 @@ class Labels:
     names: Sequence[str] = ()
     unit: str = ""
     unit_of_time: str = ""
-    up: str = "y"
+    up: str | None = None
     share: float = 1.0
 
 

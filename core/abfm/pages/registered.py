@@ -14,14 +14,16 @@ MOST_CHANNELS = 4
 _HIDDEN = 0.2, 99.8  # percentiles of functions at the ends of the colours: noise has few extremes
 
 
-def fronts(found: Correspondence, up: str = "y") -> tuple[Front, Front]:
+def fronts(found: Correspondence, up: str | None = None) -> tuple[Front, Front]:
     """Return from where A and B are seen: B from its best side, and A from where most of what is
-    seen of B lies on it, turned as the map turns B.
+    seen of B lies on it, turned as the map turns B; a cortex from its own lateral side.
     """
     target = []
     if isinstance(found, Registration) and not found.match.problem.is_of_landmarks:
         target = [found.match.target[:, 0]]
     of_b = best_front(found.b, *target, up=up)
+    if found.a.structure and up in (None, "z"):
+        return best_front(found.a, up=up), of_b
     turn = _turn(found)
     of_a = Front(*(triple(turn @ np.array(one)) for one in (of_b.direction, of_b.up)))
     return of_a, of_b

@@ -26,6 +26,10 @@ from .gifti import NODE_INDEX as NODE_INDEX
 from .gifti import SURFACE as SURFACE
 from .gifti import gifti_arrays as gifti_arrays
 from .gifti import read_gifti as read_gifti
+from .hemispheres import STRUCTURES as STRUCTURES
+from .hemispheres import hemisphere as hemisphere
+from .hemispheres import named_side as named_side
+from .hemispheres import side_of as side_of
 from .labels import NO_LABEL as NO_LABEL
 from .labels import Color as Color
 from .labels import Labels as Labels

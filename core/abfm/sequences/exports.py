@@ -26,6 +26,7 @@ from abfm.io import (
 )
 from abfm.reading import read_collection
 from abfm.types import FloatArray
+from abfm.wording import counted
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
@@ -175,17 +176,19 @@ def export_speed(path: str | os.PathLike[str], sequence: Sequence) -> None:
     middle: GIFTI, .npy, .csv or .mgh, see `abfm.io.write_values`. It is NaN where no face is.
     """
     speed = sequence.mesh.on_file(vertex_speed(sequence).T)
-    write_values(path, speed, names=[f"{time:.9g}" for time in sequence.middles])
+    names = [f"{time:.9g}" for time in sequence.middles]
+    write_values(path, speed, sequence.mesh.structure, names)
 
 
-def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int = 3) -> None:
+def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int = 3) -> str:
     """Write a .csv of critical points, a line for each in each interval: its track, its kind, index
     and place there, the number of its face, and divergence and curl per unit of time.
 
-    ``least`` is as in `Sequence.tracks`; a ResultError says why it cannot be written.
+    ``least`` is as in `Sequence.tracks`; a note of how many shorter tracks are omitted is returned.
+    A ResultError says why it cannot be written.
     """
-    rows = []
-    for number, track in enumerate(sequence.tracks(least)):
+    rows, kept = [], sequence.tracks(least)
+    for number, track in enumerate(kept):
         places, faces = track.points.positions.tolist(), track.points.faces.tolist()
         for k, time in enumerate(track.times.tolist()):
             found = sequence.critical_points(int(np.searchsorted(sequence.middles, time)))
@@ -193,6 +196,11 @@ def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int =
             turns = float(found.divergence[at]), float(found.curl[at])
             rows.append([number, track.kinds[k], track.index, time, *places[k], faces[k], *turns])
     _write_table(path, _TRACKS, rows)
+    omitted = len(sequence.tracks(1)) - len(kept)
+    told = (
+        f"{Path(path).name} is without {counted(omitted, 'track')} of fewer than {least} intervals"
+    )
+    return told if omitted else ""
 
 
 def export_intervals(path: str | os.PathLike[str], sequence: Sequence) -> None:

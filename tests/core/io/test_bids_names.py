@@ -5,8 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from abfm.errors import ParameterError
-from abfm.io import bids_name, hemisphere, parse_bids_name
+from abfm.io import bids_name, parse_bids_name
 from abfm.io.bids_names import ENTITIES
+from abfm.reading import hemisphere
 from tests.messages import raises
 
 words = st.text("0123456789abcXYZ", min_size=1, max_size=8)

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
+import abfm
 from abfm.errors import ResultError
 from abfm.functions import Labels, function, read_column, read_labels, read_values
 from abfm.io import write_labels, write_surface, write_values
@@ -200,6 +201,33 @@ def test_annotations_keep_colours_that_tell_labels_apart(tmp_path):
     assert found.colors[1] == pytest.approx(blue)
     assert found.colors[2] == (0.0, 1 / 255, 1.0 * 0, 1.0)
     assert found.colors[3] == (1 / 255, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "structure"),
+    [
+        ("lh.white", "CortexLeft"),
+        ("sub-1_hemi-R_pial.surf.gii", "CortexRight"),
+        ("pial_left.surf.gii", "CortexLeft"),
+        ("rh_pial.ply", "CortexRight"),
+        ("hand_left.ply", None),
+    ],
+)
+def test_meshes_know_their_structure(tmp_path, name, structure):
+    """By the names of files of the field; results keep it, digests do not depend on it."""
+    sphere = icosphere(1)
+    write_surface(tmp_path / name, sphere)
+    mesh = load_mesh(tmp_path / name)
+    assert mesh.structure == structure
+    write_surface(tmp_path / "a.surf.gii", mesh)
+    meta = dict(nibabel.load(tmp_path / "a.surf.gii").meta)
+    assert meta == ({"AnatomicalStructurePrimary": structure} if structure else {})
+    f, g = mesh.vertices.T[:2]
+    problem = abfm.Problem(mesh, f, g)
+    problem.save(tmp_path / "p.npz")
+    assert abfm.load_problem(tmp_path / "p.npz").mesh.structure == structure
+    plain = abfm.TriangleMesh(mesh.vertices, mesh.faces)
+    assert abfm.Problem(plain, f, g).digest == problem.digest
 
 
 @pytest.mark.parametrize(

@@ -208,8 +208,11 @@ def test_files_with_loose_vertices_are_counted_as_they_are(tmp_path):
 
 
 def test_tracks_are_rows_of_points(tmp_path):
-    """The poles of the rotation, on its axis, in all intervals."""
-    export_tracks(tmp_path / "t.csv", solved(), least=4)
+    """The poles of the rotation, on its axis, in all intervals; a note counts omitted ones."""
+    count = len(solved().tracks(1))
+    check_message(export_tracks(tmp_path / "none.csv", solved(), least=5), "none.csv", count, 5)
+    assert table(tmp_path / "none.csv") == []
+    assert export_tracks(tmp_path / "t.csv", solved(), least=4) == ""
     rows = table(tmp_path / "t.csv")
     tracks = solved().tracks(4)
     assert len(rows) == sum(map(len, tracks)) >= 8

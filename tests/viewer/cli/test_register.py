@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import abfm as library
-from abfm import Correspondence, load_mesh
+from abfm import Correspondence, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.functions import read_column, read_labels
 from abfm.io import export_ply, write_labels
@@ -201,8 +201,12 @@ def test_one_of_several_columns_of_labels_is_chosen(registration, tmp_path, abfm
     ],
 )
 def test_vertices_without_faces_have_no_value(files, tmp_path, abfm, option, given, out, missing):
-    """They are NaN in data; their label is unknown, -1 in tables, never a real one."""
-    b = with_loose_vertex(A)
+    """They are NaN in data; their label is unknown, -1 in tables, never a real one. The structure
+    of the surface is written, also if no name says it.
+    """
+    loose = with_loose_vertex(A)
+    numbers = loose.vertex_ids, loose.file_vertex_count
+    b = TriangleMesh(loose.vertices, loose.faces, numbers=numbers, structure="CortexRight")
     found = Correspondence(PointMap.of_vertices(b, A), PointMap.of_vertices(A, b))
     found.save(tmp_path / "r.npz")
     words = [option, files / given, "--out", tmp_path / out]
@@ -214,6 +218,9 @@ def test_vertices_without_faces_have_no_value(files, tmp_path, abfm, option, giv
     else:
         rows = read_column(str(tmp_path / out))
         wanted = read_labels(files / given).values if missing == -1 else np.load(files / given)
+    if out.endswith(".gii"):
+        meta = dict(nibabel.load(tmp_path / out).meta)
+        assert meta == {"AnatomicalStructurePrimary": "CortexRight"}
     np.testing.assert_array_equal(rows[5], missing)
     np.testing.assert_allclose(np.delete(rows, 5), wanted, atol=1e-6)
 

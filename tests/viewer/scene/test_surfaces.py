@@ -7,9 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import abfm
-from abfm import TriangleMesh, load_mesh
+from abfm import Correspondence, TriangleMesh, load_mesh
 from abfm.assets import asset_path
+from abfm.maps import PointMap
 from abfm.pages.front import Front, best_front
+from abfm.pages.registered import fronts
 from abfm_viewer.automation.driver import Driver
 from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.files.project import save_project
@@ -208,6 +210,20 @@ def test_up_stays_up(up):
     assert front.up["xyz".index(up)] > 0.85
     assert np.dot(front.up, front.direction) == pytest.approx(0, abs=1e-12)
     assert np.linalg.norm([front.up, front.direction], axis=1) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("structure", "side"), [("CortexLeft", -1), ("CortexRight", 1)])
+def test_cortex_stands_as_in_workbench(structure, side):
+    """The lateral side, z upwards, whatever functions say, unless another axis is given."""
+    body = ellipsoid(2, 1, 1.2, 0.8)
+    mesh = TriangleMesh(body.vertices, body.faces, structure=structure)
+    f = bump(mesh, [0, 0, 0.8])
+    for up in (None, "z"):
+        assert best_front(mesh, f, up=up) == Front((side, 0, 0), (0, 0, 1))
+    for up in "xy":
+        assert best_front(mesh, f, up=up) == best_front(body, f, up=up)
+    same = Correspondence(PointMap.of_vertices(mesh, mesh))
+    assert fronts(same)[0] == fronts(same)[1] == best_front(mesh)
 
 
 @pytest.mark.parametrize("aspect", [None, 0.4, 3.0])
