@@ -57,7 +57,7 @@ class ValuesFile(Family):
             return where_label(self.path, self.label, mesh, self.column, side).astype(np.float64)
         with reported(self.path):
             opened = open_file(self.path)
-            request = Request(counts_of(mesh), self.column, side)
+            request = Request(counts_of(mesh), self.column, side, mesh=mesh)
             found = columns_of(opened, request).of_values().on(mesh)
             values = found.table()[:, found.number_of(self.column)]
             if opened.format is not Format.LABEL_LIST:

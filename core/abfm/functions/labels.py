@@ -57,7 +57,7 @@ def read_label_columns(
     with reported(path):
         opened = open_file(path)
         counts = () if mesh is None else counts_of(mesh)
-        found = columns_of(opened, Request(counts, column, hemisphere))
+        found = columns_of(opened, Request(counts, column, hemisphere, mesh=mesh))
         if opened.format is Format.LABEL_LIST:
             raise ValueError(
                 "it holds no labels, but lists the vertices of one: use it as file:, a function "

@@ -20,6 +20,7 @@ from abfm.errors import (
     did_you_mean,
     one_line,
 )
+from abfm.functions.sides import warn_of_sides
 from abfm.mesh import TriangleMesh
 from abfm.mesh.readers.ply import ply_contents
 from abfm.reading import (
@@ -45,6 +46,7 @@ from abfm.reading import (
     read_gifti,
     read_numbers,
     read_stc,
+    side_of,
     vertex_axis,
     vtk_contents,
 )
@@ -83,6 +85,8 @@ class Request(NamedTuple):
     """Of files of both: "L", "R", or empty for the one that fits the mesh."""
     whole: bool = False
     """Whether the numbers are whole ones, such as numbers of vertices."""
+    mesh: TriangleMesh | None = None
+    """The surface that the values are for, whose hemisphere is compared with the file's."""
 
 
 @contextmanager
@@ -140,7 +144,8 @@ def read_values(
     """
     with reported(path):
         counts = () if mesh is None else counts_of(mesh)
-        found = columns_of(open_file(path), Request(counts, column, hemisphere)).of_values()
+        request = Request(counts, column, hemisphere, mesh=mesh)
+        found = columns_of(open_file(path), request).of_values()
         return found if mesh is None else found.on(mesh)
 
 
@@ -189,6 +194,8 @@ def columns_of(opened: Opened, request: Request) -> Columns:
     if request.hemisphere and request.hemisphere != found.structure:
         given = f"of hemisphere {found.structure}" if found.structure else "of one hemisphere"
         raise ValueError(f"it holds values {given}: leave out hemisphere={request.hemisphere}")
+    if request.mesh is not None:
+        warn_of_sides(request.mesh, opened.path, found.structure)
     return found
 
 
@@ -323,7 +330,8 @@ def _freesurfer_text(opened: Opened, request: Request) -> Columns:
 
 
 def _cifti(opened: Opened, request: Request) -> Columns:
-    return read_cifti(opened.data, request.counts, request.hemisphere)
+    own = side_of(request.mesh.structure) if request.mesh else None
+    return read_cifti(opened.data, request.counts, request.hemisphere or own or "")
 
 
 def _npz(opened: Opened, request: Request) -> Columns:

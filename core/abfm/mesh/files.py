@@ -134,17 +134,18 @@ def as_mesh(given: MeshLike, name: str = "mesh", **options: Unpack[MeshKeywords]
     is_file = isinstance(given, str | os.PathLike)
     name = one_line(given, _NAME_LENGTH_MAX) if is_file else name
     try:
-        hemisphere = options.get("hemisphere")
         if is_file:
-            vertices, faces, messages = read_contents(given, READERS, "mesh")
-            side = hemisphere or named_side(given)
+            found = read_contents(given, READERS, "mesh")
         else:
-            vertices, faces, messages = _of_object(given, hemisphere)
-            side = hemisphere
+            found = _of_object(given, options.get("hemisphere"))
             if parts_of(given):
                 options["hemisphere"] = None
+        side = options.get("hemisphere") or found.side or (named_side(given) if is_file else "")
+        vertices, faces, messages, _ = found
         structure = STRUCTURES.get(side or "")
-        return TriangleMesh(vertices, faces, messages=messages, structure=structure, **options)
+        mesh = TriangleMesh(vertices, faces, structure=structure, messages=messages, **options)
+        mesh.__dict__["file_name"] = os.path.basename(given) if is_file else ""
+        return mesh
     except MemoryError as error:
         raise MeshError(
             f"{name}: the mesh does not fit into memory: close other programs, or coarsen it"

@@ -89,6 +89,8 @@ class TriangleMesh(Display):
     numbered : tuple of (n,) array of int, twice
         The vertices of the input that the mesh has, ascending, merged ones included, and their
         rows.
+    file_name : str
+        The name of its file, or empty.
     messages : tuple of str
         What was repaired or is worth a warning; one line each.
     edges, face_edges : (E, 2) and (F, 3) array of int
@@ -119,6 +121,7 @@ class TriangleMesh(Display):
     edge_slots: IntArray
     corner_fans: IntArray
     structure: str | None
+    file_name: str
 
     def __init__(
         self,
@@ -131,7 +134,7 @@ class TriangleMesh(Display):
         **options: Unpack[MeshKeywords],
     ) -> None:
         draft = check(vertices, faces, MeshOptions(**options), numbers)
-        draft_state = vars(draft) | {"structure": structure}
+        draft_state = vars(draft) | {"structure": structure, "file_name": ""}
         self.__setstate__(draft_state | {"messages": (*messages, *draft.messages), "cache": {}})
 
     def __setattr__(self, name: str, value: object) -> NoReturn:

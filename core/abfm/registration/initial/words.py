@@ -9,9 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.errors import AbfmError, ParameterError, brief, did_you_mean
+from abfm.functions.sides import warn_of_sides
 from abfm.maps.point_maps import PointMap
 from abfm.maps.spherical import is_sphere, sphere_directions
 from abfm.mesh import TriangleMesh, load_mesh
+from abfm.reading import side_of
 from abfm.registration.correspondence import Candidate, Correspondence
 from abfm.registration.initial.alignment import KINDS, closest_after_alignment
 from abfm.registration.initial.connectivity import same_connectivity
@@ -209,6 +211,7 @@ def _two_files(words: list[str]) -> list[str]:
 def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
     """Return the directions (V, 3) of a mesh's vertices on the sphere that a file holds."""
     sphere = load_mesh(path, merge=len(mesh.copies) > 0)
+    warn_of_sides(mesh, path, side_of(sphere.structure) or "")
     if not np.array_equal(sphere.vertex_ids, mesh.vertex_ids):
         raise ParameterError(
             f"{path} has {sphere.file_vertex_count} vertices, and the surface "

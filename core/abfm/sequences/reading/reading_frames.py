@@ -69,7 +69,8 @@ def read_frames(
             return _checked(vtk_frames(opened.path, mesh, array), mesh, frames_first=True)
         if array is not None and opened.format not in HAVE_NAMED_ARRAYS:
             raise ValueError(f"it is {opened.format}, without arrays called {brief(array)}")
-        found = columns_of(opened, Request(counts_of(mesh), array, hemisphere)).by_vertex()
+        request = Request(counts_of(mesh), array, hemisphere, mesh=mesh)
+        found = columns_of(opened, request).by_vertex()
         if any(found.keys):
             raise ValueError("it holds labels, which are no values that move")
         if opened.format is Format.STC:
