@@ -121,7 +121,7 @@ def function(mesh: MeshLike, spec: str | Spec, *, may_be_unknown: bool = False) 
     with np.errstate(over="ignore", invalid="ignore"):
         values = np.array(tree.evaluate(mesh), dtype=np.float64, order="C")
     bad = np.flatnonzero(~np.isfinite(values))
-    is_of_file = len(bad) > 0 and _has_file(tree)
+    is_of_file = len(bad) > 0 and bool(files_in(tree))
     if may_be_unknown and is_of_file and len(bad) < len(values) and not np.isinf(values).any():
         return values
     if len(bad):
@@ -134,13 +134,16 @@ def function(mesh: MeshLike, spec: str | Spec, *, may_be_unknown: bool = False) 
     return values
 
 
-def _has_file(spec: Spec) -> bool:
-    """Tell whether a function has values of a file in it."""
-    if isinstance(spec, Sum):
-        return any(map(_has_file, spec.terms))
-    if isinstance(spec, Permuted | Scaled):
-        return _has_file(spec.function)
-    return isinstance(spec, ValuesFile)
+def files_in(given: object) -> list[str]:
+    """Return the files of values in a function, its text, or a sequence of these."""
+    if isinstance(given, str):
+        return files_in(parse(given)) if given else []
+    if isinstance(given, list | tuple | Sum):
+        parts = given.terms if isinstance(given, Sum) else given
+        return [path for part in parts for path in files_in(part)]
+    if isinstance(given, Permuted | Scaled):
+        return files_in(given.function)
+    return [given.path] if isinstance(given, ValuesFile) else []
 
 
 class _Parser:

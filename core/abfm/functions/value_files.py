@@ -20,6 +20,7 @@ from abfm.errors import (
     did_you_mean,
     one_line,
 )
+from abfm.functions.sides import warn_of_sides
 from abfm.mesh import TriangleMesh
 from abfm.mesh.readers.ply import ply_contents
 from abfm.reading import (
@@ -78,10 +79,10 @@ class Request(NamedTuple):
     """The name of an array, in files that have several."""
     hemisphere: str = ""
     """Of files of both: "L", "R", or empty for the one that fits the mesh."""
-    likely: str = ""
-    """The hemisphere of the mesh, if it is known."""
     whole: bool = False
     """Whether the numbers are whole ones, such as numbers of vertices."""
+    mesh: TriangleMesh | None = None
+    """The surface that the values are for, whose hemisphere is compared with the file's."""
 
 
 @contextmanager
@@ -106,7 +107,7 @@ def request_for(
     """Return what is looked for in a file of values for a mesh."""
     if mesh is None:
         return Request(array=array, hemisphere=hemisphere)
-    return Request(counts_of(mesh), array, hemisphere, side_of(mesh.structure) or "")
+    return Request(counts_of(mesh), array, hemisphere, mesh=mesh)
 
 
 def read_values(
@@ -197,6 +198,8 @@ def columns_of(opened: Opened, request: Request) -> Columns:
     if request.hemisphere and request.hemisphere != found.structure:
         given = f"of hemisphere {found.structure}" if found.structure else "of one hemisphere"
         raise ValueError(f"it holds values {given}: leave out hemisphere={request.hemisphere}")
+    if request.mesh is not None:
+        warn_of_sides(request.mesh, opened.path, found.structure)
     return found
 
 
@@ -332,7 +335,8 @@ def _freesurfer_text(opened: Opened, request: Request) -> Columns:
 
 
 def _cifti(opened: Opened, request: Request) -> Columns:
-    return read_cifti(opened.data, request.counts, request.hemisphere, request.likely)
+    own = side_of(request.mesh.structure) if request.mesh else None
+    return read_cifti(opened.data, request.counts, request.hemisphere, own or "")
 
 
 def _npz(opened: Opened, request: Request) -> Columns:

@@ -19,7 +19,8 @@ from abfm.calculus.channels import extend_all
 from abfm.errors import FunctionError, MeshError, ParameterError, ResultError, brief, one_line
 from abfm.flow.continuous_flow import on_children
 from abfm.functions.refinement import on_subdivision
-from abfm.functions.spec import function, parse
+from abfm.functions.sides import warn_of_mixed_sides
+from abfm.functions.spec import files_in, function, parse
 from abfm.io import results
 from abfm.maps.surface_points import SurfacePoints
 from abfm.matching.solvability import is_measured
@@ -119,6 +120,7 @@ class Problem:
             )
         if landmarks is not None and f is None and g is None:
             f = g = np.zeros(len(mesh.vertices))
+        warn_of_mixed_sides(mesh, [*files_in(f), *files_in(g)])
         source, target = (_values(mesh, given, mask is not None) for given in (f, g))
         if mask is not None:
             known = checked_mask(mesh, mask) > 0

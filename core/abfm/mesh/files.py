@@ -136,21 +136,27 @@ def as_mesh(given: MeshLike, name: str = "mesh", **options: Unpack[MeshKeywords]
     try:
         side = options.get("hemisphere")
         if is_file:
-            vertices, faces, messages = read_contents(given, READERS, "mesh")
-            named = named_side(given)
+            found = read_contents(given, READERS, "mesh")
+            named = found.side or named_side(given)
             if side and named and named != side:
                 raise MeshError(
-                    f"its name is that of a {HEMISPHERES[named]} hemisphere, and the "
-                    f"{HEMISPHERES[side]} one was requested: leave out --hemisphere, or choose "
-                    "another file"
+                    f"it is a {HEMISPHERES[named]} hemisphere, and the {HEMISPHERES[side]} one was "
+                    "requested: leave out --hemisphere, or choose another file"
                 )
             side = side or named
         else:
-            vertices, faces, messages = _of_object(given, side)
+            found = _of_object(given, side)
+            side = side or found.side
             if parts_of(given):
                 options["hemisphere"] = None
-        structure = STRUCTURES.get(side or "")
-        return TriangleMesh(vertices, faces, messages=messages, structure=structure, **options)
+        return TriangleMesh(
+            found.vertices,
+            found.faces,
+            structure=STRUCTURES.get(side or ""),
+            file_name=os.path.basename(given) if is_file else "",
+            messages=found.messages,
+            **options,
+        )
     except MemoryError as error:
         raise MeshError(
             f"{name}: the mesh does not fit into memory: close other programs, or coarsen it"

@@ -10,6 +10,7 @@ import numpy as np
 from abfm.errors import brief, one_line
 from abfm.mesh.options import HEMISPHERES
 from abfm.mesh.readers.contents import FileContents, split_polygons
+from abfm.reading import side_of
 from abfm.reading.strips import triangles_of_strips
 from abfm.types import IntArray
 
@@ -21,6 +22,7 @@ ACCEPTED = (
     "a meshio mesh, nilearn's SurfaceImage or PolyMesh, or a nibabel GIFTI image"
 )
 _FACES = ("triangle", "quad")
+_SIDES = {word: side for side, word in HEMISPHERES.items()}
 _DRAWN_ONLY = ("vertex", "line", "line3", "polyline")
 _POINTS, _TRIANGLES = 1008, 1009  # intents of GIFTI arrays
 
@@ -43,10 +45,13 @@ def contents_of(given: Any, hemisphere: str = "") -> FileContents:
             raise ValueError(f"it has {len(given)} parts; expected a pair (vertices, faces)")
         return FileContents(*given)
     if parts := parts_of(given):
+        if len(parts) == 1:
+            hemisphere = hemisphere or _SIDES.get(next(iter(parts)), "")
         given = part_of(parts, hemisphere)
     for names, read in _READERS.items():
         if has(given, *names):
-            return read(given)
+            found = read(given)
+            return found._replace(side=hemisphere or found.side)
     raise ValueError(f"it is of type {one_line(type(given).__name__, 60)}; expected {ACCEPTED}")
 
 
@@ -87,7 +92,10 @@ def _of_gifti(image: Any) -> FileContents:
             f"it has {len(points)} point sets and {len(triangles)} triangle arrays; expected one "
             "of each, as in a surface (.surf.gii)"
         )
-    return FileContents(points[0], triangles[0])
+    metas = [image.meta, *(array.meta for array in image.darrays)]
+    names = [meta.get("AnatomicalStructurePrimary") for meta in metas if meta]
+    side = next(filter(None, map(side_of, names)), "")
+    return FileContents(points[0], triangles[0], side=side)
 
 
 def _of_poly_data(given: Any) -> FileContents:

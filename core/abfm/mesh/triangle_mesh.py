@@ -69,6 +69,8 @@ class TriangleMesh(Display):
     structure : str, optional
         What it is a surface of, as GIFTI's ``AnatomicalStructurePrimary`` has it, such as
         ``CortexLeft``. It is written with outputs and compared with that of values.
+    file_name : str
+        The name of its file, for messages.
     messages : iterable of str
         What was already done to the input, put before the messages of the checks.
     numbers : FileNumbers, optional
@@ -89,6 +91,8 @@ class TriangleMesh(Display):
     numbered : tuple of (n,) array of int, twice
         The vertices of the input that the mesh has, ascending, merged ones included, and their
         rows.
+    file_name : str
+        The name of its file, or empty.
     messages : tuple of str
         What was repaired or is worth a warning; one line each.
     edges, face_edges : (E, 2) and (F, 3) array of int
@@ -119,6 +123,7 @@ class TriangleMesh(Display):
     edge_slots: IntArray
     corner_fans: IntArray
     structure: str | None
+    file_name: str
 
     def __init__(
         self,
@@ -126,12 +131,13 @@ class TriangleMesh(Display):
         faces: ArrayLike,
         *,
         structure: str | None = None,
+        file_name: str = "",
         messages: Iterable[str] = (),
         numbers: FileNumbers | tuple[IntArray, int] | None = None,
         **options: Unpack[MeshKeywords],
     ) -> None:
         draft = check(vertices, faces, MeshOptions(**options), numbers)
-        draft_state = vars(draft) | {"structure": structure}
+        draft_state = vars(draft) | {"structure": structure, "file_name": file_name}
         self.__setstate__(draft_state | {"messages": (*messages, *draft.messages), "cache": {}})
 
     def __setattr__(self, name: str, value: object) -> NoReturn:

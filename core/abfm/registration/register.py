@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import FunctionError, ParameterError
-from abfm.functions.spec import function
+from abfm.functions.sides import warn_of_mixed_sides
+from abfm.functions.spec import files_in, function
 from abfm.maps.distortion import Distortion
 from abfm.maps.point_maps import PointMap
 from abfm.maps.surface_points import SurfacePoints
@@ -194,6 +195,8 @@ def prepare(
         first = initial_map(initial, Given(a, b, landmarks=marks))
         problem = Problem(b, None, None, parameters, **_on_b(first.correspondence, marks))
         return Prepared(first.correspondence, problem, first.notes, None, first.warnings)
+    for mesh, functions in ((a, f), (b, g)):
+        warn_of_mixed_sides(mesh, files_in(functions))
     (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
     on_a, on_b = _mask(a, mask_a, known_a, "mask_a"), _mask(b, mask_b, known_b, "mask_b")
     # hidden values must neither move along the flow nor count as detail

@@ -9,23 +9,24 @@ from abfm.reading import (
     decoded,
     freesurfer_quadrangles,
     freesurfer_surface,
-    gifti_arrays,
 )
+from abfm.reading import read_gifti as gifti
 
 _MNI_PROPERTIES = 5  # how the surface reflects light
 
 
 def read_gifti(opened: Opened) -> FileContents:
     """Read the point set and the triangles of a GIFTI surface file."""
-    arrays = gifti_arrays(opened)
-    points = [array.values for array in arrays if array.intent == "NIFTI_INTENT_POINTSET"]
-    triangles = [array.values for array in arrays if array.intent == "NIFTI_INTENT_TRIANGLE"]
+    found = gifti(opened)
+    points = [array.values for array in found.arrays if array.intent == "NIFTI_INTENT_POINTSET"]
+    triangles = [array.values for array in found.arrays if array.intent == "NIFTI_INTENT_TRIANGLE"]
     if len(points) != 1 or len(triangles) != 1:
         raise ValueError(
             f"it has {len(points)} point sets and {len(triangles)} triangle arrays instead of one "
             "of each: give a surface file (.surf.gii)"
         )
-    return FileContents(np.asarray(points[0], dtype=np.float64), triangles[0])
+    vertices = np.asarray(points[0], dtype=np.float64)
+    return FileContents(vertices, triangles[0], side=found.structure)
 
 
 def read_surface(opened: Opened) -> FileContents:

@@ -19,11 +19,14 @@ _SPLIT = "split polygons into triangles in the program that made them"
 
 
 class FileContents(NamedTuple):
-    """Vertices (V, 3) in the file's order and count, triangles (F, 3), and what was changed."""
+    """Vertices (V, 3) in the file's order and count, triangles (F, 3), what was changed, and the
+    hemisphere, "L" or "R", if the file says it.
+    """
 
     vertices: FloatArray
     faces: IntArray
     messages: tuple[str, ...] = ()
+    side: str = ""
 
 
 class Lists:

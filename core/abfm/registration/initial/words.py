@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.errors import AbfmError, MeshError, ParameterError, brief, did_you_mean
+from abfm.functions.sides import warn_of_sides
 from abfm.maps.point_maps import PointMap
 from abfm.maps.spherical import is_sphere, sphere_directions
 from abfm.mesh import TriangleMesh
@@ -211,9 +212,10 @@ def _two_files(words: list[str]) -> list[str]:
 def _sphere_file(mesh: TriangleMesh, path: str) -> FloatArray:
     """Return the directions (V, 3) of a mesh's vertices on the sphere that a file holds."""
     try:
-        vertices, faces, _ = read_contents(path, READERS, "mesh")
+        vertices, faces, _, side = read_contents(path, READERS, "mesh")
     except MeshError as error:
         raise error.of(path) from None
+    warn_of_sides(mesh, path, side)
     if len(vertices) != mesh.file_vertex_count:
         raise ParameterError(
             f"{path} has {len(vertices)} vertices, and the surface {mesh.file_vertex_count}; give "
