@@ -340,7 +340,13 @@ def _cifti(opened: Opened, request: Request) -> Columns:
 
 
 def _npz(opened: Opened, request: Request) -> Columns:
-    return _of_arrays(Archive(BytesIO(opened.data)), request)
+    try:
+        return _of_arrays(Archive(BytesIO(opened.data)), request)
+    except (OSError, ValueError):  # SeveralArraysError, too
+        raise
+    except Exception as error:  # a damaged zip can cause any error in its reader
+        reason = one_line(error, 300)
+        raise ValueError(f"it is no .npz, or damaged or cut short ({reason})") from error
 
 
 def _mat(opened: Opened, request: Request) -> Columns:

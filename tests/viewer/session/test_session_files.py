@@ -260,7 +260,7 @@ def test_every_file_of_frames_opens_alone_beside_its_mesh_and_by_words(desk, tmp
         np.savetxt(path, frames.T, delimiter="," if name.endswith("csv") else " ")
     file = tmp_path / "mesh.off"
     file.write_text(off_text(mesh.vertices, mesh.faces))
-    session = open_session(file, False, path)
+    session = open_session(file, second=path)
     assert session.document.name == f"{name} on mesh.off"
     assert session.document.film.unit == ("s" if name.endswith(".npz") else "")
     session.close()
@@ -288,7 +288,7 @@ def test_of_several_arrays_one_is_asked_for_or_chosen_by_words(desk, tmp_path):
     np.testing.assert_array_equal(frames_of(desk), -frames)
     file = tmp_path / "mesh.off"
     file.write_text(off_text(mesh.vertices, mesh.faces))
-    session = open_session(file, False, path, "u")
+    session = open_session(file, second=path, array="u")
     np.testing.assert_array_equal(session.document.film.frames.values[:, :, 0], frames)
     session.close()
     with raises(AbfmError, "u", "array"):
@@ -300,8 +300,8 @@ def test_tables_and_archives_without_frames_are_told_as_what_they_are(desk, tmp_
     (tmp_path / "words.csv").write_text("name,mesh\na,b.off\n")
     (tmp_path / "cut.npz").write_bytes(b"PK")
     for name, told in (
-        ("x.npz", "it is an array of float64 of shape (3,); expected real numbers (T, V)"),
-        ("words.csv", "is not a table of numbers"),
+        ("x.npz", "it is an array of shape (3,), at most one frame; expected (T, V)"),
+        ("words.csv", "where a number is expected"),
         ("cut.npz", "damaged or cut short"),
     ):
         desk.session.notices.mend("opening")
