@@ -44,6 +44,7 @@ from abfm_viewer.widgets.containers import is_popup_open
 from abfm_viewer.widgets.widget_record import Rect, write_widgets
 from abfm_viewer.window import menus, warm_up
 from abfm_viewer.window.actions import Actions
+from abfm_viewer.window.library_warnings import LibraryWarnings
 from abfm_viewer.window.mouse import Mouse
 from abfm_viewer.window.recovery import Preferences, Recoveries
 from abfm_viewer.window.samples import SampleTextures
@@ -156,6 +157,7 @@ class Window(Context):
         self.files.ways_out[OTHER_NAME] = self.actions.save_as.do
         self.frames = 0
         self.errors: dict[str, str] = {}
+        self._warnings = LibraryWarnings()
         self._drawn: set[str] = set()
         self.closing = False
         self.interrupted: int | None = None  # the signal that came
@@ -211,6 +213,7 @@ class Window(Context):
         if self.recoveries:
             self.recoveries.close(keep_unsaved=self.interrupted is not None)
         self.exporter.close()
+        self._warnings.close()
         self.shown.close()
         self.session.close()
 
@@ -328,6 +331,7 @@ class Window(Context):
         held = active and bool(imgui.IsMouseDown(0))
         self.session.dragging = held or self.mouse.dragging
         self.session.player.held = not self.shown.is_ready
+        self._warnings.update(self.session.notices)
         self.session.update()
         self.files.update()
         self.title.show(f"{self.session.saves.title} - abfm")

@@ -1,13 +1,17 @@
 """Functions computed in a process of their own are those computed here, errors included."""
 
+import warnings
+
 import numpy as np
 import pytest
 
-from abfm import AbfmError, FunctionError, function
+from abfm import AbfmError, FunctionError, TriangleMesh, function
 from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.computing.evaluation import Functions
-from tests.messages import raises
+from abfm_viewer.session.notices import Notices
+from abfm_viewer.window.library_warnings import LibraryWarnings
+from tests.messages import check_message, raises
 from tests.shapes import icosphere, with_loose_vertex
 
 SPARSE = with_loose_vertex(icosphere(2))
@@ -29,6 +33,24 @@ def test_values_and_defaults_are_the_same(apart, spec):
     np.testing.assert_array_equal(apart.evaluate(spec), function(SPARSE, spec))
     assert apart._worker.pid
     assert apart.defaults() == default_functions(SPARSE)
+
+
+def test_warnings_are_the_same(monkeypatch, tmp_path):
+    """Of values that differ between copies of a vertex; the window shows each as a card."""
+    monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
+    sphere = icosphere(1)
+    corners = np.arange(sphere.faces.size)
+    split = TriangleMesh(sphere.vertices[sphere.faces.ravel()], corners.reshape(-1, 3), merge=True)
+    np.save(tmp_path / "x.npy", corners)
+    functions, shown = Functions(split), Notices(lambda: 0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        collected = LibraryWarnings()
+        functions.evaluate(f"file:{tmp_path / 'x.npy'}")
+        collected.update(shown)
+        collected.close()
+    functions.retire()
+    check_message(shown.cards[0].text, 198)
 
 
 @pytest.mark.parametrize("spec", ["gaussian:vertex=5", "nonsense", "file:not there.npy"])
