@@ -49,12 +49,12 @@ def read_cifti(
         If the file is damaged, is of another type, or both hemispheres fit.
     """
     try:
-        return _columns(data, counts, hemisphere)
+        return _columns(data, counts, (hemisphere, likely))
     except (TypeError, AttributeError, LookupError) as error:  # what nibabel makes of damage
         raise ValueError("the XML in its header is damaged or incomplete") from error
 
 
-def _columns(data: bytes, counts: Collection[int], hemisphere: str) -> Columns:
+def _columns(data: bytes, counts: Collection[int], sides: tuple[str, str]) -> Columns:
     head = _header(data)
     matrix = _matrix(data, head)
     kinds = [matrix.get_index_map(axis).indices_map_to_data_type for axis in range(2)]
@@ -65,7 +65,7 @@ def _columns(data: bytes, counts: Collection[int], hemisphere: str) -> Columns:
             ".dtseries.nii and .dlabel.nii"
         )
     axis = kinds.index(_MODELS)
-    model, others = _model(matrix.get_index_map(axis), counts, (hemisphere, likely))
+    model, others = _model(matrix.get_index_map(axis), counts, sides)
     table = _table(data, head, axis)
     begin, count = int(model.index_offset), int(model.index_count)
     vertices = np.array(list(model.vertex_indices), dtype=np.int64)
