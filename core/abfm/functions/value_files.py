@@ -60,6 +60,7 @@ _KEY_MAX = 2**53  # of labels, and exact in double precision
 _SECONDS_MAX = 20.0  # between functional images; larger steps are milliseconds
 _PART = re.compile(r"(.*)\[[0-9]{1,9}\]", re.DOTALL)
 _MATLAB_HEAD, _MATLAB_COMPRESSED = 128, 15
+_MATLAB_TYPES = {*range(1, 8), 9, *range(12, 19)}  # of numbers, texts and arrays
 _OF_A_MESH = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha")
 _VOLUMES = ("-vl.stc", "-vol.stc")
 _NO_VALUES = {
@@ -395,9 +396,20 @@ def _expanded(data: bytes, most: int) -> bytes:
         if kind == _MATLAB_COMPRESSED:
             part = inflated(part[8:], most)
             most -= len(part)
+        _check_elements(part[8:], order)
         parts.append(part)
         begin += 8 + size
     return b"".join(parts)
+
+
+def _check_elements(matrix: bytes, order: str) -> None:
+    """Refuse an array with parts of an unknown type, on which SciPy crashes."""
+    begin = 0
+    while begin + 8 <= len(matrix):
+        kind, size = struct.unpack_from(f"{order}II", matrix, begin)
+        begin += 8 if kind >> 16 else 8 + size + -size % 8
+        if kind & 0xFFFF not in _MATLAB_TYPES:
+            raise ValueError(f"an array in it has a part of the unknown type {kind & 0xFFFF}")
 
 
 def _vtk(opened: Opened, request: Request) -> Columns:

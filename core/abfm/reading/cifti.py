@@ -48,6 +48,13 @@ def read_cifti(
     ValueError
         If the file is damaged, is of another type, or both hemispheres fit.
     """
+    try:
+        return _columns(data, counts, (hemisphere, likely))
+    except (TypeError, AttributeError, LookupError) as error:  # what nibabel makes of damage
+        raise ValueError("the XML in its header is damaged or incomplete") from error
+
+
+def _columns(data: bytes, counts: Collection[int], sides: tuple[str, str]) -> Columns:
     head = _header(data)
     matrix = _matrix(data, head)
     kinds = [matrix.get_index_map(axis).indices_map_to_data_type for axis in range(2)]
@@ -58,7 +65,7 @@ def read_cifti(
             ".dtseries.nii and .dlabel.nii"
         )
     axis = kinds.index(_MODELS)
-    model, others = _model(matrix.get_index_map(axis), counts, (hemisphere, likely))
+    model, others = _model(matrix.get_index_map(axis), counts, sides)
     table = _table(data, head, axis)
     begin, count = int(model.index_offset), int(model.index_count)
     vertices = np.array(list(model.vertex_indices), dtype=np.int64)
@@ -102,7 +109,10 @@ def _matrix(data: bytes, head: Any) -> Any:
             take_events(xml, _Elements())
             cifti: Any = import_module("nibabel.cifti2.parse_cifti2")
             parser = cifti.Cifti2Parser()
-            parser.parse(string=xml)
+            try:
+                parser.parse(string=xml)
+            except Exception as error:  # whatever nibabel raises
+                raise ValueError("the XML in its header is damaged") from error
             return parser.header.matrix
         begin += size
     raise ValueError("it lacks the XML of a CIFTI-2 file, or is cut off")

@@ -5,12 +5,14 @@ import os
 import nibabel
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError, did_you_mean
 from abfm.functions import function, read_column
+from abfm.io import write_values
 from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
 from tests.core.reading.hostile import npy_of, one_byte_changed
@@ -415,3 +417,31 @@ def test_a_mesh_may_come_with_the_numbers_of_its_vertices():
     assert again.messages == whole.messages
     assert (again.vertex_ids == whole.vertex_ids).all()
     assert again.file_vertex_count == whole.file_vertex_count
+
+
+def test_matlab_part_of_unknown_type_is_refused(tmp_path):
+    """SciPy crashes on it."""
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"thickness": np.arange(42.0)})
+    content = bytearray(path.read_bytes())
+    part = content.index(np.arange(42.0).tobytes()) - 8
+    content[part : part + 2] = b"\xbf\xf0"
+    path.write_bytes(content)
+    with raises(FunctionError, "type", 0xF0BF):
+        function(icosphere(1), f"file:{path}")
+
+
+def test_cifti_with_damaged_xml_is_refused(tmp_path):
+    path = tmp_path / "a.dscalar.nii"
+    write_values(path, np.arange(42.0), structure="CortexLeft")
+    content = path.read_bytes()
+    for number in (b'"42"', b'"x2"'):
+        changed = content.replace(
+            b'SurfaceNumberOfVertices="42"', b"SurfaceNumberOfVertices=" + number
+        )
+        path.write_bytes(changed.replace(b'IndexCount="42"', b"IndexCount=" + number))
+        if number == b'"42"':
+            assert_array_equal(function(icosphere(1), f"file:{path}"), np.arange(42.0))
+        else:
+            with raises(FunctionError, "XML"):
+                function(icosphere(1), f"file:{path}")

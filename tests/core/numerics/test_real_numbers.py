@@ -1,5 +1,6 @@
 """What users give as arrays."""
 
+import warnings
 from collections import UserList
 
 import numpy as np
@@ -53,3 +54,12 @@ def test_what_holds_no_real_numbers_is_one_short_line(given):
     with raises(FunctionError) as refused:
         real_numbers(given, "f", FunctionError)
     assert len(str(refused.value)) < 200
+
+
+def test_signalling_nan_gives_no_warning():
+    single = np.array([0x7FA00000, 0x3F800000], dtype=np.uint32).view(np.float32)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = real_numbers(single, "values")
+    assert np.isnan(found[0])
+    assert found[1] == 1
