@@ -108,8 +108,8 @@ class Functions:
                 if isinstance(tree, abfm.functions.Sum):
                     values = np.sum([self.evaluate(str(term)) for term in tree.terms], axis=0)
                 else:
-                    values = self._compute(abfm.functions.function, spec)
-            largest = float(np.abs(values).max())
+                    values = self._compute(_values, spec)
+            largest = float(np.nanmax(np.abs(values)))
             if largest > _LARGEST or 0 < largest < _LEAST:
                 raise FunctionError(
                     f"{brief(spec)} has values up to {largest:.3g}; {_LEAST:g} to {_LARGEST:g} "
@@ -148,6 +148,11 @@ class Functions:
         for text in texts:
             warnings.warn(text, AbfmWarning, stacklevel=2)
         return value
+
+
+def _values(mesh: TriangleMesh, spec: str) -> FloatArray:
+    """Return values (V,) of a spec, NaN where a file has none."""
+    return abfm.functions.function(mesh, spec, may_be_unknown=True)
 
 
 class Evaluators(NamedTuple):

@@ -365,7 +365,11 @@ def _document(
         for number, spec in enumerate(header.known)
     }
     entries = {
-        name: Entry("real", ("VA" if document.is_pair and name.startswith(OF_A) else "V",))
+        name: Entry(
+            "real",
+            ("VA" if document.is_pair and name.startswith(OF_A) else "V",),
+            may_be_unknown=True,
+        )
         for name in header.known
     }
     sizes = {"V": len(mesh.vertices), "VA": len(meshes[0].vertices)}

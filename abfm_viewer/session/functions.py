@@ -142,15 +142,19 @@ class DocumentFunctions:
         nameless = tuple(replace(pair, name="") for pair in document.pairs)
         if nameless != landmarks_of_match(result):
             return True
-        if (document.mask == "") != (result.mask is None):
-            return True
         functions = [document.function(side, channel) for side in SIDES for channel in channels]
-        pairs = [*zip(functions, [*result.source.T, *result.target.T], strict=True)]
-        if result.mask is not None:
-            pairs.append((document.mask_function, result.mask))
-        found = [(self._found(function), then) for function, then in pairs]
-        return any(
-            now if isinstance(now, str) else not np.array_equal(now, then) for now, then in found
+        found = [values for one in functions if (values := self.values(one)) is not None]
+        mask = self.values(document.mask_function) if document.mask else np.ones(len(result.source))
+        if mask is None or len(found) < len(functions):
+            return True
+        now, then = np.array(found), np.concatenate([result.source.T, result.target.T])
+        has_value = ~np.isnan(now).any(axis=0)
+        mask = mask * has_value
+        is_compared = mask > 0  # elsewhere values change nothing
+        return not (
+            (document.mask == "" and has_value.all()) == (result.mask is None)
+            and np.array_equal(mask, np.ones(len(mask)) if result.mask is None else result.mask)
+            and np.array_equal(now[:, is_compared], then[:, is_compared])
         )
 
     def step(self, document: Document) -> Step | None:

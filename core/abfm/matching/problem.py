@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import copy
@@ -16,7 +17,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.channels import extend_all
-from abfm.errors import FunctionError, MeshError, ParameterError, ResultError, brief, one_line
+from abfm.errors import (
+    AbfmWarning,
+    FunctionError,
+    MeshError,
+    ParameterError,
+    ResultError,
+    brief,
+    one_line,
+)
 from abfm.flow.continuous_flow import on_children
 from abfm.functions.refinement import on_subdivision
 from abfm.functions.sides import warn_of_mixed_sides
@@ -50,7 +59,8 @@ class Problem:
     parameters : Parameters, optional
     mask : (V,) array, optional
         Weight of the mismatch at each vertex, not negative. Where it is 0 both functions are filled
-        in harmonically from around: what is given there, NaN included, changes nothing.
+        in harmonically from around: what is given there, NaN included, changes nothing. It is 0
+        also where a function is NaN, with a warning.
     weights : (C,) array, optional
         Weight of each channel's mismatch, not negative. All may be 0 where there are landmarks,
         which are then all that is matched.
@@ -121,9 +131,10 @@ class Problem:
         if landmarks is not None and f is None and g is None:
             f = g = np.zeros(len(mesh.vertices))
         warn_of_mixed_sides(mesh, [*files_in(f), *files_in(g)])
-        source, target = (_values(mesh, given, mask is not None) for given in (f, g))
+        source, target = (_values(mesh, given) for given in (f, g))
+        mask = _mask_of_known(mesh, (source, target), mask)
         if mask is not None:
-            known = checked_mask(mesh, mask) > 0
+            known = mask > 0
             source = _filled_in(mesh, source, known, "source")
             target = _filled_in(mesh, target, known, "target")
         functions = FunctionTerm(
@@ -464,13 +475,36 @@ class _Finer:
         return np.moveaxis(interpolated(self.mesh, np.moveaxis(f, -1, 0)), 0, -1)
 
 
-def _values(mesh: TriangleMesh, given: Any, may_be_unknown: bool) -> Any:
+def _values(mesh: TriangleMesh, given: Any) -> Any:
     if isinstance(given, str):
-        return function(mesh, given, may_be_unknown=may_be_unknown)
+        return function(mesh, given, may_be_unknown=True)
     if _is_texts(given):
-        values = [function(mesh, spec, may_be_unknown=may_be_unknown) for spec in given]
-        return np.stack(values, axis=1)
+        return np.stack([function(mesh, spec, may_be_unknown=True) for spec in given], axis=1)
     return given
+
+
+def _mask_of_known(
+    mesh: TriangleMesh, functions: tuple[Any, Any], mask: ArrayLike | None
+) -> FloatArray | None:
+    """Return a mask (V,) that is 0 also where a function is NaN; None if nothing is masked."""
+    found = None if mask is None else checked_mask(mesh, mask)
+    missing = np.zeros(len(mesh.vertices), dtype=bool)
+    for values, name in zip(functions, ("source", "target"), strict=True):
+        array = real_numbers(values, name, FunctionError)
+        if array.ndim in (1, 2) and np.isnan(array).any():
+            rows = mesh.restrict(array)
+            missing |= np.isnan(rows.reshape(len(rows), -1)).any(axis=1)
+    if found is not None:
+        missing &= found > 0
+    if not missing.any():
+        return found
+    found = np.where(missing, 0.0, 1.0 if found is None else found)
+    if not found.any():
+        raise FunctionError("there is no vertex where source and target both have a value")
+    count = np.count_nonzero(missing)
+    text = f"{count:,} of {len(missing):,} vertices have no value (NaN) and are not compared"
+    warnings.warn(text, AbfmWarning, stacklevel=3)
+    return found
 
 
 def _filled_in(mesh: TriangleMesh, values: Any, known: BoolArray, name: str) -> Any:

@@ -12,6 +12,7 @@ from scipy.sparse.linalg import expm_multiply
 
 import abfm
 from abfm.assets import asset_path
+from abfm.calculus import geodesic_distance
 from abfm.calculus.operators import face_normals, l2_norm
 from abfm.calculus.vector_fields import directional_derivative, to_frame
 from abfm.flow.exponential import ExponentialFlow
@@ -41,7 +42,7 @@ def assert_never_rises_within_a_stage(match):
 
 def a_quarter_apart(name, width):
     mesh = abfm.load_mesh(asset_path(name))
-    distance = abfm.function(mesh, "geodesic:vertex=7")
+    distance = geodesic_distance(mesh, 7)
     target = int(np.argmin(np.abs(distance - distance.max() / 4)))
     return mesh, *(f"gaussian:vertex={vertex},width={width}" for vertex in (7, target))
 

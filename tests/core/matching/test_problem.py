@@ -3,6 +3,7 @@
 import pickle
 import subprocess
 import sys
+import warnings
 
 import numpy as np
 import pytest
@@ -126,7 +127,8 @@ def test_it_cannot_be_changed_and_it_and_its_match_are_written_in_few_words():
     ("changes", "named"),
     [
         ({"f": F[1:]}, ()),
-        ({"f": np.full(162, np.nan)}, (162,)),
+        ({"f": np.full(162, np.nan)}, ("value",)),
+        ({"f": np.full(162, np.inf)}, (162,)),
         ({"f": np.array(["a"] * 162)}, ()),
         ({"f": np.zeros((162, 0))}, ()),
         ({"mask": 0 * F}, ()),
@@ -152,3 +154,21 @@ def test_a_file_that_is_no_problem_is_refused(tmp_path):
     np.savez(tmp_path / "other.npz", source=F)
     with raises(ResultError):
         abfm.load_problem(tmp_path / "other.npz")
+
+
+def test_missing_values_are_masked_with_a_warning():
+    """NaN in one of the functions is a mask of 0, as if the mask had been given."""
+    f, missing = F.copy(), np.arange(len(F)) < 9
+    f[missing] = np.nan
+    with pytest.warns(abfm.errors.AbfmWarning, match="9 of 162 vertices have no value"):
+        made = abfm.Problem(SPHERE, f, G)
+    masked = abfm.Problem(SPHERE, np.where(missing, 7.0, F), G, mask=~missing * 1.0)
+    assert made.digest == masked.digest
+
+
+def test_missing_values_below_a_mask_are_not_reported():
+    f, mask = F.copy(), np.ones(len(F))
+    f[:9], mask[:9] = np.nan, 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert_array_equal(abfm.Problem(SPHERE, f, G, mask=mask).mask, mask)
