@@ -37,10 +37,11 @@ _TYPES = {
     "vtkidtype": ">i4",
     "unsigned_long": ">u8",
     "long": ">i8",
-    "vtktypeuint64": ">u8",
-    "vtktypeint64": ">i8",
     "float": ">f4",
     "double": ">f8",
+    **{f"vtktypeint{8 * size}": f">i{size}" for size in (1, 2, 4, 8)},
+    **{f"vtktypeuint{8 * size}": f">u{size}" for size in (1, 2, 4, 8)},
+    **{f"vtktypefloat{8 * size}": f">f{size}" for size in (4, 8)},
 }
 _KINDS = ("POLYDATA", "UNSTRUCTURED_GRID")
 _CELLS = ("POLYGONS", "TRIANGLE_STRIPS", "CELLS", "VERTICES", "LINES")

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from abfm import AbfmError, MeshError, Parameters, Problem, load_match, match
+from abfm.io import export_vtu
 from abfm_viewer.document.document import Channel
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.session import session_files
+from abfm_viewer.session.film_files import is_named_as_frames
 from abfm_viewer.session.loading import Load, Loading
 from abfm_viewer.session.notices import Notices
 from abfm_viewer.session.session_files import find_first, open_session
@@ -273,6 +275,16 @@ def test_every_file_of_frames_opens_alone_beside_its_mesh_and_by_words(desk, tmp
     if not name.endswith(".gii"):
         with raises(AbfmError, "MESH", name):
             open_session(path)
+
+
+def test_grids_of_vtk_without_a_number_are_meshes(desk, tmp_path):
+    sphere = icosphere(1)
+    export_vtu(tmp_path / "m.vtu", sphere, {"f": sphere.vertices[:, 0]}, {})
+    desk.files.open(tmp_path / "m.vtu")
+    desk.settle()
+    np.testing.assert_array_equal(desk.session.surface().mesh.faces, sphere.faces)
+    assert not is_named_as_frames(tmp_path / "m.vtu")
+    assert is_named_as_frames(tmp_path / "wave_0001.vtu")
 
 
 def test_of_several_arrays_one_is_asked_for_or_chosen_by_words(desk, tmp_path):
