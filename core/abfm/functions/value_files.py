@@ -364,20 +364,22 @@ class _MatlabArrays(Mapping[str, NDArray[Any]]):
     def __init__(self, data: bytes) -> None:
         most = most_inflated(len(data))
         self._data = data = _expanded(data, most)
-        self._sizes = {
-            name: math.prod(shape)
+        self._names = [
+            name
             for name, shape, kind in _matlab("whosmat", data)
             if kind in self._NUMERIC and 8 * math.prod(shape) <= most
-        }
+        ]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
+        if (count := self._names.count(name)) > 1:
+            raise ValueError(f"{count} of its arrays are called {brief(name)}: rename all but one")
         return np.asarray(_matlab("loadmat", self._data, variable_names=[name])[name])
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._sizes)
+        return iter(dict.fromkeys(self._names))
 
     def __len__(self) -> int:
-        return len(self._sizes)
+        return len({*self._names})
 
 
 def _matlab(function: str, data: bytes, **options: Any) -> Any:

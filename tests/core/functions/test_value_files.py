@@ -2,6 +2,7 @@
 
 import io
 import warnings
+import zipfile
 
 import nibabel
 import numpy as np
@@ -228,6 +229,17 @@ def test_names_that_repeat_are_not_chosen(tmp_path):
     with raises(FunctionError, 2, "v", "column=0", 1):
         value_of(path, ",column=v")
     assert_array_equal(value_of(path, ",column=1"), ORDER)
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for values in (VALUES, ORDER):
+            with archive.open("v.npy", "w") as file:
+                np.save(file, values)
+    content = io.BytesIO()
+    scipy.io.savemat(content, {"v": VALUES})
+    (tmp_path / "a.mat").write_bytes(content.getvalue() + content.getvalue()[128:])
+    for name in ("a.npz", "a.mat"):
+        with raises(FunctionError, 2, "v"):
+            value_of(tmp_path / name, ",column=v")
     image = nibabel.gifti.GiftiImage(
         darrays=[
             nibabel.gifti.GiftiDataArray(
