@@ -3,6 +3,7 @@
 import io
 import warnings
 import zipfile
+from contextlib import suppress
 
 import nibabel
 import numpy as np
@@ -12,9 +13,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError, SeveralArraysError
 from abfm.functions import function, read_column, read_labels, read_values, read_vertex_map
+from abfm.functions.matlab_files import MatlabArrays
 from abfm.mesh import TriangleMesh
 from abfm.reading import NO_LABEL, Columns
 from abfm.sequences import read_frames
+from tests.core.reading.hostile import one_byte_changed
 from tests.core.reading.vtk_files import vtk_bytes
 from tests.messages import raises
 from tests.shapes import icosphere, with_loose_vertex
@@ -337,6 +340,27 @@ def test_matlab_files_that_cannot_be_read(tmp_path):
         (tmp_path / "a.mat").write_bytes(whole[:end])
         with pytest.raises(FunctionError):
             value_of(tmp_path / "a.mat")
+    for changed in one_byte_changed(whole, 200):
+        (tmp_path / "a.mat").write_bytes(changed)
+        with suppress(FunctionError):
+            assert value_of(tmp_path / "a.mat").shape == (COUNT,)
+    scipy.io.savemat(tmp_path / "a.mat", {"a": 1j * VALUES})
+    with raises(FunctionError, "real"):
+        value_of(tmp_path / "a.mat", ",column=a")
+    scipy.io.savemat(tmp_path / "a.mat", {"a": VALUES}, format="4")
+    with raises(FunctionError, "-v7"):
+        value_of(tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("kind", ["f8", "f4", "i1", "u2", "i4", "u8", "?"])
+@pytest.mark.parametrize("packed", [True, False])
+def test_matlab_arrays_are_those_that_scipy_writes(tmp_path, kind, packed):
+    arrays = {"one": np.arange(6).astype(kind).reshape(2, 3), "longer": np.zeros((2, 1, 2), kind)}
+    scipy.io.savemat(tmp_path / "a.mat", arrays | {"x": "words"}, do_compression=packed)
+    found = MatlabArrays((tmp_path / "a.mat").read_bytes())
+    assert {*found} == {*arrays}
+    for name, array in arrays.items():
+        assert_array_equal(found[name], array)
 
 
 def test_files_that_hold_no_values_say_what_they_are(tmp_path):
