@@ -3,10 +3,8 @@
 import math
 import os
 import re
-import struct
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from importlib import import_module
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -20,6 +18,7 @@ from abfm.errors import (
     did_you_mean,
     one_line,
 )
+from abfm.functions.matlab_files import MatlabArrays
 from abfm.functions.sides import warn_of_sides
 from abfm.mesh import TriangleMesh
 from abfm.mesh.readers.ply import ply_contents
@@ -41,8 +40,6 @@ from abfm.reading import (
     freesurfer_label,
     freesurfer_text,
     freesurfer_values,
-    inflated,
-    most_inflated,
     open_file,
     read_cifti,
     read_gifti,
@@ -59,8 +56,6 @@ from abfm.workers.control import CancelledError
 _KEY_MAX = 2**53  # of labels, and exact in double precision
 _SECONDS_MAX = 20.0  # between functional images; larger steps are milliseconds
 _PART = re.compile(r"(.*)\[[0-9]{1,9}\]", re.DOTALL)
-_MATLAB_HEAD, _MATLAB_COMPRESSED = 128, 15
-_MATLAB_TYPES = {*range(1, 8), 9, *range(12, 19)}  # of numbers, texts and arrays
 _OF_A_MESH = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha")
 _VOLUMES = ("-vl.stc", "-vol.stc")
 _NO_VALUES = {
@@ -351,65 +346,7 @@ def _npz(opened: Opened, request: Request) -> Columns:
 
 
 def _mat(opened: Opened, request: Request) -> Columns:
-    return _of_arrays(_MatlabArrays(opened.data), request)
-
-
-class _MatlabArrays(Mapping[str, NDArray[Any]]):
-    """Numeric arrays of a MATLAB file up to version 7.2, each read when it is looked up."""
-
-    _NUMERIC = {"double", "single", "logical"} | {
-        f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)
-    }
-
-    def __init__(self, data: bytes) -> None:
-        most = most_inflated(len(data))
-        self._data = data = _expanded(data, most)
-        self._sizes = {
-            name: math.prod(shape)
-            for name, shape, kind in _matlab("whosmat", data)
-            if kind in self._NUMERIC and 8 * math.prod(shape) <= most
-        }
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        return np.asarray(_matlab("loadmat", self._data, variable_names=[name])[name])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._sizes)
-
-    def __len__(self) -> int:
-        return len(self._sizes)
-
-
-def _matlab(function: str, data: bytes, **options: Any) -> Any:
-    return getattr(import_module("scipy.io"), function)(BytesIO(data), **options)
-
-
-def _expanded(data: bytes, most: int) -> bytes:
-    """Return a MATLAB file with its compressed elements expanded, of at most so many bytes."""
-    if not data.startswith(b"MATLAB 5.0"):
-        return data
-    order = "<" if data[126:128] == b"IM" else ">"
-    parts, begin = [data[:_MATLAB_HEAD]], _MATLAB_HEAD
-    while begin + 8 <= len(data):
-        kind, size = struct.unpack_from(f"{order}II", data, begin)
-        part = data[begin : begin + 8 + size]
-        if kind == _MATLAB_COMPRESSED:
-            part = inflated(part[8:], most)
-            most -= len(part)
-        _check_elements(part[8:], order)
-        parts.append(part)
-        begin += 8 + size
-    return b"".join(parts)
-
-
-def _check_elements(matrix: bytes, order: str) -> None:
-    """Refuse an array with parts of an unknown type, on which SciPy crashes."""
-    begin = 0
-    while begin + 8 <= len(matrix):
-        kind, size = struct.unpack_from(f"{order}II", matrix, begin)
-        begin += 8 if kind >> 16 else 8 + size + -size % 8
-        if kind & 0xFFFF not in _MATLAB_TYPES:
-            raise ValueError(f"an array in it has a part of the unknown type {kind & 0xFFFF}")
+    return _of_arrays(MatlabArrays(opened.data), request)
 
 
 def _vtk(opened: Opened, request: Request) -> Columns:

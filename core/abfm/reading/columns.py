@@ -191,9 +191,10 @@ class Columns:
             )
         wrong = vertices[(vertices < 0) | (vertices >= count)]
         if len(wrong):
+            from_one = vertices.min() == 1 and vertices.max() == count
             raise ValueError(
                 f"it has a value of vertex {wrong[0]}, and the mesh has {count} vertices, counted "
-                "from 0: use the values of this surface"
+                "from 0: " + ("subtract 1" if from_one else "use the values of this surface")
             )
         order = np.argsort(vertices)[::-1]  # of merged vertices the first one counts
         rows = mesh.local_vertices(vertices[order])

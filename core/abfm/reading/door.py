@@ -202,6 +202,8 @@ class Archive(Mapping[str, NDArray[Any]]):
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self._names:
             raise KeyError(f"it lacks {name}")
+        if (count := self._zip.namelist().count(f"{name}.npy")) > 1:
+            raise ValueError(f"{count} of its arrays are called {brief(name)}: rename all but one")
         try:
             return array_from(self.read(f"{name}.npy"))
         except ValueError as error:

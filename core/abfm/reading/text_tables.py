@@ -17,6 +17,7 @@ _QUOTED = re.compile(r'"[^"]*"')
 _DECIMAL = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
 _BLANK_AFTER = re.compile(r",\s+")
+_EXCEL_LINE = re.compile(r"\A\s*sep=.[ ]*\n", re.IGNORECASE)  # which names the separator
 _POINT = re.compile(r"\d\.|\.\d")
 _NUMPY_ERROR = re.compile(  # NumPy counts rows from 0 and columns from 1
     r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
@@ -140,7 +141,7 @@ def _text(data: bytes | str) -> str:
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise ValueError(f"line {line}: it has a zero byte; save the table as UTF-8")
-    return text.removeprefix("\ufeff")
+    return _EXCEL_LINE.sub("", text.removeprefix("\ufeff"))
 
 
 def _lines(text: str, comments: str | None) -> Iterator[str]:

@@ -2,6 +2,8 @@
 
 import io
 import warnings
+import zipfile
+from contextlib import suppress
 
 import nibabel
 import numpy as np
@@ -11,9 +13,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError, SeveralArraysError
 from abfm.functions import function, read_column, read_labels, read_values, read_vertex_map
+from abfm.functions.matlab_files import MatlabArrays
 from abfm.mesh import TriangleMesh
 from abfm.reading import NO_LABEL, Columns
 from abfm.sequences import read_frames
+from tests.core.reading.hostile import one_byte_changed
 from tests.core.reading.vtk_files import vtk_bytes
 from tests.messages import raises
 from tests.shapes import icosphere, with_loose_vertex
@@ -228,6 +232,17 @@ def test_names_that_repeat_are_not_chosen(tmp_path):
     with raises(FunctionError, 2, "v", "column=0", 1):
         value_of(path, ",column=v")
     assert_array_equal(value_of(path, ",column=1"), ORDER)
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for values in (VALUES, ORDER):
+            with archive.open("v.npy", "w") as file:
+                np.save(file, values)
+    content = io.BytesIO()
+    scipy.io.savemat(content, {"v": VALUES})
+    (tmp_path / "a.mat").write_bytes(content.getvalue() + content.getvalue()[128:])
+    for name in ("a.npz", "a.mat"):
+        with raises(FunctionError, 2, "v"):
+            value_of(tmp_path / name, ",column=v")
     image = nibabel.gifti.GiftiImage(
         darrays=[
             nibabel.gifti.GiftiDataArray(
@@ -325,6 +340,27 @@ def test_matlab_files_that_cannot_be_read(tmp_path):
         (tmp_path / "a.mat").write_bytes(whole[:end])
         with pytest.raises(FunctionError):
             value_of(tmp_path / "a.mat")
+    for changed in one_byte_changed(whole, 200):
+        (tmp_path / "a.mat").write_bytes(changed)
+        with suppress(FunctionError):
+            assert value_of(tmp_path / "a.mat").shape == (COUNT,)
+    scipy.io.savemat(tmp_path / "a.mat", {"a": 1j * VALUES})
+    with raises(FunctionError, "real"):
+        value_of(tmp_path / "a.mat", ",column=a")
+    scipy.io.savemat(tmp_path / "a.mat", {"a": VALUES}, format="4")
+    with raises(FunctionError, "-v7"):
+        value_of(tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("kind", ["f8", "f4", "i1", "u2", "i4", "u8", "?"])
+@pytest.mark.parametrize("packed", [True, False])
+def test_matlab_arrays_are_those_that_scipy_writes(tmp_path, kind, packed):
+    arrays = {"one": np.arange(6).astype(kind).reshape(2, 3), "longer": np.zeros((2, 1, 2), kind)}
+    scipy.io.savemat(tmp_path / "a.mat", arrays | {"x": "words"}, do_compression=packed)
+    found = MatlabArrays((tmp_path / "a.mat").read_bytes())
+    assert {*found} == {*arrays}
+    for name, array in arrays.items():
+        assert_array_equal(found[name], array)
 
 
 def test_files_that_hold_no_values_say_what_they_are(tmp_path):

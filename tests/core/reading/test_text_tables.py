@@ -33,6 +33,10 @@ def test_decimal_commas_in_quotes_are_read():
     assert_array_equal(read_numbers('"0,369"\n"1,5"\n')[1], [[0.369], [1.5]])
 
 
+def test_line_of_excel_that_names_the_separator_is_skipped():
+    assert read_numbers("sep=;\na;b\n1;2\n")[1].tolist() == [[1, 2]]
+
+
 def test_one_name_above_decimal_commas_is_one_column():
     names, found = read_numbers("mean depth\n0,369\n-1,25\n")
     assert found.tolist() == [[0.369], [-1.25]]
