@@ -98,13 +98,18 @@ def _copied(draft: Draft) -> Draft:
 
 
 def _merged(draft: Draft) -> Draft | None:
-    """Return the mesh with vertices at the same position merged; None if there are none."""
+    """Return the mesh with vertices at the same position merged; None if there are none, or if its
+    components all lie on one of them, as the spheres of two hemispheres do.
+    """
     found = _copied(draft)
     try:
         merge_vertices(found, True, False)
     except MeshError:
         return None
-    return found if len(found.vertices) < len(draft.vertices) else None
+    component = components(draft)
+    different = topology.equal_rows(np.sort(found.faces, axis=1))[0]
+    alike = component.max() > 0 and np.ptp(component[different]) == 0
+    return None if alike or len(found.vertices) == len(draft.vertices) else found
 
 
 def _checked(draft: Draft) -> Draft:

@@ -281,6 +281,14 @@ def test_a_hemisphere_of_two(swapped):
     assert "L" not in TriangleMesh(SPHERE.vertices, SPHERE.faces, hemisphere="L").messages[0]
 
 
+def test_surfaces_at_one_place_are_not_advised_to_be_merged():
+    """As the spheres of both hemispheres in one file."""
+    vertices = np.concatenate([SPHERE.vertices, SPHERE.vertices])
+    with raises(MeshError, 2, "--largest-component") as caught:
+        TriangleMesh(vertices, np.concatenate([SPHERE.faces, SPHERE.faces + 42]))
+    assert [each.options for each in caught.value.remedies] == [{"largest_component": True}]
+
+
 def test_what_remains_wrong_is_named():
     """Two components of which the larger one has an edge with four faces."""
     one = tetrahedron()
