@@ -12,6 +12,7 @@ import pickle
 import struct
 import zipfile
 import zlib
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -232,6 +233,17 @@ def _results(chance):
     return Specimen("result.npz", "result", file.getvalue())
 
 
+def _words_of_batch(chance):
+    """Have control characters, formulas and foreign paths in a folder of results."""
+    names = [n for n, s in specimens().items() if s.door == "batch" and n.endswith(".json")]
+    specimen = specimens()[chance.choice(names)]
+    tree = json.loads(specimen.content)
+    place = tree["rows"][0] if "rows" in tree else tree
+    key = chance.choice([key for key, value in place.items() if isinstance(value, str)])
+    place[key] = chance.choice(("\x1b[31mred", "=1+1", "../x", "/tmp/x", "\ud800"))
+    return replace(specimen, content=json.dumps(tree).encode())
+
+
 def _texts(chance):
     """Nest or repeat JSON, or functions as text."""
     n = chance.choice((50, 10**5))
@@ -348,6 +360,7 @@ HOSTILE = {
     "zips": _zips,
     "results": _results,
     "texts": _texts,
+    "words of a batch": _words_of_batch,
     "special files": _special,
     "broken mesh": _broken,
     "index": _index,

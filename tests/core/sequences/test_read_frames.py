@@ -208,14 +208,14 @@ def test_lists_read_each_file_once(tmp_path, monkeypatch):
     monkeypatch.setattr(
         vtk_frames, "read_grid", lambda *given: read.append(given[0].name) or read_grid(*given)
     )
-    files = [{"name": paths[k % 2].name, "time": k} for k in range(1000)]
+    files = [{"name": paths[k % 2].name, "time": k} for k in range(200)]
     (tmp_path / "a.series").write_text(json.dumps({"files": files}))
     found = read_frames(tmp_path / "a.series", MESH, "u")
-    assert_array_equal(found.values, FILM[np.arange(1000) % 2])
+    assert_array_equal(found.values, FILM[np.arange(200) % 2])
     assert read == [path.name for path in paths[:2]]
     files = [{"name": paths[0].name, "time": k} for k in range(60_000)]
     (tmp_path / "a.series").write_text(json.dumps({"files": files}))
-    with raises(FunctionError, 60_000, "bytes"):
+    with raises(FunctionError, 60_000, 1):
         read_frames(tmp_path / "a.series", MESH, "u")
 
 

@@ -27,6 +27,8 @@ _NUMBERED = re.compile(r"(.*?)([0-9]{1,18})(\.vt[kup])", re.IGNORECASE)
 _KEYS = ("name", "time")  # of a file in a .series
 _APART = 1e-3  # of the mesh's size: points that far from its vertices are told
 
+_FRAMES_OF_A_FILE_MAX = 100  # on average; a list from somebody else may name one file very often
+
 VTK_ENDINGS = (".pvd", ".series", ".vtu", ".vtp", ".vtk")
 
 Entry = tuple[float, Path]
@@ -106,6 +108,10 @@ def _of_grids(entries: Sequence[Entry], mesh: TriangleMesh, array: str | None) -
     if len(np.unique(known)) < len(known):
         raise ValueError("two of its files are of one time; expected one file for each")
     files = list(dict.fromkeys(file for _, file in entries))
+    if len(entries) > _FRAMES_OF_A_FILE_MAX * len(files):
+        raise ValueError(
+            f"it lists {len(entries)} frames and only {len(files)} files; list each once"
+        )
     most = most_inflated(sum(_size(file) for file in files))
     found: dict[Path, Grid] = {}
     away = 0.0
