@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.calculus.channels import extend_all
-from abfm.errors import FunctionError, MeshError, ParameterError, ResultError, brief, one_line
+from abfm.errors import MeshError, ParameterError, ResultError, brief, one_line
 from abfm.flow.continuous_flow import on_children
+from abfm.functions.objects import as_values
 from abfm.functions.refinement import on_subdivision
 from abfm.functions.sides import warn_of_mixed_sides
 from abfm.functions.spec import files_in, function, parse
@@ -121,11 +122,15 @@ class Problem:
         if landmarks is not None and f is None and g is None:
             f = g = np.zeros(len(mesh.vertices))
         warn_of_mixed_sides(mesh, [*files_in(f), *files_in(g)])
-        source, target = (_values(mesh, given, mask is not None) for given in (f, g))
+        source, target = (
+            _values(mesh, given, mask is not None, name)
+            for given, name in ((f, "source"), (g, "target"))
+        )
         if mask is not None:
+            mask = as_values(mesh, mask, "mask", ParameterError)
             known = checked_mask(mesh, mask) > 0
-            source = _filled_in(mesh, source, known, "source")
-            target = _filled_in(mesh, target, known, "target")
+            source = _filled_in(mesh, source, known)
+            target = _filled_in(mesh, target, known)
         functions = FunctionTerm(
             mesh.normalized(), source, target, mask, weights, approximate=approximate
         )
@@ -464,21 +469,20 @@ class _Finer:
         return np.moveaxis(interpolated(self.mesh, np.moveaxis(f, -1, 0)), 0, -1)
 
 
-def _values(mesh: TriangleMesh, given: Any, may_be_unknown: bool) -> Any:
+def _values(mesh: TriangleMesh, given: Any, may_be_unknown: bool, name: str) -> FloatArray:
     if isinstance(given, str):
         return function(mesh, given, may_be_unknown=may_be_unknown)
     if _is_texts(given):
         values = [function(mesh, spec, may_be_unknown=may_be_unknown) for spec in given]
         return np.stack(values, axis=1)
-    return given
+    return as_values(mesh, given, name)
 
 
-def _filled_in(mesh: TriangleMesh, values: Any, known: BoolArray, name: str) -> Any:
+def _filled_in(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
     """Return functions (V,) or (V, C), filled in where they are not known (V,)."""
-    array = real_numbers(values, name, FunctionError)
-    if known.all() or array.ndim not in (1, 2) or array.size == 0:
+    if known.all() or values.ndim not in (1, 2) or values.size == 0:
         return values
-    array = mesh.restrict(array)
+    array = mesh.restrict(values)
     rows = np.where(known, array.reshape(len(array), -1).T, 0.0)
     if np.isfinite(rows).all():
         rows = extend_all(mesh, rows, known)
