@@ -64,6 +64,14 @@ def as_values(
     return table[:, 0] if table.shape[1] == 1 else table
 
 
+def texts_or_values(mesh: TriangleMesh, given: Any, name: str) -> Any:
+    """Return functions given as text, or None, as they are, and anything else by `as_values`."""
+    is_list = isinstance(given, list | tuple) and len(given) > 0
+    if given is None or isinstance(given, str) or (is_list and isinstance(given[0], str)):
+        return given
+    return as_values(mesh, given, name)
+
+
 def values_of_object(mesh: TriangleMesh, given: Any) -> ObjectValues | None:
     """Return the values of an image or a source estimate; None for anything else.
 

@@ -19,6 +19,7 @@ from abfm.display import Display
 from abfm.errors import FunctionError, ParameterError, brief
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
+from abfm.functions.circular import circular_frames
 from abfm.io import results
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.matching.judging.verdict import Verdict
@@ -377,6 +378,7 @@ def sequence(
     dt: float | None = None,
     mask: ArrayLike | None = None,
     weights: ArrayLike | None = None,
+    circular: bool | float = False,
     unfinished: Unfinished | None = None,
     on_interval: Callable[[int], object] | None = None,
     on_field: Callable[[int, FloatArray], object] | None = None,
@@ -413,6 +415,9 @@ def sequence(
         Weight of the mismatch at each vertex, not negative; where it is 0, values are not known.
     weights : (C,) array, optional
         Weight of each channel.
+    circular : bool or float
+        Whether frames are phases, which are compared by cosine and sine, or their period: two
+        channels for each of theirs, with its weight.
     unfinished : Unfinished, optional
         A file for what is found meanwhile, from which the next run of the same goes on where this
         one was killed or cancelled. ``unfinished.remove()`` is for when the result is safe.
@@ -445,7 +450,7 @@ def sequence(
     control = control or present_control() or Control()
     with controlled(control):
         try:
-            film = _film(mesh, frames, _times(times, dt), mask, weights)
+            film = _film(mesh, frames, _times(times, dt), mask, weights, circular)
             _refuse_extremes(film, given)
             solver = Solver(film, given, gamma, noise_levels(film))
             keep = unfinished or Unfinished()
@@ -485,12 +490,14 @@ def _film(
     times: ArrayLike | float | None,
     mask: ArrayLike | None,
     weights: ArrayLike | None,
+    circular: bool | float,
 ) -> Frames:
     """Return checked frames; ``times`` may be one number, that from each frame to the next."""
     found = frames_of(given, mesh)
+    values, weights = circular_frames(found.values, weights, circular)
     if isinstance(times, float):
         times = times * np.arange(len(found.values), dtype=np.float64)
-    film = checked(mesh, found.values, found.times if times is None else times, mask, weights)
+    film = checked(mesh, values, found.times if times is None else times, mask, weights)
     return replace(film, notes=found.notes)
 
 
