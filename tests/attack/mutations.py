@@ -53,7 +53,7 @@ def mutant(chance):
     for _ in range(chance.choice((1, 1, 1, 2, 4))):
         name, mutation = chance.choice(list(MUTATIONS.items()))
         done.append(name)
-        if beside and chance.random() < 0.3:
+        if beside and specimen.door != "batch" and chance.random() < 0.3:
             other = chance.choice(sorted(beside))
             beside[other] = mutation(chance, beside[other])[:_LARGEST]
         else:
