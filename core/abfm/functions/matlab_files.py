@@ -57,8 +57,10 @@ class MatlabArrays(Mapping[str, NDArray[Any]]):
                 f"{len(found)} of its arrays are called {brief(name)}: rename all but one"
             )
         _, (_, sizes), _, (kind, numbers) = found[0]
-        if self._flags(found[0]) & _COMPLEX or kind not in _TYPES:
-            raise ValueError(f"its array {brief(name)} is not of real numbers")
+        if self._flags(found[0]) & _COMPLEX:
+            raise ValueError(f"its array {brief(name)} is complex; expected real numbers")
+        if kind not in _TYPES:
+            raise ValueError(f"its array {brief(name)} is of the unknown type {kind}")
         dtype = np.dtype(self._order + _TYPES[kind])
         shape = tuple(int(size) for (size,) in struct.iter_unpack(f"{self._order}i", sizes))
         if min(shape, default=-1) < 0 or math.prod(shape) * dtype.itemsize != len(numbers):
