@@ -87,7 +87,7 @@ _FRAMES = {
 _FIELDS = {
     name: entry
     for name, entry in results.SEQUENCE.entries.items()
-    if name not in MESH_ENTRIES and name not in _FRAMES
+    if name not in (*MESH_ENTRIES, *_FRAMES, "notes")
 }
 _RESULT = {name: entry for name, entry in MATCH_ENTRIES.items() if name != "parameters"}
 _ABOVE_0 = {"ui_scale": 10, "arrow_length": 10}

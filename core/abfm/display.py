@@ -20,15 +20,15 @@ class Display:
         """Return a live view for a notebook, with the verdict."""
         return str(_notebook().embedded(self))
 
-    def show(self, path: str | os.PathLike[str] | None = None, up: str = "y") -> Path:
+    def show(self, path: str | os.PathLike[str] | None = None, up: str | None = None) -> Path:
         """Write a page that shows the surfaces and open it in a browser.
 
         Parameters
         ----------
         path : path, optional
             The page, ``.html``; by default a new file in the folder for temporary files.
-        up : str
-            The axis that points upwards, "x", "y" or "z".
+        up : {"x", "y", "z"}, optional
+            The axis that points upwards; by default z for a cortex of known hemisphere, else y.
 
         Returns
         -------

@@ -1,24 +1,74 @@
 """Functions on vertices: as the solver keeps them, one row per channel, and filled in."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
 from abfm.calculus.operators import adjacency
-from abfm.errors import FunctionError
+from abfm.errors import AbfmError, FunctionError, one_line
 from abfm.mesh import TriangleMesh
+from abfm.mesh.objects import has
 from abfm.numerics.cholesky import factor
 from abfm.numerics.real_numbers import real_numbers
+from abfm.reading import Columns
 from abfm.types import BoolArray, FloatArray
 
 _LITTLE = 0.01  # of the values, as their range
 
 
+def at_vertices(
+    mesh: TriangleMesh, values: ArrayLike, name: str, error: type[AbfmError] = FunctionError
+) -> FloatArray:
+    """Return what a user gives at vertices as real numbers, in the same shape.
+
+    The index of a pandas Series or DataFrame, or its column called vertex, node or index, places
+    its rows at vertices, unless it is 0, 1, 2, ...; vertices without a row become NaN.
+
+    Raises
+    ------
+    AbfmError
+        An ``error`` if there are no real numbers, or vertices are repeated or not of the mesh.
+    """
+    if not has(values, "iloc", "index", "to_numpy"):
+        return real_numbers(values, name, error)
+    try:
+        return _by_index(mesh, values, name)
+    except (ValueError, TypeError) as problem:
+        raise error(one_line(problem, 400)) from problem
+
+
+def _by_index(mesh: TriangleMesh, frame: Any, name: str) -> FloatArray:
+    array = frame.to_numpy()
+    if array.dtype == object:  # perhaps numbers with pandas.NA
+        array = np.array(np.where(frame.isna(), np.nan, array).tolist())
+    array = real_numbers(array, name)
+    if array.size == 0:
+        return array
+    index = np.asarray(frame.index)
+    vertices = None
+    if not np.array_equal(index, np.arange(len(index))):
+        numbers = index.astype(np.float64) if index.dtype.kind in "iuf" else np.full(1, np.nan)
+        if not np.array_equal(numbers, np.rint(numbers)):
+            raise ValueError(
+                f"{name} has an index that is not numbers of vertices; use to_numpy() if its rows "
+                "are in the order of the vertices"
+            )
+        vertices = numbers.astype(np.int64)
+    names = tuple(map(str, frame.columns)) if array.ndim == 2 else ()
+    try:
+        found = Columns(array.reshape(len(array), -1), names, vertices=vertices).by_vertex()
+        placed = found.values if found.vertices is None else found.on(mesh).values
+    except ValueError as problem:
+        raise ValueError(f"{name}: {problem}") from problem
+    return placed if array.ndim == 2 else placed[:, 0]
+
+
 def channels(mesh: TriangleMesh, values: ArrayLike, name: str) -> FloatArray:
     """Check a function (V,) or (V, C), of the file or the mesh, and return its channels (C, V)."""
-    array = real_numbers(values, name, FunctionError)
+    array = at_vertices(mesh, values, name)
     if array.ndim not in (1, 2) or array.size == 0:
         raise FunctionError(
             f"{name} has shape {array.shape}; expected (vertices,) or (vertices, channels)"

@@ -12,6 +12,7 @@ from .labels import Labels as Labels
 from .labels import read_label_columns as read_label_columns
 from .labels import read_labels as read_labels
 from .local_shape import vertex_normals as vertex_normals
+from .objects import as_values as as_values
 from .places import Gaussian as Gaussian
 from .scaled import Scaled as Scaled
 from .scaled import scaled as scaled

@@ -204,6 +204,7 @@ _SEQUENCE = {
     "noise": Entry("real", (), low=0),
     "motion_share": Entry("real", (), low=0, high=1, may_be_unknown=True),
     "has_motion": Entry("boolean", ()),
+    "notes": Entry("text", ("K",), required=False),
     "energies": Entry("real", ("I", 2, 3), may_be_unknown=True),
     "residual": Entry("real", ("I",), low=0, may_be_unknown=True),
     "verified_residual": Entry("real", ("I",), low=0, may_be_unknown=True),

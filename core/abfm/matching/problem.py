@@ -27,6 +27,7 @@ from abfm.errors import (
     one_line,
 )
 from abfm.flow.continuous_flow import on_children
+from abfm.functions.objects import as_values
 from abfm.functions.refinement import on_subdivision
 from abfm.functions.sides import warn_of_mixed_sides
 from abfm.functions.spec import files_in, function, parse
@@ -131,12 +132,15 @@ class Problem:
         if landmarks is not None and f is None and g is None:
             f = g = np.zeros(len(mesh.vertices))
         warn_of_mixed_sides(mesh, [*files_in(f), *files_in(g)])
-        source, target = (_values(mesh, given) for given in (f, g))
+        source, target = (
+            _values(mesh, given, name) for given, name in ((f, "source"), (g, "target"))
+        )
+        mask = None if mask is None else as_values(mesh, mask, "mask", ParameterError)
         mask = _mask_of_known(mesh, (source, target), mask)
         if mask is not None:
             known = mask > 0
-            source = _filled_in(mesh, source, known, "source")
-            target = _filled_in(mesh, target, known, "target")
+            source = _filled_in(mesh, source, known)
+            target = _filled_in(mesh, target, known)
         functions = FunctionTerm(
             mesh.normalized(), source, target, mask, weights, approximate=approximate
         )
@@ -475,22 +479,21 @@ class _Finer:
         return np.moveaxis(interpolated(self.mesh, np.moveaxis(f, -1, 0)), 0, -1)
 
 
-def _values(mesh: TriangleMesh, given: Any) -> Any:
+def _values(mesh: TriangleMesh, given: Any, name: str) -> FloatArray:
     if isinstance(given, str):
         return function(mesh, given, may_be_unknown=True)
     if _is_texts(given):
         return np.stack([function(mesh, spec, may_be_unknown=True) for spec in given], axis=1)
-    return given
+    return as_values(mesh, given, name)
 
 
 def _mask_of_known(
-    mesh: TriangleMesh, functions: tuple[Any, Any], mask: ArrayLike | None
+    mesh: TriangleMesh, functions: tuple[FloatArray, FloatArray], mask: ArrayLike | None
 ) -> FloatArray | None:
     """Return a mask (V,) that is 0 also where a function is NaN; None if nothing is masked."""
     found = None if mask is None else checked_mask(mesh, mask)
     missing = np.zeros(len(mesh.vertices), dtype=bool)
-    for values, name in zip(functions, ("source", "target"), strict=True):
-        array = real_numbers(values, name, FunctionError)
+    for array in functions:
         if array.ndim in (1, 2) and np.isnan(array).any():
             rows = mesh.restrict(array)
             missing |= np.isnan(rows.reshape(len(rows), -1)).any(axis=1)
@@ -507,12 +510,11 @@ def _mask_of_known(
     return found
 
 
-def _filled_in(mesh: TriangleMesh, values: Any, known: BoolArray, name: str) -> Any:
+def _filled_in(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> FloatArray:
     """Return functions (V,) or (V, C), filled in where they are not known (V,)."""
-    array = real_numbers(values, name, FunctionError)
-    if known.all() or array.ndim not in (1, 2) or array.size == 0:
+    if known.all() or values.ndim not in (1, 2) or values.size == 0:
         return values
-    array = mesh.restrict(array)
+    array = mesh.restrict(values)
     rows = np.where(known, array.reshape(len(array), -1).T, 0.0)
     if np.isfinite(rows).all():
         rows = extend_all(mesh, rows, known)

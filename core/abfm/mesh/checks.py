@@ -19,6 +19,7 @@ from abfm.mesh.repairs.components import components, keep_hemisphere, keep_large
 from abfm.mesh.repairs.merging import merge_vertices
 from abfm.mesh.repairs.remedies import FACES_MAX, DefectError, with_remedies
 from abfm.mesh.topology import edges_of_faces
+from abfm.numerics.real_numbers import plain_array
 from abfm.types import BoolArray, IntArray
 
 SMALLEST, LARGEST = 1e-60, 1e60  # squared areas of such sizes neither underflow nor overflow
@@ -177,7 +178,9 @@ def _refuse_several_components(draft: Draft) -> None:
 def _number_array(rows: ArrayLike, name: str, meaning: str) -> NDArray[Any]:
     """Return the rows of three real numbers, or a MeshError."""
     try:
-        array = np.asarray(rows)
+        array = plain_array(rows)
+    except (TypeError, RuntimeError) as error:
+        raise MeshError(f"{name} are no array: {one_line(error, 80)}") from error
     except ValueError as error:
         raise MeshError(
             f"the rows of {name} differ in length: give an array of shape {meaning}"

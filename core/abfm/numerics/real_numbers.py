@@ -14,18 +14,29 @@ def real_numbers(
 ) -> FloatArray:
     """Return an array of real numbers as float64, row after row; it may hold infinities and NaN.
 
-    ``error`` is raised for anything else: text, objects, complex numbers, rows of different
-    lengths, or values that are masked.
+    Masked values become NaN; tensors of PyTorch are detached and copied to the CPU. ``error`` is
+    raised for anything else: text, objects, complex numbers, or rows of different lengths.
     """
     try:
-        array = np.asarray(values)
+        array = plain_array(values)
     except (ValueError, TypeError, OverflowError, RuntimeError) as problem:  # or of __array__
         raise error(f"{name} is no array: {one_line(problem, 80)}; expected real numbers") from None
     if array.dtype.kind not in "biuf":
         raise error(f"{name} has values of type {one_line(array.dtype, 40)}; expected real numbers")
-    if np.ma.is_masked(values):
-        raise error(f"{name} has values that are masked; expected real numbers")
     return as_doubles(array)
+
+
+def plain_array(values: Any) -> NDArray[Any]:
+    """Return the array that NumPy makes of values, with NaN in place of masked numbers.
+
+    Tensors of PyTorch are detached and copied to the CPU. Objects may raise anything.
+    """
+    if hasattr(values, "detach") and hasattr(values, "cpu"):
+        values = values.detach().cpu()
+    array = np.asarray(values)
+    if np.ma.is_masked(values) and array.dtype.kind in "biuf":
+        array = np.where(np.ma.getmaskarray(values), np.nan, array)
+    return array
 
 
 def as_doubles(array: NDArray[Any]) -> FloatArray:

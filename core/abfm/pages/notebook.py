@@ -33,7 +33,7 @@ _HEIGHT = 440  # pixels
 _COLORS = {"good": "#2da44e", "warning": "#bf8700", "failure": "#cf222e"}
 
 
-def page_of(what: Any, title: str = "", up: str = "y", share: float = 1.0) -> Page:
+def page_of(what: Any, title: str = "", up: str | None = None, share: float = 1.0) -> Page:
     """Return the page of a mesh, a match, a registration or a sequence.
 
     Parameters
@@ -43,7 +43,7 @@ def page_of(what: Any, title: str = "", up: str = "y", share: float = 1.0) -> Pa
     share : float
         How many of the values, arrows and lines that a page may have, up to 1.
     """
-    if up not in ("x", "y", "z"):
+    if up not in (None, "x", "y", "z"):
         raise ParameterError(f"up is {brief(up)}; expected x, y or z")
     title = title or _kind(what)
     if isinstance(what, Match):
@@ -82,7 +82,7 @@ def embedded(what: Any) -> str:
     )
 
 
-def show(what: Any, path: str | os.PathLike[str] | None, up: str) -> Path:
+def show(what: Any, path: str | os.PathLike[str] | None, up: str | None) -> Path:
     """Write the page of an object and open it in a browser; see `abfm.display.Display.show`."""
     name = _kind(what)
     file = Path(path or Path(tempfile.mkdtemp(prefix="abfm-"), f"{name}.html")).absolute()

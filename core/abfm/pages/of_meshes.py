@@ -15,7 +15,7 @@ from abfm.pages.page import Layer, Page, Panel
 from abfm.wording import counted
 
 
-def mesh_page(mesh: TriangleMesh, title: str, up: str = "y") -> Page:
+def mesh_page(mesh: TriangleMesh, title: str, up: str | None = None) -> Page:
     """Return the page of a mesh, with what was repaired or is worth a warning."""
     plain = np.full(len(mesh.vertices), np.nan)
     panel = Panel("", mesh, [Layer("", plain, color_range(plain))], best_front(mesh, up=up))

@@ -123,6 +123,7 @@ def sequence_page(
             *([] if facts.tone == "good" else [facts.reason]),
             _about_arrows(sequence, labels),
             *_about_mask(sequence),
+            *sequence.notes,
         ],
         sequence.unknown,
     )

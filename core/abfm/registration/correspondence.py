@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
+from abfm.calculus.channels import at_vertices
 from abfm.calculus.operators import edge_lengths, face_areas, vertex_areas
 from abfm.errors import AbfmError, FunctionError, ParameterError, brief
 from abfm.io import results
@@ -19,7 +20,6 @@ from abfm.maps.quality import MapAccuracy, ThereAndBack, map_accuracy, there_and
 from abfm.maps.spherical import SphereLayout, through_sphere
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.mesh import TriangleMesh
-from abfm.numerics.real_numbers import real_numbers
 from abfm.types import FloatArray, IntArray
 
 By: TypeAlias = Literal["point", "area"]
@@ -118,7 +118,7 @@ class Correspondence:
         ``by="area"`` means over all vertices of A around it, see `to_matrix`. What is not finite
         makes what is carried of it so.
         """
-        given = real_numbers(h, "h", FunctionError)
+        given = at_vertices(self.a, h, "h")
         if given.ndim not in (1, 2):
             raise FunctionError(f"h has shape {given.shape}; expected (V_A,) or (V_A, C)")
         carried: FloatArray = _without_zeros(self.to_matrix(by)) @ self.a.restrict(given)

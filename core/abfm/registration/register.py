@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import FunctionError, ParameterError
+from abfm.functions.objects import as_values
 from abfm.functions.sides import warn_of_mixed_sides
 from abfm.functions.spec import files_in, function
 from abfm.maps.distortion import Distortion
@@ -198,7 +199,11 @@ def prepare(
     for mesh, functions in ((a, f), (b, g)):
         warn_of_mixed_sides(mesh, files_in(functions))
     (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
-    on_a, on_b = _mask(a, mask_a, known_a, "mask_a"), _mask(b, mask_b, known_b, "mask_b")
+    mask_a, mask_b = (
+        None if mask is None else mesh.restrict(as_values(mesh, mask, name, ParameterError))
+        for mesh, mask, name in ((a, mask_a, "mask_a"), (b, mask_b, "mask_b"))
+    )
+    on_a, on_b = _mask(mask_a, known_a, "mask_a"), _mask(mask_b, known_b, "mask_b")
     # hidden values must neither move along the flow nor count as detail
     source = _filled(a, source, known_a if on_a is None else on_a > 0)
     target = _filled(b, target, known_b if on_b is None else on_b > 0)
@@ -272,7 +277,7 @@ def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray
             [function(mesh, str(spec), may_be_unknown=True) for spec in given], axis=1
         )
     else:
-        values = real_numbers(given, name, FunctionError)
+        values = as_values(mesh, given, name)
         if values.ndim not in (1, 2) or values.size == 0:
             raise FunctionError(f"{name} has shape {values.shape}; expected (V,) or (V, C)")
         values = mesh.restrict(values.reshape(len(values), -1))
@@ -282,10 +287,10 @@ def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray
     return np.where(known[:, None], values, 0).T, known
 
 
-def _unknown(side: str, known: BoolArray, mask: ArrayLike | None) -> list[str]:
+def _unknown(side: str, known: BoolArray, mask: FloatArray | None) -> list[str]:
     """Return a note of how many values that a mask (V,) does not hide are not finite, if any."""
     if mask is not None:
-        known = known | (np.asarray(mask, dtype=np.float64) == 0)
+        known = known | (mask == 0)
     count = int(np.count_nonzero(~known))
     what = f"functions of {side} are not finite at {count} of {len(known)} vertices"
     return [f"{what}, where nothing is compared"] if count else []
@@ -298,12 +303,9 @@ def _filled(mesh: TriangleMesh, functions: FloatArray, known: BoolArray) -> Floa
     return extend_all(mesh, functions, known)
 
 
-def _mask(
-    mesh: TriangleMesh, given: ArrayLike | None, known: BoolArray, name: str
-) -> FloatArray | None:
-    if given is None:
+def _mask(found: FloatArray | None, known: BoolArray, name: str) -> FloatArray | None:
+    if found is None:
         return None if known.all() else known.astype(np.float64)
-    found = mesh.restrict(real_numbers(given, name))
     if found.ndim != 1 or not np.isfinite(found).all() or (found < 0).any() or not found.any():
         raise ParameterError(f"{name} must be one number per vertex, finite, not negative, not 0")
     return found * known

@@ -49,6 +49,7 @@ def _parts(sequence: Sequence) -> results.Parts:
         "parameters": lambda: {"parameters": json.dumps(sequence.parameters.to_dict())},
         "verdicts": lambda: {"verdicts": [verdict.texts for verdict in sequence.verdicts]},
         "mask": lambda: {} if film.mask is None else {"mask": film.mask},
+        "notes": lambda: {"notes": np.array(film.notes)} if film.notes else {},
     }
     of_frames, own = ("times", "weights", "channels_given"), ("velocity", *_NUMBERS)
     for each, names in ((film, of_frames), (sequence, own)):
@@ -117,6 +118,7 @@ def sequence_of(arrays: results.Arrays, mesh: TriangleMesh | None = None) -> Seq
         arrays.get("mask"),
         arrays["weights"],
         bool(arrays["channels_given"]),
+        tuple(arrays["notes"].tolist()) if "notes" in arrays else (),
     )
     verdicts = map(Verdict.of_texts, arrays["verdicts"].tolist())
     names = ("velocity", "energies", "residual", "verified_residual", "folded")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import extension
 from abfm.errors import FunctionError, ParameterError
+from abfm.functions.objects import as_values
 from abfm.matching.problem import Problem
 from abfm.matching.terms.functions import CONSTANT, FunctionTerm
 from abfm.mesh import TriangleMesh
@@ -32,6 +33,7 @@ class Frames:
     mask: FloatArray | None = field(repr=False)
     weights: FloatArray  # (C,)
     channels_given: bool  # they came as (T, V, C); else as (T, V)
+    notes: tuple[str, ...] = ()  # what a user should know of them
 
     @property
     def durations(self) -> FloatArray:
@@ -86,14 +88,6 @@ def checked(
         )
     if len(given) < 2:
         raise FunctionError("there is one frame; expected at least two, to go from one to the next")
-    sizes = {len(mesh.vertices), mesh.file_vertex_count}
-    if given.shape[1] not in sizes:
-        turned = given.shape[0] in sizes
-        hint = "; give one row for each frame, not for each vertex" if turned else ""
-        counts = " or ".join(map(str, sorted(sizes)))
-        raise FunctionError(
-            f"frames have {given.shape[1]} values each; expected {counts}, one per vertex{hint}"
-        )
     restricted = np.moveaxis(mesh.restrict(np.moveaxis(given, 1, 0)), 0, 1)
     frames = restricted.reshape(*restricted.shape[:2], -1)
     of_channels = _weights(weights, frames.shape[2])
@@ -166,7 +160,7 @@ def _times(given: ArrayLike | None, count: int) -> FloatArray:
 def _mask(mesh: TriangleMesh, given: ArrayLike | None, known: BoolArray) -> FloatArray | None:
     if given is None:
         return None if known.all() else known.astype(np.float64)
-    found = real_numbers(given, "mask", ParameterError)
+    found = as_values(mesh, given, "mask", ParameterError)
     if found.shape not in ((len(mesh.vertices),), (mesh.file_vertex_count,)):
         raise ParameterError(
             f"mask has shape {found.shape}; expected ({len(mesh.vertices)},), one per vertex"

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +37,7 @@ from abfm.sequences.files import save_parts, sequence_arrays
 from abfm.sequences.frames import Frames, checked
 from abfm.sequences.noise import noise_floor, noise_levels
 from abfm.sequences.parameters import SequenceParameters, checked_parameters
+from abfm.sequences.reading.frame_objects import frames_of
 from abfm.sequences.solve import Said, Solver, interval_parameters
 from abfm.sequences.tracking.critical_points import CriticalPoints, critical_points
 from abfm.sequences.tracking.episodes import Episode, episodes
@@ -114,6 +116,11 @@ class Sequence(Display):
     @property
     def mesh(self) -> TriangleMesh:
         return self._frames.mesh
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the frames, a line each."""
+        return self._frames.notes
 
     @property
     def frames(self) -> FloatArray:
@@ -367,6 +374,7 @@ def sequence(
     parameters: Parameters | None = None,
     gamma: float = GAMMA,
     *,
+    dt: float | None = None,
     mask: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     unfinished: Unfinished | None = None,
@@ -386,16 +394,21 @@ def sequence(
     Parameters
     ----------
     mesh : TriangleMesh
-    frames : (T, V) or (T, V, C) array
-        Values that are not finite, in any frame, are not compared.
+    frames : (T, V) or (T, V, C) array, or object
+        Values that are not finite, in any frame, are not compared. The vertices may be another
+        axis, which their number shows; if frames are as many, ``notes`` says that the second one
+        is. Images of nibabel and nilearn, pandas objects and MNE's source estimates, see
+        `abfm.functions.as_values`, have a column for each frame.
     times : (T,) array, optional
-        Ascending; 0, 1, 2, ... by default.
+        Ascending; those of a source estimate or an image, or 0, 1, 2, ... by default.
     parameters : Parameters, optional
         Of those in ``abfm.sequences.TAKEN``, see `abfm.sequences.defaults`; by default, or where it
         does not give them, the ``alpha`` and ``order`` of the norm are those that predict held-out
         patches of a few intervals best, and sigma is the largest one that does so nearly as well.
     gamma : float
         How much neighbouring fields are held together; 0 is frame by frame.
+    dt : float, optional
+        Time from each frame to the next, in place of times.
     mask : (V,) array, optional
         Weight of the mismatch at each vertex, not negative; where it is 0, values are not known.
     weights : (C,) array, optional
@@ -432,7 +445,7 @@ def sequence(
     control = control or present_control() or Control()
     with controlled(control):
         try:
-            film = checked(mesh, frames, times, mask, weights)
+            film = _film(mesh, frames, _times(times, dt), mask, weights)
             _refuse_extremes(film, given)
             solver = Solver(film, given, gamma, noise_levels(film))
             keep = unfinished or Unfinished()
@@ -464,6 +477,31 @@ def sequence(
             keep = Unfinished()  # what is told of fields that are not final is not kept
     with controlled(control):
         return _told(solver, keep, left)
+
+
+def _film(
+    mesh: TriangleMesh,
+    given: Any,
+    times: ArrayLike | float | None,
+    mask: ArrayLike | None,
+    weights: ArrayLike | None,
+) -> Frames:
+    """Return checked frames; ``times`` may be one number, that from each frame to the next."""
+    found = frames_of(given, mesh)
+    if isinstance(times, float):
+        times = times * np.arange(len(found.values), dtype=np.float64)
+    film = checked(mesh, found.values, found.times if times is None else times, mask, weights)
+    return replace(film, notes=found.notes)
+
+
+def _times(times: ArrayLike | None, dt: float | None) -> ArrayLike | float | None:
+    if dt is None:
+        return times
+    if times is not None:
+        raise ParameterError("times and dt are both given; give one of them")
+    if not is_finite_number(dt) or dt <= 0:
+        raise ParameterError(f"dt is {brief(dt)}; expected a time above 0")
+    return float(dt)
 
 
 def _told(solver: Solver, keep: Unfinished, left: LeftOut) -> Sequence:

@@ -122,6 +122,12 @@ def test_hemisphere_is_chosen():
     assert_array_equal(load_mesh(image, hemisphere="L").vertices, V)
     with raises(MeshError, "hemisphere", "L", "R"):
         load_mesh(both)
+    assert load_mesh(image, hemisphere="L").structure == "CortexLeft"
+    assert load_mesh(poly_mesh(right=(V, F))).structure == "CortexRight"
+    named = gifti(V, F)
+    named.darrays[0].meta["AnatomicalStructurePrimary"] = "CortexRight"
+    assert load_mesh(named).structure == "CortexRight"
+    assert load_mesh(gifti(V, F)).structure is None
     with raises(ParameterError, "TriangleMesh"):
         load_mesh(SPHERE, hemisphere="L")
     with raises(MeshError, "R", "left"):
@@ -142,6 +148,8 @@ UNSUITABLE = {
     "cut short": Object(points=V, faces=padded(F)[:-1], strips=np.zeros(0, int)),
     "values": nibabel.GiftiImage(darrays=[nibabel.gifti.GiftiDataArray(np.float32(V[:, 0]))]),
     "texts": ("a", "b"),
+    "masked vertices": (np.ma.array(V, mask=V > 0.9), F),
+    "masked faces": (V, np.ma.array(F, mask=F == 3)),
     "beyond": (V, F + len(V)),
     "table of names": {"vertices": V, "faces": F},
 }

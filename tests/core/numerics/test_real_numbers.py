@@ -33,7 +33,6 @@ NO_NUMBERS = {
     "records": np.zeros(COUNT, dtype=[("a", float)]),
     "generator": (x for x in X),
     "huge": [10**400] * COUNT,
-    "masked": np.ma.array(X, mask=X > 0),
     "refusing": Refusing(),
     "mapping": {"a": 1.0},
     "none": [None] * COUNT,

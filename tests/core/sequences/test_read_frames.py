@@ -12,10 +12,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from abfm import load_sequence
 from abfm.calculus.channels import extend
 from abfm.errors import AbfmError, FunctionError, ResultError, SeveralArraysError
+from abfm.functions import sources as source_frames
 from abfm.io import write_stc
 from abfm.reading import read_grid
 from abfm.sequences import is_sequence, read_frames
-from abfm.sequences.reading import source_frames, vtk_frames
+from abfm.sequences.reading import vtk_frames
 from tests.core.reading.hostile import npy_of, one_byte_changed
 from tests.core.reading.vtk_files import vtk_bytes
 from tests.core.sequences.turning_film import MESH, TIMES, film, solved

@@ -549,7 +549,9 @@ def test_files(found, tmp_path):
     ("frames", "given", "named"),
     [
         (np.zeros((1, 642)), {}, ()),
-        (np.zeros((642, 3)), {}, ()),
+        (np.zeros((643, 3)), {}, (642, 643)),
+        (np.zeros((2, 642)), {"times": [0, 1], "dt": 1}, ("times", "dt")),
+        (np.zeros((2, 642)), {"dt": 0}, ("dt", 0)),
         (np.zeros(642), {}, ()),
         (np.full((2, 642), np.nan), {}, ()),
         (np.full((2, 642), np.nan) * [[1], [np.inf]], {}, ()),

@@ -1,17 +1,80 @@
-"""What a file holds of a film."""
+"""Frames as files and objects have them, by frames and vertices."""
 
-from typing import Any, NamedTuple
+from __future__ import annotations
 
-from numpy.typing import NDArray
+from typing import NamedTuple
 
+import numpy as np
+
+from abfm.functions.sources import between_sources
+from abfm.mesh import TriangleMesh
+from abfm.numerics.real_numbers import as_doubles
+from abfm.reading import Columns, counts_of, vertex_axis
 from abfm.types import FloatArray
 
 
 class FramesFile(NamedTuple):
-    """Frames (T, V) or (T, V, C) of a mesh or of its file, their times (T,) in seconds where the
-    file says them, and what a user should know.
+    """Frames (T, V) or (T, V, C) as read from a file or an object.
+
+    Attributes
+    ----------
+    times : (T,) array or None
+        In seconds; None if they are not given.
+    notes : tuple of str
+        What a user should know of them, a line each.
     """
 
-    values: NDArray[Any]
+    values: FloatArray
     times: FloatArray | None = None
     notes: tuple[str, ...] = ()
+
+
+def frames_of_columns(found: Columns, mesh: TriangleMesh, are_sources: bool) -> FramesFile:
+    """Return frames of columns, which are interpolated if they are those of sources.
+
+    Raises
+    ------
+    ValueError
+        If they are labels or do not fit the mesh.
+    """
+    found = found.by_vertex()
+    if any(found.keys):
+        raise ValueError("it holds labels, which are no values that move")
+    if are_sources:
+        values, notes = between_sources(found, mesh)
+        return by_frames(FramesFile(values, found.times, notes), mesh)
+    if found.vertices is not None:
+        return by_frames(FramesFile(found.on(mesh).table().T, found.times, found.notes), mesh)
+    return by_frames(FramesFile(found.values, found.times, found.notes), mesh, found.frames_first)
+
+
+def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) -> FramesFile:
+    """Return frames (T, V) or (T, V, C) as real numbers; any axis may be the vertices.
+
+    If several fit, the second one is, or the first one unless ``frames_first``.
+    """
+    given, times, notes = found.values, found.times, [*found.notes]
+    if given.ndim not in (2, 3) or given.size == 0:
+        one = ", at most one frame" * (given.ndim == 1)
+        shape = f"it is an array of shape {given.shape}{one}"
+        raise ValueError(f"{shape}; expected (T, V) or (T, V, C)")
+    counts = counts_of(mesh)
+    axis = vertex_axis(given.shape, counts, 1 if frames_first else 0)
+    if given.shape[axis] not in counts:
+        sizes = " or ".join(map(str, sorted({*counts})))
+        hint = ""
+        if len(mesh.faces) in given.shape:
+            hint = f", and {len(mesh.faces)} faces: give values at vertices, such as means of faces"
+        raise ValueError(f"it has the shape {given.shape}; the mesh has {sizes} vertices{hint}")
+    if frames_first and axis == 0:
+        channels = f", {given.shape[1]} of them, of {given.shape[-1]} channels"
+        notes.append(
+            f"its {len(given):,} rows are the vertices, its columns the frames"
+            + channels * (given.ndim == 3)
+        )
+    elif frames_first and given.shape[0] in counts:
+        notes.append("it has as many frames as vertices: its rows are taken as the frames")
+    values = np.ascontiguousarray(as_doubles(np.moveaxis(given, axis, 1)))
+    if times is not None and times.shape != (len(values),):
+        raise ValueError(f"it has {times.size} times for {len(values)} frames")
+    return FramesFile(values, times, tuple(notes))

@@ -14,10 +14,8 @@ from abfm.functions.value_files import (
     request_for,
 )
 from abfm.mesh import TriangleMesh
-from abfm.numerics.real_numbers import as_doubles
-from abfm.reading import VALUES_ENDINGS, Format, counts_of, open_file, vertex_axis
-from abfm.sequences.reading.frames_file import FramesFile
-from abfm.sequences.reading.source_frames import source_frames
+from abfm.reading import VALUES_ENDINGS, Format, open_file
+from abfm.sequences.reading.frames_file import FramesFile, by_frames, frames_of_columns
 from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, vtk_frames
 
 _OF_VTK = (Format.COLLECTION, Format.SERIES, Format.VTK_XML, Format.VTK_LEGACY)
@@ -65,56 +63,21 @@ def read_frames(
     with reported(path, "frames"):
         opened = open_file(path)
         if opened.format in _OF_VTK:
-            return _checked(vtk_frames(opened.path, mesh, array), mesh, frames_first=True)
+            return _noted(by_frames(vtk_frames(opened.path, mesh, array), mesh))
         if array is not None and opened.format not in HAVE_NAMED_ARRAYS:
             raise ValueError(f"it is {opened.format}, without arrays called {brief(array)}")
-        found = columns_of(opened, request_for(mesh, array, hemisphere)).by_vertex()
-        if any(found.keys):
-            raise ValueError("it holds labels, which are no values that move")
-        if opened.format is Format.STC:
-            return _checked(source_frames(found, mesh), mesh, frames_first=True)
-        if found.vertices is not None:
-            values = found.on(mesh).table().T
-            return _checked(FramesFile(values, found.times, found.notes), mesh, frames_first=True)
-        return _checked(
-            FramesFile(found.values, found.times, found.notes), mesh, found.frames_first
-        )
+        found = columns_of(opened, request_for(mesh, array, hemisphere))
+        return _noted(frames_of_columns(found, mesh, opened.format is Format.STC))
 
 
-def _checked(found: FramesFile, mesh: TriangleMesh, frames_first: bool) -> FramesFile:
-    """Return frames (T, V) or (T, V, C) as real numbers; any axis may be the vertices.
-
-    If several fit, the second one is, or the first one unless ``frames_first``.
-    """
-    given, times, notes = found.values, found.times, [*found.notes]
-    if given.ndim not in (2, 3) or given.size == 0:
-        one = ", at most one frame" * (given.ndim == 1)
-        shape = f"it is an array of shape {given.shape}{one}"
-        raise ValueError(f"{shape}; expected (T, V) or (T, V, C)")
-    counts = counts_of(mesh)
-    axis = vertex_axis(given.shape, counts, 1 if frames_first else 0)
-    if given.shape[axis] not in counts:
-        sizes = " or ".join(map(str, sorted({*counts})))
-        hint = ""
-        if len(mesh.faces) in given.shape:
-            hint = f", and {len(mesh.faces)} faces: give values at vertices, such as means of faces"
-        raise ValueError(f"it has the shape {given.shape}; the mesh has {sizes} vertices{hint}")
-    if frames_first and axis == 0:
-        channels = f", {given.shape[1]} of them, of {given.shape[-1]} channels"
-        notes.append(
-            f"its {len(given):,} rows are the vertices, its columns the frames"
-            + channels * (given.ndim == 3)
-        )
-    elif frames_first and given.shape[0] in counts:
-        notes.append("it has as many frames as vertices: its rows are taken as the frames")
-    values = np.ascontiguousarray(as_doubles(np.moveaxis(given, axis, 1)))
-    bad = ~np.isfinite(values)
-    if bad.any():
-        count = np.count_nonzero(bad.any(axis=0 if bad.ndim == 2 else (0, 2)))
-        notes.append(
-            f"{count:,} of {values.shape[1]:,} vertices have values that are not finite, and are "
-            "not compared"
-        )
-    if times is not None and times.shape != (len(values),):
-        raise ValueError(f"it has {times.size} times for {len(values)} frames")
-    return FramesFile(values, times, tuple(notes))
+def _noted(found: FramesFile) -> FramesFile:
+    """Return frames with a note of how many vertices are not compared."""
+    bad = ~np.isfinite(found.values)
+    if not bad.any():
+        return found
+    count = np.count_nonzero(bad.any(axis=0 if bad.ndim == 2 else (0, 2)))
+    note = (
+        f"{count:,} of {found.values.shape[1]:,} vertices have values that are not finite, and are "
+        "not compared"
+    )
+    return found._replace(notes=(*found.notes, note))

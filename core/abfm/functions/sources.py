@@ -1,4 +1,4 @@
-"""Frames of MNE's source estimates, interpolated between the sources."""
+"""Values of MNE's source estimates, interpolated between the sources."""
 
 import numpy as np
 from scipy import sparse
@@ -7,7 +7,6 @@ from abfm.calculus.operators import cotangent_laplacian, vertex_areas
 from abfm.mesh import TriangleMesh
 from abfm.numerics.cholesky import factor
 from abfm.reading import Columns
-from abfm.sequences.reading.frames_file import FramesFile
 from abfm.types import FloatArray, IntArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
@@ -16,8 +15,14 @@ _FSAVERAGE = 163_842  # vertices, of which the first ones are those of its coars
 _COARSER = {642: "fsaverage3", 2562: "fsaverage4", 10_242: "fsaverage5", 40_962: "fsaverage6"}
 
 
-def source_frames(film: Columns, mesh: TriangleMesh) -> FramesFile:
-    """Return frames of what a source estimate holds; a ValueError reports what is wrong with it."""
+def between_sources(film: Columns, mesh: TriangleMesh) -> tuple[FloatArray, tuple[str, ...]]:
+    """Return the values of sources at all vertices, (T, V), and notes.
+
+    Raises
+    ------
+    ValueError
+        If the sources are not vertices of the mesh, or values between them cannot be interpolated.
+    """
     sources = np.zeros(0, dtype=np.int64) if film.vertices is None else film.vertices
     values = film.table().T
     if sources.max() >= mesh.file_vertex_count:
@@ -30,14 +35,14 @@ def source_frames(film: Columns, mesh: TriangleMesh) -> FramesFile:
     rows[places[places >= 0]] = np.arange(len(places))[::-1][places >= 0]  # the first of copies
     known = int(np.count_nonzero(rows >= 0))
     if known == len(rows):
-        return FramesFile(values[:, rows], film.times)
+        return values[:, rows], ()
     if not known:
         raise ValueError("it has no value at a vertex of the mesh that is in a face")
     told = f"{known:,} of {len(rows):,} vertices have values; the others are interpolated"
     are_first = known == sources.max() + 1
     if mesh.file_vertex_count == _FSAVERAGE and are_first and known in _COARSER:
         told += f": {_COARSER[known]} has just those with values, and takes less time"
-    return FramesFile(_interpolated(mesh, values, rows), film.times, (told,))
+    return _interpolated(mesh, values, rows), (told,)
 
 
 def _interpolated(mesh: TriangleMesh, film: FloatArray, rows: IntArray) -> FloatArray:
