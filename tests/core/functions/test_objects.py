@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import abfm
 from abfm import FunctionError, ParameterError
+from abfm.errors import AbfmWarning
 from abfm.functions import as_values
 from tests.messages import raises
 from tests.shapes import icosphere
@@ -187,8 +188,9 @@ def test_entries_place_values_alike():
     assert_allclose(registered.initial.carry(f), X)
     with raises(ParameterError, "mask"):
         abfm.Problem(BALL, f, g, mask=pandas.Series(X, index=["a"] * COUNT))
-    with raises(FunctionError, "source", "finite"):
-        abfm.Problem(BALL, f[X[ORDER] > 0], g)
+    with pytest.warns(AbfmWarning, match="no value"):
+        made = abfm.Problem(BALL, f[X[ORDER] > 0], g)
+    assert_array_equal(made.mask, X > 0)
 
 
 FRAMES = np.stack([np.sin(3 * (X - 0.02 * t)) for t in range(3)])
