@@ -11,7 +11,7 @@ import pytest
 
 from abfm import Parameters, load_match, load_mesh, load_registration
 from abfm.assets import asset_path
-from abfm.functions import families, function
+from abfm.functions import Circular, families, function, parse
 from abfm.parameters import FIGURES, PAPER
 from abfm_viewer.cli import main
 
@@ -56,12 +56,15 @@ def test_every_parameter_is_in_the_table_with_its_symbol_and_default():
 def test_every_family_is_in_the_table_with_a_working_example(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     np.save("values.npy", np.arange(1229.0))
+    np.save("angle.npy", np.arange(1229.0))
     shutil.copy(asset_path("human.symperm.txt"), "mirror.txt")
     mesh = load_mesh(asset_path("human_A.off"))
     rows = table("Functions as text")
     assert [family for family, _, _ in rows] == [family.family for family in families()]
     for _, example, _ in rows:
-        assert np.ptp(function(mesh, example)) > 0
+        spec = parse(example)
+        for part in spec.parts if isinstance(spec, Circular) else (spec,):
+            assert np.ptp(function(mesh, part)) > 0
 
 
 def test_commands_shown_exist(capsys):

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 from abfm import Match, Parameters, TriangleMesh, load_mesh
 from abfm.errors import ParameterError, brief, did_you_mean, one_line, printable
 from abfm.functions import function
+from abfm.functions.circular import circular_texts, split_channels
 from abfm.functions.family import quoted
 from abfm.mesh.options import MERGE, MeshOptions
 from abfm.parameters import CHOICES, is_whole
@@ -84,6 +85,20 @@ def add_channels(parser: argparse.ArgumentParser, source: str, target: str) -> N
         action="append",
         default=[],
     )
+    add_circular(add)
+
+
+def add_circular(add: Callable[..., None]) -> None:
+    """Declare the period of values."""
+    about = "values are phases, which repeat after this period, and are compared by their cosine"
+    add(
+        "--circular",
+        f"{about} and sine (without a number: 2 pi)",
+        "PERIOD",
+        type=positive,
+        nargs="?",
+        const=math.tau,
+    )
 
 
 def channels(
@@ -103,7 +118,9 @@ def channels(
             raise UsageError(
                 f"--channel: its third word is the weight, a number, not {brief(word)}"
             ) from None
-    return [source for source, *_ in found], [target for _, target, _ in found], weights
+    sources, targets = ([pair[side] for pair in found] for side in range(2))
+    sources, targets = (circular_texts(each, arguments.circular) for each in (sources, targets))
+    return split_channels(sources, targets, weights)
 
 
 def add_up(add: Callable[..., None]) -> None:

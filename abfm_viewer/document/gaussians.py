@@ -75,14 +75,14 @@ def centre(gaussian: functions.Gaussian, mesh: TriangleMesh) -> int:
 
 
 def _terms(tree: functions.Spec) -> tuple[functions.Spec, ...]:
-    while isinstance(tree, functions.Permuted | functions.Scaled):
+    while isinstance(tree, functions.Permuted | functions.Scaled | functions.Circular):
         tree = tree.function
     return tree.terms if isinstance(tree, functions.Sum) else (tree,)
 
 
 def _with_inner(tree: functions.Spec, inner: functions.Spec) -> functions.Spec:
     """Return a function that is scaled or composed with a vertex map, of another one inside."""
-    if isinstance(tree, functions.Permuted | functions.Scaled):
+    if isinstance(tree, functions.Permuted | functions.Scaled | functions.Circular):
         return replace(tree, function=_with_inner(tree.function, inner))
     return inner
 

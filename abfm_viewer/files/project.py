@@ -317,7 +317,7 @@ def terms_from_files(spec: str) -> list[str]:
     def reads_files(term: abfm.functions.Spec) -> bool:
         if isinstance(term, abfm.functions.Permuted):
             return not term.is_detected or reads_files(term.function)
-        if isinstance(term, abfm.functions.Scaled):
+        if isinstance(term, abfm.functions.Scaled | abfm.functions.Circular):
             return reads_files(term.function)
         return isinstance(term, abfm.functions.ValuesFile) or (
             isinstance(term, abfm.functions.Sum) and any(map(reads_files, term.terms))

@@ -155,6 +155,8 @@ def _short(tree: functions.Spec) -> str:
         return f"{_short(tree.function)}, {Path(tree.path).name}"
     if isinstance(tree, functions.Scaled):
         return f"{_short(tree.function)}, scaled"
+    if isinstance(tree, functions.Circular):
+        return f"{_short(tree.function)}, {tree.part or 'circular'}"
     if not isinstance(tree, functions.Family):
         return "function"
     if tree.positional is None:
@@ -244,7 +246,7 @@ class _Side:
             is_gaussian = len(gaussians.gaussians(self._spec)) == len(terms)
             now = "gaussian" if is_gaussian else _SEVERAL
         about = known[now].summary().replace("``", "") if now in known else "A sum of functions."
-        of_others = functions.Permuted, functions.Scaled
+        of_others = functions.Permuted, functions.Scaled, functions.Circular
         names = [name for name in known if known[name] not in of_others]
         words, tip = [*dict.fromkeys([*names, now])], _FAMILY.format(name=now, summary=about)
         chosen = self._ui.combo("family", now, words, tip, width)

@@ -70,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "SECONDS",
         type=options.positive,
     )
+    options.add_circular(add)
     add("--array", "which array of a .npz, .mat or .ply, or of VTK's point data", "NAME")
     add(
         "--mask",
@@ -150,6 +151,7 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.gamma,
                 mask=mask,
                 weights=arguments.weights,
+                circular=arguments.circular or False,
                 unfinished=unfinished,
                 control=control,
             )

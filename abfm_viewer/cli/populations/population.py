@@ -89,6 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = f"at most so many rounds (default: {MOST_ROUNDS})"
     add("--rounds", what, "N", type=options.count, default=MOST_ROUNDS)
     options.add_max_distortion(add)
+    add("--one-based", "vertex numbers of the column landmarks count from 1, not from 0")
     options.add_parameters(parser, options.UNSET)
     add_workers(parser)
     add = options.adder(parser.add_argument_group("output"))
@@ -165,6 +166,8 @@ def _settings(arguments: argparse.Namespace) -> Settings:
     }
     chosen = options.mesh_options(arguments).given
     given |= {name.replace("_", "-"): value for name, value in chosen.items()}
+    if arguments.one_based:
+        given["one-based"] = "yes"
     if arguments.max_distortion is not None:
         given["max-distortion"] = arguments.max_distortion
     return Settings(

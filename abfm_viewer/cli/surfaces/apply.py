@@ -46,10 +46,11 @@ Examples:
 
 Data may have several columns. By area (the default) each vertex averages what lies around it, as
 --by point does not, where the other surface is coarser; labels are never mixed: the one with most
-weight is taken. Points are vertex numbers, one a line, or x, y and z, which are brought onto the
-surface; what is written is x, y and z on the other one. The texture is what the faces of a mesh
-file show, images or colours of vertices, where the file is of this surface, also if it has vertices
-twice, in another order or elsewhere; what is written is the other surface with an image of its own.
+weight is taken. Points are vertex numbers, counted from 0, one a line, or x, y and z, which are
+brought onto the surface; what is written is x, y and z on the other one. The texture is what the
+faces of a mesh file show, images or colours of vertices, where the file is of this surface, also if
+it has vertices twice, in another order or elsewhere; what is written is the other surface with an
+image of its own.
 An .obj comes with an .mtl and a .png of the same name. Vertices that no face uses get NaN, and as
 a label "???" in GIFTI or -1 elsewhere.
 """
@@ -64,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     choose = adder(parser.add_mutually_exclusive_group(required=True))
     choose("--data", "values, one or several a vertex: a table, array, GIFTI, CIFTI, ...", "FILE")
     choose("--labels", "labels: .label.gii, .annot, .dlabel.nii, a table of whole numbers", "FILE")
-    choose("--points", "a table of vertex numbers, or of x, y, z", "FILE")
+    choose("--points", "a table of vertex numbers, counted from 0, or of x, y, z", "FILE")
     choose("--texture", "a textured or coloured mesh: .obj, .glb, .gltf, .ply", "FILE")
     add("--image", "the texture's image, whatever its mesh file names: .png, .jpg, ...", "FILE")
     add(
@@ -75,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--column", "of --labels with several: its name, or its number, counted from 0", "NAME")
     add("--hemisphere", "of --data and --labels of both hemispheres (CIFTI)", choices=("L", "R"))
+    add("--one-based", "vertex numbers of --points count from 1, not from 0")
     add("--inverse", "from B to A")
     what = "of --data and --labels: area or point (default: area)"
     add("--by", what, "WAY", choices=("area", "point"))
@@ -111,7 +113,8 @@ def run(arguments: argparse.Namespace) -> int:
         carried = way.b.on_file(way.carry_labels(labels.values, by), NO_LABEL)
         write_labels(out, Labels(carried, labels.names, labels.colors), way.b.structure)
     elif arguments.points:
-        write_values(out, _points(way, arguments.points), names=("x", "y", "z"))
+        places = _points(way, arguments.points, int(arguments.one_based))
+        write_values(out, places, names=("x", "y", "z"))
     else:
         _carry_texture(way, arguments)
         out = ", ".join(map(str, textured_files(out)))
@@ -179,13 +182,13 @@ def _labels(way: Correspondence, path: str, column: str | None, side: str) -> La
     return labels
 
 
-def _points(way: Correspondence, path: str) -> np.ndarray:
+def _points(way: Correspondence, path: str, first: int) -> np.ndarray:
     table = read_values(path).table()
     if table.shape[1] == 3:
         return way.carry_points(_on_surface(way.a, table, path)).positions
     if table.shape[1] != 1:
         raise FunctionError(f"{path} has {table.shape[1]} columns; expected 1, or 3: x, y, z")
-    place = way.a.local_vertices(table[:, 0])
+    place = way.a.local_vertices(table[:, 0] - first)
     wrong = np.flatnonzero(place < 0)
     if len(wrong):
         raise FunctionError(

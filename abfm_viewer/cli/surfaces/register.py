@@ -74,10 +74,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
     add(
         "--landmarks",
-        "pairs of vertices of A and of B, or of x, y, z on both, a pair a line; alone or beside "
-        "functions",
+        "pairs of vertices of A and of B, counted from 0, or of x, y, z on both, a pair a line; "
+        "alone or with functions",
         "FILE.csv",
     )
+    add("--one-based", "vertex numbers of --landmarks count from 1, not from 0")
     add("--initial", "the initial map, see above", "WORD[:...]")
     options.add_parameters(parser, options.UNSET)
     add = options.adder(parser.add_argument_group("output"))
@@ -121,7 +122,8 @@ def run(arguments: argparse.Namespace) -> int:
             sources or None,
             targets or None,
             initial=arguments.initial,
-            landmarks=arguments.landmarks and read_landmarks(a, b, arguments.landmarks),
+            landmarks=arguments.landmarks
+            and read_landmarks(a, b, arguments.landmarks, arguments.one_based),
             mask_a=options.weight(a, arguments.mask_a),
             mask_b=options.weight(b, arguments.mask_b),
             weights=weights or None,

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from abfm.errors import FunctionError, ParameterError, brief
-from abfm.functions import Permuted, Scaled, Spec, Sum, ValuesFile, parse, quoted
+from abfm.functions import Circular, Permuted, Scaled, Spec, Sum, ValuesFile, parse, quoted
+from abfm.functions.circular import checked_period
 from abfm.matching.bounded import check_bound
-from abfm.mesh.options import MeshOptions
+from abfm.mesh.options import MeshOptions, read_flag
 from abfm.parameters import CHOICES, Parameters, is_whole
 from abfm.reading.text_tables import parse_number
 from abfm.registration import initial
@@ -95,6 +96,14 @@ def _bound(text: str) -> float:
     return bound
 
 
+def _circular(text: str) -> bool | float:
+    try:
+        period: float = parse_number(text)
+    except ValueError:
+        return read_flag(text)
+    return period if checked_period(period) is not None else False
+
+
 @lru_cache(maxsize=1000)  # many rows of a table have the same functions
 def _spec(text: str) -> str:
     parse(text)
@@ -111,7 +120,7 @@ def _with_files(spec: Spec, rename: Rename) -> Spec:
         return Sum(tuple(_with_files(term, rename) for term in spec.terms))
     if isinstance(spec, ValuesFile):
         return replace(spec, path=rename(spec.path))
-    if isinstance(spec, Scaled):
+    if isinstance(spec, Scaled | Circular):
         return replace(spec, function=_with_files(spec.function, rename))
     if isinstance(spec, Permuted):
         path = spec.path if spec.is_detected or "." not in spec.path else rename(spec.path)
@@ -170,6 +179,8 @@ FILE = Column("a file", str, _file)
 WEIGHT = Column("weight at each vertex: a function, or its file", str, _renamed_weight)
 CHANNEL = Column("source, target and weight, with blanks between", _channel, _renamed_channel, True)
 INITIAL = Column("the initial map, by its word", _initial, _renamed_initial)
+CIRCULAR = Column("whether values are phases, or their period", _circular)
+ONE_BASED = Column("whether landmarks count vertices from 1", read_flag)
 BOUND = Column("the most that areas and shapes may change", _bound)
 MESH_OPTIONS = {
     option(entry.name): Column(entry.metadata["help"], partial(MeshOptions.value, entry.name))

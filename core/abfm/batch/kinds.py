@@ -26,6 +26,7 @@ _FUNCTIONS: Mapping[str, Column] = {
     "source": columns.SPEC,
     "target": columns.SPEC,
     "channel": columns.CHANNEL,
+    "circular": columns.CIRCULAR,
 }
 _ANY: Mapping[str, Column] = {
     **columns.MESH_OPTIONS,
@@ -42,6 +43,7 @@ KINDS: Mapping[str, Kind] = {
             "dt": Column("time between two frames", positive),
             "gamma": Column("how much neighbouring fields are held together", not_negative),
             "mask": columns.WEIGHT,
+            "circular": columns.CIRCULAR,
             "weights": Column("weight of each channel, with commas or blanks between", weights),
             **columns.MESH_OPTIONS,
             **{option(name): parameter_columns(CHOSEN)[option(name)] for name in TAKEN},
@@ -67,6 +69,7 @@ KINDS: Mapping[str, Kind] = {
             "mask-a": columns.WEIGHT,
             "mask-b": columns.WEIGHT,
             "landmarks": columns.FILE,
+            "one-based": columns.ONE_BASED,
             "initial": columns.INITIAL,
             **_ANY,
         },

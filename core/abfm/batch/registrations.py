@@ -11,9 +11,10 @@ from abfm.batch.columns import parameters_in
 from abfm.batch.kind import Cost, Prepared, channels, mesh_of_row, weight
 from abfm.errors import ParameterError
 from abfm.matching.match import match
+from abfm.mesh import TriangleMesh
 from abfm.parameters import Parameters
 from abfm.registration import prepare, within
-from abfm.registration.initial import read_landmarks
+from abfm.registration.initial import Landmarks, read_landmarks
 from abfm.workers.control import Control
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ def prepare_registration(row: Row) -> Prepared:
             sources or None,
             targets or None,
             initial=given.get("initial"),
-            landmarks=read_landmarks(a, b, given["landmarks"]) if "landmarks" in given else None,
+            landmarks=_landmarks(a, b, given),
             mask_a=weight(a, given.get("mask-a")),
             mask_b=weight(b, given.get("mask-b")),
             weights=weights or None,
@@ -48,6 +49,12 @@ def prepare_registration(row: Row) -> Prepared:
         return registration if most is None else within(registration, most, control)
 
     return Prepared(row.key, solve)
+
+
+def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Mapping[str, Any]) -> Landmarks | None:
+    if "landmarks" not in given:
+        return None
+    return read_landmarks(a, b, given["landmarks"], given.get("one-based", False))
 
 
 def check_registration(given: Mapping[str, Any]) -> None:

@@ -40,6 +40,7 @@ def prepare_sequence(row: Row) -> Prepared:
             given.get("gamma", GAMMA),
             mask=weight(mesh, given.get("mask")),
             weights=given.get("weights"),
+            circular=given.get("circular", False),
             unfinished=Unfinished(path),
             control=control,
         )

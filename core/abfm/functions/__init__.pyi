@@ -1,3 +1,6 @@
+from .circular import Circular as Circular
+from .circular import as_circle as as_circle
+from .circular import phase_warning as phase_warning
 from .family import VERTICES as VERTICES
 from .family import Family as Family
 from .family import Kind as Kind

@@ -3,6 +3,7 @@
 import numpy as np
 
 from abfm.errors import AbfmError
+from abfm.functions.circular import Circular
 from abfm.functions.family import Spec
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature
@@ -43,6 +44,6 @@ def _is_of_the_surface(term: Spec) -> bool:
     """Say whether it needs no file, and no curvature, which is 0 at middles of flat edges."""
     if isinstance(term, Sum):
         return all(map(_is_of_the_surface, term.terms))
-    if isinstance(term, Scaled):
+    if isinstance(term, Scaled | Circular):
         return _is_of_the_surface(term.function)
     return not isinstance(term, ValuesFile | Permuted | Curvature)

@@ -7,6 +7,7 @@
              | "expression:" formula     up to the end of the spec or of the parentheses around it
              | "permuted:" path "(" spec ")"
              | "scaled:" argument { "," argument } "(" spec ")"
+             | "circular:" [ argument { "," argument } ] "(" spec ")"
              | "(" spec ")"
     argument = key "=" value | value            the key may be left out before the positional value
 
@@ -23,6 +24,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from abfm.errors import FunctionError, brief, did_you_mean
+from abfm.functions.circular import Circular
 from abfm.functions.expression import Expression
 from abfm.functions.family import Family, Spec
 from abfm.functions.files import Permuted, ValuesFile
@@ -40,6 +42,7 @@ _FAMILIES: dict[str, type[Family]] = {
     for cls in (
         *(Gaussian, Eigenfunction, HeatKernelSignature, WaveKernelSignature, Curvature),
         *(Coordinate, Geodesic, ShapeDiameter, Indicator, ValuesFile, Expression, Permuted, Scaled),
+        Circular,
     )
 }
 
@@ -141,7 +144,7 @@ def files_in(given: object) -> list[str]:
     if isinstance(given, list | tuple | Sum):
         parts = given.terms if isinstance(given, Sum) else given
         return [path for part in parts for path in files_in(part)]
-    if isinstance(given, Permuted | Scaled):
+    if isinstance(given, Permuted | Scaled | Circular):
         return files_in(given.function)
     return [given.path] if isinstance(given, ValuesFile) else []
 
@@ -192,8 +195,8 @@ class _Parser:
             return _build(cls, [])
         if cls.is_open_ended:
             return cls(**{str(cls.positional): self.formula()})
-        if cls is Scaled:
-            return self.scaled(depth)
+        if issubclass(cls, Scaled | Circular):
+            return self.wrapped(cls, depth)
         if cls is not Permuted:
             return _build(cls, self.arguments())
         path = _unquoted(self.take(_QUOTED) or self.take(r"[^(]*"))
@@ -201,12 +204,14 @@ class _Parser:
             self.fail("'(' and the function to compose, as in permuted:map.txt(gaussian:vertex=1)")
         return Permuted(path=path, function=self.inner(depth))
 
-    def scaled(self, depth: int) -> Spec:
+    def wrapped(self, cls: type[Scaled | Circular], depth: int) -> Spec:
+        """Return a family of another function, which follows its arguments in parentheses."""
         arguments = self.take(r"[^(]*").split(",")
         if not self.take(r"\("):
-            self.fail("'(' and the function to scale, as in scaled:2(gaussian:vertex=1)")
-        values = _values(Scaled, [argument.strip() for argument in arguments])
-        return Scaled(function=self.inner(depth), **values)
+            example = "scaled:2" if cls is Scaled else "circular:period=360"
+            self.fail(f"'(' and the function, as in {example}(gaussian:vertex=1)")
+        values = _values(cls, [argument.strip() for argument in arguments])
+        return cls(function=self.inner(depth), **values)
 
     def inner(self, depth: int) -> Spec:
         """Return the spec up to the parenthesis that closes it."""

@@ -27,6 +27,7 @@ from abfm.errors import (
     one_line,
 )
 from abfm.flow.continuous_flow import on_children
+from abfm.functions.circular import circular_channels, warn_of_phases
 from abfm.functions.objects import as_values
 from abfm.functions.refinement import on_subdivision
 from abfm.functions.sides import warn_of_mixed_sides
@@ -82,6 +83,10 @@ class Problem:
     approximate : bool
         Whether source and target are only alike, such as descriptors of two shapes: they are
         matched as far as left-out patches of the surface gain, as measured functions are.
+    circular : bool or float
+        Whether f and g are phases, which are compared by cosine and sine, or their period: two
+        channels for each of theirs, with its weight. Texts may be ``circular:...`` by themselves.
+        None gives no warning if they jump as phases do.
 
     Raises
     ------
@@ -123,6 +128,7 @@ class Problem:
         landmarks: ArrayLike | tuple[SurfacePoints, SurfacePoints] | None = None,
         landmark_weights: ArrayLike | None = None,
         approximate: bool = False,
+        circular: bool | float | None = False,
     ) -> None:
         mesh = as_mesh(mesh)
         if not isinstance(parameters, Parameters | None):
@@ -131,6 +137,7 @@ class Problem:
             )
         if landmarks is not None and f is None and g is None:
             f = g = np.zeros(len(mesh.vertices))
+        f, g, weights = circular_channels(f, g, weights, circular)
         warn_of_mixed_sides(mesh, [*files_in(f), *files_in(g)])
         source, target = (_values(mesh, f, "source"), _values(mesh, g, "target"))
         if mask is not None:
@@ -144,6 +151,10 @@ class Problem:
             mesh.normalized(), source, target, mask, weights, approximate=approximate
         )
         functions.refuse_extremes()
+        if circular is not None:
+            rows = np.concatenate([functions.source, functions.target])
+            hidden = None if functions.mask is None else functions.mask == 0
+            warn_of_phases(mesh, rows if hidden is None else np.where(hidden, np.nan, rows))
         if landmarks is None:
             _require_weight(functions)
         self.__dict__.update(

@@ -143,7 +143,7 @@ def _first_points(
     """
     word, marks = given.get("initial"), None
     if "landmarks" in given:
-        marks = read_landmarks(surface, template, given["landmarks"])
+        marks = read_landmarks(surface, template, given["landmarks"], given.get("one-based", False))
     is_embedded = word is not None and word.partition(":")[0] == "embedding"
     if is_embedded and (marks is None or len(marks) < LANDMARKS_MIN):
         raise ParameterError(
@@ -194,6 +194,7 @@ class Carrying(Row):
                 "mask": SPEC,
                 "initial": columns.INITIAL,
                 "landmarks": columns.FILE,
+                "one-based": columns.ONE_BASED,
                 "registration": columns.FILE,
                 "drift": columns.FILE,
                 "at": Column("vertices, or edges"),

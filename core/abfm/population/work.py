@@ -190,7 +190,11 @@ class Work:
 
     def _carrying(self, subject: Subject, **by: object) -> Carrying:
         """Return a row that carries a subject, by a registration or else by its initial map."""
-        first = {"initial": self.settings.initial, "landmarks": subject.landmarks}
+        first: dict[str, object] = {
+            "initial": self.settings.initial,
+            "landmarks": subject.landmarks,
+            "one-based": self.settings.options.get("one-based", ""),
+        }
         pairs = {
             "surface": subject.surface or self.path,
             "template": self.path,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
@@ -10,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import vertex_areas
-from abfm.errors import FunctionError, ParameterError
+from abfm.errors import AbfmWarning, FunctionError, ParameterError
+from abfm.functions.circular import circular_channels, phase_warning
 from abfm.functions.objects import as_values
 from abfm.functions.sides import warn_of_mixed_sides
 from abfm.functions.spec import files_in, function
@@ -26,6 +28,7 @@ from abfm.mesh import MeshLike, TriangleMesh, as_meshes
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
+from abfm.registration.initial.counting import warn_if_from_one
 from abfm.registration.initial.given import Given
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.searching.search import is_searched
@@ -75,6 +78,7 @@ def register(
     mask_b: ArrayLike | None = None,
     weights: ArrayLike | None = None,
     max_distortion: float | None = None,
+    circular: bool | float = False,
     on_iteration: Callable[[Iteration], None] | None = None,
     control: Control | None = None,
 ) -> Registration:
@@ -110,6 +114,9 @@ def register(
     max_distortion : float, optional
         The most ``|log2 J|`` and ``|log2 R|`` of 99% of the faces, none of which may be folded, see
         `within`.
+    circular : bool or float
+        Whether f and g are phases, which are compared by cosine and sine, or their period: two
+        channels for each of theirs, with its weight. Texts may be ``circular:...`` by themselves.
 
     Raises
     ------
@@ -129,6 +136,7 @@ def register(
         mask_a=mask_a,
         mask_b=mask_b,
         weights=weights,
+        circular=circular,
     )
     found = match(prepared.problem, on_iteration=on_iteration, control=control)
     registration = prepared.matched_by(found)
@@ -177,6 +185,7 @@ def prepare(
     mask_a: ArrayLike | None = None,
     mask_b: ArrayLike | None = None,
     weights: ArrayLike | None = None,
+    circular: bool | float = False,
 ) -> Prepared:
     """Return the initial map and the problem on B that `register` solves."""
     a, b = as_meshes(a, b)
@@ -196,9 +205,11 @@ def prepare(
         first = initial_map(initial, Given(a, b, landmarks=marks))
         problem = Problem(b, None, None, parameters, **_on_b(first.correspondence, marks))
         return Prepared(first.correspondence, problem, first.notes, None, first.warnings)
+    f, g, weights = circular_channels(f, g, weights, circular)
     for mesh, functions in ((a, f), (b, g)):
         warn_of_mixed_sides(mesh, files_in(functions))
     (source, known_a), (target, known_b) = _values(a, f, "f"), _values(b, g, "g")
+    phases = phase_warning(a, np.where(known_a, source, np.nan))
     mask_a, mask_b = (
         None if mask is None else mesh.restrict(as_values(mesh, mask, name, ParameterError))
         for mesh, mask, name in ((a, mask_a, "mask_a"), (b, mask_b, "mask_b"))
@@ -224,6 +235,8 @@ def prepare(
         masks.append(np.clip(found.carry(on_a), 0, None))
     mask = np.prod(masks, axis=0) if masks else None
     carried, target, source, measured, notes = _comparable(b, carried, target, source, mask, counts)
+    if phases and not phase_warning(b, np.concatenate([carried, target])):  # which `Problem` gives
+        warnings.warn(phases, AbfmWarning, stacklevel=2)
     # of two shapes that are not one and the same functions are only alike
     approximate = is_searched(found.candidates) and bool(counts.any())
     usual = MEASURED if measured or approximate else Parameters()
@@ -259,6 +272,7 @@ def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:
             f"landmarks have shape {pairs.shape} of {pairs.dtype}; expected (L, 2) vertices of A "
             "and of B, or two SurfacePoints"
         )
+    warn_if_from_one(a, b, a.vertex_ids[pairs[:, 0]], b.vertex_ids[pairs[:, 1]])
     return Landmarks.of_vertices(a, b, pairs[:, 0], pairs[:, 1])
 
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from abfm.calculus.channels import extension
 from abfm.errors import FunctionError, ParameterError
+from abfm.functions.circular import warn_of_phases
 from abfm.functions.objects import as_values
 from abfm.matching.problem import Problem
 from abfm.matching.terms.functions import CONSTANT, FunctionTerm
@@ -68,7 +69,8 @@ class Frames:
         f, g = (self.values[frame] for frame in (first, last))
         if not self.channels_given:
             f, g = f[:, 0], g[:, 0]
-        return Problem(self.mesh, f, g, parameters, mask=self.mask, weights=self.weights)
+        mask, weights = self.mask, self.weights
+        return Problem(self.mesh, f, g, parameters, mask=mask, weights=weights, circular=None)
 
 
 def checked(
@@ -91,6 +93,7 @@ def checked(
     restricted = np.moveaxis(mesh.restrict(np.moveaxis(given, 1, 0)), 0, 1)
     frames = restricted.reshape(*restricted.shape[:2], -1)
     of_channels = _weights(weights, frames.shape[2])
+    warn_of_phases(mesh, frames[0].T)
     counted = of_channels > 0
     finite = np.isfinite(frames)[:, :, counted if counted.any() else slice(None)]
     if not finite.any():
@@ -114,7 +117,12 @@ def checked(
     _fill_in(mesh, frames, seen, counted)
     frames.flags.writeable = False
     return Frames(
-        mesh, frames, _times(times, len(frames)), of_vertices, of_channels, given.ndim == 3
+        mesh,
+        frames,
+        _times(times, len(frames)),
+        of_vertices,
+        of_channels,
+        given.ndim == 3,
     )
 
 

@@ -19,6 +19,7 @@ from abfm.display import Display
 from abfm.errors import FunctionError, ParameterError, brief
 from abfm.flow.continuous_flow import ContinuousFlow
 from abfm.flow.flow import Flow
+from abfm.functions.circular import circular_frames
 from abfm.io import results
 from abfm.maps.surface_points import SurfacePoints, vertex_points
 from abfm.matching.judging.verdict import Verdict
@@ -377,6 +378,7 @@ def sequence(
     dt: float | None = None,
     mask: ArrayLike | None = None,
     weights: ArrayLike | None = None,
+    circular: bool | float = False,
     unfinished: Unfinished | None = None,
     on_interval: Callable[[int], object] | None = None,
     on_field: Callable[[int, FloatArray], object] | None = None,
@@ -413,6 +415,9 @@ def sequence(
         Weight of the mismatch at each vertex, not negative; where it is 0, values are not known.
     weights : (C,) array, optional
         Weight of each channel.
+    circular : bool or float
+        Whether frames are phases, which are compared by cosine and sine, or their period: two
+        channels for each of theirs, with its weight.
     unfinished : Unfinished, optional
         A file for what is found meanwhile, from which the next run of the same goes on where this
         one was killed or cancelled. ``unfinished.remove()`` is for when the result is safe.
@@ -442,6 +447,7 @@ def sequence(
     """
     mesh, given = as_mesh(mesh), checked_parameters(parameters)
     gamma = _checked_gamma(gamma)
+    frames, weights = circular_frames(frames, weights, circular)
     control = control or present_control() or Control()
     with controlled(control):
         try:

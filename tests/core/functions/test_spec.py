@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError
 from abfm.functions import Family, Sum, families, function, parse
+from abfm.functions.circular import Circular
 from abfm.functions.expression import Expression
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature, ShapeDiameter
@@ -56,6 +57,8 @@ MEANINGS = {
     "scaled:-0.5, offset=1e-3(hks + wks) + wks": Sum(
         (Scaled(factor=-0.5, offset=1e-3, function=Sum((HKS, WKS))), WKS)
     ),
+    "circular:period=360(hks)": Circular(period=360.0, function=HKS),
+    "circular:(hks + wks)": Circular(function=Sum((HKS, WKS))),
     "scaled:2(permuted:mirror(hks))": Scaled(
         factor=2.0, function=Permuted(path="mirror", function=HKS)
     ),
@@ -148,7 +151,7 @@ def test_specs_made_in_python_are_checked_like_text():
 def test_families_describe_themselves():
     described = {cls.family: cls for cls in families()}
     assert set(described) == {spec.family for spec in MEANINGS.values() if isinstance(spec, Family)}
-    assert set(described) == {*TERMS, "permuted", "scaled"}
+    assert set(described) == {*TERMS, "permuted", "scaled", "circular"}
     for cls in described.values():
         assert cls.summary()
         assert all(p.summary for p in cls.parameters())
@@ -229,6 +232,7 @@ specs = st.recursive(
     lambda inner: st.one_of(
         st.builds(Permuted, path=names, function=inner),
         st.builds(Scaled, factor=numbers, offset=numbers, function=inner),
+        st.builds(Circular, period=positives, part=st.none() | st.just("sine"), function=inner),
         st.lists(inner.filter(lambda s: not isinstance(s, Sum)), min_size=2, max_size=3).map(
             lambda t: Sum(tuple(t))
         ),

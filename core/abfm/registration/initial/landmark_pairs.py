@@ -19,6 +19,7 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.reading import Format, open_file, rows_of
 from abfm.reading.text_tables import parse_number
+from abfm.registration.initial.counting import warn_if_from_one
 from abfm.types import FloatArray
 
 _WORDS = ("name", "weight", "curve")  # columns beside the places, by their names
@@ -100,13 +101,16 @@ class _Row(NamedTuple):
     curve: str
 
 
-def read_landmarks(a: TriangleMesh, b: TriangleMesh, path: str) -> Landmarks:
+def read_landmarks(
+    a: TriangleMesh, b: TriangleMesh, path: str, one_based: bool = False
+) -> Landmarks:
     """Read pairs of points of A and of B from a .csv, .tsv, .txt or .vts file.
 
     A line holds the number of a vertex of A and that of one of B, as the mesh files count them,
-    from 0 (in .vts files from 1); or six coordinates, x, y, z on A and x, y, z on B, in the units
-    of the meshes, which are brought onto the surfaces. A line of names on top may call further
-    columns ``name``, ``weight`` and ``curve``; without it one more column of words is the curve.
+    from 0 (in .vts files, or if they are ``one_based``, from 1); or six coordinates, x, y, z on A
+    and x, y, z on B, in the units of the meshes, which are brought onto the surfaces. A line of
+    names on top may call further columns ``name``, ``weight`` and ``curve``; without it one more
+    column of words is the curve. Numbers that fit better as counted from 1 give a warning.
 
     The lines of a curve, in their order, are points along it; A may have more of them than B or
     fewer, whose cells are empty then. Between them it goes straight, then onto the surface. Both
@@ -121,7 +125,7 @@ def read_landmarks(a: TriangleMesh, b: TriangleMesh, path: str) -> Landmarks:
     rows = _rows(path)
     try:
         single = [row for row in rows if not row.curve]
-        first = 1 if path.lower().endswith(".vts") else 0
+        first = 1 if one_based or path.lower().endswith(".vts") else 0
         _refuse_doubles(single)
         sides = [
             _Side("A", a, [(row.number, row.a) for row in single], first),
@@ -142,6 +146,9 @@ def read_landmarks(a: TriangleMesh, b: TriangleMesh, path: str) -> Landmarks:
             project_onto_surface(side.mesh, np.concatenate(found))
             for side, found in zip(sides, places, strict=True)
         )
+        if not first and len(rows) == len(single) and len(rows[0].a) == 1:
+            numbers = np.array([[*row.a, *row.b] for row in rows]).astype(np.int64)
+            warn_if_from_one(a, b, *numbers.T)
         return Landmarks(on_a, on_b, np.array(weights), tuple(names))
     except AbfmError as error:
         raise AbfmError(f"landmarks {brief(path)}: {error}") from None

@@ -1,0 +1,199 @@
+"""Phases: values that repeat after a period are compared by their cosine and sine."""
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from abfm.errors import AbfmWarning, FunctionError, ParameterError, brief
+from abfm.functions.family import POSITIVE, Family, Spec, choice, parameter
+from abfm.mesh import TriangleMesh
+from abfm.numerics.real_numbers import real_numbers
+from abfm.types import FloatArray
+
+TURN = 2 * math.pi
+_PERIODS = {TURN: "2 pi", 360.0: "360"}
+_FULL = 0.95  # least share of its period that a phase covers
+_JUMP, _BETWEEN = 0.9, 0.3  # of the range: what jumps, and what is no small difference
+_MIDDLE = 0.1  # least share of vertices with values in the middle half: a step has fewer
+_JUMPS_MIN = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circular(Family):
+    """Cosine and sine of another function, whose values repeat after a period, such as angles.
+
+    As a source and as a target it makes two channels; ``part`` is one of them, without unit.
+    """
+
+    family = "circular"
+    period: float = parameter(POSITIVE, "after which values repeat", default=TURN)
+    part: str | None = parameter(
+        choice("cosine", "sine"), "one of the two functions", default=None, empty="both"
+    )
+    function: Spec  # given in parentheses
+
+    def __str__(self) -> str:
+        words = super().__str__()
+        return f"{words}{'' if ':' in words else ':'}({self.function})"
+
+    @property
+    def parts(self) -> tuple[Spec, ...]:
+        """The functions that it is as a channel."""
+        if self.part is not None:
+            return (self,)
+        return tuple(replace(self, part=part) for part in ("cosine", "sine"))
+
+    def evaluate(self, mesh: TriangleMesh) -> FloatArray:
+        if self.part is None:
+            raise FunctionError(
+                "circular is two functions: use it as source and target, or choose one by "
+                "part=cosine or part=sine"
+            )
+        pair = as_circle(self.function.evaluate(mesh), self.period)
+        return pair[:, 0 if self.part == "cosine" else 1]
+
+
+def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:
+    """Return cosine and sine of values (n,) or (..., C) that repeat after a period: (..., 2 C)."""
+    angles = TURN / period * real_numbers(values, "values", FunctionError)
+    if angles.ndim == 1:
+        angles = angles[:, None]
+    pairs = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    return np.asarray(pairs.reshape(*angles.shape[:-1], -1))
+
+
+def checked_period(circular: object) -> float | None:
+    """Return the period that an argument ``circular`` gives: 2 pi for True, None for False."""
+    if circular is None or isinstance(circular, bool | np.bool_):
+        return TURN if circular else None
+    try:
+        period = float(circular)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        period = math.nan
+    if not 0 < period < math.inf:
+        raise ParameterError(f"circular is {brief(circular)}; expected True or a period above 0")
+    return period
+
+
+def circular_frames(
+    frames: ArrayLike, weights: ArrayLike | None, circular: object
+) -> tuple[ArrayLike, ArrayLike | None]:
+    """Return frames (T, V) or (T, V, C) and weights, as they are unless they are circular."""
+    if (period := checked_period(circular)) is None:
+        return frames, weights
+    given = real_numbers(frames, "frames", FunctionError)
+    values = as_circle(given[..., None] if given.ndim == 2 else given, period)
+    return values, None if weights is None else np.repeat(weights, 2)
+
+
+def circular_texts(texts: Sequence[str], period: float | None) -> list[str]:
+    """Return functions as text of which those that are not circular yet are made so."""
+    from abfm.functions.spec import parse  # which knows this family
+
+    if period is None:
+        return [*texts]
+    trees = [parse(text) for text in texts]
+    return [
+        str(tree if isinstance(tree, Circular) else Circular(period=period, function=tree))
+        for tree in trees
+    ]
+
+
+def split_channels(
+    sources: Sequence[str], targets: Sequence[str], weights: Sequence[float]
+) -> tuple[list[str], list[str], list[float]]:
+    """Return channels of which each that is circular is two, with its weight.
+
+    Raises
+    ------
+    FunctionError
+        If a source is circular and its target is not, or the other way round.
+    """
+    from abfm.functions.spec import parse  # which knows this family
+
+    found: tuple[list[str], list[str], list[float]] = ([], [], [])
+    for *pair, weight in zip(sources, targets, weights, strict=True):
+        trees = [parse(text) if text else None for text in pair]
+        parts = [
+            [*map(str, tree.parts)] if isinstance(tree, Circular) else [text]
+            for tree, text in zip(trees, pair, strict=True)
+        ]
+        if len(parts[0]) != len(parts[1]):
+            raise FunctionError(
+                f"of {brief(pair[0])} and {brief(pair[1])} one is circular; both must be"
+            )
+        found[0].extend(parts[0])
+        found[1].extend(parts[1])
+        found[2].extend([weight] * len(parts[0]))
+    return found
+
+
+def circular_channels(f: Any, g: Any, weights: Any, circular: object) -> tuple[Any, Any, Any]:
+    """Return functions and weights of a problem, with two channels for each circular one.
+
+    Arrays (V,) or (V, C) are circular if ``circular`` is True or a period, as are texts; these may
+    also be so by themselves.
+    """
+    period, (sources, targets) = checked_period(circular), map(_texts, (f, g))
+    if sources is not None and targets is not None and len(sources) == len(targets):
+        counts = np.ones(len(sources)) if weights is None else np.asarray(weights)
+        if counts.shape == (len(sources),):
+            sources, targets = (circular_texts(each, period) for each in (sources, targets))
+            found = split_channels(sources, targets, counts.tolist())
+            return found if len(found[0]) > len(counts) else (f, g, weights)
+    if period is None or f is None or g is None:
+        return f, g, weights
+    on_source, on_target = (as_circle(given, period) for given in (f, g))
+    return on_source, on_target, None if weights is None else np.repeat(weights, 2)
+
+
+def _texts(given: Any) -> list[str] | None:
+    if isinstance(given, str):
+        return [given]
+    is_list = isinstance(given, list | tuple) and len(given) > 0
+    return [*given] if is_list and all(isinstance(text, str) for text in given) else None
+
+
+def wrapped_period(mesh: TriangleMesh, values: FloatArray) -> float | None:
+    """Return the period of values (V,) that jump by about it between neighbours, or None.
+
+    Such values cover 2 pi or 360, and more edges differ by over 0.9 of their range than by 0.3 to
+    0.9 of it, on 3 edges at least. Steps have few values between their ends, and are none.
+    """
+    known = np.isfinite(values)
+    if not known.any():
+        return None
+    low, high = float(values[known].min()), float(values[known].max())
+    size = high - low
+    period = next((p for p in _PERIODS if _FULL * p <= size <= p * (1 + 1e-6)), None)
+    if period is None:
+        return None
+    with np.errstate(invalid="ignore"):
+        differences = np.abs(np.diff(values[mesh.edges], axis=1))[:, 0] / size
+        jumps = int(np.count_nonzero(differences > _JUMP))
+        others = int(np.count_nonzero((differences > _BETWEEN) & (differences <= _JUMP)))
+        middle = np.abs(values[known] - (low + high) / 2) < size / 4
+    is_wrapped = jumps >= max(_JUMPS_MIN, others) and middle.mean() >= _MIDDLE
+    return period if is_wrapped else None
+
+
+def warn_of_phases(mesh: TriangleMesh, rows: FloatArray) -> None:
+    """Warn if some of functions (C, V) are phases that are compared as numbers."""
+    if text := phase_warning(mesh, rows):
+        warnings.warn(text, AbfmWarning, stacklevel=3)
+
+
+def phase_warning(mesh: TriangleMesh, rows: FloatArray) -> str:
+    """Return that some of functions (C, V) jump as phases do; empty if none does."""
+    periods = [period for row in rows if (period := wrapped_period(mesh, row)) is not None]
+    if not periods:
+        return ""
+    return (
+        f"values jump by about {_PERIODS[periods[0]]} between neighbours, as phases do, and are "
+        "compared as numbers: circular compares their cosine and sine"
+    )
