@@ -30,6 +30,10 @@ _ADD_CHANNEL = (
     "landmark that stays where it is, far from the Gaussians of the others."
 )
 _RESCALE = "Scale and shift the source so that it has the target's values, from least to largest."
+_CIRCULAR = (
+    "The values are phases, which repeat after a period: compare their cosine and sine, two "
+    "channels, instead of the numbers."
+)
 _WEIGHT = "How much the active channel's mismatch counts among the others'; 0 leaves it out."
 _SEVERAL = "several terms"
 _FAMILY = "What kind of function it is. Sums can be typed below.\n\n{name}: {summary}"
@@ -93,8 +97,23 @@ def draw(context: Context) -> None:
     for side in SIDES:
         with ui.group(side):
             _Side(context, side, session.active.spec(side)).draw()
+    _draw_circular(ui, session)
     _draw_foreseen(ui, session)
     ui.line("Shift-drag on a surface moves its Gaussian.", tip=_BY_MOUSE)
+
+
+def _draw_circular(ui: Ui, session: Session) -> None:
+    """Draw whether phases are compared by cosine and sine, if the active channel has some."""
+    assert session.active is not None
+    specs = session.active.specs
+    is_circular = any(functions.without_circle(spec) != spec for spec in specs)
+    period = session.functions.period(session.document)
+    if not is_circular and period is None:
+        return
+    if ui.checkbox("circular", is_circular, _CIRCULAR) != is_circular:
+        with ui.refusals.refusing("circular"):
+            session.editor.set_circular(None if is_circular else period)
+    ui.refusal("circular")
 
 
 def _draw_foreseen(ui: Ui, session: Session) -> None:

@@ -174,6 +174,24 @@ class Editor:
             place = min(self.document.channel, len(others) - 1)
             self.change("remove a channel", channels=tuple(others), channel=place)
 
+    def set_circular(self, period: float | None) -> None:
+        """Compare the active channel by cosine and sine, two channels, or as numbers again."""
+        document = self.document
+        if (active := document.active) is None:
+            return
+        plain = [abfm.functions.without_circle(spec) for spec in active.specs]
+        source, target = (abfm.functions.circular_texts([spec], period) for spec in plain)
+        split = abfm.functions.split_channels(source, target, [active.weight])
+        made = [Channel(*each) for each in zip(*split, strict=True)]
+        channels, place = list[Channel](), 0
+        for channel in document.channels:
+            if [abfm.functions.without_circle(spec) for spec in channel.specs] != plain:
+                channels.append(channel)
+            elif made:
+                place = len(channels)
+                channels, made = channels + made, []
+        self.change("change circular", channels=tuple(channels), channel=place)
+
     def swap_channel(self) -> None:
         if (active := self.document.active) and active.source != active.target:
             swapped = replace(active, source=active.target, target=active.source)

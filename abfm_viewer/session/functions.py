@@ -35,6 +35,7 @@ class DocumentFunctions:
         self._defaults: Latest[tuple[str, str]] = jobs.latest()
         self._evaluated: dict[Functions, Evaluated] = {}
         self._is_outdated = Memo[bool]()
+        self._period = Memo["float | None"]()
         self._compared: abfm.Match | None = None
         self._answer = False
 
@@ -85,6 +86,17 @@ class DocumentFunctions:
         """Values (V,); None before they were evaluated, or where they cannot be."""
         found = self._found(function)
         return None if isinstance(found, str) else found
+
+    def period(self, document: Document) -> float | None:
+        """Return the period of the active channel's source if its values jump by it, or None."""
+        if document.active is None:
+            return None
+        function = document.function("source", document.active)
+        if (values := self.values(function)) is None:
+            return None
+        mesh = function.surface.mesh
+        find = partial(abfm.functions.wrapped_period, mesh, values)
+        return self._period.get((mesh, values), find)
 
     def error(self, function: Function) -> str:
         found = self._found(function)

@@ -104,6 +104,14 @@ def circular_texts(texts: Sequence[str], period: float | None) -> list[str]:
     ]
 
 
+def without_circle(text: str) -> str:
+    """Return the function inside one that is circular, as text; others as they are."""
+    from abfm.functions.spec import parse  # which knows this family
+
+    tree = parse(text)
+    return str(tree.function) if isinstance(tree, Circular) else text
+
+
 def split_channels(
     sources: Sequence[str], targets: Sequence[str], weights: Sequence[float]
 ) -> tuple[list[str], list[str], list[float]]:

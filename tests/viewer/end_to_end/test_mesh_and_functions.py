@@ -17,6 +17,29 @@ def settled(gui):
     gui.wait(lambda s: not s.obstacle)
 
 
+def test_phases_are_made_circular_by_widget(gui, tmp_path):
+    """The box is there where values jump by a period; it makes two channels, and one again."""
+    assert "circular" not in gui.labels()
+    x, y, _ = gui.session.surface().mesh.vertices.T
+    np.save(tmp_path / "a.npy", np.degrees(np.arctan2(y, x)))
+    spec = f"file:{tmp_path}/a.npy"
+    for side in ("source", "target"):
+        gui.session.editor.set_spec(side, spec)
+    settled(gui)
+    first = gui.session.channels
+    gui.click("circular")
+    settled(gui)
+    parts = [f"circular:period=360.0,part={part}({spec})" for part in ("cosine", "sine")]
+    assert [channel.specs for channel in gui.session.channels] == [(part, part) for part in parts]
+    gui.session.undo()
+    settled(gui)
+    assert gui.session.channels == first
+    gui.click("circular")
+    settled(gui)
+    gui.click("circular")
+    assert gui.session.channels == first
+
+
 def test_channels_and_gaussians_are_added_changed_and_removed_by_widget(gui):
     session = gui.session
     first = session.channels[0]
@@ -111,7 +134,7 @@ def test_controls_of_the_families(gui):
     }
     expected = {"eigenfunction": ":4", "geodesic": ":vertex=5", "expression": ":x*y"}
     for family in sorted(
-        {cls.family for cls in families()} - {"gaussian", "file", "permuted", "scaled"}
+        {cls.family for cls in families()} - {"gaussian", "file", "permuted", "scaled", "circular"}
     ):
         choose("family", family, within=side)
         assert spec().startswith(family)
