@@ -6,9 +6,7 @@ from collections.abc import Iterable
 
 from abfm.errors import AbfmWarning, one_line
 from abfm.mesh import TriangleMesh
-from abfm.reading import hemisphere, named_side, side_of
-
-_WORDS = {"L": "left", "R": "right"}
+from abfm.reading import HEMISPHERES, hemisphere, named_side, side_of
 
 
 def warn_of_sides(mesh: TriangleMesh, path: str | os.PathLike[str], side: str = "") -> None:
@@ -36,6 +34,6 @@ def _difference(
         return ""
     one, two = (one_line(os.path.basename(name), 80) for name in (first, other))
     return (
-        f"{one} is of the {_WORDS[side]} hemisphere, and {two} of the {_WORDS[its]} one: use files "
-        "of one hemisphere"
+        f"{one} is of the {HEMISPHERES[side]} hemisphere, and {two} of the {HEMISPHERES[its]} one: "
+        "use files of one hemisphere"
     )

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from abfm.errors import ResultError
 from abfm.io.atomic import write_atomically
-from abfm.reading import Labels
+from abfm.reading import STRUCTURES, Labels
 
 CIFTI_VALUES = (".dscalar.nii", ".dtseries.nii")
 CIFTI_LABELS = ".dlabel.nii"
-_STRUCTURES = {"CortexLeft": "CORTEX_LEFT", "CortexRight": "CORTEX_RIGHT"}
 _KEY_MAX = 1 << 24  # the largest whole number of single precision without gaps
 _NO_COLOR = (0.5, 0.5, 0.5, 1.0)
 
@@ -74,7 +73,7 @@ def _write(
     structure: str | None,
     intent: str,
 ) -> None:
-    if structure not in _STRUCTURES:
+    if structure not in STRUCTURES.values():
         raise ResultError(
             f"cannot write {path}: CIFTI needs the hemisphere. Put it into the name of the file or "
             "of the surface, such as hemi-L_thickness.dscalar.nii"
@@ -82,9 +81,7 @@ def _write(
     used = np.flatnonzero(np.isfinite(values).any(axis=0))
     if len(used) == 0:
         raise ResultError(f"cannot write {path}: no vertex has a value")
-    cortex = _cifti2().BrainModelAxis.from_surface(
-        used, values.shape[1], name=_STRUCTURES[structure]
-    )
+    cortex = _cifti2().BrainModelAxis.from_surface(used, values.shape[1], name=structure)
     image = _cifti2().Cifti2Image(values[:, used].astype(np.float32), header=(rows, cortex))
     image.nifti_header.set_intent(f"NIFTI_INTENT_CONNECTIVITY_DENSE_{intent}")
     with write_atomically(path) as temporary:

@@ -7,7 +7,7 @@ from typing import TypeVar, Unpack
 
 from abfm.errors import MeshError, ParameterError, one_line
 from abfm.mesh.objects import MeshLike, contents_of, parts_of
-from abfm.mesh.options import HEMISPHERES, MeshKeywords
+from abfm.mesh.options import MeshKeywords
 from abfm.mesh.readers.brain import (
     read_ascii_surface,
     read_gifti,
@@ -23,6 +23,7 @@ from abfm.mesh.readers.ply import read_ply
 from abfm.mesh.triangle_mesh import TriangleMesh
 from abfm.reading import (
     ENDINGS,
+    HEMISPHERES,
     STRUCTURES,
     Format,
     Opened,

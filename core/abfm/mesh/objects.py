@@ -8,9 +8,8 @@ from typing import Any, NamedTuple, NoReturn, TypeAlias
 import numpy as np
 
 from abfm.errors import brief, one_line
-from abfm.mesh.options import HEMISPHERES
 from abfm.mesh.readers.contents import FileContents, split_polygons
-from abfm.reading import side_of
+from abfm.reading import HEMISPHERES, side_of
 from abfm.reading.strips import triangles_of_strips
 from abfm.types import IntArray
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypedDict
 
 from abfm.errors import ParameterError, brief
+from abfm.reading import HEMISPHERES
 
 _TRUE, _FALSE = ("yes", "true", "1"), ("no", "false", "0")
 MERGE = "merge"
-HEMISPHERES = {"L": "left", "R": "right"}
 
 
 class MeshKeywords(TypedDict, total=False):

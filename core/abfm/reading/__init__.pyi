@@ -24,8 +24,8 @@ from .freesurfer import freesurfer_values as freesurfer_values
 from .gifti import LABEL as LABEL
 from .gifti import NODE_INDEX as NODE_INDEX
 from .gifti import SURFACE as SURFACE
-from .gifti import gifti_arrays as gifti_arrays
 from .gifti import read_gifti as read_gifti
+from .hemispheres import HEMISPHERES as HEMISPHERES
 from .hemispheres import STRUCTURES as STRUCTURES
 from .hemispheres import hemisphere as hemisphere
 from .hemispheres import named_side as named_side

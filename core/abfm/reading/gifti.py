@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abfm.reading.door import inflated, most_inflated, open_plain, referenced_file
+from abfm.reading.hemispheres import STRUCTURES
 from abfm.reading.labels import Color
 from abfm.reading.opening import Opened, open_file
 from abfm.reading.xml_events import take_events
@@ -52,7 +53,7 @@ _INTENTS = {
     "1009": "NIFTI_INTENT_TRIANGLE",
     "2002": "NIFTI_INTENT_NODE_INDEX",
 }
-_STRUCTURES = {"CortexLeft": "L", "CortexRight": "R"}
+_SIDES = {structure: side for side, structure in STRUCTURES.items()}
 _MOST_DIMENSIONS = 6
 _TEXTS = ("Data", "Label", "Name", "Value")  # elements whose text is used
 _LARGEST_KEY = 2**63 - 1
@@ -85,11 +86,6 @@ class Gifti(NamedTuple):
     time_step: float = math.nan
     structure: str = ""
     """"L" or "R" where its metadata name a hemisphere (``AnatomicalStructurePrimary``)."""
-
-
-def gifti_arrays(source: str | os.PathLike[str] | Opened) -> list[GiftiArray]:
-    """Read all data arrays of a GIFTI file; see `read_gifti`."""
-    return read_gifti(source).arrays
 
 
 def read_gifti(source: str | os.PathLike[str] | Opened) -> Gifti:
@@ -148,7 +144,7 @@ class _Reader:
         elif self._entry == "TimeStep":
             self.time_step = _number(text)
         elif self._entry == "AnatomicalStructurePrimary":
-            self.structure = self.structure or _STRUCTURES.get(text.strip(), "")
+            self.structure = self.structure or _SIDES.get(text.strip(), "")
         elif self._entry == "Name" and "DataArray" in self._open:
             self._name = text.strip()
 

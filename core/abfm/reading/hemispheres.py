@@ -3,10 +3,12 @@
 import os
 import re
 
-STRUCTURES = {"L": "CortexLeft", "R": "CortexRight"}
+HEMISPHERES = {"L": "left", "R": "right"}
+"""Words of the hemispheres."""
+STRUCTURES = {side: f"Cortex{word.title()}" for side, word in HEMISPHERES.items()}
 """GIFTI's ``AnatomicalStructurePrimary`` of a cortex, by its hemisphere."""
 _SIDES = {"lh": "L", "rh": "R"}
-_WORDS = {"left": "L", "right": "R"}  # these two in capitals or not
+_WORDS = {word: side for side, word in HEMISPHERES.items()}  # in capitals or not
 _IMAGING = re.compile(
     r"\.(gii|nii|annot|label|stc|mgh|mgz|asc|white|pial|inflated|smoothwm|orig|sphere|reg|sulc|curv"
     r"|thickness|area|volume)(\.gz)?$",

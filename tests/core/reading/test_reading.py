@@ -18,7 +18,7 @@ from hypothesis.extra import numpy as arrays
 from numpy.testing import assert_array_equal
 
 from abfm.errors import one_line
-from abfm.reading import array_from, gifti_arrays, inflated, open_plain, read_bytes
+from abfm.reading import array_from, inflated, open_plain, read_bytes, read_gifti
 from tests.core.reading.hostile import bomb, gifti, npy, npy_of, one_byte_changed
 from tests.messages import raises
 
@@ -211,7 +211,7 @@ def test_what_nibabel_writes_is_read_as_nibabel_reads_it(tmp_path, encoding, end
     ]
     name = "a.gii" if kind == "uint8" else "a.gii.gz"
     nibabel.save(nibabel.gifti.GiftiImage(darrays=arrays), tmp_path / name)
-    found, expected = gifti_arrays(tmp_path / name), nibabel.load(tmp_path / name).darrays
+    found, expected = read_gifti(tmp_path / name).arrays, nibabel.load(tmp_path / name).darrays
     assert [array.intent for array in found] == ["NIFTI_INTENT_POINTSET", "NIFTI_INTENT_SHAPE"]
     for array, other in zip(found, expected, strict=True):
         assert array.values.dtype == kind
@@ -222,7 +222,7 @@ def test_values_from_a_file_beside_it(tmp_path):
     def beside(name, offset="4"):
         more = f'ExternalFileName="{name}" ExternalFileOffset="{offset}"'
         (tmp_path / "a.gii").write_bytes(gifti("", encoding="ExternalFileBinary", more=more))
-        [array] = gifti_arrays(tmp_path / "a.gii")
+        [array] = read_gifti(tmp_path / "a.gii").arrays
         return array.values.tolist()
 
     (tmp_path / "a.bin").write_bytes(NINE.tobytes())
@@ -250,7 +250,7 @@ OUTSIDE = b'<!DOCTYPE GIFTI SYSTEM "http://www.nitrc.org/frs/download.php/115/gi
 def test_gifti_doctype_outside_file_is_accepted(tmp_path):
     start, rest = gifti("1 2 3").split(b"?>")
     (tmp_path / "a.gii").write_bytes(start + b"?>" + OUTSIDE + rest)
-    [array] = gifti_arrays(tmp_path / "a.gii")
+    [array] = read_gifti(tmp_path / "a.gii").arrays
     assert array.values.tolist() == [1, 2, 3]
 
 
@@ -294,7 +294,7 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
 def test_arrays_that_do_not_fit_are_refused(tmp_path, content, named):
     (tmp_path / "a.gii").write_bytes(content)
     with raises(ValueError, *named) as caught:
-        gifti_arrays(tmp_path / "a.gii")
+        read_gifti(tmp_path / "a.gii")
     assert len(str(caught.value)) < 300
 
 
@@ -306,7 +306,7 @@ def test_one_wrong_byte_gives_arrays_or_is_refused(tmp_path, content):
     for changed in one_byte_changed(content):
         (tmp_path / "a.gii").write_bytes(changed)
         try:
-            found = gifti_arrays(tmp_path / "a.gii")
+            found = read_gifti(tmp_path / "a.gii").arrays
         except (OSError, ValueError):
             continue
         assert all(array.values.size <= 9 for array in found)

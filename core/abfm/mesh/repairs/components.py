@@ -5,8 +5,8 @@ import numpy as np
 from abfm.errors import MeshError
 from abfm.mesh.draft import Draft
 from abfm.mesh.face_sizes import twice_areas
-from abfm.mesh.options import HEMISPHERES
 from abfm.mesh.topology import connected
+from abfm.reading import HEMISPHERES
 from abfm.types import BoolArray, FloatArray, IntArray
 
 # of two hemispheres: the smaller area over the larger one, how much of all area is theirs, and the

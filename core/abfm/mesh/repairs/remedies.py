@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from abfm.errors import MeshError, Remedy
 from abfm.mesh.draft import Draft
-from abfm.mesh.options import HEMISPHERES, MeshOptions
+from abfm.mesh.options import MeshOptions
+from abfm.reading import HEMISPHERES
 
 FACES_MAX = 1_000_000
 """Of larger meshes no options are tried, as that takes long."""
