@@ -76,8 +76,8 @@ def write_surface(
     Raises
     ------
     ResultError
-        If the ending is none of these, nibabel is missing, a number is too large for single
-        precision, or the file cannot be written.
+        If the ending is none of these, a number is too large for single precision, or the file
+        cannot be written.
     """
     ending = _ending(path, _SURFACES)
     if ending == ".ply":
@@ -85,7 +85,7 @@ def write_surface(
         return
     vertices = _single(mesh.vertices, "coordinates")
     if ending in FREESURFER_SURFACES:
-        write = brain_package("nibabel.freesurfer").write_geometry
+        write = import_module("nibabel.freesurfer").write_geometry
         with write_atomically(path) as temporary:
             write(temporary, vertices, mesh.faces, create_stamp=_STAMP)
         return
@@ -102,14 +102,12 @@ def write_surface(
 
 def check_surface_name(path: str | os.PathLike[str]) -> None:
     """Refuse a name that `write_surface` would refuse, by the same ResultError."""
-    if _ending(path, _SURFACES) != ".ply":
-        brain_package("nibabel")
+    _ending(path, _SURFACES)
 
 
 def check_values_name(path: str | os.PathLike[str]) -> None:
     """Refuse a name that `write_values` would refuse, by the same ResultError."""
-    if _ending(path, _VALUES) not in (".npy", *_TEXTS):
-        brain_package("nibabel")
+    _ending(path, _VALUES)
 
 
 def write_values(
@@ -153,7 +151,7 @@ def write_values(
         write_cifti_values(path, columns.T, called, of)
         return
     if ending in _OVERLAYS:
-        image = brain_package("nibabel.freesurfer").MGHImage
+        image = import_module("nibabel.freesurfer").MGHImage
         shape = (len(array), 1, 1) + ((count,) if count > 1 else ())
         data = image(columns.T.reshape(shape), np.eye(4)).to_bytes()
         _write_bytes(path, gzip.compress(data, mtime=0) if ending == ".mgz" else data)
@@ -164,7 +162,7 @@ def write_values(
                 f"cannot write {path}: FreeSurfer's files hold one column, and {count} are given; "
                 "write them one by one, or .mgh"
             )
-        write = brain_package("nibabel.freesurfer").write_morph_data
+        write = import_module("nibabel.freesurfer").write_morph_data
         with write_atomically(path) as temporary:
             write(temporary, columns[0])
         return
@@ -221,15 +219,6 @@ def _ending(path: str | os.PathLike[str], known: tuple[str, ...]) -> str:
     return ending
 
 
-def brain_package(name: str) -> Any:
-    """Return a module of those that the extra ``brain`` installs."""
-    try:
-        return import_module(name)
-    except ImportError:
-        package = name.partition(".")[0]
-        raise ResultError(f"this needs {package}; type: pip install 'abfm[brain]'") from None
-
-
 def _single(values: FloatArray, name: str) -> NDArray[np.float32]:
     with np.errstate(over="ignore"):
         single = np.ascontiguousarray(values, dtype=np.float32)
@@ -252,7 +241,7 @@ def _printable(text: object, what: str) -> str:
 
 
 def _gifti_array(values: NDArray[Any], intent: str, meta: Mapping[str, str] | None = None) -> Any:
-    gifti = brain_package("nibabel.gifti")
+    gifti = import_module("nibabel.gifti")
     kind = f"NIFTI_TYPE_{values.dtype.name.upper()}"
     return gifti.GiftiDataArray(values, intent, kind, meta=gifti.GiftiMetaData(meta or {}))
 
@@ -263,7 +252,7 @@ def _write_gifti(
     meta: Mapping[str, str],
     labels: Labels | None = None,
 ) -> None:
-    gifti = brain_package("nibabel.gifti")
+    gifti = import_module("nibabel.gifti")
     image = gifti.GiftiImage(darrays=arrays, meta=gifti.GiftiMetaData(meta))
     if labels:
         for key, name in labels.names.items():
@@ -299,7 +288,7 @@ def _write_plain(
 
 
 def _write_annotation(path: str | os.PathLike[str], keys: IntArray, labels: Labels) -> None:
-    write = brain_package("nibabel.freesurfer").write_annot
+    write = import_module("nibabel.freesurfer").write_annot
     if not labels.names:
         raise ResultError(f"cannot write {path}: its labels have no names; write them as .npy")
     numbers = {int(key): number for number, key in enumerate(labels.names)}

@@ -4,18 +4,17 @@ nilearn is installed by ``pip install 'abfm[brain]'``, and only needed to make o
 """
 
 from collections.abc import Mapping
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from abfm.errors import AbfmError, ResultError, brief, one_line
-from abfm.io.brain_files import brain_package
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
+from abfm.reading import HEMISPHERES
 from abfm.types import FloatArray
-
-_PARTS = ("left", "right")
 
 
 def from_surface_image(image: Any) -> dict[str, tuple[TriangleMesh, FloatArray]]:
@@ -64,7 +63,7 @@ def to_surface_image(parts: Mapping[str, tuple[TriangleMesh, ArrayLike]]) -> Any
         If nilearn is missing, or parts are called anything else or do not fit their mesh or one
         another.
     """
-    if not parts or not set(parts) <= set(_PARTS):
+    if not parts or not set(parts) <= {*HEMISPHERES.values()}:
         raise ResultError(
             f"the parts of a surface image are {brief(list(parts))}; expected left, right or both"
         )
@@ -81,7 +80,10 @@ def to_surface_image(parts: Mapping[str, tuple[TriangleMesh, ArrayLike]]) -> Any
     if len({values.shape[1:] for values in arrays.values()}) > 1:
         shapes = " and ".join(str(values.shape) for values in arrays.values())
         raise ResultError(f"values of the parts have shapes {shapes}; expected as many columns")
-    surface = brain_package("nilearn.surface")
+    try:
+        surface = import_module("nilearn.surface")
+    except ImportError:
+        raise ResultError("this needs nilearn; type: pip install 'abfm[brain]'") from None
     meshes = {
         part: surface.InMemoryMesh(np.array(mesh.vertices), np.array(mesh.faces))
         for part, (mesh, _) in parts.items()

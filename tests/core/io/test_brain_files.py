@@ -2,7 +2,6 @@
 
 import getpass
 import os
-import sys
 import time
 
 import nibabel
@@ -321,21 +320,3 @@ def test_what_cannot_be_written_is_refused(tmp_path, write, data, name, words):
         write(tmp_path / name, data)
     assert words.replace("\\", "") in str(caught.value)
     assert os.listdir(tmp_path) == []
-
-
-def test_without_nibabel_what_needs_it_says_what_to_install(tmp_path, monkeypatch):
-    for module in [name for name in sys.modules if name.partition(".")[0] == "nibabel"]:
-        monkeypatch.setitem(sys.modules, module, None)
-    for write, data, name in (
-        (write_surface, MESH, "a.surf.gii"),
-        (write_surface, MESH, "lh.white"),
-        (write_values, VALUES, "a.func.gii"),
-        (write_values, VALUES, "lh.sulc"),
-        (write_labels, LABELS, "lh.annot"),
-    ):
-        with raises(ResultError, "abfm[brain]"):
-            write(tmp_path / name, data)
-    assert os.listdir(tmp_path) == []
-    write_surface(tmp_path / "a.ply", MESH)
-    write_values(tmp_path / "a.npy", VALUES)
-    write_labels(tmp_path / "a.txt", LABELS)
