@@ -153,25 +153,29 @@ class Painter:
             return document.film.frames.unknown
         compared, active = document.compared, document.active
         if compared is None or active is None:
-            return self._unknown_by_mask()
+            return self._without_value()
         channel = compared.channels[active.source, active.target]
         find = partial(compared.unknown, name, channel)
         return self._unknowns[name].get((compared, channel), find)
 
-    def _unknown_by_mask(self) -> BoolArray | None:
-        """Return where the mask of frames that became a match says that nothing was measured."""
-        session = self._session
-        if not session.document.has_missing:
+    def _without_value(self) -> BoolArray | None:
+        """Return where the active functions have no value, or the mask of frames that became a
+        match; None if they have values everywhere.
+        """
+        functions, document = self._session.functions, self._session.document
+        if document.active is None or document.is_pair:
             return None
-        mask = session.functions.values(session.document.mask_function)
-        if mask is None:
-            return None
+        active = [document.function(side, document.active) for side in SIDES]
+        given = [values for one in active if (values := functions.values(one)) is not None]
+        mask = functions.values(document.mask_function) if document.has_missing else None
 
         def find() -> BoolArray | None:
-            found = np.asarray(mask == 0)
+            missing = [np.isnan(values) for values in given]
+            missing += [] if mask is None else [np.asarray(mask == 0)]
+            found = np.any(missing, axis=0)
             return found if found.any() else None
 
-        return self._unknowns["mask"].get((mask,), find)
+        return self._unknowns["functions"].get((mask, *given), find)
 
     def _on_finer(self, name: str, colors: ColorRange) -> Paint | None:
         """Show a function of a match on the finer mesh that it was found on, if that is wanted."""
