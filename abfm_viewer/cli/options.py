@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from abfm import Match, Parameters, TriangleMesh, load_mesh
 from abfm.errors import ParameterError, brief, did_you_mean, one_line, printable
 from abfm.functions import function
-from abfm.functions.circular import circular_texts, split_channels
+from abfm.functions.circular import split_channels
 from abfm.functions.family import quoted
 from abfm.mesh.options import MERGE, MeshOptions
 from abfm.parameters import CHOICES, is_whole
@@ -119,8 +119,7 @@ def channels(
                 f"--channel: its third word is the weight, a number, not {brief(word)}"
             ) from None
     sources, targets = ([pair[side] for pair in found] for side in range(2))
-    sources, targets = (circular_texts(each, arguments.circular) for each in (sources, targets))
-    return split_channels(sources, targets, weights)
+    return split_channels(sources, targets, weights, arguments.circular)
 
 
 def add_up(add: Callable[..., None]) -> None:
@@ -226,11 +225,12 @@ def warn_of_doubt(path: str, match: Match | None) -> None:
         print(told, file=sys.stderr)
 
 
-def mesh(arguments: argparse.Namespace) -> TriangleMesh:
-    """Read the mesh and say on stderr what was repaired."""
-    loaded = load_mesh(arguments.mesh, **mesh_options(arguments).given)
+def mesh(arguments: argparse.Namespace, path: str | None = None) -> TriangleMesh:
+    """Read the mesh, or one of several by its path, and print what was repaired on stderr."""
+    loaded = load_mesh(path or arguments.mesh, **mesh_options(arguments).given)
+    whose = f"{printable(path)}: " if path else ""
     for message in loaded.messages:
-        print(f"note: {message}", file=sys.stderr)
+        print(f"note: {whose}{message}", file=sys.stderr)
     return loaded
 
 

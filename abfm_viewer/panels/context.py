@@ -1,10 +1,10 @@
 """What panels, menus and keys draw with and act on."""
 
+from abfm.reading import FRAMES_ENDINGS
 from abfm_viewer.dialogs import Dialogs
 from abfm_viewer.files.result_tables import NAMES
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.exporter import Exporter
-from abfm_viewer.session.film_files import FRAMES
 from abfm_viewer.session.session import Session
 from abfm_viewer.session.session_files import (
     MESHES,
@@ -40,4 +40,4 @@ class Context:
         self.dialogs.open("Open a second surface", MESHES, self.files.open_second)
 
     def open_frames(self) -> None:
-        self.dialogs.open("Open frames", FRAMES, self.files.open_frames)
+        self.dialogs.open("Open frames", FRAMES_ENDINGS, self.files.open_frames)

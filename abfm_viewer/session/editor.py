@@ -180,8 +180,8 @@ class Editor:
         if (active := document.active) is None:
             return
         plain = [abfm.functions.without_circle(spec) for spec in active.specs]
-        source, target = (abfm.functions.circular_texts([spec], period) for spec in plain)
-        split = abfm.functions.split_channels(source, target, [active.weight])
+        source, target = plain
+        split = abfm.functions.split_channels([source], [target], [active.weight], period)
         made = [Channel(*each) for each in zip(*split, strict=True)]
         channels, place = list[Channel](), 0
         for channel in document.channels:

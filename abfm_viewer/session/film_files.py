@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import abfm
 from abfm import ResultError, TriangleMesh
 from abfm.reading import read_gifti
-from abfm.reading.opening import VALUES_ENDINGS
 from abfm.types import FloatArray
 from abfm_viewer.document.document import MEASURED, Channel, Document, Surface, View
 from abfm_viewer.document.film import Film, settings_of, unit_of
@@ -19,12 +18,11 @@ from abfm_viewer.document.film import Film, settings_of, unit_of
 if TYPE_CHECKING:
     from abfm.sequences.frames import Frames
 
-FRAMES = (*VALUES_ENDINGS, ".pvd", ".series")
-"""Suffixes of files that may hold frames; those of `ALONE` hold nothing else that is opened."""
 ALONE = (
     *(".npy", ".mat", ".csv", ".tsv", ".txt", ".1d", ".mgh", ".mgz", ".stc", ".pvd", ".series"),
     *(".func.gii", ".func.gii.gz", ".dtseries.nii", ".dscalar.nii"),
 )
+"""Endings of files that hold frames and nothing else that is opened."""
 _NUMBERED = re.compile(r"[0-9]\.vt[kup]$")  # grids of VTK; those without a number are meshes
 _POINTS = "NIFTI_INTENT_POINTSET"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import abfm
-from abfm import Control, Match, Parameters, Registration, TriangleMesh, load_mesh
+from abfm import Control, Match, Parameters, Registration
 from abfm.errors import printable
 from abfm.matching import RESIDUAL_REGISTERED, SHARE_REGISTERED
 from abfm.registration import MEASURED, prepare, within
@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
     }
     Parameters(**changed)  # refused before an initial map is looked for
     with nullcontext() if arguments.quiet else telling(print_long):
-        a, b = (_mesh(arguments, path) for path in (arguments.a, arguments.b))
+        a, b = (options.mesh(arguments, path) for path in (arguments.a, arguments.b))
         prepared = prepare(
             a,
             b,
@@ -152,13 +152,6 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(outcome.summary())
     return outcome.status
-
-
-def _mesh(arguments: argparse.Namespace, path: str) -> TriangleMesh:
-    loaded = load_mesh(path, **options.mesh_options(arguments).given)
-    for message in loaded.messages:
-        print(f"note: {printable(path)}: {message}", file=sys.stderr)
-    return loaded
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from abfm.batch.columns import Column, mesh_options, parameters_in
 from abfm.errors import ParameterError
 from abfm.functions import function
-from abfm.functions.circular import checked_period, circular_texts, split_channels
+from abfm.functions.circular import checked_period, split_channels
 from abfm.io import results
 from abfm.matching.judging.facts import distortion_warnings, headline_of, known_numbers
 from abfm.matching.judging.verdict import Verdict
@@ -136,8 +136,7 @@ def channels(given: Mapping[str, Any]) -> tuple[list[str], list[str], list[float
     found = [*first, *given.get("channel", ())]
     sources, targets, weights = ([each[part] for each in found] for part in range(3))
     period = checked_period(given.get("circular", False))
-    sources, targets = (circular_texts(each, period) for each in (sources, targets))
-    return split_channels(sources, targets, weights)
+    return split_channels(sources, targets, weights, period)
 
 
 def weight(mesh: TriangleMesh, spec: str | None) -> FloatArray | None:

@@ -1,6 +1,5 @@
 from .circular import Circular as Circular
 from .circular import as_circle as as_circle
-from .circular import circular_texts as circular_texts
 from .circular import phase_warning as phase_warning
 from .circular import split_channels as split_channels
 from .circular import without_circle as without_circle

@@ -187,3 +187,11 @@ def choice(*names: str) -> Kind:
     """Return the kind that is one of a few names."""
     listed = " or ".join([", ".join(names[:-1]), names[-1]])
     return Kind(listed, _checked(str, names.__contains__), names)
+
+
+def texts_of(given: Any) -> list[str] | None:
+    """Return functions given as a text or a list of texts; None for anything else."""
+    if isinstance(given, str):
+        return [given]
+    is_list = isinstance(given, list | tuple) and len(given) > 0
+    return [*given] if is_list and all(isinstance(text, str) for text in given) else None

@@ -10,6 +10,7 @@ import numpy as np
 
 from abfm.calculus.channels import at_vertices
 from abfm.errors import AbfmError, FunctionError, one_line
+from abfm.functions.family import texts_of
 from abfm.functions.sources import between_sources
 from abfm.functions.value_files import columns_of, request_for
 from abfm.mesh import TriangleMesh
@@ -66,10 +67,7 @@ def as_values(
 
 def texts_or_values(mesh: TriangleMesh, given: Any, name: str) -> Any:
     """Return functions given as text, or None, as they are, and anything else by `as_values`."""
-    is_list = isinstance(given, list | tuple) and len(given) > 0
-    if given is None or isinstance(given, str) or (is_list and isinstance(given[0], str)):
-        return given
-    return as_values(mesh, given, name)
+    return given if given is None or texts_of(given) else as_values(mesh, given, name)
 
 
 def values_of_object(mesh: TriangleMesh, given: Any) -> ObjectValues | None:

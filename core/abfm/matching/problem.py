@@ -28,6 +28,7 @@ from abfm.errors import (
 )
 from abfm.flow.continuous_flow import on_children
 from abfm.functions.circular import circular_channels, warn_of_phases
+from abfm.functions.family import texts_of
 from abfm.functions.objects import as_values, texts_or_values
 from abfm.functions.refinement import on_subdivision
 from abfm.functions.sides import warn_of_mixed_sides
@@ -491,11 +492,10 @@ class _Finer:
 
 
 def _values(mesh: TriangleMesh, given: Any) -> FloatArray:
-    if isinstance(given, str):
-        return function(mesh, given, may_be_unknown=True)
-    if _is_texts(given):
-        return np.stack([function(mesh, spec, may_be_unknown=True) for spec in given], axis=1)
-    return np.asarray(given)
+    if (texts := texts_of(given)) is None:
+        return np.asarray(given)
+    values = [function(mesh, text, may_be_unknown=True) for text in texts]
+    return values[0] if isinstance(given, str) else np.stack(values, axis=1)
 
 
 def _mask_of_known(
@@ -533,19 +533,12 @@ def _filled_in(mesh: TriangleMesh, values: FloatArray, known: BoolArray) -> Floa
 
 
 def _specs(given: Any, count: int) -> tuple[str, ...]:
-    if isinstance(given, str):
-        given = [given]
-    if not _is_texts(given):
+    if (known := texts_of(given)) is None:
         return ("",) * count
-    if len(given) != count:
-        raise ParameterError(f"{len(given)} texts of {count} channels; give one each, or ''")
-    texts = (str(parse(text)) if text else "" for text in given)
+    if len(known) != count:
+        raise ParameterError(f"{len(known)} texts of {count} channels; give one each, or ''")
+    texts = (str(parse(text)) if text else "" for text in known)
     return tuple(text if text.isprintable() else "" for text in texts)  # files hold no others
-
-
-def _is_texts(given: Any) -> bool:
-    is_list = isinstance(given, list | tuple) and len(given) > 0
-    return is_list and all(isinstance(text, str) for text in given)
 
 
 def _read_only(array: FloatArray) -> FloatArray:

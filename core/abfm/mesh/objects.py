@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, NoReturn, TypeAlias
+from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 
 from abfm.errors import brief, one_line
 from abfm.mesh.readers.contents import FileContents, split_polygons
-from abfm.reading import HEMISPHERES, side_of
-from abfm.reading.strips import triangles_of_strips
+from abfm.reading import HEMISPHERES, side_of, split_lists, triangles_of_strips
 from abfm.types import IntArray
 
 MeshLike: TypeAlias = Any
@@ -23,7 +22,8 @@ ACCEPTED = (
 _FACES = ("triangle", "quad")
 _SIDES = {word: side for side, word in HEMISPHERES.items()}
 _DRAWN_ONLY = ("vertex", "line", "line3", "polyline")
-_POINTS, _TRIANGLES = 1008, 1009  # intents of GIFTI arrays
+_POINTS = 1008  # intents of GIFTI arrays
+_TRIANGLES = 1009
 
 
 def has(given: Any, *names: str) -> bool:
@@ -99,33 +99,18 @@ def _of_gifti(image: Any) -> FileContents:
 
 def _of_poly_data(given: Any) -> FileContents:
     """Read polygons and triangle strips, which list the number of their corners before them."""
-    polygons, strips = _lists(given.faces, "faces"), _lists(given.strips, "strips")
-    triangles = triangles_of_strips(*strips)
-    sizes = [polygons.sizes, np.full(len(triangles), 3)]
-    return _split(given.points, sizes, [polygons.corners, triangles.ravel()])
+    sizes, corners = _lists(given.faces, "faces")
+    triangles = triangles_of_strips(*_lists(given.strips, "strips"))
+    all_sizes = [sizes, np.full(len(triangles), 3)]
+    return _split(given.points, all_sizes, [corners, triangles.ravel()])
 
 
-class _Lists(NamedTuple):
-    sizes: IntArray
-    corners: IntArray
-
-
-def _lists(given: Any, name: str) -> _Lists:
+def _lists(given: Any, name: str) -> tuple[IntArray, IntArray]:
     numbers = np.asarray([] if given is None else given).astype(np.int64).ravel()
-    if not len(numbers):
-        return _Lists(numbers, numbers)
-    width = int(numbers[0]) + 1
-    if width > 0 and len(numbers) % width == 0:
-        rows = numbers.reshape(-1, width)
-        if (rows[:, 0] == rows[0, 0]).all():
-            return _Lists(rows[:, 0], rows[:, 1:].ravel())
-    starts, at = [], 0
-    while at < len(numbers):
-        starts.append(at)
-        at += 1 + max(int(numbers[at]), 0)
-    if at > len(numbers):
-        raise ValueError(f"its {name} are cut short")
-    return _Lists(numbers[starts], np.delete(numbers, starts))
+    try:
+        return split_lists(numbers)
+    except ValueError:
+        raise ValueError(f"its {name} are cut short") from None
 
 
 def _of_cells(given: Any) -> FileContents:

@@ -34,6 +34,7 @@ from .labels import NO_LABEL as NO_LABEL
 from .labels import Color as Color
 from .labels import Labels as Labels
 from .opening import ENDINGS as ENDINGS
+from .opening import FRAMES_ENDINGS as FRAMES_ENDINGS
 from .opening import LABELS_ENDINGS as LABELS_ENDINGS
 from .opening import VALUES_ENDINGS as VALUES_ENDINGS
 from .opening import Format as Format

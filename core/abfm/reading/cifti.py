@@ -106,7 +106,7 @@ def _matrix(data: bytes, head: Any) -> Any:
             break
         if code == _EXTENSION_CODE:
             xml = data[begin + 8 : begin + size].rstrip(b"\0")
-            take_events(xml, _Elements())
+            take_events(xml)
             cifti: Any = import_module("nibabel.cifti2.parse_cifti2")
             parser = cifti.Cifti2Parser()
             try:
@@ -116,16 +116,6 @@ def _matrix(data: bytes, head: Any) -> Any:
             return parser.header.matrix
         begin += size
     raise ValueError("it lacks the XML of a CIFTI-2 file, or is cut off")
-
-
-class _Elements:
-    """Ignores the events of a parser that checks XML."""
-
-    def start(self, name: str, attributes: dict[str, str]) -> None: ...
-
-    def end(self, name: str) -> None: ...
-
-    def characters(self, text: str) -> None: ...
 
 
 def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tuple[Any, int]:

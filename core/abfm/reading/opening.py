@@ -89,6 +89,8 @@ VALUES_ENDINGS = (
     *(".dscalar.nii", ".dtseries.nii", ".stc", ".vts", ".asc", ".vtk", ".vtp", ".vtu", ".ply"),
 )
 """Endings of files with values at vertices; names of FreeSurfer's may end in anything."""
+FRAMES_ENDINGS = (*VALUES_ENDINGS, ".pvd", ".series")
+"""Endings of files with frames."""
 LABELS_ENDINGS = (".annot", ".label", ".dlabel.nii")
 """Endings of files with labels of vertices, in addition."""
 

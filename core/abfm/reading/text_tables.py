@@ -115,7 +115,7 @@ def read_numbers(data: bytes | str, whole: bool = False) -> tuple[list[str], Flo
         raise ValueError("it has no numbers")
     separator = _separator(lines[min(1, len(lines) - 1)])
     first = _split(lines[0], separator)
-    names = [] if all(map(_is_number, first)) else [name.strip() for name in first]
+    names = [] if all(map(is_number, first)) else [name.strip() for name in first]
     rows = lines[1:] if names else lines
     if not rows:
         raise ValueError(f"it has only the line {brief(lines[0])}")
@@ -157,8 +157,8 @@ def _separator(line: str) -> str | None:
     if found != ",":
         return found
     words = outside.split()
-    has_decimals = len(words) > 1 and all(map(_is_number, words))  # such as 0,5 1,5
-    return None if has_decimals and not all(map(_is_number, outside.split(","))) else ","
+    has_decimals = len(words) > 1 and all(map(is_number, words))  # such as 0,5 1,5
+    return None if has_decimals and not all(map(is_number, outside.split(","))) else ","
 
 
 def _split(line: str, separator: str | None) -> list[str]:
@@ -170,7 +170,8 @@ def _split(line: str, separator: str | None) -> list[str]:
         raise ValueError(str(error)) from None
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Return whether a cell is a number, which may have a decimal comma."""
     try:
         parse_number(text.strip(' "'), decimal_comma=True)
     except ValueError:

@@ -302,10 +302,6 @@ def _split(data: bytes, begin: int, lengths: list[int]) -> list[bytes]:
     return parts
 
 
-def _unzipped(data: bytes, size: int) -> bytes:
-    return inflated(data, size)
-
-
 def _unlzma(data: bytes, size: int) -> bytes:
     try:
         stream = lzma.LZMADecompressor(memlimit=1 << 28)
@@ -316,7 +312,7 @@ def _unlzma(data: bytes, size: int) -> bytes:
 
 
 _COMPRESSORS: dict[str, Expand] = {
-    "vtkZLibDataCompressor": _unzipped,
+    "vtkZLibDataCompressor": inflated,
     "vtkLZMADataCompressor": _unlzma,
 }
 

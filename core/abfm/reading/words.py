@@ -96,8 +96,13 @@ def _cut_off(found: int, count: int, of: str) -> ValueError:
     return ValueError(f"the file is cut off: {of} has {found} of {count} numbers")
 
 
-def split_lists(flat: IntArray, count: int) -> tuple[IntArray, IntArray]:
-    """Split numbers, (n,), into so many lists that each have their length before them.
+def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, IntArray]:
+    """Split numbers, (n,), into lists that each have their length before them.
+
+    Parameters
+    ----------
+    count : int, optional
+        How many lists there are.
 
     Returns
     -------
@@ -111,13 +116,18 @@ def split_lists(flat: IntArray, count: int) -> tuple[IntArray, IntArray]:
     ValueError
         If there are more or fewer numbers than the lists have.
     """
+    width = int(flat[0]) + 1 if len(flat) else 0
+    if width > 0 and len(flat) % width == 0 and count in (None, len(flat) // width):
+        rows = flat.reshape(-1, width)
+        if (rows[:, 0] == rows[0, 0]).all():  # lists of one length, much faster
+            return rows[:, 0], rows[:, 1:].ravel()
     starts, place = array("q"), 0
-    for _ in range(count):
+    while place < len(flat) if count is None else len(starts) < count:
         if not 0 <= place < len(flat) or not 0 <= (size := int(flat[place])) < len(flat) - place:
             break
         starts.append(place)
         place += 1 + size
-    if len(starts) < count or place != len(flat):
+    if place != len(flat) or (count is not None and len(starts) < count):
         raise ValueError(f"its {count} lists of corners do not fit into {len(flat)} numbers")
     headers = np.frombuffer(starts, np.int64)
     return flat[headers], np.delete(flat, headers)

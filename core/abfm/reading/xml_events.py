@@ -14,8 +14,8 @@ class Events(Protocol):
     def characters(self, text: str) -> None: ...
 
 
-def take_events(content: bytes, events: Events) -> None:
-    """Parse a complete document.
+def take_events(content: bytes, events: Events | None = None) -> None:
+    """Parse a complete document; without a receiver of events, only check it.
 
     A DTD inside the document is refused before any of it is expanded: its entities and default
     attributes turn small files into gigabytes. A DOCTYPE that names a DTD elsewhere, as GIFTI files
@@ -30,9 +30,10 @@ def take_events(content: bytes, events: Events) -> None:
     parser.buffer_text = True
     parser.StartDoctypeDeclHandler = _check_doctype
     parser.EntityDeclHandler = _refuse_dtd
-    parser.StartElementHandler = events.start
-    parser.EndElementHandler = events.end
-    parser.CharacterDataHandler = events.characters
+    if events is not None:
+        parser.StartElementHandler = events.start
+        parser.EndElementHandler = events.end
+        parser.CharacterDataHandler = events.characters
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:

@@ -13,6 +13,7 @@ from abfm.calculus.channels import extend_all
 from abfm.calculus.operators import vertex_areas
 from abfm.errors import AbfmWarning, FunctionError, ParameterError
 from abfm.functions.circular import circular_channels, phase_warning
+from abfm.functions.family import texts_of
 from abfm.functions.objects import as_values, texts_or_values
 from abfm.functions.sides import warn_of_mixed_sides
 from abfm.functions.spec import files_in, function
@@ -285,12 +286,8 @@ def _on_b(initial: Correspondence, marks: Landmarks) -> dict[str, Any]:
 
 def _values(mesh: TriangleMesh, given: Functions, name: str) -> tuple[FloatArray, BoolArray]:
     """Return functions (C, V), and where all of them are known, (V,); 0 elsewhere."""
-    if isinstance(given, str):
-        given = [given]
-    if isinstance(given, list | tuple) and given and all(isinstance(x, str) for x in given):
-        values = np.stack(
-            [function(mesh, str(spec), may_be_unknown=True) for spec in given], axis=1
-        )
+    if texts := texts_of(given):
+        values = np.stack([function(mesh, text, may_be_unknown=True) for text in texts], axis=1)
     else:
         values = as_values(mesh, given, name)
         if values.ndim not in (1, 2) or values.size == 0:

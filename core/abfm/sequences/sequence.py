@@ -447,7 +447,6 @@ def sequence(
     """
     mesh, given = as_mesh(mesh), checked_parameters(parameters)
     gamma = _checked_gamma(gamma)
-    frames, weights = circular_frames(frames, weights, circular)
     control = control or present_control() or Control()
     with controlled(control):
         try:

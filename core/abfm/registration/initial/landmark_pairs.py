@@ -18,7 +18,7 @@ from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.reading import Format, open_file, rows_of
-from abfm.reading.text_tables import parse_number
+from abfm.reading.text_tables import is_number
 from abfm.registration.initial.counting import warn_if_from_one
 from abfm.types import FloatArray
 
@@ -278,8 +278,8 @@ class _Columns(NamedTuple):
 def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
     """Tell by the first line what the columns are."""
     count = len(first)
-    if _is_number(first[0]) or not first[0].strip():
-        others = {"curve": count - 1} if count in (3, 7) and not _is_number(first[-1]) else {}
+    if is_number(first[0]) or not first[0].strip():
+        others = {"curve": count - 1} if count in (3, 7) and not is_number(first[-1]) else {}
         named = False
     else:
         names = [name.strip().lower() for name in first]
@@ -294,14 +294,6 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
             f"{', '.join(_WORDS)}" + "; commas separate them, and are not decimal" * is_doubled
         )
     return _Columns(named, places, others, count, parse)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        parse_number(text, decimal_comma=True)
-    except ValueError:
-        return False
-    return True
 
 
 def _refuse_doubles(rows: list[_Row]) -> None:

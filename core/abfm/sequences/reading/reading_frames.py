@@ -14,13 +14,12 @@ from abfm.functions.value_files import (
     request_for,
 )
 from abfm.mesh import TriangleMesh
-from abfm.reading import VALUES_ENDINGS, Format, open_file
+from abfm.reading import FRAMES_ENDINGS, Format, open_file
 from abfm.sequences.reading.frames_file import FramesFile, by_frames, frames_of_columns
-from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, vtk_frames
+from abfm.sequences.reading.vtk_frames import vtk_frames
 
 _OF_VTK = (Format.COLLECTION, Format.SERIES, Format.VTK_XML, Format.VTK_LEGACY)
-ENDINGS = tuple(dict.fromkeys((*VALUES_ENDINGS, *VTK_ENDINGS)))
-"""What names of files of frames end in."""
+ENDINGS = FRAMES_ENDINGS
 
 
 def read_frames(
