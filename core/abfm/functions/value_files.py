@@ -40,6 +40,7 @@ from abfm.reading import (
     freesurfer_label,
     freesurfer_text,
     freesurfer_values,
+    nifti_frames,
     open_file,
     read_cifti,
     read_gifti,
@@ -59,7 +60,6 @@ _PART = re.compile(r"(.*)\[[0-9]{1,9}\]", re.DOTALL)
 _OF_A_MESH = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha")
 _VOLUMES = ("-vl.stc", "-vol.stc")
 _NO_VALUES = {
-    Format.NIFTI: "project the volume onto the surface first",
     Format.HDF5: "write MATLAB files with save(..., '-v7'), and other ones as .npy",
     Format.COLLECTION: "use one of the files that it lists",
     Format.SERIES: "use one of the files that it lists",
@@ -116,10 +116,10 @@ def read_values(
 
     .npy and .mat (not 7.3) hold arrays, .npz too. .csv, .tsv, .txt and .1D hold numbers separated
     by semicolons, tabs, commas or blanks, with or without a line of names on top; commas are
-    decimal if something else separates. GIFTI has an array a column, without those of a mesh.
-    FreeSurfer's values are recognised by their first bytes; frames are the columns of .mgh and
-    .mgz. Of CIFTI files one hemisphere is read, whose medial wall is NaN; of VTK and PLY meshes
-    the data at points.
+    decimal if something else separates. Blank cells and NA are NaN. GIFTI has an array a column,
+    without those of a mesh. FreeSurfer's values are recognised by their first bytes; frames are
+    the columns of .mgh, .mgz, and NIfTI images with a voxel for each vertex. Of CIFTI files one
+    hemisphere is read, whose medial wall is NaN; of VTK and PLY meshes the data at points.
 
     Parameters
     ----------
@@ -168,14 +168,17 @@ def read_map_table(
 ) -> FloatArray:
     """Read a table (n, C) that says where vertices of a mesh lie elsewhere, in the file's own rows.
 
-    Columns are never taken for numbers of the vertices themselves, but GIFTI's node indices are.
+    Columns are never taken for numbers of the vertices themselves, but GIFTI's node indices and a
+    first column without a name, as pandas writes, are.
     """
     with reported(path, what):
         counts = counts_of(domain)
         request = request_for(domain)._replace(whole=True)
         found = columns_of(open_file(path), request).of_values()
         is_row = len(found.values) == 1 and found.values[0].size in counts
-        return (found.on(domain) if is_row or found.vertices is not None else found).table()
+        has_index = found.names[:1] == ("",) and len(found.names) > 1
+        is_placed = is_row or has_index or found.vertices is not None
+        return (found.on(domain) if is_placed else found).table()
 
 
 def columns_of(opened: Opened, request: Request) -> Columns:
@@ -204,8 +207,23 @@ def _npy(opened: Opened, request: Request) -> Columns:
 
 
 def _text(opened: Opened, request: Request) -> Columns:
-    names, table = read_numbers(opened.data, request.whole)
-    return Columns(table, tuple(names))
+    names, table, places = read_numbers(opened.data, request.whole)
+    if not (names or request.whole):
+        _refuse_unnamed_vertices(table, request.counts)
+    return Columns(table, tuple(names), tuple(map(str, places)))
+
+
+def _refuse_unnamed_vertices(table: FloatArray, counts: tuple[int, ...]) -> None:
+    """Refuse a first column without a name that has each number of a vertex once, unsorted."""
+    first, count = table[:, 0], len(table)
+    if count in counts and table.shape[1] > 1 and (np.diff(first) != 1).any():
+        for begin in (0, 1):
+            if np.array_equal(np.sort(first), np.arange(begin, begin + count)):
+                raise ValueError(
+                    f"its first column has each number from {begin} to {begin + count - 1} once, "
+                    "which may be vertices: name the columns in the first line, for example "
+                    "vertex,value"
+                )
 
 
 def _gifti(opened: Opened, request: Request) -> Columns:
@@ -301,6 +319,19 @@ def _mgh(opened: Opened, request: Request) -> Columns:
     return Columns(table, times=milliseconds / 1000 * steps if known else None)
 
 
+def _nifti(opened: Opened, request: Request) -> Columns:
+    """Return the frames of an image whose voxels are the vertices, as FreeSurfer writes them."""
+    table, step = nifti_frames(opened.data)
+    if request.counts and len(table) not in request.counts:
+        raise ValueError(
+            f"it is {opened.format} of {len(table)} voxels, and no values at vertices: project the "
+            "volume onto the surface first"
+        )
+    known = table.shape[1] > 1 and math.isfinite(step) and step > 0
+    steps = np.arange(table.shape[1], dtype=np.float64)
+    return Columns(table, times=step * steps if known else None)
+
+
 def _stc(opened: Opened, request: Request) -> Columns:
     name = opened.path.name.lower()
     if name.endswith(_VOLUMES):
@@ -394,7 +425,12 @@ def _array_name(
     fitting = [each for each in names if _may_be_values(arrays, each, request.counts)]
     if word is None and len(fitting) == 1:
         return fitting[0]
-    listed = ", ".join(one_line(each, 30) for each in (fitting or names)[:8]) or "none"
+    if not names:
+        raise ValueError(
+            "it has no arrays of numbers at vertices; structures, cells, sparse arrays and values "
+            "of faces are not read: save the values as an array of their own"
+        )
+    listed = ", ".join(one_line(each, 30) for each in (fitting or names)[:8])
     text = f"{shown}; there is {listed}"
     if word is None and fitting and "format_version" not in arrays:
         raise SeveralArraysError(f"{text}; choose one of them", fitting)
@@ -426,6 +462,7 @@ READERS: dict[Format, Reader] = {
     Format.FREESURFER_OLD_VALUES: _morphometry,
     Format.FREESURFER_ASCII: _freesurfer_text,
     Format.MGH: _mgh,
+    Format.NIFTI: _nifti,
     Format.STC: _stc,
     Format.ANNOTATION: _annotation,
     Format.LABEL_LIST: _label_list,

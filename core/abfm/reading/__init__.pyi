@@ -1,3 +1,4 @@
+from .cifti import nifti_frames as nifti_frames
 from .cifti import read_cifti as read_cifti
 from .columns import Columns as Columns
 from .columns import Keys as Keys

@@ -1,4 +1,4 @@
-"""Values, series and labels of one hemisphere in a CIFTI-2 file, read by nibabel.
+"""Values at vertices in NIfTI images and CIFTI-2 files, which are such images, read by nibabel.
 
 Format: https://www.nitrc.org/projects/cifti. A file has one row of values for each grayordinate:
 vertices of surfaces without the medial wall, and voxels. nibabel believes the sizes that a file
@@ -145,20 +145,54 @@ def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tupl
 def _table(data: bytes, head: Any, axis: int) -> FloatArray:
     """Return all values, a row for each grayordinate."""
     shape = tuple(map(int, head.get_data_shape()))
+    if len(shape) != 6 or shape[:4] != (1, 1, 1, 1):
+        raise ValueError(f"it is an array of shape {shape}; expected two axes of numbers")
+    values = _scaled(data, head, shape, shape[4:])
+    return values if axis == 0 else values.T
+
+
+def _scaled(data: bytes, head: Any, shape: tuple[int, ...], wanted: tuple[int, int]) -> FloatArray:
+    """Return the array after the header, in a shape of the same size."""
     kind = head.get_data_dtype()
     begin, size = int(head["vox_offset"]), math.prod(shape) * kind.itemsize
-    if len(shape) != 6 or shape[:4] != (1, 1, 1, 1) or min(shape) < 1 or kind.kind not in "biuf":
-        raise ValueError(f"it is an array of {kind} of shape {shape}; expected two axes of numbers")
-    if begin < _HEADER_BYTES or begin + size > len(data):
+    if min(shape) < 1 or kind.kind not in "biuf":
+        raise ValueError(f"it is an array of {kind} of shape {shape}; expected real numbers")
+    if begin < head.sizeof_hdr or begin + size > len(data):
         raise ValueError(
             f"it is cut off: {len(data) - begin} bytes are left for {size} of its values"
         )
-    values = np.frombuffer(data, kind, math.prod(shape), begin).reshape(shape[4:], order="F")
+    values = np.frombuffer(data, kind, math.prod(shape), begin).reshape(wanted, order="F")
     slope, intercept = float(head["scl_slope"]), float(head["scl_inter"])
-    table = as_doubles(values if axis == 0 else values.T)
+    table = as_doubles(values)
     if math.isfinite(slope) and slope and math.isfinite(intercept) and (slope, intercept) != (1, 0):
         table = table * slope + intercept
     return table
+
+
+def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
+    """Return the voxels of an image as columns (n, frames), and the seconds from one to the next.
+
+    FreeSurfer and others write values at vertices as images, (V, 1, 1) or with other factors of V
+    as sizes. Errors as in `read_cifti`.
+    """
+    nifti: Any = import_module("nibabel.nifti2")
+    kind = nifti.Nifti2Header if 540 in _sizes(data) else nifti.Nifti1Header
+    if len(data) < kind.sizeof_hdr:
+        raise ValueError(
+            f"it is cut off: it has {len(data)} bytes of a header of {kind.sizeof_hdr}"
+        )
+    head = kind(data[: kind.sizeof_hdr], check=False)
+    shape = tuple(map(int, head.get_data_shape()))
+    count, frames = math.prod(shape[:3]), math.prod(shape[3:])
+    table = _scaled(data, head, shape or (0,), (count, frames))
+    units, step = head.get_xyzt_units()[1], head.get_zooms()
+    scale = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}.get(units, 0.0)
+    return table, scale * float(step[3]) if len(step) > 3 else math.nan
+
+
+def _sizes(data: bytes) -> list[int]:
+    """Return what the first number is in both orders of its bytes: the size of the header."""
+    return [int.from_bytes(data[:4], order) for order in ("little", "big")]
 
 
 def _keys(named: Any) -> Keys:

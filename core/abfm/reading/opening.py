@@ -125,6 +125,8 @@ _WEB_PAGE = re.compile(
     r"\s*(?:<\?xml[^>]*>\s*)?<(?:!doctype\s+html|html|head|body)\b", re.IGNORECASE
 )
 _MNI_OBJECT = re.compile(r"P(?:\s+[-+.0-9eE]+){5}\s+\d+\s")
+_OFF = re.compile(r"\s*+(?:#[^\n]*+\s*+)*+(?:ST|C|N){0,3}4?n?OFF(?:\s+BINARY)?\s*\d")
+_TEXTS = {_MNI_OBJECT: Format.MNI_OBJ, _OFF: Format.OFF}
 _CIFTI_INTENTS = range(3000, 3100)
 
 
@@ -194,14 +196,18 @@ def _format(data: bytes, head: str, name: str) -> Format:
         return Format.COLLECTION if "Collection" in root[2] else Format.VTK_XML
     if image := _nifti(data):
         return image
-    if _MNI_OBJECT.match(head):
-        return Format.MNI_OBJ
     ending = next((ending for ending in ENDINGS if name.endswith(ending)), "")
-    if head.startswith("#!ascii") and ENDINGS.get(ending) is not Format.LABEL_LIST:
-        return Format.FREESURFER_ASCII
     if not ending and _is_old_values(data):
         return Format.FREESURFER_OLD_VALUES
-    return ENDINGS.get(ending, Format.UNKNOWN)
+    return _format_of_text(head, ENDINGS.get(ending, Format.UNKNOWN))
+
+
+def _format_of_text(head: str, named: Format) -> Format:
+    """Return the format by the first words of a text, or the one that its name has."""
+    if head.startswith("#!ascii") and named is not Format.LABEL_LIST:
+        return Format.FREESURFER_ASCII
+    found = (form for start, form in _TEXTS.items() if start.match(head))
+    return named if named is Format.TABLE else next(found, named)
 
 
 def _has_old_quads(data: bytes) -> bool:

@@ -3,7 +3,7 @@
 import csv
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +19,11 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
 _BLANK_AFTER = re.compile(r",\s+")
 _EXCEL_LINE = re.compile(r"\A\s*sep=.[ ]*\n", re.IGNORECASE)  # which names the separator
 _POINT = re.compile(r"\d\.|\.\d")
+_WITH_COMMA = re.compile(r"[+-]?\d*(?:,\d+)+(?:[eE][+-]?\d+)?")
+_BINARY = re.compile(rb"[\0-\x08\x0e-\x1f]")
+_MISSING = ("na", "n/a", "<na>", "#n/a", "#nv", "nan", "null", "none", ".")  # in lower case
+_ERRORS = ("#N/A", "#NV")  # cells of Excel, also at the start of a line
+_TRUTH = {"true": "1", "false": "0"}
 _NUMPY_ERROR = re.compile(  # NumPy counts rows from 0 and columns from 1
     r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
     re.DOTALL,
@@ -90,12 +95,25 @@ def parse_number(text: str, decimal_comma: bool = False) -> float:
     return float(text.replace(",", ".") if _DECIMAL.fullmatch(text) else text)
 
 
-def read_numbers(data: bytes | str, whole: bool = False) -> tuple[list[str], FloatArray]:
-    """Read a table of numbers: names of the columns, if any, and the numbers, (n, C).
+class Numbers(NamedTuple):
+    """Columns of numbers in a table of text."""
+
+    names: list[str]
+    """Of the columns; empty if there are none."""
+    table: FloatArray
+    """The numbers, (n, C)."""
+    places: list[int]
+    """Number of each column in the file, (C,), which has others if some hold words."""
+
+
+def read_numbers(data: bytes | str, whole: bool = False) -> Numbers:
+    """Read a table of numbers.
 
     Semicolons, tabs, commas or blanks separate cells. Empty lines, and lines that begin with ``#``,
     are skipped; if the last of the latter above the numbers has a word for each column, these are
     the names, as is a first line that is not all numbers. Commas inside cells are decimal ones.
+    Blank cells and words such as NA are NaN, and true and false 1 and 0. A column of other words is
+    left out if it has a name, as is a last one of blank cells.
 
     Parameters
     ----------
@@ -114,39 +132,98 @@ def read_numbers(data: bytes | str, whole: bool = False) -> tuple[list[str], Flo
     if not lines:
         raise ValueError("it has no numbers")
     separator = _separator(lines[min(1, len(lines) - 1)])
-    first = _split(lines[0], separator)
-    names = [] if all(map(is_number, first)) else [name.strip() for name in first]
+    first = [name.strip() for name in _split(lines[0], separator)]
+    names = [] if _are_numbers(first) else first
     rows = lines[1:] if names else lines
     if not rows:
         raise ValueError(f"it has only the line {brief(lines[0])}")
     if "," in text:
         rows, separator = _with_points(rows, separator, names, whole)
     try:
-        table = np.loadtxt(rows, delimiter=separator, comments=None, quotechar='"', ndmin=2)
+        table = _loaded(rows, separator)
     except ValueError as error:
-        found = _NUMPY_ERROR.match(str(error))
-        raise ValueError(
-            f"row {found['row']} of its numbers, counting from 0, has "
-            f"{one_line(found['word'], 60)} in column {int(found['column']) - 1}, where a number "
-            "is expected"
-            if found
-            else str(error).partition("; use `usecols`")[0]  # advice for programmers
-        ) from error
+        return _with_gaps(rows, separator, names, error)
     names = names or _commented_names(text, separator)
-    return names if len(names) == table.shape[1] else [], table  # other words on top are a title
+    return _numbers(names, table, list(range(table.shape[1])))
+
+
+def _loaded(rows: list[str], separator: str | None) -> FloatArray:
+    return np.loadtxt(rows, delimiter=separator, comments=None, quotechar='"', ndmin=2)
+
+
+def _numbers(names: list[str], table: FloatArray, places: list[int]) -> Numbers:
+    fitting = len(names) == table.shape[1]  # other words on top are a title
+    return Numbers(names if fitting else [], table, places)
+
+
+def _with_gaps(
+    rows: list[str], separator: str | None, names: list[str], error: ValueError
+) -> Numbers:
+    """Return the numbers of lines in which cells are blank, or hold a word for a missing number or
+    a truth; an error reports other words by the ValueError of their first reading.
+    """
+    cells = [[_number_of(cell) for cell in _split(row, separator)] for row in rows]
+    width = len(cells[0])
+    if any(len(row) != width for row in cells):
+        raise _refused(error) from error
+    kept = []
+    for place in range(width):
+        column = [row[place] for row in cells]
+        has_numbers = any(map(is_number, column))
+        is_last_blank = place == width - 1 > 0 and not any(column)
+        is_words = bool(names) and not has_numbers and any(map(bool, column))
+        if not (is_last_blank or is_words):
+            kept.append(place)
+    if not kept:
+        raise _refused(error) from error
+    try:
+        table = _loaded(["\t".join(row[k] or "nan" for k in kept) for row in cells], "\t")
+    except ValueError as again:
+        raise _refused(again, kept) from again
+    named = [names[k] for k in kept] if len(names) == width else names
+    return _numbers(named, table, kept)
+
+
+def _number_of(cell: str) -> str:
+    """Return a cell as NumPy reads it, empty if it is missing."""
+    text = cell.strip(' "').replace("\u2212", "-")  # the sign for minus
+    small = text.lower()
+    return "" if small in _MISSING else _TRUTH.get(small, text)
+
+
+def _refused(error: ValueError, places: Sequence[int] = ()) -> ValueError:
+    found = _NUMPY_ERROR.match(str(error))
+    place = int(found["column"]) - 1 if found else 0
+    return ValueError(
+        f"row {found['row']} of its numbers, counting from 0, has {one_line(found['word'], 60)} in "
+        f"column {places[place] if places else place}, where a number is expected"
+        if found
+        else str(error).partition("; use `usecols`")[0]  # advice for programmers
+    )
 
 
 def _text(data: bytes | str) -> str:
-    text = data if isinstance(data, str) else decoded(data)
+    text = data if isinstance(data, str) else _of_bytes(data)
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise ValueError(f"line {line}: it has a zero byte; save the table as UTF-8")
     return _EXCEL_LINE.sub("", text.removeprefix("\ufeff"))
 
 
+def _of_bytes(data: bytes) -> str:
+    """Return text in UTF-8 or UTF-16, or else in the encoding of Excel in western Europe."""
+    try:
+        return decoded(data)
+    except UnicodeDecodeError:
+        if _BINARY.search(data):
+            raise
+        return decoded(data.decode("cp1252").encode())
+
+
 def _lines(text: str, comments: str | None) -> Iterator[str]:
     for line in text.split("\n"):
-        if line.strip() and not (comments and line.startswith(comments)):
+        is_comment = comments and line.startswith(comments) and not line.startswith(_ERRORS)
+        if line.strip() and not is_comment:
             yield line
 
 
@@ -179,6 +256,14 @@ def is_number(text: str) -> bool:
     return True
 
 
+def _are_numbers(cells: list[str]) -> bool:
+    """Return whether a first line is numbers, of which some may be missing, and not names."""
+    known = [is_number(cell) for cell in (cells if cells[-1] else cells[:-1])]
+    return any(known) and all(
+        given or cell.lower() in _MISSING for cell, given in zip(cells, known, strict=False)
+    )
+
+
 def _with_points(
     rows: list[str], separator: str | None, names: list[str], whole: bool
 ) -> tuple[list[str], str | None]:
@@ -190,14 +275,20 @@ def _with_points(
         return rows, separator
     body = "\n".join(rows)
     if separator == ",":  # commas between quotes are decimal, others separate
-        inside = [cell.strip('" ') for cell in _QUOTED.findall(body) if "," in cell]
+        inside = [cell.strip('" ') for cell in _QUOTED.findall(body) if _has_comma(cell)]
         _refuse_mixed(body, inside, separator)
-        body = _QUOTED.sub(lambda cell: cell[0][1:-1].replace(",", "."), body)
+        body = _QUOTED.sub(
+            lambda cell: cell[0][1:-1].replace(",", ".") if _has_comma(cell[0]) else cell[0], body
+        )
     else:
-        inside = [cell for cell in re.split(r'[;\s"]+', body) if "," in cell]
+        inside = [cell for cell in re.split(r'[;\s"]+', body) if _has_comma(cell)]
         _refuse_mixed(body, inside, separator)
         body = body.replace(",", ".")
     return body.split("\n"), separator
+
+
+def _has_comma(cell: str) -> bool:
+    return "," in cell and _WITH_COMMA.fullmatch(cell.strip('" ')) is not None
 
 
 def _refuse_mixed(body: str, cells: list[str], separator: str | None) -> None:
@@ -207,9 +298,11 @@ def _refuse_mixed(body: str, cells: list[str], separator: str | None) -> None:
             f"it has numbers with commas, such as {brief(cells[0])}, and numbers with points; "
             "write decimal points, and no signs between thousands"
         )
-    if separator != ";" and cells and all(map(_THOUSANDS.fullmatch, cells)):
+    several = [cell for cell in cells if cell.count(",") > 1]
+    if several or (separator != ";" and cells and all(map(_THOUSANDS.fullmatch, cells))):
+        shown = (several or cells)[0]
         raise ValueError(
-            f"it is not clear whether the comma of {brief(cells[0])} is decimal or separates "
+            f"it is not clear whether the comma of {brief(shown)} is decimal or separates "
             "thousands; write decimal points, and no signs between thousands"
         )
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError, did_you_mean
-from abfm.functions import function, read_column
+from abfm.functions import function, read_column, read_vertex_map
 from abfm.io import write_values
 from abfm.maps.symmetry import detect_symmetry
 from abfm.mesh import TriangleMesh
@@ -139,6 +139,13 @@ def test_a_map_composes_and_counts_from_0_where_both_ways_fit(tmp_path, name):
     assert_array_equal(composed, (x + y * (z + 1))[target])
     save(tmp_path / name, np.clip(np.arange(COUNT), 1, COUNT - 1))
     assert_array_equal(through(tmp_path / name, MESH), x[np.clip(np.arange(COUNT), 1, COUNT - 1)])
+
+
+def test_an_unnamed_index_is_no_column_of_a_map(tmp_path):
+    target = np.random.default_rng(0).permutation(COUNT)
+    rows = "".join(f"{k},{target[k]}\n" for k in range(COUNT))
+    (tmp_path / "map.csv").write_text(f",0\n{rows}")
+    assert_array_equal(read_vertex_map(MESH, str(tmp_path / "map.csv")), target)
 
 
 @pytest.mark.parametrize("first", [0, 1])
@@ -288,7 +295,7 @@ def error_line(path, form="file:{}"):
         ("a.txt", b"1 " * 100_000, (100000,)),
         ("a.txt", b"1" * 100_000, (1,)),
         (
-            *("a.txt", b"1\n\xff"),
+            *("a.txt", b"1\n\xff\1"),
             (2, 0, "UTF-8"),
         ),
         ("a.txt", b"1\n2\n", (2, COUNT)),

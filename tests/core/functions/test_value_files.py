@@ -365,10 +365,43 @@ def test_matlab_arrays_are_those_that_scipy_writes(tmp_path, kind, packed):
 
 def test_files_that_hold_no_values_say_what_they_are(tmp_path):
     (tmp_path / "a.off").write_text("OFF\n3 1 0\n")
-    (tmp_path / "a.nii").write_bytes(np.array([348], "<i4").tobytes().ljust(344, b"\0") + b"n+1\0")
-    for name, named in (("a.off", "OFF mesh"), ("a.nii", "NIfTI image")):
+    scipy.io.savemat(tmp_path / "a.mat", {"s": {"f": VALUES}})
+    for name, named in (("a.off", "OFF mesh"), ("a.mat", "structures")):
         with raises(FunctionError, named):
             value_of(tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", [nibabel.Nifti1Image, nibabel.Nifti2Image])
+@pytest.mark.parametrize("shape", [(COUNT, 1, 1), (COUNT // 6, 1, 6), (COUNT, 1, 1, 2)])
+def test_values_in_images_of_freesurfer(tmp_path, kind, shape):
+    size = int(np.prod(shape))
+    image = kind(np.resize(VALUES, size).astype(np.float32).reshape(shape, order="F"), np.eye(4))
+    if size > COUNT:
+        image.header.set_zooms((1, 1, 1, 500))
+        image.header.set_xyzt_units(t="msec")
+    nibabel.save(image, tmp_path / "a.nii.gz")
+    found = read_values(tmp_path / "a.nii.gz", MESH)
+    assert_array_equal(found.values, VALUES[:, None].repeat(size // COUNT, axis=1))
+    if size > COUNT:
+        assert_array_equal(found.times, [0, 0.5])
+
+
+def test_volume_is_no_values_at_vertices(tmp_path):
+    nibabel.save(nibabel.Nifti1Image(np.zeros((3, 4, 5)), np.eye(4)), tmp_path / "a.nii")
+    with raises(FunctionError, 60, "project"):
+        value_of(tmp_path / "a.nii")
+    (tmp_path / "a.nii").write_bytes((tmp_path / "a.nii").read_bytes()[:400])
+    with raises(FunctionError, "cut off"):
+        value_of(tmp_path / "a.nii")
+
+
+def test_unnamed_column_of_unsorted_vertices_is_refused(tmp_path):
+    rows = "".join(f"{k},{VALUES[k]}\n" for k in ORDER)
+    (tmp_path / "a.csv").write_text(rows)
+    with raises(FunctionError, "vertex,value"):
+        value_of(tmp_path / "a.csv", ",column=1")
+    (tmp_path / "a.csv").write_text(f"vertex,value\n{rows}")
+    assert_allclose(value_of(tmp_path / "a.csv"), VALUES)
 
 
 def test_merged_vertices_take_the_first_value(tmp_path):

@@ -180,6 +180,8 @@ OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 def test_old_and_large_keywords_of_obj(tmp_path):
     for text in (OBJ + "fo 1 2 3\n", (OBJ + "f 1 2 3\n").upper()):
         assert load_mesh(write(tmp_path, "a.obj", text)).faces.tolist() == [[0, 1, 2]]
+    with_comment = f"# C:\\models\\\n{OBJ}f 1 2 \\\n3 # end \\\n"
+    assert load_mesh(write(tmp_path, "a.obj", with_comment)).faces.tolist() == [[0, 1, 2]]
     with raises(MeshError, "polygons"):
         load_mesh(write(tmp_path, "a.obj", OBJ + "cstype bezier\nsurf 0 1 0 1 1 2 3\nend\n"))
     with raises(MeshError, "binary", "MNI"):

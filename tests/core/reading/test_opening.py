@@ -30,6 +30,8 @@ def old_quads(vertices: int, quads: int) -> bytes:
         ("a.off", OFF, Format.OFF),
         ("a.off.gz", gzip.compress(OFF, mtime=0), Format.OFF),
         ("A.OBJ", b"v 0 0 0\n", Format.OBJ),
+        ("wrong.obj", b"# a # b\nCOFF\n3 1 0\n", Format.OFF),
+        ("without", OFF, Format.OFF),
         ("brain.obj", b"P 0.3 0.3 0.4 10 1 162\n -26.3 42.5 0\n", Format.MNI_OBJ),
         ("wrong.obj", b"ply\nformat ascii 1.0\n", Format.PLY),
         ("lh.white", b"\xff\xff\xfecreated by\n\n", Format.FREESURFER_SURFACE),

@@ -23,7 +23,7 @@ def written(separator, decimal=",", quote=""):
 @pytest.mark.parametrize("separator", [";", "\t", " ", "  ", "; "])
 @pytest.mark.parametrize("head", ["", "depth{}area\n"])
 def test_decimal_commas_are_read_if_something_else_separates(separator, head):
-    names, found = read_numbers(head.format(separator) + written(separator))
+    names, found, _ = read_numbers(head.format(separator) + written(separator))
     assert_array_equal(found, NUMBERS)
     assert [name.strip() for name in names] == (["depth", "area"] if head else [])
 
@@ -38,7 +38,7 @@ def test_line_of_excel_that_names_the_separator_is_skipped():
 
 
 def test_one_name_above_decimal_commas_is_one_column():
-    names, found = read_numbers("mean depth\n0,369\n-1,25\n")
+    names, found, _ = read_numbers("mean depth\n0,369\n-1,25\n")
     assert found.tolist() == [[0.369], [-1.25]]
     assert names == ["mean depth"]
 
@@ -53,6 +53,7 @@ def test_one_name_above_decimal_commas_is_one_column():
         ('"0,369",1.5\n', ("'0,369'",)),
         ("1,234\t5,678\n", ("'1,234'", "thousands")),
         ('"1,234","5,678"\n', ("'1,234'", "thousands")),
+        ("a;b\n1,110,000;2\n", ("'1,110,000'", "thousands")),
         ("1\0\n", (1, "UTF-8")),
         ("# nothing\n", ()),
     ],
@@ -78,7 +79,7 @@ def test_numbers_come_back_from_any_table(rows, separator, mark, encoding):
     decimal = "," if mark and separator != "," else "."
     cells = [[f"{x:.4f}".replace(".", decimal) for x in row] for row in rows]
     text = "\r\n".join([f"one{separator}two", *(separator.join(row) for row in cells)])
-    names, found = read_numbers(text.encode(encoding))
+    names, found, _ = read_numbers(text.encode(encoding))
     assert names == ["one", "two"]
     assert_array_equal(found, np.round(rows, 4))
 
@@ -93,3 +94,42 @@ def test_rows_of_words_and_the_numbers_in_them():
     with raises(ValueError, "1,234"):
         parse_number("1,234")
     assert parse_number("0,234") == 0.234
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("word", ["", '""', "NA", "n/a", "NULL", "#N/A", "."])
+def test_missing_numbers_are_nan(separator, word):
+    lines = ["a,b", f"0.5,{word}", f"{word},2", "NaN,3"]
+    names, found, _ = read_numbers("\n".join(line.replace(",", separator) for line in lines))
+    assert names == ["a", "b"]
+    assert_array_equal(found, [[0.5, np.nan], [np.nan, 2], [np.nan, 3]])
+
+
+def test_first_line_may_lack_a_number():
+    assert_array_equal(read_numbers("NA,1\n2,3\n").table, [[np.nan, 1], [2, 3]])
+    assert read_numbers(",0\n5,1\n").names == ["", "0"]  # as pandas names a Series
+
+
+def test_columns_of_words_are_left_out():
+    found = read_numbers('a,area,b\n1,"V1, left",\n2.5,V2,4\n')
+    assert found.names == ["a", "b"]
+    assert found.places == [0, 2]
+    assert_array_equal(found.table, [[1, np.nan], [2.5, 4]])
+    with raises(ValueError, "V1", 0):
+        read_numbers("a,b\n1,V1\n2,3\n")
+
+
+def test_separator_at_the_end_of_lines_makes_no_column():
+    found = read_numbers("0.5,1,\n2,3,\n")
+    assert_array_equal(found.table, [[0.5, 1], [2, 3]])
+    assert read_numbers("a,b\n0.5,1,\n2,3,\n").names == ["a", "b"]
+
+
+def test_truths_are_one_and_zero_and_minus_signs_are_read():
+    assert_array_equal(read_numbers("a,m\n1,True\n\u22122,FALSE\n").table, [[1, 1], [-2, 0]])
+
+
+def test_names_may_be_in_the_encoding_of_excel():
+    names, found, _ = read_numbers("Größe;n\r\n0,5;1\r\n".encode("cp1252"))
+    assert names == ["Größe", "n"]
+    assert_array_equal(found, [[0.5, 1]])

@@ -10,6 +10,7 @@ from abfm.reading import Opened, decoded, whole_number
 from abfm.types import FloatArray
 
 _HEAD = 1000  # characters in which a file of bytes has a zero
+_COMMENT = re.compile(r"#.*")  # to the end of its line, also if that is a backslash
 _OLD_KEYWORDS = {"fo": "f"}  # of OBJ
 _STL_HEADER = 84  # bytes: 80 of comment, then the number of triangles
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
@@ -39,8 +40,8 @@ def obj_lines(data: bytes) -> Iterator[tuple[str, list[str]]]:
         raise ValueError(
             "it is binary, but OBJ files and MNI objects are read as text: export text"
         )
-    for line in text.replace("\\\n", " ").splitlines():
-        keyword, *words = line.partition("#")[0].split() or [""]
+    for line in _COMMENT.sub("", text).replace("\\\n", " ").splitlines():
+        keyword, *words = line.split() or [""]
         yield _OLD_KEYWORDS.get(keyword, keyword.lower()), words
 
 

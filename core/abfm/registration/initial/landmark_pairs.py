@@ -278,6 +278,9 @@ class _Columns(NamedTuple):
 def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
     """Tell by the first line what the columns are."""
     count = len(first)
+    has_index = not first[0] and count > 1 and not any(not c or is_number(c) for c in first[1:])
+    if has_index:  # as pandas writes
+        first = ["index", *first[1:]]
     if is_number(first[0]) or not first[0].strip():
         others = {"curve": count - 1} if count in (3, 7) and not is_number(first[-1]) else {}
         named = False
@@ -285,7 +288,7 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
         names = [name.strip().lower() for name in first]
         others = {word: names.index(word) for word in _WORDS if word in names}
         named = True
-    places = [k for k in range(count) if k not in others.values()]
+    places = [k for k in range(has_index, count) if k not in others.values()]
     is_doubled = len(places) == 12  # numbers with decimal commas between commas
     if len(places) not in (2, 6):
         raise AbfmError(

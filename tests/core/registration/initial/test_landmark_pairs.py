@@ -29,7 +29,14 @@ def read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["5,9\n0,161\n", "a,b\n5,9\n0,161\n", "# x\n\n5;9\n0;161", "5 9\n0 161"]
+    "text",
+    [
+        "5,9\n0,161\n",
+        "a,b\n5,9\n0,161\n",
+        "# x\n\n5;9\n0;161",
+        "5 9\n0 161",
+        ",a,b\n0,5,9\n1,0,161\n",
+    ],
 )
 def test_pairs_of_vertices(read, text):
     found = read(text)
