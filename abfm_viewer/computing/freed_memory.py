@@ -1,30 +1,28 @@
-"""Memory that was freed goes back to the system.
+"""Return freed memory to the system.
 
-The C library of Linux keeps it, in pools for nearly every thread that there was: a window in which
-many runs have ended, and many pictures were drawn, holds on to several times as much as it uses.
+The C library of Linux keeps it in pools, several times what a window uses after many runs.
 """
 
 import ctypes
 import sys
 
-# bytes: pictures and textures; what a window computes with all the time is smaller
-_LARGE = 2 << 20
-_POOLS = 2
-_MMAP_THRESHOLD, _ARENA_MAX = -3, -8  # of malloc.h
+_BLOCK_BYTES = 2 << 20  # of pictures and textures; smaller blocks are allocated all the time
+_POOLS_MAX = 2
+_MMAP_THRESHOLD = -3  # of malloc.h
+_ARENA_MAX = -8
 
 
 def keep_little() -> None:
-    """Let all threads share two pools, and every large block go back as soon as it is freed.
+    """Let all threads share two pools, and return every large block as soon as it is freed.
 
-    The C library begins so, but from the first large block that is freed on it takes blocks of that
-    size from its pools, where they leave holes, and it makes up to eight pools for each core.
+    Otherwise the C library raises both bounds as it runs.
     """
-    _c_library("mallopt", _MMAP_THRESHOLD, _LARGE)
-    _c_library("mallopt", _ARENA_MAX, _POOLS)
+    _c_library("mallopt", _MMAP_THRESHOLD, _BLOCK_BYTES)
+    _c_library("mallopt", _ARENA_MAX, _POOLS_MAX)
 
 
 def give_back() -> None:
-    """Return what is free, of all threads; it takes some milliseconds."""
+    """Return the free memory of all threads; it takes some milliseconds."""
     _c_library("malloc_trim", 0)
 
 

@@ -238,12 +238,12 @@ def _write_each(
             notes += [note] if note else []
     if problem is None:
         return notes
-    told = one_line(problem) if isinstance(problem, AbfmError) else f"not written: {problem!r}"
+    reason = one_line(problem) if isinstance(problem, AbfmError) else f"not written: {problem!r}"
     if kept:
-        raise ResultError(told) from problem
+        raise ResultError(reason) from problem
     if place := _kept_elsewhere(whole):
-        raise ResultError(f"{told}; the result is in {place}") from problem
-    raise LostResultError(f"{told}; there was no other place for the result either") from problem
+        raise ResultError(f"{reason}; the result is in {place}") from problem
+    raise LostResultError(f"{reason}; there was no other place for the result either") from problem
 
 
 def _kept_elsewhere(whole: results.Saved) -> str:

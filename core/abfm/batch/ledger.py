@@ -93,8 +93,8 @@ class Entry:
         none.
         """
         if self.path is None:
-            told = self.reason or "it has not been solved"
-            raise ResultError(f"there is no result of {one_line(self.row.name)}: {told}")
+            reason = self.reason or "it has not been solved"
+            raise ResultError(f"there is no result of {one_line(self.row.name)}: {reason}")
         return self.row.declared.load(self.path)
 
 
@@ -169,8 +169,8 @@ class Ledger:
 
     def write_rows(self, rows: Sequence[Row], title: str) -> None:
         """Keep which rows there are, for those who ask later."""
-        told = [{**row.told(), "key": row.key} for row in rows]
-        self._write(self.own / "rows.json", {"title": title, "rows": told})
+        entries = [{**row.told(), "key": row.key} for row in rows]
+        self._write(self.own / "rows.json", {"title": title, "rows": entries})
 
     def kept(self) -> tuple[str, list[Entry]]:
         """Return the title and what is known of the rows that were kept last, without a look at
@@ -182,11 +182,11 @@ class Ledger:
             If there are none.
         """
         try:
-            told = from_json(read_bytes(self.own / "rows.json", _LARGEST))
-            if not isinstance(told, dict) or not isinstance(told.get("rows"), list):
-                raise ValueError(f"it holds {brief(told)}")
-            found = [self._kept(number, each) for number, each in enumerate(told["rows"], 1)]
-            return one_line(told.get("title", "")), found
+            content = from_json(read_bytes(self.own / "rows.json", _LARGEST))
+            if not isinstance(content, dict) or not isinstance(content.get("rows"), list):
+                raise ValueError(f"it holds {brief(content)}")
+            found = [self._kept(number, each) for number, each in enumerate(content["rows"], 1)]
+            return one_line(content.get("title", "")), found
         except (OSError, ValueError) as error:
             reason = one_line(error, 80)
             if not isinstance(error, OSError):
@@ -196,10 +196,10 @@ class Ledger:
                 "was written to"
             ) from error
 
-    def _kept(self, number: int, told: Any) -> Entry:
+    def _kept(self, number: int, entry: Any) -> Entry:
         """Return what is known of a row of the list; a failure if it is damaged."""
         try:
-            row, key = _row_and_key(told)
+            row, key = _row_and_key(entry)
         except ValueError as error:
             reason = f"its line in the list of rows is damaged: {one_line(error, 200)}"
             return Entry(Row.unreadable(f"row {number}"), "failed", Record(reason=reason))
@@ -224,11 +224,11 @@ class Ledger:
 
     def _read(self, key: str) -> Record:
         """Return what was written of a row; an OSError or ValueError says why that cannot be."""
-        told = from_json(read_bytes(self._place(key), _LARGEST))
+        entry = from_json(read_bytes(self._place(key), _LARGEST))
         known = {each.name for each in fields(Record)}
-        if not isinstance(told, dict) or not told or told.keys() - known:
-            raise ValueError(f"it holds {brief(told)}")
-        record = Record(**told)
+        if not isinstance(entry, dict) or not entry or entry.keys() - known:
+            raise ValueError(f"it holds {brief(entry)}")
+        record = Record(**entry)
         reason, expected = (
             one_line(text, _LONGEST_REASON) for text in (record.reason, record.expected)
         )
@@ -239,16 +239,16 @@ class Ledger:
             temporary.write_text(json.dumps(content), encoding="utf-8")
 
 
-def _row_and_key(told: Any) -> tuple[Row, str]:
+def _row_and_key(entry: Any) -> tuple[Row, str]:
     """Return a row and its key as `Ledger.write_rows` wrote them, or raise a ValueError."""
     try:
-        name, folder, key = (told[each] for each in ("name", "folder", "key"))
-        options = [(column, text) for column, text in told["options"]]
+        name, folder, key = (entry[each] for each in ("name", "folder", "key"))
+        options = [(column, text) for column, text in entry["options"]]
         texts = [name, folder, key, *(text for pair in options for text in pair)]
         if not all(isinstance(text, str) for text in texts):
             raise TypeError
     except (TypeError, KeyError, ValueError):
-        raise ValueError(f"it is {brief(told)}; expected name, options, folder and key") from None
+        raise ValueError(f"it is {brief(entry)}; expected name, options, folder and key") from None
     if not _NAME.fullmatch(key):
         raise ValueError(f"its key is {brief(key)}; expected hexadecimal digits")
     return Row(name, options, folder), key

@@ -17,9 +17,10 @@ from abfm.types import FloatArray
 
 TURN = 2 * math.pi
 _PERIODS = {TURN: "2 pi", 360.0: "360"}
-_FULL = 0.95  # least share of its period that a phase covers
-_JUMP, _BETWEEN = 0.9, 0.3  # of the range: what jumps, and what is no small difference
-_MIDDLE = 0.1  # least share of vertices with values in the middle half: a step has fewer
+_RANGE_MIN = 0.95  # share of its period that a phase covers
+_JUMP_MIN = 0.9  # share of the range; smaller differences are no jumps
+_DIFFERENCE_MIN = 0.3  # share of the range; smaller differences are not counted
+_MIDDLE_MIN = 0.1  # share of vertices with values in the middle half: a step has fewer
 _JUMPS_MIN = 3
 
 
@@ -167,15 +168,15 @@ def wrapped_period(mesh: TriangleMesh, values: FloatArray) -> float | None:
         return None
     low, high = float(values[known].min()), float(values[known].max())
     size = high - low
-    period = next((p for p in _PERIODS if _FULL * p <= size <= p * (1 + 1e-6)), None)
+    period = next((p for p in _PERIODS if _RANGE_MIN * p <= size <= p * (1 + 1e-6)), None)
     if period is None:
         return None
     with np.errstate(invalid="ignore"):
         differences = np.abs(np.diff(values[mesh.edges], axis=1))[:, 0] / size
-        jumps = int(np.count_nonzero(differences > _JUMP))
-        others = int(np.count_nonzero((differences > _BETWEEN) & (differences <= _JUMP)))
+        jumps = int(np.count_nonzero(differences > _JUMP_MIN))
+        others = int(np.count_nonzero((differences > _DIFFERENCE_MIN) & (differences <= _JUMP_MIN)))
         middle = np.abs(values[known] - (low + high) / 2) < size / 4
-    is_wrapped = jumps >= max(_JUMPS_MIN, others) and middle.mean() >= _MIDDLE
+    is_wrapped = jumps >= max(_JUMPS_MIN, others) and middle.mean() >= _MIDDLE_MIN
     return period if is_wrapped else None
 
 

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from abfm.errors import brief
 from abfm.reading import inflated, most_inflated
 
-_SIGNATURE, _HEAD_BYTES = b"MATLAB 5.0", 128
+_SIGNATURE = b"MATLAB 5.0"
+_HEAD_BYTES = 128
 _TYPES = dict(zip((1, 2, 3, 4, 5, 6, 7, 9, 12, 13), "bBhHiIfdqQ", strict=True))
-_MATRIX, _COMPRESSED = 14, 15
+_MATRIX = 14
+_COMPRESSED = 15
 _NUMERIC = range(6, 16)  # classes of arrays: double, single, and integers of 8 to 64 bits
 _COMPLEX = 0x800
 

@@ -38,11 +38,11 @@ def between_sources(film: Columns, mesh: TriangleMesh) -> tuple[FloatArray, tupl
         return values[:, rows], ()
     if not known:
         raise ValueError("it has no value at a vertex of the mesh that is in a face")
-    told = f"{known:,} of {len(rows):,} vertices have values; the others are interpolated"
+    note = f"{known:,} of {len(rows):,} vertices have values; the others are interpolated"
     are_first = known == sources.max() + 1
     if mesh.file_vertex_count == _FSAVERAGE and are_first and known in _COARSER:
-        told += f": {_COARSER[known]} has just those with values, and takes less time"
-    return _interpolated(mesh, values, rows), (told,)
+        note += f": {_COARSER[known]} has just those with values, and takes less time"
+    return _interpolated(mesh, values, rows), (note,)
 
 
 def _interpolated(mesh: TriangleMesh, film: FloatArray, rows: IntArray) -> FloatArray:

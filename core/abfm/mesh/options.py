@@ -10,7 +10,8 @@ from typing import Any, TypedDict
 from abfm.errors import ParameterError, brief
 from abfm.reading import HEMISPHERES
 
-_TRUE, _FALSE = ("yes", "true", "1"), ("no", "false", "0")
+_TRUE = ("yes", "true", "1")
+_FALSE = ("no", "false", "0")
 MERGE = "merge"
 
 

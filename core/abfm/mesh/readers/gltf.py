@@ -26,7 +26,8 @@ from abfm.types import FloatArray, IntArray
 TRIANGLES, STRIP, FAN = 4, 5, 6  # modes of primitives; the others are points and lines
 _MOST_PARTS = 50_000  # of the scene: primitives, each as often as it is placed, and nodes
 # vertices, and faces, of all parts: bytes of buffers for each, and how many may be anyway
-_BYTES_EACH, _FEW = 3, 1_000_000
+_BYTES_EACH = 3
+_ENTRIES_MIN = 1_000_000
 _INSTANCES = "EXT_mesh_gpu_instancing"
 _GLB, _JSON, _BINARY = 0x46546C67, 0x4E4F534A, 0x004E4942
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -59,8 +60,8 @@ def read_gltf(opened: Opened) -> FileContents:
     contents = joined(placed_parts(document))
     if not document.is_animated:
         return contents
-    told = "its animations are not applied: it is read as it is at rest"
-    return contents._replace(messages=(*contents.messages, told))
+    note = "its animations are not applied: it is read as it is at rest"
+    return contents._replace(messages=(*contents.messages, note))
 
 
 def placed_parts(document: "Document") -> list[Part]:
@@ -138,7 +139,7 @@ class Document:
         """Count vertices and faces that are made; a ValueError reports more than the file has."""
         self._counted += entries
         size = self._size + self._references.size
-        if self._counted > max(_FEW, size // _BYTES_EACH):
+        if self._counted > max(_ENTRIES_MIN, size // _BYTES_EACH):
             raise ValueError(
                 f"its scene shows its meshes again and again: {self._counted} vertices and faces, "
                 f"where the file has {size} bytes; export what is to be matched alone"

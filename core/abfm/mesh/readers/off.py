@@ -21,7 +21,9 @@ _ANY_DIMENSION = re.compile(r"\s*+(?:ST|[CN4])*nOFF")
 _BINARY = re.compile(rb"\s*+((?:ST|[CN4])*)OFF\s+BINARY[^\n]*+\n", re.IGNORECASE)
 _COMMENT = re.compile(r"#[^\n]*+")
 _EDGES = re.compile(r"[^\S\n]*+\S++|\s*+\d++[^\S\n]*+(?=\n)")  # behind the other counts
-_NORMAL, _COLORS, _TEXTURE = 3, (4, 3), 2  # numbers at a vertex; a colour may lack its opacity
+_NORMAL_COLUMNS = 3
+_COLOR_COLUMNS = (4, 3)  # a colour may lack its opacity
+_TEXTURE_COLUMNS = 2
 
 _Parts = tuple[FloatArray, IntArray, IntArray]
 """Points, sizes of faces, and the corners of one after the other."""
@@ -140,8 +142,8 @@ def _layout(prefix: str) -> tuple[int, int, tuple[int, ...]]:
     may have.
     """
     columns = 4 if "4" in prefix else 3
-    plain = columns + _NORMAL * ("N" in prefix) + _TEXTURE * ("ST" in prefix)
-    widths = tuple(plain + color for color in _COLORS) if "C" in prefix else (plain,)
+    plain = columns + _NORMAL_COLUMNS * ("N" in prefix) + _TEXTURE_COLUMNS * ("ST" in prefix)
+    widths = tuple(plain + color for color in _COLOR_COLUMNS) if "C" in prefix else (plain,)
     return columns, min(widths), widths
 
 

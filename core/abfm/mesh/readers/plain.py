@@ -98,8 +98,8 @@ def _count_by_length(count: int, body: int) -> tuple[int, tuple[str, ...]]:
             "may be cut off"
         )
     if count == 0 or body % size == 0:
-        told = f"its header announces {count} triangles; all {body // size} in the file were read"
-        return body // size, (told,)
+        note = f"its header announces {count} triangles; all {body // size} in the file were read"
+        return body // size, (note,)
     return count, (f"{body - count * size} bytes after its {count} triangles were ignored",)
 
 
@@ -113,5 +113,5 @@ def _text_corners(text: str) -> tuple[FloatArray, tuple[str, ...]]:
         return lists.vertices(), ()
     if text.rstrip()[-8:].lower() != "endfacet":
         raise ValueError("it is text that does not end with endsolid: it may be cut off")
-    told = "the file does not end with endsolid: check that no triangles are missing"
-    return lists.vertices(), (told,)
+    note = "the file does not end with endsolid: check that no triangles are missing"
+    return lists.vertices(), (note,)

@@ -9,9 +9,9 @@ from abfm.mesh.topology import connected
 from abfm.reading import HEMISPHERES
 from abfm.types import BoolArray, FloatArray, IntArray
 
-# of two hemispheres: the smaller area over the larger one, how much of all area is theirs, and the
-# distance of their middles along x over their mean width
-_ALIKE, _NEARLY_ALL, _APART = 0.85, 0.9, 0.5
+_AREA_RATIO_MIN = 0.85  # the smaller over the larger area of two hemispheres
+_AREA_SHARE_MIN = 0.9  # of the area of all components
+_DISTANCE_MIN = 0.5  # of the middles along x, over the mean width
 
 
 def components(draft: Draft) -> IntArray:
@@ -62,9 +62,10 @@ def hemispheres(draft: Draft) -> BoolArray | None:
     widths = [np.ptp(x[component == each]) for each in two]
     apart = np.abs(middles[two[0]] - middles[two[1]])
     alike = (
-        sizes[two[1]] >= _ALIKE * sizes[two[0]] and sizes[two].sum() >= _NEARLY_ALL * sizes.sum()
+        sizes[two[1]] >= _AREA_RATIO_MIN * sizes[two[0]]
+        and sizes[two].sum() >= _AREA_SHARE_MIN * sizes.sum()
     )
-    if not alike or apart < _APART * np.mean(widths):
+    if not alike or apart < _DISTANCE_MIN * np.mean(widths):
         return None
     is_left: BoolArray = middles < middles[two].mean()
     return is_left[component]

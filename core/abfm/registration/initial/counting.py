@@ -9,8 +9,9 @@ from abfm.errors import AbfmWarning
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
 
-_LEAST, _MOST = 3, 30  # landmarks that are compared
-_LOWER = 0.5  # of right landmarks the shifted ones have at least 0.54 of the cost, on human shapes
+_LANDMARKS_MIN = 3
+_LANDMARKS_MAX = 30  # that are compared, of more landmarks
+_COST_RATIO = 0.5  # shifted right landmarks have at least 0.54 of the cost, on human shapes
 
 
 def pair_cost(a: TriangleMesh, b: TriangleMesh, of_a: IntArray, of_b: IntArray) -> float:
@@ -26,15 +27,15 @@ def warn_if_from_one(
     """Warn if landmarks (L,), numbers of vertices counted from 0, correspond much better as numbers
     counted from 1. Surfaces with the same faces do not tell, as any vertices correspond there.
     """
-    if len(numbers_a) < _LEAST or np.array_equal(a.faces, b.faces):
+    if len(numbers_a) < _LANDMARKS_MIN or np.array_equal(a.faces, b.faces):
         return
-    some = np.unique(np.linspace(0, len(numbers_a) - 1, _MOST).astype(int))
+    some = np.unique(np.linspace(0, len(numbers_a) - 1, _LANDMARKS_MAX).astype(int))
     pairs = (a, numbers_a[some]), (b, numbers_b[some])
     given, shifted = ([mesh.local_vertices(n - first) for mesh, n in pairs] for first in (0, 1))
     if any((rows < 0).any() for rows in (*given, *shifted)):
         return
     cost, lower = pair_cost(a, b, *given), pair_cost(a, b, *shifted)
-    if lower < _LOWER * cost:
+    if lower < _COST_RATIO * cost:
         warnings.warn(
             "landmarks are counted from 0, but distances between them fit better if they are "
             f"counted from 1 (they differ by {lower:.2g} instead of {cost:.2g} sqrt(area)): "

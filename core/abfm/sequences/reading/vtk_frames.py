@@ -25,7 +25,7 @@ from abfm.workers.progress import step
 
 _NUMBERED = re.compile(r"(.*?)([0-9]{1,18})(\.vt[kup])", re.IGNORECASE)
 _KEYS = ("name", "time")  # of a file in a .series
-_APART = 1e-3  # of the mesh's size: points that far from its vertices are told
+_APART = 1e-3  # of the mesh's size: points farther from its vertices are reported
 
 _FRAMES_OF_A_FILE_MAX = 100  # on average; a list from somebody else may name one file very often
 
@@ -45,13 +45,13 @@ def vtk_frames(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
     is_list = file.suffix.lower() in _LISTS
     for time, listed in entries if is_list else ():
         if not math.isfinite(time):
-            told = brief(listed.name)
-            raise ValueError(f"it lists {told} with the time {time:g}; expected a finite number")
+            name = brief(listed.name)
+            raise ValueError(f"it lists {name} with the time {time:g}; expected a finite number")
     found = _of_grids(entries, mesh, array)
     if is_list:
         return found
-    told = f"{len(entries)} files from {entries[0][1].name} to {entries[-1][1].name}"
-    return found._replace(notes=(told, *found.notes))
+    note = f"{len(entries)} files from {entries[0][1].name} to {entries[-1][1].name}"
+    return found._replace(notes=(note, *found.notes))
 
 
 def _collection(file: Path) -> list[Entry]:
@@ -60,8 +60,8 @@ def _collection(file: Path) -> list[Entry]:
 
 def _series(file: Path) -> list[Entry]:
     """Read ParaView's list of files in JSON."""
-    told = from_json(read_bytes(file))
-    files = told.get("files") if isinstance(told, dict) else None
+    content = from_json(read_bytes(file))
+    files = content.get("files") if isinstance(content, dict) else None
     entries = []
     for entry in files if isinstance(files, list) else []:
         name, time = (entry.get(key) if isinstance(entry, dict) else None for key in _KEYS)
@@ -95,9 +95,7 @@ _LISTS: dict[str, Callable[[Path], list[Entry]]] = {".pvd": _collection, ".serie
 
 
 def files_of_film(file: Path) -> list[Path]:
-    """Return the files of a film of VTK's, as far as they can be told; errors tell as `vtk_frames`
-    does.
-    """
+    """Return the files of frames of VTK; raise the errors of `vtk_frames`."""
     entries = _LISTS.get(file.suffix.lower(), _numbered)(file)
     return list(dict.fromkeys(path for _, path in entries))
 
