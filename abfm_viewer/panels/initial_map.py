@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
+from abfm.reading import VALUES_ENDINGS
 from abfm.wording import sentence
 from abfm_viewer.panels.context import Context
 from abfm_viewer.session.initial_maps import GIVEN
@@ -13,7 +14,6 @@ from abfm_viewer.session.session_files import MESHES
 _ABOUT = "Where each point of B lies on A before anything flows; the flow on B goes on from there."
 _MIRRORED = "See A in a mirror first, as between left and right."
 _MIRROR, _FILE = "mirror", "file"
-_MAPS = (".npy", ".mat", ".csv", ".tsv", ".txt", ".vts", ".map", ".gii")
 
 
 class _Choice(NamedTuple):
@@ -72,7 +72,7 @@ _CHOICES = {
         _FILE,
         "For each vertex of B its vertex of A, or a face and weights.",
         ("Open a map from B to A",),
-        _MAPS,
+        (*VALUES_ENDINGS, ".map"),
     ),
 }
 """By their labels."""

@@ -92,7 +92,7 @@ def _refused(path: str | os.PathLike[str]) -> Iterator[None]:
 
 def _target(path: str | os.PathLike[str]) -> Path:
     """Return the file that a path means; OSError if it has no place for one."""
-    from abfm.reading.door import (
+    from abfm.reading.plain_files import (
         SPECIAL,
     )  # with NumPy, before which the command line needs the rest
 

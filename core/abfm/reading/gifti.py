@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from abfm.reading.door import inflated, most_inflated, open_plain, referenced_file
 from abfm.reading.hemispheres import STRUCTURES
 from abfm.reading.labels import Color
 from abfm.reading.opening import Opened, open_file
+from abfm.reading.plain_files import inflated, most_inflated, open_plain, referenced_file
 from abfm.reading.xml_events import take_events
 
 _INTEGERS = ("uint8", "int8", "int16", "uint16", "int32", "uint32", "int64", "uint64")

@@ -12,7 +12,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import NamedTuple
 
-from abfm.reading.door import inflated, read_bytes
+from abfm.reading.plain_files import inflated, read_bytes
 
 
 class Format(StrEnum):
@@ -117,7 +117,8 @@ _ARCHIVES = {
     b"\x28\xb5\x2f\xfd": "a Zstandard archive",
 }
 _SPREADSHEETS = (".xlsx", ".xlsm", ".ods")
-_TAR, _TAR_AT = b"ustar", 257
+_TAR = b"ustar"
+_TAR_OFFSET = 257
 _OLD_OR_NEW = b"\xff\xff\xff"  # old quadrangles and new values begin alike
 _HEAD_BYTES = 1 << 16
 _ROOT = re.compile(r"<(GIFTI|VTKFile)\b([^>]*)")
@@ -178,7 +179,7 @@ def _refuse_other_contents(data: bytes, head: str, name: str) -> None:
     if name.endswith(_SPREADSHEETS):
         raise ValueError("the file is a spreadsheet. Save the values as CSV")
     archive = next((text for mark, text in _ARCHIVES.items() if data.startswith(mark)), None)
-    if archive is None and data[_TAR_AT : _TAR_AT + len(_TAR)] == _TAR:
+    if archive is None and data[_TAR_OFFSET : _TAR_OFFSET + len(_TAR)] == _TAR:
         archive = "a tar archive"
     if archive and not (data.startswith(_ZIP) and name.endswith(".npz")):
         raise ValueError(f"the file is {archive}. Unpack it and use a file in it")

@@ -1,8 +1,8 @@
-"""The one door for bytes: what is behind a name, and how much, is known before it is read.
+"""Reading plain files of bounded size, bounded decompression, and arrays of NumPy.
 
-So it is of arrays (.npy): a header is believed when it fits what follows it, byte for byte. NumPy
-reads the header, whatever it throws at damaged ones; not the array, for which it would make room
-before it looks whether so much follows.
+The kind and the size of a file are checked before it is read. The header of an array (.npy) must
+fit the bytes that follow it: NumPy reads the header, but not the array, for which it would reserve
+memory first.
 """
 
 import errno

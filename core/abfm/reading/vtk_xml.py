@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from abfm.errors import brief
 from abfm.numerics.real_numbers import as_doubles
-from abfm.reading.door import inflated, most_inflated, read_bytes
+from abfm.reading.plain_files import inflated, most_inflated, read_bytes
 from abfm.reading.vtk_file import (
     POLYGON,
     STRIP,

@@ -16,7 +16,7 @@ from abfm import Control, Parameters, ResultError, load_match, match
 from abfm.io import FORMAT_VERSION, load_arrays, save_arrays
 from abfm.io.results import open_archive
 from abfm.matching import Remedy, prepare
-from abfm.reading import door, open_plain, read_bytes
+from abfm.reading import open_plain, plain_files, read_bytes
 from tests.core.fields import bump
 from tests.core.reading import hostile
 from tests.core.reading.hostile import members, npy_of, refusal, zipped
@@ -350,7 +350,7 @@ def test_own_files_may_be_larger_than_those_of_others(path, monkeypatch):
     """As those of films with thousands of frames are."""
     save_arrays(path, result_arrays())
     size = path.stat().st_size
-    monkeypatch.setattr(door, "LARGEST", size // 100)
+    monkeypatch.setattr(plain_files, "LARGEST", size // 100)
     monkeypatch.setattr(open_plain.__wrapped__, "__defaults__", (size - 1,))
     with raises(OSError, size):
         read_bytes(path, size - 1)

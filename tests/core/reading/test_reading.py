@@ -1,4 +1,4 @@
-"""The door by which files come in, and arrays of NumPy and GIFTI: plain files, and no bombs."""
+"""Plain files, bounded decompression, and arrays of NumPy and GIFTI."""
 
 import base64
 import errno
