@@ -5,7 +5,7 @@ import json
 import os
 import sys
 import time
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import abfm
 from abfm import Control, Sequence, pages
 from abfm.errors import printable
 from abfm.sequences import ENDINGS, GAMMA, TAKEN, Unfinished, defaults, read_frames
-from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, files_of_film
+from abfm.sequences.reading.vtk_frames import files_of_frames
 from abfm.types import FloatArray
 from abfm.workers.progress import telling
 from abfm_viewer import signals
@@ -123,8 +123,10 @@ def run(arguments: argparse.Namespace) -> int:
         outputs.check_sequence(path)
     for path in tables:
         outputs.check(path, (".csv",))
+    frames = arguments.frames
+    read = [arguments.mesh, frames, arguments.mask, *files_of_frames(frames)]
     for path in (*arguments.out, *tables):
-        outputs.check_not_read(path, _read(arguments))
+        outputs.check_not_read(path, read)
     if len({*arguments.out, *tables}) < len(arguments.out) + len(tables):
         raise UsageError("two outputs have the same name; give each its own")
     given = {name: getattr(arguments, name) for name in TAKEN}
@@ -190,15 +192,6 @@ def _write(
     finally:
         if finished is not None and is_safe:
             finished.remove()
-
-
-def _read(arguments: argparse.Namespace) -> list[str | None]:
-    """Return the files that are read, as far as they can be told."""
-    parts = list[Path]()
-    if arguments.frames.lower().endswith(VTK_ENDINGS):
-        with suppress(OSError, ValueError):  # which reading them tells
-            parts = files_of_film(Path(os.path.expanduser(arguments.frames)))
-    return [arguments.mesh, arguments.frames, arguments.mask, *map(os.fspath, parts)]
 
 
 def _times(

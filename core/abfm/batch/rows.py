@@ -20,7 +20,7 @@ from abfm.batch.kinds import KINDS, kind_of_columns
 from abfm.errors import ParameterError, brief, did_you_mean, printable
 from abfm.matching.problem import Problem
 from abfm.reading import open_plain, referenced_file
-from abfm.sequences.reading.vtk_frames import VTK_ENDINGS, files_of_film
+from abfm.sequences.reading.vtk_frames import files_of_frames
 from abfm.workers.control import Control
 
 PROBLEMS = "problems"
@@ -271,9 +271,4 @@ def _with_companions(path: str) -> list[str]:
             return [path, *(os.fspath(referenced_file(path, name)) for name in decoded)]
         except (OSError, ValueError):  # the reader reports them
             return [path]
-    if low.endswith(VTK_ENDINGS):
-        try:
-            return list(dict.fromkeys([path, *map(os.fspath, files_of_film(Path(path)))]))
-        except (OSError, ValueError):
-            return [path]
-    return [path]
+    return list(dict.fromkeys([path, *files_of_frames(path)]))

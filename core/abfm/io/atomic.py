@@ -92,9 +92,8 @@ def _refused(path: str | os.PathLike[str]) -> Iterator[None]:
 
 def _target(path: str | os.PathLike[str]) -> Path:
     """Return the file that a path means; OSError if it has no place for one."""
-    from abfm.reading.plain_files import (
-        SPECIAL,
-    )  # with NumPy, before which the command line needs the rest
+    # with NumPy, before which the command line needs the rest
+    from abfm.reading.plain_files import SPECIAL
 
     try:
         target = Path(os.path.realpath(path))

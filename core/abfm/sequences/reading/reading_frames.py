@@ -62,7 +62,7 @@ def read_frames(
     with reported(path, "frames"):
         opened = open_file(path)
         if opened.format in _OF_VTK:
-            return _noted(by_frames(vtk_frames(opened.path, mesh, array), mesh))
+            return _noted(by_frames(vtk_frames(opened, mesh, array), mesh))
         if array is not None and opened.format not in HAVE_NAMED_ARRAYS:
             raise ValueError(f"it is {opened.format}, without arrays called {brief(array)}")
         found = columns_of(opened, request_for(mesh, array, hemisphere))

@@ -4,6 +4,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,10 @@ import numpy as np
 from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh import TriangleMesh
 from abfm.reading import (
+    ENDINGS,
+    Format,
     Grid,
+    Opened,
     from_json,
     most_inflated,
     read_bytes,
@@ -29,20 +33,18 @@ _APART = 1e-3  # of the mesh's size: points farther from its vertices are report
 
 _FRAMES_OF_A_FILE_MAX = 100  # on average; a list from somebody else may name one file very often
 
-VTK_ENDINGS = (".pvd", ".series", ".vtu", ".vtp", ".vtk")
-
 Entry = tuple[float, Path]
 
 
-def vtk_frames(file: Path, mesh: TriangleMesh, array: str | None) -> FramesFile:
+def vtk_frames(opened: Opened, mesh: TriangleMesh, array: str | None) -> FramesFile:
     """Read point data of a film: a .pvd, a .series, or one of several numbered .vtu or .vtp.
 
     An OSError says that a file cannot be read, a ValueError what is wrong with one.
     """
-    entries = _LISTS.get(file.suffix.lower(), _numbered)(file)
+    entries = _LISTS.get(opened.format, _numbered)(opened.path)
     if not entries:
         raise ValueError("it lists no files")
-    is_list = file.suffix.lower() in _LISTS
+    is_list = opened.format in _LISTS
     for time, listed in entries if is_list else ():
         if not math.isfinite(time):
             name = brief(listed.name)
@@ -91,13 +93,24 @@ def _numbered(file: Path) -> list[Entry]:
     return [(math.nan, found[number]) for number in sorted(found)]
 
 
-_LISTS: dict[str, Callable[[Path], list[Entry]]] = {".pvd": _collection, ".series": _series}
+_LISTS: dict[Format, Callable[[Path], list[Entry]]] = {
+    Format.COLLECTION: _collection,
+    Format.SERIES: _series,
+}
 
 
-def files_of_film(file: Path) -> list[Path]:
-    """Return the files of frames of VTK; raise the errors of `vtk_frames`."""
-    entries = _LISTS.get(file.suffix.lower(), _numbered)(file)
-    return list(dict.fromkeys(path for _, path in entries))
+def files_of_frames(path: str) -> list[str]:
+    """Return the files that a list or a numbered file of VTK stands for, by the ending of its name.
+
+    Return none for other files, and for those that cannot be read.
+    """
+    file = Path(os.path.expanduser(path))
+    form = ENDINGS.get(file.suffix.lower())
+    if form not in (*_LISTS, Format.VTK_XML, Format.VTK_LEGACY):
+        return []
+    with suppress(OSError, ValueError):  # which reading the frames reports
+        return list(dict.fromkeys(os.fspath(each) for _, each in _LISTS.get(form, _numbered)(file)))
+    return []
 
 
 def _of_grids(entries: Sequence[Entry], mesh: TriangleMesh, array: str | None) -> FramesFile:
