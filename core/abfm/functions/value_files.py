@@ -18,7 +18,7 @@ from abfm.errors import (
     did_you_mean,
     one_line,
 )
-from abfm.functions.matlab_files import MatlabArrays
+from abfm.functions.matlab_files import matlab_arrays
 from abfm.functions.sides import warn_of_sides
 from abfm.mesh import TriangleMesh
 from abfm.mesh.readers.ply import ply_contents
@@ -377,7 +377,7 @@ def _npz(opened: Opened, request: Request) -> Columns:
 
 
 def _mat(opened: Opened, request: Request) -> Columns:
-    return _of_arrays(MatlabArrays(opened.data), request)
+    return _of_arrays(matlab_arrays(opened.data), request)
 
 
 def _vtk(opened: Opened, request: Request) -> Columns:

@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abfm.errors import brief
 from abfm.reading.strips import triangles_of_strips
@@ -18,22 +19,22 @@ _POINTS_AND_LINES = (0, 1, 2, 3, 4)
 _VOLUMES = {10: "tetrahedra", 11: "voxels", 12: "hexahedra", 13: "wedges", 14: "pyramids"}
 
 
-class PointData(Mapping[str, FloatArray]):
-    """Arrays of point data, (n, C), by name; each is decoded when it is looked up.
+class PointData(Mapping[str, NDArray[Any]]):
+    """Arrays by name, such as point data, (n, C); each is decoded when it is looked up.
 
     A ValueError reports a damaged array, or a name that several arrays have.
     """
 
-    def __init__(self, arrays: Iterable[tuple[str, Callable[[], FloatArray]]]) -> None:
-        self._arrays: dict[str, list[Callable[[], FloatArray]]] = {}
+    def __init__(self, arrays: Iterable[tuple[str, Callable[[], NDArray[Any]]]]) -> None:
+        self._arrays: dict[str, list[Callable[[], NDArray[Any]]]] = {}
         for name, decode in arrays:
             self._arrays.setdefault(name, []).append(decode)
 
-    def __getitem__(self, name: str) -> FloatArray:
+    def __getitem__(self, name: str) -> NDArray[Any]:
         found = self._arrays[name]
         if len(found) > 1:
             raise ValueError(
-                f"{len(found)} of its arrays have the name {brief(name)}: rename all but one"
+                f"{len(found)} of its arrays are called {brief(name)}: rename all but one"
             )
         return found[0]()
 

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError, SeveralArraysError
 from abfm.functions import function, read_column, read_labels, read_values, read_vertex_map
-from abfm.functions.matlab_files import MatlabArrays
+from abfm.functions.matlab_files import matlab_arrays
 from abfm.mesh import TriangleMesh
 from abfm.reading import NO_LABEL, Columns
 from abfm.sequences import read_frames
@@ -357,7 +357,7 @@ def test_matlab_files_that_cannot_be_read(tmp_path):
 def test_matlab_arrays_are_those_that_scipy_writes(tmp_path, kind, packed):
     arrays = {"one": np.arange(6).astype(kind).reshape(2, 3), "longer": np.zeros((2, 1, 2), kind)}
     scipy.io.savemat(tmp_path / "a.mat", arrays | {"x": "words"}, do_compression=packed)
-    found = MatlabArrays((tmp_path / "a.mat").read_bytes())
+    found = matlab_arrays((tmp_path / "a.mat").read_bytes())
     assert {*found} == {*arrays}
     for name, array in arrays.items():
         assert_array_equal(found[name], array)
