@@ -42,7 +42,7 @@ def freesurfer_surface(data: bytes) -> tuple[FloatArray, IntArray]:
     Coordinates are those of the file, FreeSurfer's surface RAS, as nibabel gives them: the centre
     of the volume (``cras``), which may follow the triangles, is not added.
 
-    A ValueError says what is wrong with it.
+    A ValueError reports what is wrong with it.
     """
     if data[:3] != _SURFACE:
         raise ValueError("it is no FreeSurfer surface of triangles")
@@ -61,7 +61,7 @@ def freesurfer_surface(data: bytes) -> tuple[FloatArray, IntArray]:
 def freesurfer_quadrangles(data: bytes) -> tuple[FloatArray, IntArray]:
     """Read vertices (V, 3) and quadrangles (Q, 4) of an old surface, with numbers of three bytes.
 
-    Coordinates are hundredths, or, in the newer of both kinds, floats. A ValueError says what is
+    Coordinates are hundredths, or, in the newer of both kinds, floats. A ValueError reports what is
     wrong with it.
     """
     bytes_ = _Bytes(data, len(_QUADRANGLES))

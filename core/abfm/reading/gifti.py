@@ -91,8 +91,8 @@ class Gifti(NamedTuple):
 def read_gifti(source: str | os.PathLike[str] | Opened) -> Gifti:
     """Read a GIFTI file.
 
-    An OSError says that the file, or one that it names, cannot be read, a ValueError that it is no
-    GIFTI file, or an array not as large as it says.
+    An OSError reports that the file, or one that it names, cannot be read, a ValueError that it is
+    no GIFTI file, or an array not as large as announced.
     """
     opened = source if isinstance(source, Opened) else open_file(source)
     reader = _Reader(opened.path, most_inflated(len(opened.data)))

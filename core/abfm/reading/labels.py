@@ -54,7 +54,7 @@ class Labels:
     def where(self, label: str | int) -> BoolArray:
         """Return which vertices, (n,), have a label, given by its name or else by its key.
 
-        A KeyError says that there is none: no name, nor a key of a name or a vertex.
+        A KeyError reports that there is none: no name, nor a key of a name or a vertex.
         """
         keys = [key for key, name in self.names.items() if name == label]
         if not keys:

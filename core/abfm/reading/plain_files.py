@@ -48,7 +48,7 @@ def open_plain(path: str | os.PathLike[str], most: int = LARGEST) -> Iterator[Bi
     """Open a plain file for reading: no folder, pipe, socket or device, of at most so many bytes.
 
     It is looked at before it is opened, as opening alone makes some devices act, and again when it
-    is open. The ``strerror`` of an OSError says why it cannot be read.
+    is open. The ``strerror`` of an OSError reports why it cannot be read.
     """
     try:
         _check(os.stat(path), most)
@@ -94,7 +94,7 @@ def referenced_file(file: str | os.PathLike[str], name: str) -> Path:
 def inflated(data: bytes, most: int | None = None) -> bytes:
     """Decompress what a gzip file, or zlib's compressed data, holds.
 
-    A ValueError says that it is damaged, cut short, or has more bytes than ``most``, or than
+    A ValueError reports that it is damaged, cut short, or has more bytes than ``most``, or than
     `most_inflated` gives.
     """
     bound = most_inflated(len(data)) if most is None else most
@@ -149,7 +149,7 @@ def from_json(text: str | bytes) -> Any:
 def array_from(data: bytes) -> NDArray[Any]:
     """Return the array of numbers, booleans or texts that the bytes of a .npy file hold.
 
-    A ValueError says that they hold anything else, or are more or fewer than the array.
+    A ValueError reports that they hold anything else, or are more or fewer than the array.
     """
     file = BytesIO(data)
     try:

@@ -34,7 +34,7 @@ def vtk_contents(opened: Opened) -> VtkFile:
 def read_grid(path: str | os.PathLike[str], name: str | None = None) -> Grid:
     """Read points and an array of point data; without a name there must be only one.
 
-    An OSError says that the file cannot be read, a ValueError what is wrong with it.
+    An OSError reports that the file cannot be read, a ValueError what is wrong with it.
     """
     file = vtk_contents(open_file(path))
     names = list(file.point_data)

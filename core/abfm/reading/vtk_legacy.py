@@ -57,7 +57,7 @@ Cells: TypeAlias = Polygons
 
 
 def legacy_contents(data: bytes) -> VtkFile:
-    """Read points, polygons and point data; a ValueError says what is wrong with the file."""
+    """Read points, polygons and point data; a ValueError reports what is wrong with the file."""
     parser = _Parser(data)
     try:
         parser.parse()

@@ -61,7 +61,7 @@ class _Array(NamedTuple):
 
 
 def xml_contents(content: bytes) -> VtkFile:
-    """Read a .vtu or .vtp file; a ValueError says what is wrong with it."""
+    """Read a .vtu or .vtp file; a ValueError reports what is wrong with it."""
     file = _File(content)
     if file.kind not in _KINDS:
         raise ValueError(f"it is VTK's {brief(file.kind)}; expected {' or '.join(_KINDS)}")

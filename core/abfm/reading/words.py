@@ -102,7 +102,7 @@ def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, Int
     Parameters
     ----------
     count : int, optional
-        How many lists there are.
+        Number of lists; by default as many as there are.
 
     Returns
     -------

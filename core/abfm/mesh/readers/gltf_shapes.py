@@ -21,7 +21,7 @@ def shaped(
 ) -> tuple[FloatArray, bool]:
     """Return the vertices (n, 3) of a part as a node shows them, and whether they are mirrored.
 
-    A ValueError says what cannot be applied. Skins place vertices themselves, and ignore the
+    A ValueError reports what cannot be applied. Skins place vertices themselves, and ignore the
     transformation of the node.
     """
     points = _morphed(document, part, node)

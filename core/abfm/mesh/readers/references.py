@@ -26,8 +26,8 @@ class References:
     def read(self, name: str) -> bytes:
         """Return the bytes of a file.
 
-        An OSError says that it cannot be read, a ValueError that it is outside the folder, or that
-        the budget is spent.
+        An OSError reports that it cannot be read, a ValueError that it is outside the folder, or
+        that the budget is spent.
         """
         path = self.find(name)
         if path not in self._contents:

@@ -39,7 +39,7 @@ Entry = tuple[float, Path]
 def vtk_frames(opened: Opened, mesh: TriangleMesh, array: str | None) -> FramesFile:
     """Read point data of a film: a .pvd, a .series, or one of several numbered .vtu or .vtp.
 
-    An OSError says that a file cannot be read, a ValueError what is wrong with one.
+    An OSError reports that a file cannot be read, a ValueError what is wrong with one.
     """
     entries = _LISTS.get(opened.format, _numbered)(opened.path)
     if not entries:
