@@ -209,8 +209,18 @@ def _npy(opened: Opened, request: Request) -> Columns:
 def _text(opened: Opened, request: Request) -> Columns:
     names, table, places = read_numbers(opened.data, request.whole)
     if not (names or request.whole):
+        names, table = _numbered(table, request.counts)
         _refuse_unnamed_vertices(table, request.counts)
     return Columns(table, tuple(names), tuple(map(str, places)))
+
+
+def _numbered(table: FloatArray, counts: tuple[int, ...]) -> tuple[list[str], FloatArray]:
+    """Return names of columns that are 0, 1, 2, ..., as pandas has them, and the rows below."""
+    count, width = table.shape
+    is_clear = (count not in counts and count - 1 in counts) or (count > 1 and width in counts)
+    if is_clear and width > 1 and np.array_equal(table[0], np.arange(width)):
+        return [str(k) for k in range(width)], table[1:]
+    return [], table
 
 
 def _refuse_unnamed_vertices(table: FloatArray, counts: tuple[int, ...]) -> None:

@@ -7,6 +7,7 @@ from contextlib import suppress
 
 import nibabel
 import numpy as np
+import pandas
 import pytest
 import scipy.io
 from numpy.testing import assert_allclose, assert_array_equal
@@ -393,6 +394,14 @@ def test_volume_is_no_values_at_vertices(tmp_path):
     (tmp_path / "a.nii").write_bytes((tmp_path / "a.nii").read_bytes()[:400])
     with raises(FunctionError, "cut off"):
         value_of(tmp_path / "a.nii")
+
+
+@pytest.mark.parametrize("is_rows", [False, True])
+def test_columns_that_pandas_numbers_are_names(tmp_path, is_rows):
+    frames = np.stack([VALUES, 2 * VALUES, VALUES + 1])
+    table = frames if is_rows else frames.T
+    pandas.DataFrame(table).to_csv(tmp_path / "a.csv", index=False)
+    assert_allclose(read_frames(tmp_path / "a.csv", MESH).values, frames)
 
 
 def test_unnamed_column_of_unsorted_vertices_is_refused(tmp_path):
