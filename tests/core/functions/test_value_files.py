@@ -404,11 +404,12 @@ def test_columns_that_pandas_numbers_are_names(tmp_path, is_rows):
     assert_allclose(read_frames(tmp_path / "a.csv", MESH).values, frames)
 
 
-def test_unnamed_column_of_unsorted_vertices_is_refused(tmp_path):
+def test_unsorted_numbers_of_vertices_are_named_or_refused(tmp_path):
     rows = "".join(f"{k},{VALUES[k]}\n" for k in ORDER)
-    (tmp_path / "a.csv").write_text(rows)
-    with raises(FunctionError, "vertex,value"):
-        value_of(tmp_path / "a.csv", ",column=1")
+    for head in ("", "id,value\n"):
+        (tmp_path / "a.csv").write_text(head + rows)
+        with raises(FunctionError, "call it vertex"):
+            value_of(tmp_path / "a.csv", ",column=1")
     (tmp_path / "a.csv").write_text(f"vertex,value\n{rows}")
     assert_allclose(value_of(tmp_path / "a.csv"), VALUES)
 
