@@ -55,7 +55,9 @@ class Circular(Family):
                 "circular is two functions: use it as source and target, or choose one by "
                 "part=cosine or part=sine"
             )
-        pair = as_circle(self.function.evaluate(mesh), self.period)
+        values = self.function.evaluate(mesh)
+        warn_of_period(mesh, values, self.period)
+        pair = as_circle(values, self.period)
         return pair[:, 0 if self.part == "cosine" else 1]
 
 
@@ -183,6 +185,21 @@ def wrapped_period(mesh: TriangleMesh, values: FloatArray) -> float | None:
 def warn_of_phases(mesh: TriangleMesh, rows: FloatArray) -> None:
     """Warn if some of functions (C, V) are phases that are compared as numbers."""
     if text := phase_warning(mesh, rows):
+        warnings.warn(text, AbfmWarning, stacklevel=3)
+
+
+def warn_of_period(mesh: TriangleMesh, values: FloatArray, period: float) -> None:
+    """Warn once for a mesh if values (V,) jump by another period than the one they are given."""
+    found = wrapped_period(mesh, values)
+    if found is None or math.isclose(found, period, rel_tol=1e-3):
+        return
+    text = (
+        f"values jump by about {_PERIODS[found]} between neighbours, and their period is "
+        f"{_PERIODS.get(period, f'{period:g}')}: give the period that they have"
+    )
+    reported = mesh.cache.setdefault(warn_of_period, set())
+    if text not in reported:
+        reported.add(text)
         warnings.warn(text, AbfmWarning, stacklevel=3)
 
 

@@ -209,20 +209,31 @@ def _npy(opened: Opened, request: Request) -> Columns:
 def _text(opened: Opened, request: Request) -> Columns:
     names, table, places = read_numbers(opened.data, request.whole)
     if not (names or request.whole):
-        _refuse_unnamed_vertices(table, request.counts)
-    return Columns(table, tuple(names), tuple(map(str, places)))
+        names, table = _numbered(table, request.counts)
+    found = Columns(table, tuple(names), tuple(map(str, places)))
+    if len(table) in request.counts and not request.whole and found.by_vertex() is found:
+        _refuse_unsorted_vertices(table)
+    return found
 
 
-def _refuse_unnamed_vertices(table: FloatArray, counts: tuple[int, ...]) -> None:
-    """Refuse a first column without a name that has each number of a vertex once, unsorted."""
+def _numbered(table: FloatArray, counts: tuple[int, ...]) -> tuple[list[str], FloatArray]:
+    """Return names of columns that are 0, 1, 2, ..., as pandas has them, and the rows below."""
+    count, width = table.shape
+    is_clear = (count not in counts and count - 1 in counts) or (count > 1 and width in counts)
+    if is_clear and width > 1 and np.array_equal(table[0], np.arange(width)):
+        return [str(k) for k in range(width)], table[1:]
+    return [], table
+
+
+def _refuse_unsorted_vertices(table: FloatArray) -> None:
+    """Refuse a first column that has each number of a vertex once, but is not called so."""
     first, count = table[:, 0], len(table)
-    if count in counts and table.shape[1] > 1 and (np.diff(first) != 1).any():
+    if table.shape[1] > 1 and (np.diff(first) != 1).any():
         for begin in (0, 1):
             if np.array_equal(np.sort(first), np.arange(begin, begin + count)):
                 raise ValueError(
                     f"its first column has each number from {begin} to {begin + count - 1} once, "
-                    "which may be vertices: name the columns in the first line, for example "
-                    "vertex,value"
+                    "which may be vertices: call it vertex in the first line, and count from 0"
                 )
 
 

@@ -171,7 +171,7 @@ def _with_gaps(
         column = [row[place] for row in cells]
         has_numbers = any(map(is_number, column))
         is_last_blank = place == width - 1 > 0 and not any(column)
-        is_words = bool(names) and not has_numbers and any(map(bool, column))
+        is_words = len(names) == width and not has_numbers and any(map(bool, column))
         if not (is_last_blank or is_words):
             kept.append(place)
     if not kept:

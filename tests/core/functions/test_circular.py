@@ -101,6 +101,18 @@ def test_periods_are_positive(circular):
         abfm.Problem(RING, AROUND, AROUND, circular=circular)
 
 
+def test_degrees_with_the_period_of_radians_give_a_warning(tmp_path):
+    degrees = phases(1, *PERIODS["degrees"])[0]
+    np.save(tmp_path / "a.npy", degrees)
+    ring = open_cylinder(40, 6)
+    text = f"circular:part=cosine(file:{tmp_path / 'a.npy'})"
+    _, [warning] = warnings_of(function, ring, text)
+    check_message(warning, "360", "2 pi")
+    right = text.replace("part", "period=360,part")
+    assert_allclose(function(ring, right), np.cos(np.radians(degrees)))
+    assert warnings_of(function, ring, right)[1] == []
+
+
 def test_only_phases_are_suspected():
     """Neither smooth functions, steps, labels, noise nor other ranges are."""
     rng, sphere = np.random.default_rng(1), icosphere(3)

@@ -7,6 +7,7 @@ from contextlib import suppress
 
 import nibabel
 import numpy as np
+import pandas
 import pytest
 import scipy.io
 from numpy.testing import assert_allclose, assert_array_equal
@@ -395,11 +396,20 @@ def test_volume_is_no_values_at_vertices(tmp_path):
         value_of(tmp_path / "a.nii")
 
 
-def test_unnamed_column_of_unsorted_vertices_is_refused(tmp_path):
+@pytest.mark.parametrize("is_rows", [False, True])
+def test_columns_that_pandas_numbers_are_names(tmp_path, is_rows):
+    frames = np.stack([VALUES, 2 * VALUES, VALUES + 1])
+    table = frames if is_rows else frames.T
+    pandas.DataFrame(table).to_csv(tmp_path / "a.csv", index=False)
+    assert_allclose(read_frames(tmp_path / "a.csv", MESH).values, frames)
+
+
+def test_unsorted_numbers_of_vertices_are_named_or_refused(tmp_path):
     rows = "".join(f"{k},{VALUES[k]}\n" for k in ORDER)
-    (tmp_path / "a.csv").write_text(rows)
-    with raises(FunctionError, "vertex,value"):
-        value_of(tmp_path / "a.csv", ",column=1")
+    for head in ("", "id,value\n"):
+        (tmp_path / "a.csv").write_text(head + rows)
+        with raises(FunctionError, "call it vertex"):
+            value_of(tmp_path / "a.csv", ",column=1")
     (tmp_path / "a.csv").write_text(f"vertex,value\n{rows}")
     assert_allclose(value_of(tmp_path / "a.csv"), VALUES)
 
