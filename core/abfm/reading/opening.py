@@ -86,7 +86,19 @@ ENDINGS = {
 """Formats by the ending of the name, in lower case and without ``.gz``."""
 VALUES_ENDINGS = (
     *(".npy", ".npz", ".mat", ".csv", ".tsv", ".txt", ".1d", ".gii", ".gii.gz", ".mgh", ".mgz"),
-    *(".dscalar.nii", ".dtseries.nii", ".stc", ".vts", ".asc", ".vtk", ".vtp", ".vtu", ".ply"),
+    *(
+        ".dscalar.nii",
+        ".dtseries.nii",
+        ".nii",
+        ".nii.gz",
+        ".stc",
+        ".vts",
+        ".asc",
+        ".vtk",
+        ".vtp",
+        ".vtu",
+        ".ply",
+    ),
 )
 """Endings of files with values at vertices; names of FreeSurfer's may end in anything."""
 FRAMES_ENDINGS = (*VALUES_ENDINGS, ".pvd", ".series")
