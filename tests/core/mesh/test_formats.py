@@ -10,7 +10,7 @@ import pytest
 from abfm.errors import MeshError
 from abfm.io import export_vtu
 from abfm.mesh import load_mesh
-from tests.mesh_writers import STL_WRITERS, WRITERS, exported, ply_bytes, write
+from tests.mesh_writers import STL_WRITERS, WRITERS, exported, mni_obj, ply_bytes, write
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, tetrahedron
 
@@ -162,11 +162,7 @@ def test_text_of_freesurfer(tmp_path):
 
 @pytest.mark.parametrize("colors", [0, 1, 2])
 def test_objects_of_mni(tmp_path, colors):
-    points = "\n".join(" ".join(map(repr, row)) for row in SHAPE.vertices.tolist())
-    some = "\n".join(["1 1 1 1"] * (1, 4, 4)[colors])
-    corners = " ".join(map(str, SHAPE.faces.ravel().tolist()))
-    head = f"P 0.3 0.3 0.4 10 1 4\n{points}\n\n{points}\n\n4\n{colors} {some}\n"
-    text = f"{head}\n3 6 9 12\n\n{corners}\n"
+    text = mni_obj(SHAPE, colors)
     mesh = load_mesh(write(tmp_path, "a.obj", text))
     np.testing.assert_array_equal(mesh.vertices, SHAPE.vertices)
     np.testing.assert_array_equal(mesh.faces, SHAPE.faces)
