@@ -30,7 +30,6 @@ PARTS = {
 }
 """The parts, and the number of trials of each per seed."""
 SHRUNK = ("mutations", "hostile")
-_FAULTS_SHOWN = 20
 
 
 class Trial(NamedTuple):
@@ -138,6 +137,6 @@ def table(tallies):
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(map(str.rjust, row, widths)) for row in rows]
     for tally in tallies:
-        for place, what in list(tally.faults.items())[:_FAULTS_SHOWN]:
+        for place, what in list(tally.faults.items())[:20]:
             lines.append(f"python -m tests.attack --repeat {place}\n    {what[:600]}")
     return "\n".join(lines)

@@ -123,7 +123,6 @@ class Monkey(ExitStack):
     def _wait(self, chance):
         for _ in range(chance.choice((1, 5, 20, 60))):
             self.gui.frames(1)
-            time.sleep(0.002)
 
     def _key(self, chance):
         key = chance.choice(_KEYS)
@@ -133,12 +132,14 @@ class Monkey(ExitStack):
     def _slide(self, chance):
         widget = chance.choice(self._usable("slider"))
         value = chance.choice((widget.ends.low, widget.ends.high))
-        self.gui.drag(widget.label, value, within=_section(widget))
+        self.gui.drag(widget.label, value, within=widget.section.split("/")[-1])
         return f"{widget.label} {value:.3g}"
 
     def _type(self, chance):
         widget, text = chance.choice(self._usable("box")), chance.choice(_NONSENSE)
-        self.gui.type(widget.label, text, within=_section(widget), enter=chance.random() < 0.8)
+        self.gui.type(
+            widget.label, text, within=widget.section.split("/")[-1], enter=chance.random() < 0.8
+        )
         return f"{widget.label} {text[:40]!r}"
 
     def _pick(self, chance):
@@ -235,10 +236,6 @@ class Monkey(ExitStack):
             self._fault(f"not saved: {[each.name for each in saves.unsaved_documents]}")
 
 
-def _section(widget):
-    return widget.section.split("/")[-1]
-
-
 def differences(one, other):
     """Return what two documents differ in, apart from what is no step of undo."""
     one, other = (
@@ -254,6 +251,6 @@ def monkey_files(folder):
     (folder / "folder.off").mkdir()
     contents = {name: specimens()[name].content for name in ("a.off", "result.npz", "plain.abfm")}
     good = [write(folder, name, content) for name, content in contents.items()]
-    cut = [write(folder, f"cut-{name}", content[:-99]) for name, content in contents.items()]
-    empty = [write(folder, f"empty-{name}", b"") for name in contents]
-    return [*(3 * good), *cut, *empty, folder / "nothing.off", folder / "folder.off"]
+    cases = [(name, content[:end]) for name, content in contents.items() for end in (0, 200)]
+    bad = [write(folder, f"{len(content)}-{name}", content) for name, content in cases]
+    return [*(3 * good), *bad, folder / "nothing.off", folder / "folder.off"]

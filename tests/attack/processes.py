@@ -4,12 +4,14 @@ Linux only: what catches which signal, and which processes remain, is read from 
 """
 
 import os
+import resource
 import signal
 import subprocess
 import sys
 import tempfile
 import time
 from contextlib import suppress
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -207,12 +209,6 @@ def _save_for_ever(save, path):
             save(path, version)
 
 
-_LIMITED = (
-    "import resource, sys; "
-    "resource.setrlimit(resource.RLIMIT_AS, 2 * (int(sys.argv.pop(1)) << 20,)); "
-)
-
-
 def lack_memory(chance):
     """Let memory run out in a match: one line, or the best field so far, and no crash."""
     mesh = asset_path(chance.choice(("eight.off", "human_A.off")))
@@ -220,7 +216,8 @@ def lack_memory(chance):
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "m.npz")
         words = ["match", mesh, *_PAIR, "--iterations=15", "--out", out, "--quiet"]
-        child = python(_LIMITED + MAIN, megabytes, *words)
+        limit = partial(resource.setrlimit, resource.RLIMIT_AS, 2 * (megabytes << 20,))
+        child = python(MAIN, *words, preexec_fn=limit)
         faults = [f"{path.name} is left" for path in Path(folder).iterdir() if path != out]
         lines = child.stderr.strip().splitlines()
         if child.returncode not in (0, 2, 3) or "Traceback" in child.stderr:

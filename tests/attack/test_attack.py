@@ -14,7 +14,7 @@ from tests.attack.monkey import differences
 from tests.attack.mutations import mutant
 from tests.attack.processes import Kills, Signals
 from tests.attack.specimens import Specimen, specimens
-from tests.attack.victim import Victim
+from tests.attack.victim import Victim, put
 from tests.processes import ROOT, run
 from tests.shapes import icosphere
 
@@ -45,9 +45,7 @@ def test_every_specimen_comes_in(tmp_path, monkeypatch):
     (tmp_path / "a, (b).csv").write_text("depth,x\n" + "1,2\n" * 43)
     for name, specimen in specimens().items():
         folder = tmp_path / name.replace("/", "_")
-        for file, content in {name: specimen.content, **specimen.beside}.items():
-            (folder / file).parent.mkdir(parents=True, exist_ok=True)
-            (folder / file).write_bytes(content)
+        put(specimen, folder)
         doors.enter(specimen.door, folder / name)
 
 

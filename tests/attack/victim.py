@@ -40,13 +40,13 @@ class Victim(contextlib.ExitStack):
     def open(self, specimen, kind):
         """Return the trial of a specimen, or raise a `FaultError` and keep its files."""
         files = self._folder / "files"
-        _put(specimen, files)
+        put(specimen, files)
         answer = self._ask(specimen.door, files / specimen.name)
         fault = answer.pop("fault")
         if not fault and specimen.must_be_refused and not answer["is_refused"]:
             fault = "it was opened, and should be refused"
         if fault:
-            _put(specimen, self._keep / specimen.name)
+            put(specimen, self._keep / specimen.name)
             raise FaultError(f"{specimen.name} {kind}: {fault.replace(f'{files}{os.sep}', '')}")
         return Trial(**answer)
 
@@ -93,7 +93,7 @@ class Victim(contextlib.ExitStack):
             self._process = None
 
 
-def _put(specimen, folder):
+def put(specimen, folder):
     """Write the files of a specimen into a new folder."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

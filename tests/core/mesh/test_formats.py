@@ -123,6 +123,17 @@ def test_strips_of_ply_keep_one_side(tmp_path, kind):
     assert np.cross(b - a, c - a)[:, 2].tolist() == [1] * 6
 
 
+def test_strips_of_ply_may_be_unsigned(tmp_path):
+    content = ply_bytes(SHAPE.vertices, [], "binary_little_endian").replace(
+        b"face 0", b"tristrips 1"
+    )
+    content = content.replace(b"uchar int", b"uchar ushort") + struct.pack(
+        "<B4Hf", 4, 0, 1, 2, 3, 0
+    )
+    mesh = load_mesh(write(tmp_path, "a.ply", content))
+    assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
+
+
 def _quads(kind):
     """A cube of FreeSurfer's old formats, with coordinates of two decimals."""
     corners = np.array([[x, y, z] for x in (0, 1.25) for y in (0, 1) for z in (0, 1)])
