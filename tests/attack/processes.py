@@ -171,9 +171,9 @@ class Kills:
                 lambda p, v: outputs.write(p, self._matches[v]),
                 lambda p: (p.stat().st_size, p.read_bytes().rstrip()[-10:]),
             ),
-            "preferences.json": (
-                lambda p, v: StateFolder(p.parent).set_preference("follow", bool(v)),
-                lambda p: p.read_bytes(),
+            "recent.json": (
+                lambda p, v: StateFolder(p.parent).add_recent(p.parent / str(v)),
+                lambda p: len(StateFolder(p.parent).recent()),  # none if it is broken
             ),
         }
 
