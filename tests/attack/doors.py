@@ -30,7 +30,7 @@ _INNER = re.compile(
     r"\b__\w+__\b|NoneType|object has no attribute|not subscriptable|unhashable|slice indices"
     r"|No module named|usecols|invalid literal|could not convert|base 10|codec can't|set_int_max"
     r"|positional argument|\w+\(\) (argument|takes)|has no len|not iterable"
-    r"|unsupported operand|<\w+ object"
+    r"|unsupported operand|<\w+ object|index out of range|out of bounds for|Python int"
 )
 """Words that only programmers understand, unless they are the user's own."""
 

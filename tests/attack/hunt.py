@@ -82,6 +82,7 @@ def hunt(tally, attempt, seed, trials=40, shrinks=False):
             tally.trials += 1
             tally.faults.setdefault(f"{tally.part}:{seed}", str(fault))
 
+    chances = st.randoms(use_true_random=tally.part in {*PARTS} - {*SHRUNK})
     test = settings(
         deadline=None,
         database=None,
@@ -90,7 +91,7 @@ def hunt(tally, attempt, seed, trials=40, shrinks=False):
         max_examples=trials,
         phases=(Phase.generate, Phase.shrink) if shrinks else (Phase.generate,),
         suppress_health_check=list(HealthCheck),
-    )(hypothesis.seed(seed)(given(st.randoms(use_true_random=False))(one)))
+    )(hypothesis.seed(seed)(given(chances)(one)))
     try:
         test()
     except FaultError as fault:
