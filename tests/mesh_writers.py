@@ -19,6 +19,17 @@ def off_text(vertices, faces):
     return "\n".join(lines + [f"3 {a} {b} {c}" for a, b, c in faces.tolist()]) + "\n"
 
 
+def mni_obj(mesh, colors=0):
+    """Return a surface object of the Montreal Neurological Institute, with so many colours."""
+    points = "\n".join(" ".join(map(repr, row)) for row in mesh.vertices.tolist())
+    V, F = len(mesh.vertices), len(mesh.faces)
+    some = "\n".join(["1 1 1 1"] * (1, F, V)[colors])
+    ends = " ".join(str(3 * k) for k in range(1, F + 1))
+    corners = " ".join(map(str, mesh.faces.ravel().tolist()))
+    head = f"P 0.3 0.3 0.4 10 1 {V}\n{points}\n\n{points}\n\n{F}\n{colors} {some}\n"
+    return f"{head}\n{ends}\n\n{corners}\n"
+
+
 def ply_bytes(vertices, faces, kind="ascii"):
     header = (
         f"ply\nformat {kind} 1.0\ncomment made for a test\nelement vertex {len(vertices)}\n"

@@ -4,9 +4,11 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import psutil
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -53,3 +55,25 @@ def children():
         with suppress(OSError):  # it may have ended
             found.update((thread / "children").read_text().split())
     return found
+
+
+def family(number):
+    """Return the numbers of a process and of all below it."""
+    with suppress(psutil.NoSuchProcess):
+        return [number, *(each.pid for each in psutil.Process(number).children(recursive=True))]
+    return [number]
+
+
+def kill(number):
+    with suppress(ProcessLookupError):
+        os.kill(number, signal.SIGKILL)
+
+
+def lingering(numbers, seconds=20.0):
+    """Return those of some processes that still exist after so many seconds."""
+    end = time.monotonic() + seconds
+    while (
+        left := [each for each in numbers if psutil.pid_exists(each)]
+    ) and time.monotonic() < end:
+        time.sleep(0.1)
+    return left

@@ -7,6 +7,11 @@ from collections.abc import Callable
 
 from abfm_viewer import signals
 
+_LOADING_BYTES = 450e6
+"""Address space of the libraries and a small match: if it runs out in the middle, OpenBLAS retries
+without end, and others crash.
+"""
+
 
 def main(argv: list[str] | None = None) -> int:
     """Run the command line and return the exit status; without words given it is the program's."""
@@ -26,6 +31,9 @@ def program(name: str, run: Callable[[list[str]], int], argv: list[str] | None) 
 
 
 def _run(words: list[str]) -> int:
+    from abfm.numerics.spare_memory import ask_for
+
+    ask_for(_LOADING_BYTES)
     from abfm_viewer.cli.commands import run
 
     return run(words)

@@ -5,15 +5,31 @@ returns a `Trial` or raises a `FaultError`. Hypothesis numbers its runs by a see
 ``python -m tests.attack --repeat PART:SEED`` makes the same trials again and shrinks a fault.
 """
 
-import random
+import tempfile
+import time
+from contextlib import ExitStack
 from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
 from typing import NamedTuple
 
 import hypothesis
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-_FAULTS_SHOWN = 20
+from tests.processes import ROOT
+
+PARTS = {
+    "mutations": 40,
+    "hostile": 20,
+    "signals": 2,
+    "kills": 10,
+    "memory": 2,
+    "batches": 1,
+    "monkey": 2,
+}
+"""The parts, and the number of trials of each per seed."""
+SHRUNK = ("mutations", "hostile")
 
 
 class Trial(NamedTuple):
@@ -39,11 +55,12 @@ class Tally:
     megabytes: float = 0.0
     faults: dict[str, str] = field(default_factory=dict)
 
-    def add(self, trial):
-        self.trials += 1
-        self.refused += trial.is_refused
-        self.seconds = max(self.seconds, trial.seconds)
-        self.megabytes = max(self.megabytes, trial.megabytes)
+    def include(self, other):
+        self.trials += other.trials
+        self.refused += other.refused
+        self.seconds = max(self.seconds, other.seconds)
+        self.megabytes = max(self.megabytes, other.megabytes)
+        self.faults |= other.faults
 
     def row(self):
         numbers = (self.trials, self.refused, len(self.faults))
@@ -53,36 +70,65 @@ class Tally:
 def hunt(tally, attempt, seed, trials=40, shrinks=False):
     """Make the trials of a seed, the same ones each time, and add what comes of them to a tally.
 
-    Only trials whose course depends on nothing else can be shrunk: hypothesis makes all choices of
-    these. Other trials get a generator whose seed hypothesis chooses.
+    Faults are shrunk only in parts whose trials depend on nothing else.
     """
 
     def one(chance):
         try:
-            tally.add(attempt(chance))
+            tally.include(Tally(tally.part, 1, *attempt(chance)))
         except FaultError as fault:
             if shrinks:
                 raise
             tally.trials += 1
             tally.faults.setdefault(f"{tally.part}:{seed}", str(fault))
 
-    phases = (Phase.generate, Phase.shrink) if shrinks else (Phase.generate,)
-    whole = st.randoms(use_true_random=False)
-    chances = whole if shrinks is not None else st.integers(0, 2**63).map(random.Random)
-    test = given(chances)(one)
+    chances = st.randoms(use_true_random=tally.part in {*PARTS} - {*SHRUNK})
     test = settings(
-        max_examples=trials,
         deadline=None,
         database=None,
-        phases=phases,
-        report_multiple_bugs=False,
-        suppress_health_check=list(HealthCheck),
         print_blob=False,
-    )(hypothesis.seed(seed)(test))
+        report_multiple_bugs=False,
+        max_examples=trials,
+        phases=(Phase.generate, Phase.shrink) if shrinks else (Phase.generate,),
+        suppress_health_check=list(HealthCheck),
+    )(hypothesis.seed(seed)(given(chances)(one)))
     try:
         test()
     except FaultError as fault:
         tally.faults[f"{tally.part}:{seed}"] = str(fault)
+
+
+def attempt_of(part, opened):
+    """Return the function that makes one trial of a part; `opened` closes what it needs."""
+    if part in SHRUNK:
+        from tests.attack import hostile, mutations
+        from tests.attack.victim import Victim
+
+        make = {"mutations": mutations.mutant, "hostile": hostile.hostile}[part]
+        victim = opened.enter_context(Victim(ROOT / "out" / "attack"))
+        return lambda chance: victim.open(*make(chance))
+    if part == "monkey":
+        from tests.attack.monkey import Monkey
+
+        return opened.enter_context(Monkey()).attempt
+    from tests.attack import processes
+
+    if part == "memory":
+        return processes.lack_memory
+    folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="abfm-attack-")))
+    return getattr(processes, part.title())(folder).attempt
+
+
+def run_part(part, seed, seconds, shrinks=False):
+    """Make the trials of a seed and of those after it, for so many seconds."""
+    tally, end = Tally(part), time.monotonic() + seconds
+    with ExitStack() as opened:
+        attempt = attempt_of(part, opened)
+        for each in count(seed):
+            hunt(tally, attempt, each, PARTS[part], shrinks and part in SHRUNK)
+            if time.monotonic() >= end:
+                break
+    return tally
 
 
 def table(tallies):
@@ -92,6 +138,6 @@ def table(tallies):
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(map(str.rjust, row, widths)) for row in rows]
     for tally in tallies:
-        for place, what in list(tally.faults.items())[:_FAULTS_SHOWN]:
+        for place, what in list(tally.faults.items())[:20]:
             lines.append(f"python -m tests.attack --repeat {place}\n    {what[:600]}")
     return "\n".join(lines)

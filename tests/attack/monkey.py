@@ -4,33 +4,32 @@ A sequence ends by waiting until nothing is computed, and by undoing everything,
 back to its beginning. The window stays open from one sequence to the next.
 """
 
-import io
 import re
-import sys
 import tempfile
 import threading
 import time
 import traceback
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import fields, replace
 from pathlib import Path
+from unittest.mock import patch
 
-import abfm
 from abfm import FunctionError
 from abfm_viewer.automation import Driver
-from abfm_viewer.document.document import Document, Surface
+from abfm_viewer.document.document import Document
 from abfm_viewer.errors import DriverError
-from abfm_viewer.files.project import save_project
 from tests.attack.hunt import FaultError, Trial
-from tests.mesh_writers import off_file, write
-from tests.shapes import ellipsoid, icosphere
+from tests.attack.specimens import specimens
+from tests.mesh_writers import write
+from tests.shapes import ellipsoid
 
 # frames of 5 ms, and as long as they take, in which everything must come to its end
 _FRAMES_MAX, _LINE_MAX, _THREADS_MAX = 3000, 1000, 20
 _BUG = re.compile(r"\b(Type|Key|Index|Attribute|Value|Runtime|Assertion|Name|Lookup)Error: ")
 _ENDS = ("Go back", "Cancel", "Close", "OK", "Later", "No", "Don't replace")
 _UNUSED = ("Samples", "Save movie...", "Save picture...", "iterations", "UI scale", "Quit")
-_CLICKED = ("button", "checkbox", "choice", "tab", "section", "item")
+_CLICKED = ("button", "checkbox", "combo", "tab", "section", "menu", "item", "choice")
+_SOLVER = ("Match", "Pause", "Resume", "Cancel")
 _OUTPUTS = ("out.npz", "out.ply", "out.vtu", "out.csv", "out.nothing", "no/such/folder/out.npz")
 _NONSENSE = (
     *("", " ", "%s%n", "\\", "9" * 500, "nan", "inf", "-1", "0", "0.5", "1e-300", "1e300", "1,5"),
@@ -43,33 +42,34 @@ _KEYS = (
     *("enter", "ctrl+enter", "ctrl+s", "ctrl+o", "ctrl+q", "up", "down", "f1", *"plarwf123"),
 )
 _ACTIONS = [
-    *(8 * ["answer", "run"] + 4 * ["key", "slide", "type", "choose", "click"]),
-    *(2 * ["wait", "menu", "tab", "pick", "open"] + ["wheel", "export"]),
+    *(20 * ["click"] + 4 * ["key", "slide", "type"] + 3 * ["wait", "pick", "open"]),
+    "export",
 ]
 
 
-class Monkey:
+class Monkey(ExitStack):
     """One window, and the files that it opens and writes; a context manager."""
 
-    def __init__(self):
-        self._opened, self._faults = ExitStack(), []
-
     def __enter__(self):
-        enter = self._opened.enter_context
+        self._faults, enter = {}, self.enter_context
         self.folder = Path(enter(tempfile.TemporaryDirectory(prefix="abfm-monkey-")))
         self.files = monkey_files(self.folder)
-        enter(self._watched())
+        enter(patch.object(traceback, "print_exc", self._note_printed))
+        enter(patch.object(threading, "excepthook", self._note_ended))
         mesh = ellipsoid(2, 1.0, 0.7, 0.55)
         self.gui = enter(Driver(mesh, backend="openGL_mock", size=(1100, 800)))
         self.gui.window.dialogs.folder = self.folder
         return self
 
-    def __exit__(self, *_):
-        self._opened.close()
+    def _note_printed(self, *_, **__):
+        self._fault(f"printed: {traceback.format_exc()[-400:]}")
+
+    def _note_ended(self, raised):
+        self._fault(f"a thread: {raised.exc_type.__name__}: {raised.exc_value}")
 
     def attempt(self, chance):
         """Make one sequence."""
-        begin, self._faults = time.process_time(), []
+        begin, self._faults = time.process_time(), {}
         self._settle()
         self.gui.session.reset_history()
         start = self.gui.session.document
@@ -85,23 +85,20 @@ class Monkey:
         return Trial(seconds=time.process_time() - begin)
 
     def _fault(self, what):
-        text = " ".join(what.split())
-        if text not in self._faults:
-            self._faults.append(text)
+        self._faults[" ".join(what.split())] = None  # each once, in their order
 
     def _act(self, chance):
         """Do something, and return what; in brackets if its widget was not there."""
         self.gui.frames(1)
         name = chance.choice(_ACTIONS)
-        done = name
         try:
             done = f"{name} {getattr(self, f'_{name}')(chance) or ''}".strip()
         except (DriverError, FunctionError, IndexError):  # there is nothing to choose from
             done = f"({name})"
         except Exception as error:
             where = traceback.extract_tb(error.__traceback__)[-1]
-            place = f"{Path(where.filename).name}:{where.lineno}"
-            self._fault(f"{type(error).__name__}: {error} at {place}")
+            self._fault(f"{type(error).__name__}: {error} at {where.filename}:{where.lineno}")
+            done = name
         self._note_errors()
         return done
 
@@ -110,20 +107,22 @@ class Monkey:
         drawn = self.gui.window.ui.widgets
         return [w for w in drawn if w.enabled and w.kind in kinds and w.label not in _UNUSED]
 
-    def _run(self, chance):
-        """Press one of the buttons of the solver, and sometimes wait for its end."""
-        found = self._usable("button")
-        ready = [w for w in found if w.label in ("Match", "Pause", "Resume", "Cancel")]
-        chosen = chance.choice(ready)
-        self.gui._click_on(chosen)
-        if chosen.label == "Match" and chance.random() < 0.3:
+    def _click(self, chance):
+        """Click on a widget: half of the time, of an open menu, list or dialog, or of the solver.
+
+        Sometimes wait for the end of a match.
+        """
+        found, dialogs = self._usable(*_CLICKED), self.gui.window.dialogs
+        first = [w for w in found if w.kind in ("item", "choice") or w.label in _SOLVER]
+        widget = chance.choice(first if chance.random() < 0.5 and not dialogs.is_open else found)
+        self.gui._click_on(widget)
+        if widget.label == "Match" and chance.random() < 0.3:
             self.gui.wait(lambda s: not s.solver.running or s.solver.paused, seconds=20)
-        return chosen.label
+        return f"{widget.section}/{widget.label}"
 
     def _wait(self, chance):
         for _ in range(chance.choice((1, 5, 20, 60))):
             self.gui.frames(1)
-            time.sleep(0.002)
 
     def _key(self, chance):
         key = chance.choice(_KEYS)
@@ -131,63 +130,30 @@ class Monkey:
         return key
 
     def _slide(self, chance):
-        widget, share = chance.choice(self._usable("slider")), chance.choice((0.0, 1.0, 0.3))
-        value = widget.ends.nearest(widget.ends.low + share * (widget.ends.high - widget.ends.low))
-        self.gui.drag(widget.label, value, within=_section(widget))
+        widget = chance.choice(self._usable("slider"))
+        value = chance.choice((widget.ends.low, widget.ends.high))
+        self.gui.drag(widget.label, value, within=widget.section.split("/")[-1])
         return f"{widget.label} {value:.3g}"
 
     def _type(self, chance):
         widget, text = chance.choice(self._usable("box")), chance.choice(_NONSENSE)
-        self.gui.type(widget.label, text, within=_section(widget), enter=chance.random() < 0.8)
+        self.gui.type(
+            widget.label, text, within=widget.section.split("/")[-1], enter=chance.random() < 0.8
+        )
         return f"{widget.label} {text[:40]!r}"
-
-    def _choose(self, chance):
-        widget = chance.choice(self._usable("combo"))
-        self.gui.click(widget.label, within=_section(widget))
-        drawn = self.gui.window.ui.widgets
-        choices = [w.label for w in drawn if w.kind == "choice" and widget.label in w.section]
-        if not choices:
-            self.gui.key("esc")
-            return widget.label
-        choice = chance.choice(choices)
-        self.gui.click(choice, within=widget.name or widget.label)
-        return f"{widget.label} {choice}"
-
-    def _click(self, chance):
-        widget = chance.choice(self._usable(*_CLICKED))
-        self.gui.click(widget.label, within=_section(widget))
-        return f"{widget.section}/{widget.label}"
-
-    def _answer(self, chance):
-        return self._click(chance) if self.gui.window.dialogs.is_open else "nothing"
-
-    def _menu(self, chance):
-        chosen = chance.choice(self._usable("menu"))
-        for _ in range(4):
-            self.gui._click_on(chosen)
-            items = [w for w in self._usable("item", "menu") if w.section]
-            if chosen.kind == "item" or not items:
-                break
-            chosen = chance.choice(items)
-        if chosen.kind != "item":
-            self.gui.key("esc")
-        return chosen.label
-
-    def _tab(self, chance):
-        self.gui.window.ui.open_tab = chance.choice(("Functions", "Match", "Look", "Export"))
-        self.gui.frames(2)
 
     def _pick(self, chance):
         ids = self.gui.session.surface().mesh.vertex_ids
         vertices = [int(chance.choice(ids)) for _ in range(chance.choice((1, 1, 3)))]
-        side = chance.choice(("source", "target", "advected"))
-        self.gui.drag_on_surface(vertices, side, chance.choice((("shift",), ())))
+        side, keys = (
+            chance.choice(("source", "target", "advected")),
+            chance.choice((("shift",), ())),
+        )
+        if chance.random() < 0.3:
+            self.gui.wheel(chance.choice((-5, 5)), vertices[0], side, keys)
+        else:
+            self.gui.drag_on_surface(vertices, side, keys)
         return f"{side} {vertices}"
-
-    def _wheel(self, chance):
-        vertex = int(chance.choice(self.gui.session.surface().mesh.vertex_ids))
-        side = chance.choice(("source", "target"))
-        self.gui.wheel(chance.choice((-5, 5)), vertex, side, chance.choice((("shift",), ())))
 
     def _open(self, chance):
         path = chance.choice(self.files)
@@ -212,12 +178,8 @@ class Monkey:
             gui.frames(1)
             if not window.dialogs.is_open:
                 break
-            labels = [w.label for w in window.ui.widgets if w.kind == "button" and w.enabled]
-            ends = [label for label in _ENDS if label in labels]
-            try:
-                gui.click(ends[0]) if ends else gui.key("esc")
-            except DriverError:
-                gui.key("esc")
+            ends = [w for w in self._usable("button") if w.label in _ENDS]
+            gui._click_on(min(ends, key=lambda w: _ENDS.index(w.label))) if ends else gui.key("esc")
         session.solver.cancel()
         if window.exporter.running:
             window.exporter.cancel()
@@ -273,29 +235,6 @@ class Monkey:
         if saves.unsaved_documents:
             self._fault(f"not saved: {[each.name for each in saves.unsaved_documents]}")
 
-    @contextmanager
-    def _watched(self):
-        """Count exceptions that the app prints, and those that end a thread, as faults."""
-
-        def printed(*_, **__):
-            text = io.StringIO()
-            traceback.print_exception(*sys.exc_info(), file=text)
-            self._fault(f"printed: {text.getvalue()[-400:]}")
-
-        def ended(raised):
-            self._fault(f"a thread: {raised.exc_type.__name__}: {raised.exc_value}")
-
-        print_exc, hook = traceback.print_exc, threading.excepthook
-        traceback.print_exc, threading.excepthook = printed, ended
-        try:
-            yield
-        finally:
-            traceback.print_exc, threading.excepthook = print_exc, hook
-
-
-def _section(widget):
-    return widget.section.split("/")[-1]
-
 
 def differences(one, other):
     """Return what two documents differ in, apart from what is no step of undo."""
@@ -309,14 +248,9 @@ def differences(one, other):
 
 def monkey_files(folder):
     """Write files to open: good ones three times as often as broken ones."""
-    sphere, good = icosphere(1), [folder / name for name in ("a.off", "m.npz", "p.abfm")]
-    off_file(good[0], ellipsoid(2, 1.0, 0.8, 0.6))
-    f, g = (abfm.function(sphere, f"gaussian:vertex={vertex},width=0.3") for vertex in (1, 8))
-    abfm.match(sphere, f, g, abfm.Parameters(iterations=5)).save(good[1])
-    save_project(good[2], Document((Surface(sphere, "sphere.off"),), time=0.5), {})
-    bad = [folder / "nothing.off", folder / "folder.off"]
-    bad[-1].mkdir()
-    for path in good:
-        bad.append(write(folder, f"cut-{path.name}", path.read_bytes()[:-99]))
-        bad.append(write(folder, f"empty-{path.name}", b""))
-    return [*good, *good, *good, *bad]
+    (folder / "folder.off").mkdir()
+    contents = {name: specimens()[name].content for name in ("a.off", "result.npz", "plain.abfm")}
+    good = [write(folder, name, content) for name, content in contents.items()]
+    cases = [(name, content[:end]) for name, content in contents.items() for end in (0, 200)]
+    bad = [write(folder, f"{len(content)}-{name}", content) for name, content in cases]
+    return [*(3 * good), *bad, folder / "nothing.off", folder / "folder.off"]

@@ -1,4 +1,4 @@
-"""Valid files made wrong at random."""
+"""Valid files that are changed at random."""
 
 import gzip
 import io
@@ -14,27 +14,31 @@ from tests.attack.specimens import specimens
 _NUMBER = re.compile(rb"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[^\s,;=:\"'(){}\[\]<>/]+")
 _NUMBERS = (
-    *("0", "-0", "1", "-1", "2", "0.5", "1e-320", "1e9", "1e155", "1e309", "nan", "-inf", "1e+"),
-    *("2147483648", "4294967295", "9223372036854775808", "-9223372036854775809", "1" * 400),
-    *("1" * 5000, "0x10", "1_000", "1,5", "1/2", "1//3", "1j", "True", "None", "", " ", ".", "٣"),
+    *(b"0", b"-0", b"1", b"-1", b"2", b"0.5", b"1e-320", b"1e9", b"1e155", b"1e309", b"nan"),
+    *(b"2147483648", b"4294967295", b"9223372036854775808", b"-9223372036854775809", b"1" * 400),
+    *(b"1" * 5000, b"0x10", b"1_000", b"1,5", b"1/2", b"1//3", b"1j", b"True", b"None", b"", b" "),
+    *(b"-inf", b"1e+", b".", "٣".encode()),
 )
 _WORDS = (
     *(b"", b" ", b"\0", b"\xff\xfe", b"\xc3\xa9", b"\xed\xb2\x80", b"a" * 300, b"x\ny", b"\r"),
     *(b"#", b"'", b'"', b"(", b"[[[[", b"}", b"&amp;", b"<", b"%s", b"../../etc/passwd"),
     *(b"/dev/zero", b"~nobody/x", b"\x1b[31mred", b"=1+1", b"ASCII", b"BigEndian", b"<i8"),
 )
-_PACKED = [
-    struct.pack(order + kind, value)
-    for order in "<>"
-    for kind, values in (
-        ("f", (float("nan"), float("inf"), 3e38, 1e-40, -1.0)),
-        ("d", (float("nan"), 1e308, 5e-324, -1.0)),
-        ("i", (0, -1, 2**31 - 1, -(2**31), 10**8)),
-        ("q", (-1, 2**62, -(2**63))),
-        ("I", (0x7FA00000,)),  # a signalling NaN
-    )
-    for value in values
-]
+_PIECES = (
+    *(b"", b"\0", b"\xff", b" ", b"9", b"\n", b"\r", b"0 0 0\n", b"\n" * 300, bytes(1000)),
+    *(
+        struct.pack(order + kind, value)
+        for order in "<>"
+        for kind, values in (
+            ("f", (float("nan"), float("inf"), 3e38, 1e-40, -1.0)),
+            ("d", (float("nan"), 1e308, 5e-324, -1.0)),
+            ("i", (0, -1, 2**31 - 1, -(2**31), 10**8)),
+            ("q", (-1, 2**62, -(2**63))),
+            ("I", (0x7FA00000,)),  # a signalling NaN
+        )
+        for value in values
+    ),
+)
 _VALUES = (
     *(None, True, 0, -1, 0.5, 2**31, 2**63, 10**400, 1e308, float("nan"), float("inf"), "", "x"),
     *("é☃", "\udc80", "\0", "x" * 1000, "a\nb", "=1", "\x1b[31m", "../x", "/dev/zero"),
@@ -44,7 +48,7 @@ _LARGEST = 2 << 20
 
 
 def mutant(chance):
-    """Return a specimen to which something was done, and what."""
+    """Return a specimen that was changed, and the names of its changes."""
     specimen = specimens()[chance.choice(list(specimens()))]
     content, beside, done = specimen.content, dict(specimen.beside), []
     is_packed = specimen.name.endswith((".gz", ".mgz")) and chance.random() < 0.8
@@ -63,94 +67,49 @@ def mutant(chance):
     return replace(specimen, content=content, beside=beside), "+".join(done)
 
 
-def _place(chance, data, length=0):
-    """Return where something of a length begins: anywhere, half of the time near headers."""
-    end = max(len(data) - length, 0)
-    return chance.randint(0, min(end, 400) if chance.random() < 0.5 else end)
-
-
-def _block(chance, data):
-    length = chance.choice((1, 2, 4, 8, 16, 100, max(len(data) // 3, 1)))
-    begin = _place(chance, data, length)
-    return begin, min(begin + length, len(data))
+def _place(chance, data):
+    """Return a place in a file: anywhere, half of the time near its beginning."""
+    return chance.randint(0, min(len(data), 400) if chance.random() < 0.5 else len(data))
 
 
 def _bits(chance, data):
     changed = bytearray(data)
     for _ in range(chance.choice((1, 2, 8)) if data else 0):
-        changed[min(_place(chance, data, 1), len(data) - 1)] ^= 1 << chance.randrange(8)
+        changed[min(_place(chance, data), len(data) - 1)] ^= 1 << chance.randrange(8)
     return bytes(changed)
 
 
-def _overwritten(chance, data):
-    begin, end = _block(chance, data)
-    fill = chance.choice((b"\0", b"\xff", b" ", b"9", b"\n")) * (end - begin)
-    return data[:begin] + fill + data[end:]
+def _piece(chance, data):
+    """Insert, overwrite, delete or repeat a block of bytes."""
+    step = chance.choice((1, 4, 8))
+    begin = _place(chance, data) // step * step
+    end = begin + chance.choice((0, 1, 4, 8, 100, max(len(data) // 3, 1)))
+    piece = chance.choice((*_PIECES, data[begin:end], data[_place(chance, data) :]))
+    times = chance.choice((1, 2, max(end - begin, 1) // max(len(piece), 1)))
+    return data[:begin] + piece * times + data[chance.choice((begin, end)) :]
 
 
-def _packed_number(chance, data):
-    number, step = chance.choice(_PACKED), chance.choice((1, 4, 8))
-    begin = _place(chance, data, len(number)) // step * step
-    return data[:begin] + number + data[begin + len(number) :]
-
-
-def _deleted(chance, data):
-    begin, end = _block(chance, data)
-    return data[:begin] + data[end:]
-
-
-def _doubled(chance, data):
-    begin, end = _block(chance, data)
-    place = chance.choice((end, _place(chance, data)))
-    return data[:place] + data[begin:end] * chance.choice((1, 5)) + data[place:]
-
-
-def _cut(chance, data):
-    return data[: _place(chance, data)]
-
-
-def _extended(chance, data):
-    return data + chance.choice((data, bytes(1000), b"\n", b"0 0 0\n", b"\n" * 300))
-
-
-def _replaced(chance, data, pattern, by):
-    found = list(pattern.finditer(data))
-    for _ in range(min(len(found), chance.choice((1, 1, 2)))):
-        match = found[chance.randrange(len(found))]
-        data = data[: match.start()] + by() + data[match.end() :]
-        found = [other for other in found if other.end() <= match.start()]
-        if not found:
-            break
+def _replaced(chance, data, pattern, choices):
+    """Replace a few matches of a pattern by choices."""
+    for _ in range(chance.choice((1, 1, 3))):
+        if match := pattern.search(data, _place(chance, data)) or pattern.search(data):
+            data = data[: match.start()] + chance.choice(choices) + data[match.end() :]
     return data
-
-
-def _numbers(chance, data):
-    return _replaced(chance, data, _NUMBER, lambda: chance.choice(_NUMBERS).encode())
 
 
 def _words(chance, data):
     """Replace words by strange ones, or by other words of the file."""
     known = _WORD.findall(data[:20_000]) or [b"x"]
-    strange = chance.random() < 0.5
-    return _replaced(chance, data, _WORD, lambda: chance.choice(_WORDS if strange else known))
+    return _replaced(chance, data, _WORD, _WORDS if chance.random() < 0.5 else known)
 
 
 def _lines(chance, data):
-    """Move, double or drop lines, or change their ends."""
+    """Replace or insert a line by another one, delete it, or change the ends of all."""
     rows = data.split(b"\n")
-    first, second = chance.randrange(len(rows)), chance.randrange(len(rows))
-    act = chance.randrange(5)
-    if act == 0:
-        del rows[first]
-    elif act == 1:
-        rows.insert(second, rows[first])
-    elif act == 2:
-        rows[first], rows[second] = rows[second], rows[first]
-    elif act == 3:
-        return chance.choice((b"\r\n", b"\r", b"\n\n", b"\x85")).join(rows)
-    else:
-        return b"\xef\xbb\xbf" + data
-    return b"\n".join(rows)
+    place, other = chance.randrange(len(rows)), chance.choice(rows)
+    rows[place : place + chance.choice((0, 1))] = chance.choice(([], [other]))
+    mark = chance.choice((b"", b"", b"\xef\xbb\xbf"))
+    return mark + chance.choice((b"\n", b"\n", b"\r\n", b"\r", b"\n\n", b"\x85")).join(rows)
 
 
 def _inside(chance, data):
@@ -166,20 +125,15 @@ def _inside(chance, data):
 def _with_member(chance, data):
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         entries = [(info.filename, archive.read(info)) for info in archive.infolist()]
-    index, other = chance.randrange(len(entries)), chance.randrange(len(entries))
-    name, content = entries[index]
-    act, method = chance.randrange(8), zipfile.ZIP_STORED
-    if act == 0:
-        entries[index] = entries[other][0], content
-    elif act == 1:
-        del entries[index]
-    elif act == 2:
-        method = chance.choice((zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA))
-    else:
-        simple = [name for name in MUTATIONS if name != "inside" or content[:1] == b"{"]
-        entries[index] = name, MUTATIONS[chance.choice(simple)](chance, content)
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", method) as archive:
+    place = chance.randrange(len(entries))
+    name, content = entries[place]
+    simple = [each for each in MUTATIONS if each != "inside" or content[:1] == b"{"]
+    changed = MUTATIONS[chance.choice(simple)](chance, content)
+    renamed = chance.choice(entries)[0], content
+    entries[place : place + 1] = chance.choice(([], [renamed], *(5 * [[(name, changed)]])))
+    methods = zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA, *(9 * [zipfile.ZIP_STORED])
+    method, file = chance.choice(methods), io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
         for name, content in entries:
             archive.writestr(zipfile.ZipInfo(name), content, method)
     return file.getvalue()
@@ -197,15 +151,11 @@ def _with_value(chance, data):
 
 MUTATIONS = {
     "bits": _bits,
-    "overwritten": _overwritten,
-    "packed number": _packed_number,
-    "deleted": _deleted,
-    "doubled": _doubled,
-    "cut": _cut,
-    "extended": _extended,
-    "numbers": _numbers,
+    "cut": lambda chance, data: data[: _place(chance, data)],
+    "piece": _piece,
+    "numbers": lambda chance, data: _replaced(chance, data, _NUMBER, _NUMBERS),
     "words": _words,
     "lines": _lines,
     "inside": _inside,
 }
-"""What can be done to a file, by name."""
+"""Changes of a file by their names."""

@@ -1,9 +1,8 @@
-"""Commands that are ended at random: by signals, by kills while they save, by a lack of memory.
+"""Commands that are ended at random: by signals, by kills, by a lack of memory; and batches.
 
-Linux only: what catches which signal, and which processes are left, is read from /proc.
+Linux only: what catches which signal, and which processes remain, is read from /proc.
 """
 
-import json
 import os
 import resource
 import signal
@@ -12,40 +11,42 @@ import sys
 import tempfile
 import time
 from contextlib import suppress
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import psutil
 
 import abfm
-from abfm import AbfmError, Parameters, load_match, load_mesh, match
+from abfm import AbfmError, Parameters, load_match
 from abfm.assets import asset_path
 from abfm_viewer.files import outputs
 from abfm_viewer.files.project import load_project, save_project
 from abfm_viewer.files.state_folder import StateFolder
 from abfm_viewer.session.session_files import document_of_result
 from tests.attack.hunt import FaultError, Trial
-from tests.processes import python
+from tests.attack.specimens import specimens
+from tests.mesh_writers import write
+from tests.processes import family, kill, lingering, python
 from tests.shapes import icosphere
+from tests.viewer.cli.batches import MAIN, anew, results, start, victims, write_table, written
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-_MAIN = "import sys; from abfm_viewer.cli import main; sys.exit(main())"
 _SAID = ("stopping with the best result so far", "stopping with what was", "abfm: interrupted")
 _PROGRESS = ("iteration ", "compiling", "note: ")
 _PATIENCE = 60.0  # seconds after which a process does not end
-
+_ROWS, _KILLS, _SECONDS_MAX = 12, 3, 4.0  # of a batch
 
 _PAIR = ("--source=gaussian:vertex=10,width=0.2", "--target=gaussian:vertex=40,width=0.2")
 _LONG = ("--iterations=1000000", "--tolerance=0", "--sigma=1e-6", "--out=m.npz")
 _MOVIE = ("--out=m.mp4", "--size=320x240", "--seconds=0.3", "--quiet")
 _BRIEF = ("--iterations=3", "--out=m.npz", "--out=m.vtu", "--quiet")
-_BENCH = ("--success", "--only-given", "--problems=1", "--quiet", "--meshes", "MESH")
 COMMANDS = {  # words, seconds in which a signal comes, files that may be left
     "match": (("match", "MESH", *_PAIR, *_LONG), 4.0, {"m.npz"}),
     "short match": (("match", "MESH", *_PAIR, *_BRIEF), 3.0, {"m.npz", "m.vtu"}),
     "map": (("map", "RESULT", "--out=map.txt"), 3.0, {"map.txt"}),
     "movie": (("render", "RESULT", *_MOVIE), 4.0, {"m.mp4"}),
     "figure": (("figure", "3", "--quiet", "--out=."), 8.0, {"figure-3.png", "figure-3.json"}),
-    "bench": (("bench", *_BENCH), 6.0, set()),
 }
 
 
@@ -55,9 +56,7 @@ class Signals:
     def __init__(self, folder):
         self._folder = folder
         self._places = {"MESH": str(asset_path("eight.off")), "RESULT": str(folder / "result.npz")}
-        mesh = load_mesh(self._places["MESH"])
-        x, y, _ = mesh.vertices.T
-        match(mesh, x, y, Parameters(iterations=2, levels=1)).save(self._places["RESULT"])
+        write(folder, "result.npz", specimens()["result.npz"].content)
 
     def attempt(self, chance, name=""):
         """Send one signal, to the process or its group, or two to the process."""
@@ -67,7 +66,18 @@ class Signals:
         after, faults = seconds * chance.random(), []
         with tempfile.TemporaryDirectory(dir=self._folder) as place:
             folder = Path(place)
-            process = self._start(words, folder)
+            (folder / "tmp").mkdir()
+            places = dict.fromkeys(("ABFM_STATE_FOLDER", "TMPDIR"), str(folder / "tmp"))
+            process = subprocess.Popen(
+                [sys.executable, "-c", MAIN, *(self._places.get(word, word) for word in words)],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
+                cwd=folder,
+                start_new_session=True,
+                env=os.environ | places,
+                preexec_fn=_take_signals,
+            )
             _send(process, number, mode, after)
             try:
                 _, errors = process.communicate(timeout=_PATIENCE)
@@ -82,29 +92,14 @@ class Signals:
                 faults.append(f"stderr: {lines[-1][-300:]!r}")
             has_result = "\niteration" in errors and mode != "twice"
             faults += _left(folder, files, needs_result=has_result)
-            faults += [f"a process is left: {each}" for each in _lingering(place)]
-        _report(f"{name}, {number.name} to {mode} after {after:.2f} s", faults)
-        return Trial()
-
-    def _start(self, words, folder):
-        temporary = folder / "tmp"
-        temporary.mkdir()
-        places = {"ABFM_STATE_FOLDER": str(temporary), "TMPDIR": str(temporary)}
-        return subprocess.Popen(
-            [sys.executable, "-c", _MAIN, *(self._places.get(word, word) for word in words)],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            cwd=folder,
-            start_new_session=True,
-            env=os.environ | places,
-            preexec_fn=_take_signals,
-        )
+            faults += [f"process {each} remains" for each in lingering(_of_folder(place), 2)]
+        return _trial(f"{name}, {number.name} to {mode} after {after:.2f} s", faults)
 
 
-def _report(what, faults):
+def _trial(what, faults, is_refused=False):
     if faults:
         raise FaultError(f"{what}: {'; '.join(faults)}")
+    return Trial(is_refused)
 
 
 def _take_signals():
@@ -131,15 +126,12 @@ def _send(process, number, mode, after):
 
 def _left(folder, files, needs_result):
     """Say what is wrong with the files that a command left."""
-    left = {path.name for path in folder.iterdir()} - {"tmp"}
-    yield from (f"{name} is left" for name in sorted(left - {*files}))
-    kept = {"recent.json", "preferences.json"}
-    yield from (
-        f"tmp/{path.name} is left" for path in (folder / "tmp").iterdir() if path.name not in kept
-    )
-    for name in sorted(left & {*files}):
+    left = {path.name for path in folder.rglob("*")} - {"tmp", "recent.json", "preferences.json"}
+    yield from (f"{name} is left" for name in sorted(left - files))
+    for name in sorted(left & files):
         try:
-            load_match(folder / name) if name.endswith(".npz") else None
+            if name.endswith(".npz"):
+                load_match(folder / name)
         except AbfmError as error:
             yield f"{name} does not load: {error}"
         if (folder / name).stat().st_size == 0:
@@ -148,17 +140,13 @@ def _left(folder, files, needs_result):
         yield "the best result is lost"
 
 
-def _lingering(folder):
-    """Return command lines of processes that an ended one has left, after a moment to end in."""
-    for _ in range(40):
-        found = []
-        for process in psutil.process_iter():
-            with suppress(psutil.Error):  # it has ended, or is another user's
-                if process.environ().get("TMPDIR") == f"{folder}/tmp":
-                    found.append(" ".join(process.cmdline())[:100])
-        if not found:
-            break
-        time.sleep(0.05)
+def _of_folder(folder):
+    """Return the numbers of processes whose temporary files go into a folder."""
+    found = []
+    for process in psutil.process_iter():
+        with suppress(psutil.Error):  # it has ended, or is another user's
+            if process.environ().get("TMPDIR") == f"{folder}/tmp":
+                found.append(process.pid)
     return found
 
 
@@ -179,14 +167,15 @@ class Kills:
                 lambda p, v: save_project(p, self._documents[v], {}),
                 lambda p: len(load_project(p)[0].result.stages),
             ),
-            "m.ply": (self._export, lambda p: len(load_mesh(p).vertices) + p.stat().st_size),
-            "m.vtu": (self._export, lambda p: (p.stat().st_size, p.read_bytes().rstrip()[-10:])),
-            "m.csv": (self._export, lambda p: len(p.read_text().splitlines())),
-            "recent.json": (_save_recent, lambda p: len(json.loads(p.read_text()))),
+            "m.vtu": (
+                lambda p, v: outputs.write(p, self._matches[v]),
+                lambda p: (p.stat().st_size, p.read_bytes().rstrip()[-10:]),
+            ),
+            "recent.json": (
+                lambda p, v: StateFolder(p.parent).add_recent(p.parent / str(v)),
+                lambda p: len(StateFolder(p.parent).recent()),  # none if it is broken
+            ),
         }
-
-    def _export(self, path, version):
-        outputs.write(path, self._matches[version])
 
     def attempt(self, chance, name=""):
         """Kill a child at a random moment: the old file or the new one is there, complete."""
@@ -197,17 +186,11 @@ class Kills:
             for version in range(2):
                 save(path, version)
                 versions.append(version_of(path))
-            child = os.fork()
-            if not child:
-                try:
-                    while True:
-                        for version in range(2):
-                            save(path, version)
-                finally:
-                    os._exit(1)
+            child = get_context("fork").Process(target=_save_for_ever, args=(save, path))
+            child.start()
             time.sleep(after)
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
+            child.kill()
+            child.join()
             try:
                 if version_of(path) not in versions:
                     faults.append("the file is another one")
@@ -217,47 +200,24 @@ class Kills:
                 os.utime(each, (0, 0))  # newer ones are kept, as they may be about to be locked
             save(path, 0)
             faults += [f"{left.name} is left" for left in path.parent.iterdir() if left != path]
-        _report(f"{name} killed after {after:.3f} s", faults)
-        return Trial()
+        return _trial(f"{name} killed after {after:.3f} s", faults)
 
 
-def _save_recent(path, version):
-    folder = StateFolder(path.parent)
-    folder.add_recent(path) if version else folder.clear_recent()
-
-
-_CHILD = """
-import contextlib, io, resource, sys
-from abfm_viewer.cli import main
-words = sys.argv[2:]
-with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
-    main([*words, "--iterations", "1"])  # loads everything
-size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
-resource.setrlimit(resource.RLIMIT_AS, 2 * (size + int(float(sys.argv[1]) * 2**20),))
-sys.exit(main(words))
-"""
+def _save_for_ever(save, path):
+    while True:
+        for version in range(2):
+            save(path, version)
 
 
 def lack_memory(chance):
-    """Let memory run out in a match: one line, or the best field so far, and no crash.
-
-    Either the limit holds from the start, where libraries are loaded, or for a match alone.
-    """
-    mesh, megabytes = (
-        asset_path(chance.choice(("eight.off", "human_A.off"))),
-        chance.randint(1, 900),
-    )
-    from_start = chance.random() < 0.3
+    """Let memory run out in a match: one line, or the best field so far, and no crash."""
+    mesh = asset_path(chance.choice(("eight.off", "human_A.off")))
+    megabytes = chance.randint(250, 1400)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "m.npz")
         words = ["match", mesh, *_PAIR, "--iterations=15", "--out", out, "--quiet"]
-        limits = {"env": os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}}
-        if from_start:
-            size = (250 + megabytes) << 20
-            limits["preexec_fn"] = lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size))
-        child = python(
-            _MAIN if from_start else _CHILD, *([] if from_start else [megabytes]), *words, **limits
-        )
+        limit = partial(resource.setrlimit, resource.RLIMIT_AS, 2 * (megabytes << 20,))
+        child = python(MAIN, *words, preexec_fn=limit)
         faults = [f"{path.name} is left" for path in Path(folder).iterdir() if path != out]
         lines = child.stderr.strip().splitlines()
         if child.returncode not in (0, 2, 3) or "Traceback" in child.stderr:
@@ -266,5 +226,44 @@ def lack_memory(chance):
             faults.append("no reason")
         if child.returncode in (0, 3):
             load_match(out)
-    _report(f"{mesh.name} with {megabytes} MB{' from the start' * from_start}", faults)
-    return Trial(child.returncode == 2)
+    return _trial(f"{mesh.name} with {megabytes} MB", faults, child.returncode == 2)
+
+
+class Batches:
+    """Kills the client, the scheduler and workers of a batch that was solved undisturbed once.
+
+    It resumes, solves no finished row again, and ends with the same files, bit for bit.
+    """
+
+    def __init__(self, folder):
+        self._folder, self._table = folder, folder / "table.csv"
+        write_table(self._table, _ROWS, iterations=60)
+        start(self._table, folder / "alone", "--quiet", "--jobs=1").communicate()
+        self._wanted = results(folder / "alone")
+
+    def attempt(self, chance):
+        """Kill processes of a batch by two workers until it ends by itself."""
+        with tempfile.TemporaryDirectory(dir=self._folder) as place:
+            out, process = Path(place, "out"), None
+            killed, done, there = [], {}, set()
+            while process is None or process.returncode == -signal.SIGKILL:
+                process = start(self._table, out, "--jobs=2")
+                seconds = _SECONDS_MAX * chance.random() if len(killed) < _KILLS else 300
+                with suppress(subprocess.TimeoutExpired):
+                    process.communicate(timeout=seconds)
+                if process.poll() is None:
+                    found = victims(process.pid)
+                    there |= {*family(process.pid)}
+                    done = written(out) | done
+                    who = chance.choice([each for each in found if found[each]])
+                    kill(chance.choice(found[who]))
+                    killed.append(who)
+                    if who != "client":
+                        kill(process.pid)
+                    process.communicate()
+            faults = [f"{name[:8]} was solved again" for name in anew(done, written(out))]
+            faults += [] if results(out) == self._wanted else ["other results than undisturbed"]
+            faults += [f"process {each} remains" for each in lingering(there)]
+        if process.returncode not in (0, 3):
+            faults.append(f"exit status {process.returncode}")
+        return _trial(f"batch, killed {', '.join(killed)}", faults)

@@ -5,7 +5,7 @@ A format is added by a line of `_written`, with a function that writes a small f
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,17 +13,17 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import scipy.io
 
-from abfm import Parameters, match
 from abfm.batch import Ledger, Row
 from abfm.batch.ledger import Record
 from abfm.io import write_labels, write_stc, write_values
-from abfm.pages.front import Front
 from abfm.reading import Labels
-from abfm_viewer.document.document import Channel, Document, Look, Point, Run, Surface, View
+from abfm_viewer.document.document import Channel, Document, Surface
 from abfm_viewer.files.project import Origin, save_project
+from tests.core.reading.test_vtk_grids import legacy
 from tests.core.reading.vtk_files import vtk_bytes
-from tests.mesh_writers import STL_WRITERS, WRITERS, exported, off_file
+from tests.mesh_writers import STL_WRITERS, WRITERS, exported, mni_obj, off_file
 from tests.shapes import icosphere, with_loose_vertex
+from tests.viewer.files.test_project import DOCUMENT, KNOWN, RESULT
 
 WHOLE = icosphere(1)
 MESH = with_loose_vertex(WHOLE)
@@ -56,14 +56,14 @@ def specimens():
     """Return all of them, by name."""
     meshes = {name: write(WHOLE.vertices, WHOLE.faces) for name, (write, _) in WRITERS.items()}
     meshes |= {n: exported(WHOLE.vertices, WHOLE.faces, kind) for n, kind in STL_WRITERS.items()}
-    meshes |= {"legacy.vtk": _legacy_vtk().encode(), "civet.obj": _mni_obj().encode()}
+    meshes |= {"legacy.vtk": legacy(), "civet.obj": mni_obj(WHOLE).encode()}
     preferences = {"theme": "dark", "ui_scale": 1.25, "follow": True, "flow_after_match": False}
     recent = ["/nowhere/a.abfm", "recent.json", "b.off"]
     found = [
         *(Specimen(name, "mesh", content) for name, content in meshes.items()),
         *(Specimen(f"{k}.spec", "spec", spec.encode()) for k, spec in enumerate(_SPECS)),
-        Specimen("preferences.json", "preferences", json.dumps(preferences, indent=1).encode()),
-        Specimen("recent.json", "recent", json.dumps(recent).encode()),
+        Specimen("preferences.json", "state", json.dumps(preferences, indent=1).encode()),
+        Specimen("recent.json", "state", json.dumps(recent).encode()),
         *_written(),
         *_waves(),
         *_batch(),
@@ -77,9 +77,9 @@ def _written():
     mirrored = np.arange(COUNT)
     mirrored[used] = used[::-1]
     labels = Labels(keys, {0: "a", 1: "b", 2: "c"}, {k: (0.5, 0.25, k / 2, 1) for k in range(3)})
-    result, plain, rich, origin = _documents()
+    plain = Document((Surface(MESH, "a ball"),), (Channel("gaussian:vertex=7", "coordinate:y"),))
+    origin = Origin(Path("/nowhere/rich.abfm"), 1, 2)
     one, three = _ON_FILE[:, 0], _ON_FILE
-    known = {"file:x.npy": X}
     writers = {
         "values.npy": ("values", partial(write_values, values=one)),
         "two.npy": ("values", partial(write_values, values=three)),
@@ -106,9 +106,9 @@ def _written():
         "table.csv": ("table", lambda path: path.write_text(_TABLE)),
         "landmarks.csv": ("landmarks", lambda path: path.write_text("name,a,b\np,6,9\nq,7,10\n")),
         "plain.abfm": ("project", lambda path: save_project(path, plain, {})),
-        "rich.abfm": ("project", lambda path: save_project(path, rich, known)),
-        "autosave-1.abfm": ("project", lambda path: save_project(path, rich, known, origin)),
-        "result.npz": ("result", result.save),
+        "rich.abfm": ("project", lambda path: save_project(path, DOCUMENT, KNOWN)),
+        "autosave-1.abfm": ("project", lambda path: save_project(path, DOCUMENT, KNOWN, origin)),
+        "result.npz": ("result", RESULT.save),
     }
     with TemporaryDirectory() as place:
         for name, (door, write) in writers.items():
@@ -117,45 +117,6 @@ def _written():
 
 
 _TABLE = "name,mesh,source,target,alpha\none,m.off,coordinate:x,hks:time=1,0.1\n"
-
-
-def _documents():
-    """Return a result with everything that results may have, and projects without and with it."""
-    f, g = np.stack([X, Y], axis=1), np.stack([Y, X], axis=1)
-    result = match(MESH, f, g, Parameters(iterations=3), mask=X**2, weights=[1, 0.5])
-    plain = Document((Surface(MESH, "a ball"),), (Channel("gaussian:vertex=7", "coordinate:y"),))
-    front = Front((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
-    run = Run(result.energy_history, result.stages, (2,), 0.25, "alpha 1")
-    first = Channel("file:x.npy + gaussian:vertex=7", "coordinate:y")
-    rich = replace(
-        plain,
-        surfaces=(Surface(MESH, "a ball", front),),
-        channels=(first, Channel("eigenfunction:2", "wks:energy=0.5", 0.5)),
-        channel=1,
-        parameters=result.parameters,
-        mask="indicator:axis=x,above=0.0",
-        result=result,
-        runs=(run,),
-        time=0.25,
-        lines=(Point(3, (0.25, 0.25, 0.5)),),
-        view=View(look=Look(front, 2.5, (0.1, 0.2, 0.3)), hidden=("source",), arrows=True),
-    )
-    return result, plain, rich, Origin(Path("/nowhere/rich.abfm"), 1, 2)
-
-
-def _legacy_vtk():
-    points = "\n".join(" ".join(map(repr, row)) for row in WHOLE.vertices.tolist())
-    faces = "\n".join("3 " + " ".join(map(str, row)) for row in WHOLE.faces.tolist())
-    head = "# vtk DataFile Version 3.0\nball\nASCII\nDATASET POLYDATA\n"
-    return f"{head}POINTS 42 double\n{points}\nPOLYGONS 80 320\n{faces}\n"
-
-
-def _mni_obj():
-    points = "\n".join(" ".join(f"{x:.6f}" for x in row) for row in WHOLE.vertices.tolist())
-    ends = " ".join(str(3 * k) for k in range(1, 81))
-    corners = " ".join(map(str, WHOLE.faces.ravel().tolist()))
-    head = f"P 0.3 0.3 0.4 10 1 42\n{points}"
-    return "\n\n".join([head, points, "80\n0 1 1 1 1", ends, corners]) + "\n"
 
 
 def _waves():

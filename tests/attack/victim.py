@@ -1,197 +1,160 @@
-"""A process that opens attacking files, with bounded memory and time, and its watcher."""
+"""A process that opens hostile files, with bounded memory and time, and its watcher."""
 
 import contextlib
 import faulthandler
-import json
 import os
 import resource
-import select
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 import traceback
 import warnings
+from multiprocessing import get_context
 from pathlib import Path
 
 from abfm import AbfmError
 from tests import peak_memory
+from tests.attack import doors
 from tests.attack.hunt import FaultError, Trial
 from tests.processes import ROOT
 
 # CPU time that a file of at most so many bytes may take, and memory by which the process may grow
 SECONDS, MEGABYTES, LARGEST = 10, 1000, 10 << 20
-_ADDRESS_SPACE = 3 << 30
+_ADDRESS_SPACE, _HERE = 3 << 30, f"{ROOT}{os.sep}"
 _PATIENCE = 120.0  # seconds by the clock, for what waits without computing
 
 
-class Victim:
+class Victim(contextlib.ExitStack):
     """Opens files in a process that is started again when it dies; those with a fault are kept."""
 
-    def __init__(self, keep, seconds=SECONDS, megabytes=MEGABYTES, door="tests.attack.doors"):
-        self._keep, self._limits, self._doors = keep, (seconds, megabytes), door
+    def __init__(self, keep, seconds=SECONDS, megabytes=MEGABYTES, enter=doors.enter):
+        super().__init__()
+        self._keep, self._limits, self._enter = keep, (seconds, megabytes), enter
         self._process = None
-        self._folder = Path(tempfile.mkdtemp(prefix="abfm-attack-"))
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self._end()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        place = self.enter_context(tempfile.TemporaryDirectory(prefix="abfm-attack-"))
+        self._folder = Path(place)
+        self.callback(self._end)
 
     def open(self, specimen, kind):
         """Return the trial of a specimen, or raise a `FaultError` and keep its files."""
         files = self._folder / "files"
-        shutil.rmtree(files, ignore_errors=True)
-        files.mkdir()
-        for name, content in {**specimen.beside, specimen.name: specimen.content}.items():
-            (files / name).parent.mkdir(parents=True, exist_ok=True)
-            (files / name).write_bytes(content)
-        if specimen.place is not None:
-            specimen.place(files / specimen.name)
+        put(specimen, files)
         answer = self._ask(specimen.door, files / specimen.name)
         fault = answer.pop("fault")
         if not fault and specimen.must_be_refused and not answer["is_refused"]:
             fault = "it was opened, and should be refused"
         if fault:
-            place = self._keep / specimen.name
-            shutil.rmtree(place, ignore_errors=True)
-            shutil.copytree(files, place, symlinks=True, ignore=_special_files)
+            put(specimen, self._keep / specimen.name)
             raise FaultError(f"{specimen.name} {kind}: {fault.replace(f'{files}{os.sep}', '')}")
         return Trial(**answer)
 
     def _ask(self, door, path):
-        if self._process is None or self._process.poll() is not None:
+        if self._process is None:
+            context = get_context("spawn")
+            self._connection, other = context.Pipe()
+            words = other, self._folder / "log", self._enter, *self._limits
+            self._process = context.Process(target=_answer_all, args=words)
+            self._process.start()
+            other.close()
+        self._connection.send((door, path))
+        has_answered = self._connection.poll(_PATIENCE)
+        try:
+            answer = self._connection.recv() if has_answered else None
+        except (EOFError, ConnectionError):
+            answer = None
+        if answer is None:
+            answer = {"fault": self._death(has_answered)}
             self._end()
-            self._start()
-        process = self._process
-        process.stdin.write(json.dumps([door, str(path)]) + "\n")
-        process.stdin.flush()
-        ready, _, _ = select.select([process.stdout], [], [], _PATIENCE)
-        line = process.stdout.readline() if ready else ""
-        answer = json.loads(line) if line else {"fault": self._death(bool(ready))}
-        if answer["fault"] and answer.get("megabytes", 0) > self._limits[1]:
+        elif answer["fault"] and answer["megabytes"] > self._limits[1]:
             self._end()  # so that the memory of the next one can be measured
         return answer
-
-    def _start(self):
-        with (self._folder / "log").open("w") as log:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "tests.attack.victim", self._doors, *map(str, self._limits)],
-                cwd=ROOT,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                text=True,
-            )
 
     def _death(self, has_ended):
         why = f"no answer within {_PATIENCE:g} s by the clock"
         if has_ended:
-            status = self._process.wait()
+            self._process.join()
+            status = self._process.exitcode
             name = signal.Signals(-status).name if status < 0 else f"exit status {status}"
             why = f"the process died: {name}"
             if status == -signal.SIGPROF:
                 why = f"more than {self._limits[0]} s of CPU time"
-        log = (self._folder / "log").read_text(errors="replace")
-        frames = [line.strip() for line in log.splitlines() if "File " in line]
-        own = [line for line in frames if "/core/abfm/" in line or "/abfm_viewer/" in line]
-        place = (own[:1] or log.strip().splitlines()[-1:] or ["no stack"])[0]
-        return f"{why}: {place.replace(f'{ROOT}{os.sep}', '')[:300]}"
+        log = (self._folder / "log").read_text(errors="replace").strip().splitlines()
+        own = [each for each in log if "/core/abfm/" in each or "/abfm_viewer/" in each]
+        place = (own[:1] or log[-1:] or ["no stack"])[0].strip()
+        return f"{why}: {place.replace(_HERE, '')[:300]}"
 
     def _end(self):
         if self._process is not None:
             self._process.kill()
-            self._process.communicate()
+            self._process.join()
+            self._connection.close()
             self._process = None
 
 
-def _special_files(folder, names):
-    return [n for n in names if os.path.islink(f"{folder}/{n}") or not _is_plain(f"{folder}/{n}")]
+def put(specimen, folder):
+    """Write the files of a specimen into a new folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for name, content in {**specimen.beside, specimen.name: specimen.content}.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if specimen.place and name == specimen.name:
+            specimen.place(path)
+        else:
+            path.write_bytes(content)
 
 
-def _is_plain(path):
-    return os.path.isfile(path) or os.path.isdir(path)
-
-
-def main(doors, seconds, megabytes):
-    """Read doors and paths, a line each, and answer each in a line."""
-    module = __import__(doors, fromlist=["enter"])
-    stacks = os.fdopen(os.dup(2), "w")  # stays where it is while output is captured
-    faulthandler.enable(stacks)
-    faulthandler.register(signal.SIGPROF, stacks, chain=True)
-    answers = os.fdopen(os.dup(1), "w")
-    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
-    for line in sys.stdin:
-        door, name = json.loads(line)
-        answer = _answer(module.enter, door, Path(name), seconds, megabytes)
-        print(json.dumps(answer), file=answers, flush=True)
+def _answer_all(connection, log, enter, seconds, megabytes):
+    """Open what is sent through a connection, and send an answer for each."""
+    os.chdir(log.parent)
+    with log.open("w") as stacks, tempfile.TemporaryFile("w+") as printed:
+        os.dup2(printed.fileno(), 1)
+        os.dup2(printed.fileno(), 2)
+        faulthandler.enable(stacks)
+        faulthandler.register(signal.SIGPROF, stacks, chain=True)
+        resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
+        with contextlib.suppress(EOFError):
+            while True:
+                answer = _answer(enter, *connection.recv(), seconds, megabytes)
+                sys.stdout.flush()
+                sys.stderr.flush()
+                printed.seek(0)
+                if (text := printed.read()) and not answer["fault"]:
+                    answer["fault"] = f"output: {text[:300]!r}"
+                printed.seek(0)
+                printed.truncate()
+                connection.send(answer)
 
 
 def _answer(enter, door, path, seconds_max, megabytes_max):
-    size = path.stat().st_size if path.is_file() else 0
     peak_memory.forget()
     memory, begin = peak_memory.megabytes(), time.process_time()
-    said, is_refused, fault = [], False, ""
+    is_refused, fault = False, ""
     signal.setitimer(signal.ITIMER_PROF, seconds_max)
     try:
-        with _captured(said):
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
             enter(door, path)
     except AbfmError:
         is_refused = True
     except FaultError as error:
         fault = str(error)
     except Exception as error:
-        fault = _last_of_ours(error)
+        fault = _described(error)
     signal.setitimer(signal.ITIMER_PROF, 0)
     seconds, grown = time.process_time() - begin, peak_memory.megabytes() - memory
-    if said:
-        fault = fault or f"output: {said[0][:300]!r}"
-    if grown > megabytes_max and size <= LARGEST:
+    if grown > megabytes_max:
         fault = fault or f"{grown:.0f} MB of memory"
-    if size > LARGEST:  # may take longer and more
-        seconds = grown = 0.0
     measured = {"seconds": round(seconds, 3), "megabytes": round(grown, 1)}
     return {"fault": fault, "is_refused": is_refused, **measured}
 
 
-def _last_of_ours(error):
-    """Return the text of an exception, and the line of our code that it left."""
-    own = [
-        f"{Path(frame.filename).relative_to(ROOT)}:{frame.lineno}"
-        for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename).is_relative_to(ROOT) and "/tests/" not in frame.filename
-    ]
-    text = " ".join(str(error).split())[:160]
-    return f"{type(error).__name__}: {text} ({own[-1] if own else 'outside of abfm'})"
-
-
-@contextlib.contextmanager
-def _captured(said):
-    """Note output to stdout and stderr, also of C libraries, and warnings."""
-    with tempfile.TemporaryFile("w+") as heard, warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        with _redirected(1, heard), _redirected(2, heard):
-            yield
-        heard.seek(0)
-        said += filter(None, [heard.read()])
-        said += [f"{w.category.__name__}: {w.message}" for w in caught]
-
-
-@contextlib.contextmanager
-def _redirected(descriptor, heard):
-    saved = os.dup(descriptor)
-    os.dup2(heard.fileno(), descriptor)
-    try:
-        yield
-    finally:
-        (sys.stdout if descriptor == 1 else sys.stderr).flush()
-        os.dup2(saved, descriptor)
-        os.close(saved)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]))
+def _described(error):
+    """Return the text of an exception, and where it left abfm, or the assertion that failed."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.startswith(_HERE)]
+    own = [f for f in frames if "/tests/" not in f.filename]
+    own = [f"{f.filename.removeprefix(_HERE)}:{f.lineno}" for f in own] or ["outside of abfm"]
+    text = str(error) or frames[-1].line
+    return f"{type(error).__name__}: {' '.join(text.split())[:300]} ({own[-1]})"

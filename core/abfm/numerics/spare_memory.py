@@ -9,4 +9,7 @@ def ask_for(size: float) -> None:
     Where memory runs out inside them, some free twice, some abort, and some go on with what they
     did not get.
     """
-    np.empty(int(size), np.uint8)
+    try:
+        np.empty(int(size), np.uint8)
+    except MemoryError:
+        raise MemoryError(f"out of memory: {size / 1e6:.0f} MB more are needed") from None

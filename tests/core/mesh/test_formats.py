@@ -10,7 +10,7 @@ import pytest
 from abfm.errors import MeshError
 from abfm.io import export_vtu
 from abfm.mesh import load_mesh
-from tests.mesh_writers import STL_WRITERS, WRITERS, exported, ply_bytes, write
+from tests.mesh_writers import STL_WRITERS, WRITERS, exported, mni_obj, ply_bytes, write
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, tetrahedron
 
@@ -123,6 +123,17 @@ def test_strips_of_ply_keep_one_side(tmp_path, kind):
     assert np.cross(b - a, c - a)[:, 2].tolist() == [1] * 6
 
 
+def test_strips_of_ply_may_be_unsigned(tmp_path):
+    content = ply_bytes(SHAPE.vertices, [], "binary_little_endian").replace(
+        b"face 0", b"tristrips 1"
+    )
+    content = content.replace(b"uchar int", b"uchar ushort") + struct.pack(
+        "<B4Hf", 4, 0, 1, 2, 3, 0
+    )
+    mesh = load_mesh(write(tmp_path, "a.ply", content))
+    assert mesh.faces.tolist() == [[0, 1, 2], [1, 3, 2]]
+
+
 def _quads(kind):
     """A cube of FreeSurfer's old formats, with coordinates of two decimals."""
     corners = np.array([[x, y, z] for x in (0, 1.25) for y in (0, 1) for z in (0, 1)])
@@ -162,11 +173,7 @@ def test_text_of_freesurfer(tmp_path):
 
 @pytest.mark.parametrize("colors", [0, 1, 2])
 def test_objects_of_mni(tmp_path, colors):
-    points = "\n".join(" ".join(map(repr, row)) for row in SHAPE.vertices.tolist())
-    some = "\n".join(["1 1 1 1"] * (1, 4, 4)[colors])
-    corners = " ".join(map(str, SHAPE.faces.ravel().tolist()))
-    head = f"P 0.3 0.3 0.4 10 1 4\n{points}\n\n{points}\n\n4\n{colors} {some}\n"
-    text = f"{head}\n3 6 9 12\n\n{corners}\n"
+    text = mni_obj(SHAPE, colors)
     mesh = load_mesh(write(tmp_path, "a.obj", text))
     np.testing.assert_array_equal(mesh.vertices, SHAPE.vertices)
     np.testing.assert_array_equal(mesh.faces, SHAPE.faces)

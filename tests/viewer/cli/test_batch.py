@@ -25,19 +25,9 @@ from abfm_viewer.cli.batches import batch, running
 from abfm_viewer.cli.batches.rows import ROWS_SHOWN_MAX
 from abfm_viewer.cli.progress import row_progress
 from abfm_viewer.errors import DrawingError
-from tests.attack.batches import (
-    anew,
-    family,
-    kill,
-    lingering,
-    results,
-    start,
-    victims,
-    write_table,
-    written,
-)
 from tests.messages import check_message, check_names, line_with
-from tests.processes import argv, python
+from tests.processes import argv, family, kill, lingering, python
+from tests.viewer.cli.batches import anew, results, start, victims, write_table, written
 
 EIGHT = asset_path("eight.off")
 BRIEF = ["--refine", "0", "--levels", "1", "--cooling-stages", "2"]

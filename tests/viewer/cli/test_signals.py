@@ -40,6 +40,19 @@ def _limited():
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS_MAX, CPU_SECONDS_MAX))
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="limits address space as Linux does")
+def test_little_memory_is_reported_before_loading():
+    """In its middle, OpenBLAS would retry without end."""
+
+    def limit():
+        resource.setrlimit(resource.RLIMIT_AS, 2 * (350_000 << 10,))
+
+    done = python(PROGRAM, "match", EIGHT, *PAIR, preexec_fn=limit, timeout=60)
+    assert done.returncode == 2
+    check_message(done.stderr, 450)
+    assert len(done.stderr.splitlines()) == 1
+
+
 def start(*words):
     """A process whose progress comes line by line through stderr, and which may be interrupted."""
     return subprocess.Popen(

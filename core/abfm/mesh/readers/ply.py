@@ -159,7 +159,7 @@ def _name_of_corners(element: _Element) -> str:
 
 def _triangles(sizes: IntArray, corners: IntArray) -> tuple[IntArray, IntArray]:
     """Return the triangles of lists of strips, which -1 separates, as sizes and corners."""
-    corners = np.insert(corners, np.cumsum(sizes), -1)
+    corners = np.insert(corners.astype(np.int64), np.cumsum(sizes), -1)
     ends = np.flatnonzero(corners == -1)
     faces = triangles_of_strips(np.diff(ends, prepend=-1) - 1, corners[corners != -1])
     return np.full(len(faces), 3), faces.ravel()

@@ -1,0 +1,68 @@
+"""Batches in processes of their own: what they write, and which processes they have."""
+
+import random
+import subprocess
+import sys
+from contextlib import suppress
+from hashlib import sha256
+
+import psutil
+
+from abfm.assets import asset_path
+from tests.processes import ROOT
+
+MAIN = "import sys; from abfm_viewer.cli import main; sys.exit(main())"
+
+
+def write_table(path, rows, seed=0, iterations=300):
+    """Write a table of pairs of Gaussians on the figure eight, each another one."""
+    mesh, count = asset_path("eight.off"), 315
+    chosen = random.Random(seed).sample(range(count * (count - 1)), rows)
+    lines = ["name,mesh,source,target,refine,iterations"]
+    for number, place in enumerate(chosen):
+        first, step = divmod(place, count - 1)
+        ends = (first, (first + 1 + step) % count)
+        functions = ",".join(f'"gaussian:vertex={end},width=0.3"' for end in ends)
+        lines.append(f"pair {number},{mesh},{functions},0,{iterations}")
+    path.write_text("\n".join(lines) + "\n")
+
+
+def start(table, out, *words):
+    """Start a client, whose processes have its number as their parent's."""
+    return subprocess.Popen(
+        [sys.executable, "-c", MAIN, "batch", table, "--out", out, "--no-pictures", *words],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def results(out):
+    """Checksums of the results by name."""
+    return {path.name: sha256(path.read_bytes()).hexdigest() for path in out.glob("*.npz")}
+
+
+def written(out):
+    """Which file each result is, by name: another one if it was written again."""
+    found = {}
+    for path in out.glob("[!.]*.npz"):  # a temporary file is no result
+        with suppress(OSError):
+            state = path.stat()
+            found[path.name] = (state.st_ino, state.st_mtime_ns)
+    return found
+
+
+def anew(before, after):
+    """Names of results that were done before and were found once more, or are gone."""
+    return sorted(name for name, file in before.items() if after.get(name) != file)
+
+
+def victims(client):
+    """Return numbers of processes by what they are: of the client and of its own cluster."""
+    holders, workers = [], []
+    with suppress(psutil.NoSuchProcess):
+        holders = psutil.Process(client).children()
+        below = [each for holder in holders for each in holder.children()]
+        workers = [each.pid for each in below if "spawn_main" in " ".join(each.cmdline())]
+    return {"client": [client], "scheduler": [each.pid for each in holders], "worker": workers}
