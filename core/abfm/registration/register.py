@@ -274,8 +274,9 @@ def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:
             f"landmarks have shape {pairs.shape} of {pairs.dtype}; expected (L, 2) vertices of A "
             "and of B, or two SurfacePoints"
         )
+    found = Landmarks.of_vertices(a, b, pairs[:, 0], pairs[:, 1])
     warn_if_from_one(a, b, a.vertex_ids[pairs[:, 0]], b.vertex_ids[pairs[:, 1]])
-    return Landmarks.of_vertices(a, b, pairs[:, 0], pairs[:, 1])
+    return found
 
 
 def _on_b(initial: Correspondence, marks: Landmarks) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from numpy.testing import assert_array_equal
 
 import abfm
 from abfm import Parameters, TriangleMesh
+from abfm.errors import AbfmWarning
 from abfm.functions import quoted
 from abfm.sequences import defaults
 from tests.core.fields import bump
@@ -67,13 +68,17 @@ def test_hidden_values_of_files_may_be_unknown(matched, tmp_path):
     np.save(tmp_path / "f.npy", spoiled(F, "NaN"))
     spec = f"file:{quoted(str(tmp_path / 'f'))}.npy"
     assert_same(matched, abfm.match(MESH, spec, G, BRIEF, mask=MASK))
-    with pytest.raises(abfm.FunctionError):
-        abfm.match(MESH, spec, G, BRIEF)
 
 
-def test_values_that_count_must_be_finite():
+def test_missing_values_are_masked(matched):
+    """A vertex without a value is as one whose mask is 0."""
+    with pytest.warns(AbfmWarning, match="no value"):
+        assert_same(matched, abfm.match(MESH, spoiled(F, "NaN"), G, BRIEF))
+
+
+def test_values_that_count_must_not_be_infinite():
     f = F.copy()
-    f[np.flatnonzero(~HIDDEN)[0]] = np.nan
+    f[np.flatnonzero(~HIDDEN)[0]] = np.inf
     with pytest.raises(abfm.FunctionError):
         abfm.match(MESH, f, G, BRIEF, mask=MASK)
 

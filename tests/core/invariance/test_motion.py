@@ -154,6 +154,7 @@ POWERS = {
     "indicator:vertex={a},radius=0.2": (0, 0.0),
     "permuted:mirror(geodesic:vertex={a})": (1, SPECTRAL),
     "scaled:2(geodesic:vertex={a})": (1, SPECTRAL),
+    "circular:part=sine(gaussian:vertex={a},width=0.2)": (0, SPECTRAL),
 }
 FACE = face(1)
 IN_SPACE = {"coordinate", "expression", "file"}  # follow the axes of space, or rows of a file

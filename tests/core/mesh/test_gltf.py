@@ -160,7 +160,7 @@ def test_refused(tmp_path, changes, named):
 
 
 def test_meshes_that_are_shown_again_and_again_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(gltf, "_FEW", 100)
+    monkeypatch.setattr(gltf, "_ENTRIES_MIN", 100)
     sphere, nodes = icosphere(1), [{"mesh": 0, "translation": [3 * k, 0, 0]} for k in range(20)]
     path = tmp_path / "a.glb"
     trimesh.Trimesh(sphere.vertices, sphere.faces, process=False).export(path)

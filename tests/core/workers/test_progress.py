@@ -79,7 +79,7 @@ def test_times_are_rounded_as_one_says_them_and_what_goes_on_is_said_with_its_st
     told = {0: "1 s", 7.6: "8 s", 12: "10 s", 43: "45 s", 55: "1 min", 100: "2 min", 3600: "60 min"}
     assert {seconds: rounded(seconds) for seconds in told} == told
     assert said("opening", None) == "opening"
-    assert said("opening", Step("reading .off")) == "opening: reading .off"
+    assert said("opening", Step("reading an OFF mesh")) == "opening: reading an OFF mesh"
 
 
 def test_a_counted_step_goes_from_0_to_1_and_never_back():
@@ -163,6 +163,6 @@ def test_functions_files_and_eigenfunctions_are_told(tmp_path):
     mesh = icosphere(3)
     file = off_file(tmp_path / "sphere.off", mesh)
     distances = tasks_of(lambda: abfm.calculus.geodesic_distance(mesh, [0]))
-    assert tasks_of(lambda: abfm.load_mesh(file)) == ["reading .off"]
+    assert tasks_of(lambda: abfm.load_mesh(file)) == ["reading an OFF mesh"]
     assert distances == ["factoring for distances"]
     assert "computing eigenfunctions: 32" in tasks_of(lambda: abfm.calculus.eigenbasis(mesh, 5))

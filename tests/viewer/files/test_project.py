@@ -511,7 +511,7 @@ def test_files_of_another_kind_are_named(tmp_path):
         ({"view": View(theme="pink")}, {}, ("theme",)),
         ({"surfaces": (Surface(torus(8, 8), "torus"),)}, {}, ("result/source",)),
         ({}, {"file:x.npy": X[1:]}, ("file:x.npy",)),
-        ({}, {"file:x.npy": np.full(V, np.nan)}, ()),
+        ({}, {"file:x.npy": np.full(V, np.inf)}, ()),
     ],
 )
 def test_what_would_not_open_is_not_saved(saved, change, known, named):
