@@ -405,8 +405,13 @@ class _Control:
         name, kind, value = parameter.name, parameter.kind, getattr(self.function, parameter.name)
         tip = sentence(parameter.summary + (f" ({parameter.unit})" if parameter.unit else ""))
         new: object = value
-        if kind.choices and value is not None:
-            new = ui.combo(name, value, kind.choices, tip, width)
+        if kind.choices:
+            is_optional = parameter.default is None and not parameter.required
+            choices = (*([parameter.empty] if is_optional else ()), *kind.choices)
+            chosen = ui.combo(
+                name, parameter.empty if value is None else value, choices, tip, width
+            )
+            new = None if is_optional and chosen == parameter.empty else chosen
         elif self.ends is not None:
             number = ui.number(name, float(value), self.ends, tip)
             if number is not None:

@@ -1,11 +1,13 @@
 """Comma-separated tables that spreadsheets open safely."""
 
 import csv
+import re
 from collections.abc import Iterable
 from typing import TextIO
 
 from abfm.errors import printable
 
+_BREAKS = re.compile(r"[\t\n\v\f\r]+")
 _FORMULA_STARTS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # also full-width
 
 
@@ -22,7 +24,7 @@ def write_csv(file: TextIO, rows: Iterable[Iterable[object]]) -> None:
 def _cell(value: object) -> object:
     if not isinstance(value, str):
         return value
-    text = printable(" ".join(value.split()))
+    text = printable(_BREAKS.sub(" ", value).strip())
     return f"'{text}" if text.startswith(_FORMULA_STARTS) and not _is_number(text) else text
 
 

@@ -56,6 +56,7 @@ def test_split_meshes_and_both_hemispheres_are_opened_by_their_remedies(gui, tmp
     both = np.concatenate([sphere.vertices + np.array([3, 0, 0]), sphere.vertices])
     both = write(tmp_path, "both.off", off_text(both, faces))
     for path, labels, chosen, middle in (
+        (both, ["Clean, left", "Clean, right"], "Clean, left", 0),
         (split, ["Merge vertices"], "Merge vertices", 0),
         (both, ["Clean, left", "Clean, right"], "Clean, right", 3),
     ):

@@ -36,6 +36,12 @@ def test_phases_are_made_circular_by_widget(gui, tmp_path):
     assert gui.session.channels == first
     gui.click("circular")
     settled(gui)
+    gui.type("period", "180", within="source")
+    assert gui.session.active.source == parts[0].replace("360", "180")
+    gui.choose("part", "sine", within="source")
+    assert gui.session.active.source == parts[1].replace("360", "180")
+    gui.session.undo()
+    gui.session.undo()
     gui.click("circular")
     assert gui.session.channels == first
 
@@ -186,6 +192,11 @@ def test_values_and_vertex_maps_from_files_and_by_symmetry(gui, tmp_path):
     gui.double_click("values.npy")
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), values)
+    gui.choose("hemisphere", "L", within=side)
+    assert gui.session.active.spec(side).endswith("hemisphere=L")
+    gui.wait(lambda s: "hemisphere=L" in s.obstacle)
+    gui.choose("hemisphere", "automatic", within=side)
+    settled(gui)
     gui.click("Browse...", within=side)
     gui.key("escape")
     gui.type("path", str(tmp_path / "values.npy"), within=side)
