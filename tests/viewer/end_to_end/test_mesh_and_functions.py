@@ -40,8 +40,11 @@ def test_phases_are_made_circular_by_widget(gui, tmp_path):
     assert gui.session.active.source == parts[0].replace("360", "180")
     gui.choose("part", "sine", within="source")
     assert gui.session.active.source == parts[1].replace("360", "180")
-    gui.session.undo()
-    gui.session.undo()
+    for word in ("both", "cosine"):
+        gui.choose("part", word, within="source")
+    assert gui.session.active.source == parts[0].replace("360", "180")
+    for _ in range(4):
+        gui.session.undo()
     gui.click("circular")
     assert gui.session.channels == first
 
