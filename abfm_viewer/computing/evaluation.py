@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from typing import NamedTuple, TypeVar
@@ -12,7 +11,7 @@ import numpy as np
 
 import abfm
 from abfm import AbfmError, FunctionError, TriangleMesh
-from abfm.errors import AbfmWarning, brief
+from abfm.errors import brief
 from abfm.types import FloatArray
 from abfm.workers.progress import Step
 from abfm.workers.worker import Worker, stateless
@@ -144,10 +143,7 @@ class Functions:
         is_exact = any("geodesic:" in str(each) for each in given)
         if self._worker is None or not (self._is_large or is_exact):
             return function(self.mesh, *given)
-        value, texts = self._worker.call(_apart, function, self.mesh, *given).result()
-        for text in texts:
-            warnings.warn(text, AbfmWarning, stacklevel=2)
-        return value
+        return self._worker.call(_apart, function, self.mesh, *given).result()
 
 
 def _values(mesh: TriangleMesh, spec: str) -> FloatArray:
@@ -167,11 +163,5 @@ class Evaluators(NamedTuple):
         return (self.source if side == "source" else self.target).evaluate(spec)
 
 
-def _apart(
-    _: None, function: Callable[..., Result], *given: object
-) -> tuple[Result, tuple[str, ...]]:
-    """Return the value of a function, and the warnings of the library."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", AbfmWarning)
-        value = function(*given)
-    return value, tuple(str(each.message) for each in caught if each.category is AbfmWarning)
+def _apart(_: None, function: Callable[..., Result], *given: object) -> Result:
+    return function(*given)

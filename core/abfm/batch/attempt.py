@@ -6,15 +6,16 @@ import dataclasses
 import os
 import tempfile
 import time
+import warnings
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from abfm.batch.kind import Cost, Prepared
 from abfm.batch.ledger import Ledger, Record
 from abfm.batch.rows import Row, own_version
-from abfm.errors import AbfmError, ResultError, one_line
+from abfm.errors import AbfmError, AbfmWarning, ResultError, one_line
 from abfm.flow.exponential import counted_row_products
 from abfm.io import temporary_folder
 from abfm.outcome import Outcome
@@ -52,7 +53,12 @@ def attempt(task: Task) -> Answer:
     Where the folder is seen, what is known of the row is written there, too. `CancelledError` is
     raised where this thread's control was cancelled meanwhile.
     """
-    answer, ledger = _answer(task), Ledger(task.folder)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", AbfmWarning)
+        answer = _answer(task)
+    texts = [str(each.message) for each in caught if issubclass(each.category, AbfmWarning)]
+    record = replace(answer.record, warning="; ".join(texts))
+    answer, ledger = replace(answer, record=record), Ledger(task.folder)
     if not answer.is_blind and answer.result is None and ledger.is_seen(task.identity):
         ledger.record(task.row, answer.record)
     return answer

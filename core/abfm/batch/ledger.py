@@ -22,7 +22,7 @@ from abfm.reading import from_json, read_bytes
 State = Literal["done", "failed", "missing"]
 """Of a row: there is a result; it was tried in vain; it was not tried, or not to its end."""
 _LARGEST = 256 << 20  # bytes of a file of the ledger
-_LONGEST_REASON = 400
+_REASON_LENGTH_MAX = 400
 _NAME = re.compile("[0-9a-f]{1,128}")  # of keys and digests, which become names of files
 
 
@@ -39,6 +39,7 @@ class Record:
     seconds_to_goal: float | None = None
     row_products: int | None = None
     expected: str = ""  # of a row that is being solved: why no flow can match its functions
+    warning: str = ""  # of the library, while it was prepared and solved
 
     def __post_init__(self) -> None:
         """Refuse what no run writes, by a ValueError: ledgers may come from elsewhere."""
@@ -163,7 +164,7 @@ class Ledger:
     def record(self, row: Row, record: Record) -> Entry:
         """Write what is known of a row, and return it."""
         if record.reason:
-            record = replace(record, reason=one_line(record.reason, _LONGEST_REASON))
+            record = replace(record, reason=one_line(record.reason, _REASON_LENGTH_MAX))
         self._write(self._place(row.key), asdict(record))
         return self.entry(row)
 
@@ -229,10 +230,11 @@ class Ledger:
         if not isinstance(entry, dict) or not entry or entry.keys() - known:
             raise ValueError(f"it holds {brief(entry)}")
         record = Record(**entry)
-        reason, expected = (
-            one_line(text, _LONGEST_REASON) for text in (record.reason, record.expected)
+        reason, expected, warning = (
+            one_line(text, _REASON_LENGTH_MAX)
+            for text in (record.reason, record.expected, record.warning)
         )
-        return replace(record, reason=reason, expected=expected)
+        return replace(record, reason=reason, expected=expected, warning=warning)
 
     def _write(self, path: Path, content: object) -> None:
         with write_atomically(path) as temporary:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import warnings
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 from abfm.batch.attempt import EXPECTED, Answer, Task, attempt
 from abfm.batch.ledger import Entry, Ledger, Record
 from abfm.batch.rows import Row
-from abfm.errors import ParameterError, ResultError, brief
+from abfm.errors import AbfmWarning, ParameterError, ResultError, brief, one_line
 from abfm.reading import read_bytes
 from abfm.workers.control import Control
 from abfm.workers.worker import Worker, WorkerEndedError, stateless
@@ -205,12 +206,15 @@ class Workers:
 
 
 class Notes:
-    """Keeps the entry of each task that ends, by the key of its row, and reports it."""
+    """Keeps the entry of each task that ends, by the key of its row, and reports it; a warning only
+    for the first row that has it.
+    """
 
     def __init__(
         self, ledger: Ledger, on_change: Callable[[Entry], object], entries: dict[str, Entry]
     ) -> None:
         self.ledger, self._on_change, self._entries = ledger, on_change, entries
+        self._warned = set[str]()
 
     def is_written(self, task: Task) -> bool:
         """Report a task whose worker has written its entry; return False if it has not."""
@@ -228,6 +232,10 @@ class Notes:
 
     def _keep(self, entry: Entry) -> None:
         self._entries[entry.row.key] = entry
+        text = entry.record.warning
+        if text and text not in self._warned:
+            self._warned.add(text)
+            warnings.warn(f"row {one_line(entry.row.name)}: {text}", AbfmWarning, stacklevel=2)
         self._on_change(entry)
 
 

@@ -26,9 +26,7 @@ if sys.platform != "win32":
 _PREFIX = f".abfm-{zlib.crc32(platform.node().encode()):08x}-"
 # bytes; a longer one is nobody's format, and names must not get longer than systems take
 _LONGEST_SUFFIX = 20
-# seconds for which a file is never taken for abandoned: it may be about to be locked, which Windows
-# cannot do to files that are to be renamed
-_KEPT_SECONDS = 86400.0 if sys.platform == "win32" else 2.0
+_DAY = 86400.0  # seconds; Windows cannot lock files that are to be renamed
 _in_use: set[Path] = set()
 
 
@@ -117,11 +115,7 @@ def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> I
     _in_use.add(path)  # before it is there: a signal may come in between
     descriptor = -1
     try:
-        path.mkdir(0o700) if is_folder else path.touch(exist_ok=False)
-        if sys.platform != "win32":
-            descriptor = os.open(path, os.O_RDONLY)
-            with suppress(OSError):  # a file system without locks, where nobody removes anything
-                fcntl.flock(descriptor, fcntl.LOCK_SH)
+        descriptor = _made(path, is_folder)
         yield path
     finally:
         _remove(path)
@@ -145,6 +139,29 @@ def remove_temporary() -> None:
         _remove(path)
 
 
+def _made(path: Path, is_folder: bool) -> int:
+    """Make it and return it open and locked; -1 on Windows, which renames no open file."""
+    while True:
+        if is_folder:
+            path.mkdir(0o700)
+        if sys.platform == "win32":
+            if not is_folder:
+                path.touch(exist_ok=False)
+            return -1
+        new = os.O_RDONLY if is_folder else os.O_RDWR | os.O_CREAT | os.O_EXCL
+        try:
+            descriptor = os.open(path, new, 0o666)
+        except FileNotFoundError:
+            if is_folder:  # it was taken for abandoned, and removed, as soon as it was made
+                continue
+            raise
+        with suppress(OSError):  # a file system without locks, where nobody gets one
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        if os.fstat(descriptor).st_nlink:
+            return descriptor
+        os.close(descriptor)  # it was taken for abandoned, and removed, just before it was locked
+
+
 def _remove(path: Path) -> None:
     """Remove it if that can be: what goes wrong here must not hide what did before."""
     with suppress(OSError):
@@ -156,20 +173,21 @@ def _remove(path: Path) -> None:
 
 def _remove_abandoned(folder: Path) -> None:
     with suppress(OSError), os.scandir(folder) as entries:
-        for path in [Path(entry) for entry in entries if entry.name.startswith(_PREFIX)]:
+        for name in [entry.name for entry in entries if entry.name.startswith(_PREFIX)]:
             with suppress(OSError):
-                if time.time() - path.lstat().st_mtime > _KEPT_SECONDS and not _is_locked(path):
-                    _remove(path)
+                _remove_if_abandoned(folder / name)
 
 
-def _is_locked(path: Path) -> bool:
-    if sys.platform == "win32":
-        return False
-    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+def _remove_if_abandoned(path: Path) -> None:
+    if sys.platform == "win32":  # which removes no file that is open
+        if time.time() - path.stat().st_mtime > _DAY:
+            _remove(path)
+        return
+    mode = os.O_RDONLY if stat.S_ISDIR(os.lstat(path).st_mode) else os.O_RDWR
+    descriptor = os.open(path, mode | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+        if os.path.samestat(os.fstat(descriptor), os.lstat(path)):
+            _remove(path)
     finally:
         os.close(descriptor)
-    return False

@@ -218,7 +218,7 @@ def _face_array(faces: ArrayLike, vertex_count: int) -> IntArray:
             f"not exist (face {face}, counting from 0, names vertex {named} of {vertex_count} "
             "numbered from 0): correct the indices, or complete the vertices"
         )
-    return array.astype(np.int64)
+    return array.astype(np.int64, copy=False)
 
 
 def _refuse_unusable_coordinates(draft: Draft) -> None:

@@ -82,8 +82,10 @@ class Order(NamedTuple):
     brief: bool
 
 
-Kind = Literal["step", "report", "value", "error"]
-"""What an answer is: on the way a step (or None) or another report, at the end one of the rest."""
+Kind = Literal["step", "report", "warning", "value", "error"]
+"""What an answer is: on the way a step (or None), another report or the text of an `AbfmWarning`,
+at the end one of the rest.
+"""
 
 
 class Answer(NamedTuple):

@@ -10,6 +10,7 @@ import itertools
 import os
 import threading
 import traceback
+import warnings
 import weakref
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -19,7 +20,7 @@ from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
-from abfm.errors import AbfmError
+from abfm.errors import AbfmError, AbfmWarning
 from abfm.workers.control import CancelledError, Control, controlled, present_control
 from abfm.workers.messages import Answer, Kind, Order, Request, pack
 from abfm.workers.process import OwnProcess, ProcessEndedError, Requests
@@ -33,7 +34,7 @@ Given = ParamSpec("Given")
 MODULE = "abfm.workers"
 # seconds for which reports wait for one another: each message costs the work the time of its own
 _TOGETHER = 0.02
-_report: ContextVar[Callable[[object], None]] = ContextVar("who is told of work on its way")
+_answer: ContextVar[Callable[[Kind, object], None]] = ContextVar("answers to the present call")
 
 
 class WorkerEndedError(AbfmError):
@@ -51,8 +52,9 @@ class Call(Generic[Result]):
     def result(self, on_report: Callable[[Any], object] = lambda report: None) -> Result:
         """Wait for what the function returns, or raise what it raises.
 
-        Meanwhile steps are told as if this thread took them, its control holds and ends the call,
-        and ``on_report`` gets the reports. What is not waited for to its end is cancelled.
+        Meanwhile steps and warnings of the library are reported as if they were of this thread, its
+        control holds and ends the call, and ``on_report`` gets the reports. What is not waited for
+        to its end is cancelled.
         """
         control, is_over = present_control(), False
 
@@ -72,6 +74,8 @@ class Call(Generic[Result]):
                             tell(content and content.begun_now())
                         case "report":
                             on_report(content)
+                        case "warning":
+                            warnings.warn(content, AbfmWarning, stacklevel=2)
                         case "value":
                             value: Result = content
                             return value
@@ -241,7 +245,7 @@ class _Connection:
 
 def report(content: object) -> None:
     """Tell who waits for the present call something on its way."""
-    _report.get()(content)
+    _answer.get()("report", content)
 
 
 class Server:
@@ -260,6 +264,8 @@ class Server:
 
     def run(self) -> None:
         """Take messages until nobody sends any, then end the process, whatever it computes."""
+        warnings.simplefilter("always", AbfmWarning)
+        warnings.showwarning = partial(_show_warning, warnings.showwarning)
         for work in (self._compute, self._send):
             threading.Thread(target=_to_the_end, args=(work,), daemon=True).start()
         _to_the_end(self._listen)
@@ -295,7 +301,7 @@ class Server:
             if kind != "report":
                 self._urgent.set()
 
-        reporting = _report.set(partial(answer, "report"))
+        answering = _answer.set(answer)
         try:
             with telling(partial(answer, "step")), controlled(self._controls[number]):
                 value = function(self._state, *given)
@@ -303,7 +309,7 @@ class Server:
         except BaseException as error:  # also what is no Exception: else nobody would be answered
             answer("error", _as_sent(error))
         finally:
-            _report.reset(reporting)
+            _answer.reset(answering)
             del self._controls[number]
 
     def _send(self) -> None:
@@ -317,6 +323,17 @@ class Server:
                 while True:
                     answers.append(self._unsent.get_nowait())
             self._requests.answer(answers)
+
+
+def _show_warning(
+    before: Callable[..., None], message: Warning | str, category: type[Warning], *place: Any
+) -> None:
+    """Send a warning of the library to the thread that waits for the call; print others."""
+    answer = _answer.get(None)
+    if answer is not None and issubclass(category, AbfmWarning):
+        answer("warning", str(message))
+    else:
+        before(message, category, *place)
 
 
 def _to_the_end(work: Callable[[], None]) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import warnings
 from unittest.mock import Mock
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from abfm.assets import asset_path
 from abfm.batch import Cluster, Row
 from abfm.batch.kind import Prepared
+from abfm.errors import AbfmWarning
 
 ONE = Cluster(jobs=1)
 BRIEF = {"refine": 0, "iterations": 4, "levels": 1, "cooling-stages": 2}
@@ -34,6 +36,14 @@ class Quick(Row):
     def prepared(self):
         found = Mock(save=lambda path: np.savez(path, one=1))
         return Prepared("0a", lambda *given: found)
+
+
+class Warned(Quick):
+    """A row that is solved with a warning."""
+
+    def prepared(self):
+        warnings.warn("no value", AbfmWarning, stacklevel=2)
+        return super().prepared()
 
 
 class Deadly(Row):

@@ -14,12 +14,12 @@ from abfm.assets import asset_path
 from abfm.batch import Cluster, Cost, Ledger, Row, Workers, kind_of_columns, matches, run
 from abfm.batch.attempt import EXPECTED, Task, attempt
 from abfm.batch.run import ENDED, seen_here
-from abfm.errors import ParameterError, ResultError
+from abfm.errors import AbfmWarning, ParameterError, ResultError
 from abfm.flow.exponential import counted_row_products
 from abfm.outcome import Outcome
 from abfm.workers.progress import telling
 from abfm.workers.worker import WorkerEndedError
-from tests.core.batch.rows import BRIEF, ONE, Mortal, Quick, pair, results
+from tests.core.batch.rows import BRIEF, ONE, Mortal, Quick, Warned, pair, results
 from tests.messages import check_message, raises
 from tests.shapes import icosphere
 
@@ -52,6 +52,16 @@ def test_a_worker_that_may_not_write_in_the_folder_sends_its_result(tmp_path, mo
     assert not results(tmp_path)
     assert attempt(task).result is None
     assert results(tmp_path) == {f"{answer.record.digest}.npz": answer.result}
+
+
+def test_warnings_of_rows_are_kept_and_reported_once(tmp_path):
+    """The ledger has each row's; the run warns for the first row of those with the same one."""
+    rows = [Warned(f"row {number}", pair(source=number).options) for number in (1, 2)]
+    with pytest.warns(AbfmWarning, match="row 1: no value") as caught:
+        entries = run(rows, tmp_path, ONE)
+    assert len(caught) == 1
+    assert [entry.record.warning for entry in entries] == ["no value"] * 2
+    assert [entry.record.warning for entry in Ledger(tmp_path).entries(rows)] == ["no value"] * 2
 
 
 def test_products_are_unknown_where_another_row_is_solved_in_the_same_process(tmp_path):

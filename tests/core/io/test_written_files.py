@@ -190,14 +190,30 @@ def test_what_a_killed_process_left_goes_with_the_next_write_and_not_before_it_i
         other.stdout.readline()
         theirs = set(os.listdir(tmp_path))
         assert len(theirs) == 2
-        for name in theirs:  # newer ones may be about to be locked
-            os.utime(tmp_path / name, (0, 0))
         written(tmp_path / "m.npz")
         assert set(os.listdir(tmp_path)) == theirs | {"m.npz"}
         other.kill()
     assert set(os.listdir(tmp_path)) == theirs | {"m.npz"}
     written(tmp_path / "m.npz")
     assert os.listdir(tmp_path) == ["m.npz"]
+
+
+def test_a_folder_that_is_taken_for_abandoned_as_soon_as_it_is_made_is_made_again(
+    tmp_path, monkeypatch
+):
+    mkdir, made = Path.mkdir, []
+
+    def removed_once(path, mode):
+        mkdir(path, mode)
+        made.append(path)
+        if len(made) == 1:
+            path.rmdir()
+
+    monkeypatch.setattr(Path, "mkdir", removed_once)
+    with temporary_folder(tmp_path) as folder:
+        assert os.listdir(tmp_path) == [folder.name]
+    assert made == [folder, folder]
+    assert os.listdir(tmp_path) == []
 
 
 def test_others_files_are_left_alone(tmp_path):

@@ -2,8 +2,10 @@
 
 import os
 import time
+import warnings
 
 from abfm import FunctionError
+from abfm.errors import AbfmWarning
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 from abfm.workers.worker import report
@@ -28,6 +30,11 @@ def fail(_, kind):
     raise {"input": FunctionError, "memory": MemoryError, "bug": KeyError, "end": SystemExit}[kind](
         "two\nlines"
     )
+
+
+def warn(_, text):
+    warnings.warn(text, AbfmWarning, stacklevel=2)
+    return text
 
 
 def count_apart(_, upto):

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from abfm import FunctionError
+from abfm.errors import AbfmWarning
 from abfm.workers import process, threads
 from abfm.workers.control import CancelledError, Control, controlled
 from abfm.workers.messages import pack
@@ -41,6 +42,14 @@ def until(condition):
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.002)
+
+
+def test_warnings_come_to_the_caller(shared):
+    """They are warnings of the thread that waits, each time."""
+    for _ in range(2):
+        with pytest.warns(AbfmWarning, match="no value") as caught:
+            assert shared.call(jobs.warn, "no value").result() == "no value"
+        assert len(caught) == 1
 
 
 def test_calls_are_computed_in_their_order_on_one_state_in_another_process(worker):

@@ -109,12 +109,15 @@ def split_polygons(vertices: FloatArray, sizes: IntArray, corners: IntArray) -> 
             f"its polygons come to {count} triangles on {len(vertices)} vertices: they repeat, or "
             "have edges with more than two faces"
         )
-    starts = np.repeat(np.cumsum(sizes) - sizes, sizes - 2)
-    second = np.arange(count) + 1 + 2 * np.repeat(np.arange(len(sizes)), sizes - 2)
-    faces = np.stack([corners[starts], corners[second], corners[second + 1]], axis=1)
-    faces = faces.astype(np.int64)
-    told = "polygons with more than three corners were split into triangles"
-    messages = [f"{told}: {np.sum(sizes > 3)}"]
+    faces = np.empty((count, 3), dtype=np.int64)
+    faces[:, 0] = np.repeat(corners[np.cumsum(sizes) - sizes], sizes - 2)
+    place = np.repeat(2 * np.arange(len(sizes)), sizes - 2)
+    place += np.arange(1, count + 1)
+    for column in (1, 2):
+        faces[:, column] = corners[place]
+        place += 1
+    split = "polygons with more than three corners were split into triangles"
+    messages = [f"{split}: {np.sum(sizes > 3)}"]
     if corners.min() >= 0 and corners.max() < len(vertices):  # or the mesh is refused for it
         crossing = _clip(vertices, sizes, corners, faces)
         if len(crossing):
