@@ -19,7 +19,7 @@ def given_meshes(
 ) -> dict[str, TriangleMesh]:
     """Read files by name and all meshes of folders by ``folder/name``, in order of their names.
 
-    Those that are refused are read with the options that are advised. `tell` is called with a line
+    A refused mesh is read with the options that are advised. `tell` is called with a line
     for every file that cannot be used, which is left out, and for every repair.
 
     Raises

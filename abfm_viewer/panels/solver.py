@@ -156,8 +156,8 @@ def _draw_film(ui: Ui, session: Session) -> None:
         ui.note("Frames or parameters changed since: match all frames again.", "ink")
     now = film.interval(document.time)
     verdict = sequence.verdicts[now]
-    told = of_interval(sequence, now)
-    ui.note(f"Frame {now} to {now + 1}: {told}", "muted" if outdated else verdict.kind.tone)
+    result = of_interval(sequence, now)
+    ui.note(f"Frame {now} to {now + 1}: {result}", "muted" if outdated else verdict.kind.tone)
     if reason := verdict.why or verdict.reason:
         ui.note(sentence(reason))
 

@@ -17,7 +17,7 @@ from abfm.registration import Texture
 from abfm.workers.progress import step
 
 Pixels = NDArray[np.uint8]
-_MOST_PIXELS = 1 << 26  # of all images of a file, of 4 bytes each
+_PIXELS_MAX = 1 << 26  # of all images of a file, of 4 bytes each
 _ROWS_AT_A_TIME = 256
 _FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA", "TIFF")
 _OPAQUE, _BLEND = "OPAQUE", "BLEND"
@@ -39,7 +39,7 @@ def read_texture(
     """
     found = load_colors(path, mesh, image)
     known: dict[bytes | None, Pixels] = {None: np.full((1, 1, 4), 255, dtype=np.uint8)}
-    left = _MOST_PIXELS
+    left = _PIXELS_MAX
     for material in found.materials:
         data = material.image
         if data is not None and data not in known:

@@ -61,13 +61,16 @@ from abfm_viewer.session.session import Session
 if TYPE_CHECKING:
     from abfm_viewer.files.state_folder import StateFolder
 
-MESHES, PROJECT, RESULT = (*MESH_ENDINGS, *FREESURFER_SURFACES), ".abfm", ".npz"
+MESHES = (*MESH_ENDINGS, *FREESURFER_SURFACES)
+PROJECT = ".abfm"
+RESULT = ".npz"
 """Suffixes."""
 LABELS = (
     *(".label.gii", ".gii", ".gii.gz", ".annot", ".dlabel.nii"),
     *(".npy", ".csv", ".tsv", ".txt", ".mat", ".mgh", ".mgz"),  # of whole numbers
 )
-OTHER_MESH, OTHER_NAME = "Open another mesh...", "Save as..."
+OTHER_MESH = "Open another mesh..."
+OTHER_NAME = "Save as..."
 OTHER_SECOND, OTHER_FRAMES = "Open another second surface...", "Open other frames..."
 OTHER_TABLE = "Open another table..."
 """Labels of what can be done about a file."""
@@ -294,8 +297,8 @@ class SessionFiles:
             self.open_frames(path)
             return
         if not name.endswith(known):
-            told = ", ".join(each for each in (*known, *ALONE) if not each.endswith(".gz"))
-            text = f"{path.name} cannot be opened: expected a file that ends in {told}"
+            listed = ", ".join(each for each in (*known, *ALONE) if not each.endswith(".gz"))
+            text = f"{path.name} cannot be opened: expected a file that ends in {listed}"
             self._session.notices.say(text, True, OPENING, self._offered(OTHER_MESH))
             return
         read = self._read_document if name.endswith((PROJECT, RESULT)) else self._read_mesh
@@ -393,7 +396,7 @@ class SessionFiles:
         session = self._session
         try:
             mesh = session.surface("source").mesh
-            # of several columns the first, as nothing asks for another one
+            # the first of several columns, as the window has no choice of another one
             labels = abfm.functions.read_label_columns(path, mesh).labels(0)
             found = LabelMap.of(path.name, mesh, labels)
         except FunctionError as error:

@@ -224,7 +224,7 @@ class Ledger:
         return self.own / f"{key}.json"
 
     def _read(self, key: str) -> Record:
-        """Return what was written of a row; an OSError or ValueError says why that cannot be."""
+        """Return the record of a row; an OSError or ValueError reports why it cannot be read."""
         entry = from_json(read_bytes(self._place(key), _LARGEST))
         known = {each.name for each in fields(Record)}
         if not isinstance(entry, dict) or not entry or entry.keys() - known:

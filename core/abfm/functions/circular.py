@@ -70,12 +70,12 @@ def as_circle(values: ArrayLike, period: float = TURN) -> FloatArray:
     return np.asarray(pairs.reshape(*angles.shape[:-1], -1))
 
 
-def checked_period(circular: object) -> float | None:
+def checked_period(circular: Any) -> float | None:
     """Return the period that an argument ``circular`` gives: 2 pi for True, None for False."""
     if circular is None or isinstance(circular, bool | np.bool_):
         return TURN if circular else None
     try:
-        period = float(circular)  # type: ignore[arg-type]
+        period = float(circular)
     except (TypeError, ValueError):
         period = math.nan
     if not 0 < period < math.inf:

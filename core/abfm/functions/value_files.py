@@ -166,7 +166,7 @@ def read_column(
 def read_map_table(
     path: str | os.PathLike[str], domain: TriangleMesh, what: str = "map"
 ) -> FloatArray:
-    """Read a table (n, C) that says where vertices of a mesh lie elsewhere, in the file's own rows.
+    """Read a table (n, C) of places of the vertices of a mesh elsewhere, in the file's own rows.
 
     Columns are never taken for numbers of the vertices themselves, but GIFTI's node indices and a
     first column without a name, as pandas writes, are.

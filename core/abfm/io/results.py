@@ -229,9 +229,9 @@ def open_archive(path: Path, what: str, cure: str) -> Iterator[Archive]:
     # damage makes anything of the readers of zips, of JSON and of what they hold
     except Exception as error:
         is_of_python = isinstance(error, TypeError | AttributeError | IndexError | ArithmeticError)
-        told = "its parts do not fit together" if is_of_python else one_line(error, _MOST_TOLD)
+        reason = "its parts do not fit together" if is_of_python else one_line(error, _MOST_TOLD)
         raise ResultError(
-            f"{one_line(path)}: no {what} of abfm, or damaged or cut short ({told}); {cure}"
+            f"{one_line(path)}: no {what} of abfm, or damaged or cut short ({reason}); {cure}"
         ) from error
 
 

@@ -320,7 +320,7 @@ class Problem:
         """Name of the problem by its content, in hexadecimal digits: the same in every process."""
         digest = hashlib.sha256(b"abfm problem, format 1\n")
         arrays = self.arrays()
-        arrays.pop("structure", None)  # what the file's name or metadata say
+        arrays.pop("structure", None)  # from the file's name or metadata
         for piece in results.pieces(arrays):
             digest.update(piece)
         for term in self.terms[1:]:

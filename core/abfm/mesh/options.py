@@ -25,7 +25,7 @@ class MeshKeywords(TypedDict, total=False):
 
 
 def read_flag(text: str) -> bool:
-    """Return whether a text says yes or no."""
+    """Return True for a text such as "yes", False for one such as "no"."""
     if text.lower() in (*_TRUE, *_FALSE):
         return text.lower() in _TRUE
     raise ParameterError(f"{brief(text)} is neither {_TRUE[0]} nor {_FALSE[0]}")

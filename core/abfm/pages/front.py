@@ -12,14 +12,15 @@ from abfm.types import FloatArray
 
 Triple = tuple[float, float, float]
 _FACES_LOOKED_AT = 10_000
-_AZIMUTHS, _ELEVATIONS = np.radians(np.arange(0, 360, 10)), np.radians([0, 12, 25, -12, 55])
-# only for what lies flat, and only where it shows much more
-_STEEP, _STEEP_COSTS = np.radians(30), 0.2
+_AZIMUTHS = np.radians(np.arange(0, 360, 10))
+_ELEVATIONS = np.radians([0, 12, 25, -12, 55])
+_STEEP_ELEVATION = np.radians(30)  # above it only flat surfaces are seen from,
+_STEEP_COST = 0.2  # and only if much more of them is visible
 _FLAT = 0.5  # of its smaller width: what is lower lies flat
 _SIDES = np.array([0.001, 0.002, 0.25])
 """What looking from the right, from above and at the face is worth, of the surface that the best
 direction shows. The first two only decide between directions that show alike."""
-_MOST_LOOKED_AT = 50_000_000  # numbers of a film
+_NUMBERS_MAX = 50_000_000  # numbers of a film
 
 
 def triple(values: FloatArray) -> Triple:
@@ -75,9 +76,8 @@ def best_front(
     seen = [weight @ facing for weight in (np.ones(len(faces)), *weights)]
     shares = [each / max(float(each.max()), 1e-300) for each in seen]
     width, height, depth = np.ptp(mesh.vertices @ axes.T, axis=0)
-    costs = np.where(
-        elevation > _STEEP, _STEEP_COSTS if height < _FLAT * min(width, depth) else np.inf, 0.0
-    )
+    steep_cost = _STEEP_COST if height < _FLAT * min(width, depth) else np.inf
+    costs = np.where(elevation > _STEEP_ELEVATION, steep_cost, 0.0)
     costs -= 0.0 if weights else directions @ (_SIDES @ axes)
     best = np.argmax(np.min(shares, axis=0) + 0.2 * shares[0] - costs)
     return Front(triple(directions[best]), triple(ups[best]))
@@ -87,7 +87,7 @@ def changes_in_time(frames: FloatArray) -> FloatArray:
     """Return the variance in time of frames (T, V, C), (V,): of each channel as a share of its
     largest, and of none that is not finite. Of very long films only some frames count.
     """
-    shown = frames[:: -(-frames.size // _MOST_LOOKED_AT)]
+    shown = frames[:: -(-frames.size // _NUMBERS_MAX)]
     shown = shown if len(shown) > 1 else frames
     with np.errstate(all="ignore"):
         mean = sum(frame / len(shown) for frame in shown)

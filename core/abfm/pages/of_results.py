@@ -39,8 +39,8 @@ _ALWAYS = (-1e30, 1e30)
 
 def match_page(match: Match, title: str, up: str | None = None, share: float = 1.0) -> Page:
     """Return the page of a match: its source, the source on its way, its target; ``up`` is the axis
-    that points upwards, by default as in `best_front`, and ``share`` says how many values and lines
-    there may be, up to 1.
+    that points upwards, by default as in `best_front`, and ``share`` is the share of the largest
+    number of values and lines, up to 1.
     """
     functions = () if match.problem.is_of_landmarks else (match.source[:, 0], match.target[:, 0])
     front = best_front(match.mesh, *functions, up=up)

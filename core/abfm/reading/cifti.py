@@ -100,7 +100,7 @@ def _header(data: bytes) -> Any:
 
 
 def _matrix(data: bytes, head: Any) -> Any:
-    """Return what the XML of the header says of the rows and columns."""
+    """Return the description of rows and columns in the XML of the header."""
     begin = _HEADER_BYTES + 4
     while begin + 8 <= len(data):
         size, code = struct.unpack_from(f"{head.endianness}ii", data, begin)

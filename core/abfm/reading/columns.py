@@ -233,11 +233,11 @@ class Columns:
             return numbers.index(chosen)
         once = [name for name in self.names if name and self.names.count(name) == 1]
         listed = f" or one of {', '.join(one_line(name, 30) for name in once[:8])}" if once else ""
-        asked = "" if column is None else f", none called {brief(column)}"
-        asked += did_you_mean(column, self.names) if column else ""
+        missing = "" if column is None else f", none called {brief(column)}"
+        missing += did_you_mean(column, self.names) if column else ""
         dense = numbers == tuple(map(str, range(count)))
         by_number = f"0 to {count - 1}" if dense else " or ".join(numbers[:8])
-        raise ValueError(f"it has {count} columns{asked}; choose column={by_number}{listed}")
+        raise ValueError(f"it has {count} columns{missing}; choose column={by_number}{listed}")
 
     def of_values(self) -> Columns:
         """Return the columns that hold no labels, or raise a ValueError if all do."""

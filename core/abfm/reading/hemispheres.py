@@ -17,10 +17,10 @@ _IMAGING = re.compile(
 
 
 def hemisphere(path: str | os.PathLike[str]) -> str | None:
-    """Return "L" or "R" where a file's name says the hemisphere, or None.
+    """Return "L" or "R" if a file's name gives the hemisphere, or None.
 
-    It does so by ``hemi-L``, by ``lh``, ``L`` or ``left`` between dots and underscores, by ``-lh``
-    at the end of such a word, and the like; a name that says both says none.
+    Names give it by ``hemi-L``, by ``lh``, ``L`` or ``left`` between dots and underscores, by
+    ``-lh`` at the end of such a word, and the like; a name with both gives none.
     """
     words = re.split(r"[._]", os.path.basename(path))
     given = [word.removeprefix("hemi-") for word in words if word.startswith("hemi-")]
@@ -36,7 +36,7 @@ def _side(word: str) -> str | None:
 
 
 def named_side(path: str | os.PathLike[str]) -> str | None:
-    """Return the `hemisphere` that the name of a file of brain imaging says, or None: other files
+    """Return the `hemisphere` in the name of a file of brain imaging, or None: other files
     may call a hand ``left``.
     """
     name = os.path.basename(path).lower()

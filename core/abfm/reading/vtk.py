@@ -14,7 +14,7 @@ from abfm.types import FloatArray
 class Grid(NamedTuple):
     """Points (n, 3) of a file, one array of its point data (n, C), and what that is called.
 
-    ``time`` is what the file says (``TimeValue``), NaN if it does not.
+    ``time`` is the ``TimeValue`` of the file, NaN if it has none.
     """
 
     points: FloatArray

@@ -14,7 +14,11 @@ from abfm.types import FloatArray, IntArray
 Polygons = tuple[IntArray, IntArray]
 """Number of corners of each polygon, (P,), and the corners of one after the other."""
 
-TRIANGLE, STRIP, POLYGON, PIXEL, QUAD = 5, 6, 7, 8, 9
+TRIANGLE = 5
+STRIP = 6
+POLYGON = 7
+PIXEL = 8
+QUAD = 9
 _POINTS_AND_LINES = (0, 1, 2, 3, 4)
 _VOLUMES = {10: "tetrahedra", 11: "voxels", 12: "hexahedra", 13: "wedges", 14: "pyramids"}
 

@@ -188,7 +188,7 @@ def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int =
     and place there, the number of its face, and divergence and curl per unit of time.
 
     ``least`` is as in `Sequence.tracks`; a note of how many shorter tracks are omitted is returned.
-    A ResultError says why it cannot be written.
+    A ResultError reports why it cannot be written.
     """
     rows, kept = [], sequence.tracks(least)
     for number, track in enumerate(kept):
@@ -200,10 +200,11 @@ def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int =
             rows.append([number, track.kinds[k], track.index, time, *places[k], faces[k], *turns])
     _write_table(path, _TRACKS, rows)
     omitted = len(sequence.tracks(1)) - len(kept)
-    told = (
+    if not omitted:
+        return ""
+    return (
         f"{Path(path).name} is without {counted(omitted, 'track')} of fewer than {least} intervals"
     )
-    return told if omitted else ""
 
 
 def export_intervals(path: str | os.PathLike[str], sequence: Sequence) -> None:

@@ -398,7 +398,7 @@ def sequence(
     mesh : TriangleMesh
     frames : (T, V) or (T, V, C) array, or object
         Values that are not finite, in any frame, are not compared. The vertices may be another
-        axis, which their number shows; if frames are as many, ``notes`` says that the second one
+        axis, which their number shows; if frames are as many, ``notes`` reports that the second one
         is. Images of nibabel and nilearn, pandas objects and MNE's source estimates, see
         `abfm.functions.as_values`, have a column for each frame.
     times : (T,) array, optional

@@ -20,7 +20,7 @@ _SPLIT = "split polygons into triangles in the program that made them"
 
 class FileContents(NamedTuple):
     """Vertices (V, 3) in the file's order and count, triangles (F, 3), what was changed, and the
-    hemisphere, "L" or "R", if the file says it.
+    hemisphere, "L" or "R", if the file names it.
     """
 
     vertices: FloatArray

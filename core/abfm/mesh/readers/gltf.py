@@ -90,7 +90,7 @@ def placed_parts(document: "Document") -> list[Part]:
 
 
 def _vertices_of(primitive: dict[str, Any]) -> tuple[int, ...]:
-    """Return what tells where the vertices of a primitive are: numbers of accessors."""
+    """Return the numbers of the accessors that place the vertices of a primitive."""
     attributes = of(primitive, "attributes", dict, {})
     targets = of(primitive, "targets", list, [])
     places = [of(entry, "POSITION", int, -1) for entry in (attributes, *targets)]

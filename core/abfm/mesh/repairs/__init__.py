@@ -1,1 +1,1 @@
-"""Repairs of a mesh that its reader asks for by `MeshOptions`."""
+"""Repairs of a mesh, requested by `MeshOptions`."""

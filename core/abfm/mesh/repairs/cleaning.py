@@ -18,7 +18,8 @@ from abfm.mesh.face_sizes import flat_faces, side_lengths, twice_areas
 from abfm.mesh.topology import connected, edges_of_faces, equal_rows
 from abfm.types import BoolArray, IntArray
 
-_NEAR = 1e-6  # shortest over longest side of a face without area, up to which its ends are joined
+# shortest over longest side of a face without area, up to which its ends are joined
+_ASPECT_RATIO_MAX = 1e-6
 _FLAT_MAX = 100_000  # faces without area: more stay
 _ROUNDS_MAX = 5
 _SPLITS_EACH = 20  # faces that are split for each face without area, at most
@@ -57,7 +58,7 @@ def _join_short_sides(draft: Draft) -> None:
     is_flat = flat_faces(draft.vertices, draft.faces) & ~draft.has_vertex_twice()
     faces = draft.faces[is_flat]
     lengths = side_lengths(draft.vertices, faces)
-    short = lengths <= _NEAR * lengths.max(axis=1, initial=0, keepdims=True)
+    short = lengths <= _ASPECT_RATIO_MAX * lengths.max(axis=1, initial=0, keepdims=True)
     if short.any():
         ends = np.stack([np.roll(faces, -1, axis=1)[short], np.roll(faces, -2, axis=1)[short]], 1)
         pairs = draft.join(connected(len(draft.vertices), ends))

@@ -39,7 +39,7 @@ def keep_hemisphere(draft: Draft, side: str) -> None:
     found = hemispheres(draft)
     if found is None:
         raise MeshError(
-            f"the {name} hemisphere is asked for, but the surface does not have two large "
+            f"the {name} hemisphere is requested, but the surface does not have two large "
             "components of similar size next to each other along x: leave the option out, or give "
             "a file of one hemisphere"
         )

@@ -25,7 +25,7 @@ def warn_if_from_one(
     a: TriangleMesh, b: TriangleMesh, numbers_a: IntArray, numbers_b: IntArray
 ) -> None:
     """Warn if landmarks (L,), numbers of vertices counted from 0, correspond much better as numbers
-    counted from 1. Surfaces with the same faces do not tell, as any vertices correspond there.
+    counted from 1. Nothing is known of surfaces with the same faces, where any vertices correspond.
     """
     if len(numbers_a) < _LANDMARKS_MIN or np.array_equal(a.faces, b.faces):
         return

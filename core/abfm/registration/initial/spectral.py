@@ -49,9 +49,9 @@ class SpectralSearch:
     """Functional maps from A to B that are nearly isometries and agree with what is known.
 
     Distances along the surfaces count, not how they are bent. If a surface is nearly symmetric,
-    several maps are nearly isometries: those that keep the side rank before others, which tells
-    left from right, and smaller differences of mean curvature before larger ones, which tells front
-    from back.
+    several maps are nearly isometries: those that keep the side rank before others, which
+    distinguishes left from right, and smaller differences of mean curvature before larger ones,
+    which distinguishes front from back.
 
     Parameters
     ----------

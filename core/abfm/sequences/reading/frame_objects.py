@@ -19,7 +19,7 @@ def frames_of(given: Any, mesh: TriangleMesh) -> FramesFile:
     """Return frames (T, V) or (T, V, C), and their times if an object has them.
 
     The axis of the vertices is the one that has as many entries as the mesh or its file has
-    vertices; if several have, it is the second one, and a note says so.
+    vertices; if several have, it is the second one, with a note.
 
     Parameters
     ----------
