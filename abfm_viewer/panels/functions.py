@@ -406,12 +406,11 @@ class _Control:
         tip = sentence(parameter.summary + (f" ({parameter.unit})" if parameter.unit else ""))
         new: object = value
         if kind.choices:
-            is_optional = parameter.default is None and not parameter.required
-            choices = (*([parameter.empty] if is_optional else ()), *kind.choices)
+            none = [parameter.empty] if parameter.default is None and parameter.empty else []
             chosen = ui.combo(
-                name, parameter.empty if value is None else value, choices, tip, width
+                name, parameter.empty if value is None else value, (*none, *kind.choices), tip, width
             )
-            new = None if is_optional and chosen == parameter.empty else chosen
+            new = None if chosen in none else chosen
         elif self.ends is not None:
             number = ui.number(name, float(value), self.ends, tip)
             if number is not None:

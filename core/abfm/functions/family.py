@@ -61,7 +61,7 @@ class Parameter:
     unit: str = ""
     # what a form draws for a number, or what finds it for a function of the family and a mesh
     slider: Slider | Callable[[Any, TriangleMesh], Slider | None] | None = None
-    empty: str = "automatic"  # what None means, as a form says it
+    empty: str = "automatic"  # the words for None in a form; "" where a form does not offer it
     instead_of: str = ""  # another parameter which, when it is given, takes the place of this one
 
     @property

@@ -155,7 +155,9 @@ class Indicator(AroundPoints):
         ),
     }
     radius: float | None = _size("radius of the disc", None)
-    axis: str | None = parameter(_AXIS, "coordinate that bounds the half-space", default=None)
+    axis: str | None = parameter(
+        _AXIS, "coordinate that bounds the half-space", default=None, empty=""
+    )
     above: float | None = _bound("lower bound of that coordinate")
     below: float | None = _bound("upper bound of that coordinate")
 

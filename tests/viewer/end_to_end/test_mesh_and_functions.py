@@ -195,9 +195,10 @@ def test_values_and_vertex_maps_from_files_and_by_symmetry(gui, tmp_path):
     gui.double_click("values.npy")
     settled(gui)
     np.testing.assert_array_equal(gui.session.values(side), values)
-    gui.choose("hemisphere", "L", within=side)
-    assert gui.session.active.spec(side).endswith("hemisphere=L")
-    gui.wait(lambda s: "hemisphere=L" in s.obstacle)
+    for hemisphere in "LR":
+        gui.choose("hemisphere", hemisphere, within=side)
+        assert gui.session.active.spec(side).endswith(f"hemisphere={hemisphere}")
+        gui.wait(lambda s, given=f"hemisphere={hemisphere}": given in s.obstacle)
     gui.choose("hemisphere", "automatic", within=side)
     settled(gui)
     gui.click("Browse...", within=side)

@@ -107,9 +107,9 @@ def test_damaged_images_are_read_or_refused(folder, data, form):
 
 
 def test_images_are_bounded_together(tmp_path, monkeypatch):
-    monkeypatch.setattr(textures, "_MOST_PIXELS", 54)
+    monkeypatch.setattr(textures, "_PIXELS_MAX", 54)
     assert len(read(tmp_path, encoded(RGBA))[0].images) == 1
-    monkeypatch.setattr(textures, "_MOST_PIXELS", 53)
+    monkeypatch.setattr(textures, "_PIXELS_MAX", 53)
     with raises(MeshError, 9, 6, 53):
         read(tmp_path, encoded(RGBA))
 
