@@ -408,7 +408,11 @@ class _Control:
         if kind.choices:
             none = [parameter.empty] if parameter.default is None and parameter.empty else []
             chosen = ui.combo(
-                name, parameter.empty if value is None else value, (*none, *kind.choices), tip, width
+                name,
+                parameter.empty if value is None else value,
+                (*none, *kind.choices),
+                tip,
+                width,
             )
             new = None if chosen in none else chosen
         elif self.ends is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
@@ -15,8 +16,10 @@ from abfm.numerics.real_numbers import as_doubles
 from abfm.reading.labels import NO_LABEL, Color, Labels
 from abfm.types import FloatArray, IntArray
 
-_VERTEX_NAMES = ("vertex", "vertex_id", "vertex_index", "node", "node_id", "node_index", "index")
-_UNNAMED = ("", "unnamed:_0")  # what pandas and R call the column of row names
+_VERTEX_NAMES = (
+    *("vertex", "vertexid", "vertexindex", "node", "nodeid", "nodeindex", "pointid", "index"),
+)
+_UNNAMED = ("", "unnamed:0")  # what pandas and R call the column of row names
 _AXES_MAX = 3
 _LABELS_ADVICE = (
     "it holds labels, which cannot be interpolated: use label=NAME for the place of one, abfm "
@@ -138,7 +141,7 @@ class Columns:
     def by_vertex(self) -> Columns:
         """Return columns without the one that names the vertices, which places the others.
 
-        It is called vertex, node or index, in capitals or not, or is the unnamed first one.
+        It is called vertex, node or index, or Vertex ID and the like, or is the unnamed first one.
         """
         place = self._place_of_vertices()
         if place is None:
@@ -292,4 +295,5 @@ def vertex_axis(shape: tuple[int, ...], counts: Collection[int], preferred: int)
 
 
 def _plain(name: str) -> str:
-    return name.strip().lower().replace(" ", "_").replace("-", "_")
+    """Return a name in small letters, without blanks, hyphens and underscores."""
+    return re.sub(r"[\s_-]", "", name).lower()

@@ -107,7 +107,7 @@ def test_wrong_indices_are_refused(tmp_path, indices, named):
         value_of(written)
 
 
-@pytest.mark.parametrize("name", ["vertex", "Node", "INDEX", "vertex_id", "node index"])
+@pytest.mark.parametrize("name", ["vertex", "Node", "INDEX", "vertex_id", "node index", "Point ID"])
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_column_of_vertices_places_the_others(tmp_path, name, separator):
     text = f"{name},v,w\n" + rows(ORDER.tolist(), VALUES[ORDER].tolist(), ORDER.tolist())
