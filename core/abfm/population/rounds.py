@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from abfm.batch import Cluster, Entry, Ledger, Row, Workers
+from abfm.mesh import MeshLike
 from abfm.population.carrying import FOLDER, Carrying
 from abfm.population.population import Population
 from abfm.population.settings import Settings
@@ -29,7 +30,7 @@ from abfm.workers.progress import step
 
 def register_population(
     cohort: Cohort,
-    template: str | os.PathLike[str],
+    template: MeshLike,
     folder: str | os.PathLike[str],
     settings: Settings | None = None,
     cluster: Cluster | None = None,
@@ -47,8 +48,9 @@ def register_population(
     ----------
     cohort : Cohort
         The subjects, see `read_subjects`.
-    template : path
-        The surface that they come to, a mesh file.
+    template : path or object
+        The surface that they come to: a mesh file, or a mesh that `load_mesh` accepts, which is
+        written to the folder.
     folder : path
         For results; it is made if it is not there.
     settings : Settings, optional
@@ -70,7 +72,7 @@ def register_population(
     control = control or Control()
     with Workers(cluster) as workers, controlled(control):
         solver = _Solver(Path(folder), workers, on_change, control)
-        work = Work(by_name, Path(template), Path(folder), settings or Settings(), solver.carried)
+        work = Work(by_name, template, Path(folder), settings or Settings(), solver.carried)
         target, changes = work.first_target(), list[float]()
         fits = list[BoolArray]()
         while True:

@@ -6,11 +6,11 @@ import hashlib
 import math
 import os
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from abfm.calculus.operators import edge_areas, face_areas, vertex_areas
 from abfm.errors import AbfmError, ParameterError, ResultError, brief, did_you_mean, one_line
 from abfm.functions import quoted
 from abfm.io.atomic import write_atomically
-from abfm.mesh import TriangleMesh, load_mesh
+from abfm.mesh import MeshLike, TriangleMesh, as_mesh, load_mesh
 from abfm.parameters import Parameters
 from abfm.population.carrying import Carried, Carrying
 from abfm.population.misfits import Compared, Likeness, judge, left_for_good
@@ -37,6 +37,7 @@ from abfm.population.settings import Settings
 from abfm.population.statistics import Moments, phase_and_amplitude
 from abfm.population.subjects import Cohort, Subject
 from abfm.population.target import Target
+from abfm.reading import side_of
 from abfm.sequences.noise import noise
 from abfm.types import BoolArray, FloatArray
 from abfm.workers.control import checkpoint
@@ -44,7 +45,7 @@ from abfm.workers.progress import step
 
 Solve: TypeAlias = Callable[[Sequence[Carrying], str], list[Entry]]
 """Returns what has come of rows, in their order; the text says what is done, for progress."""
-_TARGETS = "targets"  # folder of the functions that subjects are registered to, and of mean fields
+_TARGETS = "targets"  # folder of templates, functions that subjects are registered to, mean fields
 _LOOKS = 3  # at who fits, in a round, each with the mean field of those who did before
 _LISTENED_TO = 3  # subjects, for noise
 _BY_FUNCTIONS = "embedding", "landmarks"  # initial maps of which none is found without
@@ -57,13 +58,13 @@ class Work:
     """
 
     def __init__(
-        self, cohort: Cohort, template: Path, folder: Path, settings: Settings, solve: Solve
+        self, cohort: Cohort, template: MeshLike, folder: Path, settings: Settings, solve: Solve
     ) -> None:
         self.cohort, self.settings, self._solve = cohort, settings, solve
-        self.path = os.path.abspath(os.path.expanduser(template))
         self.folder = Path(os.path.abspath(os.path.expanduser(folder)))
         options = {name: str(value) for name, value in settings.options.items()}
         self.of_meshes = {name: options[name] for name in MESH_OPTIONS if name in options}
+        self.path = self._file_of(template)
         self.template = self._mesh(self.path)
         names = [cohort.channels[c].name for c in cohort.registered_by]
         for what, given in (("function", settings.functions), ("weight", settings.weights)):
@@ -85,9 +86,30 @@ class Work:
         self.areas = vertex_areas(self.template) * self.mask
         self.weights = np.array([subject.weight for subject in cohort.subjects])
 
-    def _mesh(self, path: str) -> TriangleMesh:
+    def _options(self) -> Mapping[str, Any]:
         values = {name: MESH_OPTIONS[name].read(text) for name, text in self.of_meshes.items()}
-        return load_mesh(path, **mesh_options(values).given)
+        return mesh_options(values).given
+
+    def _mesh(self, path: str) -> TriangleMesh:
+        return load_mesh(path, **self._options())
+
+    def _file_of(self, template: MeshLike) -> str:
+        """Return the path of a template; one that is not a file is written, with all vertices of
+        its input, so that functions and vertex numbers for these fit.
+        """
+        if isinstance(template, str | os.PathLike):
+            return os.path.abspath(os.path.expanduser(template))
+        options = {} if isinstance(template, TriangleMesh) else self._options()
+        mesh = as_mesh(template, "template", **options)
+        vertices, faces = mesh.on_file(mesh.vertices, 0.0), mesh.vertex_ids[mesh.faces]
+        side = side_of(mesh.structure)
+        name = f"template-{mesh.digest[:16]}{f'_hemi-{side}' if side else ''}.off"
+        path = self._targets() / name
+        with write_atomically(path) as temporary, temporary.open("w", encoding="ascii") as file:
+            file.write(f"OFF\n{len(vertices)} {len(faces)} 0\n")
+            np.savetxt(file, vertices, "%.17g")
+            np.savetxt(file, faces, "3 %d %d %d")
+        return os.fspath(path)
 
     @cached_property
     def goal(self) -> float:
@@ -331,6 +353,14 @@ class Work:
         """Write an array, and return its file, whose name tells it from others, which another run
         in this folder may write meanwhile.
         """
+        content = hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
+        path = self._targets() / f"{name}-{content[:16]}.npy"
+        with write_atomically(path) as temporary:
+            np.save(temporary, values)
+        return os.fspath(path)
+
+    def _targets(self) -> Path:
+        """Return the folder of what registrations read, which is made if it is not there."""
         folder = self.folder / _TARGETS
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -339,11 +369,7 @@ class Work:
                 f"cannot write in {one_line(self.folder)}: {one_line(error)}; choose a folder that "
                 "is writable and has space left"
             ) from error
-        content = hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
-        path = folder / f"{name}-{content[:16]}.npy"
-        with write_atomically(path) as temporary:
-            np.save(temporary, values)
-        return os.fspath(path)
+        return folder
 
 
 def _add(sums: Sequence[Moments], there: OnTemplate, weight: float, middles: FloatArray) -> None:

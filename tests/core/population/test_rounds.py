@@ -156,6 +156,32 @@ def test_equal_subjects_are_their_mean_and_do_not_vary(tmp_path):
     assert found.correlation == pytest.approx(1)
 
 
+def test_template_objects_count_vertices_as_given(tmp_path):
+    """Vertices that no face uses come first; functions and vertex numbers are for all."""
+    place = Place(tmp_path)
+    for name in ("plus", "minus"):
+        place.add(name, pushed(FIELDS[name], height))
+    settings = Settings(options=BRIEF, rounds=1)
+    of_file = place.registered(settings)
+
+    unused = np.full((2, 3), 0.1)
+    place.subjects.clear()
+    for name in ("plus", "minus"):
+        place.add(name, np.append([9.0, 9.0], pushed(FIELDS[name], height)))
+    given = np.vstack([unused, MESH.vertices]), MESH.faces + 2
+    for template in (given, TriangleMesh(*given, structure="CortexLeft")):
+        place.template = template
+        found = place.registered(settings)
+        assert found.template.vertices.tolist() == MESH.vertices.tolist()
+        assert found.template.vertex_ids[0] == 2
+        assert found.values.tolist() == of_file.values.tolist()
+    assert found.template.structure == "CortexLeft"
+
+    place.template = given[0]
+    with raises(AbfmError, "template", "file name"):
+        place.registered(settings)
+
+
 def test_flows_there_and_back_have_the_template_as_their_mean(tmp_path):
     place = Place(tmp_path)
     for name in ("plus", "minus"):
