@@ -113,11 +113,12 @@ def _of_sequence(arguments: argparse.Namespace) -> int:
 
 def _of_population(arguments: argparse.Namespace) -> int:
     name = arguments.mesh
-    facts = population_results.facts(load_population(name))
+    found = load_population(name)
+    facts = population_results.facts(found)
     if arguments.json:
         print(json.dumps({"result": name, **facts}))
         return 0
-    first, *others = population_results.lines(facts)
+    first, *others = population_results.lines(found, facts)
     print("\n".join([f"{printable(name)}: {first}", *others]))
     return 0
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from abfm import Population
 from abfm.io.sheets import Panel, Up, Values
-from abfm.pages.colormaps import ColorRange, color_range
+from abfm.pages.colormaps import ColorRange, color_range, without_extremes
 from abfm.pages.front import best_front
 from abfm.types import FloatArray
 from abfm_viewer.pictures.registration_pictures import (
@@ -26,7 +26,6 @@ MOST_CHANNELS = 4
 """The most channels that are drawn."""
 MOST_MISFITS = 4
 """The most subjects that are drawn by themselves."""
-_HIDDEN = 0.2, 99.8  # percentiles of functions at the ends of the colours: noise has few extremes
 _SHOWN_FACES = 98  # percent whose areas are between the ends of the colours: tiny faces vary most
 _LEAST_RANGE = 0.25  # of logarithms: less hardly shows anywhere else
 
@@ -80,9 +79,9 @@ def _channel(found: Population, c: int) -> Planned:
         Panel(found.template, Values(mean, name), "mean, registered"),
         Panel(found.template, Values(deviation, spread), "deviation"),
     )
-    top = float(np.max(_without_extremes(deviation)))
+    top = float(np.max(without_extremes(deviation)))
     ranges = {
-        name: color_range(*(_without_extremes(each) for each in (plain, mean))),
+        name: color_range(*map(without_extremes, (plain, mean))),
         spread: ColorRange("abfm sequential", 0.0, top or 1.0),
     }
     return Planned(name, panels, ranges)
@@ -124,7 +123,7 @@ def _misfit(found: Population, i: int) -> Planned | None:
         Panel(found.template, Values(each, name), title)
         for each, title in zip(shown, titles, strict=True)
     )
-    ranges = {name: color_range(*(_without_extremes(each) for each in shown))}
+    ranges = {name: color_range(*map(without_extremes, shown))}
     return Planned(found.names[i], panels, ranges)
 
 
@@ -132,7 +131,3 @@ def _known(values: FloatArray) -> FloatArray:
     """Return values (V,) with those that are unknown in the middle of the others."""
     known = np.isfinite(values)
     return np.where(known, values, np.mean(values[known]) if known.any() else 0.0)
-
-
-def _without_extremes(values: FloatArray) -> FloatArray:
-    return np.asarray(np.clip(values, *np.percentile(values, _HIDDEN)))

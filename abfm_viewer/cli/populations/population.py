@@ -140,7 +140,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(facts | {"outputs": list(map(str, written))}))
     else:
         names = ", ".join(map(printable, written))
-        told = [*results.lines(facts), f"in {facts['seconds']:.1f} s; wrote {names}"]
+        told = [*results.lines(found, facts), f"in {facts['seconds']:.1f} s; wrote {names}"]
         print("\n".join(told))
     if not all(found.digests):
         return FAILED

@@ -67,13 +67,9 @@ def facts(found: Population) -> dict[str, Any]:
     }
 
 
-def lines(facts: Mapping[str, Any]) -> list[str]:
+def lines(population: Population, facts: Mapping[str, Any]) -> list[str]:
     """Return the same for people."""
-    fitting = sum(each["fits"] for each in facts["subjects"])
-    found = [
-        f"{fitting} of {len(facts['subjects'])} subjects fit; the mean changed by "
-        f"{facts['changes'][-1]:.2g} of its deviation in the last of {len(facts['changes'])} rounds"
-    ]
+    found = [population.headline]
     for each in facts["channels"]:
         parts = [
             f"correlation with the mean of the others {_told(each['before'])} before, "

@@ -20,6 +20,7 @@ _FINE = 1024  # entries of a table that nobody sees
 _ROWS = np.loadtxt(Path(__file__).with_name("colormaps.csv"), delimiter=",")
 _TABLES = dict(zip((*NAMES, *_DARK.values()), np.split(_ROWS, 8, axis=1), strict=True))
 NO_VALUES = 0.3  # grey, in linear light
+_SHOWN = 0.2, 99.8  # percentiles of values at the ends of the colours: noise has few extremes
 CHECKER_COLORS = ((0.85, 0.86, 0.88), (0.10, 0.22, 0.50))  # in linear light
 DARK_CHECKER_COLORS = ((0.22, 0.23, 0.25), (0.03, 0.07, 0.20))
 
@@ -52,6 +53,12 @@ def color_range(*functions: FloatArray) -> ColorRange:
         return ColorRange("abfm sequential", low - around, high + around)
     is_almost_0 = -1e-9 * largest < low < 0.02 * largest
     return ColorRange("abfm sequential", 0.0 if is_almost_0 else low, high)
+
+
+def without_extremes(values: FloatArray) -> FloatArray:
+    """Return the finite values, clipped to their percentiles 0.2 and 99.8, for a `color_range`."""
+    known = values[np.isfinite(values)]
+    return np.clip(known, *np.percentile(known, _SHOWN)) if known.size else known
 
 
 def place_colors(vertices: FloatArray, positions: FloatArray) -> FloatArray:

@@ -14,10 +14,17 @@ from abfm.errors import AbfmError, ParameterError, brief, one_line, printable
 from abfm.matching import Match
 from abfm.mesh import TriangleMesh
 from abfm.pages.of_meshes import coarser, mesh_page
-from abfm.pages.of_results import match_page, registration_page
+from abfm.pages.of_populations import population_page, population_tone
+from abfm.pages.of_results import (
+    correspondence_headline,
+    correspondence_page,
+    match_page,
+    registration_page,
+)
 from abfm.pages.of_sequences import Labels, sequence_page
 from abfm.pages.page import Page
-from abfm.registration import Registration
+from abfm.population import Population
+from abfm.registration import Correspondence, Registration
 from abfm.sequences import Sequence
 from abfm.wording import capital
 
@@ -34,7 +41,7 @@ _COLORS = {"good": "#2da44e", "warning": "#bf8700", "failure": "#cf222e"}
 
 
 def page_of(what: Any, title: str = "", up: str | None = None, share: float = 1.0) -> Page:
-    """Return the page of a mesh, a match, a registration or a sequence.
+    """Return the page of a mesh or of a result.
 
     Parameters
     ----------
@@ -50,6 +57,10 @@ def page_of(what: Any, title: str = "", up: str | None = None, share: float = 1.
         return match_page(what, title, up, share)
     if isinstance(what, Registration):
         return registration_page(what, title, up, share)
+    if isinstance(what, Correspondence):
+        return correspondence_page(what, title, up)
+    if isinstance(what, Population):
+        return population_page(what, title, up)
     if isinstance(what, Sequence):
         return sequence_page(what, title, Labels(up=up, share=share))
     if isinstance(what, TriangleMesh):
@@ -65,8 +76,9 @@ def embedded(what: Any) -> str:
     the page of results on more than `RESULT_VERTICES_MAX`, and pages above `BYTES_MAX`.
     """
     if not isinstance(what, TriangleMesh) and (count := _vertex_count(what)) > RESULT_VERTICES_MAX:
-        headline = f"{_kind(what)}: {what.facts.headline}"
-        return _about(headline, what.facts.tone, [_see_browser(f"{count:,} vertices")])
+        headline, tone = _verdict(what)
+        note = _see_browser(f"{count:,} vertices")
+        return _about(f"{_kind(what)}: {headline}", tone, [note])
     try:
         page = coarser(page_of(what, share=SHARE), VERTICES_MAX)
         frame = escape(page.html(is_embedded=True))
@@ -97,12 +109,24 @@ def show(what: Any, path: str | os.PathLike[str] | None, up: str | None) -> Path
 
 
 def _kind(what: Any) -> str:
-    return type(what).__name__.removeprefix("Triangle").lower()
+    names = (each.__name__ for each in type(what).__mro__)
+    public = next(name for name in names if not name.startswith("_"))
+    return public.removeprefix("Triangle").lower()
+
+
+def _verdict(what: Any) -> tuple[str, str]:
+    """Return the headline of a result, and how it is shown."""
+    if isinstance(what, Population):
+        return what.headline, population_tone(what)
+    if isinstance(what, Correspondence) and not isinstance(what, Registration):
+        return correspondence_headline(what), "ink"
+    return what.facts.headline, what.facts.tone
 
 
 def _vertex_count(what: Any) -> int:
-    meshes = (what.a, what.b) if isinstance(what, Registration) else (what.mesh,)
-    return max(len(mesh.vertices) for mesh in meshes)
+    if isinstance(what, Correspondence):
+        return max(len(what.a.vertices), len(what.b.vertices))
+    return len((what.template if isinstance(what, Population) else what.mesh).vertices)
 
 
 def _see_browser(why: str) -> str:

@@ -1,4 +1,4 @@
-"""Pages of matches and of registrations."""
+"""Pages of matches, of registrations and of maps between surfaces."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from abfm.pages.registered import (
     fronts,
     functions_on_a,
 )
-from abfm.registration import Registration
+from abfm.registration import Correspondence, Registration
 from abfm.types import FloatArray
 from abfm.wording import share
 from abfm.workers.progress import step
@@ -90,6 +90,36 @@ def registration_page(
     page = _page(found, title, about, panels)
     facts = {**page.facts, "A covered": f"{100 * found.coverage():.3g}%"}
     return replace(page, facts=facts, notes=[*page.notes, *found.notes])
+
+
+def correspondence_page(found: Correspondence, title: str, up: str | None = None) -> Page:
+    """Return the page of a map: A with its coordinates, and B with those that come from A."""
+    coordinates, carried = found.a.vertices, found.carry(found.a.vertices)
+    colors = [color_range(values) for values in coordinates.T]
+    sides = zip(
+        ("A", "A on B"), (found.a, found.b), (coordinates, carried), fronts(found, up), strict=True
+    )
+    panels = [
+        Panel(
+            name,
+            mesh,
+            [Layer(f"{axis} of A", values[:, c], colors[c]) for c, axis in enumerate("xyz")],
+            front,
+        )
+        for name, mesh, values, front in sides
+    ]
+    distortion = found.distortion()
+    facts = {
+        "areas: |log2 J|, mean": f"{distortion.log2_area.mean:.2f}",
+        "folded faces": f"{distortion.folded:,} of {len(distortion.flipped):,}",
+        "A covered": f"{100 * found.coverage():.3g}%",
+    }
+    return Page(title, correspondence_headline(found), panels, facts=facts)
+
+
+def correspondence_headline(found: Correspondence) -> str:
+    """Return the surfaces of a map and their sizes."""
+    return f"surface A, {_sized(found.a)}, and surface B, {_sized(found.b)}"
 
 
 def _functions(match: Match, a: TriangleMesh | None = None) -> list[tuple[str, ColorRange]]:

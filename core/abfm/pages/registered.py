@@ -4,14 +4,13 @@ import numpy as np
 
 from abfm.calculus.operators import vertex_areas
 from abfm.matching import Match
-from abfm.pages.colormaps import ColorRange, color_range
+from abfm.pages.colormaps import ColorRange, color_range, without_extremes
 from abfm.pages.front import Front, best_front, triple
 from abfm.registration import Correspondence, Registration
 from abfm.types import FloatArray
 
 MOST_CHANNELS = 4
 """The most pairs of functions that are shown."""
-_HIDDEN = 0.2, 99.8  # percentiles of functions at the ends of the colours: noise has few extremes
 
 
 def fronts(found: Correspondence, up: str | None = None) -> tuple[Front, Front]:
@@ -62,4 +61,4 @@ def compared_colors(match: Match, channel: int) -> ColorRange:
     """Return one range for source and target of a channel, where they count, but for extremes."""
     shown = counts(match) > 0
     pair = match.source[shown, channel], match.target[shown, channel]
-    return color_range(*(np.clip(each, *np.percentile(each, _HIDDEN)) for each in pair))
+    return color_range(*map(without_extremes, pair))

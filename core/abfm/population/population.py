@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from abfm.calculus.operators import vertex_areas
+from abfm.display import Display
 from abfm.errors import ParameterError, ResultError, brief, did_you_mean, one_line
 from abfm.io import results
 from abfm.io.results import Entry, Kind
@@ -55,7 +56,7 @@ POPULATION = Kind(
 
 
 @dataclass(frozen=True, eq=False)
-class Population:
+class Population(Display):
     """Subjects registered to a template, and their values on it.
 
     Attributes
@@ -167,6 +168,14 @@ class Population:
         sqrt(area); NaN where there are none.
         """
         return self._number("landmarks")
+
+    @property
+    def headline(self) -> str:
+        """How many subjects fit, and how much the mean changed in the last round, in one line."""
+        return (
+            f"{np.count_nonzero(self.fits)} of {len(self.names)} subjects fit; the mean changed by "
+            f"{self.changes[-1]:.2g} of its deviation in the last of {len(self.changes)} rounds"
+        )
 
     @property
     def main_channel(self) -> int:

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from abfm.calculus.channels import at_vertices
 from abfm.calculus.operators import edge_lengths, face_areas, vertex_areas
+from abfm.display import Display
 from abfm.errors import AbfmError, FunctionError, ParameterError, brief
 from abfm.io import results
 from abfm.maps.distortion import Distortion, turned_over
@@ -38,7 +39,7 @@ class Candidate(NamedTuple):
     cost: float
 
 
-class Correspondence:
+class Correspondence(Display):
     """Where on surface A each vertex of surface B lies, and back.
 
     Parameters

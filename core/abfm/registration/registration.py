@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from abfm.display import Display
 from abfm.errors import AbfmError, ResultError
 from abfm.flow.flow import Flow
 from abfm.io import results
@@ -24,7 +23,7 @@ from abfm.types import FloatArray
 from abfm.wording import share
 
 
-class Registration(Correspondence, Display):
+class Registration(Correspondence):
     """A surface A registered to a surface B: where on A each vertex of B lies.
 
     Functions of A go to B by the initial map, and there along the flow of a match.

@@ -14,6 +14,7 @@ import pytest
 import abfm
 from abfm import AbfmError, ParameterError
 from abfm.pages import notebook
+from abfm.population import Channel
 from tests.core.pages.test_page import EVIL
 from tests.messages import check_message, raises
 from tests.shapes import icosphere, square
@@ -22,6 +23,36 @@ NOTEBOOK = Path(__file__).parents[3] / "docs" / "notebooks" / "match_and_registe
 BALL = icosphere(2)
 X = BALL.vertices[:, 0]
 QUICK = abfm.Parameters(iterations=2, refine=0)
+
+
+def small_population():
+    """Five subjects with two channels; the last does not fit, and vertex 0 is unknown."""
+    noise = np.random.default_rng(0).normal(size=(5, len(X), 2))
+    values = X[:, None] + 0.1 * noise
+    values[:, 0] = np.nan
+    ones, faces = np.ones((5, len(X))), len(BALL.faces)
+    return abfm.Population(
+        BALL,
+        (Channel("sulc"), Channel("<b>thickness", is_held_out=True)),
+        names=tuple("abcde"),
+        weights=np.ones(5),
+        channel_weights=np.array([1.0, 0.0]),
+        fits=np.arange(5) < 4,
+        reasons=("", "", "", "", "its map folds 20% of the faces"),
+        verdicts=("registered",) * 5,
+        digests=("0" * 64,) * 5,
+        before=values + 0.5 * noise,
+        values=values,
+        masks_before=ones,
+        masks=ones,
+        template_mask=ones[0],
+        numbers=np.zeros((5, 7)),
+        phases=np.zeros((2, 4)),
+        log2_area_mean=np.zeros(faces),
+        log2_area_deviation=np.zeros(faces),
+        drift=np.zeros((faces, 3)),
+        changes=np.array([0.5, 0.012]),
+    )
 
 
 @cache
@@ -37,6 +68,8 @@ def found():
         "match": (match, match.facts.headline),
         "registration": (registration, registration.facts.headline),
         "sequence": (sequence, sequence.facts.headline),
+        "correspondence": (registration.initial, "surface B, 162 vertices and 320 faces"),
+        "population": (small_population(), "4 of 5 subjects fit"),
     }
 
 
@@ -46,7 +79,9 @@ def frame_of(view):
     return unescape(page)
 
 
-@pytest.mark.parametrize("kind", ["mesh", "match", "registration", "sequence"])
+@pytest.mark.parametrize(
+    "kind", ["mesh", "match", "registration", "sequence", "correspondence", "population"]
+)
 def test_views_have_verdict_and_page(kind):
     shown, headline = found()[kind]
     view = shown._repr_html_()
@@ -58,6 +93,35 @@ def test_views_have_verdict_and_page(kind):
     assert page.startswith("<!doctype html>")
     assert '<body class="embedded">' in page
     assert len(view) < 400_000
+
+
+def test_page_of_a_population_has_means_and_deviation():
+    population, _ = found()["population"]
+    page = notebook.page_of(population)
+    assert page.tone == "warning"
+    check_message(page.headline, "4 of 5", "0.012")
+    check_message(page.notes[0], "e", "folds 20%")
+    for c in range(2):
+        before, after, deviation = (panel.layers[c] for panel in page.panels)
+        np.testing.assert_array_equal(before.values, population.plain_mean(c))
+        np.testing.assert_array_equal(after.values, population.mean(c))
+        np.testing.assert_array_equal(deviation.values, population.deviation(c))
+        assert np.isnan(after.values).tolist() == [True] + 161 * [False]
+        assert before.colors == after.colors
+        assert deviation.colors.low == 0
+
+
+def test_page_of_a_map_shows_coordinates_of_a():
+    ball = icosphere(2)
+    turned = abfm.TriangleMesh(ball.vertices[:, [1, 2, 0]], ball.faces)
+    same = abfm.Correspondence.through_sphere(turned, ball, ball.vertices, ball.vertices)
+    page = notebook.page_of(same)
+    assert page.title == "correspondence"
+    assert page.facts["folded faces"] == "0 of 320"
+    on_a, on_b = page.panels
+    for c in range(3):
+        np.testing.assert_allclose(on_b.layers[c].values, on_a.layers[c].values, atol=1e-12)
+        assert on_b.layers[c].colors == on_a.layers[c].colors
 
 
 def test_hostile_names_are_escaped(tmp_path):
@@ -103,10 +167,11 @@ def test_fine_surfaces_are_coarsened(monkeypatch):
 
 
 @pytest.mark.parametrize("bound", ["RESULT_VERTICES_MAX", "BYTES_MAX"])
-def test_large_results_are_a_sentence(monkeypatch, bound):
+@pytest.mark.parametrize("kind", ["match", "correspondence", "population"])
+def test_large_results_are_a_sentence(monkeypatch, bound, kind):
     monkeypatch.setattr(notebook, bound, 100)
-    match, headline = found()["match"]
-    view = match._repr_html_()
+    shown, headline = found()[kind]
+    view = shown._repr_html_()
     assert "<iframe" not in view
     assert headline in unescape(view)
     check_message(re.search("It is not drawn[^<]*", view)[0], "show")
