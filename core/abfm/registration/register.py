@@ -29,7 +29,7 @@ from abfm.mesh import MeshLike, TriangleMesh, as_meshes
 from abfm.numerics.real_numbers import real_numbers
 from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
-from abfm.registration.initial.counting import warn_if_from_one
+from abfm.registration.initial.counting import warn_of_counting
 from abfm.registration.initial.given import Given
 from abfm.registration.initial.landmark_pairs import Landmarks
 from abfm.registration.initial.searching.search import is_searched
@@ -275,7 +275,7 @@ def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:
             "and of B, or two SurfacePoints"
         )
     found = Landmarks.of_vertices(a, b, pairs[:, 0], pairs[:, 1])
-    warn_if_from_one(a, b, a.vertex_ids[pairs[:, 0]], b.vertex_ids[pairs[:, 1]])
+    warn_of_counting(a, b, a.vertex_ids[pairs[:, 0]], b.vertex_ids[pairs[:, 1]], first=0)
     return found
 
 

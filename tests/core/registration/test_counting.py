@@ -40,5 +40,8 @@ def test_only_shifted_landmarks_give_a_warning(tmp_path, seed, count):
 
 def test_shifted_landmarks_are_reported(tmp_path):
     of_a = np.random.default_rng(1).choice(np.arange(1, 1200), 12, replace=False)
-    [text] = read(tmp_path / "p.csv", np.stack([of_a, TRUE[of_a]], axis=1) + 1)[1]
-    check_message(text, 0, 1, "--one-based")
+    pairs = np.stack([of_a, TRUE[of_a]], axis=1)
+    [text] = read(tmp_path / "p.csv", pairs + 1)[1]
+    check_message(text, "counted from 0", "--one-based")
+    [text] = read(tmp_path / "p.csv", pairs, one_based=True)[1]
+    check_message(text, "counted from 1", "leave out --one-based")

@@ -21,25 +21,27 @@ def pair_cost(a: TriangleMesh, b: TriangleMesh, of_a: IntArray, of_b: IntArray) 
     return float(np.abs(_distances(a, of_a) - _distances(b, of_b)).mean())
 
 
-def warn_if_from_one(
-    a: TriangleMesh, b: TriangleMesh, numbers_a: IntArray, numbers_b: IntArray
+def warn_of_counting(
+    a: TriangleMesh, b: TriangleMesh, numbers_a: IntArray, numbers_b: IntArray, first: int
 ) -> None:
-    """Warn if landmarks (L,), numbers of vertices counted from 0, correspond much better as numbers
-    counted from 1. Nothing is known of surfaces with the same faces, where any vertices correspond.
+    """Warn if landmarks (L,), numbers of vertices counted from ``first``, 0 or 1, correspond much
+    better if counted from the other one. Nothing is known of surfaces with the same faces, where
+    any vertices correspond.
     """
     if len(numbers_a) < _LANDMARKS_MIN or np.array_equal(a.faces, b.faces):
         return
+    other = 1 - first
     some = np.unique(np.linspace(0, len(numbers_a) - 1, _LANDMARKS_MAX).astype(int))
     pairs = (a, numbers_a[some]), (b, numbers_b[some])
-    given, shifted = ([mesh.local_vertices(n - first) for mesh, n in pairs] for first in (0, 1))
+    given, shifted = ([mesh.local_vertices(n - k) for mesh, n in pairs] for k in (first, other))
     if any((rows < 0).any() for rows in (*given, *shifted)):
         return
     cost, lower = pair_cost(a, b, *given), pair_cost(a, b, *shifted)
     if lower < _COST_RATIO * cost:
         warnings.warn(
-            "landmarks are counted from 0, but distances between them fit better if they are "
-            f"counted from 1 (they differ by {lower:.2g} instead of {cost:.2g} sqrt(area)): "
-            "--one-based",
+            f"landmarks are counted from {first}, but distances between them fit better if they "
+            f"are counted from {other} (they differ by {lower:.2g} instead of {cost:.2g} "
+            f"sqrt(area)): {'leave out ' * first}--one-based",
             AbfmWarning,
             stacklevel=3,
         )

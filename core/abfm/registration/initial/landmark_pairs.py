@@ -19,7 +19,7 @@ from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 from abfm.reading import Format, open_file, rows_of
 from abfm.reading.text_tables import is_number
-from abfm.registration.initial.counting import warn_if_from_one
+from abfm.registration.initial.counting import warn_of_counting
 from abfm.types import FloatArray
 
 _WORDS = ("name", "weight", "curve")  # columns beside the places, by their names
@@ -110,7 +110,8 @@ def read_landmarks(
     from 0 (in .vts files, or if they are ``one_based``, from 1); or six coordinates, x, y, z on A
     and x, y, z on B, in the units of the meshes, which are brought onto the surfaces. A line of
     names on top may call further columns ``name``, ``weight`` and ``curve``; without it one more
-    column of words is the curve. Numbers that fit better as counted from 1 give a warning.
+    column of words is the curve. Numbers that fit better if counted the other way
+    give a warning.
 
     The lines of a curve, in their order, are points along it; A may have more of them than B or
     fewer, whose cells are empty then. Between them it goes straight, then onto the surface. Both
@@ -125,7 +126,8 @@ def read_landmarks(
     rows = _rows(path)
     try:
         single = [row for row in rows if not row.curve]
-        first = 1 if one_based or path.lower().endswith(".vts") else 0
+        is_vts = path.lower().endswith(".vts")
+        first = int(one_based or is_vts)
         _refuse_doubles(single)
         sides = [
             _Side("A", a, [(row.number, row.a) for row in single], first),
@@ -146,9 +148,9 @@ def read_landmarks(
             project_onto_surface(side.mesh, np.concatenate(found))
             for side, found in zip(sides, places, strict=True)
         )
-        if not first and len(rows) == len(single) and len(rows[0].a) == 1:
-            numbers = np.array([[*row.a, *row.b] for row in rows]).astype(np.int64)
-            warn_if_from_one(a, b, *numbers.T)
+        if not is_vts and len(rows) == len(single) and len(rows[0].a) == 1:
+            of_a, of_b = np.array([[*row.a, *row.b] for row in rows]).astype(np.int64).T
+            warn_of_counting(a, b, of_a, of_b, first)
         return Landmarks(on_a, on_b, np.array(weights), tuple(names))
     except AbfmError as error:
         raise AbfmError(f"landmarks {brief(path)}: {error}") from None
