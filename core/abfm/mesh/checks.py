@@ -69,13 +69,12 @@ def check(
 
     def attempt(options: MeshOptions) -> Draft:
         found = _copied(repaired(options.merge, options.clean))
-        if options.hemisphere:
-            keep_hemisphere(found, options.hemisphere)
+        place = keep_hemisphere(found, options.hemisphere) if options.hemisphere else ""
         if options.largest_component:
             keep_largest_component(found)
         found.kept = (
             f"{len(found.vertices)} of {len(draft.vertices)} vertices and {len(found.faces)} of "
-            f"{len(draft.faces)} faces"
+            f"{len(draft.faces)} faces{place}"
         )
         return _checked(found)
 

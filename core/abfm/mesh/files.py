@@ -104,8 +104,9 @@ def load_mesh(
         faces without area: join their ends if these are close, or else split their neighbours, so
         that no hole is left. What cannot be cleaned so is refused.
     hemisphere : {"L", "R"}, optional
-        Of a surface with both hemispheres, next to each other along x, keep one; L has the smaller
-        x. A surface in one piece is kept as it is. Of objects of nilearn, the part.
+        Of a surface with both hemispheres, keep one. L has the smaller x; if both are at one place,
+        as spheres are, it is the first in the file, as Connectome Workbench and nilearn order them.
+        A surface in one piece is kept as it is. Of objects of nilearn, the part.
     largest_component : bool
         Of several components keep the one with the largest area instead of refusing the mesh.
 

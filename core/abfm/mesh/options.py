@@ -80,7 +80,8 @@ class MeshOptions:
         str,
         "L|R",
         "",
-        "use the left or right hemisphere of a surface with both; L has the smaller x",
+        "use the left or right hemisphere of a surface with both; L has the smaller x, or is the "
+        "first in the file if both are at one place",
         None,
     )
     largest_component: bool = _option(

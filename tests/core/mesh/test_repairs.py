@@ -281,12 +281,43 @@ def test_a_hemisphere_of_two(swapped):
     assert "L" not in TriangleMesh(SPHERE.vertices, SPHERE.faces, hemisphere="L").messages[0]
 
 
-def test_surfaces_at_one_place_are_not_advised_to_be_merged():
-    """As the spheres of both hemispheres in one file."""
-    vertices = np.concatenate([SPHERE.vertices, SPHERE.vertices])
+@pytest.mark.parametrize("scale", [1.0, 1.05])
+def test_hemispheres_at_one_place_are_in_order(scale):
+    """The spheres of both hemispheres in one file."""
+    both = SPHERE.vertices, scale * SPHERE.vertices
+    vertices, faces = np.concatenate(both), np.concatenate([SPHERE.faces, SPHERE.faces + 42])
+    with raises(MeshError, 2, "--hemisphere L", "first", "--hemisphere R", "second") as caught:
+        TriangleMesh(vertices, faces)
+    assert [each.button for each in caught.value.remedies] == ["Left", "Right"]
+    for remedy, own in zip(caught.value.remedies, both, strict=True):
+        mesh = TriangleMesh(vertices, faces, **remedy.options)
+        assert_array_equal(mesh.vertices, own)
+        check_message(mesh.messages[0], 42, 84, "Workbench")
+
+
+@pytest.mark.parametrize("shift", [0.0, 3.0])
+def test_hemispheres_with_specks_are_both_offered(shift):
+    """Each is followed by a speck, near the middle of the left one."""
+    speck, right = 0.02 * SPHERE.vertices, 1.05 * SPHERE.vertices + [shift, 0, 0]
+    vertices = np.concatenate([SPHERE.vertices, speck, right, speck + 0.1])
+    faces = np.concatenate([SPHERE.faces + 42 * number for number in range(4)])
+    with raises(MeshError, 4, "--hemisphere L", "--hemisphere R", "--largest-component") as caught:
+        TriangleMesh(vertices, faces)
+    buttons = [each.button for each in caught.value.remedies]
+    assert buttons == ["Left, largest component", "Right, largest component"]
+    for remedy, own in zip(caught.value.remedies, (SPHERE.vertices, right), strict=True):
+        assert_array_equal(TriangleMesh(vertices, faces, **remedy.options).vertices, own)
+
+
+def test_mixed_components_at_one_place_have_no_order():
+    """Every second vertex belongs to the other component."""
+    vertices = np.repeat(SPHERE.vertices, 2, axis=0)
+    faces = np.concatenate([2 * SPHERE.faces, 2 * SPHERE.faces + 1])
     with raises(MeshError, 2, "--largest-component") as caught:
-        TriangleMesh(vertices, np.concatenate([SPHERE.faces, SPHERE.faces + 42]))
+        TriangleMesh(vertices, faces)
     assert [each.options for each in caught.value.remedies] == [{"largest_component": True}]
+    with raises(MeshError, "left", "file"):
+        TriangleMesh(vertices, faces, hemisphere="L")
 
 
 def test_what_remains_wrong_is_named():

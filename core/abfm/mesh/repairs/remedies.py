@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import product
 
 from abfm.errors import MeshError, Remedy
 from abfm.mesh.draft import Draft
@@ -57,8 +58,9 @@ def _candidates(options: MeshOptions, can_merge: bool, joins: bool) -> Iterator[
     cleans = [] if options.clean else [replace(each, clean=True) for each in merges]
     yield from ([each] for each in [*merges, *cleans] if each != options)
     if not (options.hemisphere or options.largest_component):
-        for each in [*merges, *cleans]:
-            yield [replace(each, hemisphere=side) for side in HEMISPHERES]
+        for largest, each in product((False, True), [*merges, *cleans]):
+            sides = (replace(each, hemisphere=side) for side in HEMISPHERES)
+            yield [replace(side, largest_component=largest) for side in sides]
     for group in filter(None, (merges, cleans)):
         yield [replace(each, largest_component=True) for each in group]
 
