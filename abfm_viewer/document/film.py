@@ -52,12 +52,13 @@ def unit_of(times: FloatArray) -> str:
 @dataclass(frozen=True, eq=False)
 class Film:
     """Frames, numbered from 0, the name of their file, and the unit of their times; that is empty
-    where it is not known.
+    where it is not known. Of frames that are cosine and sine of ``phases`` also these.
     """
 
     name: str
     frames: Frames
     unit: str = ""
+    phases: Frames | None = None
 
     def __len__(self) -> int:
         """Return how many frames there are."""
@@ -83,6 +84,13 @@ class Film:
             tuple(np.ascontiguousarray(frame[:, channel]) for channel in range(self.channels))
             for frame in self.frames.values
         )
+
+    @cached_property
+    def period(self) -> float | None:
+        """The period by which values of the first frame jump, as phases do, or None."""
+        mesh = self.frames.mesh
+        found = (abfm.functions.wrapped_period(mesh, values) for values in self.columns[0])
+        return next((period for period in found if period is not None), None)
 
     @property
     def intervals(self) -> int:

@@ -16,6 +16,10 @@ from abfm_viewer.widgets.widget_record import Range
 
 _OPEN = "Choose frames for the mesh that is open. They can also be dropped on the window."
 _STEP = "Seconds from each frame to the next; until they are known, frames count as 1 apart."
+_CIRCULAR = (
+    "The values are phases, which repeat after a period: compare their cosine, channel 0, and "
+    "sine, channel 1, instead of the numbers."
+)
 _PAIR = "Of a match of its own; at first those around the time that is shown."
 _MATCH = "Open a match of these two frames as it would be of any two functions; Undo comes back."
 _GAMMA = (
@@ -58,6 +62,10 @@ def draw_frames(context: Context) -> None:
     if film.frames.mask is not None:
         unknown = int(np.count_nonzero(film.frames.mask == 0))
         ui.note(f"Vertices without values, in grey, which are not compared: {unknown:,}.")
+    if film.phases is not None or film.period is not None:
+        is_circular = film.phases is not None
+        if ui.checkbox("circular", is_circular, _CIRCULAR) != is_circular:
+            context.files.set_circular(None if is_circular else film.period)
     _draw_step(ui, context, film)
 
 
@@ -71,7 +79,7 @@ def _draw_step(ui: Ui, context: Context, film: Film) -> None:
             if (step := finite(typed)) is None or not step > 0:
                 raise ParameterError(f"{typed} is no time; expected seconds above 0, such as 0.04")
             times = step * np.arange(float(len(film)))
-            changed = Film(film.name, replace(film.frames, times=times), "s")
+            changed = replace(film, frames=replace(film.frames, times=times), unit="s")
             time = float(np.interp(context.session.document.time, film.times, times))
             change = context.session.editor.change
             change("change the frame step", film=changed, sequence=None, time=time)

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 import abfm
 from abfm import ResultError, TriangleMesh
 from abfm.reading import read_gifti
@@ -69,6 +71,24 @@ def read_film(
 
 def film_of(name: str, frames: Frames) -> Film:
     return Film(name, frames, unit_of(frames.times))
+
+
+def circular_film(film: Film, period: float | None) -> Film:
+    """Return a film of the cosine and sine of phases, or without a period that of the phases."""
+    from abfm.sequences.frames import checked  # with all that it loads
+
+    if film.phases is not None:
+        phases = replace(film.phases, times=film.times)
+        film = replace(film, frames=phases, phases=None)
+    if period is None:
+        return film
+    frames = film.frames
+    values = frames.values.copy()
+    if frames.unknown is not None:
+        values[:, frames.unknown] = np.nan
+    circle, weights = abfm.functions.as_circle(values, period), np.repeat(frames.weights, 2)
+    made = checked(frames.mesh, circle, frames.times, frames.mask, weights)
+    return replace(film, frames=made, phases=frames)
 
 
 def document_of_film(film: Film, surface: Surface, view: View) -> Document:

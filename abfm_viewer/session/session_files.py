@@ -43,6 +43,7 @@ from abfm_viewer.files import result_tables
 from abfm_viewer.files.project import Origin, load_project, save_project, terms_from_files
 from abfm_viewer.session.film_files import (
     ALONE,
+    circular_film,
     document_of_film,
     document_of_pair,
     document_of_sequence,
@@ -356,6 +357,24 @@ class SessionFiles:
         }
         text = f"{name} has several arrays. Which one is the function that changes in time?"
         self._ask("Which array?", text, answers | {"Open none": None})
+
+    def set_circular(self, period: float | None) -> None:
+        """Compare phases by cosine and sine in the film that is open, or as numbers again."""
+        session, film = self._session, self._session.document.film
+        if film is None:
+            return
+
+        def make() -> Do:
+            made = circular_film(film, period)
+
+            def show() -> None:
+                if session.document.film is film:
+                    change = session.editor.change
+                    change("change circular", film=made, sequence=None, channel=0)
+
+            return show
+
+        self._load(Load("computing cosine and sine" if period else "restoring phases", make))
 
     def match_frames(self, first: int, last: int) -> None:
         """Make a match of its own of two frames of the film that is open."""

@@ -72,6 +72,50 @@ def test_frames_are_opened_by_the_menu(gui, tmp_path):
     assert gui.session.document.name == "wave.npy on mesh"
 
 
+def test_phases_are_compared_on_a_circle(gui, tmp_path):
+    """By the box, which is only there for phases, as `abfm sequence --circular` does."""
+    angles = np.arctan2(DIRECTIONS[:, 1], DIRECTIONS[:, 0])
+    phases = np.degrees(angles + TIMES[:, None] + np.pi) % 360
+    phases[1, :9] = np.nan
+    np.save(tmp_path / "phases.npy", phases)
+    gui.window.files.open(tmp_path / "phases.npy")
+    gui.wait(lambda s: s.document.film is not None)
+    before = gui.session.document.film
+    gui.click("Functions", within="steps")
+    gui.click("circular")
+    gui.wait(lambda s: s.document.film.channels == 2)
+    film = gui.session.document.film
+    circle = np.stack([np.cos(np.radians(phases)), np.sin(np.radians(phases))], axis=-1)
+    np.testing.assert_allclose(film.frames.values[:, 9:], circle[:, 9:], atol=1e-12)
+    np.testing.assert_array_equal(film.frames.mask, np.arange(len(EGG.vertices)) >= 9)
+    gui.choose("channel", "1")
+    np.testing.assert_allclose(shown(gui, "source").values[9:], circle[0, 9:, 1], atol=1e-6)
+
+    gui.session.undo()
+    gui.session.undo()
+    assert gui.session.document.film is before
+    gui.session.redo()
+    gui.type("frame step", "0.5")
+    gui.click("circular")
+    gui.wait(lambda s: s.document.film.channels == 1)
+    film = gui.session.document.film
+    np.testing.assert_array_equal(film.frames.values, before.frames.values)
+    np.testing.assert_allclose(film.times, 0.5 * np.arange(COUNT))
+    gui.click("circular")
+    gui.wait(lambda s: s.document.film.channels == 2)
+
+    expected = abfm.sequence(EGG, phases, 0.5 * np.arange(COUNT), GIVEN.parameters, circular=360)
+    gui.session.editor.set_film(alpha=1.0, order=1, sigma=0.1)
+    gui.click("Match all frames")
+    gui.wait(lambda s: not s.running)
+    np.testing.assert_allclose(gui.session.document.sequence.velocity, expected.velocity)
+
+    np.save(tmp_path / "wave.npy", FRAMES)
+    gui.window.files.open(tmp_path / "wave.npy")
+    gui.wait(lambda s: s.document.film.name == "wave.npy")
+    assert "circular" not in gui.labels()
+
+
 def test_frames_show_as_they_are_and_blended_until_they_are_matched(film):
     session, document = film.session, film.session.document
     assert document.name == "wave.npy on mesh"
