@@ -295,7 +295,8 @@ def _refuse_non_manifold_edges(draft: Draft) -> None:
             f"{counted(int(np.sum(uses > 2)), 'edge has', 'edges have')} more than two faces "
             f"(vertices {start} and {end}, counting from 0: faces "
             f"{', '.join(map(str, faces[:4]))})",
-            f"remove the extra sheets, {CLEANING}",
+            "remove some of their faces, in MeshLab for example with Repair non Manifold Edges "
+            "(--clean only removes sheets that hang on a larger one)",
         )
 
 

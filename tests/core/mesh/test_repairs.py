@@ -245,7 +245,7 @@ def test_what_cannot_be_cleaned_safely_is_refused():
     parts = [half.vertices, half.vertices * [1, 1, -1], wall.vertices]
     starts = np.cumsum([0, *map(len, parts)])
     faces = [half.faces, half.faces[:, ::-1] + starts[1], wall.faces + starts[2]]
-    with raises(MeshError, 24):
+    with raises(MeshError, 24, "--clean", "Repair non Manifold Edges"):
         TriangleMesh(np.concatenate(parts), np.concatenate(faces), merge=True, clean=True)
     doubled = np.concatenate([disc(2).faces, disc(2).faces[:, ::-1]])
     mesh = TriangleMesh(disc(2).vertices, doubled, clean=True)
