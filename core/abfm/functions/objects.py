@@ -12,10 +12,10 @@ from abfm.calculus.channels import at_vertices
 from abfm.errors import AbfmError, FunctionError, one_line
 from abfm.functions.family import texts_of
 from abfm.functions.sources import between_sources
-from abfm.functions.value_files import columns_of, request_for
+from abfm.functions.value_files import columns_of, image_columns, request_for
 from abfm.mesh import TriangleMesh
 from abfm.mesh.objects import has, part_of
-from abfm.reading import Columns, Format, Opened, side_of
+from abfm.reading import Columns, Format, Opened, counts_of, side_of
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError
 
@@ -91,7 +91,9 @@ def values_of_object(mesh: TriangleMesh, given: Any) -> ObjectValues | None:
             hemisphere = side if form is Format.CIFTI else ""
             return ObjectValues(columns_of(opened, request_for(mesh, None, hemisphere)))
     if has(given, "dataobj", "affine"):
-        return ObjectValues(_of_volume(np.asarray(given.dataobj)))
+        image = np.asarray(given.dataobj)
+        sizes = (*image.shape[:3], *[1] * (3 - image.ndim), -1)
+        return ObjectValues(image_columns(image.reshape(sizes, order="F"), counts_of(mesh)))
     return None
 
 
@@ -103,16 +105,6 @@ def _part(parts: Mapping[str, Any], side: str) -> Any:
     if not side and len(parts) > 1:
         raise ValueError(f"it has two parts; {_CHOOSE}")
     return part_of(parts, side)
-
-
-def _of_volume(array: Any) -> Columns:
-    """Return the columns of an image such as .mgh, whose first axis is the vertices."""
-    if array.ndim < 3 or array.shape[1:3] != (1, 1):
-        raise ValueError(
-            f"it is an image of shape {array.shape}; expected (V, 1, 1): project a volume onto the "
-            "surface first"
-        )
-    return Columns(array.reshape(len(array), -1))
 
 
 def _of_sources(estimate: Any, side: str) -> Columns:

@@ -324,23 +324,36 @@ def _morphometry(opened: Opened, request: Request) -> Columns:
 
 
 def _mgh(opened: Opened, request: Request) -> Columns:
-    table, milliseconds = freesurfer_frames(opened.data)
-    known = math.isfinite(milliseconds) and milliseconds > 0
-    steps = np.arange(table.shape[1], dtype=np.float64)
-    return Columns(table, times=milliseconds / 1000 * steps if known else None)
+    image, milliseconds = freesurfer_frames(opened.data)
+    return image_columns(image, request.counts, milliseconds / 1000)
 
 
 def _nifti(opened: Opened, request: Request) -> Columns:
-    """Return the frames of an image whose voxels are the vertices, as FreeSurfer writes them."""
-    table, step = nifti_frames(opened.data)
-    if request.counts and len(table) not in request.counts:
+    image, seconds = nifti_frames(opened.data)
+    return image_columns(image, request.counts, seconds)
+
+
+def image_columns(
+    image: NDArray[Any], counts: tuple[int, ...], seconds: float = math.nan
+) -> Columns:
+    """Return the frames of an image (columns, rows, slices, frames) with values at vertices.
+
+    Its voxels are the vertices, as FreeSurfer writes them: (V, 1, 1) or with other factors of V as
+    sizes. Or one axis is the vertices and one is the columns. A ValueError reports a volume.
+    """
+    table = image.reshape(-1, image.shape[3], order="F")
+    if counts and len(table) not in counts:
+        sizes = [size for size in image.shape if size > 1]
+        if len(sizes) == 2 and {*sizes} & {*counts}:
+            return Columns(image.reshape(sizes, order="F"))
+        shown = " x ".join(map(str, image.shape[:3]))
         raise ValueError(
-            f"it is {opened.format} of {len(table)} voxels, and no values at vertices: project the "
+            f"it is an image of {shown} voxels, and the mesh has {counts[1]} vertices: project a "
             "volume onto the surface first"
         )
-    known = table.shape[1] > 1 and math.isfinite(step) and step > 0
+    known = math.isfinite(seconds) and seconds > 0
     steps = np.arange(table.shape[1], dtype=np.float64)
-    return Columns(table, times=step * steps if known else None)
+    return Columns(table, times=seconds * steps if known else None)
 
 
 def _stc(opened: Opened, request: Request) -> Columns:
@@ -364,6 +377,8 @@ def _annotation(opened: Opened, request: Request) -> Columns:
 
 def _label_list(opened: Opened, request: Request) -> Columns:
     found = freesurfer_label(opened.data)
+    if len(found.vertices) == 0:
+        raise ValueError("it lists no vertices")
     return Columns(found.values.reshape(-1, 1), names=("value",), vertices=found.vertices)
 
 

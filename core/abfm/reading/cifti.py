@@ -27,6 +27,10 @@ _SURFACE = "CIFTI_MODEL_TYPE_SURFACE"
 _HEMISPHERES = {"CIFTI_STRUCTURE_CORTEX_LEFT": "L", "CIFTI_STRUCTURE_CORTEX_RIGHT": "R"}
 _MODELS = "CIFTI_INDEX_TYPE_BRAIN_MODELS"
 _SERIES = "CIFTI_INDEX_TYPE_SERIES"
+_OLD_VERSION = (
+    "it is a file of CIFTI-1; expected CIFTI-2. Convert it: wb_command -file-convert "
+    "-cifti-version-convert OLD 2 NEW"
+)
 _MAPS = ("CIFTI_INDEX_TYPE_SCALARS", "CIFTI_INDEX_TYPE_LABELS", _SERIES)
 
 
@@ -114,6 +118,8 @@ def _matrix(data: bytes, head: Any) -> Any:
             try:
                 parser.parse(string=xml)
             except Exception as error:  # whatever nibabel raises
+                if str(getattr(parser.header, "version", "")).startswith("1"):
+                    raise ValueError(_OLD_VERSION) from error
                 raise ValueError("the XML in its header is damaged") from error
             return parser.header.matrix
         begin += size
@@ -153,7 +159,7 @@ def _table(data: bytes, head: Any, axis: int) -> FloatArray:
     return values if axis == 0 else values.T
 
 
-def _scaled(data: bytes, head: Any, shape: tuple[int, ...], wanted: tuple[int, int]) -> FloatArray:
+def _scaled(data: bytes, head: Any, shape: tuple[int, ...], wanted: tuple[int, ...]) -> FloatArray:
     """Return the array after the header, in a shape of the same size."""
     kind = head.get_data_dtype()
     begin, size = int(head["vox_offset"]), math.prod(shape) * kind.itemsize
@@ -161,7 +167,7 @@ def _scaled(data: bytes, head: Any, shape: tuple[int, ...], wanted: tuple[int, i
         raise ValueError(f"it is an array of {kind} of shape {shape}; expected real numbers")
     if begin < head.sizeof_hdr or begin + size > len(data):
         raise ValueError(
-            f"it is cut off: {len(data) - begin} bytes are left for {size} of its values"
+            f"it is cut off: {max(len(data) - begin, 0)} bytes are left for {size} of its values"
         )
     values = np.frombuffer(data, kind, math.prod(shape), begin).reshape(wanted, order="F")
     slope, intercept = float(head["scl_slope"]), float(head["scl_inter"])
@@ -172,10 +178,9 @@ def _scaled(data: bytes, head: Any, shape: tuple[int, ...], wanted: tuple[int, i
 
 
 def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
-    """Return the voxels of an image as columns (n, frames), and the seconds from one to the next.
+    """Return an image, (columns, rows, slices, frames), and the seconds between frames, or NaN.
 
-    FreeSurfer and others write values at vertices as images, (V, 1, 1) or with other factors of V
-    as sizes. Errors as in `read_cifti`.
+    Errors as in `read_cifti`.
     """
     nifti: Any = import_module("nibabel.nifti2")
     kind = nifti.Nifti2Header if 540 in _sizes(data) else nifti.Nifti1Header
@@ -185,11 +190,11 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
         )
     head = kind(data[: kind.sizeof_hdr], check=False)
     shape = tuple(map(int, head.get_data_shape()))
-    count, frames = math.prod(shape[:3]), math.prod(shape[3:])
-    table = _scaled(data, head, shape or (0,), (count, frames))
+    sizes = (*shape[:3], *[1] * (3 - len(shape)), math.prod(shape[3:]))
+    image = _scaled(data, head, shape or (0,), sizes)
     units, step = head.get_xyzt_units()[1], head.get_zooms()
     scale = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}.get(units, 0.0)
-    return table, scale * float(step[3]) if len(step) > 3 else math.nan
+    return image, scale * float(step[3]) if len(step) > 3 else math.nan
 
 
 def _sizes(data: bytes) -> list[int]:

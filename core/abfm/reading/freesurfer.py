@@ -47,7 +47,9 @@ def freesurfer_surface(data: bytes) -> tuple[FloatArray, IntArray]:
     if data[:3] != _SURFACE:
         raise ValueError("it is no FreeSurfer surface of triangles")
     begin = len(_SURFACE)
-    for _ in range(2):  # who made it and when, and an empty line
+    for line in range(2):  # who made it and when, and an empty line, which some versions leave out
+        if line and data[begin : begin + 1] == b"\0":  # of the number of vertices
+            break
         begin = data.find(b"\n", begin, begin + _LONGEST_LINE) + 1
         if begin == 0:
             raise ValueError("the lines that say who made it do not end: it may be cut off")
@@ -93,8 +95,8 @@ def freesurfer_values(data: bytes) -> FloatArray:
 
 
 def freesurfer_frames(data: bytes) -> tuple[NDArray[Any], float]:
-    """Read values at vertices of an .mgh file, (n, frames), and the milliseconds from a frame to
-    the next, which may follow them; NaN if they do not. Errors as in `freesurfer_values`.
+    """Read the image in an .mgh file, (columns, rows, slices, frames), and the milliseconds between
+    frames, which may follow it; NaN if they do not. Errors as in `freesurfer_values`.
     """
     bytes_ = _Bytes(data)
     version = bytes_.number()
@@ -105,10 +107,10 @@ def freesurfer_frames(data: bytes) -> tuple[NDArray[Any], float]:
     if kind not in _MGH_TYPES:
         raise ValueError(f"its values have the type {kind}; expected one of {[*_MGH_TYPES]}")
     bytes_.skip(_MGH_DATA)
-    frames, count = counts[3], math.prod(counts[:3])
-    if frames * count == 0:
-        raise ValueError(f"it holds {frames} frames of {count} values, which is nothing")
-    values = bytes_.array(_MGH_TYPES[kind], (frames, count), "frames").T
+    if math.prod(counts) == 0:
+        count = math.prod(counts[:3])
+        raise ValueError(f"it holds {counts[3]} frames of {count} values, which is nothing")
+    values = bytes_.array(_MGH_TYPES[kind], tuple(counts[::-1]), "frames").T
     return values, float(bytes_.array(">f4", (1,), "times")[0]) if bytes_.left >= 4 else math.nan
 
 

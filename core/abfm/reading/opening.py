@@ -81,7 +81,9 @@ ENDINGS = {
     ".npy": Format.NPY,
     ".npz": Format.NPZ,
     ".mat": Format.MAT,
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".1d", ".vts", ".map"), Format.TABLE),
+    **dict.fromkeys(
+        (".csv", ".tsv", ".txt", ".dat", ".1d", ".1d.dset", ".vts", ".map"), Format.TABLE
+    ),
 }
 """Formats by the ending of the name, in lower case and without ``.gz``."""
 VALUES_ENDINGS = (
@@ -127,6 +129,12 @@ _ARCHIVES = {
     b"BZh": "a bzip2 archive",
     b"\xfd7zXZ\x00": "an xz archive",
     b"\x28\xb5\x2f\xfd": "a Zstandard archive",
+}
+_CONVERTIBLE = {
+    b"\xff\xff\xff\xff": "a FreeSurfer patch, which has no triangles. Write it as a surface: "
+    "mris_convert -p PATCH NAME.surf.gii",
+    b"<AFNI_dataset": "an AFNI dataset. Write it as GIFTI: "
+    "ConvertDset -o_gii -input DATASET -prefix NAME.gii",
 }
 _SPREADSHEETS = (".xlsx", ".xlsm", ".ods")
 _TAR = b"ustar"
@@ -190,6 +198,9 @@ def _refuse_other_contents(data: bytes, head: str, name: str) -> None:
         raise ValueError("the file is a web page (HTML). Download the data file itself")
     if name.endswith(_SPREADSHEETS):
         raise ValueError("the file is a spreadsheet. Save the values as CSV")
+    for mark, text in _CONVERTIBLE.items():
+        if data.startswith(mark):
+            raise ValueError(f"the file is {text}")
     archive = next((text for mark, text in _ARCHIVES.items() if data.startswith(mark)), None)
     if archive is None and data[_TAR_OFFSET : _TAR_OFFSET + len(_TAR)] == _TAR:
         archive = "a tar archive"

@@ -334,5 +334,6 @@ def _commented_names(text: str, separator: str | None) -> list[str]:
     for line in text.split("\n"):
         if line.strip() and not line.startswith("#"):
             break
-        head = line if line.startswith("#") else head
+        if line.startswith("#") and line.strip("#-=_ \t\r"):  # and no line under the names
+            head = line
     return [name.strip() for name in _split(head.lstrip("# "), separator)] if head else []

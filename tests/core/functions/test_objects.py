@@ -154,7 +154,7 @@ REFUSED = {
         GiftiImage(darrays=[GiftiDataArray(np.float32(BALL.vertices), "NIFTI_INTENT_POINTSET")]),
         (),
     ),
-    "volume": (nibabel.MGHImage(np.zeros((5, 6, 7), np.float32), np.eye(4)), ("(5, 6, 7)",)),
+    "volume": (nibabel.MGHImage(np.zeros((5, 6, 7), np.float32), np.eye(4)), ("5 x 6 x 7", COUNT)),
     "both parts": (Object(parts={"left": X, "right": Y}), ("hemisphere",)),
     "both hemispheres": (source_estimate([0], [1], [[1.0], [2.0]]), ("hemisphere",)),
     "sources beyond": (source_estimate([COUNT], (), [[1.0]]), (COUNT,)),

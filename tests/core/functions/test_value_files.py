@@ -13,7 +13,14 @@ import scipy.io
 from numpy.testing import assert_allclose, assert_array_equal
 
 from abfm.errors import FunctionError, SeveralArraysError
-from abfm.functions import function, read_column, read_labels, read_values, read_vertex_map
+from abfm.functions import (
+    as_values,
+    function,
+    read_column,
+    read_labels,
+    read_values,
+    read_vertex_map,
+)
 from abfm.functions.matlab_files import matlab_arrays
 from abfm.mesh import TriangleMesh
 from abfm.reading import NO_LABEL, Columns
@@ -387,13 +394,37 @@ def test_values_in_images_of_freesurfer(tmp_path, kind, shape):
         assert_array_equal(found.times, [0, 0.5])
 
 
-def test_volume_is_no_values_at_vertices(tmp_path):
-    nibabel.save(nibabel.Nifti1Image(np.zeros((3, 4, 5)), np.eye(4)), tmp_path / "a.nii")
-    with raises(FunctionError, 60, "project"):
-        value_of(tmp_path / "a.nii")
-    (tmp_path / "a.nii").write_bytes((tmp_path / "a.nii").read_bytes()[:400])
+@pytest.mark.parametrize("name", ["a.nii", "a.mgz"])
+@pytest.mark.parametrize(
+    "shape", [(COUNT, 3), (3, COUNT), (COUNT, 1, 3), (3, 1, COUNT), (1, 3, COUNT), (1, 1, COUNT, 3)]
+)
+def test_any_axis_of_an_image_is_the_vertices(tmp_path, name, shape):
+    """As images that Python and MATLAB write have them, other than those of FreeSurfer."""
+    columns = np.float32(np.stack([VALUES, 2 * VALUES, VALUES + 1]))
+    values = (columns.T if shape.index(COUNT) < shape.index(3) else columns).reshape(shape)
+    kind = nibabel.Nifti1Image if name == "a.nii" else nibabel.MGHImage
+    image = kind(values if len(shape) > 2 or name == "a.nii" else values[..., None], np.eye(4))
+    nibabel.save(image, tmp_path / name)
+    assert_array_equal(read_values(tmp_path / name, MESH).values, columns.T)
+    assert_array_equal(read_frames(tmp_path / name, MESH).values, columns)
+    assert_array_equal(as_values(MESH, image), columns.T)
+
+
+def test_label_without_vertices_is_refused(tmp_path):
+    (tmp_path / "a.label").write_text("#!ascii label\n0\n")
+    with raises(FunctionError, "a.label", "no vertices"):
+        value_of(tmp_path / "a.label")
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.mgh"])
+def test_volume_is_no_values_at_vertices(tmp_path, name):
+    kind = nibabel.Nifti1Image if name == "a.nii" else nibabel.MGHImage
+    nibabel.save(kind(np.zeros((3, 4, 5), np.float32), np.eye(4)), tmp_path / name)
+    with raises(FunctionError, "3 x 4 x 5", COUNT, "project"):
+        value_of(tmp_path / name)
+    (tmp_path / name).write_bytes((tmp_path / name).read_bytes()[:348])
     with raises(FunctionError, "cut off"):
-        value_of(tmp_path / "a.nii")
+        value_of(tmp_path / name)
 
 
 @pytest.mark.parametrize("is_rows", [False, True])

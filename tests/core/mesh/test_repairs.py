@@ -320,6 +320,12 @@ def test_mixed_components_at_one_place_have_no_order():
         TriangleMesh(vertices, faces, hemisphere="L")
 
 
+def test_surface_without_extent_has_no_hemispheres():
+    """As a file of FreeSurfer whose vertices all lie at one place."""
+    with raises(MeshError, 2):
+        TriangleMesh(np.full((5, 3), 0.3), [[0, 1, 3], [1, 3, 4], [2, 2, 2]])
+
+
 def test_what_remains_wrong_is_named():
     """Two components of which the larger one has an edge with four faces."""
     one = tetrahedron()

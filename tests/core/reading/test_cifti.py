@@ -105,6 +105,14 @@ def test_other_files_of_cifti_are_refused(tmp_path):
         read_values(tmp_path / "a.dconn.nii", LEFT)
 
 
+def test_first_version_of_cifti_is_named(scalars, tmp_path):
+    """Such as the RSN-networks of the Human Connectome Project."""
+    data = scalars.read_bytes().replace(b'CIFTI Version="2', b'CIFTI Version="1')
+    (tmp_path / "a.dscalar.nii").write_bytes(data)
+    with raises(FunctionError, "CIFTI-1", "-cifti-version-convert"):
+        read_values(tmp_path / "a.dscalar.nii", LEFT)
+
+
 def test_scaled_integers_are_read_as_nibabel_reads_them(scalars, tmp_path):
     image = nibabel.load(scalars)
     data = bytearray(scalars.read_bytes())

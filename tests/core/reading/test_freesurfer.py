@@ -68,8 +68,8 @@ def test_overlays_are_those_that_nibabel_writes(tmp_path, kind, shape, name):
     values = (100 * np.random.default_rng(0).random(shape)).astype(kind)
     freesurfer.MGHImage(values, np.eye(4)).to_filename(tmp_path / name)
     found = freesurfer_frames(open_file(tmp_path / name).data)[0].astype(np.float64)
-    count = np.prod(shape[:3])
-    assert_array_equal(found, values.reshape(count, -1, order="F").astype(np.float64), strict=True)
+    expected = values.reshape(*shape[:3], -1).astype(np.float64)
+    assert_array_equal(found, expected, strict=True)
 
 
 def test_surfaces_are_as_nibabel_writes_and_reads_them(tmp_path):
@@ -91,6 +91,13 @@ def test_surfaces_are_as_nibabel_writes_and_reads_them(tmp_path):
         expected = freesurfer.read_geometry(tmp_path / name)
         assert_array_equal(vertices, expected[0], strict=True)
         assert_array_equal(faces, expected[1])
+
+
+def test_second_line_of_a_surface_may_be_missing():
+    """FreeSurfer's development version of 2019 wrote one line; its own reader accepts both."""
+    vertices, faces = freesurfer_surface(SURFACE.replace(b"\n\n", b"\n", 1))
+    assert_array_equal(vertices, tetrahedron().vertices)
+    assert_array_equal(faces, tetrahedron().faces)
 
 
 @given(seed=seeds, count=st.integers(1, 30))

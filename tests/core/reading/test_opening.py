@@ -53,6 +53,7 @@ def old_quads(vertices: int, quads: int) -> bytes:
         ("a.nii.gz", gzip.compress(header_of_nifti(1, 0), mtime=0), Format.NIFTI),
         ("a.npz", b"PK\x03\x04", Format.NPZ),
         ("a.tsv", b"x\ty\n", Format.TABLE),
+        ("a.1D.dset", b"# a\n0.5\n", Format.TABLE),
         ("a.xyz", b"0 0 0\n", Format.UNKNOWN),
     ],
 )
@@ -79,6 +80,8 @@ def test_compressed_bytes_are_returned_decompressed(tmp_path: Path) -> None:
         (b"PK\x03\x04rest", "ZIP archive"),
         (bytes(257) + b"ustar\x0000", "tar archive"),
         (b"\x1f\x8b\x08rest", "damaged"),
+        (b"\xff\xff\xff\xff\0\0\0\1" + bytes(16), "patch"),
+        (b"<AFNI_dataset self_idcode='x' >", "AFNI"),
     ],
 )
 def test_other_contents_are_named(tmp_path: Path, name: str, data: bytes, reason: str) -> None:

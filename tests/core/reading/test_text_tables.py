@@ -129,6 +129,13 @@ def test_truths_are_one_and_zero_and_minus_signs_are_read():
     assert_array_equal(read_numbers("a,m\n1,True\n\u22122,FALSE\n").table, [[1, 1], [-2, 0]])
 
 
+def test_line_under_commented_names_is_skipped():
+    """As AFNI's 3dVol2Surf writes them."""
+    found = read_numbers(b"# ---------\n# surface 'a' :\n#\n#  node   v0\n# -----  ----\n 3  0.5\n")
+    assert found.names == ["node", "v0"]
+    assert_array_equal(found.table, [[3, 0.5]])
+
+
 def test_names_may_be_in_the_encoding_of_excel():
     names, found, _ = read_numbers("Größe;n\r\n0,5;1\r\n".encode("cp1252"))
     assert names == ["Größe", "n"]
