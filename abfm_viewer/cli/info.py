@@ -28,6 +28,7 @@ from abfm_viewer.cli import options, results
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.films import results as sequence_results
 from abfm_viewer.cli.populations import results as population_results
+from abfm_viewer.cli.progress import steps_progress
 from abfm_viewer.document import verdict_words
 from abfm_viewer.document.film import unit_of
 
@@ -49,9 +50,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("mesh", f"{options.MESH}; or a result .npz", "MESH|RESULT.npz")
     options.add_mesh_options(parser)
     add("--json", "print one JSON object")
+    add("--quiet", "no progress")
 
 
 def run(arguments: argparse.Namespace) -> int:
+    try:
+        with steps_progress(arguments.quiet):
+            report = _report(arguments)
+    except MeshError as error:
+        if arguments.json:
+            print(json.dumps({"mesh": arguments.mesh, "usable": False, "objection": str(error)}))
+        raise
+    print(report)
+    return 0
+
+
+def _report(arguments: argparse.Namespace) -> str:
     if Path(arguments.mesh, "population.npz").is_file():
         return _of_population(arguments)
     if Path(arguments.mesh).is_dir():
@@ -61,21 +75,14 @@ def run(arguments: argparse.Namespace) -> int:
         )
     if arguments.mesh.endswith(".npz"):
         return _of_result(arguments)
-    try:
-        mesh = load_mesh(arguments.mesh, **options.mesh_options(arguments).given)
-    except MeshError as error:
-        if arguments.json:
-            print(json.dumps({"mesh": arguments.mesh, "usable": False, "objection": str(error)}))
-        raise
+    mesh = load_mesh(arguments.mesh, **options.mesh_options(arguments).given)
     facts = describe(mesh)
     if arguments.json:
-        print(json.dumps({"mesh": arguments.mesh, "usable": True, **facts}))
-    else:
-        print("\n".join([printable(arguments.mesh), *_lines(facts)]))
-    return 0
+        return json.dumps({"mesh": arguments.mesh, "usable": True, **facts})
+    return "\n".join([printable(arguments.mesh), *_lines(facts)])
 
 
-def _of_result(arguments: argparse.Namespace) -> int:
+def _of_result(arguments: argparse.Namespace) -> str:
     name = arguments.mesh
     if is_sequence(name):
         return _of_sequence(arguments)
@@ -87,51 +94,43 @@ def _of_result(arguments: argparse.Namespace) -> int:
     match = load_match(name) if found is None else found.match
     options.warn_of_doubt(name, match)
     if arguments.json:
-        print(json.dumps({"result": name, **results.facts(match)}))
-        return 0
+        return json.dumps({"result": name, **results.facts(match)})
     lines = [
         f"{printable(name)}: {match.facts.headline}",
         match.facts.reason,
         f"residual {verdict_words.numbers(match)}, on a mesh of {len(match.mesh.faces):,} faces",
         *results.path_lines(match),
     ]
-    print("\n".join(lines))
-    return 0
+    return "\n".join(lines)
 
 
-def _of_sequence(arguments: argparse.Namespace) -> int:
+def _of_sequence(arguments: argparse.Namespace) -> str:
     name = arguments.mesh
     sequence = load_sequence(name)
     if arguments.json:
-        print(json.dumps({"result": name, **sequence_results.facts(sequence)}))
-        return 0
+        return json.dumps({"result": name, **sequence_results.facts(sequence)})
     unit = "second" if unit_of(sequence.times) else "frame"
     first, *others = sequence_results.lines(sequence, unit)
-    print("\n".join([f"{printable(name)}: {first}", *others]))
-    return 0
+    return "\n".join([f"{printable(name)}: {first}", *others])
 
 
-def _of_population(arguments: argparse.Namespace) -> int:
+def _of_population(arguments: argparse.Namespace) -> str:
     name = arguments.mesh
     found = load_population(name)
     facts = population_results.facts(found)
     if arguments.json:
-        print(json.dumps({"result": name, **facts}))
-        return 0
+        return json.dumps({"result": name, **facts})
     first, *others = population_results.lines(found, facts)
-    print("\n".join([f"{printable(name)}: {first}", *others]))
-    return 0
+    return "\n".join([f"{printable(name)}: {first}", *others])
 
 
-def _of_map(arguments: argparse.Namespace, found: Correspondence) -> int:
+def _of_map(arguments: argparse.Namespace, found: Correspondence) -> str:
     name = arguments.mesh
     if arguments.json:
-        print(json.dumps({"result": name, "map": results.map_facts(found)}))
-        return 0
+        return json.dumps({"result": name, "map": results.map_facts(found)})
     sizes = [f"{len(mesh.faces):,}" for mesh in (found.a, found.b)]
     told = f"a map between surfaces A of {sizes[0]} faces and B of {sizes[1]}, without a match"
-    print("\n".join([f"{printable(name)}: {told}", *results.map_lines(found)]))
-    return 0
+    return "\n".join([f"{printable(name)}: {told}", *results.map_lines(found)])
 
 
 def describe(mesh: TriangleMesh) -> dict[str, Any]:

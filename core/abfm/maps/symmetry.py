@@ -11,6 +11,7 @@ from abfm.errors import AbfmError, ParameterError
 from abfm.maps.surface_points import ClosestPoints
 from abfm.mesh import TriangleMesh, per_mesh
 from abfm.types import FloatArray, IntArray
+from abfm.workers.progress import step
 
 Kind = Literal["mirror", "rotation"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -109,6 +110,11 @@ class _Isometries(NamedTuple):
 @per_mesh
 def _best(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     """Find the symmetry to choose, whatever its error."""
+    with step("looking for symmetries", len(mesh.vertices)):
+        return _chosen(mesh, kind, order)
+
+
+def _chosen(mesh: TriangleMesh, kind: Kind, order: int) -> Symmetry:
     unit = mesh.normalized()
     group = _Isometries(unit, ClosestPoints(unit), kind, order)
     centroid, axes = principal_axes(unit)

@@ -201,7 +201,7 @@ def read_contents(
             known = ", ".join(endings_of(readers))
             more = " or a FreeSurfer surface" * (Format.FREESURFER_SURFACE in readers)
             raise MeshError(f"it is {opened.format}, not a {wanted}; expected {known}{more}")
-        with step(f"reading {opened.format}", len(opened.data)), warnings.catch_warnings():
+        with step("reading", len(opened.data), f" {opened.format}"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return readers[opened.format](opened)
     except (MemoryError, MeshError):

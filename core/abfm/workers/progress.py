@@ -85,6 +85,8 @@ _rates: dict[str, tuple[float, float]] = {
     "factoring": (1.4e-8, 0),  # for an unknown to 3/2
     "factoring for distances": (2.6e-7, 0),  # for a vertex to 3/2
     "checking by flow lines": (1.6e-5, 0),  # for a vertex
+    "looking for symmetries": (4.5e-5, 0),  # for a vertex
+    "reading": (1e-7, 0),  # for a byte
 }
 _lock = threading.Lock()
 

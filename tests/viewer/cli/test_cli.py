@@ -341,6 +341,14 @@ def test_progress_tells_meshes_stages_and_reach(tmp_path, abfm):
     assert "  mesh 2/3, stage " in said
 
 
+def test_info_reports_long_steps(abfm, monkeypatch):
+    slow = "reading", "looking for symmetries"
+    monkeypatch.setattr(progress, "_rates", dict.fromkeys(slow, (1.0, 0)))
+    lines = abfm("info", EIGHT).err.splitlines()
+    assert [line.partition(", about")[0] for line in lines] == ["reading an OFF mesh", slow[1]]
+    assert abfm("info", EIGHT, "--quiet").err == ""
+
+
 @pytest.mark.parametrize(("extra", "is_told"), [([], True), (["--quiet"], False)])
 def test_what_takes_seconds_is_said_with_an_estimate(extra, is_told, tmp_path, monkeypatch, capsys):
     slow = ("factoring for distances", "checking by flow lines")
