@@ -92,7 +92,7 @@ def _columns(data: bytes, counts: Collection[int], sides: tuple[str, str]) -> Co
         vertex_count=int(model.surface_number_of_vertices),
         structure=_HEMISPHERES[model.brain_structure],
         times=None if named else _times(maps, table.shape[1]),
-        notes=(f"{others} other structures in it are ignored",) if others else (),
+        notes=(f"other structures in it are ignored: {others}",) if others else (),
     )
 
 
