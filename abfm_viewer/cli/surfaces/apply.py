@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
         data = partial(read_values, arguments.data, hemisphere=side)
         columns = _read_on(way, data)
         carried = way.b.on_file(way.carry(columns.table(), by))
-        write_values(out, carried, way.b.structure, columns.names)
+        write_values(out, carried, way.b.structure, columns.names, columns.times)
     elif arguments.labels:
         labels = _labels(way, arguments.labels, arguments.column, side)
         carried = way.b.on_file(way.carry_labels(labels.values, by), NO_LABEL)

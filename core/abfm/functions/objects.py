@@ -15,7 +15,7 @@ from abfm.functions.sources import between_sources
 from abfm.functions.value_files import columns_of, image_columns, request_for
 from abfm.mesh import TriangleMesh
 from abfm.mesh.objects import has, part_of
-from abfm.reading import Columns, Format, Opened, counts_of, side_of
+from abfm.reading import Columns, Format, Opened, counts_of, frame_seconds, side_of
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError
 
@@ -93,7 +93,8 @@ def values_of_object(mesh: TriangleMesh, given: Any) -> ObjectValues | None:
     if has(given, "dataobj", "affine"):
         image = np.asarray(given.dataobj)
         sizes = (*image.shape[:3], *[1] * (3 - image.ndim), -1)
-        return ObjectValues(image_columns(image.reshape(sizes, order="F"), counts_of(mesh)))
+        image = image.reshape(sizes, order="F")
+        return ObjectValues(image_columns(image, counts_of(mesh), frame_seconds(given.header)))
     return None
 
 

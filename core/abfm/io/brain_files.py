@@ -115,6 +115,7 @@ def write_values(
     values: ArrayLike,
     structure: str | None = None,
     names: Sequence[str] = (),
+    times: ArrayLike | None = None,
 ) -> None:
     """Write values at vertices: GIFTI, CIFTI, .npy, .csv, .txt or FreeSurfer's.
 
@@ -128,6 +129,9 @@ def write_values(
         One row per vertex of the file that they belong to.
     names : sequence of C str, optional
         What the columns are called, in GIFTI and .csv; others do not say it.
+    times : (C,) array, optional
+        Seconds of the frames in .dtseries.nii, evenly spaced, by default 0, 1, 2, ...; others do
+        not say them.
 
     Raises
     ------
@@ -148,7 +152,7 @@ def write_values(
     columns = _single(array.reshape(len(array), count).T, "values")
     if ending in CIFTI_VALUES:
         of = _structure(path, structure).get(_PRIMARY)
-        write_cifti_values(path, columns.T, called, of)
+        write_cifti_values(path, columns.T, called, of, times)
         return
     if ending in _OVERLAYS:
         image = import_module("nibabel.freesurfer").MGHImage

@@ -10,10 +10,11 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from abfm.errors import ResultError
 from abfm.io.atomic import write_atomically
+from abfm.io.source_estimates import even_step
 from abfm.reading import STRUCTURES, Labels
 
 CIFTI_VALUES = (".dscalar.nii", ".dtseries.nii")
@@ -27,15 +28,18 @@ def write_cifti_values(
     values: NDArray[np.floating],
     names: Sequence[str],
     structure: str | None,
+    times: ArrayLike | None = None,
 ) -> None:
     """Write values (n, C), one column a map of .dscalar.nii, or a frame of .dtseries.nii.
 
     Parameters
     ----------
     names : sequence of C str
-        Names of the maps. Frames of a series have none, and are 1 s apart.
+        Names of the maps. Frames of a series have none.
     structure : str or None
         "CortexLeft" or "CortexRight".
+    times : (C,) array, optional
+        Seconds of the frames of a series, evenly spaced; by default 0, 1, 2, ...
 
     Raises
     ------
@@ -46,7 +50,8 @@ def write_cifti_values(
     count = values.shape[1]
     rows: object
     if is_series:
-        rows = _cifti2().SeriesAxis(0.0, 1.0, count)
+        when = np.arange(count) if times is None else np.asarray(times, dtype=np.float64)
+        rows = _cifti2().SeriesAxis(float(when[0]), even_step(path, when), count)
     else:
         rows = _cifti2().ScalarAxis(list(names) or [f"map {k}" for k in range(count)])
     _write(path, rows, values.T, structure, "SERIES" if is_series else "SCALARS")

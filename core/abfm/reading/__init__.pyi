@@ -1,3 +1,4 @@
+from .cifti import frame_seconds as frame_seconds
 from .cifti import nifti_frames as nifti_frames
 from .cifti import read_cifti as read_cifti
 from .columns import Columns as Columns

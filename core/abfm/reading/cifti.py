@@ -25,6 +25,7 @@ _HEADER_BYTES = 540
 _EXTENSION_CODE = 32
 _SURFACE = "CIFTI_MODEL_TYPE_SURFACE"
 _HEMISPHERES = {"CIFTI_STRUCTURE_CORTEX_LEFT": "L", "CIFTI_STRUCTURE_CORTEX_RIGHT": "R"}
+_SECONDS = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}
 _MODELS = "CIFTI_INDEX_TYPE_BRAIN_MODELS"
 _SERIES = "CIFTI_INDEX_TYPE_SERIES"
 _OLD_VERSION = (
@@ -92,7 +93,7 @@ def _columns(data: bytes, counts: Collection[int], sides: tuple[str, str]) -> Co
         vertex_count=int(model.surface_number_of_vertices),
         structure=_HEMISPHERES[model.brain_structure],
         times=None if named else _times(maps, table.shape[1]),
-        notes=(f"{others} other structures in it are ignored",) if others else (),
+        notes=(f"other structures in it are ignored: {others}",) if others else (),
     )
 
 
@@ -192,9 +193,14 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
     shape = tuple(map(int, head.get_data_shape()))
     sizes = (*shape[:3], *[1] * (3 - len(shape)), math.prod(shape[3:]))
     image = _scaled(data, head, shape or (0,), sizes)
-    units, step = head.get_xyzt_units()[1], head.get_zooms()
-    scale = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}.get(units, 0.0)
-    return image, scale * float(step[3]) if len(step) > 3 else math.nan
+    return image, frame_seconds(head)
+
+
+def frame_seconds(head: Any) -> float:
+    """Return the seconds between the frames of an image by its header of nibabel, or NaN."""
+    steps = head.get_zooms()
+    unit = head.get_xyzt_units()[1] if hasattr(head, "get_xyzt_units") else "msec"  # as in .mgh
+    return _SECONDS.get(unit, math.nan) * float(steps[3]) if len(steps) > 3 else math.nan
 
 
 def _sizes(data: bytes) -> list[int]:

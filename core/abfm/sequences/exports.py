@@ -180,7 +180,7 @@ def export_speed(path: str | os.PathLike[str], sequence: Sequence) -> None:
     """
     speed = sequence.mesh.on_file(vertex_speed(sequence).T)
     names = [f"{time:.9g}" for time in sequence.middles]
-    write_values(path, speed, sequence.mesh.structure, names)
+    write_values(path, speed, sequence.mesh.structure, names, sequence.middles)
 
 
 def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int = 3) -> str:

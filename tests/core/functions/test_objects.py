@@ -196,6 +196,16 @@ def test_entries_place_values_alike():
 FRAMES = np.stack([np.sin(3 * (X - 0.02 * t)) for t in range(3)])
 
 
+def image(kind, step=0, unit=None):
+    """Frames as columns of an image of nibabel, a step apart."""
+    found = kind(np.float32(FRAMES.T)[:, None, None], np.eye(4))
+    if step:
+        found.header.set_zooms((1, 1, 1, step))
+    if unit:
+        found.header.set_xyzt_units(t=unit)
+    return found
+
+
 @pytest.mark.parametrize(
     ("given", "times"),
     [
@@ -206,9 +216,12 @@ FRAMES = np.stack([np.sin(3 * (X - 0.02 * t)) for t in range(3)])
         (pandas.DataFrame(FRAMES[:, ORDER], columns=ORDER), [0, 1, 2]),
         (gifti(*FRAMES), [0, 1, 2]),
         (source_estimate(ORDER, (), FRAMES.T[ORDER], [0.5, 0.6, 0.7]), [0.5, 0.6, 0.7]),
-        (nibabel.MGHImage(np.float32(FRAMES.T)[:, None, None], np.eye(4)), [0, 1, 2]),
+        (image(nibabel.MGHImage), [0, 1, 2]),
+        (image(nibabel.MGHImage, 500), [0, 0.5, 1]),
+        (image(nibabel.Nifti1Image, 500, "msec"), [0, 0.5, 1]),
+        (image(nibabel.Nifti1Image, 0.5, "sec"), [0, 0.5, 1]),
+        (image(nibabel.Nifti1Image, 500), [0, 1, 2]),
     ],
-    ids=["columns", "rows", "frame", "placed rows", "placed columns", "gifti", "stc", "mgh"],
 )
 def test_frames_of_objects(given, times):
     found = abfm.sequence(BALL, given, parameters=abfm.sequences.defaults(sigma=0.1))

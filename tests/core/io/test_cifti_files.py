@@ -38,6 +38,17 @@ def test_series_has_a_frame_a_column(tmp_path: Path) -> None:
     assert image.nifti_header.get_intent()[0] == "ConnDenseSeries"
 
 
+def test_series_has_the_times_of_its_frames(tmp_path: Path) -> None:
+    path = tmp_path / "a.dtseries.nii"
+    for times, expected in ((None, (0, 1)), ([-0.36, 0.36], (-0.36, 0.72))):
+        write_values(path, VALUES, "CortexLeft", times=times)
+        axis = nibabel.load(path).header.get_axis(0)
+        assert_allclose((axis.start, axis.step), expected)
+        assert axis.unit == "SECOND"
+    with raises(ResultError, "a.dtseries.nii", "evenly"):
+        write_values(path, np.ones((4, 3)), "CortexLeft", times=[0, 1, 3])
+
+
 def test_labels_keep_keys_names_and_colours(tmp_path: Path) -> None:
     """A key without a name is called by its number; no label, -1, is the one called "???"."""
     labels = Labels(np.array([3, 0, -1, 7]), {0: "???", 3: "Ä & <b>"}, {3: (0.2, 0.4, 0.6, 0.8)})

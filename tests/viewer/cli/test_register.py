@@ -10,7 +10,7 @@ import abfm as library
 from abfm import Correspondence, TriangleMesh, load_mesh
 from abfm.assets import asset_path
 from abfm.functions import read_column, read_labels
-from abfm.io import export_ply, write_labels
+from abfm.io import export_ply, write_labels, write_values
 from abfm.maps import PointMap
 from abfm.mesh.shapes import even_sphere
 from abfm.reading import Labels
@@ -166,6 +166,25 @@ def test_data_labels_and_points_go_there_and_back(registration, files, abfm, tmp
     )
     places = np.loadtxt(tmp_path / "p.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(places, A.vertices[[3, 17]], atol=1e-3)
+
+
+def test_times_of_frames_are_kept(registration, abfm, tmp_path):
+    """From one series of CIFTI to another, as Workbench reads them."""
+    times = 0.72 * np.arange(3)
+    write_values(
+        tmp_path / "a.dtseries.nii",
+        np.outer(A.vertices[:, 0], [1, 2, 3]),
+        "CortexLeft",
+        times=times,
+    )
+    abfm(
+        "apply",
+        registration,
+        f"--data={tmp_path}/a.dtseries.nii",
+        f"--out={tmp_path}/lh.b.dtseries.nii",
+    )
+    axis = nibabel.load(tmp_path / "lh.b.dtseries.nii").header.get_axis(0)
+    np.testing.assert_allclose(axis.time, times)
 
 
 def write_two_columns(folder):
