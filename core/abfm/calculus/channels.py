@@ -24,15 +24,17 @@ def at_vertices(
 ) -> FloatArray:
     """Return what a user gives at vertices as real numbers, in the same shape.
 
-    The index of a pandas Series or DataFrame, or its column called vertex, node or index, places
-    its rows at vertices, unless it is 0, 1, 2, ...; vertices without a row become NaN.
+    The index of a pandas Series or DataFrame, or a column called vertex, node or index, places its
+    rows at vertices, unless it is 0, 1, 2, ...; vertices without a row become NaN. So do such
+    columns of Polars and Arrow, and coordinates of xarray.
 
     Raises
     ------
     AbfmError
         An ``error`` if there are no real numbers, or vertices are repeated or not of the mesh.
     """
-    if not has(values, "iloc", "index", "to_numpy"):
+    values = with_index(values)
+    if not (has(values, "iloc", "index", "to_numpy") or has(values, "columns", "to_numpy")):
         return real_numbers(values, name, error)
     try:
         return _by_index(mesh, values, name)
@@ -40,14 +42,20 @@ def at_vertices(
         raise error(one_line(problem, 400)) from problem
 
 
+def with_index(values: Any) -> Any:
+    """Return arrays of xarray with one or two axes, and tables of Arrow, as those of pandas."""
+    is_array = has(values, "dims", "coords", "ndim", "to_pandas") and values.ndim in (1, 2)
+    return values.to_pandas() if is_array or has(values, "column_names", "to_pandas") else values
+
+
 def _by_index(mesh: TriangleMesh, frame: Any, name: str) -> FloatArray:
     array = frame.to_numpy()
-    if array.dtype == object:  # perhaps numbers with pandas.NA
+    if array.dtype == object and has(frame, "isna"):  # perhaps numbers with pandas.NA
         array = np.array(np.where(frame.isna(), np.nan, array).tolist())
     array = real_numbers(array, name)
     if array.size == 0:
         return array
-    index = np.asarray(frame.index)
+    index = np.asarray(frame.index if has(frame, "index") else range(len(frame)))
     vertices = None
     if not np.array_equal(index, np.arange(len(index))):
         numbers = index.astype(np.float64) if index.dtype.kind in "iuf" else np.full(1, np.nan)

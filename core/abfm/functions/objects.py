@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ import numpy as np
 from abfm.calculus.channels import at_vertices
 from abfm.errors import AbfmError, FunctionError, one_line
 from abfm.functions.family import texts_of
+from abfm.functions.files import ValuesFile
 from abfm.functions.sources import between_sources
 from abfm.functions.value_files import columns_of, image_columns, request_for
 from abfm.mesh import TriangleMesh
@@ -38,10 +40,11 @@ def as_values(
     ----------
     mesh : TriangleMesh
     given : array or object
-        Anything that NumPy makes an array of, also masked (then NaN), of PyTorch, PyVista or
-        xarray; a pandas Series or DataFrame, see `at_vertices`; a nibabel image (GIFTI, CIFTI, MGH)
-        or nilearn's ``SurfaceImage`` or ``PolyData``; or MNE's ``SourceEstimate``, interpolated
-        between its sources. Of both hemispheres the mesh's own one is taken.
+        Anything that NumPy makes an array of, also masked (then NaN), of PyTorch or PyVista; a
+        Series or DataFrame of pandas or Polars, or an array of xarray, see `at_vertices`; a nibabel
+        image (GIFTI, CIFTI, MGH) or nilearn's ``SurfaceImage`` or ``PolyData``; MNE's
+        ``SourceEstimate``, interpolated between its sources; or the ``Path`` of a file of values.
+        Of both hemispheres the mesh's own one is taken.
     name : str
         What messages call them.
 
@@ -50,6 +53,8 @@ def as_values(
     AbfmError
         An ``error`` if they are no real numbers, hold labels, or do not fit the mesh.
     """
+    if isinstance(given, os.PathLike):
+        return ValuesFile(path=os.fspath(given)).evaluate(mesh)
     try:
         found = values_of_object(mesh, given)
         if found is None:

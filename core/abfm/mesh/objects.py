@@ -9,15 +9,22 @@ import numpy as np
 
 from abfm.errors import brief, one_line
 from abfm.mesh.readers.contents import FileContents, split_polygons
-from abfm.reading import HEMISPHERES, side_of, split_lists, triangles_of_strips
+from abfm.reading import (
+    HEMISPHERES,
+    polygons_of_cells,
+    side_of,
+    split_lists,
+    triangles_of_strips,
+)
 from abfm.types import IntArray
 
 MeshLike: TypeAlias = Any
 """A `TriangleMesh`, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista, meshio,
-nilearn or nibabel."""
+Open3D, PyMeshLab, nilearn or nibabel."""
 ACCEPTED = (
-    "a TriangleMesh, a file name, a pair (vertices, faces), a trimesh.Trimesh, PyVista PolyData, "
-    "a meshio mesh, nilearn's SurfaceImage or PolyMesh, or a nibabel GIFTI image"
+    "a TriangleMesh, a file name, a pair (vertices, faces), a trimesh.Trimesh, PyVista PolyData or "
+    "UnstructuredGrid, a mesh of meshio, Open3D or PyMeshLab, nilearn's SurfaceImage or PolyMesh, "
+    "or a nibabel GIFTI image"
 )
 _FACES = ("triangle", "quad")
 _SIDES = {word: side for side, word in HEMISPHERES.items()}
@@ -105,6 +112,13 @@ def _of_poly_data(given: Any) -> FileContents:
     return _split(given.points, all_sizes, [corners, triangles.ravel()])
 
 
+def _of_grid(given: Any) -> FileContents:
+    """Read the polygons of PyVista's UnstructuredGrid, whose surface would have another order."""
+    types = np.asarray(given.celltypes).astype(np.int64)
+    sizes, corners = polygons_of_cells(*_lists(given.cells, "cells"), types)
+    return _split(given.points, [sizes], [corners])
+
+
 def _lists(given: Any, name: str) -> tuple[IntArray, IntArray]:
     numbers = np.asarray([] if given is None else given).astype(np.int64).ravel()
     try:
@@ -115,10 +129,7 @@ def _lists(given: Any, name: str) -> tuple[IntArray, IntArray]:
 
 def _of_cells(given: Any) -> FileContents:
     """Read the triangles, quadrilaterals and polygons of a meshio mesh."""
-    try:
-        blocks = [(str(block.type), block.data) for block in given.cells]
-    except (AttributeError, TypeError):
-        raise ValueError("it has cells, as a volume; use its extract_surface()") from None
+    blocks = [(str(block.type), block.data) for block in given.cells]
     sizes, corners = [], []
     for kind, data in blocks:
         if kind in _DRAWN_ONLY:
@@ -151,8 +162,15 @@ _READERS: dict[tuple[str, ...], Callable[[Any], FileContents]] = {
     ("coordinates", "faces"): lambda part: FileContents(part.coordinates, part.faces),
     ("darrays",): _of_gifti,
     ("points", "faces", "strips"): _of_poly_data,
+    ("points", "cells", "celltypes"): _of_grid,
     ("points", "cells"): _of_cells,
     ("geometry", "to_mesh"): _of_scene,
     ("vertices", "faces"): lambda mesh: FileContents(mesh.vertices, mesh.faces),
+    ("vertices", "triangles"): lambda mesh: FileContents(mesh.vertices, mesh.triangles),
+    ("vertex", "triangle", "to_legacy"): lambda mesh: contents_of(mesh.to_legacy()),
+    ("vertex_matrix", "face_matrix"): lambda mesh: FileContents(
+        mesh.vertex_matrix(), mesh.face_matrix()
+    ),
 }
-"""By attributes: a part of nilearn's PolyMesh, nibabel, PyVista, meshio, trimesh."""
+"""By attributes: a part of nilearn's PolyMesh, nibabel, PyVista, meshio, trimesh, Open3D,
+PyMeshLab."""

@@ -54,6 +54,7 @@ from .vtk import vtk_contents as vtk_contents
 from .vtk_file import PointData as PointData
 from .vtk_file import Polygons as Polygons
 from .vtk_file import VtkFile as VtkFile
+from .vtk_file import polygons_of_cells as polygons_of_cells
 from .vtk_xml import read_collection as read_collection
 from .words import Words as Words
 from .words import number as number

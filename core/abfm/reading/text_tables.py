@@ -10,6 +10,7 @@ import numpy as np
 
 from abfm.errors import brief, one_line
 from abfm.reading.opening import decoded
+from abfm.reading.words import number
 from abfm.types import FloatArray
 
 _SEPARATORS = ";\t,"
@@ -19,10 +20,12 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
 _BLANK_AFTER = re.compile(r",\s+")
 _EXCEL_LINE = re.compile(r"\A\s*sep=.[ ]*\n", re.IGNORECASE)  # which names the separator
 _POINT = re.compile(r"\d\.|\.\d")
-_WITH_COMMA = re.compile(r"[+-]?\d*(?:,\d+)+(?:[eE][+-]?\d+)?")
+_WITH_COMMA = re.compile(r"[+-]?\d*(?:[.,]\d+)+(?:[eE][+-]?\d+)?")
+_FORTRAN = re.compile(r"\A([+-]?[\d.]+)[dD]([+-]?\d+)\Z")
+_WORD = re.compile(r'"[^"]*"|\S+')
 _BINARY = re.compile(rb"[\0-\x08\x0e-\x1f]")
-_MISSING = ("na", "n/a", "<na>", "#n/a", "#nv", "nan", "null", "none", ".")  # in lower case
-_ERRORS = ("#N/A", "#NV")  # cells of Excel, also at the start of a line
+_ERRORS = ("#N/A", "#NV", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?", "#NULL!")  # of Excel
+_MISSING = ("na", "n/a", "<na>", "nan", "null", "none", ".", *map(str.lower, _ERRORS))
 _TRUTH = {"true": "1", "false": "0"}
 _NUMPY_ERROR = re.compile(  # NumPy counts rows from 0 and columns from 1
     r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",
@@ -92,7 +95,7 @@ def parse_number(text: str, decimal_comma: bool = False) -> float:
     """
     if not decimal_comma and _THOUSANDS.fullmatch(text):
         raise ValueError(f"{brief(text)} may be a decimal or thousands: write a decimal point")
-    return float(text.replace(",", ".") if _DECIMAL.fullmatch(text) else text)
+    return number(text.replace(",", ".") if _DECIMAL.fullmatch(text) else text)
 
 
 class Numbers(NamedTuple):
@@ -152,7 +155,10 @@ def _loaded(rows: list[str], separator: str | None) -> FloatArray:
 
 
 def _numbers(names: list[str], table: FloatArray, places: list[int]) -> Numbers:
-    fitting = len(names) == table.shape[1]  # other words on top are a title
+    count, width = table.shape
+    if len(names) == width - 1 and np.array_equal(np.sort(table[:, 0]), np.arange(1, count + 1)):
+        names = ["", *names]  # R's names of rows have none
+    fitting = len(names) == width  # other words on top are a title
     return Numbers(names if fitting else [], table, places)
 
 
@@ -188,7 +194,7 @@ def _number_of(cell: str) -> str:
     """Return a cell as NumPy reads it, empty if it is missing."""
     text = cell.strip(' "').replace("\u2212", "-")  # the sign for minus
     small = text.lower()
-    return "" if small in _MISSING else _TRUTH.get(small, text)
+    return "" if small in _MISSING else _TRUTH.get(small, _FORTRAN.sub(r"\1e\2", text))
 
 
 def _refused(error: ValueError, places: Sequence[int] = ()) -> ValueError:
@@ -240,7 +246,7 @@ def _separator(line: str) -> str | None:
 
 def _split(line: str, separator: str | None) -> list[str]:
     if separator is None:
-        return line.split()
+        return [word.strip('"') for word in _WORD.findall(line)]
     try:
         return next(csv.reader([line], delimiter=separator))
     except csv.Error as error:  # not a ValueError
@@ -258,9 +264,8 @@ def is_number(text: str) -> bool:
 
 def _are_numbers(cells: list[str]) -> bool:
     """Return whether a first line is numbers, of which some may be missing, and not names."""
-    known = [is_number(cell) for cell in (cells if cells[-1] else cells[:-1])]
-    return any(known) and all(
-        given or cell.lower() in _MISSING for cell, given in zip(cells, known, strict=False)
+    return all(
+        is_number(cell) or cell.lower() in _MISSING for cell in (cells if cells[-1] else cells[:-1])
     )
 
 

@@ -137,11 +137,28 @@ class _Parser:
                 self._take("METADATA", [])
                 words = self._words()
             columns, rows = _count(words[1]), _count(words[2])
+            if words[3].lower() == "string":
+                self._pass_over_strings(columns * rows)
+                continue
             found = self._numbers(columns * rows, words[3])
             if rows == self._count and self._count:
                 self._keep(words[0], found, columns)
             elif words[0] in _TIMES and len(found) == 1:
                 self.time = float(found[0])
+
+    def _pass_over_strings(self, count: int) -> None:
+        """Pass over texts: a line each, or bytes behind their length, whose width its highest two
+        bits give.
+        """
+        for _ in range(count):
+            if self._begin >= len(self._data):
+                raise _cut_off(count)
+            if self._is_text:
+                self._begin = self._data.find(b"\n", self._begin) + 1 or len(self._data)
+                continue
+            width = 8 >> (self._data[self._begin] >> 6)
+            head = int.from_bytes(self._data[self._begin : self._begin + width], "big")
+            self._begin += width + (head & ((1 << (8 * width - 2)) - 1))
 
     def _keep(self, name: str, values: NDArray[Any], columns: int) -> None:
         if self._of_points and values.size:

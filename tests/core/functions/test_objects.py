@@ -43,6 +43,27 @@ class Tensor:
         return self.array
 
 
+class PolarsFrame(dict):
+    """What a DataFrame of Polars does."""
+
+    def __len__(self):
+        return len(self.to_numpy())
+
+    @property
+    def columns(self):
+        return [*self]
+
+    def to_numpy(self):
+        return np.column_stack([*self.values()])
+
+
+def xarray_of(data):
+    """What a DataArray of xarray does; ``data`` is the same of pandas."""
+    return Object(
+        dims=(), coords={}, ndim=data.ndim, to_pandas=lambda: data, __array__=data.to_numpy
+    )
+
+
 def gifti(*arrays, indices=None, labels=False):
     intent = "NIFTI_INTENT_LABEL" if labels else "NIFTI_INTENT_SHAPE"
     found = [GiftiDataArray(np.float32(array), intent) for array in arrays]
@@ -90,6 +111,16 @@ PLACED = {
         pandas.DataFrame({"x": X[ORDER], "y": Y[ORDER]}, index=ORDER),
         np.stack([X, Y], axis=1),
     ),
+    "polars": (PolarsFrame(x=X, y=Y), np.stack([X, Y], axis=1)),
+    "column of vertices in polars": (PolarsFrame(vertex=ORDER, x=X[ORDER]), X[:, None]),
+    "arrow": (
+        Object(
+            column_names=["vertex", "x"],
+            to_pandas=lambda: pandas.DataFrame({"vertex": ORDER, "x": X[ORDER]}),
+        ),
+        X[:, None],
+    ),
+    "xarray": (xarray_of(pandas.Series(X[ORDER], index=ORDER)), X),
     "column of vertices": (pandas.DataFrame({"vertex": ORDER, "x": X[ORDER]}), X[:, None]),
     "gifti": (gifti(X), np.float32(X)),
     "gifti of two": (gifti(X, Y), np.float32(np.stack([X, Y], axis=1))),
@@ -214,6 +245,9 @@ def image(kind, step=0, unit=None):
         (pandas.DataFrame(FRAMES), [0, 1, 2]),
         (pandas.DataFrame(FRAMES.T[ORDER], index=ORDER), [0, 1, 2]),
         (pandas.DataFrame(FRAMES[:, ORDER], columns=ORDER), [0, 1, 2]),
+        ([pandas.Series(frame[ORDER], index=ORDER) for frame in FRAMES], [0, 1, 2]),
+        ([gifti(frame) for frame in FRAMES], [0, 1, 2]),
+        (xarray_of(pandas.DataFrame(FRAMES[:, ORDER], columns=ORDER)), [0, 1, 2]),
         (gifti(*FRAMES), [0, 1, 2]),
         (source_estimate(ORDER, (), FRAMES.T[ORDER], [0.5, 0.6, 0.7]), [0.5, 0.6, 0.7]),
         (image(nibabel.MGHImage), [0, 1, 2]),
@@ -241,6 +275,25 @@ def test_time_step_replaces_times(tmp_path):
     assert str(COUNT) in note
     found.save(tmp_path / "s.npz")
     assert abfm.load_sequence(tmp_path / "s.npz").notes == (note,)
+
+
+def test_masked_frames_of_a_list_have_no_value():
+    given = [np.ma.array(frame, mask=frame > 0.5) for frame in FRAMES]
+    found = abfm.sequences.reading.frame_objects.frames_of(given, BALL)
+    assert_array_equal(found.values, np.where(FRAMES > 0.5, np.nan, FRAMES))
+
+
+def test_names_of_files_are_read(tmp_path):
+    """A `Path` holds values, and any name frames."""
+    np.save(tmp_path / "x.npy", X)
+    assert_array_equal(as_values(BALL, tmp_path / "x.npy"), X)
+    assert_array_equal(abfm.Problem(BALL, tmp_path / "x.npy", Y).source[:, 0], X)
+    with raises(FunctionError, "y.npy"):
+        as_values(BALL, tmp_path / "y.npy")
+    np.save(tmp_path / "frames.npy", FRAMES)
+    for name in (tmp_path / "frames.npy", str(tmp_path / "frames.npy")):
+        found = abfm.sequences.reading.frame_objects.frames_of(name, BALL)
+        assert_array_equal(found.values, FRAMES)
 
 
 def test_square_frames_are_rows_with_a_note():

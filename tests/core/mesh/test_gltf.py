@@ -186,7 +186,7 @@ def _with_arrays(arrays, **changes):
     sphere = icosphere(1)
     arrays = [sphere.vertices.astype("<f4"), sphere.faces.astype("<u4").reshape(-1, 1), *arrays]
     shapes = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-    kinds = {"f4": 5126, "u4": 5125, "u1": 5121, "u2": 5123}
+    kinds = {"f4": 5126, "u4": 5125, "u1": 5121, "u2": 5123, "i2": 5122}
     data, views, entries = b"", [], []
     for array in arrays:
         views.append({"buffer": 0, "byteOffset": len(data), "byteLength": array.nbytes})
@@ -227,6 +227,15 @@ def test_morph_weights_move_vertices(tmp_path, of_mesh, of_node, weights):
     expected = 2 * (sphere.vertices + np.einsum("k,kvx->vx", weights, shifts))
     np.testing.assert_allclose(mesh.vertices, expected, atol=1e-6)
     np.testing.assert_array_equal(mesh.faces, sphere.faces)
+
+
+def test_quantized_morph_targets_are_lengths(tmp_path):
+    """Whole numbers that are not normalized are shifts in the unit of the mesh."""
+    shifts = np.random.default_rng(0).integers(-3, 4, (42, 3)).astype("<i2")
+    meshes = [{"primitives": [_primitive(targets=[{"POSITION": 2}])], "weights": [0.1]}]
+    sphere, content = _with_arrays([shifts], meshes=meshes)
+    mesh = load_mesh(write(tmp_path, "a.glb", content))
+    np.testing.assert_allclose(mesh.vertices, sphere.vertices + 0.1 * shifts, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["<f4", "<u1", "<u2"])

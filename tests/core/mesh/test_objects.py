@@ -63,11 +63,25 @@ def ico_strip():
     return [[single, a, b, last]], rest
 
 
+def grid(kind):
+    """What PyVista's UnstructuredGrid has."""
+    return Object(points=V, cells=padded(F), celltypes=np.full(len(F), kind, np.uint8))
+
+
+def open3d_mesh():
+    """What Open3D's TriangleMesh has."""
+    return Object(vertices=V, triangles=F)
+
+
 OBJECTS = {
     "pair": (V, F),
     "lists": [V.tolist(), F.tolist()],
     "trimesh": trimesh.Trimesh(V, F, process=False),
     "poly data": poly_data(V, F),
+    "unstructured grid": grid(5),
+    "open3d": open3d_mesh(),
+    "open3d tensors": Object(vertex={}, triangle={}, to_legacy=open3d_mesh),
+    "pymeshlab": Object(vertex_matrix=lambda: V, face_matrix=lambda: F),
     "meshio": meshio_mesh(V, vertex=[[0]], line=[[0, 1]], triangle=F),
     "surface image": SurfaceImage(poly_mesh(left=(V, F)), {"left": np.float32(V[:, 0])}),
     "poly mesh": poly_mesh(right=(V, F)),
@@ -144,7 +158,7 @@ UNSUITABLE = {
     "point cloud": trimesh.PointCloud(V),
     "tetrahedra": meshio_mesh(V, tetra=[[0, 1, 2, 3]]),
     "points": meshio_mesh(V),
-    "unstructured grid": Object(points=V, cells=padded(F), celltypes=np.full(len(F), 5)),
+    "curved triangles": grid(22),
     "cut short": Object(points=V, faces=padded(F)[:-1], strips=np.zeros(0, int)),
     "values": nibabel.GiftiImage(darrays=[nibabel.gifti.GiftiDataArray(np.float32(V[:, 0]))]),
     "texts": ("a", "b"),

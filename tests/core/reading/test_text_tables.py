@@ -56,6 +56,7 @@ def test_one_name_above_decimal_commas_is_one_column():
         ("a;b\n1,110,000;2\n", ("'1,110,000'", "thousands")),
         ("1\0\n", (1, "UTF-8")),
         ("# nothing\n", ()),
+        ("a;b\n1,234.5;2\n", ("'1,234.5'", "thousands")),
     ],
 )
 def test_what_can_be_read_in_two_ways_is_refused(text, named):
@@ -97,7 +98,7 @@ def test_rows_of_words_and_the_numbers_in_them():
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
-@pytest.mark.parametrize("word", ["", '""', "NA", "n/a", "NULL", "#N/A", "."])
+@pytest.mark.parametrize("word", ["", '""', "NA", "n/a", "NULL", "#N/A", "#DIV/0!", "."])
 def test_missing_numbers_are_nan(separator, word):
     lines = ["a,b", f"0.5,{word}", f"{word},2", "NaN,3"]
     names, found, _ = read_numbers("\n".join(line.replace(",", separator) for line in lines))
@@ -107,7 +108,21 @@ def test_missing_numbers_are_nan(separator, word):
 
 def test_first_line_may_lack_a_number():
     assert_array_equal(read_numbers("NA,1\n2,3\n").table, [[np.nan, 1], [2, 3]])
+    assert_array_equal(read_numbers("NA\n2\n").table, [[np.nan], [2]])
+    assert_array_equal(read_numbers("#VALUE!\n2\n").table, [[np.nan], [2]])
     assert read_numbers(",0\n5,1\n").names == ["", "0"]  # as pandas names a Series
+
+
+def test_names_of_rows_in_tables_of_r_have_no_name():
+    """As R's write.table writes them; other words are a title."""
+    found = read_numbers('"depth" "mean depth"\n"1" 0.5 NA\n"2" 1 3\n')
+    assert found.names == ["", "depth", "mean depth"]
+    assert_array_equal(found.table, [[1, 0.5, np.nan], [2, 1, 3]])
+    assert not read_numbers("depth of 2\n1 0.5 2 1\n3 1 3 1\n").names
+
+
+def test_exponents_of_fortran_are_read():
+    assert_array_equal(read_numbers("1.5D+01, 2d-1\n-1, 3\n").table, [[15, 0.2], [-1, 3]])
 
 
 def test_columns_of_words_are_left_out():

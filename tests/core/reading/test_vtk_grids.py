@@ -40,6 +40,15 @@ class Legacy:
         else:
             self.content += values.astype(f">{code}").tobytes() + b"\n"
 
+    def strings(self, texts):
+        """A line each, or a length of 1, 2 or 4 bytes whose highest bits are its kind."""
+        for text in texts:
+            size = len(text)
+            kind, width = (3, 1) if size < 1 << 6 else (2, 2) if size < 1 << 14 else (1, 4)
+            head = (kind << (8 * width - 2) | size).to_bytes(width, "big")
+            self.content += (b"" if self.is_text else head) + text.encode() + b"\n" * self.is_text
+        self.content += b"\n"
+
     def cells(self, keyword, cells):
         flat = [corner for cell in cells for corner in cell]
         if not self.is_new:
@@ -76,8 +85,10 @@ def legacy(kind="POLYDATA", is_text=True, is_new=False):
     file.numbers(np.ones(8), "u1")
     file.line("VECTORS v double")
     file.numbers(POINTS, "f8")
-    file.line("FIELD FieldData 2\nf 1 8 int")
+    file.line("FIELD FieldData 3\nf 1 8 int")
     file.numbers(range(8), "i4")
+    file.line("names 1 8 string")
+    file.strings(["", "POINTS 9 float", "x" * 100, "y" * 20_000, *"abcd"])
     file.line("METADATA\nCOMPONENT_NAMES\nx\n\ng 2 8 unsigned_char")
     file.numbers(np.arange(16), "u1")
     return file.content
@@ -113,7 +124,8 @@ REFUSED_LEGACY = {
     "no lines": (b"# vtk DataFile", ()),
     "no dataset": (b"# vtk DataFile\n\nASCII\n", ("DATASET",)),
     "image": (LEGACY.replace(b"POLYDATA", b"STRUCTURED_POINTS"), ("STRUCTURED_POINTS",)),
-    "texts": (LEGACY.replace(b"f 1 8 int", b"f 1 8 string"), ("string",)),
+    "bits": (LEGACY.replace(b"f 1 8 int", b"f 1 8 bit"), ("bit",)),
+    "texts beyond": (LEGACY.replace(b"names 1 8", b"names 1 999"), (999,)),
     "unknown": (LEGACY.replace(b"VECTORS", b"VICTORS"), ("VICTORS",)),
     "few words": (LEGACY.replace(b"POINTS 8 double", b"POINTS 8"), ()),
     "many points": (LEGACY.replace(b"POINTS 8", b"POINTS 99999999999"), ()),

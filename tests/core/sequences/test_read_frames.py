@@ -292,6 +292,10 @@ def hostile(folder):
     np.savez(folder / "time.npz", frames=FILM, times="now")
     with zipfile.ZipFile(folder / "bad.npz", "w") as archive:
         archive.writestr("frames.npy", b"\x93NUMPY")
+    for begin in (0, 1):
+        counted = np.column_stack([np.arange(begin, COUNT + begin), FILM.T])
+        np.savetxt(folder / f"from_{begin}.csv", counted, delimiter=",")
+    np.save(folder / "from_0.npy", np.column_stack([np.arange(COUNT), FILM.T]))
     np.savetxt(folder / "short.csv", FILM[:, :-1].T, delimiter=",")
     gifti(folder / "label.gii", FILM, intent="NIFTI_INTENT_LABEL")
     gifti(folder / "mixed.gii", [FILM[0], FILM[0, :-1]])
@@ -381,6 +385,9 @@ def hostiles(tmp_path_factory):
         ("bad.series", None, ("JSON", 1)),
         ("odd.series", None, ()),
         ("array.series", None, ()),
+        ("from_0.csv", None, (0, COUNT - 1, "vertices")),
+        ("from_1.csv", None, (1, COUNT, "vertices")),
+        ("from_0.npy", None, (0, COUNT - 1, "vertices")),
     ],
 )
 def test_what_is_no_film_of_the_mesh_is_refused_in_a_line(hostiles, name, array, named):

@@ -132,7 +132,7 @@ class Document:
         self._references, self._texts = References(opened.path), dict[str, bytes]()
         self._images: dict[tuple[int, int, int], bytes] = {}
         self._size, self._counted = len(opened.data), 0
-        self._arrays: dict[tuple[int, str], NDArray[Any]] = {}
+        self._arrays: dict[tuple[int, str, bool], NDArray[Any]] = {}
         self._matrices, self._joints = dict[int, FloatArray](), dict[int, FloatArray]()
 
     def count(self, entries: int) -> None:
@@ -282,14 +282,19 @@ class Document:
         )
         return whole
 
-    def at_vertices(self, part: Part, index: int, shape: str) -> NDArray[Any]:
-        """Return what an accessor gives the vertices of a part, whole numbers as shares of 1."""
-        if (index, shape) not in self._arrays:
+    def at_vertices(
+        self, part: Part, index: int, shape: str, as_shares: bool = True
+    ) -> NDArray[Any]:
+        """Return what an accessor gives the vertices of a part, whole numbers as shares of 1 unless
+        they are lengths.
+        """
+        key = index, shape, as_shares
+        if key not in self._arrays:
             found = self.numbers(index, shape)
             self.count(len(found))
-            scale = 1.0 if found.dtype.kind == "f" else float(np.iinfo(found.dtype).max)
-            self._arrays[index, shape] = found if scale == 1 else found / scale
-        found = self._arrays[index, shape]
+            is_scaled = as_shares and found.dtype.kind != "f"
+            self._arrays[key] = found / np.iinfo(found.dtype).max if is_scaled else found
+        found = self._arrays[key]
         if len(found) != len(part.points):
             raise ValueError(
                 f"accessor {index} has {len(found)} entries for {len(part.points)} vertices"

@@ -49,7 +49,8 @@ def _morphed(document: "Document", part: "Part", node: dict[str, Any]) -> FloatA
         position = of(target, "POSITION", int, None)
         if weight != 0 and position is not None:
             document.count(len(points))
-            points = points + weight * document.at_vertices(part, position, "VEC3")
+            shift = document.at_vertices(part, position, "VEC3", as_shares=False)
+            points = points + weight * shift
     return points
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,6 +24,7 @@ from abfm.registration.initial.counting import warn_of_counting
 from abfm.types import FloatArray
 
 _WORDS = ("name", "weight", "curve")  # columns beside the places, by their names
+_SURFACES = {"a": "a", "source": "a", "b": "b", "target": "b"}  # words in names of columns
 _LARGEST = 1e15  # number of a vertex; larger ones are none and fill lines
 _FAR = 0.1  # of sqrt(area): a place that is farther from its surface is none of its points
 _BETWEEN = 32  # places between two points of a curve that are brought onto the surface
@@ -109,8 +111,9 @@ def read_landmarks(
     A line holds the number of a vertex of A and that of one of B, as the mesh files count them,
     from 0 (in .vts files, or if they are ``one_based``, from 1); or six coordinates, x, y, z on A
     and x, y, z on B, in the units of the meshes, which are brought onto the surfaces. A line of
-    names on top may call further columns ``name``, ``weight`` and ``curve``; without it one more
-    column of words is the curve. Numbers that fit better if counted the other way
+    names on top may call further columns ``name``, ``weight`` and ``curve``, and those of places in
+    another order by surface and axis, such as ``b`` or ``x_b``; without it one more column of words
+    is the curve. Numbers that fit better if counted the other way
     give a warning.
 
     The lines of a curve, in their order, are points along it; A may have more of them than B or
@@ -277,6 +280,19 @@ class _Columns(NamedTuple):
         return found
 
 
+def _by_surface(names: list[str], places: list[int]) -> list[int]:
+    """Return columns in the order A, B if their names have a surface, and an axis if they are six,
+    such as ``target`` or ``x_b``; otherwise as they are.
+    """
+    found = {}
+    for k in places:
+        words = re.findall("[a-z]+", names[k].lower())
+        surface = "".join(_SURFACES[word] for word in words if word in _SURFACES)
+        found[surface + "".join(word for word in words if word in ("x", "y", "z"))] = k
+    wanted = [side + axis for side in "ab" for axis in ("xyz" if len(places) == 6 else [""])]
+    return [found[each] for each in wanted] if sorted(found) == wanted else places
+
+
 def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
     """Tell by the first line what the columns are."""
     count = len(first)
@@ -291,6 +307,8 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
         others = {word: names.index(word) for word in _WORDS if word in names}
         named = True
     places = [k for k in range(has_index, count) if k not in others.values()]
+    if named:
+        places = _by_surface(first, places)
     is_doubled = len(places) == 12  # numbers with decimal commas between commas
     if len(places) not in (2, 6):
         raise AbfmError(

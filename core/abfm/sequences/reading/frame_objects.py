@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
-from abfm.calculus.channels import at_vertices
+import numpy as np
+
+from abfm.calculus.channels import at_vertices, with_index
 from abfm.errors import AbfmError, FunctionError, one_line
-from abfm.functions.objects import values_of_object
+from abfm.functions.objects import as_values, values_of_object
 from abfm.mesh import TriangleMesh
 from abfm.mesh.objects import has
 from abfm.reading import counts_of
 from abfm.sequences.reading.frames_file import FramesFile, by_frames, frames_of_columns
+from abfm.sequences.reading.reading_frames import read_frames
 from abfm.types import FloatArray
 from abfm.workers.control import CancelledError
 
@@ -25,13 +29,15 @@ def frames_of(given: Any, mesh: TriangleMesh) -> FramesFile:
     ----------
     given : array or object
         What `abfm.functions.as_values` takes, with a column for each frame. Of pandas, either rows
-        or columns are vertices.
+        or columns are vertices. Or a list of frames, or the name of a file.
 
     Raises
     ------
     FunctionError
         If they are no real numbers, or do not fit the mesh.
     """
+    if isinstance(given, str | os.PathLike):
+        return read_frames(given, mesh)
     try:
         found = values_of_object(mesh, given)
         if found is not None:
@@ -44,6 +50,9 @@ def frames_of(given: Any, mesh: TriangleMesh) -> FramesFile:
 
 
 def _array(mesh: TriangleMesh, given: Any) -> FloatArray:
+    given = with_index(given)
+    if isinstance(given, list | tuple) and not all(isinstance(each, list) for each in given):
+        return np.stack([as_values(mesh, frame, "frames") for frame in given])
     is_table = has(given, "iloc", "columns")
     if is_table and given.shape[1] in counts_of(mesh):
         return at_vertices(mesh, given.T, "frames").T

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abfm.functions.sources import between_sources
 from abfm.mesh import TriangleMesh
@@ -66,6 +67,8 @@ def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) 
         if len(mesh.faces) in given.shape:
             hint = f", and {len(mesh.faces)} faces: give values at vertices, such as means of faces"
         raise ValueError(f"it has the shape {given.shape}; the mesh has {sizes} vertices{hint}")
+    if given.ndim == 2 and axis == 0:
+        _refuse_numbers_of_vertices(given)
     if frames_first and axis == 0:
         channels = f", {given.shape[1]} of them, of {given.shape[-1]} channels"
         notes.append(
@@ -78,3 +81,14 @@ def by_frames(found: FramesFile, mesh: TriangleMesh, frames_first: bool = True) 
     if times is not None and times.shape != (len(values),):
         raise ValueError(f"it has {times.size} times for {len(values)} frames")
     return FramesFile(values, times, tuple(notes))
+
+
+def _refuse_numbers_of_vertices(given: NDArray[Any]) -> None:
+    """Refuse a first column of a table (V, T) that counts its rows."""
+    count = len(given)
+    for begin in (0, 1):
+        if given.shape[1] > 1 and np.array_equal(given[:, 0], np.arange(begin, begin + count)):
+            raise ValueError(
+                f"its first column has the numbers from {begin} to {begin + count - 1} in order, "
+                "which are those of vertices and no frame: remove it"
+            )

@@ -36,6 +36,8 @@ def read(tmp_path):
         "# x\n\n5;9\n0;161",
         "5 9\n0 161",
         ",a,b\n0,5,9\n1,0,161\n",
+        "vertex_b,vertex_a\n9,5\n161,0\n",
+        "Target,Source\n9,5\n161,0\n",
     ],
 )
 def test_pairs_of_vertices(read, text):
@@ -67,6 +69,9 @@ def test_six_columns_are_places_which_come_onto_the_surfaces(read):
     text = "\n".join(";".join(map(repr, row)) for row in off.tolist()).replace(".", ",")
     for separated in (text, text.replace(";", "\t"), text.replace(";", " ")):  # decimal commas
         assert_allclose(read(separated).b.positions, found.b.positions, atol=1e-12)
+    mixed = off.reshape(2, 2, 3).transpose(0, 2, 1)[:, ::-1, ::-1].reshape(2, 6)
+    named = ["z_b,z_a,y_b,y_a,x_b,x_a", *(",".join(map(repr, row)) for row in mixed.tolist())]
+    assert_allclose(read("\n".join(named)).b.positions, found.b.positions, atol=1e-12)
     with raises(AbfmError, 12, "decimal"):
         read(text.replace(";", ","))
     off[1, 3:] *= 2
