@@ -33,7 +33,7 @@ def even_step(path: str | os.PathLike[str], times: ArrayLike) -> float:
     step = float(when[-1] - when[0]) / max(len(when) - 1, 1) or 1.0
     if np.abs(np.diff(when) - step).max(initial=0.0) > _UNEVEN * step:
         raise ResultError(
-            f"cannot write {path}: its times are not evenly spaced, as its format expects"
+            f"cannot write {path}: its times are not evenly spaced; this format has one time step"
         )
     return step
 
