@@ -36,11 +36,16 @@ sphere_of = per_mesh(sphere_embedding)  # kept, as functions may change
 
 def best_of_spheres(given: Given, sides: Sequence[int]) -> Initial:
     """Return the best map of two spheres: by vertex numbers if they have the same faces, or by a
-    rotation, of either side (1, or -1 for the mirror image).
+    rotation, of either side (1, or -1 for the mirror image). Rotations are not searched if none
+    could be better than vertex numbers.
     """
     found: list[tuple[str, Initial]] = []
     if 1 in sides and np.array_equal(given.a.faces, given.b.faces):
-        found.append(("connectivity", Initial(Correspondence.of_same_faces(given.a, given.b))))
+        same = Correspondence.of_same_faces(given.a, given.b)
+        cost = _cost(given, same)
+        if cost <= _TURN_COST:
+            return Initial(same.chosen_of((Candidate("connectivity", cost),)))
+        found.append(("connectivity", Initial(same)))
     directions = sphere_directions(given.a), sphere_directions(given.b)
     marks = given.landmarks
     if given.f is not None and marks is not None and len(marks) >= LANDMARKS_MIN:
