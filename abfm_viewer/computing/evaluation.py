@@ -13,7 +13,7 @@ import abfm
 from abfm import AbfmError, FunctionError, TriangleMesh
 from abfm.errors import brief
 from abfm.types import FloatArray
-from abfm.workers.progress import Step
+from abfm.workers.progress import Step, step
 from abfm.workers.worker import Worker, stateless
 from abfm_viewer.computing.background import Latest, error_line
 from abfm_viewer.computing.defaults import default_functions
@@ -143,7 +143,8 @@ class Functions:
         is_exact = any("geodesic:" in str(each) for each in given)
         if self._worker is None or not (self._is_large or is_exact):
             return function(self.mesh, *given)
-        return self._worker.call(_apart, function, self.mesh, *given).result()
+        with step("in a subprocess"):  # which takes seconds to start
+            return self._worker.call(_apart, function, self.mesh, *given).result()
 
 
 def _values(mesh: TriangleMesh, spec: str) -> FloatArray:

@@ -20,6 +20,7 @@ from abfm.assets import asset_path
 from abfm.errors import SeveralArraysError, brief, one_line
 from abfm.mesh.files import MESH_ENDINGS
 from abfm.mesh.options import AS_IT_IS, MeshOptions
+from abfm.pages.creases import drawn_mesh
 from abfm.reading import FREESURFER_SURFACES
 from abfm.types import FloatArray
 from abfm.wording import capital
@@ -152,6 +153,14 @@ def session_of(opened: Opened, origin: Origin | None = None) -> Session:
 def _absolute(path: Path) -> Path:
     # Path.expanduser has no answer where there is no such user
     return Path(os.path.expanduser(path)).absolute()
+
+
+def _mesh_to_draw(path: Path, **options: Any) -> TriangleMesh:
+    """Read a mesh, and compute what the frame loop would wait for."""
+    mesh = load_mesh(path, **options)
+    drawn_mesh(mesh)
+    _ = mesh.genus, mesh.is_inside_out
+    return mesh
 
 
 def find_first(path: Path) -> FoundTable | None:
@@ -598,7 +607,7 @@ class SessionFiles:
         if is_no_surface(path):
             return self._read_frames(path, self._session.surface("source"))
         try:
-            return partial(show_mesh, path, load_mesh(path))
+            return partial(show_mesh, path, _mesh_to_draw(path))
         except MeshError as error:
             if not error.remedies:
                 raise
@@ -621,7 +630,7 @@ class SessionFiles:
         """Read a mesh with options."""
 
         def read() -> Do:
-            return partial(show_mesh, path, load_mesh(path, **options))
+            return partial(show_mesh, path, _mesh_to_draw(path, **options))
 
         remedies = self._offered(OTHER_MESH)
         self._load(Load(f"opening {path.name}", read, remedies=remedies))

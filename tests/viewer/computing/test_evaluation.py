@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from abfm import AbfmError, FunctionError, TriangleMesh, function
+from abfm.workers.progress import telling
 from abfm_viewer.computing import evaluation
 from abfm_viewer.computing.defaults import default_functions
 from abfm_viewer.computing.evaluation import Functions
@@ -74,7 +75,10 @@ def test_large_meshes_get_a_process_and_closed_ones_start_none(monkeypatch):
     monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 1_000)
     functions = Functions(SPARSE)
     for spec, has_one in (("coordinate:x", False), ("geodesic:vertex=3", True)):
-        functions.evaluate(spec)
+        steps = []
+        with telling(lambda step, steps=steps: steps.append(step and step.task)):
+            functions.evaluate(spec)
+        assert ("in a subprocess" in steps) == has_one
         assert (functions._worker.pid is not None) == has_one
     functions.retire()
     monkeypatch.setattr(evaluation, "OWN_PROCESS_FROM", 0)
