@@ -264,9 +264,9 @@ def is_number(text: str) -> bool:
 
 def _are_numbers(cells: list[str]) -> bool:
     """Return whether a first line is numbers, of which some may be missing, and not names."""
-    return all(
-        is_number(cell) or cell.lower() in _MISSING for cell in (cells if cells[-1] else cells[:-1])
-    )
+    words = (*_MISSING, *_TRUTH)
+    known = cells if cells[-1] else cells[:-1]
+    return all(is_number(cell) or cell.lower() in words for cell in known)
 
 
 def _with_points(

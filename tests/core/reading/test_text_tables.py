@@ -110,6 +110,7 @@ def test_first_line_may_lack_a_number():
     assert_array_equal(read_numbers("NA,1\n2,3\n").table, [[np.nan, 1], [2, 3]])
     assert_array_equal(read_numbers("NA\n2\n").table, [[np.nan], [2]])
     assert_array_equal(read_numbers("#VALUE!\n2\n").table, [[np.nan], [2]])
+    assert_array_equal(read_numbers("FALSE\nTRUE\n").table, [[0], [1]])
     assert read_numbers(",0\n5,1\n").names == ["", "0"]  # as pandas names a Series
 
 
