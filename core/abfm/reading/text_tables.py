@@ -15,12 +15,12 @@ from abfm.types import FloatArray
 
 _SEPARATORS = ";\t,"
 _QUOTED = re.compile(r'"[^"]*"')
-_DECIMAL = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+_DECIMAL = re.compile(r"[+-]?\d+,\d+(?:[eEdD][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
 _BLANK_AFTER = re.compile(r",\s+")
 _EXCEL_LINE = re.compile(r"\A\s*sep=.[ ]*\n", re.IGNORECASE)  # which names the separator
 _POINT = re.compile(r"\d\.|\.\d")
-_WITH_COMMA = re.compile(r"[+-]?\d*(?:[.,]\d+)+(?:[eE][+-]?\d+)?")
+_WITH_COMMA = re.compile(r"[+-]?\d*(?:[.,]\d+)+(?:[eEdD][+-]?\d+)?")
 _FORTRAN = re.compile(r"\A([+-]?[\d.]+)[dD]([+-]?\d+)\Z")
 _WORD = re.compile(r'"[^"]*"|\S+')
 _BINARY = re.compile(rb"[\0-\x08\x0e-\x1f]")
