@@ -76,7 +76,8 @@ class Problem:
     terms : sequence of DataTerm
         What else is to be matched, on ``mesh.normalized()``.
     landmarks : (L, 2) array of int, or pair of SurfacePoints, optional
-        Vertices of the mesh, or points, and where the flow is to take them, each to its own:
+        Vertices, by the rows of a `TriangleMesh` or as any other ``mesh`` that is given counts
+        them, or points, and where the flow is to take them, each to its own:
         ``1/(2 lambda^2) sum_i w_i d(phi(p_i), q_i)^2`` is added, with the flow ``phi`` to tau,
         distances along the surface, and lambda as the parameters' ``landmark_sigma``.
     landmark_weights : (L,) array, optional
@@ -131,6 +132,7 @@ class Problem:
         approximate: bool = False,
         circular: bool | float | None = False,
     ) -> None:
+        is_made = not isinstance(mesh, TriangleMesh)
         mesh = as_mesh(mesh)
         if not isinstance(parameters, Parameters | None):
             raise ParameterError(
@@ -165,7 +167,7 @@ class Problem:
             parameters=parameters or Parameters(),
             fine_start=_checked_start(start, mesh),
             functions=functions,
-            landmarks=_landmarks(mesh, landmarks, landmark_weights),
+            landmarks=_landmarks(mesh, landmarks, landmark_weights, as_file=is_made),
             channels_given=np.ndim(source) == 2,
             specs=tuple(_specs(given, len(functions.source)) for given in (f, g)),
         )
@@ -459,10 +461,12 @@ def _require_weight(functions: FunctionTerm) -> None:
         )
 
 
-def _landmarks(mesh: TriangleMesh, given: Any, weights: ArrayLike | None) -> Landmarks | None:
+def _landmarks(
+    mesh: TriangleMesh, given: Any, weights: ArrayLike | None, as_file: bool
+) -> Landmarks | None:
     if given is None and weights is not None:
         raise ParameterError("landmark_weights without landmarks: give both")
-    return None if given is None else landmarks_of(mesh, given, weights)
+    return None if given is None else landmarks_of(mesh, given, weights, as_file)
 
 
 def _landmarks_of_file(mesh: TriangleMesh, arrays: list[NDArray[Any]]) -> Landmarks | None:

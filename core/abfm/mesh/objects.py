@@ -22,9 +22,8 @@ MeshLike: TypeAlias = Any
 """A `TriangleMesh`, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista, meshio,
 Open3D, PyMeshLab, nilearn or nibabel."""
 ACCEPTED = (
-    "a TriangleMesh, a file name, a pair (vertices, faces), a trimesh.Trimesh, PyVista PolyData or "
-    "UnstructuredGrid, a mesh of meshio, Open3D or PyMeshLab, nilearn's SurfaceImage or PolyMesh, "
-    "or a nibabel GIFTI image"
+    "a TriangleMesh, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista, meshio, "
+    "Open3D, PyMeshLab, nilearn or nibabel (GIFTI)"
 )
 _FACES = ("triangle", "quad")
 _SIDES = {word: side for side, word in HEMISPHERES.items()}

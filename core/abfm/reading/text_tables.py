@@ -15,12 +15,12 @@ from abfm.types import FloatArray
 
 _SEPARATORS = ";\t,"
 _QUOTED = re.compile(r'"[^"]*"')
-_DECIMAL = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+_DECIMAL = re.compile(r"[+-]?\d+,\d+(?:[eEdD][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:,\d{3})+")
 _BLANK_AFTER = re.compile(r",\s+")
 _EXCEL_LINE = re.compile(r"\A\s*sep=.[ ]*\n", re.IGNORECASE)  # which names the separator
 _POINT = re.compile(r"\d\.|\.\d")
-_WITH_COMMA = re.compile(r"[+-]?\d*(?:[.,]\d+)+(?:[eE][+-]?\d+)?")
+_WITH_COMMA = re.compile(r"[+-]?\d*(?:[.,]\d+)+(?:[eEdD][+-]?\d+)?")
 _FORTRAN = re.compile(r"\A([+-]?[\d.]+)[dD]([+-]?\d+)\Z")
 _WORD = re.compile(r'"[^"]*"|\S+')
 _BINARY = re.compile(rb"[\0-\x08\x0e-\x1f]")
@@ -264,9 +264,9 @@ def is_number(text: str) -> bool:
 
 def _are_numbers(cells: list[str]) -> bool:
     """Return whether a first line is numbers, of which some may be missing, and not names."""
-    return all(
-        is_number(cell) or cell.lower() in _MISSING for cell in (cells if cells[-1] else cells[:-1])
-    )
+    words = (*_MISSING, *_TRUTH)
+    known = cells if cells[-1] else cells[:-1]
+    return all(is_number(cell) or cell.lower() in words for cell in known)
 
 
 def _with_points(

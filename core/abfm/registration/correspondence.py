@@ -14,6 +14,7 @@ from abfm.calculus.channels import at_vertices
 from abfm.calculus.operators import edge_lengths, face_areas, vertex_areas
 from abfm.display import Display
 from abfm.errors import AbfmError, FunctionError, ParameterError, brief
+from abfm.functions import as_values
 from abfm.io import results
 from abfm.maps.distortion import Distortion, turned_over
 from abfm.maps.point_maps import PointMap
@@ -119,7 +120,7 @@ class Correspondence(Display):
         ``by="area"`` means over all vertices of A around it, see `to_matrix`. What is not finite
         makes what is carried of it so.
         """
-        given = at_vertices(self.a, h, "h")
+        given = as_values(self.a, h, "h")
         if given.ndim not in (1, 2):
             raise FunctionError(f"h has shape {given.shape}; expected (V_A,) or (V_A, C)")
         carried: FloatArray = _without_zeros(self.to_matrix(by)) @ self.a.restrict(given)
@@ -129,7 +130,7 @@ class Correspondence(Display):
         """Carry labels of A, whole numbers (V_A,), to B, (V_B,): at each vertex the label that has
         most weight there, the smallest of several; never a mixture.
         """
-        given = self.a.restrict(_whole(labels))
+        given = self.a.restrict(_whole(self.a, labels))
         known, numbers = np.unique(given, return_inverse=True)
         weights = self.to_matrix(by)
         rows = np.arange(len(numbers))
@@ -383,8 +384,11 @@ def _without_zeros(matrix: sparse.csr_array) -> sparse.csr_array:
     return found
 
 
-def _whole(labels: ArrayLike) -> NDArray[Any]:
+def _whole(mesh: TriangleMesh, labels: ArrayLike) -> NDArray[Any]:
     given = np.asarray(labels)
+    if isinstance(labels, np.ma.MaskedArray) or not isinstance(labels, np.ndarray | list | tuple):
+        placed = at_vertices(mesh, labels, "labels")
+        given = placed.astype(np.int64) if np.array_equal(placed, np.rint(placed)) else placed
     if given.ndim != 1 or given.dtype.kind not in "iu":
         raise FunctionError(
             f"labels have shape {given.shape} of {given.dtype}; expected whole numbers, one per "

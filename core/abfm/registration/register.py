@@ -102,7 +102,8 @@ def register(
         See `abfm.registration.initial.words`; by default chosen by what is given.
     landmarks : (L, 2) array of int, pair of SurfacePoints, or Landmarks, optional
         Vertices, or points, of A and of B that belong together: the flow takes where the initial
-        map has A's to B's. Without f and g they are all that is matched.
+        map has A's to B's. Without f and g they are all that is matched. Vertices are rows of a
+        `TriangleMesh`; of any other mesh that is given they are counted as it counts them.
     parameters : Parameters, optional
         By default `MEASURED` if the functions are measured, or the initial map was searched between
         two shapes, whose functions are only alike; else ``Parameters()``.
@@ -189,10 +190,11 @@ def prepare(
     circular: bool | float = False,
 ) -> Prepared:
     """Return the initial map and the problem on B that `register` solves."""
+    are_made = tuple(not isinstance(given, TriangleMesh) for given in (a, b))
     a, b = as_meshes(a, b)
     if (f is None) != (g is None):
         raise FunctionError("give both f and g: functions of A and of B to register by")
-    marks = None if landmarks is None else _landmarks(a, b, landmarks)
+    marks = None if landmarks is None else _landmarks(a, b, landmarks, are_made)
     if f is None or g is None:
         if marks is None:
             raise FunctionError(
@@ -256,7 +258,9 @@ def prepare(
     return Prepared(found, problem, tuple(notes), source.T.copy(), first.warnings)
 
 
-def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:
+def _landmarks(
+    a: TriangleMesh, b: TriangleMesh, given: Pairs, are_made: tuple[bool, ...]
+) -> Landmarks:
     if isinstance(given, tuple) and all(isinstance(points, SurfacePoints) for points in given):
         on_a, on_b = given
         count = len(on_a.faces)
@@ -274,8 +278,12 @@ def _landmarks(a: TriangleMesh, b: TriangleMesh, given: Pairs) -> Landmarks:
             f"landmarks have shape {pairs.shape} of {pairs.dtype}; expected (L, 2) vertices of A "
             "and of B, or two SurfacePoints"
         )
-    found = Landmarks.of_vertices(a, b, pairs[:, 0], pairs[:, 1])
-    warn_of_counting(a, b, a.vertex_ids[pairs[:, 0]], b.vertex_ids[pairs[:, 1]], first=0)
+    rows = [
+        np.array([mesh.local_vertex(k) for k in numbers], dtype=np.int64) if is_made else numbers
+        for mesh, numbers, is_made in zip((a, b), pairs.T, are_made, strict=True)
+    ]
+    found = Landmarks.of_vertices(a, b, *rows)
+    warn_of_counting(a, b, a.vertex_ids[rows[0]], b.vertex_ids[rows[1]], first=0)
     return found
 
 

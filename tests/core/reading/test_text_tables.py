@@ -110,6 +110,7 @@ def test_first_line_may_lack_a_number():
     assert_array_equal(read_numbers("NA,1\n2,3\n").table, [[np.nan, 1], [2, 3]])
     assert_array_equal(read_numbers("NA\n2\n").table, [[np.nan], [2]])
     assert_array_equal(read_numbers("#VALUE!\n2\n").table, [[np.nan], [2]])
+    assert_array_equal(read_numbers("FALSE\nTRUE\n").table, [[0], [1]])
     assert read_numbers(",0\n5,1\n").names == ["", "0"]  # as pandas names a Series
 
 
@@ -123,6 +124,11 @@ def test_names_of_rows_in_tables_of_r_have_no_name():
 
 def test_exponents_of_fortran_are_read():
     assert_array_equal(read_numbers("1.5D+01, 2d-1\n-1, 3\n").table, [[15, 0.2], [-1, 3]])
+    for separator in ("; ", "\t", " "):
+        found = read_numbers(f"1,5D+01{separator}2,5d-1\n-1{separator}3,0D0\n")
+        assert_array_equal(found.table, [[15, 0.25], [-1, 3]])
+    with raises(ValueError, "-6,25D+02", "decimal"):
+        read_numbers("-6,25D+02\n2,5D+00\n")
 
 
 def test_columns_of_words_are_left_out():

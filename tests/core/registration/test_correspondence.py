@@ -3,6 +3,7 @@
 import pickle
 
 import numpy as np
+import pandas
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
@@ -72,6 +73,17 @@ def test_labels_are_never_mixed():
         assert_array_equal(carried[clear], np.where(linear(COARSE) > 0.1, 1000, -7)[clear])
     with raises(FunctionError):
         found.carry_labels(linear(FINE))
+
+
+def test_index_places_labels_and_masked_ones_are_refused():
+    found = spheres(FINE, COARSE)
+    labels = np.where(linear(FINE, TURN) > 0.1, 1000, -7)
+    expected = found.carry_labels(labels)
+    order = np.random.default_rng(0).permutation(len(labels))
+    assert_array_equal(found.carry_labels(pandas.Series(labels[order], index=order)), expected)
+    assert_array_equal(found.carry_labels(np.ma.array(labels)), expected)
+    with raises(FunctionError, "float64"):
+        found.carry_labels(np.ma.array(labels, mask=labels < 0))
 
 
 def test_points_go_there_and_back_and_vertices_to_the_nearest():

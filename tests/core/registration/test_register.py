@@ -313,6 +313,22 @@ def test_landmarks_that_leave_a_rotation_open_turn_no_sphere(vertices, side):
     check_message(note)
 
 
+def test_landmarks_count_as_the_given_mesh_does():
+    """A pair of arrays has its own numbers, a mesh made of it those of its rows."""
+    pair = np.vstack([[[9.0, 9, 9]], B.vertices]), B.faces + 1
+    rows = np.array([[0, 4], [30, 31], [90, 95]])
+    for a, b, shift in (
+        (pair, pair, [1, 1]),
+        (pair, B, [1, 0]),
+        (TriangleMesh(*pair), TriangleMesh(*pair), [0, 0]),
+    ):
+        problem = prepare(a, b, landmarks=rows + shift, initial="connectivity").problem
+        wanted = problem.landmarks.wanted(problem.mesh).positions
+        assert_allclose(wanted, B.vertices[rows[:, 1]], atol=1e-12)
+    with raises(AbfmError, 0, "dropped"):
+        prepare(pair, pair, landmarks=[[0, 1]], initial="connectivity")
+
+
 def test_what_counts_for_nothing_says_nothing_of_the_parameters():
     smooth, rough = B.vertices[:, 2], hills(B.vertices)
     both = np.stack([smooth, rough], axis=1)

@@ -148,8 +148,12 @@ class Landmarks:
         return lines.gradient(walk, weights[:, None] * self._distances.slopes(walk.points))
 
 
-def landmarks_of(mesh: TriangleMesh, given: Any, weights: ArrayLike | None) -> Landmarks:
+def landmarks_of(
+    mesh: TriangleMesh, given: Any, weights: ArrayLike | None, as_file: bool = False
+) -> Landmarks:
     """Check landmarks as users give them: vertices (L, 2), from and to, or two SurfacePoints.
+
+    Vertices are rows of the mesh, or numbers ``as_file``, which also counts those without faces.
 
     Raises
     ------
@@ -172,12 +176,15 @@ def landmarks_of(mesh: TriangleMesh, given: Any, weights: ArrayLike | None) -> L
                 "or a pair of SurfacePoints"
             )
         count = len(mesh.vertices)
-        wrong = vertices[~np.isin(vertices, np.arange(count))]
+        rows = mesh.local_vertices(vertices) if as_file else vertices
+        wrong = vertices[~np.isin(rows, np.arange(count))]
         if wrong.size:
+            most = (mesh.file_vertex_count if as_file else count) - 1
             raise ParameterError(
-                f"landmarks name vertex {wrong[0]:g}; expected vertices 0 to {count - 1}"
+                f"landmarks name vertex {wrong[0]:g}; expected vertices 0 to {most} that are in "
+                "a face"
             )
-        pair = [vertex_points(mesh, column) for column in vertices.astype(np.int64).T]
+        pair = [vertex_points(mesh, column) for column in rows.astype(np.int64).T]
     size = len(pair[0].faces)
     if not size:
         raise ParameterError("landmarks are empty; give one pair at least, or None")

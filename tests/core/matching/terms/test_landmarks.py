@@ -172,6 +172,17 @@ def test_what_does_not_fit_is_refused_in_words(given, weights, named):
         abfm.Problem(SPHERE, f, f, landmarks=given, landmark_weights=weights)
 
 
+def test_vertices_count_as_the_given_mesh_does():
+    """A pair of arrays counts its vertices, also those without faces; a mesh has rows."""
+    pair = np.vstack([[[9.0, 9, 9]], SPHERE.vertices]), SPHERE.faces + 1
+    expected = abfm.Problem(SPHERE, None, None, landmarks=PAIRS).landmarks
+    for mesh, given in ((pair, PAIRS + 1), (TriangleMesh(*pair), PAIRS)):
+        found = abfm.Problem(mesh, None, None, landmarks=given).landmarks
+        assert_allclose(found.first_errors, expected.first_errors)
+    with raises(ParameterError, 0):
+        abfm.Problem(pair, None, None, landmarks=PAIRS)
+
+
 def test_functions_are_missing_only_beside_landmarks():
     with pytest.raises(AbfmError):
         abfm.Problem(SPHERE, None, None)
