@@ -18,7 +18,7 @@ import numpy as np
 from abfm.errors import one_line
 from abfm.numerics.real_numbers import as_doubles
 from abfm.reading.columns import Columns, Keys
-from abfm.reading.xml_events import take_events
+from abfm.reading.xml_trees import xml_tree
 from abfm.types import FloatArray
 
 _HEADER_BYTES = 540
@@ -112,7 +112,7 @@ def _matrix(data: bytes, head: Any) -> Any:
             break
         if code == _EXTENSION_CODE:
             xml = data[begin + 8 : begin + size].rstrip(b"\0")
-            take_events(xml)
+            xml_tree(xml)
             cifti: Any = import_module("nibabel.cifti2.parse_cifti2")
             parser = cifti.Cifti2Parser()
             try:
