@@ -17,7 +17,7 @@ import numpy as np
 
 from abfm.errors import one_line
 from abfm.numerics.real_numbers import as_doubles
-from abfm.reading.columns import Columns, Keys
+from abfm.reading.columns import Columns, Keys, even_times
 from abfm.reading.xml_trees import xml_tree
 from abfm.types import FloatArray
 
@@ -183,7 +183,8 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
     Errors as in `read_cifti`.
     """
     nifti: Any = import_module("nibabel.nifti2")
-    kind = nifti.Nifti2Header if 540 in _sizes(data) else nifti.Nifti1Header
+    heads = [int.from_bytes(data[:4], order) for order in ("little", "big")]  # bytes of the header
+    kind = nifti.Nifti2Header if 540 in heads else nifti.Nifti1Header
     if len(data) < kind.sizeof_hdr:
         raise ValueError(
             f"it is cut off: it has {len(data)} bytes of a header of {kind.sizeof_hdr}"
@@ -195,11 +196,6 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
     units, step = head.get_xyzt_units()[1], head.get_zooms()
     scale = {"sec": 1.0, "msec": 1e-3, "usec": 1e-6}.get(units, 0.0)
     return image, scale * float(step[3]) if len(step) > 3 else math.nan
-
-
-def _sizes(data: bytes) -> list[int]:
-    """Return what the first number is in both orders of its bytes: the size of the header."""
-    return [int.from_bytes(data[:4], order) for order in ("little", "big")]
 
 
 def _keys(named: Any) -> Keys:
@@ -219,5 +215,4 @@ def _times(series: Any, count: int) -> FloatArray | None:
         return None
     scale = 10.0 ** (series.series_exponent or 0)
     begin, step = float(series.series_start or 0), float(series.series_step or 0)
-    times = scale * (begin + step * np.arange(count, dtype=np.float64))
-    return times if step > 0 and np.isfinite(times).all() else None
+    return even_times(scale * step, count, scale * begin)

@@ -294,6 +294,12 @@ def vertex_axis(shape: tuple[int, ...], counts: Collection[int], preferred: int)
     return preferred if preferred in fitting or not fitting else fitting[0]
 
 
+def even_times(step: float, count: int, begin: float = 0.0) -> FloatArray | None:
+    """Return seconds of columns (count,) at even steps; None unless the step is above 0."""
+    is_step = step > 0 and math.isfinite(begin + step * count)
+    return begin + step * np.arange(count, dtype=np.float64) if is_step else None
+
+
 def _plain(name: str) -> str:
     """Return a name in small letters, without blanks, hyphens and underscores."""
     return re.sub(r"[\s_-]", "", name).lower()

@@ -8,12 +8,14 @@ tell. Own code, as nibabel believes the sizes that files give.
 import math
 import struct
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief
+from abfm.reading.columns import Columns
 from abfm.reading.labels import NO_LABEL, Color, Labels
 from abfm.types import FloatArray, IntArray
 
@@ -27,13 +29,6 @@ _LONGEST_LINE = 1 << 16  # of the two lines that say who made a surface
 _MGH_TYPES = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2", 10: ">u2"}
 _MGH_DATA = 284  # where it begins
 _OPAQUE = 255
-
-
-class LabelFile(NamedTuple):
-    """Vertices (n,) that a .label file lists, and a value (n,) of each."""
-
-    vertices: IntArray
-    values: FloatArray
 
 
 def freesurfer_surface(data: bytes) -> tuple[FloatArray, IntArray]:
@@ -140,7 +135,7 @@ def freesurfer_annotation(data: bytes) -> Labels:
     return Labels(values, names, {key: _color(code) for key, code in codes.items()})
 
 
-def freesurfer_label(data: bytes) -> LabelFile:
+def freesurfer_label(data: bytes) -> Columns:
     """Read a .label file, a text: vertices of one region, counted from 0, each with a value."""
     lines = data.decode("utf-8", "replace").splitlines()
     rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
@@ -148,10 +143,10 @@ def freesurfer_label(data: bytes) -> LabelFile:
         raise ValueError("its second line is not the number of its vertices")
     if len(rows) - 1 != int(rows[0][0][:18]):
         raise ValueError(f"it says to have {brief(rows[0][0])} vertices, and has {len(rows) - 1}")
-    return _rows_of_vertices(rows[1:])
+    return replace(_rows_of_vertices(rows[1:]), names=("value",))
 
 
-def freesurfer_text(data: bytes) -> LabelFile:
+def freesurfer_text(data: bytes) -> Columns:
     """Read values in a text without a header, as mris_convert writes them; lines as in .label."""
     if data.startswith(b"#!ascii"):
         raise ValueError("it is a surface; use a file of values")
@@ -159,15 +154,15 @@ def freesurfer_text(data: bytes) -> LabelFile:
     return _rows_of_vertices(rows)
 
 
-def _rows_of_vertices(rows: list[list[str]]) -> LabelFile:
+def _rows_of_vertices(rows: list[list[str]]) -> Columns:
     for k, row in enumerate(rows):
         if len(row) != 5 or not (row[0].isdecimal() and len(row[0]) < 10 and _is_number(row[4])):
             raise ValueError(
                 f"vertex {k} of it, counting from 0, is {brief(' '.join(row))}; expected its "
                 "number, three coordinates and a value"
             )
-    vertices = np.array([int(row[0]) for row in rows], dtype=np.int64)
-    return LabelFile(vertices, np.array([float(row[4]) for row in rows], dtype=np.float64))
+    values = np.array([float(row[4]) for row in rows], dtype=np.float64).reshape(-1, 1)
+    return Columns(values, vertices=np.array([int(row[0]) for row in rows], dtype=np.int64))
 
 
 class _Bytes:
