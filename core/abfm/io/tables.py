@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from abfm.errors import printable
 from abfm.io.atomic import write_atomically
+from abfm.reading.text_tables import is_number
 
 _BREAKS = re.compile(r"[\t\n\v\f\r]+")
 _FORMULA_STARTS = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # also full-width
@@ -31,12 +32,4 @@ def _cell(value: object) -> object:
     if not isinstance(value, str):
         return value
     text = printable(_BREAKS.sub(" ", value).strip())
-    return f"'{text}" if text.startswith(_FORMULA_STARTS) and not _is_number(text) else text
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return f"'{text}" if text.startswith(_FORMULA_STARTS) and not is_number(text) else text

@@ -7,7 +7,6 @@ tell. Own code, as nibabel believes the sizes that files give.
 
 import math
 import struct
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -122,17 +121,23 @@ def freesurfer_annotation(data: bytes) -> Labels:
     vertices, colors = bytes_.array(">i4", (count, 2), "vertices").astype(np.int64).T
     if not np.array_equal(np.sort(vertices), np.arange(count)):
         raise ValueError(f"its {count} rows are not one for each of the vertices from 0")
-    names, codes = dict[int, str](), dict[int, tuple[int, int, int, int]]()
+    names, codes, found = dict[int, str](), dict[int, Color](), dict[int, int]()
     has_table = bool(bytes_.left and bytes_.number())
-    for key, name, code in _table(bytes_) if has_table else ():
+    for key, name, (red, green, blue, clear) in _table(bytes_) if has_table else ():
         if key in names:
             raise ValueError(f"its table has two entries of the number {key}")
-        names[key], codes[key] = name, code
-    values = np.full(count, NO_LABEL)
-    values[vertices] = _keys(colors, codes) if has_table else colors
-    if has_table and colors.any() and (values == NO_LABEL).all():
-        raise ValueError(f"no vertex has one of the {len(codes)} colours in its table")
-    return Labels(values, names, {key: _color(code) for key, code in codes.items()})
+        names[key] = name
+        codes[key] = red / _OPAQUE, green / _OPAQUE, blue / _OPAQUE, 1 - clear / _OPAQUE
+        found.setdefault(red | green << 8 | blue << 16, key)  # of one colour the first
+    if has_table:
+        known, place = np.unique(colors, return_inverse=True)
+        keys = np.array([found.get(color, NO_LABEL) for color in known.tolist()], dtype=np.int64)
+        if colors.any() and (keys == NO_LABEL).all():
+            raise ValueError(f"no vertex has one of the {len(codes)} colours in its table")
+        colors = keys[place]
+    values = np.empty(count, dtype=np.int64)
+    values[vertices] = colors
+    return Labels(values, names, codes)
 
 
 def freesurfer_label(data: bytes) -> Columns:
@@ -236,21 +241,6 @@ def _table(bytes_: _Bytes) -> list[tuple[int, str, tuple[int, int, int, int]]]:
             raise ValueError(f"the colour of {brief(name)} has parts that are not from 0 to 255")
         found.append((key, name, (red, green, blue, clear)))
     return found
-
-
-def _keys(colors: IntArray, codes: Mapping[int, tuple[int, int, int, int]]) -> IntArray:
-    """Return the key of each colour; the first where two have the same one."""
-    packed: dict[int, int] = {}
-    for key, (red, green, blue, _) in codes.items():
-        packed.setdefault(red | green << 8 | blue << 16, key)
-    known, place = np.unique(colors, return_inverse=True)
-    keys = [packed.get(color, NO_LABEL) for color in known.tolist()]
-    return np.array(keys, dtype=np.int64)[place]
-
-
-def _color(code: tuple[int, int, int, int]) -> Color:
-    red, green, blue, clear = code
-    return red / _OPAQUE, green / _OPAQUE, blue / _OPAQUE, 1 - clear / _OPAQUE
 
 
 def _is_number(word: str) -> bool:
