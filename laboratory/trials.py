@@ -1,6 +1,5 @@
 """Problems of a measurement as rows of a batch: matched by whoever, kept, and told as they come."""
 
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
@@ -47,7 +46,7 @@ def by_batch(
     Matches go on to their end, so that what comes is the same whatever else runs, but for seconds;
     what the folder has of an earlier run is not matched again.
     """
-    own = temporary_folder(Path(tempfile.gettempdir()))
+    own = temporary_folder()
     with own if place.folder is None else nullcontext(place.folder) as folder:
         posed, said = list[Posed](), 0.0
         for problem in pose(folder):

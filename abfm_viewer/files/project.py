@@ -314,18 +314,13 @@ def load_origin(copy: str | os.PathLike[str]) -> Origin | None:
 def terms_from_files(spec: str) -> list[str]:
     """Return the terms of a function that read files; a `FunctionError` if it is no function."""
 
-    def reads_files(term: abfm.functions.Spec) -> bool:
-        if isinstance(term, abfm.functions.Permuted):
-            return not term.is_detected or reads_files(term.function)
-        if isinstance(term, abfm.functions.Scaled | abfm.functions.Circular):
-            return reads_files(term.function)
-        return isinstance(term, abfm.functions.ValuesFile) or (
-            isinstance(term, abfm.functions.Sum) and any(map(reads_files, term.terms))
-        )
+    def reads_file(part: abfm.functions.Spec) -> bool:
+        is_map = isinstance(part, abfm.functions.Permuted) and not part.is_detected
+        return is_map or isinstance(part, abfm.functions.ValuesFile)
 
     tree = abfm.functions.parse(spec)
     terms = tree.terms if isinstance(tree, abfm.functions.Sum) else (tree,)
-    return [str(term) for term in terms if reads_files(term)]
+    return [str(each) for each in terms if any(map(reads_file, abfm.functions.functions_in(each)))]
 
 
 def _document(
@@ -556,10 +551,6 @@ def from_plain(hint: Any, value: Any, where: str, **given: Any) -> Any:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         _expect(is_number and math.isfinite(value), where, value, "a finite number")
         return float(value)
-    if issubclass(hint, StrEnum):
-        words = [member.value for member in hint]
-        _expect(value in words, where, value, " or ".join(map(repr, words)))
-        return hint(value)
     _expect(type(value) is hint, where, value, f"a value of type {hint.__name__}")
     return value
 

@@ -1,7 +1,6 @@
 """Frames become an MP4 or GIF file, in memory that does not grow with their number."""
 
 import math
-import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -107,7 +106,7 @@ def _write_gif(path: Path, frames: Iterator[Frame], rate: Fraction, count: int) 
     ticks, ticks_before = (
         math.floor(100 * number / rate + Fraction(1, 2)) for number in (count, count - 1)
     )
-    with temporary_folder(Path(tempfile.gettempdir())) as folder:
+    with temporary_folder() as folder:
         waiting = folder / "frames.mkv"
         with av.open(str(waiting), "w", "matroska") as file:
             _encode(file, file.add_stream("ffv1", rate), rate, "bgr0", map(_picture, frames))

@@ -7,8 +7,6 @@ import ctypes
 import os
 import re
 import sys
-import tempfile
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -72,7 +70,7 @@ def start(backend: Backend, width: int, height: int, title: str = "abfm") -> Non
         raise DrawingError(
             f"OpenGL did not start ({reason}); check the screen and the graphics driver"
         ) from None
-    with temporary_folder(Path(tempfile.gettempdir())) as folder:
+    with temporary_folder() as folder:
         for name, pixels in colormaps.pictures().items():
             Image.fromarray(pixels).save(f"{folder}/{name}.png")
             ps.load_color_map(colormaps.loaded_name(name), f"{folder}/{name}.png")

@@ -8,7 +8,6 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -238,7 +237,7 @@ class Exporter:
             raise AbfmError(
                 f"fps is {self.movie.fps:g}; a {path.suffix} file takes at most {fastest:g}"
             )
-        with temporary_folder(Path(tempfile.gettempdir())) as folder:
+        with temporary_folder() as folder:
             project, drawn = folder / "export.abfm", folder / f"drawn{path.suffix}"
             errors, view = folder / "errors.txt", replace(document.view, color_bar=True)
             save_project(project, replace(document, view=view), known())

@@ -39,8 +39,7 @@ def write_summary(
     that each is drawn once.
     """
     table, shown_page = folder / "summary.csv", folder / "summary.html"
-    with write_atomically(table) as temporary:
-        _write_table(temporary, rows)
+    _write_table(table, rows)
     shown = [row for row in worst(rows) if row.is_known]
     up = drawing.up if drawing else None
     why = _draw(folder, shown, drawing) if drawing else ""
@@ -62,9 +61,7 @@ def _write_table(path: Path, rows: Sequence[SummaryRow]) -> None:
         repeats |= Counter(column for column, _ in row.entry.row.options)
     columns = list(repeats.elements())
     own = [key for key in rows[0].to_dict() if key != "file"] if rows else []
-    with path.open("w", encoding="utf-8", newline="") as file:
-        write_csv(file, [[*own, *columns]])
-        write_csv(file, (_cells(row, own, columns) for row in rows))
+    write_csv(path, [[*own, *columns], *(_cells(row, own, columns) for row in rows)])
 
 
 def _cells(row: SummaryRow, own: Sequence[str], columns: Sequence[str]) -> list[object]:

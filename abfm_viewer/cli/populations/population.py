@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import re
 import sys
@@ -218,8 +217,7 @@ def _write(
     folder: Path = arguments.out
     written = [folder / name for name in ("population.npz", _SUBJECTS, "mean.vtu")]
     found.save(written[0])
-    with write_atomically(written[1]) as temporary:
-        temporary.write_text(_table(facts), encoding="utf-8", newline="")
+    write_csv(written[1], _table(facts))
     on_vertices, on_faces = _arrays(found)
     abfm.io.export_vtu(written[2], found.template, on_vertices, on_faces)
     if str(arguments.template).lower().endswith((".gii", ".gii.gz")):
@@ -260,9 +258,8 @@ def _arrays(found: Population) -> tuple[dict[str, Any], dict[str, Any]]:
     return on_vertices, on_faces
 
 
-def _table(facts: Mapping[str, Any]) -> str:
-    """Return a table of subjects, the worst first."""
-    text = io.StringIO(newline="")
+def _table(facts: Mapping[str, Any]) -> list[list[Any]]:
+    """Return the rows of a table of subjects, the worst first."""
     names = [each["name"] for each in facts["channels"]]
     own = [name for name in facts["subjects"][0] if name != "scores"]
     ends = ("before", "after")
@@ -270,5 +267,4 @@ def _table(facts: Mapping[str, Any]) -> str:
     for subject in facts["subjects"]:
         scores = [value for name in names for value in subject["scores"][name]]
         rows.append([*(subject[name] for name in own), *scores])
-    write_csv(text, rows)
-    return text.getvalue()
+    return rows

@@ -22,7 +22,7 @@ from abfm import (
 )
 from abfm.errors import printable
 from abfm.functions import read_values, vertex_map
-from abfm.io import write_atomically
+from abfm.io import write_values
 from abfm.maps.point_maps import PointMap
 from abfm.maps.quality import BOUNDS, MapAccuracy, map_accuracy
 from abfm.registration import is_correspondence
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
             points, None if truth == "identity" else vertex_map(match.mesh, truth)
         )
     if out is not None:
-        _write(out, _table(arguments, match, points, time))
+        write_values(out, _table(arguments, match, points, time))
     if quality.warning:
         print(f"warning: {quality.warning}", file=sys.stderr)
     distortion = quality.distortion
@@ -140,7 +140,7 @@ def _of_two_surfaces(arguments: argparse.Namespace) -> int:
         lines.append(accuracy.report())
         told["accuracy"] = _accuracy_facts(accuracy)
     if arguments.out is not None:
-        _write(arguments.out, outputs.vertex_numbers(way.points))
+        write_values(arguments.out, outputs.vertex_numbers(way.points))
         lines.append(f"wrote {printable(arguments.out)}")
     told["output"] = str(arguments.out) if arguments.out else None
     print(json.dumps(told) if arguments.json else "\n".join(lines))
@@ -185,12 +185,3 @@ def _carried(points: PointMap, path: str) -> NDArray[Any]:
     if not np.isfinite(values).all():
         raise ParameterError("the carried values overflow: use a shorter time")
     return points.domain.on_file(values)
-
-
-def _write(path: Path, table: NDArray[Any]) -> None:
-    with write_atomically(path) as temporary:
-        if path.suffix == ".npy":
-            np.save(temporary, table)
-        else:
-            form = "%d" if np.issubdtype(table.dtype, np.integer) else "%.17g"
-            np.savetxt(temporary, table, fmt=form, delimiter="," if path.suffix == ".csv" else " ")

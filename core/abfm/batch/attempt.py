@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import tempfile
 import time
 import warnings
 from collections.abc import Mapping
@@ -75,7 +74,7 @@ def _answer(task: Task) -> Answer:
         with ExitStack() as opened:
             row = task.row
             if task.contents:
-                folder = temporary_folder(Path(tempfile.gettempdir()))
+                folder = temporary_folder()
                 row = _with_contents(row, task.contents, opened.enter_context(folder))
             prepared = row.prepared()
             digest = prepared.digest
@@ -101,7 +100,7 @@ def _solved(task: Task, prepared: Prepared) -> Answer:
             remove_unfinished(path)
             return Answer(Record(prepared.digest))
         return Answer(_save(task, prepared, path))
-    with temporary_folder(Path(tempfile.gettempdir())) as folder:
+    with temporary_folder() as folder:
         path = folder / "result.npz"
         return Answer(_save(task, prepared, path), path.read_bytes())
 

@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 import threading
 import time
 import warnings
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from abfm.io import remove_temporary, temporary_folder
@@ -63,7 +61,7 @@ def main() -> None:
             "distributed.admin.tick.limit": "1h",
         }
     )
-    with temporary_folder(Path(tempfile.gettempdir())) as folder:
+    with temporary_folder() as folder:
         cluster = LocalCluster(
             n_workers=wanted.workers,
             threads_per_worker=1,

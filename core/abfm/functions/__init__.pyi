@@ -25,6 +25,7 @@ from .scaled import scaled as scaled
 from .spec import Sum as Sum
 from .spec import families as families
 from .spec import function as function
+from .spec import functions_in as functions_in
 from .spec import parse as parse
 from .value_files import read_column as read_column
 from .value_files import read_values as read_values

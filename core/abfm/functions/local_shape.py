@@ -10,6 +10,7 @@ from abfm.calculus.operators import cotangent_laplacian, face_areas, face_normal
 from abfm.errors import FunctionError
 from abfm.functions.family import Family, choice, parameter
 from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh.face_sizes import side_lengths
 from abfm.types import FloatArray, IntArray
 
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -58,7 +59,7 @@ def gaussian_curvature(mesh: TriangleMesh) -> FloatArray:
     Meaningless on a boundary. Moving an end of an edge of length ``a`` by the rounding ``r`` of the
     coordinates turns the edge by ``r / a``: what this makes of the angles at a vertex counts as 0.
     """
-    inverse = 1 / _opposite_edge_lengths(mesh)
+    inverse = 1 / side_lengths(mesh.vertices, mesh.faces)
     around = np.roll(inverse, 1, axis=1) + np.roll(inverse, -1, axis=1)
     turned = _rounding(mesh) * around + _EPSILON
     defect = 2 * np.pi - _at_vertices(mesh, igl.internal_angles(mesh.vertices, mesh.faces))
@@ -73,18 +74,11 @@ def mean_curvature(mesh: TriangleMesh) -> FloatArray:
     coordinates moves the edge by ``r`` and turns the face by ``r`` over its least height, and a sum
     that is no larger than this is 0.
     """
-    sizes = _opposite_edge_lengths(mesh)
+    sizes = side_lengths(mesh.vertices, mesh.faces)
     heights = 2 * face_areas(mesh) / sizes.max(axis=1)
     moved = _rounding(mesh) * (1 + sizes / heights[:, None])
     bend = np.einsum("vx,vx->v", cotangent_laplacian(mesh) @ mesh.vertices, vertex_normals(mesh))
     return _without_noise(bend, _at_vertices(mesh, moved)) / (2 * mixed_areas(mesh))
-
-
-def _opposite_edge_lengths(mesh: TriangleMesh) -> FloatArray:
-    """Compute the length of the edge opposite each corner, (F, 3)."""
-    corners = mesh.vertices[mesh.faces]
-    edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
-    return np.asarray(np.linalg.norm(edges, axis=2))
 
 
 def _at_vertices(mesh: TriangleMesh, of_corners: FloatArray) -> FloatArray:

@@ -3,12 +3,9 @@
 import numpy as np
 
 from abfm.errors import AbfmError
-from abfm.functions.circular import Circular
-from abfm.functions.family import Spec
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature
-from abfm.functions.scaled import Scaled
-from abfm.functions.spec import Sum, function, parse
+from abfm.functions.spec import function, functions_in, parse
 from abfm.mesh import TriangleMesh
 from abfm.mesh.subdivision import interpolated, refined
 from abfm.types import FloatArray
@@ -34,16 +31,9 @@ def on_subdivision(mesh: TriangleMesh, values: FloatArray, spec: str = "") -> Fl
 
 
 def _is_meaningful(spec: str) -> bool:
+    """Return whether it needs no file, and no curvature, which is 0 at middles of flat edges."""
     try:
-        return _is_of_the_surface(parse(spec))
+        parts = functions_in(parse(spec))
     except AbfmError:
         return False
-
-
-def _is_of_the_surface(term: Spec) -> bool:
-    """Say whether it needs no file, and no curvature, which is 0 at middles of flat edges."""
-    if isinstance(term, Sum):
-        return all(map(_is_of_the_surface, term.terms))
-    if isinstance(term, Scaled | Circular):
-        return _is_of_the_surface(term.function)
-    return not isinstance(term, ValuesFile | Permuted | Curvature)
+    return not any(isinstance(part, ValuesFile | Permuted | Curvature) for part in parts)

@@ -17,6 +17,7 @@ no quotes; a value in double quotes may hold anything (a double quote inside is 
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NoReturn
@@ -141,12 +142,18 @@ def files_in(given: object) -> list[str]:
     """Return the files of values in a function, its text, or a sequence of these."""
     if isinstance(given, str):
         return files_in(parse(given)) if given else []
-    if isinstance(given, list | tuple | Sum):
-        parts = given.terms if isinstance(given, Sum) else given
-        return [path for part in parts for path in files_in(part)]
-    if isinstance(given, Permuted | Scaled | Circular):
-        return files_in(given.function)
-    return [given.path] if isinstance(given, ValuesFile) else []
+    if isinstance(given, list | tuple):
+        return [path for part in given for path in files_in(part)]
+    parts = functions_in(given) if isinstance(given, Spec) else ()
+    return [part.path for part in parts if isinstance(part, ValuesFile)]
+
+
+def functions_in(spec: Spec) -> Iterator[Spec]:
+    """Yield a function, and all functions that it is made of."""
+    yield spec
+    inner = spec.terms if isinstance(spec, Sum) else ()
+    for each in (spec.function,) if isinstance(spec, Permuted | Scaled | Circular) else inner:
+        yield from functions_in(each)
 
 
 class _Parser:

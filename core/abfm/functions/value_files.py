@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -35,6 +36,7 @@ from abfm.reading import (
     Opened,
     array_from,
     counts_of,
+    even_times,
     freesurfer_annotation,
     freesurfer_frames,
     freesurfer_label,
@@ -202,10 +204,6 @@ def columns_of(opened: Opened, request: Request) -> Columns:
     return found
 
 
-def _npy(opened: Opened, request: Request) -> Columns:
-    return Columns(array_from(opened.data), frames_first=True)
-
-
 def _text(opened: Opened, request: Request) -> Columns:
     names, table, places = read_numbers(opened.data, request.whole)
     if not (names or request.whole):
@@ -265,13 +263,11 @@ def _gifti(opened: Opened, request: Request) -> Columns:
             names.append(f"{array.name}{of_part}" if array.name else "")
             keys.append(meaning)
             columns.append(part)
-    step = gifti.time_step
-    times, note = None, ""
-    if math.isfinite(step) and step > 0:
-        seconds = step if step <= _SECONDS_MAX else step / 1000
-        times = seconds * np.arange(len(columns), dtype=np.float64)
-        unit = "seconds" if step <= _SECONDS_MAX else "milliseconds"
-        note = f"its TimeStep of {step:g} is taken as {unit}"
+    step, unit = gifti.time_step, "seconds"
+    if step > _SECONDS_MAX:
+        step, unit = step / 1000, "milliseconds"
+    times = even_times(step, len(columns))
+    note = f"its TimeStep of {gifti.time_step:g} is taken as {unit}"
     return Columns(
         np.column_stack(columns),
         names=tuple(names) if any(names) else (),
@@ -280,7 +276,7 @@ def _gifti(opened: Opened, request: Request) -> Columns:
         vertices=_node_indices(gifti, len(columns[0])),
         structure=gifti.structure,
         times=times,
-        notes=(note,) if note else (),
+        notes=() if times is None else (note,),
     )
 
 
@@ -319,10 +315,6 @@ def _node_indices(gifti: Gifti, count: int) -> NDArray[np.int64] | None:
     return indices[0].astype(np.int64)
 
 
-def _morphometry(opened: Opened, request: Request) -> Columns:
-    return Columns(freesurfer_values(opened.data))
-
-
 def _mgh(opened: Opened, request: Request) -> Columns:
     image, milliseconds = freesurfer_frames(opened.data)
     return image_columns(image, request.counts, milliseconds / 1000)
@@ -351,18 +343,15 @@ def image_columns(
             f"it is an image of {shown} voxels, and the mesh has {counts[1]} vertices: project a "
             "volume onto the surface first"
         )
-    known = math.isfinite(seconds) and seconds > 0
-    steps = np.arange(table.shape[1], dtype=np.float64)
-    return Columns(table, times=seconds * steps if known else None)
+    return Columns(table, times=even_times(seconds, table.shape[1]))
 
 
 def _stc(opened: Opened, request: Request) -> Columns:
     name = opened.path.name.lower()
     if name.endswith(_VOLUMES):
         raise ValueError("it is of a volume, by its name; give a -lh.stc or -rh.stc of a surface")
-    found = read_stc(opened.data)
-    structure = {"-lh.stc": "L", "-rh.stc": "R"}.get(name[-7:], "")
-    return Columns(found.values.T, vertices=found.vertices, times=found.times, structure=structure)
+    side = {"-lh.stc": "L", "-rh.stc": "R"}.get(name[-7:], "")
+    return replace(read_stc(opened.data), structure=side)
 
 
 def _annotation(opened: Opened, request: Request) -> Columns:
@@ -377,14 +366,9 @@ def _annotation(opened: Opened, request: Request) -> Columns:
 
 def _label_list(opened: Opened, request: Request) -> Columns:
     found = freesurfer_label(opened.data)
-    if len(found.vertices) == 0:
+    if len(found.values) == 0:
         raise ValueError("it lists no vertices")
-    return Columns(found.values.reshape(-1, 1), names=("value",), vertices=found.vertices)
-
-
-def _freesurfer_text(opened: Opened, request: Request) -> Columns:
-    found = freesurfer_text(opened.data)
-    return Columns(found.values.reshape(-1, 1), vertices=found.vertices)
+    return found
 
 
 def _cifti(opened: Opened, request: Request) -> Columns:
@@ -394,7 +378,7 @@ def _cifti(opened: Opened, request: Request) -> Columns:
 
 def _npz(opened: Opened, request: Request) -> Columns:
     try:
-        return _of_arrays(Archive(BytesIO(opened.data)), request)
+        return of_arrays(Archive(BytesIO(opened.data)), request)
     except (OSError, ValueError):  # SeveralArraysError, too
         raise
     except Exception as error:  # a damaged zip can cause any error in its reader
@@ -402,19 +386,11 @@ def _npz(opened: Opened, request: Request) -> Columns:
         raise ValueError(f"it is no .npz, or damaged or cut short ({reason})") from error
 
 
-def _mat(opened: Opened, request: Request) -> Columns:
-    return _of_arrays(matlab_arrays(opened.data), request)
-
-
 def _vtk(opened: Opened, request: Request) -> Columns:
-    return _of_arrays(vtk_contents(opened).point_data, request)
+    return of_arrays(vtk_contents(opened).point_data, request)
 
 
-def _ply(opened: Opened, request: Request) -> Columns:
-    return _of_arrays(ply_contents(opened).columns, request, _OF_A_MESH)
-
-
-def _of_arrays(
+def of_arrays(
     arrays: Mapping[str, NDArray[Any]], request: Request, passed_over: Collection[str] = ()
 ) -> Columns:
     """Return one array of a file that has several with names; some only if they are named."""
@@ -475,18 +451,20 @@ def _may_be_values(arrays: Mapping[str, NDArray[Any]], name: str, counts: tuple[
 
 Reader = Callable[[Opened, Request], Columns]
 READERS: dict[Format, Reader] = {
-    Format.NPY: _npy,
+    Format.NPY: lambda opened, _: Columns(array_from(opened.data), frames_first=True),
     Format.NPZ: _npz,
-    Format.MAT: _mat,
+    Format.MAT: lambda opened, request: of_arrays(matlab_arrays(opened.data), request),
     Format.VTK_XML: _vtk,
     Format.VTK_LEGACY: _vtk,
-    Format.PLY: _ply,
+    Format.PLY: lambda opened, request: of_arrays(
+        ply_contents(opened).columns, request, _OF_A_MESH
+    ),
     Format.TABLE: _text,
     Format.GIFTI: _gifti,
     Format.CIFTI: _cifti,
-    Format.FREESURFER_VALUES: _morphometry,
-    Format.FREESURFER_OLD_VALUES: _morphometry,
-    Format.FREESURFER_ASCII: _freesurfer_text,
+    Format.FREESURFER_VALUES: lambda opened, _: Columns(freesurfer_values(opened.data)),
+    Format.FREESURFER_OLD_VALUES: lambda opened, _: Columns(freesurfer_values(opened.data)),
+    Format.FREESURFER_ASCII: lambda opened, _: freesurfer_text(opened.data),
     Format.MGH: _mgh,
     Format.NIFTI: _nifti,
     Format.STC: _stc,

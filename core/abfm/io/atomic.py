@@ -12,6 +12,7 @@ import secrets
 import shutil
 import stat
 import sys
+import tempfile
 import time
 import zlib
 from collections.abc import Iterator
@@ -24,8 +25,7 @@ if sys.platform != "win32":
     import fcntl
 
 _PREFIX = f".abfm-{zlib.crc32(platform.node().encode()):08x}-"
-# bytes; a longer one is nobody's format, and names must not get longer than systems take
-_LONGEST_SUFFIX = 20
+_SUFFIX_LENGTH_MAX = 20  # a longer one is nobody's format, and systems bound the length of names
 _DAY = 86400.0  # seconds; Windows cannot lock files that are to be renamed
 _in_use: set[Path] = set()
 
@@ -110,26 +110,25 @@ def _target(path: str | os.PathLike[str]) -> Path:
 def temporary_file(folder: Path, suffix: str = "", is_folder: bool = False) -> Iterator[Path]:
     """Make a file with a name of its own; it is removed at the end, unless it was renamed."""
     _remove_abandoned(folder)
-    end = suffix if len(os.fsencode(suffix)) <= _LONGEST_SUFFIX else ""
-    path = folder / f"{_PREFIX}{secrets.token_hex(6)}{end}"
+    path = folder / f"{_PREFIX}{secrets.token_hex(6)}{suffix[:_SUFFIX_LENGTH_MAX]}"
     _in_use.add(path)  # before it is there: a signal may come in between
-    descriptor = -1
+    descriptor = None
     try:
         descriptor = _made(path, is_folder)
         yield path
     finally:
         _remove(path)
-        if descriptor >= 0:
+        if descriptor is not None:
             os.close(descriptor)
         _in_use.discard(path)
 
 
 @contextmanager
-def temporary_folder(folder: Path) -> Iterator[Path]:
-    """Make a folder of the user's own in a folder, removed at the end with all that is in it;
-    OSError if it cannot be made.
+def temporary_folder(folder: Path | None = None) -> Iterator[Path]:
+    """Make a folder of the user's own in a folder, by default the system's for such ones; it is
+    removed at the end with all that is in it. OSError if it cannot be made.
     """
-    with temporary_file(folder, is_folder=True) as path:
+    with temporary_file(folder or Path(tempfile.gettempdir()), is_folder=True) as path:
         yield path
 
 
@@ -139,55 +138,54 @@ def remove_temporary() -> None:
         _remove(path)
 
 
-def _made(path: Path, is_folder: bool) -> int:
-    """Make it and return it open and locked; -1 on Windows, which renames no open file."""
+def _made(path: Path, is_folder: bool) -> int | None:
+    """Make it and return it open and locked; None where files cannot be locked."""
     while True:
         if is_folder:
             path.mkdir(0o700)
-        if sys.platform == "win32":
-            if not is_folder:
-                path.touch(exist_ok=False)
-            return -1
-        new = os.O_RDONLY if is_folder else os.O_RDWR | os.O_CREAT | os.O_EXCL
+        else:
+            path.touch(exist_ok=False)
         try:
-            descriptor = os.open(path, new, 0o666)
-        except FileNotFoundError:
-            if is_folder:  # it was taken for abandoned, and removed, as soon as it was made
-                continue
-            raise
-        with suppress(OSError):  # a file system without locks, where nobody gets one
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            descriptor = _locked(path)
+        except FileNotFoundError:  # it was taken for abandoned, and removed, before it was locked
+            continue
+        except OSError:  # a file system without locks, or Windows
+            return None
         if os.fstat(descriptor).st_nlink:
             return descriptor
-        os.close(descriptor)  # it was taken for abandoned, and removed, just before it was locked
+        os.close(descriptor)  # as above, before it was locked, but after it was opened
+
+
+def _locked(path: Path, how: int = 0) -> int:
+    """Open a file or folder, and lock it when nobody else does; OSError if that cannot be."""
+    if sys.platform == "win32":  # which renames and removes no file that is open
+        raise OSError("Windows has other locks")
+    mode = os.O_RDONLY if path.is_dir() else os.O_RDWR
+    descriptor = os.open(path, mode | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | how)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
 
 
 def _remove(path: Path) -> None:
     """Remove it if that can be: what goes wrong here must not hide what did before."""
-    with suppress(OSError):
-        if stat.S_ISDIR(os.lstat(path).st_mode):
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink()
+    try:
+        path.unlink()
+    except OSError:
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def _remove_abandoned(folder: Path) -> None:
-    with suppress(OSError), os.scandir(folder) as entries:
-        for name in [entry.name for entry in entries if entry.name.startswith(_PREFIX)]:
-            with suppress(OSError):
-                _remove_if_abandoned(folder / name)
-
-
-def _remove_if_abandoned(path: Path) -> None:
-    if sys.platform == "win32":  # which removes no file that is open
-        if time.time() - path.stat().st_mtime > _DAY:
-            _remove(path)
-        return
-    mode = os.O_RDONLY if stat.S_ISDIR(os.lstat(path).st_mode) else os.O_RDWR
-    descriptor = os.open(path, mode | os.O_NOFOLLOW | os.O_NONBLOCK)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.path.samestat(os.fstat(descriptor), os.lstat(path)):
-            _remove(path)
-    finally:
-        os.close(descriptor)
+    """Remove files that ended processes have left, as far as that can be known."""
+    with suppress(OSError):
+        for path in list(folder.glob(f"{_PREFIX}*")):
+            with suppress(OSError):  # another process has it, or has removed it
+                if sys.platform != "win32":
+                    descriptor = _locked(path, fcntl.LOCK_NB)
+                    _remove(path)  # while it is locked: who has just made it makes it again
+                    os.close(descriptor)
+                elif time.time() - path.stat().st_mtime > _DAY:
+                    _remove(path)

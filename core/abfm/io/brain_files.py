@@ -147,7 +147,9 @@ def write_values(
         raise ResultError(f"{len(names)} names were given for {count} columns of values")
     called = [_printable(name, "a name of values") for name in names]
     if ending == ".npy" or ending in _TEXTS:
-        _write_plain(path, ending, array, "%.17g", called if ending == ".csv" else [])
+        is_whole = isinstance(values, np.ndarray) and values.dtype.kind in "iu"
+        plain = array.astype(np.int64) if is_whole else array
+        _write_plain(path, ending, plain, called if ending == ".csv" else [])
         return
     columns = _single(array.reshape(len(array), count).T, "values")
     if ending in CIFTI_VALUES:
@@ -201,7 +203,7 @@ def write_labels(
     ending = _ending(path, _LABELS)
     keys = _keys(labels)
     if ending == ".npy" or ending in _TEXTS:
-        _write_plain(path, ending, keys, "%d")
+        _write_plain(path, ending, keys)
         return
     if ending == ".annot":
         _write_annotation(path, keys, labels)
@@ -274,20 +276,16 @@ def _write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
 
 
 def _write_plain(
-    path: str | os.PathLike[str],
-    ending: str,
-    values: NDArray[Any],
-    form: str,
-    names: Sequence[str] = (),
+    path: str | os.PathLike[str], ending: str, values: NDArray[Any], names: Sequence[str] = ()
 ) -> None:
-    with write_atomically(path) as temporary:
+    if names:
+        write_csv(path, [names, *values.reshape(len(values), -1).tolist()])
+        return
+    with write_atomically(path) as temporary, temporary.open("wb") as file:
         if ending == ".npy":
-            with temporary.open("wb") as binary:  # NumPy adds .npy to other names
-                np.save(binary, values)
-            return
-        with temporary.open("w", encoding="utf-8", newline="") as file:
-            if names:
-                write_csv(file, [names])
+            np.save(file, values)
+        else:
+            form = "%d" if values.dtype.kind == "i" else "%.17g"
             np.savetxt(file, values, form, _TEXTS[ending])
 
 

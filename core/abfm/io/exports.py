@@ -1,6 +1,5 @@
 """Meshes with data for other programs (ParaView, MeshLab), and the energy as a table."""
 
-import csv
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -13,6 +12,7 @@ from pyevtk.vtk import VtkTriangle
 
 from abfm.errors import ResultError
 from abfm.io.atomic import write_atomically
+from abfm.io.tables import write_csv
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
 
@@ -103,15 +103,8 @@ def export_energy_csv(
         If the file cannot be written.
     """
     rows = zip(np.asarray(stages).tolist(), np.asarray(energy_history).tolist(), strict=True)
-    with (
-        write_atomically(path) as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as file,
-    ):
-        writer = csv.writer(file)
-        writer.writerow(["iteration", "stage", "total", "regularity", "mismatch"])
-        writer.writerows(
-            [number, stage, *energies] for number, (stage, energies) in enumerate(rows)
-        )
+    numbered = ([number, stage, *energies] for number, (stage, energies) in enumerate(rows))
+    write_csv(path, [["iteration", "stage", "total", "regularity", "mismatch"], *numbered])
 
 
 def _columns(

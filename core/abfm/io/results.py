@@ -161,12 +161,10 @@ class Kind(NamedTuple):
 
 RESULT = Kind("result file", MESH_ENTRIES | MATCH_ENTRIES)
 _OTHER_MESH = {  # surface A of two; B has the names of the only one
-    "a_vertices": Entry("real", ("VA", 3)),
-    "a_faces": Entry("integer", ("FA", 3)),
-    "a_vertex_ids": Entry("integer", ("VA",)),
-    "a_file_vertex_count": Entry("integer", (), low=1),
-    "a_copies": Entry("integer", ("a_copied", 2), required=False, low=0),
-    "a_structure": Entry("text", (), required=False),
+    f"a_{name}": entry._replace(
+        shape=tuple(f"{size}A" if isinstance(size, str) else size for size in entry.shape)
+    )
+    for name, entry in MESH_ENTRIES.items()
 }
 _CORRESPONDENCE = {
     # the directions of the vertices, where both surfaces are laid out on one sphere

@@ -66,9 +66,10 @@ def write_stc(
         temporary.write_bytes(head + numbers.tobytes() + film.astype(">f4").tobytes())
     other = _other_hemisphere(path)
     try:
-        if other.is_file() and other.read_bytes()[8:12] != bytes(4):  # the number of its vertices
-            known = read_stc(read_bytes(other)).times
-            fits = np.array_equal(known, read_stc(read_bytes(path)).times)
+        content = read_bytes(other) if other.is_file() else b""
+        if content and content[8:12] != bytes(4):  # the number of its vertices
+            frames = read_stc(content).values.shape[1]
+            fits = content[:8] == head and frames == len(when)
             return "" if fits else f"MNE cannot open it with {other.name}, which has other times"
     except (OSError, ValueError) as error:
         return f"MNE cannot open it with {other.name}: {one_line(error)}"

@@ -6,7 +6,6 @@ import json
 import math
 import os
 import pickle
-import tempfile
 import threading
 import time
 from collections import OrderedDict
@@ -111,7 +110,7 @@ def solve_many(
     [True, True]
     """
     monitor = monitor or Monitor()
-    with temporary_folder(Path(tempfile.gettempdir())) as folder:
+    with temporary_folder() as folder:
         (folder / _GO_ON).touch()
         tasks = _tasks(problems, folder)
         futures = [executor.submit(_solve, task) for task, _ in tasks]

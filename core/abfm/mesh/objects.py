@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 
 from abfm.errors import brief, one_line
+from abfm.mesh.readers.brain import read_gifti
 from abfm.mesh.readers.contents import FileContents, split_polygons
 from abfm.reading import (
     HEMISPHERES,
+    Format,
+    Opened,
     polygons_of_cells,
-    side_of,
     split_lists,
     triangles_of_strips,
 )
@@ -28,8 +31,6 @@ ACCEPTED = (
 _FACES = ("triangle", "quad")
 _SIDES = {word: side for side, word in HEMISPHERES.items()}
 _DRAWN_ONLY = ("vertex", "line", "line3", "polyline")
-_POINTS = 1008  # intents of GIFTI arrays
-_TRIANGLES = 1009
 
 
 def has(given: Any, *names: str) -> bool:
@@ -85,22 +86,6 @@ def part_of(parts: Mapping[str, Any], hemisphere: str) -> Any:
     if part not in found:
         raise ValueError(f"hemisphere is {brief(hemisphere)}; it has {brief(list(found))}")
     return found[part]
-
-
-def _of_gifti(image: Any) -> FileContents:
-    points, triangles = (
-        [np.asarray(array.data) for array in image.darrays if array.intent == intent]
-        for intent in (_POINTS, _TRIANGLES)
-    )
-    if len(points) != 1 or len(triangles) != 1:
-        raise ValueError(
-            f"it has {len(points)} point sets and {len(triangles)} triangle arrays; expected one "
-            "of each, as in a surface (.surf.gii)"
-        )
-    metas = [image.meta, *(array.meta for array in image.darrays)]
-    names = [meta.get("AnatomicalStructurePrimary") for meta in metas if meta]
-    side = next(filter(None, map(side_of, names)), "")
-    return FileContents(points[0], triangles[0], side=side)
 
 
 def _of_poly_data(given: Any) -> FileContents:
@@ -159,7 +144,9 @@ def _of_scene(given: Any) -> NoReturn:
 
 _READERS: dict[tuple[str, ...], Callable[[Any], FileContents]] = {
     ("coordinates", "faces"): lambda part: FileContents(part.coordinates, part.faces),
-    ("darrays",): _of_gifti,
+    ("darrays", "to_bytes"): lambda image: read_gifti(
+        Opened(Path("the image"), Format.GIFTI, image.to_bytes())
+    ),
     ("points", "faces", "strips"): _of_poly_data,
     ("points", "cells", "celltypes"): _of_grid,
     ("points", "cells"): _of_cells,

@@ -4,6 +4,7 @@ from .cifti import read_cifti as read_cifti
 from .columns import Columns as Columns
 from .columns import Keys as Keys
 from .columns import counts_of as counts_of
+from .columns import even_times as even_times
 from .columns import vertex_axis as vertex_axis
 from .freesurfer import FREESURFER_SURFACES as FREESURFER_SURFACES
 from .freesurfer import FREESURFER_VALUES as FREESURFER_VALUES
@@ -43,13 +44,10 @@ from .plain_files import most_inflated as most_inflated
 from .plain_files import open_plain as open_plain
 from .plain_files import read_bytes as read_bytes
 from .plain_files import referenced_file as referenced_file
-from .source_estimates import SourceEstimate as SourceEstimate
 from .source_estimates import read_stc as read_stc
 from .strips import triangles_of_strips as triangles_of_strips
 from .text_tables import read_numbers as read_numbers
 from .text_tables import rows_of as rows_of
-from .vtk import Grid as Grid
-from .vtk import read_grid as read_grid
 from .vtk import vtk_contents as vtk_contents
 from .vtk_file import PointData as PointData
 from .vtk_file import Polygons as Polygons

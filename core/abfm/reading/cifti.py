@@ -17,8 +17,8 @@ import numpy as np
 
 from abfm.errors import one_line
 from abfm.numerics.real_numbers import as_doubles
-from abfm.reading.columns import Columns, Keys
-from abfm.reading.xml_events import take_events
+from abfm.reading.columns import Columns, Keys, even_times
+from abfm.reading.xml_trees import xml_tree
 from abfm.types import FloatArray
 
 _HEADER_BYTES = 540
@@ -113,7 +113,7 @@ def _matrix(data: bytes, head: Any) -> Any:
             break
         if code == _EXTENSION_CODE:
             xml = data[begin + 8 : begin + size].rstrip(b"\0")
-            take_events(xml)
+            xml_tree(xml)
             cifti: Any = import_module("nibabel.cifti2.parse_cifti2")
             parser = cifti.Cifti2Parser()
             try:
@@ -184,7 +184,8 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
     Errors as in `read_cifti`.
     """
     nifti: Any = import_module("nibabel.nifti2")
-    kind = nifti.Nifti2Header if 540 in _sizes(data) else nifti.Nifti1Header
+    heads = [int.from_bytes(data[:4], order) for order in ("little", "big")]  # bytes of the header
+    kind = nifti.Nifti2Header if 540 in heads else nifti.Nifti1Header
     if len(data) < kind.sizeof_hdr:
         raise ValueError(
             f"it is cut off: it has {len(data)} bytes of a header of {kind.sizeof_hdr}"
@@ -201,11 +202,6 @@ def frame_seconds(head: Any) -> float:
     steps = head.get_zooms()
     unit = head.get_xyzt_units()[1] if hasattr(head, "get_xyzt_units") else "msec"  # as in .mgh
     return _SECONDS.get(unit, math.nan) * float(steps[3]) if len(steps) > 3 else math.nan
-
-
-def _sizes(data: bytes) -> list[int]:
-    """Return what the first number is in both orders of its bytes: the size of the header."""
-    return [int.from_bytes(data[:4], order) for order in ("little", "big")]
 
 
 def _keys(named: Any) -> Keys:
@@ -225,5 +221,4 @@ def _times(series: Any, count: int) -> FloatArray | None:
         return None
     scale = 10.0 ** (series.series_exponent or 0)
     begin, step = float(series.series_start or 0), float(series.series_step or 0)
-    times = scale * (begin + step * np.arange(count, dtype=np.float64))
-    return times if step > 0 and np.isfinite(times).all() else None
+    return even_times(scale * step, count, scale * begin)

@@ -155,7 +155,6 @@ class Columns:
             )
         vertices, count = column.astype(np.int64), len(column)
         rest = [k for k in range(len(self.names)) if k != place]
-        numbers = self.numbers or tuple(map(str, range(len(self.names))))
         in_order = np.array_equal(vertices, np.arange(count))
         if unnamed and not in_order and vertices.min() != 0:
             if not np.array_equal(vertices, np.arange(1, count + 1)):
@@ -164,14 +163,7 @@ class Columns:
                     "from 0 or from 1: call it vertex and count from 0, or remove it"
                 )
             in_order = True
-        return replace(
-            self,
-            values=self.values[:, rest],
-            names=tuple(self.names[k] for k in rest),
-            numbers=tuple(numbers[k] for k in rest),
-            keys=tuple(self.keys[k] for k in rest) if self.keys else (),
-            vertices=None if in_order and unnamed else vertices,
-        )
+        return replace(self._only(rest), vertices=None if in_order and unnamed else vertices)
 
     def _place_of_vertices(self) -> int | None:
         if self.vertices is not None or self.values.ndim != 2 or len(self.names) < 2:
@@ -273,13 +265,13 @@ class Columns:
         return Labels(keys, *(meaning or ({}, {})))
 
     def _only(self, kept: list[int]) -> Columns:
-        numbers = self.numbers or tuple(map(str, range(len(self.keys))))
+        numbers = self.numbers or tuple(map(str, range(self.values.shape[1])))
         return replace(
             self,
             values=self.values[:, kept],
             names=tuple(self.names[k] for k in kept) if self.names else (),
             numbers=tuple(numbers[k] for k in kept),
-            keys=tuple(self.keys[k] for k in kept),
+            keys=tuple(self.keys[k] for k in kept) if self.keys else (),
         )
 
 
@@ -292,6 +284,12 @@ def vertex_axis(shape: tuple[int, ...], counts: Collection[int], preferred: int)
     """Return which axis of an array is the vertices: the preferred one, unless only others fit."""
     fitting = [axis for axis, size in enumerate(shape) if size in counts]
     return preferred if preferred in fitting or not fitting else fitting[0]
+
+
+def even_times(step: float, count: int, begin: float = 0.0) -> FloatArray | None:
+    """Return seconds of columns (count,) at even steps; None unless the step is above 0."""
+    is_step = step > 0 and math.isfinite(begin + step * count)
+    return begin + step * np.arange(count, dtype=np.float64) if is_step else None
 
 
 def _plain(name: str) -> str:

@@ -7,13 +7,14 @@ tell. Own code, as nibabel believes the sizes that files give.
 
 import math
 import struct
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abfm.errors import brief
+from abfm.reading.columns import Columns
 from abfm.reading.labels import NO_LABEL, Color, Labels
 from abfm.types import FloatArray, IntArray
 
@@ -27,13 +28,6 @@ _LONGEST_LINE = 1 << 16  # of the two lines that say who made a surface
 _MGH_TYPES = {0: ">u1", 1: ">i4", 3: ">f4", 4: ">i2", 10: ">u2"}
 _MGH_DATA = 284  # where it begins
 _OPAQUE = 255
-
-
-class LabelFile(NamedTuple):
-    """Vertices (n,) that a .label file lists, and a value (n,) of each."""
-
-    vertices: IntArray
-    values: FloatArray
 
 
 def freesurfer_surface(data: bytes) -> tuple[FloatArray, IntArray]:
@@ -127,20 +121,26 @@ def freesurfer_annotation(data: bytes) -> Labels:
     vertices, colors = bytes_.array(">i4", (count, 2), "vertices").astype(np.int64).T
     if not np.array_equal(np.sort(vertices), np.arange(count)):
         raise ValueError(f"its {count} rows are not one for each of the vertices from 0")
-    names, codes = dict[int, str](), dict[int, tuple[int, int, int, int]]()
+    names, codes, found = dict[int, str](), dict[int, Color](), dict[int, int]()
     has_table = bool(bytes_.left and bytes_.number())
-    for key, name, code in _table(bytes_) if has_table else ():
+    for key, name, (red, green, blue, clear) in _table(bytes_) if has_table else ():
         if key in names:
             raise ValueError(f"its table has two entries of the number {key}")
-        names[key], codes[key] = name, code
-    values = np.full(count, NO_LABEL)
-    values[vertices] = _keys(colors, codes) if has_table else colors
-    if has_table and colors.any() and (values == NO_LABEL).all():
-        raise ValueError(f"no vertex has one of the {len(codes)} colours in its table")
-    return Labels(values, names, {key: _color(code) for key, code in codes.items()})
+        names[key] = name
+        codes[key] = red / _OPAQUE, green / _OPAQUE, blue / _OPAQUE, 1 - clear / _OPAQUE
+        found.setdefault(red | green << 8 | blue << 16, key)  # of one colour the first
+    if has_table:
+        known, place = np.unique(colors, return_inverse=True)
+        keys = np.array([found.get(color, NO_LABEL) for color in known.tolist()], dtype=np.int64)
+        if colors.any() and (keys == NO_LABEL).all():
+            raise ValueError(f"no vertex has one of the {len(codes)} colours in its table")
+        colors = keys[place]
+    values = np.empty(count, dtype=np.int64)
+    values[vertices] = colors
+    return Labels(values, names, codes)
 
 
-def freesurfer_label(data: bytes) -> LabelFile:
+def freesurfer_label(data: bytes) -> Columns:
     """Read a .label file, a text: vertices of one region, counted from 0, each with a value."""
     lines = data.decode("utf-8", "replace").splitlines()
     rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
@@ -148,10 +148,10 @@ def freesurfer_label(data: bytes) -> LabelFile:
         raise ValueError("its second line is not the number of its vertices")
     if len(rows) - 1 != int(rows[0][0][:18]):
         raise ValueError(f"it says to have {brief(rows[0][0])} vertices, and has {len(rows) - 1}")
-    return _rows_of_vertices(rows[1:])
+    return replace(_rows_of_vertices(rows[1:]), names=("value",))
 
 
-def freesurfer_text(data: bytes) -> LabelFile:
+def freesurfer_text(data: bytes) -> Columns:
     """Read values in a text without a header, as mris_convert writes them; lines as in .label."""
     if data.startswith(b"#!ascii"):
         raise ValueError("it is a surface; use a file of values")
@@ -159,15 +159,15 @@ def freesurfer_text(data: bytes) -> LabelFile:
     return _rows_of_vertices(rows)
 
 
-def _rows_of_vertices(rows: list[list[str]]) -> LabelFile:
+def _rows_of_vertices(rows: list[list[str]]) -> Columns:
     for k, row in enumerate(rows):
         if len(row) != 5 or not (row[0].isdecimal() and len(row[0]) < 10 and _is_number(row[4])):
             raise ValueError(
                 f"vertex {k} of it, counting from 0, is {brief(' '.join(row))}; expected its "
                 "number, three coordinates and a value"
             )
-    vertices = np.array([int(row[0]) for row in rows], dtype=np.int64)
-    return LabelFile(vertices, np.array([float(row[4]) for row in rows], dtype=np.float64))
+    values = np.array([float(row[4]) for row in rows], dtype=np.float64).reshape(-1, 1)
+    return Columns(values, vertices=np.array([int(row[0]) for row in rows], dtype=np.int64))
 
 
 class _Bytes:
@@ -241,21 +241,6 @@ def _table(bytes_: _Bytes) -> list[tuple[int, str, tuple[int, int, int, int]]]:
             raise ValueError(f"the colour of {brief(name)} has parts that are not from 0 to 255")
         found.append((key, name, (red, green, blue, clear)))
     return found
-
-
-def _keys(colors: IntArray, codes: Mapping[int, tuple[int, int, int, int]]) -> IntArray:
-    """Return the key of each colour; the first where two have the same one."""
-    packed: dict[int, int] = {}
-    for key, (red, green, blue, _) in codes.items():
-        packed.setdefault(red | green << 8 | blue << 16, key)
-    known, place = np.unique(colors, return_inverse=True)
-    keys = [packed.get(color, NO_LABEL) for color in known.tolist()]
-    return np.array(keys, dtype=np.int64)[place]
-
-
-def _color(code: tuple[int, int, int, int]) -> Color:
-    red, green, blue, clear = code
-    return red / _OPAQUE, green / _OPAQUE, blue / _OPAQUE, 1 - clear / _OPAQUE
 
 
 def _is_number(word: str) -> bool:

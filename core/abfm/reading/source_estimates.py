@@ -6,26 +6,17 @@ vertices and their numbers as uint32, how many samples as uint32, float32 values
 """
 
 import struct
-from typing import NamedTuple
 
 import numpy as np
 
 from abfm.numerics.real_numbers import as_doubles
-from abfm.types import FloatArray, IntArray
+from abfm.reading.columns import Columns
 
 _HEAD = struct.Struct(">ffI")
 
 
-class SourceEstimate(NamedTuple):
-    """Values (T, n) at vertices (n,), counted from 0, at times (T,) in seconds."""
-
-    values: FloatArray
-    vertices: IntArray
-    times: FloatArray
-
-
-def read_stc(data: bytes) -> SourceEstimate:
-    """Read one hemisphere; a ValueError reports what is wrong with it."""
+def read_stc(data: bytes) -> Columns:
+    """Read one hemisphere, a column for each time; a ValueError reports what is wrong with it."""
     if len(data) < _HEAD.size:
         raise ValueError(f"it is cut off: it has {len(data)} bytes; its head alone has 12")
     begin, step, count = _HEAD.unpack_from(data)
@@ -45,8 +36,6 @@ def read_stc(data: bytes) -> SourceEstimate:
             f"it says to have {samples} samples of {count} values, {size} bytes, and "
             f"{len(data) - end - 4} follow"
         )
-    if len(np.unique(vertices)) < count:
-        raise ValueError("it has values of one vertex twice")
     if not (np.isfinite(begin) and np.isfinite(step) and step > 0):
         raise ValueError(
             f"its samples begin at {begin:g} ms and are {step:g} ms apart; expected finite times, "
@@ -54,4 +43,4 @@ def read_stc(data: bytes) -> SourceEstimate:
         )
     values = np.frombuffer(data, ">f4", samples * count, end + 4).reshape(samples, count)
     times = (begin + step * np.arange(samples)) / 1000
-    return SourceEstimate(as_doubles(values), vertices, times)
+    return Columns(as_doubles(values).T, vertices=vertices, times=times)

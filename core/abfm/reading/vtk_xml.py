@@ -14,7 +14,9 @@ import re
 import sys
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from itertools import accumulate
+from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +32,7 @@ from abfm.reading.vtk_file import (
     VtkFile,
     polygons_of_cells,
 )
-from abfm.reading.xml_events import take_events
+from abfm.reading.xml_trees import count_in, meaning_of, numbers_in, xml_tree
 from abfm.types import FloatArray, IntArray
 
 _TYPES = {
@@ -45,19 +47,12 @@ _TYPES = {
 _ORDERS = {"LittleEndian": "<", "BigEndian": ">"}
 _HEADS = {"UInt32": "u4", "UInt64": "u8"}
 _KINDS = ("UnstructuredGrid", "PolyData")
-_PLACES = ("Points", "PointData", "FieldData", "Cells", "Polys", "Strips")
 _APPENDED = re.compile(rb"<AppendedData[^>]*>\s*_")
 _END = b"</AppendedData>"
 _MOST_BLOCKS = 1 << 24
 
-Expand = Callable[[bytes, int], bytes]
-
-
-class _Array(NamedTuple):
-    """A data array as it is declared, and the text in it."""
-
-    attributes: dict[str, str]
-    text: str
+Beginning = Callable[[int, int], bytes]
+"""Returns the beginning of an array, by the bytes of its header and those of both."""
 
 
 def xml_contents(content: bytes) -> VtkFile:
@@ -67,19 +62,18 @@ def xml_contents(content: bytes) -> VtkFile:
         raise ValueError(f"it is VTK's {brief(file.kind)}; expected {' or '.join(_KINDS)}")
     if len(file.pieces) != 1:
         raise ValueError(f"it has {len(file.pieces)} pieces; expected one: merge them in ParaView")
-    count = _whole(file.pieces[0], "NumberOfPoints")
-    points = file.arrays["Points"]
+    count = count_in(file.pieces[0], "NumberOfPoints")
+    points = file.arrays("Points")
     if len(points) != 1:
         raise ValueError(f"it has {len(points)} arrays of points; expected one")
     places = file.values(points[0], count)
     if places.shape[1] != 3:
         raise ValueError(f"its points have {places.shape[1]} coordinates; expected 3")
     data = PointData(
-        (array.attributes.get("Name", ""), partial(file.values, array, count))
-        for array in file.arrays["PointData"]
+        (array.get("Name", ""), partial(file.values, array, count))
+        for array in file.arrays("PointData")
     )
-    fields = file.arrays["FieldData"]
-    times = [array for array in fields if array.attributes.get("Name") == "TimeValue"]
+    times = [array for array in file.arrays("FieldData") if array.get("Name") == "TimeValue"]
     time = float(file.values(times[-1], 1)[0, 0]) if times else math.nan
     return VtkFile(places, file.polygons, data, time)
 
@@ -90,7 +84,7 @@ def read_collection(path: str | os.PathLike[str]) -> list[tuple[float, str]]:
     if file.kind != "Collection":
         raise ValueError(f"it is VTK's {brief(file.kind)}; expected a Collection")
     found = []
-    for entry in file.entries:
+    for entry in file.root.iter("DataSet"):
         word = entry.get("timestep", "")
         try:
             time = float(word)
@@ -103,114 +97,84 @@ def read_collection(path: str | os.PathLike[str]) -> list[tuple[float, str]]:
 
 
 class _File:
-    """What a file declares, in its order; arrays are decoded when they are asked for."""
+    """The tree of a file, whose arrays are decoded when they are looked up."""
 
     def __init__(self, content: bytes) -> None:
-        self.kind = ""
-        self.pieces: list[dict[str, str]] = []
-        self.arrays: dict[str, list[_Array]] = {place: [] for place in _PLACES}
-        self.entries: list[dict[str, str]] = []
-        self._head: dict[str, str] = {}
-        self._open: list[str] = []
-        self._array: dict[str, str] = {}
-        self._text: list[str] = []
         self._left = most_inflated(len(content))
-        self._appended, self._is_raw = b"", False
+        self._appended = b""
         if found := _APPENDED.search(content):
             end = content.rfind(_END)
             if end < found.end():
                 raise ValueError("its appended data does not end: it may be cut off")
             self._appended = content[found.end() : end]
             content = content[: found.end()] + content[end:]
-        take_events(content, self)
-        order = self._head.get("byte_order", "")
+        self.root = root = xml_tree(content)
+        if root.tag != "VTKFile":
+            raise ValueError("it is XML, but not VTK's")
+        self.kind, self.pieces = root.get("type", ""), [*root.iter("Piece")]
         native = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
-        self._order = _one_of(_ORDERS, order or native, "byte_order")
-        head = _one_of(_HEADS, self._head.get("header_type", "UInt32"), "header_type")
-        self._size = np.dtype(self._order + head)
+        self._order = meaning_of(root, "byte_order", _ORDERS, native)
+        self._size = np.dtype(self._order + meaning_of(root, "header_type", _HEADS, "UInt32"))
 
-    def start(self, name: str, attributes: dict[str, str]) -> None:
-        if not self._open:
-            if name != "VTKFile":
-                raise ValueError("it is XML, but not VTK's")
-            self._head, self.kind = attributes, attributes.get("type", "")
-        self._open.append(name)
-        if name == "Piece":
-            self.pieces.append(attributes)
-        elif name == "DataSet":
-            self.entries.append(attributes)
-        elif name == "AppendedData":
-            self._is_raw = attributes.get("encoding", "base64") == "raw"
-        elif name == "DataArray":
-            self._array = attributes
-            self._text.clear()
-
-    def characters(self, text: str) -> None:
-        if self._open[-1] == "DataArray":  # not of what VTK writes into it besides
-            self._text.append(text)
-
-    def end(self, name: str) -> None:
-        self._open.pop()
-        if name != "DataArray":
-            return
-        if (place := self.arrays.get(self._open[-1])) is not None:
-            place.append(_Array(self._array, "".join(self._text)))
+    def arrays(self, place: str) -> list[Element]:
+        """Return the data arrays directly inside elements of a name."""
+        return [array for each in self.root.iter(place) for array in each.findall("DataArray")]
 
     def polygons(self) -> Polygons:
         """Return the polygons of the piece, those that are strips as triangles."""
         piece = self.pieces[0]
         if self.kind == "UnstructuredGrid":
-            sizes, corners, types = self._cells("Cells", _whole(piece, "NumberOfCells", "0"))
+            sizes, corners, types = self._cells("Cells", count_in(piece, "NumberOfCells", "0"))
             return polygons_of_cells(sizes, corners, types)
-        polygons = self._cells("Polys", _whole(piece, "NumberOfPolys", "0"), POLYGON)
-        strips = self._cells("Strips", _whole(piece, "NumberOfStrips", "0"), STRIP)
+        polygons = self._cells("Polys", count_in(piece, "NumberOfPolys", "0"), POLYGON)
+        strips = self._cells("Strips", count_in(piece, "NumberOfStrips", "0"), STRIP)
         return polygons_of_cells(*map(np.concatenate, zip(polygons, strips, strict=True)))
 
     def _cells(self, place: str, count: int, kind: int = 0) -> tuple[IntArray, IntArray, IntArray]:
         """Return sizes, corners and types of the cells in a place."""
         if count == 0:
             return (np.zeros(0, dtype=np.int64),) * 3
-        named = {array.attributes.get("Name", ""): array for array in self.arrays[place]}
-        if missing := {"connectivity", "offsets"} - named.keys():
+        named = {array.get("Name", ""): array for array in self.arrays(place)}
+        needed = {"connectivity", "offsets", *(["types"] if kind == 0 else [])}
+        if missing := needed - named.keys():
             raise ValueError(f"its {place} have no array {' and no array '.join(sorted(missing))}")
         sizes = np.diff(self._whole_numbers(named["offsets"], count), prepend=0)
         if sizes.min() < 0 or sizes.max() == 0:
             raise ValueError(f"the offsets of its {place} do not increase")
         corners = self._whole_numbers(named["connectivity"], int(sizes.sum()))
-        if kind == 0 and "types" not in named:
-            raise ValueError(f"its {place} have no array types")
         types = np.full(count, kind) if kind else self._whole_numbers(named["types"], count)
         return sizes, corners, types
 
-    def _whole_numbers(self, array: _Array, count: int) -> IntArray:
+    def _whole_numbers(self, array: Element, count: int) -> IntArray:
         found = self.values(array, count).astype(np.int64).ravel()
         if len(found) != count:
             raise ValueError(f"an array of its cells has {len(found)} numbers; expected {count}")
         return found
 
-    def values(self, array: _Array, count: int) -> FloatArray:
+    def values(self, array: Element, count: int) -> FloatArray:
         """Return an array (count, C)."""
-        attributes = array.attributes
-        called = brief(attributes.get("Name", ""))
-        columns = _whole(attributes, "NumberOfComponents", "1")
-        kind = _one_of(_TYPES, attributes.get("type", ""), "type")
-        form = attributes.get("format", "ascii")
+        called, form = brief(array.get("Name", "")), array.get("format", "ascii")
+        columns = count_in(array, "NumberOfComponents", "1")
+        kind = meaning_of(array, "type", _TYPES)
         if count < 1 or columns < 1:
             raise ValueError(f"its array {called} is empty: {count} points, {columns} components")
         size = count * columns * (8 if form == "ascii" else kind.itemsize)
         self._left -= size
         if self._left < 0:
             raise ValueError(f"its array {called} is more than a file of this size may hold")
+        # without what VTK writes into it besides
+        text = (array.text or "") + "".join(each.tail or "" for each in array)
         if form == "ascii":
-            numbers = _numbers(array.text, kind)
+            numbers = numbers_in(text, np.dtype(np.float64) if kind.kind == "f" else kind)
         elif form == "binary":
-            numbers = self._decoded(_Base64(array.text.encode("ascii", "replace")), size, kind)
+            numbers = self._decoded(_base64(text.encode("ascii", "replace")), size, kind)
         elif form == "appended":
-            begin = _whole(attributes, "offset")
+            begin = count_in(array, "offset")
             if begin >= len(self._appended):
                 raise ValueError(f"its array {called} begins behind the end of what is appended")
-            data = self._appended[begin:]
-            numbers = self._decoded(_Raw(data) if self._is_raw else _Base64(data), size, kind)
+            data, place = self._appended[begin:], self.root.find("AppendedData")
+            is_raw = place is not None and place.get("encoding") == "raw"
+            numbers = self._decoded(_raw(data) if is_raw else _base64(data), size, kind)
         else:
             raise ValueError(f"its array {called} has the format {brief(form)}; expected binary")
         if len(numbers) != count * columns:
@@ -219,61 +183,54 @@ class _File:
             )
         return as_doubles(numbers).reshape(count, columns)
 
-    def _decoded(self, data: "_Raw | _Base64", size: int, kind: np.dtype[Any]) -> NDArray[Any]:
-        """Return the numbers of so many bytes that data hold behind their header."""
-        width, compressor = self._size.itemsize, self._head.get("compressor", "")
-        if not compressor:
-            (length,) = np.frombuffer(data.header(width), self._size).tolist()
-            if length != size:
-                raise ValueError(f"an array says to have {length} bytes; expected {size}")
-            found = data.body(width, [size])[0]
-        else:
-            expand = _one_of(_COMPRESSORS, compressor, "compressor")
-            count, block, rest = np.frombuffer(data.header(3 * width), self._size).tolist()
+    def _decoded(self, begin: Beginning, size: int, kind: np.dtype[Any]) -> NDArray[Any]:
+        """Return the numbers of so many bytes that follow the header of an array."""
+        count, words, lengths = 1, 1, [size]
+        if compressor := self.root.get("compressor", ""):
+            expand = meaning_of(self.root, "compressor", _COMPRESSORS)
+            count, block, rest = self._header(begin, 3)
             total = (count - (rest > 0)) * block + rest
-            if total != size or count > min(_MOST_BLOCKS, size):
-                raise ValueError(f"an array says to have {total} bytes; expected {size}")
-            head = (3 + count) * width
-            lengths = np.frombuffer(data.header(head), self._size)[3:].tolist()
+        else:
+            (total,) = self._header(begin, 1)
+        if total != size or count > min(_MOST_BLOCKS, size):
+            raise ValueError(f"an array says to have {total} bytes; expected {size}")
+        if compressor:
+            words = 3 + count
+            lengths = self._header(begin, words)[3:]
+        head = words * self._size.itemsize
+        data = begin(head, head + sum(lengths))[head:]
+        if compressor:
             wholes = [block] * (count - (rest > 0)) + [rest] * (rest > 0)
-            parts = data.body(head, lengths)
-            found = b"".join(map(expand, parts, wholes))
-        if len(found) != size:
-            raise ValueError(f"an array has {len(found)} bytes; expected {size}: it may be cut off")
-        return np.frombuffer(found, kind.newbyteorder(self._order))
+            ends = accumulate(lengths)
+            parts = (data[end - length : end] for end, length in zip(ends, lengths, strict=True))
+            data = b"".join(map(expand, parts, wholes))
+        if len(data) != size:
+            raise ValueError(f"an array has {len(data)} bytes; expected {size}: it may be cut off")
+        return np.frombuffer(data, kind.newbyteorder(self._order))
+
+    def _header(self, begin: Beginning, count: int) -> list[int]:
+        size = count * self._size.itemsize
+        data = begin(size, size)
+        if len(data) != size:
+            raise ValueError("an array is cut off: it lacks its header")
+        return [int(number) for number in np.frombuffer(data, self._size)]
 
 
-class _Raw:
-    """Bytes of an array, behind a header."""
-
-    def __init__(self, data: bytes) -> None:
-        self._data = data
-
-    def header(self, size: int) -> bytes:
-        return _whole_of(self._data[:size], size)
-
-    def body(self, head: int, lengths: list[int]) -> list[bytes]:
-        return _split(self._data, head, lengths)
+def _raw(data: bytes) -> Beginning:
+    return lambda head, size: data[:size]
 
 
-class _Base64:
-    """The same in base64: the header by itself, or, as others than VTK write it, in one with what
-    follows.
-    """
+def _base64(text: bytes) -> Beginning:
+    """Return the beginning of what base64 holds, in which the header may be encoded by itself."""
+    text = b"".join(text.split())
 
-    def __init__(self, text: bytes) -> None:
-        self._text = b"".join(text.split()) if text[:1].isspace() or b"\n" in text else text
+    def beginning(head: int, size: int) -> bytes:
+        end = _letters(head)
+        if text[end - 1 : end] != b"=":
+            return _unpacked(text[: _letters(size)])[:size]
+        return _unpacked(text[:end]) + _unpacked(text[end : end + _letters(size - head)])
 
-    def header(self, size: int) -> bytes:
-        return _whole_of(_unpacked(self._text[: _letters(size)])[:size], size)
-
-    def body(self, head: int, lengths: list[int]) -> list[bytes]:
-        letters, total = _letters(head), sum(lengths)
-        is_alone = head % 3 == 0 or self._text[letters - 1 : letters] == b"="
-        if is_alone:
-            rest = self._text[letters : letters + _letters(total)]
-            return _split(_unpacked(rest), 0, lengths)
-        return _split(_unpacked(self._text[: _letters(head + total)]), head, lengths)
+    return beginning
 
 
 def _letters(size: int) -> int:
@@ -288,53 +245,14 @@ def _unpacked(text: bytes) -> bytes:
         raise ValueError(f"an array in base64 is damaged or cut off: {error}") from None
 
 
-def _whole_of(data: bytes, size: int) -> bytes:
-    if len(data) != size:
-        raise ValueError("an array is cut off: it lacks its header")
-    return data
-
-
-def _split(data: bytes, begin: int, lengths: list[int]) -> list[bytes]:
-    parts = []
-    for length in lengths:
-        parts.append(data[begin : begin + length])
-        begin += length
-    return parts
-
-
 def _unlzma(data: bytes, size: int) -> bytes:
     try:
-        stream = lzma.LZMADecompressor(memlimit=1 << 28)
-        found = stream.decompress(data, size + 1)
+        return lzma.LZMADecompressor(memlimit=1 << 28).decompress(data, size + 1)
     except (lzma.LZMAError, EOFError) as error:
         raise ValueError(f"its compressed data is damaged: {error}") from error
-    return found
 
 
-_COMPRESSORS: dict[str, Expand] = {
+_COMPRESSORS: dict[str, Callable[[bytes, int], bytes]] = {
     "vtkZLibDataCompressor": inflated,
     "vtkLZMADataCompressor": _unlzma,
 }
-
-
-def _numbers(text: str, kind: np.dtype[Any]) -> NDArray[Any]:
-    words = text.split()
-    try:
-        return (
-            np.array(words, dtype=np.float64) if kind.kind == "f" else np.array(words, dtype=kind)
-        )
-    except (ValueError, OverflowError) as error:
-        raise ValueError("an array has something else than numbers of its type in it") from error
-
-
-def _one_of(known: dict[str, Any], word: str, what: str) -> Any:
-    if word not in known:
-        raise ValueError(f"it has the {what} {brief(word)}; expected {' or '.join(known)}")
-    return known[word]
-
-
-def _whole(attributes: dict[str, str], name: str, default: str = "") -> int:
-    text = (attributes.get(name) or default).strip()
-    if not (text.isascii() and text.isdigit() and len(text) <= 18):
-        raise ValueError(f"{name} is {brief(text)}; expected a whole number, 0 or more")
-    return int(text)

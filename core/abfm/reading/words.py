@@ -2,7 +2,9 @@
 
 import re
 from array import array
+from collections.abc import Callable
 from itertools import islice
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from abfm.types import FloatArray, IntArray
 _COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eEdD][-+]?[0-9]+)?")
 _WORD = re.compile(r"\S+")
 _FORTRAN = str.maketrans("dD", "ee")
+Numbers: TypeAlias = "array[Any]"
 
 
 def number(word: str | bytes) -> float:
@@ -60,26 +63,26 @@ class Words:
 
     def numbers(self, count: int, of: str) -> FloatArray:
         """Return the next numbers, (count,), of what is named; a ValueError reports fewer."""
-        found = array("d")
-        for word in islice(self._words, count):
-            found.append(number(word[0]))
-            self.place = word.end()
-        if len(found) < count:
-            raise _cut_off(len(found), count, of)
-        return np.frombuffer(found, np.float64)
+        return np.frombuffer(self._taken(array("d"), number, count, of), np.float64)
 
     def whole_numbers(self, count: int | None, of: str) -> IntArray:
         """Return the next numbers, (count,), as `numbers` does; all that follow if it is None."""
-        found = array("q")
+        return np.frombuffer(self._taken(array("q"), whole_number, count, of), np.int64)
+
+    def _taken(
+        self, found: Numbers, read: Callable[[str], Any], count: int | None, of: str
+    ) -> Numbers:
         for word in islice(self._words, count):
             try:
-                found.append(whole_number(word[0]))
+                found.append(read(word[0]))
             except OverflowError:
                 raise ValueError(f"it has {brief(word[0])}, which is beyond all numbers") from None
             self.place = word.end()
-        if count is not None and len(found) < count:
-            raise _cut_off(len(found), count, of)
-        return np.frombuffer(found, np.int64)
+        if count is None or len(found) == count:
+            return found
+        if not found:
+            raise ValueError(f"the file is cut off: {of} is missing")
+        raise ValueError(f"the file is cut off: {of} has {len(found)} of {count} numbers")
 
     def count(self, of: str) -> int:
         """Return the next number, of what is announced."""
@@ -88,12 +91,6 @@ class Words:
         if count < 0:
             raise ValueError(f"it announces {count} {of}")
         return count
-
-
-def _cut_off(found: int, count: int, of: str) -> ValueError:
-    if found == 0:
-        return ValueError(f"the file is cut off: {of} is missing")
-    return ValueError(f"the file is cut off: {of} has {found} of {count} numbers")
 
 
 def split_lists(flat: IntArray, count: int | None = None) -> tuple[IntArray, IntArray]:

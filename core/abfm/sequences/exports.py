@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -198,7 +197,7 @@ def export_tracks(path: str | os.PathLike[str], sequence: Sequence, least: int =
             at = int(np.flatnonzero(found.points.faces == faces[k])[0])
             turns = float(found.divergence[at]), float(found.curl[at])
             rows.append([number, track.kinds[k], track.index, time, *places[k], faces[k], *turns])
-    _write_table(path, _TRACKS, rows)
+    write_csv(path, [_TRACKS, *rows])
     omitted = len(sequence.tracks(1)) - len(kept)
     if not omitted:
         return ""
@@ -231,12 +230,4 @@ def export_intervals(path: str | os.PathLike[str], sequence: Sequence) -> None:
             zip(np.stack(numbers, axis=1).tolist(), sequence.verdicts, strict=True)
         )
     ]
-    _write_table(path, _INTERVALS, rows)
-
-
-def _write_table(path: str | os.PathLike[str], heads: list[str], rows: Iterable[list[Any]]) -> None:
-    with (
-        write_atomically(path) as temporary,
-        temporary.open("w", newline="", encoding="utf-8") as file,
-    ):
-        write_csv(file, [heads, *rows])
+    write_csv(path, [_INTERVALS, *rows])

@@ -1,7 +1,6 @@
 """Tables for spreadsheets: texts never become formulas or control characters."""
 
 import csv
-import io
 
 import pytest
 
@@ -29,8 +28,7 @@ from abfm.io import write_csv
         (True, "True"),
     ],
 )
-def test_cells_are_neutral(cell, expected):
-    file = io.StringIO(newline="")
-    write_csv(file, [["first", cell]])
-    file.seek(0)
-    assert list(csv.reader(file)) == [["first", expected]]
+def test_cells_are_neutral(tmp_path, cell, expected):
+    write_csv(tmp_path / "a.csv", [["first", cell]])
+    with (tmp_path / "a.csv").open(encoding="utf-8", newline="") as file:
+        assert list(csv.reader(file)) == [["first", expected]]

@@ -149,9 +149,9 @@ LABEL = "#!ascii label  , from subject a vox2ras=TkReg\n{}\n5  1.0 -2.5 3.0 0.25
 def test_labels_list_vertices_with_values(tmp_path):
     path = tmp_path / "lh.V1.label"
     path.write_text(LABEL.format(2))
-    vertices, values = freesurfer_label(path.read_bytes())
-    assert (vertices.tolist(), values.tolist()) == ([5, 0], [0.25, 1e-3])
-    assert_array_equal(vertices, freesurfer.read_label(path))
+    found = freesurfer_label(path.read_bytes())
+    assert (found.vertices.tolist(), found.values.tolist()) == ([5, 0], [[0.25], [1e-3]])
+    assert_array_equal(found.vertices, freesurfer.read_label(path))
     path.write_text("# nothing\n0\n")
     assert freesurfer_label(path.read_bytes()).vertices.tolist() == []
 

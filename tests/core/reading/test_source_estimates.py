@@ -34,10 +34,10 @@ def folder(tmp_path_factory):
 def test_a_file_made_by_hand_is_read(folder):
     (folder / "a-lh.stc").write_bytes(WHOLE)
     found = read_stc((folder / "a-lh.stc").read_bytes())
-    assert_array_equal(found.values, np.arange(6.0).reshape(2, 3), strict=True)
+    assert_array_equal(found.values.T, np.arange(6.0).reshape(2, 3), strict=True)
     assert found.vertices.tolist() == [3, 0, 7]
     assert_allclose(found.times, [-0.1, -0.095], rtol=1e-15)
-    write_stc(folder / "b-lh.stc", found.values, found.vertices, found.times)
+    write_stc(folder / "b-lh.stc", found.values.T, found.vertices, found.times)
     assert (folder / "b-lh.stc").read_bytes() == WHOLE
 
 
@@ -50,7 +50,7 @@ def test_what_is_written_comes_back(folder, seed, samples, count):
     times = random.uniform(-1, 1) + random.uniform(0.01, 3) * np.arange(samples)
     write_stc(folder / "c-rh.stc", values, vertices, times)
     found = read_stc((folder / "c-rh.stc").read_bytes())
-    assert_array_equal(found.values, values)
+    assert_array_equal(found.values.T, values)
     assert_array_equal(found.vertices, vertices)
     assert_allclose(found.times, times, atol=1e-6)
 
@@ -85,7 +85,7 @@ def test_every_cut_is_noticed_and_every_changed_byte_is_read_or_refused(folder):
     for content in one_byte_changed(WHOLE):
         path.write_bytes(content)
         try:
-            assert read_stc(path.read_bytes()).values.shape == (2, 3)
+            assert read_stc(path.read_bytes()).values.shape == (3, 2)
         except ValueError:
             refused += 1
     assert refused >= 8  # all of the numbers of vertices and samples

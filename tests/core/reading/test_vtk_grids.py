@@ -8,8 +8,9 @@ from numpy.testing import assert_array_equal
 
 from abfm.errors import MeshError
 from abfm.mesh import load_mesh
-from abfm.reading import open_file, read_grid, vtk_contents
+from abfm.reading import open_file, vtk_contents
 from tests.core.reading.hostile import one_byte_changed
+from tests.core.reading.vtk_files import point_data
 from tests.mesh_writers import write
 from tests.messages import raises
 
@@ -115,7 +116,7 @@ def test_legacy_files(tmp_path, kind, is_text, is_new):
     assert_array_equal(file.point_data["v"], POINTS)
     assert_array_equal(file.point_data["f"][:, 0], range(8))
     assert_array_equal(file.point_data["g"], np.arange(16).reshape(8, 2))
-    assert_array_equal(read_grid(path, "v").values, POINTS)
+    assert_array_equal(point_data(path, "v"), POINTS)
 
 
 LEGACY = legacy()
@@ -152,7 +153,7 @@ def test_refused_legacy_files(tmp_path, content, named):
 
 def test_values_of_volumes_need_no_surface(tmp_path):
     content = legacy("UNSTRUCTURED_GRID").replace(b"4\n5\n5\n8\n6", b"4\n5\n5\n10\n6")
-    assert_array_equal(read_grid(write(tmp_path, "a.vtk", content), "v").values, POINTS)
+    assert_array_equal(point_data(write(tmp_path, "a.vtk", content), "v"), POINTS)
 
 
 @pytest.mark.parametrize(("kind", "is_text", "is_new"), FORMS)
@@ -215,9 +216,9 @@ def test_two_arrays_of_one_name_are_refused_when_they_are_read(tmp_path):
     data = _array("f", DATA) + _array("f", 2 * DATA) + _array("g", DATA)
     path = write(tmp_path, "a.vtp", xml(data=data))
     assert len(load_mesh(path).faces) == 6
-    assert_array_equal(read_grid(path, "g").values[:, 0], DATA)
+    assert_array_equal(point_data(path, "g")[:, 0], DATA)
     with raises(ValueError, "f", 2):
-        read_grid(path, "f")
+        point_data(path, "f")
 
 
 XML = xml("UnstructuredGrid")

@@ -6,6 +6,8 @@ import zlib
 
 import numpy as np
 
+from abfm.reading import open_file, vtk_contents
+
 COMPRESSORS = {
     "": None,
     "vtkZLibDataCompressor": zlib.compress,
@@ -77,3 +79,8 @@ def vtk_bytes(
         tag = f'<AppendedData encoding="{encoding}">\n   _'.encode()
         end = tag + appended + b"\n  </AppendedData>\n" + end
     return begin.encode() + end
+
+
+def point_data(path, name):
+    """An array of point data of a file."""
+    return vtk_contents(open_file(path)).point_data[name]

@@ -14,7 +14,7 @@ from abfm.calculus.channels import extend
 from abfm.errors import AbfmError, FunctionError, ResultError, SeveralArraysError
 from abfm.functions import sources as source_frames
 from abfm.io import write_stc
-from abfm.reading import read_grid
+from abfm.reading import vtk_contents
 from abfm.sequences import is_sequence, read_frames
 from abfm.sequences.reading import vtk_frames
 from tests.core.reading.hostile import npy_of, one_byte_changed
@@ -207,7 +207,9 @@ def test_lists_of_vtk_say_files_and_times(tmp_path):
 def test_lists_read_each_file_once(tmp_path, monkeypatch):
     paths, read = series(tmp_path), []
     monkeypatch.setattr(
-        vtk_frames, "read_grid", lambda *given: read.append(given[0].name) or read_grid(*given)
+        vtk_frames,
+        "vtk_contents",
+        lambda opened: read.append(opened.path.name) or vtk_contents(opened),
     )
     files = [{"name": paths[k % 2].name, "time": k} for k in range(200)]
     (tmp_path / "a.series").write_text(json.dumps({"files": files}))
@@ -231,7 +233,7 @@ def test_frames_and_fields_of_others_are_no_sequence(tmp_path):
 def test_arrays_that_may_be_frames_are_named_where_none_is_chosen(tmp_path):
     others = {"faces": MESH.faces, "words": np.array(["a"]), "velocity": np.zeros((1, 4, 3))}
     np.savez(tmp_path / "two.npz", v=FILM, u=FILM.T, **others)
-    for path, names in ((tmp_path / "two.npz", ("u", "v")), (series(tmp_path)[1], ("u", "other"))):
+    for path, names in ((tmp_path / "two.npz", ("u", "v")), (series(tmp_path)[1], ("other", "u"))):
         with raises(SeveralArraysError, path.name) as caught:
             read_frames(path, MESH)
         assert caught.value.names == names

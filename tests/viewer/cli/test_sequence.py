@@ -59,7 +59,7 @@ def test_a_film_is_solved_told_and_written_in_several_forms(files, tmp_path, abf
     assert "following the frames: 50%" in told.err.splitlines()
     assert len(read_collection(outs[1])) == 5
     np.testing.assert_array_equal(
-        read_stc(outs[2].read_bytes()).values, vertex_speed(found).astype(np.float32)
+        read_stc(outs[2].read_bytes()).values.T, vertex_speed(found).astype(np.float32)
     )
     assert len((tmp_path / "i.csv").read_text().splitlines()) == 5
     assert len((tmp_path / "t.csv").read_text().splitlines()) >= 9

@@ -51,13 +51,13 @@ def colored_ply(opened: Opened) -> ColoredFaces:
         file.vertices,
         faces,
         np.full((len(faces), 3, 2), np.nan),
-        colors[_inside(faces, len(colors))],
+        colors[inside(faces, len(colors))],
         np.zeros(len(faces), dtype=np.int64),
         (Material(),),
     )
 
 
-def _inside(faces: IntArray, count: int) -> IntArray:
+def inside(faces: IntArray, count: int) -> IntArray:
     """Return the faces if they name vertices that there are, or raise a ValueError."""
     if faces.size and not 0 <= faces.min() <= faces.max() < count:
         raise ValueError(f"a face names a vertex that is none of its {count}")

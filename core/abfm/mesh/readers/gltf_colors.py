@@ -21,7 +21,7 @@ def colored_gltf(opened: Opened) -> ColoredFaces:
     numbers = [of(part.primitive, "material", int, -1) for part in parts]
     known = {number: place for place, number in enumerate(sorted(set(numbers)))}
     entries = [document.entry("materials", number) if number >= 0 else {} for number in known]
-    textures = [_texture(entry) for entry in entries]
+    textures = [of(_base(entry), "baseColorTexture", dict, None) for entry in entries]
     owners = [known[number] for number in numbers]
     at_corners = [
         (_coordinates(document, part, textures[owner]), _colors(document, part))
@@ -36,12 +36,6 @@ def colored_gltf(opened: Opened) -> ColoredFaces:
         np.repeat(np.array(owners, dtype=np.int64), [len(part.faces) for part in parts]),
         tuple(_material(document, *each) for each in zip(entries, textures, strict=True)),
     )
-
-
-def _texture(material: dict[str, Any]) -> dict[str, Any] | None:
-    """Return what a material says of its base colour's image, if it has one."""
-    found: dict[str, Any] | None = of(_base(material), "baseColorTexture", dict, None)
-    return found
 
 
 def _base(material: dict[str, Any]) -> Any:

@@ -28,12 +28,9 @@ def shaped(
     if (skin := of(node, "skin", int, None)) is not None:
         return _skinned(document, part, points, skin)
     is_mirrored = bool(np.linalg.det(matrix[:3, :3]) < 0)
-    return points if np.array_equal(matrix, np.eye(4)) else _moved(points, matrix), is_mirrored
-
-
-def _moved(points: FloatArray, matrix: FloatArray) -> FloatArray:
-    moved: FloatArray = (matrix @ np.column_stack([points, np.ones(len(points))]).T).T[:, :3]
-    return moved
+    if np.array_equal(matrix, np.eye(4)):
+        return points, is_mirrored
+    return (matrix @ np.column_stack([points, np.ones(len(points))]).T).T[:, :3], is_mirrored
 
 
 def _morphed(document: "Document", part: "Part", node: dict[str, Any]) -> FloatArray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from abfm.errors import brief, one_line
-from abfm.mesh.readers.colored import ColoredFaces, Material
+from abfm.mesh.readers.colored import ColoredFaces, Material, inside
 from abfm.mesh.readers.contents import Lists, split_polygons
 from abfm.mesh.readers.plain import obj_index, obj_lines
 from abfm.mesh.readers.references import References
@@ -67,8 +67,7 @@ class _Lines:
 
     def found(self, materials: dict[str, Material]) -> ColoredFaces:
         vertices, (sizes, corners) = self._lists.vertices(), self._lists.polygons()
-        if corners.size and not 0 <= corners.min() <= corners.max() < len(vertices):
-            raise ValueError(f"a face names a vertex that is none of its {len(vertices)}")
+        corners = inside(corners, len(vertices))
         # split as `read_obj` splits them; each corner is a vertex, to be known again
         triangles = split_polygons(vertices[corners], sizes, np.arange(len(corners))).faces
         colors = np.ones((len(vertices), 4))

@@ -5,8 +5,9 @@ import warnings
 import numpy as np
 from scipy import sparse
 
+from abfm.calculus.operators import edge_lengths
 from abfm.errors import AbfmWarning
-from abfm.mesh import TriangleMesh, per_mesh
+from abfm.mesh import TriangleMesh
 from abfm.types import FloatArray, IntArray
 
 _LANDMARKS_MIN = 3
@@ -50,13 +51,7 @@ def warn_of_counting(
 def _distances(mesh: TriangleMesh, vertices: IntArray) -> FloatArray:
     from scipy.sparse.csgraph import dijkstra  # slow to import
 
-    found = dijkstra(_edge_lengths(mesh), directed=False, indices=vertices)[:, vertices]
+    shape = (len(mesh.vertices),) * 2
+    graph = sparse.csr_array((edge_lengths(mesh), tuple(mesh.edges.T)), shape=shape)
+    found = dijkstra(graph, directed=False, indices=vertices)[:, vertices]
     return np.asarray(found / mesh.length_scale)
-
-
-@per_mesh
-def _edge_lengths(mesh: TriangleMesh) -> sparse.csr_array:
-    ends = mesh.vertices[mesh.edges]
-    lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
-    count = len(mesh.vertices)
-    return sparse.csr_array((lengths, tuple(mesh.edges.T)), shape=(count, count))

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from abfm.errors import AbfmError, brief, one_line
 from abfm.functions.value_files import reported
-from abfm.io import write_atomically, write_csv
+from abfm.io import write_csv
 from abfm.maps.surface_points import SurfacePoints, project_onto_surface, vertex_points
 from abfm.mesh import TriangleMesh
 from abfm.numerics.real_numbers import real_numbers
@@ -84,14 +84,10 @@ class Landmarks:
         raise ResultError.
         """
         places = np.concatenate([self.a.positions, self.b.positions], axis=1)
-        with (
-            write_atomically(path) as temporary,
-            temporary.open("w", newline="", encoding="utf-8") as file,
-        ):
-            axes = [f"{axis}_{side}" for side in "ab" for axis in "xyz"]
-            cells = zip(places.tolist(), self.weights.tolist(), self.names, strict=True)
-            rows = ([*row, weight, name] for row, weight, name in cells)
-            write_csv(file, [[*axes, "weight", "name"], *rows])
+        axes = [f"{axis}_{side}" for side in "ab" for axis in "xyz"]
+        cells = zip(places.tolist(), self.weights.tolist(), self.names, strict=True)
+        rows = ([*row, weight, name] for row, weight, name in cells)
+        write_csv(path, [[*axes, "weight", "name"], *rows])
 
 
 class _Row(NamedTuple):

@@ -6,24 +6,28 @@ import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from abfm.errors import SeveralArraysError, brief, one_line
+from abfm.functions.value_files import Request, of_arrays
 from abfm.mesh import TriangleMesh
 from abfm.reading import (
     ENDINGS,
     Format,
-    Grid,
     Opened,
+    counts_of,
     from_json,
     most_inflated,
+    open_file,
     read_bytes,
     read_collection,
-    read_grid,
     referenced_file,
+    vtk_contents,
 )
 from abfm.sequences.reading.frames_file import FramesFile
+from abfm.types import FloatArray
 from abfm.workers.control import checkpoint
 from abfm.workers.progress import step
 
@@ -34,6 +38,17 @@ _APART = 1e-3  # of the mesh's size: points farther from its vertices are report
 _FRAMES_OF_A_FILE_MAX = 100  # on average; a list from somebody else may name one file very often
 
 Entry = tuple[float, Path]
+
+
+class Grid(NamedTuple):
+    """Points (n, 3) of a file, one array of its point data (n, C), its name, and the file's time,
+    NaN if it has none.
+    """
+
+    points: FloatArray
+    values: FloatArray
+    name: str
+    time: float
 
 
 def vtk_frames(opened: Opened, mesh: TriangleMesh, array: str | None) -> FramesFile:
@@ -167,17 +182,17 @@ def _size(file: Path) -> int:
 
 
 def _grid(file: Path, mesh: TriangleMesh, array: str | None) -> Grid:
-    name = brief(os.fspath(file.name))
+    name, counts = brief(os.fspath(file.name)), counts_of(mesh)
     try:
-        grid = read_grid(file, array)
+        found = vtk_contents(open_file(file))
+        if len(found.points) not in counts:
+            count = len(found.points)
+            raise ValueError(f"it has {count} points; the mesh has {counts[1]} vertices")
+        chosen = of_arrays(found.point_data, Request(counts, array))
     except OSError as error:
         raise ValueError(f"{name} cannot be read: {one_line(error)}") from error
     except SeveralArraysError as error:
         raise error.of(name) from error
     except ValueError as error:
         raise ValueError(f"{name}: {one_line(error, 300)}") from error
-    if len(grid.points) not in (len(mesh.vertices), mesh.file_vertex_count):
-        raise ValueError(
-            f"{name} has {len(grid.points)} points; the mesh has {mesh.file_vertex_count} vertices"
-        )
-    return grid
+    return Grid(found.points, chosen.table(), chosen.names[0], found.time)
