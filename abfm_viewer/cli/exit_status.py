@@ -8,7 +8,7 @@ import sys
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, TextIO
+from typing import Any, TextIO, cast
 
 from abfm import AbfmError
 from abfm.errors import LONGEST, AbfmWarning, one_line
@@ -32,14 +32,15 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
             warnings.showwarning = _print_warning
             return run()
     except KeyboardInterrupt as error:
-        why, status = "interrupted", signals.status(getattr(error, "number", signal.SIGINT))
+        print(f"{program}: interrupted", file=sys.stderr)
+        return signals.status(getattr(error, "number", signal.SIGINT))
     except (AbfmError, UsageError, OSError, MemoryError) as error:
-        why, status = one_line(str(error) or "out of memory", LONGEST), BAD_INPUT
+        print(f"{program}: {one_line(str(error) or 'out of memory', LONGEST)}", file=sys.stderr)
+        return BAD_INPUT
     except ImportError as error:  # also where memory is too small for a library's code
-        hint = f"{one_line(error)}; free some memory, or install abfm again"
-        why, status = f"a library cannot be loaded: {hint}", BAD_INPUT
-    print(f"{program}: {why}", file=sys.stderr)
-    return status
+        why = f"{one_line(error)}; free some memory, or install abfm again"
+        print(f"{program}: a library cannot be loaded: {why}", file=sys.stderr)
+        return BAD_INPUT
 
 
 def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
@@ -59,8 +60,8 @@ def program_status(program: str, run: Callable[[], int]) -> int:
         except OSError:  # whoever started the program has closed it
             # takes the lowest number that is free: else a result might get it
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
-    out, errors = (_LastingFile(number, "w", closefd=False) for number in (1, 2))
-    sys.stdout, sys.stderr = _stream(out, sys.stdout), _stream(errors, sys.stderr)
+    out, errors = _LastingStream(sys.stdout, 1), _LastingStream(sys.stderr, 2)
+    sys.stdout, sys.stderr = cast(TextIO, out), cast(TextIO, errors)
     ended: list[int] = []
     atexit.register(_end_at_once, ended)  # what is registered later comes before
     with signals.tidied(remove_temporary), signals.tidied(process.end_all):
@@ -68,7 +69,7 @@ def program_status(program: str, run: Callable[[], int]) -> int:
             status = exit_status(program, run)
         except SystemExit as error:  # argparse has printed its help
             status = error.code if isinstance(error.code, int) else 0
-        sys.stdout.flush()
+        out.flush()
         if out.problem and not isinstance(out.problem, BrokenPipeError):
             print(f"{program}: cannot write the output: {out.problem.strerror}", file=sys.stderr)
             status = status or BAD_INPUT
@@ -84,22 +85,28 @@ def _end_at_once(ended: list[int]) -> None:
         os._exit(ended[0])
 
 
-class _LastingFile(io.FileIO):
-    """Writes until that fails by a `problem`; the rest is dropped."""
+class _LastingStream:
+    """Prints to a stream, or /dev/null, until it fails by a `problem`; the rest is dropped."""
 
-    problem: OSError | None = None
+    def __init__(self, stream: TextIO | None, number: int) -> None:
+        self._stream = stream or os.fdopen(number, "w", encoding="utf-8")
+        self.problem: OSError | None = None
+        if isinstance(self._stream, io.TextIOWrapper):
+            self._stream.reconfigure(errors="backslashreplace")
 
-    def write(self, data: Any) -> int:
+    def write(self, text: str) -> int:
+        self._try(lambda: self._stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        self._try(self._stream.flush)
+
+    def _try(self, act: Callable[[], object]) -> None:
         if self.problem is None:
             try:
-                return super().write(data)
+                act()
             except OSError as error:
                 self.problem = error
-        return len(data)
 
-
-def _stream(file: io.FileIO, before: TextIO | None) -> TextIO:
-    encoding = os.device_encoding(file.fileno()) or (before.encoding if before else "utf-8")
-    return io.TextIOWrapper(
-        io.BufferedWriter(file), encoding, errors="backslashreplace", line_buffering=True
-    )
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
