@@ -14,7 +14,7 @@ from abfm.maps import PointMap, map_accuracy
 from abfm.maps.functional_maps import nearest
 from abfm.mesh import TriangleMesh, shapes
 from abfm.mesh.coarsening import coarsened
-from abfm.registration.initial import Landmarks, initial_map
+from abfm.registration.initial import Landmarks, initial_map, turned_spheres
 from abfm.registration.initial.given import Given
 from abfm.registration.initial.searching import extremities
 from abfm.registration.initial.searching.coarse_shape import coarse_shape, ranks
@@ -170,8 +170,20 @@ def test_equal_faces_of_spheres_are_no_correspondence():
     assert found.candidates[0].name == "sphere"
     places = turn.inv().apply(ball.vertices.copy())
     assert np.linalg.norm(found.points.positions - places, axis=1).mean() < 0.03
-    same = initial_map(None, Given(ball, ball, f[None], f[None])).correspondence
-    assert same.candidates[0].name == "connectivity"
+
+
+def test_rotations_that_cannot_be_better_are_not_searched(monkeypatch):
+    """Vertex numbers by which functions correlate well are the map, as rotations cost more."""
+    ball = icosphere(3)
+    f, g = ball.vertices[None, :, 2], (ball.vertices @ [0.3, 0.2, 0.9])[None]
+    given, directions = Given(ball, ball, f, g), (ball.vertices, ball.vertices)
+    for mirror in (False, True):
+        other = turned_spheres.turned(given, *directions, mirror).correspondence
+        assert turned_spheres._cost(given, other) >= 0
+    monkeypatch.delattr(turned_spheres, "turned")
+    found = initial_map(None, given).correspondence
+    assert [each.name for each in found.candidates] == ["connectivity"]
+    assert_array_equal(found.points.positions, ball.vertices)
 
 
 def test_spheres_of_both_hemispheres():
