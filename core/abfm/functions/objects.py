@@ -90,21 +90,18 @@ def values_of_object(mesh: TriangleMesh, given: Any) -> ObjectValues | None:
         given = given.data
     if has(given, "parts"):  # PolyData
         return ObjectValues(Columns(np.asarray(_part(given.parts, side))))
-    for names, form in _IMAGES.items():
-        if has(given, "to_bytes", *names):
-            opened = Opened(Path("the image"), form, given.to_bytes())
-            hemisphere = side if form is Format.CIFTI else ""
-            return ObjectValues(columns_of(opened, request_for(mesh, None, hemisphere)))
+    if has(given, "to_bytes", "darrays"):  # GIFTI; of other types than those of its standard, too
+        opened = Opened(Path("the image"), Format.GIFTI, given.to_bytes(mode="force"))
+        return ObjectValues(columns_of(opened, request_for(mesh)))
+    if has(given, "to_bytes", "nifti_header"):  # CIFTI
+        opened = Opened(Path("the image"), Format.CIFTI, given.to_bytes())
+        return ObjectValues(columns_of(opened, request_for(mesh, None, side)))
     if has(given, "dataobj", "affine"):
         image = np.asarray(given.dataobj)
         sizes = (*image.shape[:3], *[1] * (3 - image.ndim), -1)
         image = image.reshape(sizes, order="F")
         return ObjectValues(image_columns(image, counts_of(mesh), frame_seconds(given.header)))
     return None
-
-
-_IMAGES = {("darrays",): Format.GIFTI, ("nifti_header",): Format.CIFTI}
-"""Images of nibabel that are read as their files are, by attributes."""
 
 
 def _part(parts: Mapping[str, Any], side: str) -> Any:

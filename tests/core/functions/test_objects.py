@@ -146,6 +146,14 @@ def test_values_are_placed(given, expected):
     assert_allclose(found, expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("kind", ["float64", "int64", "int16"])
+def test_types_beyond_the_standard_of_gifti_are_kept(kind):
+    """As nilearn and earlier versions of nibabel have them; nibabel itself refuses to write them."""
+    values = (1e4 * X).astype(kind)
+    array = GiftiDataArray(values, datatype=f"NIFTI_TYPE_{kind.upper()}")
+    assert_array_equal(as_values(BALL, GiftiImage(darrays=[array])), values)
+
+
 def test_index_counts_vertices_of_the_file():
     whole = np.append(0.0, X)
     series = pandas.Series(whole[1:][ORDER], index=ORDER + 1)
