@@ -148,7 +148,7 @@ def test_values_are_placed(given, expected):
 
 @pytest.mark.parametrize("kind", ["float64", "int64", "int16"])
 def test_types_beyond_the_standard_of_gifti_are_kept(kind):
-    """As nilearn and earlier versions of nibabel have them; nibabel itself refuses to write them."""
+    """As nilearn and earlier versions of nibabel have them; nibabel refuses to write them."""
     values = (1e4 * X).astype(kind)
     array = GiftiDataArray(values, datatype=f"NIFTI_TYPE_{kind.upper()}")
     assert_array_equal(as_values(BALL, GiftiImage(darrays=[array])), values)
