@@ -14,6 +14,7 @@ from abfm.errors import AbfmError, FunctionError, one_line
 from abfm.functions.family import texts_of
 from abfm.functions.files import ValuesFile
 from abfm.functions.sources import between_sources
+from abfm.functions.spec import function
 from abfm.functions.value_files import columns_of, image_columns, request_for
 from abfm.mesh import TriangleMesh
 from abfm.mesh.objects import has, part_of
@@ -43,8 +44,8 @@ def as_values(
         Anything that NumPy makes an array of, also masked (then NaN), of PyTorch or PyVista; a
         Series or DataFrame of pandas or Polars, or an array of xarray, see `at_vertices`; a nibabel
         image (GIFTI, CIFTI, MGH) or nilearn's ``SurfaceImage`` or ``PolyData``; MNE's
-        ``SourceEstimate``, interpolated between its sources; or the ``Path`` of a file of values.
-        Of both hemispheres the mesh's own one is taken.
+        ``SourceEstimate``, interpolated between its sources; the ``Path`` of a file of values; or a
+        function as text. Of both hemispheres the mesh's own one is taken.
     name : str
         What messages call them.
 
@@ -53,6 +54,8 @@ def as_values(
     AbfmError
         An ``error`` if they are no real numbers, hold labels, or do not fit the mesh.
     """
+    if isinstance(given, str):
+        return function(mesh, given, may_be_unknown=True)
     if isinstance(given, os.PathLike):
         return ValuesFile(path=os.fspath(given)).evaluate(mesh)
     try:
