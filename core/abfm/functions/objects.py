@@ -14,6 +14,7 @@ from abfm.errors import AbfmError, FunctionError, one_line
 from abfm.functions.family import texts_of
 from abfm.functions.files import ValuesFile
 from abfm.functions.sources import between_sources
+from abfm.functions.spec import function
 from abfm.functions.value_files import columns_of, image_columns, request_for
 from abfm.mesh import TriangleMesh
 from abfm.mesh.objects import has, part_of
@@ -43,8 +44,8 @@ def as_values(
         Anything that NumPy makes an array of, also masked (then NaN), of PyTorch or PyVista; a
         Series or DataFrame of pandas or Polars, or an array of xarray, see `at_vertices`; a nibabel
         image (GIFTI, CIFTI, MGH) or nilearn's ``SurfaceImage`` or ``PolyData``; MNE's
-        ``SourceEstimate``, interpolated between its sources; or the ``Path`` of a file of values.
-        Of both hemispheres the mesh's own one is taken.
+        ``SourceEstimate``, interpolated between its sources; the ``Path`` of a file of values; or a
+        function as text. Of both hemispheres the mesh's own one is taken.
     name : str
         What messages call them.
 
@@ -53,6 +54,8 @@ def as_values(
     AbfmError
         An ``error`` if they are no real numbers, hold labels, or do not fit the mesh.
     """
+    if isinstance(given, str):
+        return function(mesh, given, may_be_unknown=True)
     if isinstance(given, os.PathLike):
         return ValuesFile(path=os.fspath(given)).evaluate(mesh)
     try:
@@ -90,21 +93,18 @@ def values_of_object(mesh: TriangleMesh, given: Any) -> ObjectValues | None:
         given = given.data
     if has(given, "parts"):  # PolyData
         return ObjectValues(Columns(np.asarray(_part(given.parts, side))))
-    for names, form in _IMAGES.items():
-        if has(given, "to_bytes", *names):
-            opened = Opened(Path("the image"), form, given.to_bytes())
-            hemisphere = side if form is Format.CIFTI else ""
-            return ObjectValues(columns_of(opened, request_for(mesh, None, hemisphere)))
+    if has(given, "to_bytes", "darrays"):  # GIFTI; of other types than those of its standard, too
+        opened = Opened(Path("the image"), Format.GIFTI, given.to_bytes(mode="force"))
+        return ObjectValues(columns_of(opened, request_for(mesh)))
+    if has(given, "to_bytes", "nifti_header"):  # CIFTI
+        opened = Opened(Path("the image"), Format.CIFTI, given.to_bytes())
+        return ObjectValues(columns_of(opened, request_for(mesh, None, side)))
     if has(given, "dataobj", "affine"):
         image = np.asarray(given.dataobj)
         sizes = (*image.shape[:3], *[1] * (3 - image.ndim), -1)
         image = image.reshape(sizes, order="F")
         return ObjectValues(image_columns(image, counts_of(mesh), frame_seconds(given.header)))
     return None
-
-
-_IMAGES = {("darrays",): Format.GIFTI, ("nifti_header",): Format.CIFTI}
-"""Images of nibabel that are read as their files are, by attributes."""
 
 
 def _part(parts: Mapping[str, Any], side: str) -> Any:

@@ -16,6 +16,7 @@ terms where a family or a parenthesis follows, so ``vertex=1,5``, ``1e+3`` and m
 no quotes; a value in double quotes may hold anything (a double quote inside is doubled).
 """
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ import numpy as np
 from abfm.errors import FunctionError, brief, did_you_mean
 from abfm.functions.circular import Circular
 from abfm.functions.expression import Expression
-from abfm.functions.family import Family, Spec
+from abfm.functions.family import Family, Spec, quoted
 from abfm.functions.files import Permuted, ValuesFile
 from abfm.functions.local_shape import Curvature, ShapeDiameter
 from abfm.functions.places import Coordinate, Gaussian, Geodesic, Indicator
@@ -92,9 +93,14 @@ def parse(text: str) -> Spec:
             f"function {brief(text)} has {len(text)} characters; at most {LONGEST} are allowed"
         )
     parser = _Parser(text)
-    spec = parser.spec(depth=0)
-    if parser.position < len(text):
-        parser.fail("'+' or the end")
+    try:
+        spec = parser.spec(depth=0)
+        if parser.position < len(text):
+            parser.fail("'+' or the end")
+    except FunctionError:
+        if os.path.isfile(text):
+            raise FunctionError(f"{brief(text)} is a file: write file:{quoted(text)}") from None
+        raise
     return spec
 
 

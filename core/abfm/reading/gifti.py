@@ -5,6 +5,7 @@ expands what is compressed without a bound, and hangs or throws anything on file
 """
 
 import base64
+import binascii
 import math
 import os
 from collections.abc import Iterable
@@ -160,7 +161,10 @@ def _values(array: Element, text: str, path: Path, most: int) -> NDArray[Any]:
             file.seek(count_in(array, "ExternalFileOffset", "0"))  # which some leave empty
             data = file.read(size)
     else:
-        data = base64.b64decode(text)
+        try:
+            data = base64.b64decode(text)
+        except binascii.Error as error:
+            raise ValueError("the Base64 text of an array is cut off or damaged") from error
         if encoding == "gzip":
             data = inflated(data, size)
     if len(data) != size:

@@ -146,6 +146,31 @@ def test_values_are_placed(given, expected):
     assert_allclose(found, expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("kind", ["float64", "int64", "int16"])
+def test_types_beyond_the_standard_of_gifti_are_kept(kind):
+    """As nilearn and earlier versions of nibabel have them; nibabel refuses to write them."""
+    values = (1e4 * X).astype(kind)
+    array = GiftiDataArray(values, datatype=f"NIFTI_TYPE_{kind.upper()}")
+    assert_array_equal(as_values(BALL, GiftiImage(darrays=[array])), values)
+
+
+def test_texts_and_paths_are_values(tmp_path):
+    """As masks, too; frames may be named by a text, as it is no function."""
+    np.savetxt(tmp_path / "a, b.txt", X)
+    assert_array_equal(as_values(BALL, tmp_path / "a, b.txt"), X)
+    assert_array_equal(as_values(BALL, "coordinate:y"), Y)
+    path = tmp_path / "mask.npy"
+    np.save(path, 1.0 * (X > 0))
+    for mask in (path, f"file:{path}"):
+        made = abfm.Problem(BALL, path, tmp_path / "a, b.txt", mask=mask)
+        assert_array_equal(made.mask, X > 0)
+        assert_array_equal(made.target[X > 0, 0], X[X > 0])
+    np.save(path, FRAMES)
+    for frames in (path, str(path)):
+        found = abfm.sequence(BALL, frames, parameters=abfm.sequences.defaults(sigma=0.1))
+        assert_array_equal(found.frames[:, :, 0], FRAMES)
+
+
 def test_index_counts_vertices_of_the_file():
     whole = np.append(0.0, X)
     series = pandas.Series(whole[1:][ORDER], index=ORDER + 1)

@@ -142,6 +142,16 @@ def test_errors_name_what_was_given_and_what_was_expected_in_one_line(text):
     assert len(str(error.value)) < 300
 
 
+def test_name_of_a_file_alone_is_advised(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, advised in (("lh.sulc", "file:lh.sulc"), ("a,b.txt", 'file:"a,b.txt"')):
+        with raises(FunctionError, "unknown" if name == "lh.sulc" else ""):
+            parse(name)
+        (tmp_path / name).touch()
+        with raises(FunctionError, name, advised):
+            parse(name)
+
+
 def test_specs_made_in_python_are_checked_like_text():
     with raises(FunctionError, "width", 0):
         Gaussian(vertex=(1,), width=-1.0)

@@ -277,7 +277,7 @@ PACKED = base64.b64encode(zlib.compress(NINE.tobytes())).decode()
         (gifti(PACKED, ONE.format(10), "GZipBase64Binary"), (36, 40)),
         (gifti(PACKED, ONE.format(8), "GZipBase64Binary"), (32,)),
         (gifti("AAAA", encoding="Base64Binary"), (3, 12)),
-        (gifti("A", encoding="Base64Binary"), ("base64",)),
+        (gifti("A", encoding="Base64Binary"), ("Base64",)),
         (gifti("1 2"), (3, 2)),
         (gifti("1 2 x"), ()),
         (gifti("1 2 3", ""), (0,)),
