@@ -25,8 +25,8 @@ MeshLike: TypeAlias = Any
 """A `TriangleMesh`, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista, meshio,
 Open3D, PyMeshLab, nilearn or nibabel."""
 ACCEPTED = (
-    "a TriangleMesh, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista, meshio, "
-    "Open3D, PyMeshLab, nilearn or nibabel (GIFTI)"
+    "a TriangleMesh, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista "
+    "(PolyData, UnstructuredGrid), meshio, Open3D, PyMeshLab, nilearn or nibabel (GIFTI)"
 )
 _FACES = ("triangle", "quad")
 _SIDES = {word: side for side, word in HEMISPHERES.items()}

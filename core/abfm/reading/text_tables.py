@@ -25,7 +25,8 @@ _FORTRAN = re.compile(r"\A([+-]?[\d.]+)[dD]([+-]?\d+)\Z")
 _WORD = re.compile(r'"[^"]*"|\S+')
 _BINARY = re.compile(rb"[\0-\x08\x0e-\x1f]")
 _ERRORS = ("#N/A", "#NV", "#DIV/0!", "#VALUE!", "#REF!", "#NUM!", "#NAME?", "#NULL!")  # of Excel
-_MISSING = ("na", "n/a", "<na>", "nan", "null", "none", ".", *map(str.lower, _ERRORS))
+_MISSING_WORDS = ("na", "n/a", "<na>", "nan", "null", "none", "missing", ".")
+_MISSING = (*_MISSING_WORDS, *map(str.lower, _ERRORS))
 _TRUTH = {"true": "1", "false": "0"}
 _NUMPY_ERROR = re.compile(  # NumPy counts rows from 0 and columns from 1
     r"could not convert string (?P<word>.*) to float64 at row (?P<row>\d+), column (?P<column>\d+)",

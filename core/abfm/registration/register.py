@@ -31,7 +31,7 @@ from abfm.parameters import Parameters
 from abfm.registration.correspondence import Correspondence
 from abfm.registration.initial.counting import warn_of_counting
 from abfm.registration.initial.given import Given
-from abfm.registration.initial.landmark_pairs import Landmarks
+from abfm.registration.initial.landmark_pairs import Landmarks, by_surface
 from abfm.registration.initial.searching.search import is_searched
 from abfm.registration.initial.words import initial_map
 from abfm.registration.registration import Registration
@@ -278,6 +278,8 @@ def _landmarks(
             f"landmarks have shape {pairs.shape} of {pairs.dtype}; expected (L, 2) vertices of A "
             "and of B, or two SurfacePoints"
         )
+    if len(names := [str(name) for name in getattr(given, "columns", ())]) == 2:
+        pairs = pairs[:, by_surface(names, [0, 1])]
     rows = [
         np.array([mesh.local_vertex(k) for k in numbers], dtype=np.int64) if is_made else numbers
         for mesh, numbers, is_made in zip((a, b), pairs.T, are_made, strict=True)

@@ -98,7 +98,7 @@ def test_rows_of_words_and_the_numbers_in_them():
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
-@pytest.mark.parametrize("word", ["", '""', "NA", "n/a", "NULL", "#N/A", "#DIV/0!", "."])
+@pytest.mark.parametrize("word", ["", '""', "NA", "n/a", "NULL", "#N/A", "#DIV/0!", "missing", "."])
 def test_missing_numbers_are_nan(separator, word):
     lines = ["a,b", f"0.5,{word}", f"{word},2", "NaN,3"]
     names, found, _ = read_numbers("\n".join(line.replace(",", separator) for line in lines))

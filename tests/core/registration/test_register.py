@@ -1,6 +1,7 @@
 """Registering one surface to another: initial maps by words, and what the flow adds."""
 
 import numpy as np
+import pandas
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
@@ -325,6 +326,10 @@ def test_landmarks_count_as_the_given_mesh_does():
         problem = prepare(a, b, landmarks=rows + shift, initial="connectivity").problem
         wanted = problem.landmarks.wanted(problem.mesh).positions
         assert_allclose(wanted, B.vertices[rows[:, 1]], atol=1e-12)
+    table = pandas.DataFrame({"Target": rows[:, 1], "source": rows[:, 0]})
+    problem = prepare(B, B, landmarks=table, initial="connectivity").problem
+    wanted = problem.landmarks.wanted(problem.mesh).positions
+    assert_allclose(wanted, B.vertices[rows[:, 1]], atol=1e-12)
     with raises(AbfmError, 0, "dropped"):
         prepare(pair, pair, landmarks=[[0, 1]], initial="connectivity")
 

@@ -276,7 +276,7 @@ class _Columns(NamedTuple):
         return found
 
 
-def _by_surface(names: list[str], places: list[int]) -> list[int]:
+def by_surface(names: list[str], places: list[int]) -> list[int]:
     """Return columns in the order A, B if their names have a surface, and an axis if they are six,
     such as ``target`` or ``x_b``; otherwise as they are.
     """
@@ -304,7 +304,7 @@ def _columns(first: list[str], parse: Callable[[str], float]) -> _Columns:
         named = True
     places = [k for k in range(has_index, count) if k not in others.values()]
     if named:
-        places = _by_surface(first, places)
+        places = by_surface(first, places)
     is_doubled = len(places) == 12  # numbers with decimal commas between commas
     if len(places) not in (2, 6):
         raise AbfmError(
