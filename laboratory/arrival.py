@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from abfm import Parameters, Problem, function
-from laboratory.common import LEVEL, in_words, machine, markdown, new_sphere, number, watched_match
+from abfm.mesh.shapes import sphere
+from laboratory.common import LEVEL, in_words, machine, markdown, number, watched_match
 from laboratory.success import BEFORE
 
 ENOUGH = 12.0
@@ -18,7 +19,7 @@ _APART = 1.2  # radians on the sphere: between a quarter and half of the way rou
 
 def gaussians(subdivision: int, parameters: Parameters) -> Problem:
     """State one Gaussian to another on a new icosphere."""
-    mesh = new_sphere(subdivision)
+    mesh = sphere(subdivision)
     source, target = (
         function(mesh, f"gaussian:vertex={np.argmax(mesh.vertices @ place)},width={_WIDTH:g}")
         for place in ([1.0, 0.0, 0.0], [np.cos(_APART), np.sin(_APART), 0.0])

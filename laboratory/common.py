@@ -14,9 +14,9 @@ from time import perf_counter
 from typing import TypeVar
 
 import numpy as np
-import trimesh
 
-from abfm import Control, Iteration, Match, Parameters, Problem, TriangleMesh, match
+from abfm import Control, Iteration, Match, Parameters, Problem, match
+from abfm.mesh.shapes import sphere
 from abfm.parameters import PAPER
 from abfm.types import FloatArray
 
@@ -44,15 +44,9 @@ Given = TypeVar("Given")
 Found = TypeVar("Found")
 
 
-def new_sphere(subdivision: int) -> TriangleMesh:
-    """Make an icosphere of ``10 * 4**subdivision + 2`` vertices, of which nothing is computed."""
-    sphere = trimesh.creation.icosphere(subdivisions=subdivision)
-    return TriangleMesh(sphere.vertices, sphere.faces)
-
-
 def sphere_problem(subdivision: int, parameters: Parameters = PARAMETERS) -> Problem:
     """State Fig. 3 on a new icosphere: one wide bump splits into two narrow ones."""
-    mesh = new_sphere(subdivision)
+    mesh = sphere(subdivision)
 
     def bump(angle: float, width: float) -> FloatArray:
         cosines = mesh.vertices @ [np.cos(angle), np.sin(angle), 0.0]

@@ -18,9 +18,10 @@ import numpy as np
 from abfm import Sequence, TriangleMesh, sequence
 from abfm.calculus.operators import edge_lengths, vertex_areas
 from abfm.flow.flow import Flow
+from abfm.mesh.shapes import sphere
 from abfm.sequences.between.in_between import in_between
 from abfm.types import FloatArray
-from laboratory.common import new_sphere, put_between, told_table
+from laboratory.common import put_between, told_table
 
 KINDS = ("travelling", "rotating", "source and sink", "standing", "two standing")
 NOISES = (0.0, 0.1, 0.3)  # standard deviation, of the frames'
@@ -109,7 +110,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--write", type=Path)
     given = parser.parse_args()
-    table = told_table(HEADS, rows(new_sphere(4)))
+    table = told_table(HEADS, rows(sphere(4)))
     if given.write:
         put_between(given.write, MARKS, [table])
 

@@ -16,13 +16,14 @@ import numpy as np
 import abfm
 from abfm import Parameters, TriangleMesh
 from abfm.assets import asset_path
+from abfm.mesh.shapes import sphere
 from abfm.parameters import PAPER
 from abfm_viewer import signals
 from abfm_viewer.scene import opengl
 from abfm_viewer.scene.opengl import Backend
 from abfm_viewer.session.session import Session
 from abfm_viewer.window.window import Window
-from laboratory.common import markdown, new_sphere
+from laboratory.common import markdown
 
 LEAST_THROUGHPUT, LONGEST_FRAME, LARGEST_LAUNCH_RATIO = 0.8, 0.040, 1.5
 _SIZE = (1280, 800)
@@ -71,7 +72,7 @@ def run(
     launch, throughput = _launch(backend, repeats), []
     frames: dict[str, Any] = {}
     for subdivision in subdivisions:
-        mesh = new_sphere(subdivision)
+        mesh = sphere(subdivision)
         size = f"{len(mesh.vertices):,} vertices"
         tell(f"abfm.match and the window that follows it, {size}, in turns")
         with _opened(mesh, backend, parameters or Parameters()) as window:

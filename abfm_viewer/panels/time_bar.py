@@ -45,7 +45,7 @@ def draw(context: Context, rect: Rect) -> None:
     with window(ui, "time bar", rect), ui.group("time bar"):
         places = rows((rect[2] - rect[0]) / ui.scale)
         is_film = context.session.document.film is not None
-        groups = _film_buttons if is_film else _buttons, _repeat, _beyond, _speed
+        groups = _buttons, _repeat, _beyond, _speed
         for row, draw_group in zip(places, groups, strict=True):
             if is_film and draw_group is _beyond:
                 continue
@@ -57,33 +57,20 @@ def draw(context: Context, rect: Rect) -> None:
 
 
 def _buttons(ui: Ui, session: Session) -> None:
-    player, step = session.player, STEP * session.parameters.tau
-    tip = "Hold (Space)." if player.playing else "Show the function on its way (Space)."
-    if ui.button("Pause" if player.playing else "Play", tip, width=ui.px(52)):
-        player.toggle()
-    times = (
-        ("<", session.time - step, "A twentieth of τ back.", 26),
-        (">", session.time + step, "A twentieth of τ on.", 26),
-        ("to start", 0.0, "Show the source, time 0.", 0),
-    )
-    for label, time, tip, width in times:
-        ui.beside(ui.px(4))
-        if ui.button(label, tip, width=ui.px(width)):
-            session.set_time(time)
-
-
-def _film_buttons(ui: Ui, session: Session) -> None:
     player, document, film = session.player, session.document, session.document.film
-    assert film is not None
-    tip = "Hold (Space)." if player.playing else "Play the film (Space)."
+    if film is None:
+        tip, step = "Show the function on its way (Space).", STEP * session.parameters.tau
+        times = [session.time - step, session.time + step, 0.0]
+        tips = "A twentieth of τ back.", "A twentieth of τ on.", "Show the source, time 0."
+    else:
+        tip = "Play the film (Space)."
+        times = [film.next_frame(document.time, by) for by in (-1, 1)] + [document.start]
+        tips = "The frame before.", "The next frame.", "Show the first frame."
+    tip = "Hold (Space)." if player.playing else tip
     if ui.button("Pause" if player.playing else "Play", tip, width=ui.px(52)):
         player.toggle()
-    times = (
-        ("<", film.next_frame(document.time, -1), "The frame before.", 26),
-        (">", film.next_frame(document.time, 1), "The next frame.", 26),
-        ("to start", document.start, "Show the first frame.", 0),
-    )
-    for label, time, tip, width in times:
+    labels = ("<", 26), (">", 26), ("to start", 0)
+    for (label, width), time, tip in zip(labels, times, tips, strict=True):
         ui.beside(ui.px(4))
         if ui.button(label, tip, width=ui.px(width)):
             session.set_time(time)

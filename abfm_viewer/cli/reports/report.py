@@ -27,7 +27,7 @@ from abfm.workers.progress import telling
 from abfm_viewer import pictures
 from abfm_viewer.cli import options, results
 from abfm_viewer.cli.progress import print_long, share_progress
-from abfm_viewer.cli.reports.report_page import LEAST_COVERED, MOST_APART, page
+from abfm_viewer.cli.reports.report_page import LEAST_COVERED, MOST_APART, page, percent
 from abfm_viewer.files import outputs
 
 SUMMARY = "one page about a registration: pictures, distortion, path, warnings"
@@ -162,18 +162,14 @@ def _warnings(of_map: dict[str, Any], found: Correspondence) -> list[str]:
     apart, covered = of_map["there_and_back"]["p95"], of_map["coverage"]
     told = list(found.facts.warnings) if isinstance(found, Registration) else []
     if folded and not isinstance(found, Registration):
-        told.append(f"{folded:,} of {faces:,} faces are folded, {_percent(folded / faces)}")
+        told.append(f"{folded:,} of {faces:,} faces are folded, {percent(folded / faces)}")
     if collapsed:
         told.append(f"{collapsed:,} of {faces:,} faces collapse to a line or a point")
     if covered < LEAST_COVERED:
-        told.append(f"only {_percent(covered)} of A is covered")
+        told.append(f"only {percent(covered)} of A is covered")
     if apart > MOST_APART:
         told.append(f"5% of the vertices come back {apart:.2g} edges or more from where they were")
     return told
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.3g}%"
 
 
 def _finite(value: Any) -> Any:

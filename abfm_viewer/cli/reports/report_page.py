@@ -168,7 +168,7 @@ def _numbers(told: Facts) -> str:
         ("folded faces", f"{of_map['folded']:,}", of_map["folded"] > 0),
         (
             "A covered" if _has_two(told) else "covered",
-            _percent(of_map["coverage"]),
+            percent(of_map["coverage"]),
             of_map["coverage"] < LEAST_COVERED,
         ),
         (
@@ -262,7 +262,7 @@ def _distortion_table(told: Facts) -> str:
     rows = []
     for name, facts in maps.items():
         logs = [value for key in ("log2_area", "log2_shape") for value in facts[key].values()]
-        faults = (f"{facts['folded']:,}", f"{facts['collapsed']:,}", _percent(facts["coverage"]))
+        faults = (f"{facts['folded']:,}", f"{facts['collapsed']:,}", percent(facts["coverage"]))
         apart = map(_edges, facts["there_and_back"].values())
         rows.append((name, *(f"{value:.3f}" for value in logs), *faults, *apart))
     return rows_table(heads, rows, groups=groups)
@@ -402,5 +402,5 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
     return f"{100 * share:.3g}%"

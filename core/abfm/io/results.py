@@ -8,7 +8,7 @@ import os
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ _KINDS: dict[str, tuple[str, Any]] = {
     "text": ("U", np.str_),
 }
 
+Made = TypeVar("Made")
 Path = str | os.PathLike[str]
 Arrays = Mapping[str, NDArray[Any]]
 Parts = Mapping[str, Callable[[], Mapping[str, Any]]]
@@ -392,6 +393,21 @@ def load_arrays(path: Path, kind: Kind = RESULT) -> dict[str, NDArray[Any]]:
                 "and subjects.csv beside it which file is each subject's own"
             )
         return _checked(archive, kind)
+
+
+def loaded(path: Path, kind: Kind, make: Callable[[dict[str, NDArray[Any]]], Made]) -> Made:
+    """Return what is made of the arrays that a file of a kind holds.
+
+    Raises
+    ------
+    ResultError
+        As of `load_arrays`, or if they do not fit together.
+    """
+    arrays = load_arrays(path, kind)
+    try:
+        return make(arrays)
+    except Exception as error:  # what stands in for a text, a number or a list may do anything
+        raise ResultError(f"{one_line(path)}: {one_line(error, _MOST_TOLD)}; {MEND}") from error
 
 
 def _checked(arrays: Mapping[str, Any], kind: Kind) -> dict[str, NDArray[Any]]:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from abfm.mesh.coarsening import fill_star, next_slot
 from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 from abfm.workers.control import checkpoint
@@ -50,22 +51,6 @@ def collapse(points: FloatArray, surface: Surface) -> Collapses:
         rounds.append(_collapse_round(points, surface, alive, gone, rounds[-1]))
         alive = np.setdiff1d(alive, gone[0, rounds[-2] : rounds[-1]])
     return Collapses(gone[0], gone[1], rounds)
-
-
-@steady_kernel
-def next_slot(slot: int) -> int:
-    return slot - 2 if slot % 3 == 2 else slot + 1
-
-
-@steady_kernel
-def fill_star(star: IndexArray, twins: IndexArray, first: int) -> int:
-    """Put the corners around the vertex of the first into ``star``; return how many they are."""
-    count, corner = 0, first
-    while count == 0 or corner != first:
-        star[count] = corner
-        count += 1
-        corner = next_slot(twins[next_slot(corner)])
-    return count
 
 
 @steady_kernel

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.maps.collapses import next_slot
 from abfm.maps.sphere_embedding import State, set_shapes
 from abfm.maps.spherical import Faces, side_volumes, walk
 from abfm.maps.star_moves import (
@@ -26,6 +25,7 @@ from abfm.maps.star_moves import (
     volume,
 )
 from abfm.maps.surface_points import cross, scalar
+from abfm.mesh.coarsening import next_slot
 from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IntArray
 

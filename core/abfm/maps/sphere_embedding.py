@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.errors import MeshError
-from abfm.maps.collapses import Collapses, Surface, collapse, fill_star, next_slot, unfold
+from abfm.maps.collapses import Collapses, Surface, collapse, unfold
 from abfm.maps.star_moves import (
     FLAT,
     SHORTER,
@@ -35,6 +35,7 @@ from abfm.maps.star_moves import (
 )
 from abfm.maps.surface_points import cross, scalar
 from abfm.mesh import TriangleMesh
+from abfm.mesh.coarsening import fill_star, next_slot
 from abfm.mesh.topology import edge_slots, edges_of_faces, next_corner
 from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IntArray

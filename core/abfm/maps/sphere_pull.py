@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from abfm.maps.collapses import Surface, fill_star, next_slot
+from abfm.maps.collapses import Surface
 from abfm.maps.sphere_embedding import State
 from abfm.maps.star_moves import FLAT, Room, normalize, volume
 from abfm.maps.surface_points import scalar
+from abfm.mesh.coarsening import fill_star, next_slot
 from abfm.numerics.kernels import steady_kernel
 from abfm.types import FloatArray, IntArray
 

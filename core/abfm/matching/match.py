@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from abfm.display import Display
-from abfm.errors import AbfmError, ParameterError, ResultError, one_line
+from abfm.errors import AbfmError, ParameterError, one_line
 from abfm.flow.flow import Flow
 from abfm.io import results
 from abfm.maps.distortion import Bound, Distortion
@@ -687,12 +687,11 @@ def load_match(path: str | os.PathLike[str]) -> Match:
     The source is carried once, and what the field does not bear out is recomputed, and told in
     ``match.doubt``.
     """
-    arrays = results.load_arrays(path)
-    try:
-        found = loaded_match(results.mesh_of(arrays), arrays)
-    except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
-    return found.borne_out()
+
+    def made(arrays: results.Arrays) -> Match:
+        return loaded_match(results.mesh_of(arrays), arrays)
+
+    return results.loaded(path, results.RESULT, made).borne_out()
 
 
 def loaded_match(mesh: TriangleMesh, arrays: results.Arrays) -> Match:

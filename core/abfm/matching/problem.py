@@ -22,9 +22,7 @@ from abfm.errors import (
     FunctionError,
     MeshError,
     ParameterError,
-    ResultError,
     brief,
-    one_line,
 )
 from abfm.flow.continuous_flow import on_children
 from abfm.functions.circular import circular_channels, warn_of_phases
@@ -393,13 +391,12 @@ class Problem:
 
 def load_problem(path: str | os.PathLike[str]) -> Problem:
     """Read a file of `Problem.save`; ResultError if it is missing, damaged, or no problem."""
-    arrays = results.load_arrays(path, results.PROBLEM)
-    try:
-        mesh = results.mesh_of(arrays)
+
+    def made(arrays: dict[str, NDArray[Any]]) -> Problem:
         parameters = Parameters.from_dict(from_json(str(arrays.pop("parameters"))))
-        return problem_of(mesh, arrays, parameters)
-    except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
+        return problem_of(results.mesh_of(arrays), arrays, parameters)
+
+    return results.loaded(path, results.PROBLEM, made)
 
 
 def problem_of(

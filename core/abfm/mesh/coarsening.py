@@ -16,7 +16,7 @@ import numpy as np
 from abfm.errors import MeshError
 from abfm.mesh.topology import next_corner
 from abfm.mesh.triangle_mesh import TriangleMesh, per_mesh
-from abfm.numerics.kernels import kernel
+from abfm.numerics.kernels import kernel, steady_kernel
 from abfm.types import FloatArray, IndexArray, IntArray
 
 _SMALL = np.int32  # enough for slots of 700 million faces
@@ -128,11 +128,11 @@ def _collapse_edges(
             left -= side < 3 * finite
         total -= 2
         u = _collapse(surface, places, queue, slot, star)
-        for corner in star[: _fill(star, twins, places.corner_of[u])]:
-            spoke, rim = _next(corner), edges[corner]
-            _rekey(queue, edges[spoke], _squared_length(surface, u, faces[_next(spoke)]))
+        for corner in star[: fill_star(star, twins, places.corner_of[u])]:
+            spoke, rim = next_slot(corner), edges[corner]
+            _rekey(queue, edges[spoke], _squared_length(surface, u, faces[next_slot(spoke)]))
             if keys[rim] == np.inf:  # refused before
-                ends = faces[spoke], faces[_next(spoke)]
+                ends = faces[spoke], faces[next_slot(spoke)]
                 _rekey(queue, rim, _squared_length(surface, ends[0], ends[1]))
 
 
@@ -146,20 +146,20 @@ def _squared_length(surface: _Surface, a: int, b: int) -> float:
     return length
 
 
-@kernel
-def _next(slot: int) -> int:
+@steady_kernel
+def next_slot(slot: int) -> int:
     return slot - 2 if slot % 3 == 2 else slot + 1
 
 
-@kernel
-def _fill(star: IndexArray, twins: IndexArray, first: int) -> int:
+@steady_kernel
+def fill_star(star: IndexArray, twins: IndexArray, first: int) -> int:
     """Put the corners around the vertex of the first into ``star``; return how many they are."""
     # a generator would read better, but numba cannot compile what calls one from its cache
     count, corner = 0, first
     while count == 0 or corner != first:
         star[count] = corner
         count += 1
-        corner = _next(twins[_next(corner)])
+        corner = next_slot(twins[next_slot(corner)])
     return count
 
 
@@ -167,11 +167,11 @@ def _fill(star: IndexArray, twins: IndexArray, first: int) -> int:
 def _is_free(surface: _Surface, slot: int, star: IndexArray, seen: IndexArray, mark: int) -> bool:
     """Return whether the ends of an edge have two common neighbours only."""
     faces, twins = surface.faces, surface.twins
-    for corner in star[: _fill(star, twins, _next(slot))]:
-        seen[faces[_next(corner)]] = mark
+    for corner in star[: fill_star(star, twins, next_slot(slot))]:
+        seen[faces[next_slot(corner)]] = mark
     common = 0
-    for corner in star[: _fill(star, twins, _next(_next(slot)))]:
-        common += seen[faces[_next(corner)]] == mark
+    for corner in star[: fill_star(star, twins, next_slot(next_slot(slot)))]:
+        common += seen[faces[next_slot(corner)]] == mark
     return common == 2
 
 
@@ -181,21 +181,21 @@ def _collapse(
 ) -> int:
     """Move one end of an edge to its middle, give it the other's faces, and return it."""
     points, faces, twins, edges = surface.points, surface.faces, surface.twins, surface.edges
-    u: int = faces[_next(slot)]
-    v = faces[_next(_next(slot))]
+    u: int = faces[next_slot(slot)]
+    v = faces[next_slot(next_slot(slot))]
     for x in range(3):
         points[u, x] = 0.5 * (points[u, x] + points[v, x])
-    for corner in star[: _fill(star, twins, _next(_next(slot)))]:
+    for corner in star[: fill_star(star, twins, next_slot(next_slot(slot)))]:
         faces[corner] = u
     for side in (slot, twins[slot]):
-        p, q = twins[_next(side)], twins[_next(_next(side))]
+        p, q = twins[next_slot(side)], twins[next_slot(next_slot(side))]
         twins[p], twins[q] = q, p
         gone, kept = edges[p], edges[q]
         _rekey(queue, gone, np.inf)
         edges[p] = kept
         places.slot_of[kept] = q
-        places.corner_of[faces[side]] = _next(p)
-        places.corner_of[u] = _next(_next(p))
+        places.corner_of[faces[side]] = next_slot(p)
+        places.corner_of[u] = next_slot(next_slot(p))
         for k in range(3):
             faces[side - side % 3 + k] = -1
     return u

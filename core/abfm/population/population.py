@@ -11,7 +11,7 @@ import numpy as np
 
 from abfm.calculus.operators import vertex_areas
 from abfm.display import Display
-from abfm.errors import ParameterError, ResultError, brief, did_you_mean, one_line
+from abfm.errors import ParameterError, brief, did_you_mean, one_line
 from abfm.io import results
 from abfm.io.results import Entry, Kind
 from abfm.mesh import TriangleMesh
@@ -300,18 +300,17 @@ def load_population(path: str | os.PathLike[str]) -> Population:
     missing, damaged, or none.
     """
     path = Path(path) / "population.npz" if Path(path).is_dir() else path
-    arrays: dict[str, Any] = results.load_arrays(path, POPULATION)
-    try:
-        template = results.mesh_of(arrays)
-        for name in results.MESH_ENTRIES:
-            arrays.pop(name, None)
-        pairs = zip(arrays.pop("channels").tolist(), arrays.pop("held_out").tolist(), strict=True)
-        texts: dict[str, Any] = {
-            name: tuple(arrays.pop(name).tolist())
-            for name in ("names", "reasons", "verdicts", "digests")
-        }
-        weights = arrays.pop("subject_weights")
-        channels = tuple(Channel(*pair) for pair in pairs)
-        return Population(template, channels, weights=weights, **texts, **arrays)
-    except (AttributeError, TypeError, ValueError) as error:
-        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
+    return results.loaded(path, POPULATION, _population_of)
+
+
+def _population_of(arrays: dict[str, Any]) -> Population:
+    template = results.mesh_of(arrays)
+    for name in results.MESH_ENTRIES:
+        arrays.pop(name, None)
+    pairs = zip(arrays.pop("channels").tolist(), arrays.pop("held_out").tolist(), strict=True)
+    texts: dict[str, Any] = {
+        name: tuple(arrays.pop(name).tolist())
+        for name in ("names", "reasons", "verdicts", "digests")
+    }
+    weights, channels = arrays.pop("subject_weights"), tuple(Channel(*pair) for pair in pairs)
+    return Population(template, channels, weights=weights, **texts, **arrays)

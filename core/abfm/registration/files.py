@@ -3,16 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from typing import TypeVar
 
-from abfm.errors import ResultError, one_line
 from abfm.io import results
 from abfm.matching.match import loaded_match
 from abfm.registration.correspondence import Correspondence, correspondence_of
 from abfm.registration.registration import Registration
-
-Found = TypeVar("Found", bound=Correspondence)
 
 
 def is_correspondence(path: str | os.PathLike[str]) -> bool:
@@ -26,7 +21,7 @@ def load_correspondence(path: str | os.PathLike[str]) -> Correspondence:
     """
     if "velocity" in _names(path):
         return load_registration(path)
-    return _loaded(path, results.CORRESPONDENCE, correspondence_of)
+    return results.loaded(path, results.CORRESPONDENCE, correspondence_of)
 
 
 def load_registration(path: str | os.PathLike[str]) -> Registration:
@@ -35,23 +30,13 @@ def load_registration(path: str | os.PathLike[str]) -> Registration:
     As by `abfm.load_match`, what the field does not bear out is recomputed, and told in
     ``match.doubt``.
     """
-    found = _loaded(path, results.REGISTRATION, _registration_of)
+    found = results.loaded(path, results.REGISTRATION, _registration_of)
     return found.matched_by(found.match.borne_out())
 
 
 def _names(path: str | os.PathLike[str]) -> set[str]:
     with results.open_archive(path, results.CORRESPONDENCE.name, results.MEND) as archive:
         return set(archive)
-
-
-def _loaded(
-    path: str | os.PathLike[str], kind: results.Kind, make: Callable[[results.Arrays], Found]
-) -> Found:
-    arrays = results.load_arrays(path, kind)
-    try:
-        return make(arrays)
-    except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
 
 
 def _registration_of(arrays: results.Arrays) -> Registration:

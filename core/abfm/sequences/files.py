@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from abfm.errors import ResultError, one_line
 from abfm.io import results
 from abfm.matching.judging.cause import Cause
 from abfm.matching.judging.verdict import Verdict
@@ -91,11 +90,7 @@ def is_sequence(path: str | os.PathLike[str]) -> bool:
 
 def load_sequence(path: str | os.PathLike[str]) -> Sequence:
     """Read a file of `Sequence.save`; ResultError if it is missing, damaged, or none."""
-    arrays = results.load_arrays(path, results.SEQUENCE)
-    try:
-        return sequence_of(arrays)
-    except Exception as error:  # what stands in for a text, a number or a list may do anything
-        raise ResultError(f"{one_line(path)}: {one_line(error, 400)}; {results.MEND}") from error
+    return results.loaded(path, results.SEQUENCE, sequence_of)
 
 
 def sequence_of(arrays: results.Arrays, mesh: TriangleMesh | None = None) -> Sequence:

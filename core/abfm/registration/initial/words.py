@@ -157,12 +157,8 @@ def _closest(given: Given, words: list[str]) -> Initial:
     return _checked(made_continuous(given, points, (note,)))
 
 
-def _spectral(given: Given, words: list[str]) -> Initial:
-    return searched(given, ("spectral",), (-1 if _is_mirrored("spectral", words) else 1,))
-
-
-def _by_extremities(given: Given, words: list[str]) -> Initial:
-    return searched(given, ("extremities",), (-1 if _is_mirrored("extremities", words) else 1,))
+def _searched_by(name: str) -> Callable[[Given, list[str]], Initial]:
+    return lambda given, words: searched(given, (name,), (-1 if _is_mirrored(name, words) else 1,))
 
 
 def _of_file(given: Given, words: list[str]) -> Initial:
@@ -264,12 +260,12 @@ WORDS = (
     Word(
         "spectral[:mirror]",
         "by eigenfunctions and functions, of surfaces that are nearly isometric",
-        _spectral,
+        _searched_by("spectral"),
     ),
     Word(
         "extremities[:mirror]",
         "by the ends of limbs, for surfaces that are not isometric",
-        _by_extremities,
+        _searched_by("extremities"),
     ),
     Word(
         "landmarks[:mirror]",
