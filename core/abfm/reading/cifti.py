@@ -147,7 +147,10 @@ def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tupl
         return found[known.index(side)], len(every) - 1
     chosen = [each for each in found if each.surface_number_of_vertices in counts] or found
     if len(chosen) > 1:
-        raise ValueError("it holds both hemispheres: choose one by hemisphere=L or hemisphere=R")
+        raise ValueError(
+            "it holds both hemispheres, and that of the surface is not known: choose one by "
+            "hemisphere=L or hemisphere=R, on the command line by --hemisphere"
+        )
     return chosen[0], len(every) - 1
 
 
