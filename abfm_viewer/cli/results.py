@@ -9,6 +9,7 @@ from typing import Any
 from abfm import Correspondence, Match, PathStep, Registration
 from abfm.errors import printable
 from abfm.maps import Distortion
+from abfm.matching.judging.facts import finite
 from abfm.mesh.subdivision import times_subdivided
 from abfm_viewer.document import verdict_words
 
@@ -62,12 +63,8 @@ def print_notes(notes: Sequence[str]) -> None:
 
 
 def _row(match: Match, step: PathStep) -> dict[str, float | None]:
-    numbers = {name: _known(getattr(step, name)) for name in _NUMBERS}
+    numbers = {name: finite(getattr(step, name)) for name in _NUMBERS}
     return {**numbers, "refined": _refined(match, step)}
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else float(value)
 
 
 def path_lines(match: Match) -> list[str]:
@@ -119,7 +116,7 @@ def initial_facts(initial: Correspondence) -> dict[str, Any]:
     tried = initial.candidates
     return {
         "initial": tried[0].name if tried else "given",
-        "initial_candidates": [{"name": each.name, "cost": _known(each.cost)} for each in tried],
+        "initial_candidates": [{"name": each.name, "cost": finite(each.cost)} for each in tried],
     }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from dataclasses import asdict
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 import abfm
 from abfm import Sequence
+from abfm.matching.judging.facts import finite
 from abfm.pages.interval_words import motion_between, uncertainty
 from abfm.sequences import KINDS, is_unsolved
 from abfm.types import BoolArray, FloatArray
@@ -30,10 +30,10 @@ def facts(sequence: Sequence) -> dict[str, Any]:
         "times": sequence.times.tolist(),
         "order": sequence.parameters.order,
         "alpha": sequence.parameters.alpha,
-        "sigma": _known(sequence.sigma),
+        "sigma": finite(sequence.sigma),
         "gamma": sequence.gamma,
         "noise": sequence.noise,
-        "motion_share": _known(sequence.motion_share),
+        "motion_share": finite(sequence.motion_share),
         "has_motion": sequence.has_motion,
         "intervals": len(sequence),
         "solved": int(sequence.solved.sum()),
@@ -43,11 +43,11 @@ def facts(sequence: Sequence) -> dict[str, Any]:
             "median_where_steep": float(np.median(speed[steep])) if steep.any() else None,
             "maximum": float(speed.max()) if speed.size else None,
         },
-        "uncertainty": [_known(each) for each in sequence.speed_uncertainty.tolist()],
+        "uncertainty": [finite(each) for each in sequence.speed_uncertainty.tolist()],
         "determined": sequence.speed_determined.tolist(),
-        "residual": [_known(each) for each in sequence.residual.tolist()],
-        "verified_residual": [_known(each) for each in sequence.verified_residual.tolist()],
-        "folded": [_known(each) for each in sequence.folded.tolist()],
+        "residual": [finite(each) for each in sequence.residual.tolist()],
+        "verified_residual": [finite(each) for each in sequence.verified_residual.tolist()],
+        "folded": [finite(each) for each in sequence.folded.tolist()],
         "verdicts": [verdict.kind for verdict in sequence.verdicts],
         "tracks": _tracks(sequence),
         "episodes": [asdict(episode) for episode in sequence.episodes()],
@@ -107,7 +107,3 @@ def _steep(sequence: Sequence) -> BoolArray:
 def _tracks(sequence: Sequence) -> dict[str, int]:
     counts = Counter(track.kind for track in sequence.tracks(_LEAST))
     return {kind: counts[kind] for kind in KINDS}
-
-
-def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -136,8 +136,7 @@ def run(arguments: argparse.Namespace) -> int:
         mesh = options.mesh(arguments)
         film = read_frames(arguments.frames, mesh, arguments.array)
         mask = options.weight(mesh, arguments.mask)
-    for note in film.notes:
-        print(f"note: {note}", file=sys.stderr)
+    print_notes(film.notes)
     times, unit = _times(arguments, film.times, len(film.values))
     for path in arguments.out:
         if path.suffix == ".stc" and times is not None:

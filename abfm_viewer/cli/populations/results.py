@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from abfm import Population
 from abfm.errors import printable
+from abfm.matching.judging.facts import finite
 
 
 def facts(found: Population) -> dict[str, Any]:
@@ -25,7 +25,7 @@ def facts(found: Population) -> dict[str, Any]:
                 "name": channel.name,
                 "held_out": channel.is_held_out,
                 "weight": float(found.channel_weights[c]),
-                **{name: _number(value) for name, value in phase.items()},
+                **{name: finite(value) for name, value in phase.items()},
                 "before": before,
                 "after": after,
             }
@@ -38,7 +38,7 @@ def facts(found: Population) -> dict[str, Any]:
             "verdict": found.verdicts[i] or None,
             "weight": float(found.weights[i]),
             **{
-                name: _number(getattr(found, name)[i])
+                name: finite(getattr(found, name)[i])
                 for name in (
                     "correlation",
                     "distance",
@@ -50,7 +50,7 @@ def facts(found: Population) -> dict[str, Any]:
                 )
             },
             "scores": {
-                channel.name: list(map(_number, scores[c][i]))
+                channel.name: list(map(finite, scores[c][i]))
                 for c, channel in enumerate(found.channels)
             },
             "digest": found.digests[i] or None,
@@ -60,7 +60,7 @@ def facts(found: Population) -> dict[str, Any]:
     return {
         "vertices": len(found.template.vertices),
         "faces": len(found.template.faces),
-        "changes": list(map(_number, found.changes)),
+        "changes": list(map(finite, found.changes)),
         "log2_area_deviation": _mean(found.log2_area_deviation),
         "channels": channels,
         "subjects": subjects,
@@ -95,7 +95,3 @@ def _told(value: float | None) -> str:
 def _mean(values: Any) -> float | None:
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else None
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -30,6 +30,7 @@ from abfm_viewer import pictures
 from abfm_viewer.cli.exit_status import UsageError
 from abfm_viewer.cli.options import adder, texels, warn_of_doubt
 from abfm_viewer.cli.progress import share_progress
+from abfm_viewer.cli.results import print_notes
 from abfm_viewer.files import outputs
 
 SUMMARY = "carry data, labels, points or textures from surface A to B by a registration, or back"
@@ -157,8 +158,7 @@ def _read_on(way: Correspondence, read: Callable[[TriangleMesh], Columns]) -> Co
         raise FunctionError(
             f"{error}; they fit the other surface: give --inverse, or leave it out"
         ) from None
-    for note in found.notes:
-        print(f"note: {note}", file=sys.stderr)
+    print_notes(found.notes)
     return found
 
 

@@ -203,6 +203,9 @@ def distortion_warnings(outcome: Outcome, log2_area_95: float) -> tuple[str, ...
 
 def known_numbers(numbers: Mapping[str, float]) -> dict[str, float | None]:
     """Return the numbers of facts; None for those that are not finite."""
-    return {
-        name: float(number) if math.isfinite(number) else None for name, number in numbers.items()
-    }
+    return {name: finite(number) for name, number in numbers.items()}
+
+
+def finite(number: float) -> float | None:
+    """Return a number, or None if it is not finite."""
+    return float(number) if math.isfinite(number) else None
