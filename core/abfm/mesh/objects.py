@@ -145,7 +145,7 @@ def _of_scene(given: Any) -> NoReturn:
 _READERS: dict[tuple[str, ...], Callable[[Any], FileContents]] = {
     ("coordinates", "faces"): lambda part: FileContents(part.coordinates, part.faces),
     ("darrays", "to_bytes"): lambda image: read_gifti(
-        Opened(Path("the image"), Format.GIFTI, image.to_bytes())
+        Opened(Path("the image"), Format.GIFTI, image.to_bytes(mode="force"))
     ),
     ("points", "faces", "strips"): _of_poly_data,
     ("points", "cells", "celltypes"): _of_grid,

@@ -41,10 +41,14 @@ def meshio_mesh(points, **cells):
     return Object(points=points, cells=blocks, point_data={})
 
 
-def gifti(vertices, faces):
+def gifti(vertices, faces, real="float32", whole="int32"):
     arrays = [
-        nibabel.gifti.GiftiDataArray(np.float32(vertices), "NIFTI_INTENT_POINTSET"),
-        nibabel.gifti.GiftiDataArray(np.int32(faces), "NIFTI_INTENT_TRIANGLE"),
+        nibabel.gifti.GiftiDataArray(
+            np.asarray(values, dtype=kind),
+            f"NIFTI_INTENT_{intent}",
+            datatype=f"NIFTI_TYPE_{kind.upper()}",
+        )
+        for values, intent, kind in ((vertices, "POINTSET", real), (faces, "TRIANGLE", whole))
     ]
     return nibabel.GiftiImage(darrays=arrays)
 
@@ -127,6 +131,12 @@ def test_strips_become_triangles_of_one_side():
     assert len(mesh.faces) == len(F)
     assert not mesh.messages  # no face was turned over
     assert mesh.length_scale == pytest.approx(SPHERE.length_scale)
+
+
+def test_types_beyond_the_standard_of_gifti_are_kept():
+    mesh = load_mesh(gifti(V, F, "float64", "int64"))
+    assert_array_equal(mesh.vertices, V)
+    assert_array_equal(mesh.faces, F)
 
 
 def test_hemisphere_is_chosen():
