@@ -118,16 +118,17 @@ class Columns:
             return found._placed(mesh, found.vertices)
         shape, counts = found.values.shape, counts_of(mesh)
         axis = vertex_axis(shape, counts, 0)
-        if shape[axis] not in counts and len(shape) > 1:
-            sizes = (
-                " x ".join(map(str, shape))
-                if len(shape) > 2
-                else (f"{shape[0]} rows and {shape[1]} columns")
-            )
-            is_one_more = shape[0] in [size + 1 for size in counts]
+        if shape[axis] not in counts:
+            sizes = " x ".join(map(str, shape)) + " values" * (len(shape) == 1)
+            if len(shape) == 2:
+                sizes = f"{shape[0]} rows and {shape[1]} columns"
+            hint = ""
+            if shape[0] in [size + 1 for size in counts]:
+                hint = "; its first line may be names that are numbers"
+            elif {2 * size for size in counts} & {*shape}:
+                hint = "; if it holds both hemispheres, give the half of this one"
             raise ValueError(
-                f"it has {sizes}, and the mesh {counts[1]} vertices: use one value per vertex"
-                + "; its first line may be names that are numbers" * is_one_more
+                f"it has {sizes}, and the mesh {counts[1]} vertices: use one value per vertex{hint}"
             )
         table = np.moveaxis(found.values, axis, 0)
         table = mesh.restrict(as_doubles(table.reshape(len(table), -1)))

@@ -410,6 +410,14 @@ def test_any_axis_of_an_image_is_the_vertices(tmp_path, name, shape):
     assert_array_equal(as_values(MESH, image), columns.T)
 
 
+@pytest.mark.parametrize("shape", [(2 * COUNT,), (2 * COUNT, 3), (3, 2 * COUNT)])
+def test_values_of_both_hemispheres_are_named(tmp_path, shape):
+    """As BrainSpace and others have them, one after the other."""
+    np.save(tmp_path / "a.npy", np.ones(shape))
+    with raises(FunctionError, 2 * COUNT, COUNT, "hemispheres"):
+        read_values(tmp_path / "a.npy", MESH)
+
+
 def test_label_without_vertices_is_refused(tmp_path):
     (tmp_path / "a.label").write_text("#!ascii label\n0\n")
     with raises(FunctionError, "a.label", "no vertices"):
