@@ -74,7 +74,7 @@ def open3d_mesh():
 
 
 class Adapter:
-    """What a surface of BrainSpace has, which raises a KeyError for what it has not."""
+    """The attributes of a BrainSpace surface, which raises a KeyError for others."""
 
     Points, Polygons = V, padded(F)
 
