@@ -74,8 +74,8 @@ class Problem:
     terms : sequence of DataTerm
         What else is to be matched, on ``mesh.normalized()``.
     landmarks : (L, 2) array of int, or pair of SurfacePoints, optional
-        Vertices, by the rows of a `TriangleMesh` or as any other ``mesh`` that is given counts
-        them, or points, and where the flow is to take them, each to its own:
+        Vertices, or points, and where the flow is to take them, each to its own. Vertices of a
+        `TriangleMesh` are its rows; any other file or object counts its own vertices.
         ``1/(2 lambda^2) sum_i w_i d(phi(p_i), q_i)^2`` is added, with the flow ``phi`` to tau,
         distances along the surface, and lambda as the parameters' ``landmark_sigma``.
     landmark_weights : (L,) array, optional

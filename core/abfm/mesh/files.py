@@ -93,8 +93,9 @@ def load_mesh(
         A file: obj, off, ply, stl, glb, gltf, gii, vtk, vtp, vtu, surfaces of FreeSurfer or MNI
         objects; each may be compressed (.gz). Its first bytes decide the format, or else the ending
         of its name. Or a pair (vertices, faces), a ``trimesh.Trimesh``, PyVista ``PolyData`` or
-        ``UnstructuredGrid``, a mesh of meshio, Open3D or PyMeshLab, nilearn's ``SurfaceImage`` or
-        ``PolyMesh``, a nibabel GIFTI image, or a `TriangleMesh`, which is returned as it is.
+        ``UnstructuredGrid``, a mesh of meshio, Open3D, PyMeshLab, vedo, LaPy or BrainSpace,
+        nilearn's ``SurfaceImage`` or ``PolyMesh``, a nibabel GIFTI image, or a `TriangleMesh`,
+        which is returned as it is.
     merge : bool or float, optional
         Make vertices one that are at most this distance apart, in the file's unit, as where a
         texture has a seam: the first of them stays where it is. A distance of an edge's length is

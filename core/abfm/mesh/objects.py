@@ -23,10 +23,11 @@ from abfm.types import IntArray
 
 MeshLike: TypeAlias = Any
 """A `TriangleMesh`, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista, meshio,
-Open3D, PyMeshLab, nilearn or nibabel."""
+Open3D, PyMeshLab, vedo, LaPy, BrainSpace, nilearn or nibabel."""
 ACCEPTED = (
     "a TriangleMesh, a file name, a pair (vertices, faces), or a mesh of trimesh, PyVista "
-    "(PolyData, UnstructuredGrid), meshio, Open3D, PyMeshLab, nilearn or nibabel (GIFTI)"
+    "(PolyData, UnstructuredGrid), meshio, Open3D, PyMeshLab, vedo, LaPy, BrainSpace, nilearn or "
+    "nibabel (GIFTI)"
 )
 _FACES = ("triangle", "quad")
 _SIDES = {word: side for side, word in HEMISPHERES.items()}
@@ -34,8 +35,11 @@ _DRAWN_ONLY = ("vertex", "line", "line3", "polyline")
 
 
 def has(given: Any, *names: str) -> bool:
-    """Return whether an object has all of these attributes."""
-    return not isinstance(given, type) and all(hasattr(given, name) for name in names)
+    """Return whether an object has all of these attributes; some objects raise other errors."""
+    try:
+        return not isinstance(given, type) and all(hasattr(given, name) for name in names)
+    except Exception:
+        return False
 
 
 def contents_of(given: Any, hemisphere: str = "") -> FileContents:
@@ -103,6 +107,12 @@ def _of_grid(given: Any) -> FileContents:
     return _split(given.points, [sizes], [corners])
 
 
+def _of_adapter(given: Any) -> FileContents:
+    """Read the polygons of BrainSpace, and of VTK's own adapter to NumPy."""
+    sizes, corners = _lists(given.Polygons, "polygons")
+    return _split(given.Points, [sizes], [corners])
+
+
 def _lists(given: Any, name: str) -> tuple[IntArray, IntArray]:
     numbers = np.asarray([] if given is None else given).astype(np.int64).ravel()
     try:
@@ -112,8 +122,10 @@ def _lists(given: Any, name: str) -> tuple[IntArray, IntArray]:
 
 
 def _of_cells(given: Any) -> FileContents:
-    """Read the triangles, quadrilaterals and polygons of a meshio mesh."""
-    blocks = [(str(block.type), block.data) for block in given.cells]
+    """Read the triangles, quadrilaterals and polygons of a mesh of meshio or vedo."""
+    blocks = [("polygon", given.cells)]  # vedo
+    if all(has(block, "type", "data") for block in given.cells):
+        blocks = [(str(block.type), block.data) for block in given.cells]
     sizes, corners = [], []
     for kind, data in blocks:
         if kind in _DRAWN_ONLY:
@@ -157,6 +169,8 @@ _READERS: dict[tuple[str, ...], Callable[[Any], FileContents]] = {
     ("vertex_matrix", "face_matrix"): lambda mesh: FileContents(
         mesh.vertex_matrix(), mesh.face_matrix()
     ),
+    ("Points", "Polygons"): _of_adapter,
+    ("v", "t"): lambda mesh: FileContents(mesh.v, mesh.t),
 }
-"""By attributes: a part of nilearn's PolyMesh, nibabel, PyVista, meshio, trimesh, Open3D,
-PyMeshLab."""
+"""By attributes: a part of nilearn's PolyMesh, nibabel, PyVista, meshio and vedo, trimesh, Open3D,
+PyMeshLab, BrainSpace, LaPy."""

@@ -158,7 +158,7 @@ def _loaded(rows: list[str], separator: str | None) -> FloatArray:
 def _numbers(names: list[str], table: FloatArray, places: list[int]) -> Numbers:
     count, width = table.shape
     if len(names) == width - 1 and np.array_equal(np.sort(table[:, 0]), np.arange(1, count + 1)):
-        names = ["", *names]  # R's names of rows have none
+        names = ["", *names]  # R writes no name above the names of rows
     fitting = len(names) == width  # other words on top are a title
     return Numbers(names if fitting else [], table, places)
 

@@ -102,8 +102,8 @@ def register(
         See `abfm.registration.initial.words`; by default chosen by what is given.
     landmarks : (L, 2) array of int, pair of SurfacePoints, or Landmarks, optional
         Vertices, or points, of A and of B that belong together: the flow takes where the initial
-        map has A's to B's. Without f and g they are all that is matched. Vertices are rows of a
-        `TriangleMesh`; of any other mesh that is given they are counted as it counts them.
+        map has A's to B's. Without f and g they are all that is matched. Vertices of a
+        `TriangleMesh` are its rows; any other file or object counts its own vertices.
     parameters : Parameters, optional
         By default `MEASURED` if the functions are measured, or the initial map was searched between
         two shapes, whose functions are only alike; else ``Parameters()``.

@@ -77,6 +77,15 @@ def open3d_mesh():
     return Object(vertices=V, triangles=F)
 
 
+class Adapter:
+    """The attributes of a BrainSpace surface, which raises a KeyError for others."""
+
+    Points, Polygons = V, padded(F)
+
+    def __getattr__(self, name):
+        raise KeyError(name)
+
+
 OBJECTS = {
     "pair": (V, F),
     "lists": [V.tolist(), F.tolist()],
@@ -86,6 +95,9 @@ OBJECTS = {
     "open3d": open3d_mesh(),
     "open3d tensors": Object(vertex={}, triangle={}, to_legacy=open3d_mesh),
     "pymeshlab": Object(vertex_matrix=lambda: V, face_matrix=lambda: F),
+    "vedo": Object(points=V, cells=F.tolist()),
+    "lapy": Object(v=V, t=F),
+    "brainspace": Adapter(),
     "meshio": meshio_mesh(V, vertex=[[0]], line=[[0, 1]], triangle=F),
     "surface image": SurfaceImage(poly_mesh(left=(V, F)), {"left": np.float32(V[:, 0])}),
     "poly mesh": poly_mesh(right=(V, F)),

@@ -90,5 +90,5 @@ def _refuse_numbers_of_vertices(given: NDArray[Any]) -> None:
         if given.shape[1] > 1 and np.array_equal(given[:, 0], np.arange(begin, begin + count)):
             raise ValueError(
                 f"its first column has the numbers from {begin} to {begin + count - 1} in order, "
-                "which are those of vertices and no frame: remove it"
+                "which are numbers of vertices, not a frame: remove it"
             )
