@@ -14,6 +14,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from abfm.errors import one_line
 from abfm.numerics.real_numbers import as_doubles
@@ -86,7 +87,7 @@ def _columns(data: bytes, counts: Collection[int], sides: tuple[str, str]) -> Co
     if named and len(named) != table.shape[1]:
         raise ValueError(f"it has names of {len(named)} maps for {table.shape[1]} columns")
     return Columns(
-        table[begin : begin + count],
+        _scaled(table[begin : begin + count], head),
         names=tuple((each.map_name or "").strip() for each in named),
         keys=tuple(map(_keys, named)) if kinds[1 - axis] == _MAPS[1] else (),
         vertices=vertices,
@@ -154,17 +155,19 @@ def _model(models: Any, counts: Collection[int], sides: tuple[str, str]) -> tupl
     return chosen[0], len(every) - 1
 
 
-def _table(data: bytes, head: Any, axis: int) -> FloatArray:
-    """Return all values, a row for each grayordinate."""
+def _table(data: bytes, head: Any, axis: int) -> NDArray[Any]:
+    """Return all numbers of the file, a row for each grayordinate."""
     shape = tuple(map(int, head.get_data_shape()))
     if len(shape) != 6 or shape[:4] != (1, 1, 1, 1):
         raise ValueError(f"it is an array of shape {shape}; expected two axes of numbers")
-    values = _scaled(data, head, shape, shape[4:])
-    return values if axis == 0 else values.T
+    numbers = _numbers(data, head, shape, shape[4:])
+    return numbers if axis == 0 else numbers.T
 
 
-def _scaled(data: bytes, head: Any, shape: tuple[int, ...], wanted: tuple[int, ...]) -> FloatArray:
-    """Return the array after the header, in a shape of the same size."""
+def _numbers(
+    data: bytes, head: Any, shape: tuple[int, ...], wanted: tuple[int, ...]
+) -> NDArray[Any]:
+    """Return the array after the header as the file has it, in a shape of the same size."""
     kind = head.get_data_dtype()
     begin, size = int(head["vox_offset"]), math.prod(shape) * kind.itemsize
     if min(shape) < 1 or kind.kind not in "biuf":
@@ -173,9 +176,13 @@ def _scaled(data: bytes, head: Any, shape: tuple[int, ...], wanted: tuple[int, .
         raise ValueError(
             f"it is cut off: {max(len(data) - begin, 0)} bytes are left for {size} of its values"
         )
-    values = np.frombuffer(data, kind, math.prod(shape), begin).reshape(wanted, order="F")
+    return np.frombuffer(data, kind, math.prod(shape), begin).reshape(wanted, order="F")
+
+
+def _scaled(numbers: NDArray[Any], head: Any) -> FloatArray:
+    """Return the values that stored numbers mean."""
     slope, intercept = float(head["scl_slope"]), float(head["scl_inter"])
-    table = as_doubles(values)
+    table = as_doubles(numbers)
     if math.isfinite(slope) and slope and math.isfinite(intercept) and (slope, intercept) != (1, 0):
         table = table * slope + intercept
     return table
@@ -196,7 +203,7 @@ def nifti_frames(data: bytes) -> tuple[FloatArray, float]:
     head = kind(data[: kind.sizeof_hdr], check=False)
     shape = tuple(map(int, head.get_data_shape()))
     sizes = (*shape[:3], *[1] * (3 - len(shape)), math.prod(shape[3:]))
-    image = _scaled(data, head, shape or (0,), sizes)
+    image = _scaled(_numbers(data, head, shape or (0,), sizes), head)
     return image, frame_seconds(head)
 
 
