@@ -140,10 +140,6 @@ class ResultTable:
         if self.population is not None:
             # all that are good are compared by their correlation
             order = -Outcome.NEARLY.rank if row.verdict.is_good else order
-            return order, _or_last(row.correlation), row.name
+            return order, -2.0 if math.isnan(row.correlation) else row.correlation, row.name
         worse = worse_residual(row.left, row.verified)
         return order, 0.0 if math.isnan(worse) else -worse, row.name
-
-
-def _or_last(value: float) -> float:
-    return -2.0 if math.isnan(value) else value

@@ -123,15 +123,11 @@ def drawn_row(
         Drawing(panel.label, (_on_white(one), _on_white(other)))
         for panel, one, other in zip(row.panels, front, back, strict=True)
     )
-    bars = (
-        Bar(title, colors.low, colors.high, _strip(colors.colormap))
-        for title, colors in row.ranges.items()
-    )
+    bars = []
+    for title, colors in row.ranges.items():
+        shades = np.round(255 * table(colors.colormap, 256)).astype(np.uint8)
+        bars.append(Bar(title, colors.low, colors.high, Image.fromarray(shades[None])))
     return Row(row.title, tuple(drawings), tuple(bars))
-
-
-def _strip(colormap: str) -> Image.Image:
-    return Image.fromarray(np.round(255 * table(colormap, 256)).astype(np.uint8)[None])
 
 
 def _on_white(picture: Image.Image) -> Image.Image:

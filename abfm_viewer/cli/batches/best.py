@@ -41,7 +41,8 @@ class Best(NamedTuple):
         else:
             which = "of those that reached their target, " if self.reached else ""
             found = [f"closest: {_told(first)}", f"{which}areas change least: {_told(other)}"]
-        if first.facts.outcome is Outcome.REGISTERED and _sigma(first):
+        has_sigma = dict(first.entry.row.options).get("sigma", "auto") != "auto"
+        if first.facts.outcome is Outcome.REGISTERED and has_sigma:
             found.append(
                 "the functions were measured, and closer than their noise is no better: "
                 "sigma auto ends where what was held out gains no more"
@@ -68,10 +69,6 @@ def best_of(rows: Sequence[SummaryRow]) -> Best | None:
 
 def _problem(row: SummaryRow) -> tuple[tuple[str, str], ...]:
     return tuple(pair for pair in row.entry.row.options if pair[0] not in _WAYS)
-
-
-def _sigma(row: SummaryRow) -> bool:
-    return dict(row.entry.row.options).get("sigma", "auto") != "auto"
 
 
 def _residual(row: SummaryRow) -> float:

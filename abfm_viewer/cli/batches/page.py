@@ -222,11 +222,12 @@ def _line(row: SummaryRow, shared: Sequence[tuple[str, str]], pictures: Mapping[
     spans = " ".join(f"<span>{escape(each)}</span>" for each in own)
     options = "" if ", ".join(own) == name else f'<div class="options">{spans}</div>'
     reason = f'<div class="reason">{sentence(_cut(facts.reason))}</div>' if facts.reason else ""
+    warnings = (f'<div class="reason">Warning: {escape(each)}</div>' for each in facts.warnings)
     headline = facts.headline if row.is_known else _word(facts.outcome)
     words = (
         f'<div class="name">{escape(name)}</div>'
         f'<div class="word {facts.tone}">{sentence(headline)}</div>'
-        f"{''.join(map(_warning, facts.warnings))}{reason}{options}"
+        f"{''.join(warnings)}{reason}{options}"
     )
     numbers = [
         _number(facts.number("residual")),
@@ -240,10 +241,6 @@ def _line(row: SummaryRow, shared: Sequence[tuple[str, str]], pictures: Mapping[
         for of, each in zip(_HEADS, (drawn, words, *numbers), strict=True)
     )
     return f"<tr>{cells}</tr>"
-
-
-def _warning(text: str) -> str:
-    return f'<div class="reason">Warning: {escape(text)}</div>'
 
 
 def _number(value: float, digits: str = ".3f", unit: str = "") -> str:

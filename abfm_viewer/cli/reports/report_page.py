@@ -98,7 +98,7 @@ def page(told: Facts, pictures: RegistrationPictures) -> str:
         _map(told, pictures.map),
         _distortion(told, *pictures.histograms),
         *([_path(told, pictures.path), _parameters(told)] if is_registration else []),
-        _footer(told),
+        f"<footer>abfm {escape(told['abfm'])}, of {escape(told['file'])}</footer>",
     ]
     return document(told["title"], [*parts, facts_block(told)])
 
@@ -283,8 +283,9 @@ def _path(told: Facts, picture: Image.Image | None) -> str:
         cost = (step["log2_area"], step["log2_shape"])
         mark = "→ " if number == told["step"] else ""
         cells = (*map(_number, shown), folded, *map(_number, cost))
-        score = (_score(step["score"]),) if has_scores else ()
-        rows.append((f"{mark}{number + 1}", f"{step['sigma']:.3g}", *cells, *score))
+        score = "-" if step["score"] is None else f"{step['score']:.4f}"
+        row = f"{mark}{number + 1}", f"{step['sigma']:.3g}", *cells, score
+        rows.append(row if has_scores else row[:-1])
     text = (
         "The fields that were found on the way; the arrow is at the one that was chosen. "
         "Distortions here are means of the flow alone, without the initial map."
@@ -295,10 +296,6 @@ def _path(told: Facts, picture: Image.Image | None) -> str:
     plot = "" if picture is None else image(picture, "Mismatch against distortion along the path")
     beside = f'<div class="half"><div>{table}</div><figure>{plot}</figure></div>' if plot else table
     return f"<section><h2>From smooth to close</h2><p>{text}</p>{beside}</section>"
-
-
-def _score(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4f}"
 
 
 def _parameters(told: Facts) -> str:
@@ -318,10 +315,6 @@ def _parameters(told: Facts) -> str:
 
 def _plain(value: object) -> str:
     return "auto" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _footer(told: Facts) -> str:
-    return f"<footer>abfm {escape(told['abfm'])}, of {escape(told['file'])}</footer>"
 
 
 def pictures_row(row: Row) -> str:
