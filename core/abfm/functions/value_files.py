@@ -42,6 +42,7 @@ from abfm.reading import (
     freesurfer_label,
     freesurfer_text,
     freesurfer_values,
+    names_vertices,
     nifti_frames,
     open_file,
     read_cifti,
@@ -378,7 +379,7 @@ def _cifti(opened: Opened, request: Request) -> Columns:
 
 def _npz(opened: Opened, request: Request) -> Columns:
     try:
-        return of_arrays(Archive(BytesIO(opened.data)), request)
+        return _of_arrays(Archive(BytesIO(opened.data)), request)
     except (OSError, ValueError):  # SeveralArraysError, too
         raise
     except Exception as error:  # a damaged zip can cause any error in its reader
@@ -386,11 +387,27 @@ def _npz(opened: Opened, request: Request) -> Columns:
         raise ValueError(f"it is no .npz, or damaged or cut short ({reason})") from error
 
 
+def _of_arrays(arrays: Mapping[str, NDArray[Any]], request: Request) -> Columns:
+    """Return one array of a file of arrays; another one called vertex, node or index places it."""
+    places = [each for each in arrays if names_vertices(each)]
+    if len(places) != 1 or len(arrays) == 1 or request.array == places[0]:
+        return one_array(arrays, request)
+    found, vertices = one_array(arrays, request, places), arrays[places[0]]
+    if vertices.size not in found.values.shape:
+        return found
+    table = np.moveaxis(found.values, found.values.shape.index(vertices.size), 0)
+    table = table.reshape(vertices.size, -1)
+    name, count = found.numbers[0], table.shape[1]
+    names = (places[0], *(f"{name}[{k}]" if count > 1 else name for k in range(count)))
+    table = np.column_stack([vertices.reshape(-1), table])
+    return replace(found, values=table, names=names, numbers=names)
+
+
 def _vtk(opened: Opened, request: Request) -> Columns:
-    return of_arrays(vtk_contents(opened).point_data, request)
+    return one_array(vtk_contents(opened).point_data, request)
 
 
-def of_arrays(
+def one_array(
     arrays: Mapping[str, NDArray[Any]], request: Request, passed_over: Collection[str] = ()
 ) -> Columns:
     """Return one array of a file that has several with names; some only if they are named."""
@@ -453,10 +470,10 @@ Reader = Callable[[Opened, Request], Columns]
 READERS: dict[Format, Reader] = {
     Format.NPY: lambda opened, _: Columns(array_from(opened.data), frames_first=True),
     Format.NPZ: _npz,
-    Format.MAT: lambda opened, request: of_arrays(matlab_arrays(opened.data), request),
+    Format.MAT: lambda opened, request: _of_arrays(matlab_arrays(opened.data), request),
     Format.VTK_XML: _vtk,
     Format.VTK_LEGACY: _vtk,
-    Format.PLY: lambda opened, request: of_arrays(
+    Format.PLY: lambda opened, request: one_array(
         ply_contents(opened).columns, request, _OF_A_MESH
     ),
     Format.TABLE: _text,

@@ -5,6 +5,7 @@ from .columns import Columns as Columns
 from .columns import Keys as Keys
 from .columns import counts_of as counts_of
 from .columns import even_times as even_times
+from .columns import names_vertices as names_vertices
 from .columns import vertex_axis as vertex_axis
 from .freesurfer import FREESURFER_SURFACES as FREESURFER_SURFACES
 from .freesurfer import FREESURFER_VALUES as FREESURFER_VALUES

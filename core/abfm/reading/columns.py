@@ -276,6 +276,11 @@ class Columns:
         )
 
 
+def names_vertices(name: str) -> bool:
+    """Return whether a column or array of this name holds the vertices of the rows."""
+    return _plain(name) in _VERTEX_NAMES
+
+
 def counts_of(mesh: Numbering) -> tuple[int, int]:
     """Return how many vertices a mesh has, and how many its file."""
     return len(mesh.vertex_ids), mesh.file_vertex_count

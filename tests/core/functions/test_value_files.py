@@ -126,6 +126,31 @@ def test_column_of_vertices_places_the_others(tmp_path, name, separator):
         value_of(path)
 
 
+@pytest.mark.parametrize("ending", [".npz", ".mat"])
+def test_array_of_vertices_places_the_others(tmp_path, ending):
+    path = tmp_path / f"a{ending}"
+
+    def write(**arrays):
+        (scipy.io.savemat if ending == ".mat" else savez)(path, arrays)
+
+    def savez(name, arrays):
+        np.savez(name, **arrays)
+
+    write(vertex=ORDER, v=VALUES[ORDER])
+    assert_array_equal(value_of(path), VALUES)
+    write(Node=SOME, v=VALUES[SOME])
+    assert_array_equal(value_of(path, ",column=v"), SPARSE)
+    write(index=ORDER, frames=np.stack([VALUES, -VALUES])[:, ORDER])
+    assert_array_equal(read_frames(path, MESH).values, np.stack([VALUES, -VALUES]))
+    write(vertex=ORDER / 2, v=VALUES)
+    with raises(FunctionError, "vertex"):
+        value_of(path)
+    write(vertex=ORDER)
+    assert_array_equal(value_of(path), ORDER)
+    write(vertex=SOME, v=VALUES)  # of something else
+    assert_array_equal(value_of(path), VALUES)
+
+
 def test_lone_or_fractional_column_is_values(tmp_path):
     path = table(tmp_path / "a.csv", "index\n" + rows(ORDER.tolist()))
     assert_array_equal(value_of(path), ORDER)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from abfm.errors import SeveralArraysError, brief, one_line
-from abfm.functions.value_files import Request, of_arrays
+from abfm.functions.value_files import Request, one_array
 from abfm.mesh import TriangleMesh
 from abfm.reading import (
     ENDINGS,
@@ -188,7 +188,7 @@ def _grid(file: Path, mesh: TriangleMesh, array: str | None) -> Grid:
         if len(found.points) not in counts:
             count = len(found.points)
             raise ValueError(f"it has {count} points; the mesh has {counts[1]} vertices")
-        chosen = of_arrays(found.point_data, Request(counts, array))
+        chosen = one_array(found.point_data, Request(counts, array))
     except OSError as error:
         raise ValueError(f"{name} cannot be read: {one_line(error)}") from error
     except SeveralArraysError as error:
