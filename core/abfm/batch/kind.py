@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from os import stat
 from pathlib import Path
@@ -18,7 +18,7 @@ from abfm.functions.circular import checked_period, split_channels
 from abfm.io import results
 from abfm.matching.judging.facts import distortion_warnings, headline_of, known_numbers
 from abfm.matching.judging.verdict import Verdict
-from abfm.matching.path import PathStep
+from abfm.matching.path import NUMBERS
 from abfm.matching.solving.record import Iteration
 from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.options import MeshOptions
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from abfm.batch.rows import Row, Saved
 
 _MESHES_KEPT = 3  # by a process, with what was computed from them
-_NUMBERS = {"residual", "verified_residual", "folded"}
+_RESIDUALS = {"residual", "verified_residual", "folded"}
 
 
 @dataclass
@@ -76,8 +76,8 @@ def facts_of_match(path: Path) -> Facts:
     """
     entries = results.RESULT.entries
     with results.open_archive(path, results.RESULT.name, results.MEND) as archive:
-        numbers = dict.fromkeys(_NUMBERS, math.nan)
-        for name in _NUMBERS & archive.keys():
+        numbers = dict.fromkeys(_RESIDUALS, math.nan)
+        for name in _RESIDUALS & archive.keys():
             numbers[name] = float(entries[name].check(name, archive[name], {}))
         # of a registration, which may be worse than that of its match
         name = "registration_verdict" if "registration_verdict" in archive else "verdict"
@@ -106,11 +106,10 @@ def _distortion(archive: Mapping[str, Any]) -> dict[str, float]:
     """Return how much the step of the path that the match is changes areas; empty if unknown."""
     if "path_steps" not in archive or "path_step" not in archive:
         return {}
-    names = [each.name for each in fields(PathStep) if each.name != "velocity"]
     entries = results.RESULT.entries
     steps = entries["path_steps"].check("path_steps", archive["path_steps"], {})
     step = int(entries["path_step"].check("path_step", archive["path_step"], {}))
-    return {name: float(steps[step][names.index(name)]) for name in ("log2_area", "log2_area_95")}
+    return {name: float(steps[step][NUMBERS.index(name)]) for name in ("log2_area", "log2_area_95")}
 
 
 class Kind(NamedTuple):
