@@ -227,7 +227,7 @@ def prepare(
         raise FunctionError(
             f"f has {len(source)} and g {len(target)} channels; give as many of each"
         )
-    counts = checked_weights(weights, len(source), "weights", may_be_zero=True)
+    counts = checked_weights(weights, len(source), "weights", "channel", True)
     if counts.any():
         given = Given(a, b, source, target, on_a, on_b, counts, marks)
     else:

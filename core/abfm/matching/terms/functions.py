@@ -67,7 +67,7 @@ class FunctionTerm:
                 f"source has {count} and target {len(self.target)} channels; give as many of each"
             )
         self.mask = None if mask is None else checked_mask(mesh, mask)
-        self.weights = checked_weights(weights, count, "weights", may_be_zero=True)
+        self.weights = checked_weights(weights, count, "weights", "channel", True)
         self.areas = vertex_areas(mesh) if self.mask is None else vertex_areas(mesh) * self.mask
         with np.errstate(over="ignore"):
             size = max(self.deviation(self.source), self.deviation(self.target))
@@ -272,7 +272,7 @@ def checked_mask(mesh: TriangleMesh, mask: ArrayLike, name: str = "mask") -> Flo
     of_vertices = real_numbers(mask, name, ParameterError)
     if of_vertices.shape == (mesh.file_vertex_count,):
         of_vertices = mesh.restrict(of_vertices)
-    return checked_weights(of_vertices, len(mesh.vertices), name)
+    return checked_weights(of_vertices, len(mesh.vertices), name, "vertex")
 
 
 def given_mask(mesh: TriangleMesh, mask: ArrayLike | None, name: str = "mask") -> FloatArray | None:
@@ -290,17 +290,22 @@ def mask_of_known(mask: FloatArray | None, known: BoolArray) -> FloatArray | Non
 
 
 def checked_weights(
-    values: ArrayLike | None, count: int, name: str, may_be_zero: bool = False
+    values: ArrayLike | None, count: int, name: str, each: str, may_be_zero: bool = False
 ) -> FloatArray:
-    """Return weights (n,), by default 1 each; a ParameterError reports what does not fit."""
+    """Return weights (n,), one for each channel or vertex or the like, by default 1; a
+    ParameterError reports what does not fit.
+    """
     if values is None:
         return np.ones(count)
     array = real_numbers(values, name, ParameterError).copy()
     if array.shape != (count,):
-        raise ParameterError(f"{name} has shape {array.shape}; expected ({count},)")
+        raise ParameterError(f"{name} has shape {array.shape}; expected ({count},), one per {each}")
     is_zero = not array.any()
     if not np.isfinite(array).all() or (array < 0).any() or (is_zero and not may_be_zero):
-        raise ParameterError(f"{name} must be finite, not negative, and not zero everywhere")
+        raise ParameterError(
+            f"{name} must be finite, not negative, and not zero everywhere: give a {each} one "
+            "above 0"
+        )
     if not is_zero and not _LIGHTEST <= array.max() <= _HEAVIEST:
         raise ParameterError(
             f"{name} is {array.max():.3g} at most; expected a largest value between "

@@ -193,7 +193,7 @@ def landmarks_of(
     size = len(pair[0].faces)
     if not size:
         raise ParameterError("landmarks are empty; give one pair at least, or None")
-    heavy = checked_weights(weights, size, "landmark_weights")
+    heavy = checked_weights(weights, size, "landmark_weights", "landmark")
     faces = np.stack([points.faces for points in pair], axis=1)
     return Landmarks(unit, faces, np.stack([p.barycentric for p in pair], axis=1), heavy)
 
