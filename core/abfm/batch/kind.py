@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from abfm.batch.columns import Column, mesh_options, parameters_in
 from abfm.errors import ParameterError
-from abfm.functions import function
 from abfm.functions.circular import checked_period, split_channels
 from abfm.io import results
 from abfm.matching.judging.facts import distortion_warnings, headline_of, known_numbers
@@ -24,7 +23,6 @@ from abfm.mesh import TriangleMesh, load_mesh
 from abfm.mesh.options import MeshOptions
 from abfm.outcome import Facts, worse_residual
 from abfm.parameters import Parameters
-from abfm.types import FloatArray
 from abfm.workers.control import Control
 
 if TYPE_CHECKING:
@@ -136,11 +134,6 @@ def channels(given: Mapping[str, Any]) -> tuple[list[str], list[str], list[float
     sources, targets, weights = ([each[part] for each in found] for part in range(3))
     period = checked_period(given.get("circular", False))
     return split_channels(sources, targets, weights, period)
-
-
-def weight(mesh: TriangleMesh, spec: str | None) -> FloatArray | None:
-    """Return how much vertices count, (V,), by a function."""
-    return None if spec is None else function(mesh, spec)
 
 
 def mesh_of_row(path: str, given: Mapping[str, Any]) -> TriangleMesh:
