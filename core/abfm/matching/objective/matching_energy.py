@@ -307,10 +307,6 @@ class MatchingEnergy:
             self._measures[reach] = self.terms.measure(self.parameters, reach)
         return self._measures[reach]
 
-    def mismatch_energy(self, carried: FloatArray, sigma: float) -> float:
-        """Return the data terms' energy for functions (C, V) that were carried by any means."""
-        return self.measure(0.0).value(carried, sigma)
-
     def residual(self, carried: FloatArray) -> float:
         """Return the residual of functions (C, V), see `FunctionTerm`."""
         return self.terms.residual(carried)

@@ -33,8 +33,6 @@ class Measure(Protocol):
         """Return the energy, and its derivative (C, V)."""
         ...
 
-    def value(self, carried: FloatArray, sigma: float) -> float: ...
-
 
 class DataTerm(Protocol):
     """What is to be matched, on a mesh of unit area; immutable.
@@ -105,7 +103,3 @@ class Sum:
         ]
         shares, residuals = zip(*parts, strict=True)
         return shares, np.concatenate(residuals)
-
-    def value(self, carried: FloatArray, sigma: float) -> float:
-        pairs = zip(self.measures, self.split(carried), strict=True)
-        return sum(measure.value(own, sigma) for measure, own in pairs)

@@ -257,13 +257,6 @@ class _Mismatch:
             total += 0.5 * kernels.inner(residual[c], difference)
         return total, residual
 
-    def value(self, carried: FloatArray, sigma: float) -> float:
-        functions, total = self.functions, 0.0
-        for own, target, weight in zip(carried, functions.target, functions.weights, strict=True):
-            difference = own - target
-            total += 0.5 * kernels.inner(float(weight) * self.norm(difference), difference)
-        return float(total / float(sigma * self.unit) ** 2)
-
 
 def checked_mask(mesh: TriangleMesh, mask: ArrayLike, name: str = "mask") -> FloatArray:
     """Return a mask of the vertices of a mesh or of its file as (V,); ParameterError if it does
