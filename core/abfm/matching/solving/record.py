@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
+from typing import Protocol
 
 from abfm.calculus.vector_fields import to_ambient
 from abfm.matching.objective.matching_energy import Evaluation
@@ -54,6 +55,17 @@ def early_warning(functions: FunctionTerm, advected: FloatArray, iteration: int)
     if iteration >= _MOVING and stood_still(functions, advected):
         return "the source hardly moves: it may be too far from the target, or sigma too large"
     return None
+
+
+class Look(Protocol):
+    """What an iterate looks like on the mesh itself."""
+
+    @property
+    def velocity(self) -> FloatArray: ...
+    @property
+    def advected(self) -> FloatArray: ...
+    @property
+    def warning(self) -> str | None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +126,7 @@ class Iteration:
     shares: dict[str, float]  # of that, the data terms' by their words
     residual: float  # on the mesh of this level
     evaluations: int  # of energy and gradient so far
-    look: "Found"
+    look: Look
     path: tuple[PathStep, ...] = ()  # the steps of this way so far, whose fields come at the end
     fields: int = 1  # in a row, N
 
@@ -136,8 +148,6 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What an iterate looks like on the mesh itself."""
-
     x: FloatArray  # frame coefficients (N, F, 2)
     carried: FloatArray  # the source, (C, V)
     levels: list[Level]  # from its own to that of the mesh itself, or that of a finer one alone
